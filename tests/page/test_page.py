@@ -56,32 +56,6 @@ def test_search_gives_the_result_of_the_command(opened, command_result):
     assert drawn_colours(watched.tab, ".ms-panel-image canvas") > 100
 
 
-def wait_for_density(tab, *, drawn):
-    """Wait until the area below the density is drawn in the chart, or nothing has its colour."""
-    script = """drawn => { const canvas = document.querySelector('.ms-panel-curve canvas');
-        const d = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data; let seen = 0;
-        for (let i = 0; i < d.length; i += 4)
-            seen += [86, 180, 233, 89].every((level, n) => Math.abs(d[i + n] - level) < 8);
-        return drawn ? seen > 100 : seen === 0; }"""
-    tab.wait_for_function(script, arg=drawn)
-
-
-def test_density_is_drawn_and_the_next_search_begins_empty(opened):
-    watched = opened(query="&seed=3&pace=0.05")
-    wait_for_density(watched.tab, drawn=False)
-    watched.start()
-    # Wide as long as little is known.
-    wait_for_density(watched.tab, drawn=True)
-    watched.wait_for(STATUS, "^found at ")
-    watched.start()
-    # Three dark frames of half a second come first.
-    watched.wait_for(ANGLE, "^–$")
-    wait_for_density(watched.tab, drawn=False)
-    assert "found" not in watched.text(LOG)
-    watched.tab.keyboard.press("Escape")
-    watched.wait_for(STATUS, "^stopped by")
-
-
 def test_both_images_are_drawn_where_their_edges_say(browser):
     """One bright pixel in each; both together fill 280 by 400 pixels of the canvas, 10 for a millimetre."""
 

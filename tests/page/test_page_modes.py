@@ -25,9 +25,10 @@ def test_race_on_the_same_scene(opened, command_result):
     results = [command_result("--seed", "2", "--method", method) for method in ("posterior", "ternary")]
     assert watched.tab.locator(ANGLE).count() == len(results)
     for place, each in enumerate(results):
+        name = f"{each['method']}, seed 2"
         angle = f"{each['angle_deg']:.3f}° ± {each['sigma_deg']:.3f}°"
         watched.wait_for(f"{ANGLE} >> nth={place}", re.escape(angle))
-        watched.wait_for(f".ms-counts >> nth={place}", rf"^{each['acquisitions']} ")
+        watched.wait_for(f".ms-counts >> nth={place}", f"^{name}: {each['acquisitions']} acquisitions")
 
 
 def test_your_turn_by_keys(opened):
@@ -43,6 +44,16 @@ def test_your_turn_by_keys(opened):
     watched.press("See the posterior do it")
     watched.tab.wait_for_url("**/?seed=2*")
     watched.wait_for(STATUS, r"^found at -16\.", timeout_ms=120_000)
+
+
+def wait_for_density(tab, *, drawn):
+    """Wait until the area below the density is drawn in the chart, or nothing has its colour."""
+    script = """drawn => { const canvas = document.querySelector('.ms-panel-curve canvas');
+        const d = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data; let seen = 0;
+        for (let i = 0; i < d.length; i += 4)
+            seen += [86, 180, 233, 89].every((level, n) => Math.abs(d[i + n] - level) < 8);
+        return drawn ? seen > 1000 : seen === 0; }"""
+    tab.wait_for_function(script, arg=drawn)
 
 
 @pytest.fixture
@@ -68,6 +79,20 @@ def test_replay_of_a_journal(opened, journal, shell):
     watched.tab.get_by_label("play").click()
     watched.wait_for(ANGLE, "±")
     assert watched.text(".ms-banner").startswith("SIMULATED")
+    # While little is known the density is wide.
+    watched.press("newest")
+    for _ in range(4):
+        slider.press("PageDown")
+    wait_for_density(watched.tab, drawn=False)
+    while not re.search("acquisition 1:", watched.text(".ms-log")):
+        slider.press("ArrowRight")
+    wait_for_density(watched.tab, drawn=True)
+    # Nothing of a recording is left once another is chosen.
+    watched.tab.get_by_label("recording").click()
+    watched.tab.get_by_role("option", name="simulated_scan.csv").click()
+    watched.wait_for(ANGLE, "^–$")
+    wait_for_density(watched.tab, drawn=False)
+    assert watched.text(".ms-log") == ""
 
 
 def test_replay_of_a_bank_is_a_search_on_it(opened, shell):

@@ -63,8 +63,10 @@ def test_no_browser():
 
 
 def test_other_address_needs_a_certificate(shell):
-    refused(shell("page", "--host", "0.0.0.0"), "needs TLS", "--tls-certificate")
-    refused(shell("page", "--host", "0.0.0.0", "--tls-certificate", "a.pem"), "both")
+    refused(shell("page", "--host", "192.168.1.5"), "needs TLS", "--tls-certificate")
+    refused(shell("page", "--host", "192.168.1.5", "--tls-certificate", "a.pem"), "both")
+    refused(shell("page", "--host", "0.0.0.0"), "name the one address")
+    refused(shell("page", "--host", "LOCALHOST"), "small letters")
     refused(shell("page", "--tls-certificate", "a.pem", "--tls-key", "b.pem"), "no certificate")
 
 

@@ -176,7 +176,7 @@ def test_published_form_claims_nothing():
     last = snapshots[-1]
     assert (angle_text(last), answer_text(last).split(":")[:2]) == (f"{result.angle_deg:.3f}°", ["claim", " none"])
     assert not any("found" in answer_text(each) or "confirm" in each.line for each in snapshots)
-    fan = fan_model(last, session.configuration.facts, duration_s=0.0, known_deg=None)
+    fan = fan_model(last, session.configuration.facts.search, duration_s=0.0, known_deg=None)
     assert (last.points[-1].role, fan["points"][-1]["text"]) == ("confirmation", "")
     answer = msgspec.to_builtins(result)
     assert (answer["answer"], is_claimed(answer)) == ("found", False)
@@ -214,7 +214,7 @@ def test_angle_counts_as_found_only_at_the_end():
 def test_models_hold_what_a_snapshot_holds():
     session, events = finished_run("posterior")
     snapshot, facts = shown(session, events)[-1], session.configuration.facts
-    fan = fan_model(snapshot, facts, duration_s=0.5, known_deg=None)
+    fan = fan_model(snapshot, facts.search, duration_s=0.5, known_deg=None)
     assert (fan["probe"], fan["target"], fan["truth"]) == (snapshot.probe_deg, None, None)
     numbers = [str(point.number) for point in snapshot.points if point.role == "search"]
     # The confirmation has confirmed the marker.
@@ -374,7 +374,7 @@ def test_only_angles_that_are_claimed_are_named(estimate, angle, others_deg):
     snapshot = Snapshot(rig="simulated", belief=ShownBelief(estimate=estimate))
     assert angle_text(snapshot) == angle
     facts = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE)
-    fan = fan_model(snapshot, facts, duration_s=0.0, known_deg=None)
+    fan = fan_model(snapshot, facts.search, duration_s=0.0, known_deg=None)
     assert fan["others"] == others_deg
     assert (fan["mean"] is None) == isinstance(estimate, NotFound)
     rows = dict(number_rows(snapshot, name="ternary", pulse_j=None))

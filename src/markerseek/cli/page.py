@@ -60,7 +60,8 @@ def command(
             ) from problem
     launcher = page.Launcher()
     simulated = settings if isinstance(settings, sim.SimulatedSettings) else None
-    searches = page.PageSearches(launcher, page.PageRig(file=rig, settings=simulated), recordings or [])
+    shown = page.PageRig(file=rig, settings=simulated, search=settings.limits.search)
+    searches = page.PageSearches(launcher, shown, recordings or [])
 
     def ready(link: str) -> None:
         launcher.lower_others()

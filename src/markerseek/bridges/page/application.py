@@ -90,7 +90,8 @@ def _settings(request: Request) -> PageSettings:
     try:
         return PageSettings.of_query(request.query_params)
     except ConfigError as problem:
-        ui.notify(str(problem), type="negative", multi_line=True)
+        text = f"{problem}. The usual settings are shown instead."
+        ui.notify(text, type="negative", multi_line=True, timeout=0, close_button="OK")
         return PageSettings()
 
 

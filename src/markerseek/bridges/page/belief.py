@@ -28,6 +28,9 @@ from markerseek.records import answer_name
 from markerseek.search import THRESHOLD, BracketSearch, build, policy_for
 from markerseek.search.posterior import Posterior
 
+ZEROS_DEG = 0.6
+"""Width in degrees on both sides of the density that is sent though it is zero there; a pixel of a chart has 0.2."""
+
 _NONE: Float64[np.ndarray, " 0"] = np.empty(0)
 
 
@@ -181,8 +184,11 @@ def _posterior_belief(policy: Posterior, estimate: Estimate) -> ShownBelief:
 def _thinned(
     angles_deg: Float64[np.ndarray, " angles"], density_per_deg: Float64[np.ndarray, " angles"]
 ) -> tuple[Float64[np.ndarray, " kept"], Float64[np.ndarray, " kept"]]:
-    """The density without the angles between two where it vanishes; most of a sharp posterior is nothing."""
+    """The density without most angles where it vanishes; most of a sharp posterior is nothing."""
     seen = density_per_deg > 1e-4 * density_per_deg.max()
-    kept = seen | np.append(seen[1:], True) | np.append(True, seen[:-1])
-    # Zero at the ends of what is kept: else the line to the end of the range would hold probability.
+    # Zeros for some way beside what is seen: a chart leaves out points that are nearer than a pixel, and a line from
+    # the last one that is not zero to the end of the range would look like probability.
+    beside = int(np.ceil(ZEROS_DEG / (angles_deg[1] - angles_deg[0])))
+    kept = np.convolve(seen, np.ones(2 * beside + 1), mode="same") > 0
+    kept[[0, -1]] = True
     return angles_deg[kept], np.where(seen, density_per_deg, 0.0)[kept]

@@ -17,7 +17,7 @@ from markerseek.sim import TISSUES
 PACES = {1.0: "real time", 0.2: "5 × faster", 0.05: "20 × faster", 0.01: "100 × faster", 0.0: "no waiting"}
 """Speeds that can be chosen for a simulated rig, by their pace."""
 
-READOUTS = {SONIXDAQ_READOUT_S: "SonixDAQ, 10 s", REAL_TIME_READOUT_S: "real time, 0.1 s"}
+READOUTS = {SONIXDAQ_READOUT_S: "SonixDAQ, 10 s", REAL_TIME_READOUT_S: "streams, 0.1 s"}
 """Receivers that can be chosen, by the time in seconds to read one acquisition."""
 
 METHOD_FIELDS = ("method", "acquisitions", "as_published")
@@ -50,10 +50,10 @@ class SettingsRow:
         self._values = asdict(settings)
         self._on_change = on_change
         made: dict[str, Callable[[], object]] = {
-            "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 186),
+            "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 176),
             "acquisitions": lambda: self._number("acquisitions", "acquisitions", 88),
             "as_published": self._as_published,
-            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 168),
+            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 158),
             "snr_db": lambda: self._number("snr_db", "SNR [dB]", 72),
             "seed": lambda: self._number("seed", "seed", 66),
             "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 142),
@@ -122,6 +122,8 @@ class SearchControls:
             self._row = SettingsRow(settings, names, on_change=hold_in_link("/"))
             self._start = ui.button("Start", icon="play_arrow").props("dense padding='6px 14px'").mark("start")
             self._pause = ui.button("Pause", icon="pause").props("dense outline padding='6px 10px'").mark("pause")
+            # As wide as its longer text, so that the row stays one.
+            self._pause.style("min-width: 100px")
         frame.on_click(self._start, lambda: self._searches.start(self._row.settings))
         frame.on_click(self._pause, self._pause_or_go_on)
 
@@ -130,12 +132,12 @@ class SearchControls:
         busy = self._searches.busy
         paused = not busy and self._searches.paused
         self._start.set_enabled(not busy)
-        self._pause.set_enabled(busy or paused)
+        self._pause.set_enabled(self._searches.searching or paused)
         self._pause.set_text("Go on" if paused else "Pause")
         self._pause.set_icon("play_arrow" if paused else "pause")
 
     def _pause_or_go_on(self) -> None:
-        if self._searches.busy:
+        if self._searches.searching:
             self._searches.stop()
         else:
             self._searches.go_on()

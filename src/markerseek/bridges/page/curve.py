@@ -28,7 +28,7 @@ def curve_options(snapshot: Snapshot, limits: Interval, *, known: tuple[str, flo
     belief = snapshot.belief
     return {
         "animation": False,
-        "grid": {"left": 64, "right": 54, "top": 44, "bottom": 38},
+        "grid": {"left": 64, "right": 54, "top": 58, "bottom": 38},
         "tooltip": {"trigger": "item"},
         # Two long lists: a list for each of 400 pairs would take twice as long to be sent.
         "dataset": {"source": _density(belief)},
@@ -132,10 +132,12 @@ def _lines(snapshot: Snapshot, known: tuple[str, float] | None) -> dict[str, Any
     angle_deg = mean_deg(snapshot)
     if angle_deg is not None:
         lines.append(_line(angle_deg, f"{angle_deg:.2f}°", ORANGE, "solid"))
-    lines += [_line(other_deg, f"{other_deg:.2f}°?", GREY, "dashed") for other_deg in other_angles_deg(snapshot)]
+    lines += [
+        _line(other_deg, f"{other_deg:.2f}°?", GREY, "dashed", above_px=21) for other_deg in other_angles_deg(snapshot)
+    ]
     if known is not None:
-        # In a row of its own: the other angles are near to it.
-        lines.append(_line(known[1], f"{known[0]} {known[1]:.2f}°", GREEN, "dotted", above_px=22))
+        # Each kind has a row of its own: the angles are near to one another.
+        lines.append(_line(known[1], f"{known[0]} {known[1]:.2f}°", GREEN, "dotted", above_px=35))
     return {"silent": True, "symbol": "none", "data": lines}
 
 

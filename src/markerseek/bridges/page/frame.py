@@ -137,5 +137,6 @@ class Frame:
         sent_s = next((at_s for number, at_s in self._beats if number == beat), None)
         return sent_s is not None and time.monotonic() - sent_s <= STALE_S
 
-    def _toggle_dark(self) -> None:
-        self._dark.value = not self._dark.value
+    async def _toggle_dark(self) -> None:
+        # At first it is as the system has it, which only the browser knows.
+        self._dark.value = not await ui.run_javascript("document.body.classList.contains('body--dark')")

@@ -179,7 +179,8 @@ class LiveRun:
         if not isinstance(item, StreamEvent) or not isinstance(item.event, Measured):
             return item
         sample = item.event.sample
-        if not sample.dark and self._arrived.qsize() < MOST_WAITING:
+        # The confirmation is the image that everybody looks at in the end.
+        if item.event.role == "confirmation" or (not sample.dark and self._arrived.qsize() < MOST_WAITING):
             return item
         return replace(item, event=replace(item.event, sample=replace(sample, frame=None)))
 

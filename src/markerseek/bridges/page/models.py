@@ -10,21 +10,21 @@ import numpy as np
 from markerseek.bridges.page.belief import angles_text
 from markerseek.bridges.page.picture import Picture, drawn_background
 from markerseek.bridges.page.state import Phase, Point, Snapshot
-from markerseek.core import Ambiguous, NotFound, RigFacts
+from markerseek.core import Ambiguous, Interval, NotFound
 
 FACE_SHARE = 0.28
 """Radius of the probe over that of the fan, as drawn."""
 
 
-def fan_model(snapshot: Snapshot, facts: RigFacts, *, duration_s: float, known_deg: float | None) -> dict[str, Any]:
+def fan_model(snapshot: Snapshot, search: Interval, *, duration_s: float, known_deg: float | None) -> dict[str, Any]:
     """The fan: limits, density, acquisitions, needle, answer.
 
     Parameters
     ----------
     snapshot
         The state to show.
-    facts
-        The rig, for its limits.
+    search
+        Range of the search.
     duration_s
         Real time that the present move is expected to take, in seconds.
     known_deg
@@ -32,8 +32,8 @@ def fan_model(snapshot: Snapshot, facts: RigFacts, *, duration_s: float, known_d
     """
     belief = snapshot.belief
     return {
-        "low": facts.search.low_deg,
-        "high": facts.search.high_deg,
+        "low": search.low_deg,
+        "high": search.high_deg,
         "face": FACE_SHARE,
         "probe": snapshot.probe_deg,
         "said": probe_text(snapshot),
@@ -61,7 +61,7 @@ def probe_text(snapshot: Snapshot) -> str:
     if snapshot.target_deg is not None:
         return f"expected, on its way to {snapshot.target_deg:.2f}°"
     # A move that was cut short has ended anywhere.
-    last = "last " if snapshot.phase in {"stopped", "fault"} else ""
+    last = "last " if snapshot.phase in {"stopped", "fault", "checking"} else ""
     return f"{last}read back: {snapshot.probe_deg:.2f}°"
 
 
@@ -144,7 +144,7 @@ def number_rows(snapshot: Snapshot, *, name: str, pulse_j: float | None) -> list
         ("acquisitions", str(snapshot.acquisitions) + (f", {snapshot.refused} refused" if snapshot.refused else "")),
         ("rotation", f"{snapshot.travel_deg:.1f}°"),
         ("time", "–" if snapshot.rig == "replayed" else f"{snapshot.elapsed_s:.0f} s{virtual}"),
-        ("peak SNR", "–" if snapshot.snr_db is None else f"{snapshot.snr_db:.1f} dB"),
+        ("peak SNR", snr_text(snapshot)),
         ("noise floor", "unknown" if snapshot.floor_level is None else f"{snapshot.floor_level:.4g} a.u."),
         ("pulses", "–" if snapshot.rig == "replayed" else str(snapshot.pulses)),
     ]
@@ -160,6 +160,14 @@ def number_rows(snapshot: Snapshot, *, name: str, pulse_j: float | None) -> list
     if pulse_j is not None:
         rows.append(("light", f"{snapshot.pulses * pulse_j * 1e3:.3g} mJ"))
     return rows
+
+
+def snr_text(snapshot: Snapshot) -> str:
+    """Largest intensity over the noise; of noise alone it would say nothing."""
+    strongest = max((point.intensity for point in snapshot.points), default=0.0)
+    if snapshot.snr_db is None:
+        return "–"
+    return "below the floor" if strongest <= (snapshot.floor_level or 0.0) else f"{snapshot.snr_db:.1f} dB"
 
 
 def _expected_sigma_deg(snapshot: Snapshot) -> float | None:

@@ -13,7 +13,7 @@ from markerseek.bridges.page.live import Launch, LiveRun
 from markerseek.bridges.page.news import News
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.watched import WatchedRun
-from markerseek.core import SearchError
+from markerseek.core import PAPER_RANGE, Interval, SearchError
 from markerseek.records.journal import default_journal, journals_folder, journals_in, make_folder
 from markerseek.sim import SimulatedSettings
 
@@ -34,9 +34,12 @@ class PageRig:
         Its rig file; None for the simulated rig with its defaults.
     settings
         Settings of a simulated rig; None where it is one of devices.
+    search
+        Range of its searches.
     """
 
     file: Path | None = None
+    search: Interval = PAPER_RANGE
     settings: SimulatedSettings | None = field(default_factory=SimulatedSettings)
 
     @property
@@ -70,6 +73,11 @@ class PageSearches:
         # Held while something starts, so that STOP waits for what it would otherwise miss.
         self._lock = threading.Lock()
         self._closed = False
+
+    @property
+    def searching(self) -> bool:
+        """Whether the search runs; a race or the search of a bank is none."""
+        return self.search is not None and self.search.status != "ended"
 
     @property
     def busy(self) -> bool:

@@ -18,19 +18,25 @@ from markerseek.bridges.page.models import (
 )
 from markerseek.bridges.page.state import Snapshot
 from markerseek.bridges.page.watched import WatchedRun
-from markerseek.core import PAPER_RANGE, RigFacts
+from markerseek.core import Interval
 
 LOG_LINES = 10
 """Lines of the log that are shown."""
 
-_NO_FACTS = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE)
+_NOTHING = Snapshot(rig="simulated")
 
 
 class FanPanel:
-    """The fan alone, with the angle below it."""
+    """The fan alone, with the angle below it.
 
-    def __init__(self) -> None:
-        self._empty = fan_model(Snapshot(rig="simulated"), _NO_FACTS, duration_s=0.0, known_deg=None)
+    Parameters
+    ----------
+    search
+        Range to show before there is a run.
+    """
+
+    def __init__(self, search: Interval) -> None:
+        self._empty = fan_model(_NOTHING, search, duration_s=0.0, known_deg=None)
         self.fan = Fan(self._empty).classes("ms-fan")
         self._shown: tuple[object, ...] = ()
 
@@ -49,7 +55,7 @@ class FanPanel:
         self.fan.show(
             fan_model(
                 snapshot,
-                facts,
+                facts.search,
                 duration_s=run.move_s(snapshot),
                 known_deg=facts.known_deg if reveal else None,
             )
@@ -57,12 +63,19 @@ class FanPanel:
 
 
 class Panels:
-    """All panels of one run at a time, in a grid."""
+    """All panels of one run at a time, in a grid.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    search
+        Range to show before there is a run.
+    """
+
+    def __init__(self, search: Interval) -> None:
+        self._search = search
         with ui.element("div").classes("ms-panels"):
             with _panel("probe, from its end", "fan"):
-                self._fan = FanPanel()
+                self._fan = FanPanel(search)
             with _panel("intensity and probability over the angle; dashed: noise floor", "curve"):
                 self._curve = ui.echart({}).classes("ms-chart").mark("curve")
             with _panel("photoacoustic image", "image"):
@@ -83,7 +96,7 @@ class Panels:
         self._image_key: tuple[object, ...] = ()
         self._curve_key: tuple[object, ...] = ()
         self._fan.clear()
-        self._show_curve(curve_options(Snapshot(rig="simulated"), PAPER_RANGE, known=None))
+        self._show_curve(curve_options(_NOTHING, self._search, known=None))
         self._image.show(image_model(None, floor=None), {})
         self._image_note.set_text("")
         self._angle.set_text("–")

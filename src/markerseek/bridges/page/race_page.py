@@ -15,6 +15,7 @@ from markerseek.bridges.page.panels import FanPanel
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.state import Snapshot
 from markerseek.bridges.page.watched import WatchedRun
+from markerseek.core import Interval
 
 RACERS = ("posterior", "ternary")
 """Methods that race where none are chosen: ours, and one of the paper's."""
@@ -23,11 +24,11 @@ RACERS = ("posterior", "ternary")
 class Lane:
     """One racer: its settings, fan and counters."""
 
-    def __init__(self, method: str) -> None:
+    def __init__(self, method: str, search: Interval) -> None:
         with ui.element("section").classes("ms-panel"):
             with ui.element("div").classes("ms-controls"):
                 self._row = SettingsRow(PageSettings(method=method), METHOD_FIELDS)
-            self._fan = FanPanel()
+            self._fan = FanPanel(search)
             self._counts = ui.label("").classes("ms-counts")
             self._angle = ui.label("–").classes("ms-angle")
             self._answer = ui.label("").classes("ms-answer")
@@ -95,7 +96,7 @@ def build_race_page(searches: PageSearches, settings: PageSettings) -> None:
         start = ui.button("Start the race", icon="play_arrow").props("dense padding='6px 14px'")
         verdict_label = ui.label("").classes("ms-answer")
     with ui.element("div").classes("ms-lanes"):
-        lanes = [Lane(method) for method in RACERS]
+        lanes = [Lane(method, searches.rig.search) for method in RACERS]
     frame.on_click(start, lambda: searches.start_race(*(lane.settings(shared.settings) for lane in lanes)))
 
     def update() -> None:

@@ -54,7 +54,7 @@ class ReplayPage:
                 search = ui.button("Search it", icon="play_arrow").props("dense padding='6px 14px'")
         self._methods.visible = False
         self._frame.on_click(search, self._search_bank)
-        self._view = RunView(playable=True)
+        self._view = RunView(searches.rig.search, playable=True)
         self._show_nothing()
         self._results = ResultRow()
         self._frame.run(self._update)

@@ -23,7 +23,7 @@ def build_search_page(searches: PageSearches, settings: PageSettings) -> None:
     """
     frame = Frame(searches, "/")
     controls = SearchControls(frame, settings)
-    view = RunView()
+    view = RunView(searches.rig.search)
     results = ResultRow()
     shown: LiveRun | None = None
 
@@ -37,7 +37,11 @@ def build_search_page(searches: PageSearches, settings: PageSettings) -> None:
         shown = live
         outcome = None if live is None else live.outcome
         results.show(None if outcome is None else outcome.answer, None if live is None else live.journal)
-        frame.show_status(status_text(live, simulated=searches.rig.simulated), alarms=live is not None and live.failed)
+        elsewhere = searches.busy and not searches.searching
+        status = "a race, or the search of a recording, runs" if elsewhere else None
+        frame.show_status(
+            status or status_text(live, simulated=searches.rig.simulated), alarms=live is not None and live.failed
+        )
         if live is None or live.run is None:
             return
         run = live.run

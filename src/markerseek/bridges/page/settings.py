@@ -67,7 +67,9 @@ class PageSettings:
         if self.readout_s is not None:
             ReceiverSettings(readout_s=self.readout_s)
         if not (is_whole(self.seed) and 0 <= self.seed < 2**63):
-            raise ConfigError(f"seed is {self.seed}, it must be a whole number from 0 to 2**63 - 1")
+            raise ConfigError(
+                f"seed is {'empty' if self.seed is None else self.seed}, it must be a whole number from 0 to 2**63 - 1"
+            )
         VirtualClock(pace=self.pace)
 
     def arguments(self, *, simulated: bool) -> list[str]:

@@ -167,7 +167,11 @@ class ShownRun:
             case Interrupted(reason=reason):
                 return replace(now, phase="stopped", target_deg=None, line=f"stopped by {reason}")
             case Resuming(by=by):
-                return replace(now, phase="checking", line=f"armed by {by}; measures the strongest angle again")
+                return replace(
+                    now,
+                    phase="checking",
+                    line=f"armed by {by}" + ("; measures the strongest angle again" if now.points else ""),
+                )
             case Checked(difference=difference):
                 return replace(now, phase="checking", line=f"checked: {difference or 'unchanged'}")
 

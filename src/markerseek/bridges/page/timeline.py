@@ -8,6 +8,7 @@ from markerseek.bridges.page.elements import Slider
 from markerseek.bridges.page.panels import Panels
 from markerseek.bridges.page.state import Snapshot
 from markerseek.bridges.page.watched import WatchedRun
+from markerseek.core import Interval
 
 PLAY_TICKS = 4
 """Updates of the page for which each event is shown while a run is played."""
@@ -18,12 +19,14 @@ class RunView:
 
     Parameters
     ----------
+    search
+        As of `Panels`.
     playable
         As of `Timeline`.
     """
 
-    def __init__(self, *, playable: bool = False) -> None:
-        self._panels = Panels()
+    def __init__(self, search: Interval, *, playable: bool = False) -> None:
+        self._panels = Panels(search)
         self._timeline = Timeline(playable=playable)
 
     def clear(self) -> None:
@@ -53,7 +56,7 @@ class Timeline:
             self._slider = Slider(min=0, max=1, step=1, value=0, on_change=lambda event: self._choose(int(event.value)))
             self._slider.props('aria-label="event shown" label').mark("timeline")
             self._follow = ui.button("newest", on_click=self._to_newest).props("flat dense")
-        self._playing = False
+        self._playing = self._moving = False
         self.clear()
 
     def clear(self) -> None:
@@ -65,7 +68,7 @@ class Timeline:
         self._following = True
         self._chosen = self._last = 0
         self._slider.props["max"] = 1
-        self._slider.set_value(0)
+        self._move(0)
         self._label.set_text("event 0 of 0")
 
     def snapshot(self, run: WatchedRun) -> Snapshot:
@@ -80,7 +83,7 @@ class Timeline:
             self._last = last
             self._slider.props["max"] = max(last, 1)
         if self._following and self._slider.value != last:
-            self._slider.set_value(last)
+            self._move(last)
         self._label.set_text(f"event {shown} of {last}")
         self._follow.set_enabled(not self._following)
         return run.snapshots[shown]
@@ -88,7 +91,9 @@ class Timeline:
     def _advance(self, last: int) -> None:
         self._ticks += 1
         if self._ticks % PLAY_TICKS == 0:
-            self._slider.set_value(min(self._chosen + 1, last))
+            self._chosen = min(self._chosen + 1, last)
+            self._following = self._chosen == last
+            self._move(self._chosen)
             if self._chosen == last:
                 self._toggle()
 
@@ -98,7 +103,15 @@ class Timeline:
         if self._playing and self._following:
             self._chosen, self._following = 0, False
 
+    def _move(self, number: int) -> None:
+        """Move the slider without choosing an event: a run may have gone on in the meantime."""
+        self._moving = True
+        self._slider.set_value(number)
+        self._moving = False
+
     def _choose(self, number: int) -> None:
+        if self._moving:
+            return
         last = 0 if self._run is None else len(self._run.snapshots) - 1
         self._chosen, self._following = number, number >= last
 

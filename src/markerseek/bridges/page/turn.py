@@ -19,21 +19,21 @@ class Score:
     Attributes
     ----------
     named_deg, truth_deg
-        The angle that was named, and the marker's, in degrees.
+        The angle that was named, and the marker's, in degrees; None where there is none.
     acquisitions, travel_deg, elapsed_s
         As in `Snapshot`; the time on the rig's clock.
     """
 
     named_deg: float
-    truth_deg: float
+    truth_deg: float | None
     acquisitions: int
     travel_deg: float
     elapsed_s: float
 
     @property
-    def error_deg(self) -> float:
-        """Distance from the marker in degrees."""
-        return abs(self.named_deg - self.truth_deg)
+    def error_deg(self) -> float | None:
+        """Distance from the marker in degrees; None where there is none."""
+        return None if self.truth_deg is None else abs(self.named_deg - self.truth_deg)
 
 
 class Turn:
@@ -77,15 +77,14 @@ class Turn:
         Raises
         ------
         SearchError
-            If nothing has been measured, or there is no marker.
+            If nothing has been measured.
         """
-        truth_deg = self.rig.facts.truth_deg
-        if self._count == 0 or truth_deg is None:
-            raise SearchError("measure at least once before you name an angle, on a rig with a marker")
+        if self._count == 0:
+            raise SearchError("measure at least once before you name an angle")
         last = self.run.snapshots[-1]
         return Score(
             named_deg=angle_deg,
-            truth_deg=truth_deg,
+            truth_deg=self.rig.facts.truth_deg,
             acquisitions=self._count,
             travel_deg=last.travel_deg,
             elapsed_s=last.elapsed_s,

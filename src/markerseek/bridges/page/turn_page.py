@@ -41,8 +41,10 @@ class TurnPage:
         self._frame = Frame(searches, "/turn")
         limits = base.limits.search
         with ui.element("div").classes("ms-controls"):
-            self._row = SettingsRow(PageSettings(seed=2), ("tissue", "snr_db", "seed", "readout_s"))
-            ui.button("New scene", on_click=self._begin).props("dense outline padding='6px 10px'")
+            names = ("tissue", "snr_db", "seed", "readout_s")
+            # Other settings are another scene.
+            self._row = SettingsRow(PageSettings(seed=2), names, on_change=lambda _: self._forget())
+            ui.button("Begin again", on_click=self._begin).props("dense outline padding='6px 10px'")
             self._measure = ui.button("Measure", icon="bolt", on_click=self._fire).props("dense padding='6px 14px'")
             self._name = ui.button("It is here", icon="flag", on_click=self._name_it)
             self._name.props("dense outline padding='6px 10px'")
@@ -51,12 +53,20 @@ class TurnPage:
             self._frame.on_click(self._show, self._let_search)
         with ui.element("div").classes("ms-foot"):
             self._target = ui.label("").classes("ms-note").style("min-width: 92px")
-            self._slider = Slider(min=limits.low_deg, max=limits.high_deg, step=0.1, value=base.start_deg)
+            start_deg = min(max(base.start_deg, limits.low_deg), limits.high_deg)
+            self._slider = Slider(min=limits.low_deg, max=limits.high_deg, step=0.1, value=start_deg)
+            # Else the arrow keys would be the slider's, which turns by a tenth of a degree.
+            self._slider.on("change", js_handler="() => document.activeElement?.blur()")
             self._slider.props('aria-label="angle of the probe in degrees"')
         ui.keyboard(on_key=self._key)
         self._help = ui.label(HELP).classes("ms-help")
-        self._panels = Panels()
+        self._panels = Panels(limits)
         self._frame.run(self._update)
+
+    def _forget(self) -> None:
+        """Forget the scene; the next acquisition begins a new one."""
+        self._turn = self._score = None
+        self._panels.clear()
 
     async def _begin(self) -> Turn | None:
         try:
@@ -139,7 +149,12 @@ def build_turn_page(searches: PageSearches) -> None:
 def score_text(score: Score) -> str:
     """How a person did, in one sentence."""
     count = "1 acquisition" if score.acquisitions == 1 else f"{score.acquisitions} acquisitions"
+    truth = (
+        "but there is no marker on this rig"
+        if score.truth_deg is None
+        else f"the marker is at {score.truth_deg:.2f}°: {score.error_deg:.2f}° off"
+    )
     return (
-        f"You named {score.named_deg:.1f}°, the marker is at {score.truth_deg:.2f}°: {score.error_deg:.2f}° off, after "
+        f"You named {score.named_deg:.1f}°, {truth}, after "
         f"{count}, {score.travel_deg:.0f}° of rotation and {score.elapsed_s:.0f} s (virtual)."
     )
