@@ -7,6 +7,7 @@ import math
 import os
 import select
 import signal
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -100,6 +101,10 @@ def test_a_search_that_is_asked_for_gives_the_answer_of_the_command(start: Start
     searched = [each for each in samples if each["role"] == "search"]
     assert [each["angle_deg"] for each in searched] == [each["angle_deg"] for each in alone["samples"]]
     assert [each["intensity"] for each in searched] == [each["intensity"] for each in alone["samples"]]
+    # Topics are not delivered in the order in which they were published.
+    ends_s = time.monotonic() + 60
+    while len(listener.heard[topics.MEASURED_JS]) < len(samples) and time.monotonic() < ends_s:
+        listener.node.spin(0.05)
     angles = [each.position[0] for each in listener.heard[topics.MEASURED_JS]]
     assert angles[3 : 3 + len(searched)] == pytest.approx([math.radians(each["angle_deg"]) for each in searched])
     known = json.loads(listener.heard[topics.BANK][-1].data)
