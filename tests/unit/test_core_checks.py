@@ -71,3 +71,9 @@ def test_plan_and_facts_come_back_from_json_and_are_checked_again() -> None:
     assert msgspec.json.decode(msgspec.json.encode(plan), type=SearchPlan) == plan
     with pytest.raises(msgspec.ValidationError, match="dark_frames is 101"):
         msgspec.json.decode(b'{"method":"ternary","dark_frames":101}', type=SearchPlan)
+
+
+@pytest.mark.parametrize(("angle_deg", "nearest_deg"), [(-40.0, -35.0), (-35.0, -35.0), (3.5, 3.5), (math.inf, 35.0)])
+def test_the_nearest_angle_of_an_interval(angle_deg: float, nearest_deg: float) -> None:
+    assert PAPER_RANGE.nearest(angle_deg) == nearest_deg
+    assert math.isnan(PAPER_RANGE.nearest(NAN))

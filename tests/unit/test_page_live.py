@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -17,6 +18,7 @@ from markerseek.bridges.page.search_page import status_text
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.core import Measured, RecordError, SearchError, SearchPlan
 from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead
+from markerseek.rigs import read_rig_file
 from markerseek.runs import new_session, plan_on
 from markerseek.sim import GaussianCurve
 
@@ -216,7 +218,8 @@ def test_one_search_at_a_time(stream, tmp_path, monkeypatch):
 
 def test_rig_of_devices_is_never_armed_from_the_page(stream, tmp_path, monkeypatch):
     children = [ScriptedChild(stream[:5], endless=True)]
-    shared, asked = searches(children, tmp_path, monkeypatch, file=tmp_path / "rig.toml", settings=None)
+    settings = read_rig_file(Path("examples/rigs/bench.toml"))
+    shared, asked = searches(children, tmp_path, monkeypatch, file=tmp_path / "rig.toml", settings=settings)
     shared.start(PageSettings(seed=4, tissue="liver"))
     shared.search.journal.touch()
     shared.stop()

@@ -7,7 +7,16 @@ import math
 import pytest
 
 from markerseek.core import AtBound, ConfigError, Found, Interval, NotFound, Reading, Sample, SearchError, Unsure
-from markerseek.search import GOLDEN, METHODS, BracketSearch, Checked, WeightedAverage, build, method_named, noise_of
+from markerseek.search import (
+    GOLDEN,
+    METHODS,
+    BracketSearch,
+    CheckedPolicy,
+    WeightedAverage,
+    build,
+    method_named,
+    noise_of,
+)
 from markerseek.search.evidence import missing_evidence
 from markerseek.search.floor import FEWEST_CELLS, MOST_CELLS, noise_factor
 
@@ -237,7 +246,7 @@ def test_refuses_samples_after_an_early_end_but_accepts_dark_ones():
 
 def test_sigma_limit_is_checked():
     with pytest.raises(ConfigError, match="sigma_limit_deg"):
-        Checked(WeightedAverage(acquisitions=8), sigma_limit_deg=math.nan)
+        CheckedPolicy(WeightedAverage(acquisitions=8), sigma_limit_deg=math.nan)
 
 
 class TestMethods:
@@ -278,7 +287,7 @@ class TestMethods:
         with pytest.raises(ConfigError, match=r"'xyz' is unknown; methods are posterior, weighted-average, "):
             build("xyz")
 
-    def test_guarded_sweeps_begin_at_the_nearer_end(self):
+    def test_checked_sweeps_begin_at_the_nearer_end(self):
         assert build("weighted-average", start_deg=20.0).ask() == 35
         assert build("weighted-average", start_deg=20.0, as_published=True).ask() == -35
         assert build("manual", start_deg=20.0).ask() == 35

@@ -10,7 +10,7 @@ from markerseek.adapters.bounded_minimiser import BoundedMinimiser
 from markerseek.adapters.optimiser import OptimiserPolicy
 from markerseek.adapters.scikit_optimize import ScikitOptimize
 from markerseek.core import PAPER_RANGE, ConfigError, Interval, Policy
-from markerseek.search import Checked, Method
+from markerseek.search import CheckedPolicy, Method
 
 _OPTIMISERS: dict[str, type[OptimiserPolicy]] = {
     optimiser.name: optimiser for optimiser in (BoundedMinimiser, ScikitOptimize, BoTorch)
@@ -36,7 +36,7 @@ def build_adapter(
     acquisitions
         Most acquisitions.
     as_published
-        The bare optimiser, which always answers; otherwise with the checks of all methods (`Checked`).
+        The bare optimiser, which always answers; otherwise with the checks of all methods (`CheckedPolicy`).
 
     Raises
     ------
@@ -46,4 +46,4 @@ def build_adapter(
     if method not in _OPTIMISERS:
         raise ConfigError(f"method: {method!r} is not an adapter; adapters are {', '.join(_OPTIMISERS)}")
     optimiser = _OPTIMISERS[method](limits=limits, acquisitions=acquisitions)
-    return optimiser if as_published else Checked(optimiser, limits=limits)
+    return optimiser if as_published else CheckedPolicy(optimiser, limits=limits)

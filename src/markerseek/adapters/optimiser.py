@@ -115,4 +115,4 @@ class OptimiserPolicy(SearchPolicy):
 
     def _inside(self, angle_deg: float) -> float:
         """The angle, or the nearer end of the range if the stage went beyond it: the optimisers accept no other."""
-        return min(max(angle_deg, self._limits.low_deg), self._limits.high_deg)
+        return self._limits.nearest(angle_deg)

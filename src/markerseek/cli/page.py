@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from markerseek import drivers, rigs
+from markerseek import rigs
 from markerseek.bridges import page
 from markerseek.cli.options import RigFile
 from markerseek.cli.terminal import quoted, stdout
@@ -46,7 +46,7 @@ def command(
     import webbrowser
 
     address = page.Address(host=host, port=port, certificate=tls_certificate, key=tls_key)
-    settings = None if rig is None else rigs.read_rig_file(rig)
+    shown = page.PageRig() if rig is None else page.PageRig(file=rig, settings=rigs.read_rig_file(rig))
     for path in recordings or []:
         if not path.exists():
             raise ConfigError(f"{quoted(path)}: there is no such file; name journals or banks that exist")
@@ -59,10 +59,6 @@ def command(
                 "--open: no browser was found on this computer; leave it out and open the printed link"
             ) from problem
     launcher = page.Launcher()
-    shown = page.PageRig()
-    if settings is not None:
-        simulated = None if isinstance(settings, drivers.BenchSettings) else settings
-        shown = page.PageRig(file=rig, settings=simulated, search=settings.limits.search)
     searches = page.PageSearches(launcher, shown, recordings or [])
 
     def ready(link: str) -> None:

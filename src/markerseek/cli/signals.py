@@ -97,8 +97,9 @@ def stopped_by_signals() -> Iterator[None]:
         sys.unraisablehook = hook
         signal.setitimer(signal.ITIMER_REAL, 0)
         # After a stop the devices are still to be closed, which nothing may interrupt.
-        for each in () if stopping else before:
-            signal.signal(each, before[each])
+        if not stopping:
+            for each, handler in before.items():
+                signal.signal(each, handler)
 
 
 @contextmanager

@@ -86,6 +86,19 @@ class Found:
     surveyed: float | None = None
     curve: MarkerCurve | None = None
 
+    def doubted(self, reason: str) -> Unsure:
+        """The same angle, no longer claimed."""
+        return Unsure(
+            mean_deg=self.mean_deg,
+            sigma_deg=self.sigma_deg,
+            interval95_deg=self.interval95_deg,
+            interval_kind=self.interval_kind,
+            reason=reason,
+            floor=self.floor,
+            others=self.others,
+            surveyed=self.surveyed,
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NotFound:

@@ -46,6 +46,10 @@ class Interval:
         """Middle of the interval in degrees."""
         return (self.low_deg + self.high_deg) / 2
 
+    def nearest(self, angle_deg: float) -> float:
+        """The angle of the interval that is nearest: for answers. What a rig is asked for is refused instead."""
+        return min(max(angle_deg, self.low_deg), self.high_deg)
+
     def __contains__(self, angle_deg: object) -> bool:
         """Whether the angle lies inside or on an end; NaN, and what is no real number, never does."""
         # is_finite first: comparing text or an array would raise, and every limit of the rig is checked here.

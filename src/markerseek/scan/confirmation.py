@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from markerseek.core import Arrival, Estimate, Found, Reading, Sample, Unsure
+from markerseek.core import Arrival, Estimate, Found, Reading, Sample
 
 SHARE = 0.8
 """Least share of the strongest sample's intensity. On simulated materials at 20 to 40 dB it was 0.91 or more after a
@@ -43,18 +43,7 @@ def judged(estimate: Estimate, confirmation: Sample, samples: Sequence[Sample]) 
     if not isinstance(estimate, Found) or estimate.floor is None:
         return estimate
     reason = unconfirmed(estimate, confirmation, samples)
-    if reason is None:
-        return estimate
-    return Unsure(
-        mean_deg=estimate.mean_deg,
-        sigma_deg=estimate.sigma_deg,
-        interval95_deg=estimate.interval95_deg,
-        interval_kind=estimate.interval_kind,
-        reason=reason,
-        floor=estimate.floor,
-        others=estimate.others,
-        surveyed=estimate.surveyed,
-    )
+    return estimate if reason is None else estimate.doubted(reason)
 
 
 def unconfirmed(found: Found, confirmation: Sample, samples: Sequence[Sample]) -> str | None:

@@ -1,12 +1,12 @@
 """Search policies: asked for the next angle, and given the sample taken there (ask and tell). Pure.
 
-A method has two forms: as published, which always answers, and `Checked`, whose answer must pass tests. `build` makes
-either from a name.
+A method has two forms: as published, which always answers, and `CheckedPolicy`, whose answer must pass tests. `build`
+makes either from a name.
 """
 
 from markerseek.search.average import THRESHOLD, weighted_average
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
-from markerseek.search.checked import Checked
+from markerseek.search.checked import CheckedPolicy
 from markerseek.search.curve import Curve, curve_of
 from markerseek.search.floor import FALSE_FOUND, noise_of
 from markerseek.search.manual import ScriptedManual
@@ -33,7 +33,7 @@ __all__ = [
     "TERNARY",
     "THRESHOLD",
     "BracketSearch",
-    "Checked",
+    "CheckedPolicy",
     "Curve",
     "Exhaustive",
     "Method",

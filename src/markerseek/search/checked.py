@@ -12,11 +12,12 @@ What passes is `Found` with the method's own angle, and with the noise that was 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
-from markerseek.core import PAPER_RANGE, AtBound, ConfigError, Estimate, Found, Interval, NotFound, Sample, Unsure
+from markerseek.core import PAPER_RANGE, AtBound, ConfigError, Estimate, Found, Interval, NotFound, Sample
 from markerseek.search.curve import curve_of
 from markerseek.search.evidence import contradiction, missing_evidence, rising_side
 from markerseek.search.floor import noise_of
@@ -27,7 +28,7 @@ SIGMA_LIMIT_DEG = 0.25
 """Largest standard deviation of an angle that is called found, in degrees (promise P10)."""
 
 
-class Checked(SearchPolicy):
+class CheckedPolicy(SearchPolicy):
     """A published policy whose answer must pass the four tests.
 
     Parameters
@@ -92,25 +93,10 @@ class Checked(SearchPolicy):
             curve = curve_of(self._lit)
             top_deg = float(curve.angle_deg[curve.strongest])
             # The stage may stop up to a count beyond the end; the answer is inside the range.
-            inside_deg = min(max(top_deg, self._limits.low_deg), self._limits.high_deg)
-            return AtBound(mean_deg=inside_deg, side=side, floor=noise.floor)
+            return AtBound(mean_deg=self._limits.nearest(top_deg), side=side, floor=noise.floor)
         doubt = contradiction(self._lit, mean_deg=answer.mean_deg, noise=noise) or self._too_wide(answer)
-        if doubt is not None:
-            return Unsure(
-                mean_deg=answer.mean_deg,
-                sigma_deg=answer.sigma_deg,
-                interval95_deg=answer.interval95_deg,
-                interval_kind=answer.interval_kind,
-                reason=doubt,
-                floor=noise.floor,
-            )
-        return Found(
-            mean_deg=answer.mean_deg,
-            sigma_deg=answer.sigma_deg,
-            interval95_deg=answer.interval95_deg,
-            interval_kind=answer.interval_kind,
-            floor=noise.floor,
-        )
+        found = replace(answer, floor=noise.floor)
+        return found if doubt is None else found.doubted(doubt)
 
     def _rising_side(self) -> Literal["low", "high"] | None:
         """The end at which the curve rises; of a bracket only once it is narrow, because it begins at both ends."""

@@ -99,7 +99,7 @@ class ScriptedManual(SearchPolicy):
         if not self._lit:
             return bracket_answer(self._limits.centre_deg, self._limits, curve_of(()), noise_sigma=None)
         angles = [sample.angle_deg for sample in self._lit]
-        best_deg = min(max(self._best_deg, self._limits.low_deg), self._limits.high_deg)
+        best_deg = self._limits.nearest(self._best_deg)
         bracket = Interval(
             low_deg=max((angle for angle in angles if angle < best_deg), default=self._limits.low_deg),
             high_deg=min((angle for angle in angles if angle > best_deg), default=self._limits.high_deg),

@@ -10,7 +10,7 @@ from typing import SupportsFloat, SupportsIndex
 from markerseek.core import PAPER_RANGE, ConfigError, Interval, MarkerCurve, Policy, SearchPlan, as_interval
 from markerseek.search.average import THRESHOLD
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
-from markerseek.search.checked import Checked
+from markerseek.search.checked import CheckedPolicy
 from markerseek.search.manual import TURNS, ScriptedManual
 from markerseek.search.policy import PublishedPolicy, check_acquisitions
 from markerseek.search.sweep import Exhaustive, WeightedAverage
@@ -174,7 +174,7 @@ def build(
     inner = _MAKERS[chosen.name](searched, number, None if as_published else stands_deg, ends_early and as_published)
     if as_published:
         return inner
-    return Checked(inner, limits=searched, early_threshold=THRESHOLD if ends_early else None)
+    return CheckedPolicy(inner, limits=searched, early_threshold=THRESHOLD if ends_early else None)
 
 
 def refuse_posterior_settings(method: str, **settings: object) -> None:

@@ -84,7 +84,7 @@ class Sweep(SearchPolicy):
 
     def _found(self, mean_deg: float, sigma_deg: float) -> Found:
         """Answer with a normal interval, its middle moved into the range where the stage overshot it."""
-        inside_deg = min(max(mean_deg, self._limits.low_deg), self._limits.high_deg)
+        inside_deg = self._limits.nearest(mean_deg)
         # An interval has a width: one unit in the last place of a range means "exact".
         half_deg = max(1.96 * sigma_deg, 1e-12 * self._limits.width_deg)
         return Found(

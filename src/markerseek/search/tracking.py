@@ -116,7 +116,7 @@ class Tracker:
         # At an end of the range only one of the flanks can be looked at.
         if expected_deg + beside_deg not in self._limits:
             beside_deg = -beside_deg
-        return min(max(expected_deg + beside_deg, self._limits.low_deg), self._limits.high_deg)
+        return self._limits.nearest(expected_deg + beside_deg)
 
     def tell(self, angle_deg: float, intensity: float, *, after_s: float) -> None:
         """Take the intensity of the next frame.

@@ -122,7 +122,7 @@ class PolicyMirror:
     def __init__(self, plan: SearchPlan, *, limits: Interval) -> None:
         self._policy = policy_for(plan, limits=limits)
         self._claims = not plan.as_published
-        # The checked form keeps its bracket to itself; the published form, told the same, has the same bracket.
+        # The checked form keeps its bracket to itself; the published one, given the same samples, has the same.
         self._bracket: BracketSearch | None = None
         if plan.method != "posterior":
             published = build(plan.method, limits=limits, acquisitions=plan.acquisitions, as_published=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal, Protocol, TypeAlias
@@ -126,52 +127,51 @@ class LiveRun:
         return not self._thread.is_alive()
 
     def _follow(self) -> None:
-        followed = False
         try:
-            # Before the child, so that none runs on that nobody reads.
-            showing = threading.Thread(target=self._show, name="show a child", daemon=True)
-            showing.start()
-            try:
-                child = self._child = self._launch(self.arguments)
-                # STOP may have been pressed while the child was being started.
-                if self._stop_wanted.is_set():
-                    child.stop()
-                # Only handed on here: a stream that is not read at once loses frames, and then events.
-                for item in child.items():
-                    self._arrived.put(self._within_memory(item))
-            except BaseException:
-                # A stream that cannot be read must not leave a search running that nobody sees.
-                self.stop()
-                raise
-            finally:
-                self._arrived.put(None)
-                showing.join()
-                if self._child is not None:
-                    self.outcome = self._child.outcome()
-            followed = True
-        except (MarkerseekError, OSError) as problem:
-            self._failure = str(problem)
+            with self._stopped_by_failure("follow"):
+                # Before the child, so that none runs on that nobody reads.
+                showing = threading.Thread(target=self._show, name="show a child", daemon=True)
+                showing.start()
+                try:
+                    child = self._child = self._launch(self.arguments)
+                    # STOP may have been pressed while the child was being started.
+                    if self._stop_wanted.is_set():
+                        child.stop()
+                    # Only handed on here: a stream that is not read at once loses frames, and then events.
+                    for item in child.items():
+                        self._arrived.put(self._within_memory(item))
+                except BaseException:
+                    # A stream that cannot be read must not leave a search running that nobody sees.
+                    self.stop()
+                    raise
+                finally:
+                    self._arrived.put(None)
+                    showing.join()
+                    if self._child is not None:
+                        self.outcome = self._child.outcome()
         finally:
-            if not followed:
-                # Whatever went wrong: nobody may believe that it ended as it should.
-                self._failure = self._failure or "the page cannot follow this search; it was stopped"
             if self.run is not None and not self.run.snapshots[-1].over:
                 self.run.cut_off(self.message)
             self._ended.set()
             self._on_change()
 
     def _show(self) -> None:
-        shown = False
-        try:
+        with self._stopped_by_failure("show"):
             while (item := self._arrived.get()) is not None:
                 self._take(item)
-            shown = True
-        except MarkerseekError as problem:
+
+    @contextmanager
+    def _stopped_by_failure(self, what: str) -> Iterator[None]:
+        """Whatever goes wrong in it stops the search, which nobody would see any more, and has a sentence."""
+        whole = False
+        try:
+            yield
+            whole = True
+        except (MarkerseekError, OSError) as problem:
             self._failure = str(problem)
         finally:
-            if not shown:
-                # Whatever went wrong: a search that the page cannot show must not go on.
-                self._failure = self._failure or "the page cannot show this search; it was stopped"
+            if not whole:
+                self._failure = self._failure or f"the page cannot {what} this search; it was stopped"
                 self.stop()
 
     def _within_memory(self, item: StreamItem) -> StreamItem:

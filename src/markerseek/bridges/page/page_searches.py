@@ -13,7 +13,8 @@ from markerseek.bridges.page.live import Launch, LiveRun
 from markerseek.bridges.page.news import News
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.watched import WatchedRun
-from markerseek.core import PAPER_RANGE, Interval, SearchError
+from markerseek.core import Interval, SearchError
+from markerseek.drivers import BenchSettings
 from markerseek.records.journal import default_journal, journals_folder, journals_in, make_folder
 from markerseek.sim import SimulatedSettings
 
@@ -33,19 +34,21 @@ class PageRig:
     file
         Its rig file; None for the simulated rig with its defaults.
     settings
-        Settings of a simulated rig; None where it is one of devices.
-    search
-        Range of its searches.
+        What is in it.
     """
 
     file: Path | None = None
-    search: Interval = PAPER_RANGE
-    settings: SimulatedSettings | None = field(default_factory=SimulatedSettings)
+    settings: SimulatedSettings | BenchSettings = field(default_factory=SimulatedSettings)
+
+    @property
+    def search(self) -> Interval:
+        """Range of its searches."""
+        return self.settings.limits.search
 
     @property
     def simulated(self) -> bool:
         """Whether no hardware is involved."""
-        return self.settings is not None
+        return isinstance(self.settings, SimulatedSettings)
 
 
 class PageSearches:

@@ -69,18 +69,13 @@ class ReplayPage:
         path = self._recordings.get(self._chosen.value)
         if path is None:
             return
+        self._show_nothing()
         try:
             is_run = path.is_file() and is_journal(path)
-        except OSError as problem:
-            self._show_nothing()
-            self._message = str(problem)
-            return
-        self._methods.visible = not is_run
-        self._show_nothing()
-        self._message = "choose a method, then search" if not is_run else f"reads {path.name}"
-        if not is_run:
-            return
-        try:
+            self._methods.visible = not is_run
+            self._message = "choose a method, then search" if not is_run else f"reads {path.name}"
+            if not is_run:
+                return
             # In a thread: images of all acquisitions are formed. None while the program ends.
             read = await run.io_bound(_read, path)
             # Another recording may have been chosen since.

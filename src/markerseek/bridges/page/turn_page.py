@@ -53,7 +53,7 @@ class TurnPage:
             self._frame.on_click(self._show, self._let_search)
         with ui.element("div").classes("ms-foot"):
             self._target = ui.label("").classes("ms-note").style("min-width: 92px")
-            start_deg = min(max(base.start_deg, limits.low_deg), limits.high_deg)
+            start_deg = limits.nearest(base.start_deg)
             self._slider = Slider(min=limits.low_deg, max=limits.high_deg, step=0.1, value=start_deg)
             # Else the arrow keys would be the slider's, which turns by a tenth of a degree.
             self._slider.on("change", js_handler="() => document.activeElement?.blur()")
@@ -138,7 +138,7 @@ def build_turn_page(searches: PageSearches) -> None:
     searches
         What all viewers share.
     """
-    if searches.rig.settings is not None:
+    if isinstance(searches.rig.settings, SimulatedSettings):
         TurnPage(searches, searches.rig.settings)
         return
     frame = Frame(searches, "/turn")

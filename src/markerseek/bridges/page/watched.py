@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -36,8 +37,9 @@ class WatchedRun:
         self.snapshots: list[Snapshot] = [self._state.snapshot]
         self.pictures: dict[int, Picture] = {}
         self._imaging = rebuild_image_reader(configuration)
-        self._motion, self._pace, self.pulse_j = _rig_settings(configuration)
-        self._believes = believes
+        recipe: dict[str, Any] = msgspec.json.decode(configuration.recipe) or {}
+        self._motion, self._pace, self.pulse_j = _rig_settings(recipe, replayed=configuration.facts.kind == "replayed")
+        self.name = _name(configuration.plan if believes else None, seed=recipe.get("seed"))
 
     def add(
         self,
@@ -103,15 +105,6 @@ class WatchedRun:
         return [each.line if replayed else f"{each.elapsed_s:7.1f} s  {each.line}" for each in reversed(known[-most:])]
 
     @property
-    def name(self) -> str:
-        """What is run: method, form and seed, which the fields of a viewer need not show."""
-        plan = self.configuration.plan
-        seed = (msgspec.json.decode(self.configuration.recipe) or {}).get("seed")
-        parts = [plan.method if self._believes else "by hand"]
-        parts += ["as published"] if plan.as_published else []
-        return ", ".join(parts if seed is None else [*parts, f"seed {seed}"])
-
-    @property
     def known_name(self) -> str:
         """Name of the angle that is known otherwise: the truth of a simulation, or a reference."""
         return "reference" if self.configuration.facts.truth_deg is None else "truth"
@@ -137,11 +130,16 @@ def watched_journal(held: RecordedRun) -> WatchedRun:
     return run
 
 
-def _rig_settings(configuration: Configuration) -> tuple[StageMotion, float, float | None]:
+def _name(plan: SearchPlan | None, *, seed: int | None) -> str:
+    """What is run: method, form and seed, which the fields of a viewer need not show; no plan: a person decides."""
+    parts = ["by hand"] if plan is None else [plan.method, *(["as published"] if plan.as_published else [])]
+    return ", ".join(parts if seed is None else [*parts, f"seed {seed}"])
+
+
+def _rig_settings(recipe: dict[str, Any], *, replayed: bool) -> tuple[StageMotion, float, float | None]:
     """Speed of the stage, pace, and energy of a pulse in joules, as far as the recipe of the rig says."""
-    recipe = msgspec.json.decode(configuration.recipe) or {}
     settings = recipe.get("settings", {})
     stage = {name: settings.get("stage", {}).get(name) for name in ("speed_deg_s", "acceleration_deg_s2")}
     motion = StageMotion(**{name: value for name, value in stage.items() if value is not None})
-    pace = recipe.get("pace", 0.0 if configuration.facts.kind == "replayed" else 1.0)
+    pace = recipe.get("pace", 0.0 if replayed else 1.0)
     return motion, pace, settings.get("laser", {}).get("pulse_energy_j")

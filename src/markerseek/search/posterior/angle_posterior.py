@@ -106,5 +106,5 @@ def modes_deg(posterior: AnglePosterior, *, limits: Interval) -> tuple[float, ..
         mass = float(share[first:end].sum())
         if mass > MODE_SHARE:
             mean_deg = float(share[first:end] @ posterior.coarse_deg[first:end]) / mass
-            modes.append((mass, min(max(mean_deg, limits.low_deg), limits.high_deg)))
+            modes.append((mass, limits.nearest(mean_deg)))
     return tuple(mean_deg for _, mean_deg in sorted(modes, reverse=True))

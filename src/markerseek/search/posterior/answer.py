@@ -22,7 +22,6 @@ from markerseek.core import (
     MarkerCurve,
     NotFound,
     Sample,
-    Unsure,
 )
 from markerseek.search.checked import SIGMA_LIMIT_DEG
 from markerseek.search.floor import SearchNoise
@@ -176,7 +175,7 @@ def answer_of(
     """
     first = state.sources[0]
     posterior, floor = first.posterior, state.noise.floor
-    mean_deg = _inside(posterior.mean_deg, limits)
+    mean_deg = limits.nearest(posterior.mean_deg)
     if first.missing is not None:
         reason = first.missing + missed_marker(lit, state.noise, limits)
         return NotFound(mean_deg=mean_deg, reason=reason, floor=floor)
@@ -187,23 +186,12 @@ def answer_of(
     # How loud a source beyond an end is cannot be measured: one inside may as well be the marker.
     if side is not None and not rivals:
         return AtBound(mean_deg=mean_deg, side=side, floor=floor, others=others, surveyed=surveyed)
-    at_rivals = (mean_deg, *(_inside(each.posterior.mean_deg, limits) for each in rivals))
+    at_rivals = (mean_deg, *(limits.nearest(each.posterior.mean_deg) for each in rivals))
     modes = at_rivals if rivals else modes_deg(posterior, limits=limits)
     if len(modes) > 1:
         return Ambiguous(mean_deg=modes[0], modes_deg=modes, floor=floor, others=others, surveyed=surveyed)
     doubt = _uncertain(posterior) or weaker_than_predicted or state.misfit or (None if single else _hidden(state))
-    if doubt is not None:
-        return Unsure(
-            mean_deg=mean_deg,
-            sigma_deg=posterior.sigma_deg,
-            interval95_deg=first.interval95_deg,
-            interval_kind="posterior",
-            reason=doubt,
-            floor=floor,
-            others=others,
-            surveyed=surveyed,
-        )
-    return Found(
+    found = Found(
         mean_deg=mean_deg,
         sigma_deg=posterior.sigma_deg,
         interval95_deg=first.interval95_deg,
@@ -213,6 +201,7 @@ def answer_of(
         surveyed=surveyed,
         curve=_curve(first),
     )
+    return found if doubt is None else found.doubted(doubt)
 
 
 def _curve(source: Candidate) -> MarkerCurve | None:
@@ -221,10 +210,6 @@ def _curve(source: Candidate) -> MarkerCurve | None:
     if not LEAST_INTENSITY <= peak <= MOST_INTENSITY:
         return None
     return MarkerCurve(fwhm_deg=source.posterior.fwhm_deg, peak=peak)
-
-
-def _inside(angle_deg: float, limits: Interval) -> float:
-    return min(max(angle_deg, limits.low_deg), limits.high_deg)
 
 
 def _uncertain(posterior: AnglePosterior) -> str | None:

@@ -62,7 +62,7 @@ def planned_deg(measured_deg: Sequence[float], *, limits: Interval, descending: 
     if count < len(PLAN):
         share = (PLAN[count] + 0.5) / len(PLAN)
         return limits.low_deg + limits.width_deg * (1 - share if descending else share)
-    inside = sorted(min(max(angle_deg, limits.low_deg), limits.high_deg) for angle_deg in measured_deg)
+    inside = sorted(map(limits.nearest, measured_deg))
     gaps = [(high - low, (low + high) / 2) for low, high in pairwise(inside)]
     low_gap, high_gap = inside[0] - limits.low_deg, limits.high_deg - inside[-1]
     # Nothing lies beyond an end, so that its gap is covered from one side only.
