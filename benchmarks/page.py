@@ -26,7 +26,7 @@ from urllib.parse import urlsplit
 from tests.page.page_browser import Served, Watched, browsing, open_tab, served
 
 from benchmarks.loop_times import PACE, described, own_times_s
-from markerseek.bridges.page.state import ShownRun
+from markerseek.bridges.page.state import SnapshotBuilder
 from markerseek.core import Failed
 from markerseek.records.journal import read_journal
 
@@ -73,7 +73,7 @@ def delays_s(page: Served, lines: list[tuple[float, str]]) -> list[float]:
     written: dict[str, float] = {}
     for journal in page.journals():
         held = read_journal(journal, frames=False)
-        state = ShownRun(held.configuration, believes=False)
+        state = SnapshotBuilder(held.configuration, believes=False)
         for entry in held.entries:
             snapshot = state.add(entry.event, clock_s=entry.clock_s)
             if snapshot.phase == "measured":

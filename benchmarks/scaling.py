@@ -42,7 +42,7 @@ for piece in pieces:
 print(time.perf_counter() - start)
 """
 
-LEAST_S = 60.0
+MIN_S = 60.0
 """Time on one worker below which the ratio says nothing about a study."""
 
 
@@ -127,8 +127,8 @@ def _timed(study: Path, workers: AbstractContextManager[list[str]], out: Path, t
 def _judge(pairs: list[tuple[float, float]]) -> None:
     ratio = statistics.median(one / two for one, two in pairs)
     one_s = statistics.median(one for one, _ in pairs)
-    if one_s < LEAST_S:
-        print(f"\nmedian ratio {ratio:.2f}; one worker takes less than {LEAST_S:.0f} s: not judged")
+    if one_s < MIN_S:
+        print(f"\nmedian ratio {ratio:.2f}; one worker takes less than {MIN_S:.0f} s: not judged")
     else:
         print(f"\nmedian ratio {ratio:.2f}, target ≥ {TARGET}: {'met' if ratio >= TARGET else 'MISSED'}")
 

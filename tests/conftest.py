@@ -7,6 +7,7 @@ import functools
 import gc
 import importlib.util
 import inspect
+import os
 import signal
 import sys
 import typing
@@ -88,10 +89,15 @@ def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
     # Here, after the hook of the types.
     from markerseek import cli
 
+    umask = os.umask(0)
+    os.umask(umask)
+
     def run(*words: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["markerseek", *map(str, words)])
         with pytest.raises(SystemExit) as ended:
             cli.main()
+        # A command keeps what it writes for its owner; here that is the process of the tests.
+        os.umask(umask)
         output = capsys.readouterr()
         assert "Traceback" not in output.err
         code = ended.value.code

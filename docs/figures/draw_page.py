@@ -34,7 +34,7 @@ STEP_S, SHOWN_MS, LAST_MS = 1.6, 180, 3000
 """Time from one picture to the next in the recording in s, and for which each, and the last, is shown in the GIF in ms:
 five times faster than the rig."""
 
-GIF_WIDTH, GIF_COLOURS, MOST_BYTES = 900, 200, 2_000_000
+GIF_WIDTH, GIF_COLOURS, MAX_BYTES = 900, 200, 2_000_000
 
 
 @contextmanager
@@ -80,8 +80,8 @@ def save_gif(shots: list[Image.Image], path: Path) -> None:
     frames = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in small]
     durations_ms = [SHOWN_MS] * (len(frames) - 1) + [LAST_MS]
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations_ms, loop=0, optimize=True)
-    if path.stat().st_size > MOST_BYTES:
-        sys.exit(f"{path} has {path.stat().st_size} bytes, more than {MOST_BYTES}; lower GIF_WIDTH or GIF_COLOURS")
+    if path.stat().st_size > MAX_BYTES:
+        sys.exit(f"{path} has {path.stat().st_size} bytes, more than {MAX_BYTES}; lower GIF_WIDTH or GIF_COLOURS")
 
 
 def main() -> None:

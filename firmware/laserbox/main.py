@@ -9,11 +9,11 @@ LEASE_MS = 100
 IDENTITY = "laserbox1"
 VERSION = 1
 LINE_BYTES = 80
-MOST_PULSES = 1024
-MOST_RATE_HZ = 1000
-MOST_EXPIRY_MS = 60000
-MOST_COUNT = 2147483647
-MOST_PULSES_PER_MINUTE = 6000  # what 100 Hz gives without a pause; change it with the laser safety officer only
+MAX_PULSES = 1024
+MAX_RATE_HZ = 1000
+MAX_EXPIRY_MS = 60000
+MAX_COUNT = 2147483647
+MAX_PULSES_PER_MINUTE = 6000  # what 100 Hz gives without a pause; change it with the laser safety officer only
 LIGHT_LATE_US = 1000  # longest time from a trigger to its light; the photodiode is read after it
 
 PIN_LASER = 2
@@ -45,7 +45,7 @@ def line_of_bytes(data):
 
 
 def number(word):
-    """Whole number of a word from 0 to MOST_COUNT, or None."""
+    """Whole number of a word from 0 to MAX_COUNT, or None."""
     if not 1 <= len(word) <= 10:
         return None
     for letter in word:
@@ -54,7 +54,7 @@ def number(word):
     if word[0] == "0" and word != "0":
         return None
     value = int(word)
-    return value if value <= MOST_COUNT else None
+    return value if value <= MAX_COUNT else None
 
 
 class Box:
@@ -176,11 +176,11 @@ class Box:
     def _take_permit(self, token, pulses, rate_hz, expiry_ms, triggers):
         if not (
             token >= 1
-            and 1 <= triggers <= MOST_PULSES
+            and 1 <= triggers <= MAX_PULSES
             and pulses <= triggers
-            and 1 <= rate_hz <= MOST_RATE_HZ
-            and 1 <= expiry_ms <= MOST_EXPIRY_MS
-            and 1000 * triggers <= rate_hz * MOST_EXPIRY_MS
+            and 1 <= rate_hz <= MAX_RATE_HZ
+            and 1 <= expiry_ms <= MAX_EXPIRY_MS
+            and 1000 * triggers <= rate_hz * MAX_EXPIRY_MS
         ):
             return "FORM"
         if self.train is not None:
@@ -189,7 +189,7 @@ class Box:
             return "INTERLOCK"
         if token <= self.last_token:
             return "TOKEN"
-        if self._pulses_of_last_minute() + pulses > MOST_PULSES_PER_MINUTE:
+        if self._pulses_of_last_minute() + pulses > MAX_PULSES_PER_MINUTE:
             return "BUDGET"
         self.last_token = token
         self.permit = (token, pulses, rate_hz, triggers)
@@ -199,7 +199,7 @@ class Box:
         return None
 
     def _seen(self):
-        return self.photodiode() & MOST_COUNT
+        return self.photodiode() & MAX_COUNT
 
     def _pulses_of_last_minute(self):
         """Pulses sent in the last 60 s, counted in whole seconds: up to one second's too many, never too few."""

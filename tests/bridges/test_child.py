@@ -75,16 +75,22 @@ def test_a_child_that_is_stopped_says_so_and_its_exit_code_is_passed_on(tmp_path
 
 
 @pytest.mark.parametrize("after_s", [0.0, 0.01, 0.02, 0.05])
-def test_a_child_that_is_stopped_while_python_starts_is_no_fault(after_s: float) -> None:
+def test_a_child_that_is_stopped_while_python_starts_is_no_fault_and_prints_no_trace(
+    after_s: float, capfd: pytest.CaptureFixture[str]
+) -> None:
     child = ChildRun(["search", "--seed", "1", "--no-journal"])
     time.sleep(after_s)
     child.stop()
     outcome = child.outcome()
     assert (outcome.failed, outcome.answered) == (False, False)
     assert outcome.exit_code == 128 + signal.SIGINT
+    assert outcome.answer == {"error": "stopped by the user", "kind": "KeyboardInterrupt"}
+    assert capfd.readouterr().err == "error: stopped by the user\n"
 
 
-def test_a_child_whose_bridge_is_killed_stops_the_search(tmp_path: Path) -> None:
+@pytest.mark.real_time
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "hung"])
+def test_26_7_a_child_whose_bridge_is_killed_or_hangs_stops_the_search_within_5_s(tmp_path: Path, how: int) -> None:
     journal = tmp_path / "run.journal"
     bridge = (
         "import sys\n"
@@ -97,10 +103,11 @@ def test_a_child_whose_bridge_is_killed_stops_the_search(tmp_path: Path) -> None
         for _ in range(4):
             child = int(process.stdout.readline())
         watched = os.pidfd_open(child)
+        process.send_signal(how)
+        # Readable once the child has ended, although it is no child of this process.
+        ready, _, _ = select.select([watched], [], [], 5)
+        os.close(watched)
         process.kill()
-    # Readable once the child has ended, although it is no child of this process.
-    ready, _, _ = select.select([watched], [], [], 30)
-    os.close(watched)
     assert ready
     last = read_journal(journal).entries[-1].event
     assert last == Interrupted(reason="SIGTERM")
@@ -121,10 +128,14 @@ def test_a_bench_that_nobody_arms_ends_with_exit_code_4_and_a_sentence(tmp_path:
     [
         ("found", None, "found at 1.700 deg"),
         ("not found", "no signal above the noise floor", "not found: no signal above the noise floor"),
-        ("unsure", "the confirmation was weaker", "unsure: the confirmation was weaker"),
+        (
+            "unsure",
+            "the confirmation was weaker",
+            "unsure: the confirmation was weaker; best guess 1.700 deg, not claimed",
+        ),
     ],
 )
-def test_only_the_angle_of_a_marker_that_was_found_is_said(answer: str, reason: str | None, said: str) -> None:
+def test_an_angle_is_said_and_claimed_only_where_a_marker_was_found(answer: str, reason: str | None, said: str) -> None:
     outcome = Outcome(exit_code=0, answer={"answer": answer, "angle_deg": 1.7, "reason": reason})
     assert outcome.message == said
 

@@ -41,3 +41,33 @@ class TestMethods(PolicyContract):
         name, as_published = self.form
         acquisitions = 29 if name == "exhaustive" else None
         return build(name, limits=limits, acquisitions=acquisitions, as_published=as_published)
+
+
+class _Endless(BracketSearch):
+    """A policy that never ends."""
+
+    def ask(self) -> float | None:
+        return 0.0
+
+
+class _EndlessContract(PolicyContract):
+    most = 50
+
+    def make(self, limits: Interval) -> Policy:
+        return _Endless(ratio=GOLDEN, limits=limits, width_deg=0.5)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "test_asks_inside_the_range",
+        "test_ends_wherever_the_stage_stops",
+        "test_estimates_at_any_time",
+        "test_asking_changes_nothing",
+        "test_is_deterministic",
+        "test_refuses_samples_after_the_end",
+    ],
+)
+def test_the_contract_ends_on_a_policy_that_never_does(name: str) -> None:
+    with pytest.raises(AssertionError, match="the search has not ended after 50 acquisitions"):
+        getattr(_EndlessContract(), name)()

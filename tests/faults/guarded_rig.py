@@ -10,7 +10,7 @@ from markerseek.scan import Scanner
 
 
 class Rig:
-    """Stage, laser, receiver, reader, clock and dead-man switch in one; keeps its true state beside what it reports."""
+    """Stage, laser, receiver, reader, clock and watchdog in one; keeps its true state beside what it reports."""
 
     def __init__(self) -> None:
         self.limits = Interval(low_deg=-36.5, high_deg=36.5)
@@ -110,7 +110,7 @@ def armed() -> Guard:
 
 
 def scanner(rig: Rig) -> Scanner:
-    return Scanner(stage=rig, laser=rig, receiver=rig, reader=rig, clock=rig, guard=armed(), pulses=4, dead_man=rig)
+    return Scanner(stage=rig, laser=rig, receiver=rig, reader=rig, clock=rig, guard=armed(), pulses=4, watchdog=rig)
 
 
 def refused(step: Callable[[], object], error: type[Exception] = DeviceError) -> bool:

@@ -174,7 +174,7 @@ def test_the_checker_sees_a_run_that_does_not_end_and_a_fault_that_was_left(heal
 
 def test_the_checker_sees_a_wrong_angle(healthy: campaign_runs.Trace) -> None:
     last = healthy.journal.entries[-1]
-    for off_deg, wrong in ((0.9, False), (1.1, True)):
+    for off_deg, wrong in ((1.9, False), (2.1, True)):
         mean_deg = (healthy.plan.marker_deg or 0.0) + off_deg
         found = Found(
             mean_deg=mean_deg, sigma_deg=0.1, interval95_deg=Interval(low_deg=-1, high_deg=1), interval_kind="bracket"

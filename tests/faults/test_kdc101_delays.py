@@ -14,7 +14,7 @@ from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
 from markerseek.sim import VirtualClock
 from markerseek.wire import apt
 
-MOST_S = (0.02, 0.05, 0.1)
+MAX_S = (0.02, 0.05, 0.1)
 SPEEDS = (1.0, 2.0, 5.0, 10.0, 20.0, 25.0)
 ACCELERATIONS = (2.0, 5.0, 10.0, 20.0, 25.0)
 
@@ -39,7 +39,7 @@ def move_there(
     """
     rng = np.random.Generator(np.random.PCG64(number))
     start_deg, *targets_deg = rng.uniform(-34, 34, 1 + targets).tolist()
-    most_s = most_s or float(rng.choice(MOST_S))
+    most_s = most_s or float(rng.choice(MAX_S))
     clock = DelayedClock(Delays(rng=rng, share=share / 10, most_s=most_s))
     mirrored = number % 3 == 0
     port = DelayedPort(

@@ -240,8 +240,8 @@ DRIVER_BUGS = {
     ),
     "the sign of the angle": Bug(
         where="drivers.kdc101:Kdc101Stage._counts_of",
-        old="self._zero + apt.counts_of(angle_deg)",
-        new="self._zero - apt.counts_of(angle_deg)",
+        old="self._zero + apt.counts_of(",
+        new="self._zero - apt.counts_of(",
         check=the_stage_goes_where_it_is_sent,
     ),
     "the controller's backlash left as it was": Bug(

@@ -151,8 +151,8 @@ GUARD_BUGS = {
     ),
     "a limit that NaN passes": Bug(
         where="core.interval:Interval.__contains__",
-        old="return self.low_deg <= angle_deg <= self.high_deg",
-        new="return not (angle_deg < self.low_deg or angle_deg > self.high_deg)",
+        old="is_finite(angle_deg) and bool(self.low_deg <= angle_deg <= self.high_deg)",
+        new="not (angle_deg < self.low_deg or angle_deg > self.high_deg)",
         check=no_limit_lets_nan_pass,
     ),
     ">= for > in the order of frames": Bug(
@@ -172,7 +172,7 @@ GUARD_BUGS = {
     ),
     "a permit that does not expire": Bug(
         where="guard.permits:Permits.redeem",
-        old="not now_s <= permit.expires_s",
+        old="not (is_finite(now_s) and now_s <= permit.expires_s)",
         new="now_s < 0",
         check=a_permit_expires,
     ),
@@ -217,20 +217,21 @@ GUARD_BUGS = {
     ),
     "acknowledgement before commit": Bug(
         where="scan.loop:run",
-        old='yield Measured(role="search", index=count, sample=sample)\n            policy.tell(sample)',
-        new='policy.tell(sample)\n            yield Measured(role="search", index=count, sample=sample)',
+        old='sample = yield from _measured(scanner, "search", acquisitions, asked_deg, limits.attempts)',
+        new="sample = scanner.measure(asked_deg); policy.tell(sample); "
+        'yield Measured(role="search", index=acquisitions, sample=sample)',
         check=the_record_comes_before_the_policy,
     ),
     "a move and a firing without the lease": Bug(
-        where="scan.scanner:_Leased.__enter__",
-        old="self._dead_man.hold()",
+        where="scan.scanner:_WatchdogHeld.__enter__",
+        old="self._watchdog.hold()",
         new="pass",
         check=devices_act_under_the_lease_alone,
     ),
     "a lease that any beat renews": Bug(
         where="guard.lease:Lease.beat",
-        old="if step > self._step:",
-        new="if True:",
+        old="is_whole(step) and step > self._step",
+        new="True",
         check=a_repeated_step_renews_nothing,
     ),
 }

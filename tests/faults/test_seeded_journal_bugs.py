@@ -38,8 +38,9 @@ JOURNAL_BUGS = {
     ),
     "a rollback journal undone in the file itself": Bug(
         where="records.journal.writer:Journal.reopen",
-        old="held = read_journal(path)",
-        new="connect(path, mode='rw').execute('SELECT 1 FROM run').connection.close()\n    held = read_journal(path)",
+        old="recorded = read_journal(path)",
+        new="connect(path, mode='rw').execute('SELECT 1 FROM run').connection.close()\n"
+        "    recorded = read_journal(path)",
         check=a_foreign_rollback_journal_changes_nothing,
     ),
     "a lost end not looked for": Bug(
@@ -55,7 +56,7 @@ JOURNAL_BUGS = {
         check=a_newer_journal_is_refused,
     ),
     "a deleted file written on": Bug(
-        where="records.journal.presence:Presence.loss",
+        where="records.journal.file_identity:FileIdentity.loss",
         old="if _identity(self._path) != self._file:",
         new="if False:",
         check=a_deleted_journal_is_noticed,

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import pytest
 
 from markerseek.supervisor import Line, Supervisor
-from markerseek.supervisor.death import end_with_parent
+from markerseek.supervisor.parent_death import end_with_parent
 from pseudo_terminals import SOON_S, STOP, Device, gone
 
 pytestmark = pytest.mark.real_time
@@ -168,7 +168,7 @@ def test_a_supervisor_outlives_the_thread_that_made_it(laser: Device) -> None:
 SLEEPER = """
 import signal
 signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM])  # before a library starts threads
-from markerseek.supervisor.death import end_with_parent
+from markerseek.supervisor.parent_death import end_with_parent
 print(end_with_parent(signal.SIGTERM), flush=True)
 signal.sigwait([signal.SIGTERM])
 print("signalled", flush=True)
@@ -188,5 +188,5 @@ def test_the_system_announces_the_death_of_the_parent() -> None:
 
 
 def test_where_the_system_announces_no_death_the_socket_remains(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("markerseek.supervisor.death.sys.platform", "darwin")
+    monkeypatch.setattr("markerseek.supervisor.parent_death.sys.platform", "darwin")
     assert not end_with_parent(signal.SIGTERM)

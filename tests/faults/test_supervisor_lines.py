@@ -13,7 +13,7 @@ import pytest
 
 from markerseek.core import ConfigError, DeviceError, NotConnectedError
 from markerseek.supervisor import Line, Supervisor
-from markerseek.supervisor.messages import MOST_BYTES, Kind, packed, packed_step, step_of, unpacked
+from markerseek.supervisor.messages import MAX_BYTES, Kind, packed, packed_step, step_of, unpacked
 from pseudo_terminals import SOON_S, STOP, Device, gone
 
 pytestmark = pytest.mark.real_time
@@ -238,7 +238,7 @@ def test_messages_survive_being_cut_anywhere() -> None:
     assert [(kind, line) for kind, line, _ in heard] == [(Kind.WRITE, 1), (Kind.BEAT, 0), (Kind.RELEASE, 0)]
     assert (heard[0][2], step_of(heard[1][2])) == (b"abc", 7)
     with pytest.raises(DeviceError, match="the limit is 4096"):
-        packed(Kind.WRITE, bytes(MOST_BYTES + 1))
+        packed(Kind.WRITE, bytes(MAX_BYTES + 1))
 
 
 def test_a_port_that_nobody_holds_is_refused(held: Supervisor) -> None:

@@ -34,7 +34,7 @@ from markerseek.wire.port import Port
 from stream_decoders import read_stream, whole_stream
 
 PULSES = 4
-MOST_READS = 100_000
+MAX_READS = 100_000
 LONGEST_S = 60.0
 """Readings and virtual seconds after which a driver is taken to hang."""
 
@@ -55,7 +55,7 @@ class ScriptedPort:
 
     def read(self, size: int, *, timeout_s: float) -> bytes:
         self._reads += 1
-        assert self._reads <= MOST_READS, "it reads for ever"
+        assert self._reads <= MAX_READS, "it reads for ever"
         if self._at >= len(self._script):
             if not self._again:
                 return b""
@@ -283,7 +283,7 @@ def _read_igtl(data: bytes) -> None:
     message = igtl.decode(replace(header, body_bytes=len(body), crc=CRC64(body)), body)
     if is_command(message):
         try:
-            search_request(read_request(message).values)
+            search_request(read_request(message, client="127.0.0.1:1").values)
         except ConfigError as refusal:
             raise DeviceError(str(refusal)) from refusal
     elif not isinstance(message.content, igtl.Other):

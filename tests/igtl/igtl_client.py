@@ -11,7 +11,7 @@ from typing import Self
 
 from markerseek.wire import igtl
 
-MOST_BYTES = 1 << 26
+MAX_BYTES = 1 << 26
 
 LONGEST_S = 120.0
 """Longest wait for anything, in seconds: a busy machine is no fault."""
@@ -57,7 +57,7 @@ class IgtlClient:
         head = self._exactly(igtl.HEADER_BYTES)
         if head is None:
             return None
-        header = igtl.decode_header(head, most_bytes=MOST_BYTES)
+        header = igtl.decode_header(head, most_bytes=MAX_BYTES)
         body = self._exactly(header.body_bytes)
         return None if body is None else igtl.decode(header, body)
 

@@ -6,8 +6,11 @@ import json
 import os
 import select
 import signal
+import socket
 import subprocess
 import sys
+from collections import deque
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import msgspec
@@ -15,7 +18,7 @@ import numpy as np
 import pyigtl
 import pytest
 from igtl_bridge import bridge, compiled_peer
-from igtl_client import IgtlClient
+from igtl_client import LONGEST_S, IgtlClient
 from tests.emulated import emulation
 
 from markerseek.records.exports import probe_to_probe_home
@@ -61,20 +64,48 @@ def test_a_command_starts_a_search_whose_answer_is_that_of_the_ordinary_command(
     points = next(each for each in reversed(messages) if each.device == "PaMarker").content.points
     assert [point.group for point in points] == ["simulated"]
     assert points[0].position_mm == pytest.approx([1e3 * each for each in expected["marker_trus_m"]], rel=1e-6)
-    position = next(each for each in messages if each.device == "PaMarkerToProbeHome").content
+    position = next(each for each in reversed(messages) if each.device == "PaMarkerToProbeHome").content
     assert position.position_mm == pytest.approx(points[0].position_mm)
     # The brightest pixel of the last image is the marker, put into place by its matrix.
-    image = [each for each in messages if each.device == "PA_Reference"][-1].content
+    image = [each for each in messages if each.device == "PA_ProbeHome"][-1].content
     _, row, column = np.unravel_index(image.pixels.argmax(), image.pixels.shape)
     assert (image.matrix @ (column, row, 0, 1))[:3] == pytest.approx(points[0].position_mm, abs=0.5)
-    assert all(each.metadata["rig"] == "simulated" for each in messages if each.device == "PA_Reference")
+    assert all(each.metadata["rig"] == "simulated" for each in messages if each.device == "PA_ProbeHome")
+    # Each image belongs to the transform of its time.
+    times = [(each.device, each.time_s) for each in messages if each.device in ("ProbeToProbeHome", "PA_ProbeHome")]
+    images = [index for index, (device, _) in enumerate(times) if device == "PA_ProbeHome"]
+    assert len(images) > 2
+    assert all(times[index - 1] == ("ProbeToProbeHome", times[index][1]) for index in images)
+    assert len({times[index][1] for index in images}) == len(images)
+
+
+def test_nobody_keeps_the_marker_of_the_search_before() -> None:
+    with bridge() as running, IgtlClient(running.port) as client:
+        other = pyigtl.OpenIGTLinkClient("127.0.0.1", running.port)
+        client.ask('<Command Name="StartSearch" Seed="3" />')
+        first = client.until(over)
+        assert [each.content for each in first if each.device == "PaMarker"][-1].points[0].name == "PaMarker"
+        again = igtl.Text(text='<Command Name="StartSearch" Seed="3" Acquisitions="2" />')
+        client.send(again, device="CMD_2")
+        second = client.until(over)
+        assert [each.content.points for each in second if each.device == "PaMarker"] == [()]
+        assert [each.content.position_mm for each in second if each.device == "PaMarkerToProbeHome"] == [None]
+        answer = json.loads(second[-1].content.text)["result"]["answer"]
+        assert answer == "unsure"
+        assert [each.content.name for each in second if each.device == "PaSearch"][-1] == "UNSURE"
+        while '"answer":"unsure"' not in other.wait_for_message("SearchState", timeout=60).string:
+            pass
+        assert other.wait_for_message("PaMarker", timeout=60).positions == []
+        with IgtlClient(running.port) as late:
+            assert late.until(lambda each: each.device == "PaMarker")[-1].content.points == ()
+        other.stop()
 
 
 def test_a_search_is_stopped_by_a_command() -> None:
     with bridge("--pace", "0.5") as running, IgtlClient(running.port) as client:
         assert 'Status="FAIL" Message="no search is running"' in client.ask('<Command Name="StopSearch" />')
         client.ask(START, name="2")
-        client.until(lambda message: message.device == "PA_Reference")
+        client.until(lambda message: message.device == "PA_ProbeHome")
         assert "SUCCESS" in client.ask('<Command Name="StopSearch" />', name="3")
         last = client.until(over)
         # SIGTERM follows where a busy computer leaves SIGINT unanswered for two seconds.
@@ -83,10 +114,48 @@ def test_a_search_is_stopped_by_a_command() -> None:
         assert (status.code, status.name) == (igtl.OK, "STOPPED")
 
 
+def test_a_stop_is_heard_among_1100_connections_that_say_nothing() -> None:
+    with bridge("--pace", "0.5") as running, ExitStack() as ends:
+        starter = ends.enter_context(IgtlClient(running.port))
+        starter.ask(START, name="2")
+        # Nobody reads the bridge's terminal meanwhile, which fills up. Some send the beginning of a header.
+        idle: deque[socket.socket] = deque()
+        for each in range(1100):
+            idle.append(socket.create_connection(("127.0.0.1", running.port), timeout=LONGEST_S))
+            ends.callback(idle[-1].close)
+            with suppress(OSError):
+                idle[-1].sendall(bytes(each % 3))
+            # The bridge has ended it, and a process may have 1024 files.
+            if len(idle) > 400:
+                idle.popleft().close()
+        with IgtlClient(running.port) as client:
+            assert "SUCCESS" in client.ask('<Command Name="StopSearch" />', name="3")
+            last = client.until(over)
+        assert json.loads(last[-1].content.text)["exit_code"] in (130, 143)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (
+            ("--host", "0"),
+            "--host 0 is 0.0.0.0, which other computers reach, and OpenIGTLink has no passwords; name each",
+        ),
+        (("--host", "0", "--allow", "192.0.2.0/24"), "--allow '192.0.2.0/24' is no address of a computer"),
+        (("--host", "nobody.invalid"), "nobody.invalid, port 18945: Name or service not known; name another"),
+    ],
+)
+def test_a_bridge_for_other_computers_names_those_that_may(options: tuple[str, ...], said: str) -> None:
+    command = [sys.executable, "-m", "markerseek", "igtl", *options]
+    ended = subprocess.run(command, capture_output=True, check=False, text=True, timeout=60)
+    assert ended.returncode == 2
+    assert said in " ".join(ended.stderr.split())
+
+
 def test_a_bridge_that_is_killed_in_mid_search_takes_the_search_with_it(tmp_path: Path) -> None:
     with bridge("--pace", "0.5") as running, IgtlClient(running.port) as client:
         client.ask(START)
-        client.until(lambda message: message.device == "PA_Reference")
+        client.until(lambda message: message.device == "PA_ProbeHome")
         children = Path(f"/proc/{running.process.pid}/task/{running.process.pid}/children").read_text().split()
         watched = os.pidfd_open(int(children[0]))
         assert running.stop(signal.SIGKILL) == -signal.SIGKILL
@@ -127,9 +196,9 @@ def test_the_client_of_pyigtl_gets_what_is_sent(tmp_path: Path) -> None:
         status = client.wait_for_message("SearchState", timeout=30)
         said = json.loads(status.string)
         assert (said["state"], said["registration"]["simulated"]) == ("idle", False)
-        camera = client.wait_for_message("DaVinciToTrus", timeout=30)
+        camera = client.wait_for_message("DaVinciToProbeHome", timeout=30)
         asking.ask(START)
-        image = client.wait_for_message("PA_Reference", timeout=60)
+        image = client.wait_for_message("PA_ProbeHome", timeout=60)
         turned = client.wait_for_message("ProbeToProbeHome", timeout=60)
         client.stop()
     assert image.image.dtype == np.uint8
@@ -145,6 +214,7 @@ def test_a_client_on_the_library_of_debian_gets_every_type_and_starts_a_search(t
     program = compiled_peer(tmp_path)
     expected = searched()
     lines: list[str] = []
+    later: list[str] = []
     with bridge("--header-version", "1") as running, IgtlClient(running.port) as witness:
         with subprocess.Popen(
             [program, str(running.port)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -153,6 +223,12 @@ def test_a_client_on_the_library_of_debian_gets_every_type_and_starts_a_search(t
             peer.stdin.flush()
             for line in peer.stdout:
                 lines.append(line.strip())
+                if line.startswith("STRING SearchState") and '"ended"' in line:
+                    break
+            peer.stdin.write('CMD_2 <Command Name="StartSearch" Seed="3" Acquisitions="2" />\n')
+            peer.stdin.flush()
+            for line in peer.stdout:
+                later.append(line.strip())
                 if line.startswith("STRING SearchState") and '"ended"' in line:
                     break
             peer.kill()
@@ -174,8 +250,8 @@ def test_a_client_on_the_library_of_debian_gets_every_type_and_starts_a_search(t
     angle_deg = expected["confirmation"]["angle_deg"]
     assert turned == pytest.approx(probe_to_probe_home(angle_deg)[:3], abs=1e-5)
     # The library shows the size, the type, the sum of all pixels, the spacing, and where the middle of the image is.
-    image = next(each for each in reversed(messages) if each.device == "PA_Reference").content
-    columns, rows, slices, scalar, total, *numbers = last("IMAGE PA_Reference")
+    image = next(each for each in reversed(messages) if each.device == "PA_ProbeHome").content
+    columns, rows, slices, scalar, total, *numbers = last("IMAGE PA_ProbeHome")
     assert (int(slices), int(rows), int(columns)) == image.pixels.shape
     assert (int(scalar), int(total)) == (3, int(image.pixels.sum()))
     spacing = np.linalg.norm(image.matrix[:3, :3], axis=0)
@@ -184,4 +260,8 @@ def test_a_client_on_the_library_of_debian_gets_every_type_and_starts_a_search(t
     shown = np.array([float(each) for each in numbers[3:]]).reshape(3, 4)
     assert shown[:, :3] == pytest.approx(image.matrix[:3, :3] / spacing, abs=1e-4)
     assert shown[:, 3] == pytest.approx(middle[:3], abs=1e-3)
-    assert last("STATUS PaSearch")[:2] == ["1", "FOUND" if expected["found"] else "NOT_FOUND"]
+    assert last("STATUS PaSearch")[:2] == ["1", "FOUND"]
+    # The second search ends unsure: nobody may take the marker of the first for its own.
+    assert [line for line in later if line.startswith("POINT")] == ["POINT PaMarker none Unselected nan nan nan"]
+    assert [line.split()[2:5] for line in later if line.startswith("POSITION")] == [["nan", "nan", "nan"]]
+    assert [line.split()[3] for line in later if line.startswith("STATUS")][-1] == "UNSURE"

@@ -52,7 +52,7 @@ def test_a_journal_is_played_to_its_answer_and_commands_are_refused(journal: Pat
     assert shown == list(dict.fromkeys(angles))[-len(shown) :]
     assert states[-1]["recording"] == "run.journal"
     assert states[-1]["result"]["angle_deg"] == open_recording(journal).outcome.answer["angle_deg"]
-    image = next(each for each in messages if each.device == "PA_Reference")
+    image = next(each for each in messages if each.device == "PA_ProbeHome")
     assert image.metadata["recording"] == "run.journal"
     assert image.metadata["rig"] == "simulated"
 

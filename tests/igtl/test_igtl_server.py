@@ -7,14 +7,14 @@ import socket
 import struct
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import numpy as np
 import pytest
 from igtl_client import LONGEST_S, IgtlClient
 
-from markerseek.bridges.igtl import CommandAnswer, IgtlServer, Request, Stream
-from markerseek.bridges.igtl.peer import Peer
+from markerseek.bridges.igtl import CommandAnswer, IgtlServer, Request, Stream, plain_address
+from markerseek.bridges.igtl.peer import LOOPBACK, Peer
 from markerseek.core import ConfigError
 from markerseek.wire import igtl
 
@@ -22,15 +22,16 @@ from markerseek.wire import igtl
 class Served:
     """A server in an event loop of its own thread, whose clock only a test sets: no load makes a client slow."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, host: str = "127.0.0.1", allowed: tuple[str, ...] = ()) -> None:
         self.notes: list[str] = []
         self.changed = threading.Condition()
         self.requests: list[Request] = []
         self.loop = asyncio.new_event_loop()
         self._now_s = 0.0
         self.loop.time = lambda: self._now_s
-        self.server = IgtlServer(on_request=self._asked, on_note=self._note)
-        self.port = self.loop.run_until_complete(self.server.open("127.0.0.1", 0))
+        known = [plain_address(each) for each in allowed]
+        self.server = IgtlServer(on_request=self._asked, allowed=known, on_note=self._note)
+        self.port = self.loop.run_until_complete(self.server.open(host, 0))
         self._thread = threading.Thread(target=self.loop.run_forever)
         self._thread.start()
 
@@ -76,11 +77,11 @@ class Served:
 
 
 @contextmanager
-def serving() -> Iterator[Served]:
+def serving(*, host: str = "127.0.0.1", allowed: tuple[str, ...] = ()) -> Iterator[Served]:
     with pytest.MonkeyPatch.context() as patch:
         # The same limit in the operating system, for a cable that was pulled; its clock cannot be set.
         patch.delattr(socket, "TCP_USER_TIMEOUT", raising=False)
-        served = Served()
+        served = Served(host=host, allowed=allowed)
         try:
             yield served
         finally:
@@ -187,6 +188,31 @@ def test_thirty_bytes_and_then_silence_end_that_connection_after_two_seconds() -
         assert "heard" in bystander.ask('<Command Name="C" />')
 
 
+def test_a_header_that_drips_ends_two_seconds_after_its_first_byte() -> None:
+    with serving() as served, IgtlClient(served.port) as bystander, IgtlClient(served.port) as dripping:
+        assert "heard" in dripping.ask('<Command Name="A" />')
+        # Else the system keeps the second byte back until the first is acknowledged.
+        dripping.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        for after_s in (1.5, 0.6):
+            dripping.socket.sendall(b"\0")
+            assert "heard" in bystander.ask('<Command Name="A" />')
+            served.forward(after_s)
+        assert served.noted("its message was not complete within 2 s")
+        assert list(dripping.messages()) == []
+
+
+def test_messages_that_follow_one_another_have_two_seconds_each() -> None:
+    data = igtl.encode(igtl.Message(device="CMD_1", content=igtl.Text(text='<Command Name="A" />')))
+    with serving() as served, IgtlClient(served.port) as bystander, IgtlClient(served.port) as client:
+        client.socket.sendall(data[:20])
+        for _ in range(3):
+            assert "heard" in bystander.ask('<Command Name="B" />')
+            served.forward(1.5)
+            # The end of one message, and the beginning of the next.
+            client.socket.sendall(data[20:] + data[:20])
+            assert client.read().device == "ACK_1"
+
+
 def test_of_three_clients_one_is_slow_and_one_is_killed_and_the_third_loses_nothing() -> None:
     count = 60
     with serving() as served, IgtlClient(served.port) as prompt:
@@ -210,7 +236,7 @@ def test_of_three_clients_one_is_slow_and_one_is_killed_and_the_third_loses_noth
         reading.start()
         killed.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         for value in range(count):
-            served.publish("PA_Reference", picture(value))
+            served.publish("PA_ProbeHome", picture(value))
             served.publish("SearchState", number(value))
             if value == count // 2:
                 # As when it is killed: reset, without a farewell.
@@ -225,7 +251,7 @@ def test_of_three_clients_one_is_slow_and_one_is_killed_and_the_third_loses_noth
         served.publish("End", number(0))
         reading.join(LONGEST_S)
         slow.close()
-    for device in ("PA_Reference", "SearchState"):
+    for device in ("PA_ProbeHome", "SearchState"):
         numbers = [int(each.metadata["sequence"]) for each in received if each.device == device]
         assert numbers == list(range(1, count + 1))
 
@@ -233,11 +259,11 @@ def test_of_three_clients_one_is_slow_and_one_is_killed_and_the_third_loses_noth
 def test_only_the_newest_message_of_a_stream_waits_for_a_slow_client() -> None:
     with serving() as served, IgtlClient(served.port, reads_ahead=False) as client:
         for value in range(40):
-            served.publish("PA_Reference", picture(value))
+            served.publish("PA_ProbeHome", picture(value))
             served.publish("SearchState", number(value))
         served.publish("End", number(0))
         received = client.until(lambda message: message.device == "End")
-    images = [int(each.metadata["sequence"]) for each in received if each.device == "PA_Reference"]
+    images = [int(each.metadata["sequence"]) for each in received if each.device == "PA_ProbeHome"]
     states = [int(each.metadata["sequence"]) for each in received if each.device == "SearchState"]
     # The sequence numbers tell the client what it lost; the last it always has.
     assert images[-1] == states[-1] == 40
@@ -268,16 +294,87 @@ def test_a_client_that_reads_no_answers_is_dropped() -> None:
         assert "heard" in bystander.ask('<Command Name="A" />')
 
 
-def test_more_than_sixteen_clients_are_refused() -> None:
-    with serving() as served:
-        clients = [IgtlClient(served.port) for _ in range(16)]
+def test_the_client_that_was_silent_longest_makes_room_for_one_more() -> None:
+    with serving() as served, ExitStack() as ends:
+        clients = [ends.enter_context(IgtlClient(served.port)) for _ in range(64)]
         for client in clients:
             client.ask('<Command Name="A" />')
-        with IgtlClient(served.port) as one_more:
-            assert one_more.read() is None
-        assert served.noted("16 clients are served already")
-        for client in clients:
-            client.close()
+        clients[0].ask('<Command Name="A" />')
+        one_more = ends.enter_context(IgtlClient(served.port))
+        assert "heard" in one_more.ask('<Command Name="StopSearch" />')
+        assert clients[1].read() is None
+        assert served.noted("gone: it was silent longest of 64 clients when one more came")
+        assert all("heard" in each.ask('<Command Name="A" />') for each in (clients[0], *clients[2:]))
+
+
+def test_a_stop_that_is_sent_at_once_is_heard_before_its_place_is_taken() -> None:
+    with serving() as served, ExitStack() as ends:
+        gate = threading.Event()
+        # The server is busy while all of them come.
+        served.loop.call_soon_threadsafe(gate.wait)
+        stopping = ends.enter_context(IgtlClient(served.port))
+        stopping.send(igtl.Text(text='<Command Name="StopSearch" />'), device="CMD_1")
+        for _ in range(200):
+            ends.enter_context(socket.create_connection(("127.0.0.1", served.port), timeout=LONGEST_S))
+        gate.set()
+        ends.enter_context(IgtlClient(served.port)).ask('<Command Name="A" />')
+        assert [request.name for request in served.requests] == ["StopSearch", "A"]
+
+
+def test_a_flood_of_one_address_leaves_the_clients_of_others_alone(own_address: str) -> None:
+    with (
+        serving(host="0.0.0.0", allowed=(own_address,)) as served,
+        IgtlClient(served.port) as watcher,
+        ExitStack() as ends,
+    ):
+        watcher.ask('<Command Name="A" />')
+        flood = [
+            ends.enter_context(socket.create_connection((own_address, served.port), timeout=LONGEST_S))
+            for _ in range(80)
+        ]
+        assert flood[0].recv(1) == b""
+        assert "heard" in watcher.ask('<Command Name="A" />')
+
+
+def test_only_computers_that_are_allowed_are_served(own_address: str) -> None:
+    with (
+        serving(host="0.0.0.0", allowed=("198.51.100.7",)) as served,
+        socket.create_connection((own_address, served.port), timeout=LONGEST_S) as other,
+        IgtlClient(served.port) as local,
+    ):
+        assert other.recv(1) == b""
+        assert served.noted("refused, --allow does not name it")
+        assert "heard" in local.ask('<Command Name="A" />')
+
+
+@pytest.mark.parametrize("host", ["0", "0.0.0.0", "0x0", "00.0", "::", "::0"])
+def test_an_address_that_others_reach_needs_those_that_may_however_it_is_spelt(host: str) -> None:
+    server = IgtlServer(on_request=lambda _request: CommandAnswer(done=True, sentence=""))
+    with pytest.raises(ConfigError, match=r"is (0\.0\.0\.0|::), which other computers reach, .* with --allow ADDRESS"):
+        asyncio.run(server.open(host, 0))
+
+
+@pytest.mark.parametrize("host", ["localhost", "127.1", "0x7f.1", "2130706433"])
+def test_this_computer_needs_no_permission_however_it_is_spelt(host: str) -> None:
+    with serving(host=host) as served:
+        listening = served.server._server.sockets[0].getsockname()[0]
+        assert plain_address(listening) == LOOPBACK
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        ("192.0.2.7", "192.0.2.7"),
+        ("::ffff:192.0.2.7", "192.0.2.7"),
+        ("::ffff:c000:207", "192.0.2.7"),
+        ("fe80::1%eth0", "fe80::1"),
+        ("127.8.9.1", "127.0.0.1"),
+        ("::1", "127.0.0.1"),
+        ("::ffff:127.0.0.1", "127.0.0.1"),
+    ],
+)
+def test_an_address_has_one_meaning_however_it_is_spelt(text: str, meant: str) -> None:
+    assert str(plain_address(text)) == meant
 
 
 def test_a_taken_port_is_a_sentence() -> None:

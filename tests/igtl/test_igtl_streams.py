@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from datetime import datetime
 from typing import Literal
 
+import msgspec
 import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.bridges.igtl import Streams
+from markerseek.bridges import Outcome
+from markerseek.bridges.igtl import Stream, Streams
 from markerseek.core import BModeFrame, ChannelFrame, Measured, RFFrame, Sample, ScanGeometry, SearchPlan
 from markerseek.records.stream import StreamEvent, StreamHead
 from markerseek.runs import configuration_of
@@ -48,9 +51,9 @@ def require_place(rig: rigs.Rig, image: igtl.Image, geometry: ScanGeometry, *, r
 def test_a_b_mode_image_lies_where_its_pixels_are() -> None:
     rig, sample, images = sent_at_5_degrees(ReceiverSettings(data="b-mode"))
     assert isinstance(sample.frame, BModeFrame)
-    assert set(images) == {"BMode_Reference"}
-    np.testing.assert_array_equal(images["BMode_Reference"].pixels[0], sample.frame.pixels)
-    require_place(rig, images["BMode_Reference"], sample.frame.geometry, row=40, column=7)
+    assert set(images) == {"BMode_ProbeHome"}
+    np.testing.assert_array_equal(images["BMode_ProbeHome"].pixels[0], sample.frame.pixels)
+    require_place(rig, images["BMode_ProbeHome"], sample.frame.geometry, row=40, column=7)
 
 
 @pytest.mark.parametrize("data", ["channels", "rf"])
@@ -59,7 +62,111 @@ def test_both_images_of_a_frame_lie_where_their_pixels_are(data: Literal["channe
     assert isinstance(sample.frame, ChannelFrame | RFFrame)
     assert sample.frame.b_mode is not None
     assert rig.imaging is not None
-    assert set(images) == {"PA_Reference", "BMode_Reference"}
-    np.testing.assert_array_equal(images["BMode_Reference"].pixels[0], sample.frame.b_mode.pixels)
-    require_place(rig, images["BMode_Reference"], sample.frame.b_mode.geometry, row=40, column=7)
-    require_place(rig, images["PA_Reference"], rig.imaging.picture(sample.frame).geometry, row=300, column=90)
+    assert set(images) == {"PA_ProbeHome", "BMode_ProbeHome"}
+    np.testing.assert_array_equal(images["BMode_ProbeHome"].pixels[0], sample.frame.b_mode.pixels)
+    require_place(rig, images["BMode_ProbeHome"], sample.frame.b_mode.geometry, row=40, column=7)
+    require_place(rig, images["PA_ProbeHome"], rig.imaging.picture(sample.frame).geometry, row=300, column=90)
+
+
+def by_device(streams: list[Stream]) -> dict[str, Stream]:
+    return {each.device: each for each in streams}
+
+
+def ended(answer: str, *, exit_code: int = 3, **known: object) -> list[Stream]:
+    streams = Streams()
+    streams.started()
+    return streams.ended(Outcome(exit_code=exit_code, answer={"answer": answer, "angle_deg": 1.0, **known}))
+
+
+@pytest.mark.parametrize(
+    ("answer", "name"),
+    [
+        ("found", "FOUND"),
+        ("not found", "NOT_FOUND"),
+        ("unsure", "UNSURE"),
+        ("ambiguous", "AMBIGUOUS"),
+        ("at bound", "AT_BOUND"),
+    ],
+)
+def test_the_status_says_the_answer(answer: str, name: str) -> None:
+    status = by_device(ended(answer, exit_code=0 if answer == "found" else 3))["PaSearch"].content
+    assert (status.code, status.name) == (igtl.OK, name)
+
+
+def test_a_published_form_claims_no_marker() -> None:
+    sent = by_device(ended("found", exit_code=0, found=True, as_published=True, marker_trus_m=[0.001, 0.002, 0.003]))
+    assert sent["PaSearch"].content.name == "NO_CLAIM"
+    assert set(sent) == {"PaSearch", "SearchState"}
+
+
+def test_a_place_that_is_known_roughly_is_no_marker() -> None:
+    sent = by_device(ended("unsure", found=False, marker_trus_m=[0.001, 0.002, 0.003]))
+    assert set(sent) == {"PaSearch", "SearchState"}
+
+
+def test_a_command_that_ends_without_its_answer_is_a_fault() -> None:
+    streams = Streams()
+    streams.started()
+    assert by_device(streams.ended(Outcome(exit_code=0, answer=None)))["PaSearch"].content.name == "FAULT"
+
+
+def test_the_marker_of_the_search_before_is_withdrawn_when_the_next_begins() -> None:
+    streams = Streams()
+    for sent in (by_device(streams.idle()), by_device(streams.started())):
+        assert sent["PaMarker"].content == igtl.Points(points=())
+        assert sent["PaMarkerToProbeHome"].content == igtl.Position(position_mm=None)
+        assert sent["PaMarkerToProbeHome"].metadata == {"TransformStatus": "INVALID"}
+    sent = by_device(ended("found", exit_code=0, found=True, marker_trus_m=[0.001, 0.002, 0.003]))
+    assert sent["PaMarker"].content.points[0].position_mm == (1, 2, 3)
+    assert sent["PaMarkerToProbeHome"].content.position_mm == (1, 2, 3)
+    assert sent["PaMarkerToProbeHome"].metadata == {"TransformStatus": "OK"}
+
+
+def test_a_transform_before_the_first_search_says_that_no_angle_is_known() -> None:
+    sent = by_device(Streams().idle())["ProbeToProbeHome"]
+    assert sent.content.matrix.tolist() == np.eye(4).tolist()
+    assert sent.metadata == {"TransformStatus": "INVALID"}
+
+
+@pytest.mark.parametrize(
+    ("kind", "written", "expected_s"),
+    [
+        # 2.5 s from the first pulse to the commit.
+        ("bench", "2026-11-23T10:00:20.250000+00:00", datetime.fromisoformat("2026-11-23T10:00:17.75Z").timestamp()),
+        (
+            "simulated",
+            "2026-11-23T10:00:20.250000+00:00",
+            datetime.fromisoformat("2026-11-23T10:00:20.25Z").timestamp(),
+        ),
+        # A bank has no time of day.
+        ("replayed", "", 0.0),
+        ("replayed", "yesterday", 0.0),
+        ("replayed", "0001-01-01T00:00:00+00:00", 0.0),
+    ],
+)
+def test_image_and_transform_carry_one_time_that_of_the_acquisition(kind: str, written: str, expected_s: float) -> None:
+    rig = rigs.simulated(seed=1, settings=SimulatedSettings(receiver=ReceiverSettings(b_mode=True)))
+    rig.scanner.guard.arm(by="a test")
+    sample = replace(rig.scanner.measure(5.0), angle_deg=5.0)
+    configuration = configuration_of(rig, SearchPlan(method="ternary"))
+    streams = Streams()
+    streams.after(
+        StreamHead(
+            configuration=msgspec.structs.replace(configuration, facts=replace(configuration.facts, kind=kind)),
+            frames=True,
+        )
+    )
+    sent = streams.after(
+        StreamEvent(
+            number=1,
+            written=written,
+            clock_s=sample.frame.header.started_s + 2.5,
+            event=Measured(role="search", index=1, sample=sample),
+            header=None,
+            lost_lines=0,
+            lost_frames=0,
+        )
+    )
+    assert [each.device for each in sent] == ["ProbeToProbeHome", "BMode_ProbeHome", "PA_ProbeHome", "SearchState"]
+    assert [each.time_s for each in sent] == [expected_s] * 4
+    assert sent[0].metadata == {"TransformStatus": "OK"}

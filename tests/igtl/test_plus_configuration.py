@@ -26,5 +26,8 @@ def test_plus_looks_for_the_transform_that_the_bridge_sends_where_it_sends_it() 
     assert names == [f"{tool}To{device.get('ToolReferenceFrame')}"]
     assert int(device.get("ServerPort")) == PORT
     assert device.get("IgtlMessageCrcCheckEnabled") == "true"
+    # PLUS repeats the last angle with its own time, and drops what comes with an older one, as of an acquisition.
+    assert device.get("UseLastTransformsOnReceiveTimeout") == "true"
+    assert device.get("UseReceivedTimestamps") == "false"
     server = ET.parse(FILE).find("PlusOpenIGTLinkServer")
     assert int(server.get("ListeningPort")) != PORT

@@ -91,6 +91,22 @@ def served(
             errors.close()
 
 
+def certified(folder: Path) -> tuple[str, ...]:
+    """Options with a new certificate."""
+    certificate, key = folder / "page.pem", folder / "page.key"
+    made = subprocess.run(
+        [
+            *("openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=page"),
+            *("-keyout", str(key), "-out", str(certificate)),
+        ],
+        check=False,
+        capture_output=True,
+    )
+    if made.returncode:
+        pytest.skip("no openssl to make a certificate")
+    return ("--tls-certificate", str(certificate), "--tls-key", str(key))
+
+
 @dataclass
 class Watched:
     """A tab, and everything that went wrong in it."""

@@ -43,8 +43,10 @@ def test_armed_in_the_terminal_and_stopped_in_the_browser(browser, tmp_path):
             watched = open_tab(browser, page, "/", "&method=weighted-average&acquisitions=8&as_published=1")
             others = [subprocess.Popen([sys.executable, str(VIEWER), page.link]) for _ in range(2)]
             watched.press("Start")
-            wait_for_text(page, "Arm the laser and search?")
-            os.write(terminal, b"y\n")
+            wait_for_text(page, "name of the rig: ")
+            said = (page.data / "page.stderr").read_text()
+            assert "asked by: a browser at 127.0.0.1\nArm the laser and search?" in said
+            os.write(terminal, b"rig.toml\n")
             watched.wait_for(".ms-log", "acquisition 1:", timeout_ms=120_000)
             others[0].send_signal(signal.SIGSTOP)
             watched.wait_for(".ms-log", "acquisition 2:", timeout_ms=120_000)

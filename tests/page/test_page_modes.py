@@ -6,7 +6,7 @@ import json
 import re
 
 import pytest
-from page_browser import needs_browser
+from page_browser import needs_browser, sync_api
 
 pytestmark = [pytest.mark.real_time, needs_browser]
 
@@ -84,8 +84,11 @@ def test_replay_of_a_journal(opened, journal, shell):
     for _ in range(4):
         slider.press("PageDown")
     wait_for_density(watched.tab, drawn=False)
-    while not re.search("acquisition 1:", watched.text(".ms-log")):
+    log = watched.tab.locator(".ms-log")
+    while not re.search("acquisition 1:", before := watched.text(".ms-log")):
         slider.press("ArrowRight")
+        # Each event is a line of the log; a second key before that would go past the first acquisition.
+        sync_api.expect(log).not_to_have_text(before)
     wait_for_density(watched.tab, drawn=True)
     # Nothing of a recording is left once another is chosen.
     watched.tab.get_by_label("recording").click()

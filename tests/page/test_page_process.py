@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import json
 import os
+import select
 import signal
 import socket
 import subprocess
 import sys
+import time
 import urllib.request
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
-from page_browser import START, needs_browser, open_tab, served
+from page_browser import START, WAIT_MS, certified, needs_browser, open_tab, served, sync_api
 
-from markerseek.bridges.page.server import UNWATCHED_S
+from markerseek.bridges.page.server import UNWATCHED_S, Address
+from markerseek.core import ConfigError
 from markerseek.records.journal import Interrupted, read_journal
 
 pytestmark = pytest.mark.real_time
@@ -60,6 +64,25 @@ def test_no_browser():
     )
     refused((done.returncode, done.stdout, done.stderr), "no browser")
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("host", "said"),
+    [
+        *((host, "name the one address") for host in ("0", "0x0", "00.0", "")),
+        *((host, "name an IPv4 address") for host in ("::", "::1", "a" * 64)),
+    ],
+)
+def test_26_10_all_addresses_and_unknown_ones_are_refused_however_they_are_spelt(tmp_path, host, said):
+    _, certificate, _, key = certified(tmp_path)
+    with pytest.raises(ConfigError, match=said):
+        Address(host=host, certificate=Path(certificate), key=Path(key))
+
+
+def test_26_10_other_spellings_are_resolved_before_they_are_judged():
+    assert str(Address(host="0x7f.1").ip) == "127.0.0.1"
+    with pytest.raises(ConfigError, match="needs TLS"):
+        Address(host="3232235781")
 
 
 def test_other_address_needs_a_certificate(shell):
@@ -139,8 +162,31 @@ def test_ctrl_c_in_the_terminal_ends_page_and_search(browser, tmp_path):
     assert isinstance(read_journal(page.journals()[-1]).entries[-1].event, Interrupted)
 
 
+@pytest.mark.parametrize("times", [1, 2])
+def test_26_16_ctrl_c_leaves_no_trace_though_an_answer_is_under_way(tmp_path, times):
+    with served(tmp_path) as page, socket.socket() as reader, socket.socket() as idle:
+        place = urlsplit(page.address)
+        reader.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        for each in (reader, idle):
+            each.connect((place.hostname, place.port))
+        cookie = f"markerseek_{place.port}={page.token}"
+        # More answers than the system holds for somebody who reads none.
+        reader.sendall(f"GET / HTTP/1.1\r\nHost: {place.netloc}\r\nCookie: {cookie}\r\n\r\n".encode() * 40)
+        reader.recv(1)
+        idle.sendall(b"GET / HTTP/1.1\r\nHost: elsewhere\r\n\r\n")
+        assert idle.recv(4096).startswith(b"HTTP/1.1 403")
+        page.process.send_signal(signal.SIGINT)
+        if times == 2:
+            # Closed once the page has begun to end.
+            while idle.recv(4096):
+                pass
+            page.process.send_signal(signal.SIGINT)
+        assert page.process.wait(ENDS_S) == 0
+    assert (tmp_path / "page.stderr").read_text() == ""
+
+
 def test_page_ends_though_one_of_its_threads_works(tmp_path):
-    work = "import time; from markerseek.bridges.page import watched; watched.warm_up = lambda: time.sleep(60)"
+    work = "import time; from markerseek.bridges.page import run_history; run_history.warm_up = lambda: time.sleep(60)"
     with served(tmp_path, start=f"{work}; {START}") as page:
         # It answers: its threads have begun.
         urllib.request.build_opener(urllib.request.HTTPCookieProcessor()).open(page.link).close()
@@ -164,3 +210,52 @@ def test_search_runs_at_the_priority_of_the_terminal(opened, page):
     assert sorted(priorities) == [(own, os.SCHED_OTHER), *[lowered] * (len(threads) - 1)]
     watched.tab.locator(".ms-stop").click()
     watched.wait_for(".ms-status", "^stopped by SIG")
+
+
+LINE = ".ms-silent"
+"""The red line at the top of the page."""
+
+
+@needs_browser
+def test_26_7_hung_page_says_that_stop_was_not_delivered_and_its_search_ends_within_5_s(browser, tmp_path):
+    with served(tmp_path) as page:
+        watched = open_tab(browser, page, "/", "&pace=1")
+        watched.start()
+        watched.wait_for(".ms-log", "dark frame 1")
+        (child,) = page.children()
+        ended = os.pidfd_open(child)
+        page.process.send_signal(signal.SIGSTOP)
+        hung_s = time.monotonic()
+        try:
+            watched.tab.locator(".ms-stop").click()
+            # One second for the answer, one for a computer that is busy.
+            watched.wait_for(LINE, "STOP was not delivered \\(no answer within 1 s\\)", timeout_ms=2000)
+            assert select.select([ended], [], [], hung_s + 5 - time.monotonic())[0]
+        finally:
+            os.close(ended)
+            page.process.send_signal(signal.SIGCONT)
+        # It comes back, says how the search ended, and STOP is heard again.
+        watched.wait_for(".ms-status", "^stopped by SIGTERM")
+        watched.tab.keyboard.press("Escape")
+        sync_api.expect(watched.tab.locator(LINE)).to_be_hidden(timeout=WAIT_MS)
+        watched.tab.context.close()
+    assert isinstance(read_journal(page.journals()[-1]).entries[-1].event, Interrupted)
+
+
+@needs_browser
+def test_26_7_search_of_a_page_whose_event_loop_hangs_ends_within_5_s(browser, tmp_path):
+    hangs = "from markerseek.bridges.page import turn_page; turn_page.build_turn_page = lambda _: time.sleep(8)"
+    with served(tmp_path, start=f"import time; {hangs}; {START}") as page:
+        watched = open_tab(browser, page, "/", "&pace=1")
+        watched.start()
+        watched.wait_for(".ms-log", "dark frame 1")
+        (child,) = page.children()
+        ended = os.pidfd_open(child)
+        place = urlsplit(page.address)
+        with socket.create_connection((place.hostname, place.port)) as connection:
+            cookie = f"markerseek_{place.port}={page.token}"
+            connection.sendall(f"GET /turn HTTP/1.1\r\nHost: {place.netloc}\r\nCookie: {cookie}\r\n\r\n".encode())
+            assert select.select([ended], [], [], 5)[0]
+        os.close(ended)
+        watched.tab.context.close()
+    assert isinstance(read_journal(page.journals()[-1]).entries[-1].event, Interrupted)

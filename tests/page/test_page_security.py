@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import json
+import os
+import resource
+import select
 import socket
 import ssl
-import subprocess
+import sys
+import time
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from page_browser import served
+from page_browser import START, certified, served
+
+from markerseek.bridges.page.listener import MAX_UNPROVED, UNPROVED_S
 
 pytestmark = pytest.mark.real_time
 
@@ -22,12 +30,26 @@ UPGRADE = {
 SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 
 
+@contextmanager
+def connected(page):
+    """A connection to a page, with TLS where it has a certificate."""
+    place = urlsplit(page.address)
+    with socket.create_connection((place.hostname, place.port), timeout=30) as connection:
+        if place.scheme == "http":
+            yield connection
+            return
+        context = ssl.create_default_context(cafile=page.data / "page.pem")
+        context.check_hostname = False
+        with context.wrap_socket(connection) as wrapped:
+            yield wrapped
+
+
 def answer(page, path="/", *, method="GET", **headers):
     """Status and head of the answer to one request."""
-    place = urlsplit(page.address)
-    given = {"Host": place.netloc} | {name.replace("_", "-"): value for name, value in headers.items()}
+    given = {"Host": urlsplit(page.address).netloc}
+    given |= {name.replace("_", "-"): value for name, value in headers.items()}
     lines = [f"{method} {path} HTTP/1.1", *(f"{name}: {value}" for name, value in given.items() if value is not None)]
-    with socket.create_connection((place.hostname, place.port), timeout=30) as connection:
+    with connected(page) as connection:
         connection.sendall("\r\n".join([*lines, "", ""]).encode())
         head = b""
         while b"\r\n\r\n" not in head and (data := connection.recv(4096)):
@@ -85,31 +107,10 @@ def test_stop_needs_origin(page):
 
 
 def test_another_address_is_served_with_tls_only(tmp_path):
-    certificate, key = tmp_path / "page.pem", tmp_path / "page.key"
-    made = subprocess.run(
-        [
-            *("openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=page"),
-            *("-keyout", str(key), "-out", str(certificate)),
-        ],
-        check=False,
-        capture_output=True,
-    )
-    if made.returncode:
-        pytest.skip("no openssl to make a certificate")
-    files = ("--tls-certificate", str(certificate), "--tls-key", str(key))
-    with served(tmp_path, "--host", "127.0.0.2", *files) as page:
-        place = urlsplit(page.address)
-        assert place.scheme == "https"
-        context = ssl.create_default_context(cafile=certificate)
-        context.check_hostname = False
-        with (
-            socket.create_connection((place.hostname, place.port), timeout=30) as plain,
-            context.wrap_socket(plain) as connection,
-        ):
-            connection.sendall(f"GET /?token={page.token} HTTP/1.1\r\nHost: {place.netloc}\r\n\r\n".encode())
-            head = connection.recv(4096).decode()
-        assert head.startswith("HTTP/1.1 303")
-        assert "; Secure" in head
+    with served(tmp_path, "--host", "127.0.0.2", *certified(tmp_path)) as page:
+        assert page.address.startswith("https://")
+        status, head = answer(page, f"/?token={page.token}")
+        assert (status, "; Secure" in head) == (303, True)
 
 
 def test_only_the_loopback_address_listens(page):
@@ -123,3 +124,92 @@ def test_only_the_loopback_address_listens(page):
     port = urlsplit(page.address).port
     # 127.0.0.1 as the system writes it, lowest byte first.
     assert rows == [f"0100007F:{port:04X}"]
+
+
+FILES = 1024
+"""Files that a process may open, on most systems."""
+
+STRANGERS = 1100
+"""Connections that show no token."""
+
+
+@contextmanager
+def strangers(page, sent):
+    """Open connections that send no whole request."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, STRANGERS + 200), hard))
+    place = urlsplit(page.address)
+    with ExitStack() as stack:
+        connections = []
+        for _ in range(STRANGERS):
+            connections.append(stack.enter_context(socket.create_connection((place.hostname, place.port))))
+            connections[-1].sendall(sent)
+        yield connections
+    resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+@pytest.mark.parametrize(
+    "sent", [b"", b"POST /stop HTTP/1.1\r\nHost: ", b"\x16\x03\x01\x02"], ids=["idle", "header", "TLS handshake"]
+)
+def test_26_8_stop_is_heard_within_1_s_among_1100_strangers(tmp_path, sent):
+    tls = certified(tmp_path) if sent.startswith(b"\x16") else ()
+    few = f"import resource; resource.setrlimit(resource.RLIMIT_NOFILE, ({FILES}, {FILES}))"
+    with served(tmp_path, *tls, start=f"{few}; {START}") as page, strangers(page, sent) as connections:
+        # The oldest have been ended, so that all have been taken in.
+        for each in connections[: STRANGERS - MAX_UNPROVED]:
+            each.settimeout(30)
+            with suppress(ConnectionResetError):
+                assert each.recv(1) == b""
+        began_s = time.monotonic()
+        status, _ = answer(page, "/stop", method="POST", Cookie=cookie(page), Origin=page.address)
+        assert (status, time.monotonic() - began_s < 1.0) == (204, True)
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [b"GET / HTTP/1.1\r\nX: ", b"POST / HTTP/1.1\r\nHost: elsewhere\r\nContent-Length: 1000\r\n\r\n"],
+    ids=["header", "body"],
+)
+def test_26_8_whoever_shows_no_token_is_ended_within_6_s_though_bytes_drip(page, sent):
+    with connected(page) as connection:
+        connection.sendall(sent)
+        ends_s = time.monotonic() + UNPROVED_S + 1
+        with suppress(ConnectionResetError, BrokenPipeError):
+            while select.select([connection], [], [], 0.5)[0] == [] or connection.recv(4096):
+                assert time.monotonic() < ends_s
+                connection.sendall(b"x")
+
+
+def test_26_8_whoever_shows_the_token_stays(page):
+    host = urlsplit(page.address).netloc
+    request = f"HEAD / HTTP/1.1\r\nHost: {host}\r\nCookie: {cookie(page)}\r\n\r\n".encode()
+    with connected(page) as known, connected(page) as stranger:
+        known.sendall(request)
+        assert known.recv(4096).startswith(b"HTTP/1.1 405")
+        known.sendall(request[:-2])
+        assert stranger.recv(1) == b""
+        known.sendall(request[-2:])
+        assert known.recv(4096).startswith(b"HTTP/1.1 405")
+
+
+def test_26_8_header_without_end_is_refused(page):
+    with connected(page) as connection, pytest.raises((ConnectionResetError, BrokenPipeError)):
+        connection.sendall(b"GET / HTTP/1.1\r\n" + (b"X: " + b"x" * 10_000 + b"\r\n") * 1000)
+
+
+def test_26_10_browser_that_is_opened_gets_the_page_once_and_its_command_shows_no_token(tmp_path, monkeypatch):
+    program, seen = tmp_path / "browser.py", tmp_path / "seen"
+    os.mkfifo(seen)
+    program.write_text(
+        "import json, sys, urllib.request\n"
+        "opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())\n"
+        "text = opener.open(sys.argv[1]).read().decode()\n"
+        f"open({str(seen)!r}, 'w').write(json.dumps([open('/proc/self/cmdline').read(), text]))\n"
+    )
+    monkeypatch.setenv("BROWSER", f"{sys.executable} {program} %s")
+    with served(tmp_path, "--open") as page:
+        command, text = json.loads(seen.read_text())
+        assert (page.address in command, page.token in command) == (True, False)
+        assert "markerseekStop" in text
+        # A second one needs the link.
+        assert answer(page)[0] == 403

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from markerseek.core import ConfigError
 from markerseek.geometry import (
     Camera,
+    RegistrationErrors,
     RigidTransform,
     StereoCameras,
     best_rotation,
@@ -30,7 +31,7 @@ def some_transform(seed: int) -> RigidTransform:
     rng = np.random.default_rng(seed)
     return RigidTransform(
         source="DaVinci",
-        target="Trus",
+        target="ProbeHome",
         rotation=Rotation.random(rng=rng).as_matrix(),
         translation_m=rng.uniform(-0.2, 0.2, 3),
     )
@@ -145,6 +146,102 @@ def test_the_refinement_is_the_minimum_that_a_general_optimiser_finds(seed: int)
     assert 2 * best.cost == pytest.approx(found.misfit * 21, rel=1e-6)
     np.testing.assert_allclose(Rotation.from_rotvec(best.x[:3]).as_matrix(), found.transform.rotation, atol=1e-5)
     np.testing.assert_allclose(1e-3 * best.x[3:6], found.transform.translation_m, atol=1e-6)
+
+
+def shared_errors(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Errors that all points share: a camera's depth is stretched and shifted, an ultrasound's depth stretched."""
+    depth_m = np.tile([0.0, 0.0, 1.0], (9, 1))
+    return (
+        np.stack([0.4e-3 * depth_m, rng.normal(scale=0.05e-3, size=(9, 3))], axis=2),
+        np.stack([0.01 * POINTS_M * [1, 0, 1], 0.1e-3 * np.eye(3)[[1] * 9]], axis=2),
+    )
+
+
+@pytest.mark.parametrize("refined", [False, True])
+def test_predicted_errors_hold_where_all_points_share_errors(refined: bool) -> None:
+    """FRE and TRE are those of many registrations that draw these errors from their priors; 95 % are covered."""
+    rng = np.random.default_rng(8)
+    true = some_transform(2)
+    source = true.inverse().apply(POINTS_M)
+    source_shared, target_shared = shared_errors(rng)
+    long_m, even_m = np.array([0.02e-3, 0.02e-3, 0.5e-3]), 0.04e-3
+    known = {
+        "source_covariances_m2": np.tile(np.diag(long_m**2), (9, 1, 1)),
+        "target_covariances_m2": np.tile(np.eye(3) * even_m**2, (9, 1, 1)),
+        "source_shared_m": source_shared,
+        "target_shared_m": target_shared,
+        "refined": refined,
+    }
+    predicted = register_points(source, POINTS_M, **known).errors
+    fre, off, misfits, pulls = [], [], [], []
+    for _ in range(800):
+        drawn = rng.standard_normal(4)
+        found = register_points(
+            source + source_shared @ drawn[:2] + rng.normal(size=(9, 3)) * long_m,
+            POINTS_M + target_shared @ drawn[2:] + rng.normal(size=(9, 3)) * even_m,
+            **known,
+        )
+        fre.append(found.fre_m**2)
+        misfits.append(found.misfit)
+        off.append(np.linalg.norm(found.transform.apply(true.inverse().apply(TARGET_M)) - TARGET_M))
+        pulls.append((found.shared - drawn) / np.sqrt(np.diag(found.errors.covariance)[6:]) if refined else drawn)
+    # 800 registrations know a root mean square to 2.5 % where one error prevails.
+    assert np.sqrt(np.mean(fre)) == pytest.approx(predicted.fre_m, rel=0.05)
+    assert np.sqrt(np.mean(np.square(off))) == pytest.approx(predicted.tre_m(TARGET_M), rel=0.06)
+    assert np.mean(np.array(off) < predicted.tre95_m(TARGET_M)) == pytest.approx(0.95, abs=0.02)
+    if refined:
+        assert np.mean(misfits) == pytest.approx(1.0, rel=0.03)
+        np.testing.assert_allclose(np.std(pulls, axis=0), 1.0, atol=0.08)
+
+
+@pytest.mark.parametrize("variances", [(1.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1.0, 0.5, 0.1), (1.0, 0.3, 0.0)])
+def test_the_length_that_95_of_100_errors_stay_below(variances: tuple[float, float, float]) -> None:
+    covariance = np.zeros((6, 6))
+    covariance[3:, 3:] = 1e-6 * np.diag(variances)
+    errors = RegistrationErrors(covariance=covariance, middle_m=np.zeros(3), fre_m=0.0)
+    drawn_m = np.random.default_rng(1).normal(size=(200_000, 3)) * 1e-3 * np.sqrt(variances)
+    share = np.mean(np.linalg.norm(drawn_m, axis=1) < errors.tre95_m(np.zeros(3)))
+    assert share == pytest.approx(0.95, abs=0.003)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_shared_errors_are_estimated_as_a_general_optimiser_finds_them(seed: int) -> None:
+    """Over the transform, the true points and the shared errors with their priors, as in a bundle adjustment."""
+    rng = np.random.default_rng(seed)
+    true = some_transform(seed)
+    source_shared, target_shared = shared_errors(rng)
+    long_m, even_m = np.array([0.02e-3, 0.02e-3, 0.5e-3]), 0.05e-3
+    drawn = rng.normal(scale=2, size=4)
+    source = true.inverse().apply(POINTS_M) + source_shared @ drawn[:2] + rng.normal(size=(9, 3)) * long_m
+    target = POINTS_M + target_shared @ drawn[2:] + rng.normal(scale=even_m, size=(9, 3))
+    found = register_points(
+        source,
+        target,
+        source_covariances_m2=np.tile(np.diag(long_m**2), (9, 1, 1)),
+        target_covariances_m2=np.tile(np.eye(3) * even_m**2, (9, 1, 1)),
+        source_shared_m=source_shared,
+        target_shared_m=target_shared,
+    )
+
+    def residual(parameters: np.ndarray) -> np.ndarray:
+        turn, shared, points = (
+            Rotation.from_rotvec(parameters[:3]),
+            parameters[6:10],
+            1e-3 * parameters[10:].reshape(9, 3),
+        )
+        seen = turn.inv().apply(points - 1e-3 * parameters[3:6])
+        in_source = (seen + source_shared @ shared[:2] - source) / long_m
+        in_target = (points + target_shared @ shared[2:] - target) / even_m
+        return np.concatenate([in_source.ravel(), in_target.ravel(), shared])
+
+    start = [*Rotation.from_matrix(true.rotation).as_rotvec(), *(1e3 * true.translation_m), *drawn]
+    best = least_squares(residual, [*start, *(1e3 * target.ravel())], xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    assert 2 * best.cost == pytest.approx(found.misfit * 21, rel=1e-6)
+    np.testing.assert_allclose(best.x[6:10], found.shared, atol=2e-4)
+    np.testing.assert_allclose(1e-3 * best.x[3:6], found.transform.translation_m, atol=2e-6)
+    # Its curvature is the inverse of the covariance that is said.
+    covariance = np.linalg.inv(best.jac.T @ best.jac)[6:10, 6:10]
+    np.testing.assert_allclose(np.diag(found.errors.covariance)[6:], np.diag(covariance), rtol=0.02)
 
 
 def test_the_refinement_ends_also_with_wrong_pairs_and_three_far_points() -> None:
@@ -279,6 +376,15 @@ def test_the_covariance_of_a_point_is_that_of_many() -> None:
         np.testing.assert_allclose(root @ theirs @ root.T, np.eye(3), atol=0.08)
 
 
+def test_a_shift_of_the_pixels_moves_the_points_as_said() -> None:
+    left, right = CAMERAS.project(seen_points(6, 8))
+    found = triangulate(left, right, CAMERAS, sigma_px=0.2)
+    for pixel in range(4):
+        shift = 1e-3 * np.eye(4)[pixel]
+        moved = triangulate(left + shift[:2], right + shift[2:], CAMERAS, sigma_px=0.2).points_m - found.points_m
+        np.testing.assert_allclose(moved, 1e-3 * found.by_pixel_m[:, :, pixel], atol=2e-9)
+
+
 def test_different_spots_in_the_two_images_are_refused() -> None:
     left, right = CAMERAS.project(seen_points(5, 4))
     with pytest.raises(ConfigError, match=r"point 3: its two lines of sight miss each other by .* different spots"):
@@ -318,10 +424,10 @@ def test_a_sigma_of_0_is_refused() -> None:
 
 def test_transforms_are_rotations_and_meet_in_named_frames() -> None:
     first, back = some_transform(1), some_transform(1).inverse()
-    assert (first.name, back.name) == ("DaVinciToTrus", "TrusToDaVinci")
+    assert (first.name, back.name) == ("DaVinciToProbeHome", "ProbeHomeToDaVinci")
     np.testing.assert_allclose((back @ first).matrix, np.eye(4), atol=1e-12)
     np.testing.assert_allclose(back.apply(first.apply(POINTS_M)), POINTS_M, atol=1e-12)
-    with pytest.raises(ConfigError, match="DaVinciToTrus after DaVinciToTrus: the first ends in Trus"):
+    with pytest.raises(ConfigError, match="DaVinciToProbeHome after DaVinciToProbeHome: the first ends in ProbeHome"):
         first @ first
     for wrong, words in (
         (-np.eye(3), "mirrors space"),

@@ -14,7 +14,7 @@ from scipy.stats import t as student
 from markerseek.acoustics import AcousticModel, GaussianAbsorber, Probe
 from markerseek.acoustics.absorber import Absorber
 from markerseek.core import Reading, Sample
-from markerseek.search.posterior._grid import LEAST, exponential
+from markerseek.search.posterior._grid import MIN_LOG_WEIGHT, exponential
 from markerseek.search.posterior.arrival import SOUND_SPEED_M_S, off_plane, student_log_likelihood
 from markerseek.search.posterior.arrival import log_likelihood as log_moments
 from markerseek.search.posterior.asymmetry import (
@@ -294,9 +294,9 @@ def test_the_shift_grows_as_less_of_the_sound_is_in_phase_as_that_differs_and_wi
     point, spot, uneven = coherence_of(1.0, 1.0), coherence_of(0.5, 0.5), coherence_of(0.4, 0.6)
     assert uneven.scatter == pytest.approx(0.1)
     assert shift_scale_m(point, width_m=5e-3) == pytest.approx(SHIFT_M)
-    assert shift_scale_m(spot, width_m=5e-3) == pytest.approx(0.2e-3)
-    assert shift_scale_m(uneven, width_m=5e-3) == pytest.approx(0.435e-3)
-    assert shift_scale_m(uneven, width_m=20e-3) == pytest.approx(0.87e-3)
+    assert shift_scale_m(spot, width_m=5e-3) == pytest.approx(0.125e-3)
+    assert shift_scale_m(uneven, width_m=5e-3) == pytest.approx(0.375e-3)
+    assert shift_scale_m(uneven, width_m=20e-3) == pytest.approx(0.75e-3)
     assert SHIFT_M < shift_scale_m(None, width_m=20e-3) < shift_scale_m(uneven, width_m=5e-3)
 
 
@@ -304,6 +304,6 @@ def test_the_exponential_of_the_weights_is_numpys():
     log = np.linspace(-25.0, 0.0, 5001).astype(np.float32)
     series, out = np.empty_like(log), np.empty_like(log)
     exponential(log, series, out.view(np.int32), out)
-    counted = log > LEAST
+    counted = log > MIN_LOG_WEIGHT
     np.testing.assert_allclose(out[counted], np.exp(log[counted], dtype=np.float64), rtol=1e-5)
     assert not out[~counted].any()

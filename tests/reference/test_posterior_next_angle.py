@@ -12,7 +12,7 @@ from markerseek.core import Interval
 from markerseek.search.posterior.angle_posterior import AnglePosterior
 from markerseek.search.posterior.next_angle import (
     DETECTION_TRAVEL_DEG,
-    LEAST_APART_DEG,
+    MIN_APART_DEG,
     PLAN,
     most_detectable_deg,
     planned_deg,
@@ -29,15 +29,18 @@ def posterior(theta_deg, log_snr, member):
     nothing = np.zeros(0)
     return AnglePosterior(
         angle_deg=np.array([0.0, 1.0]),
-        share=np.array([0.5, 0.5]),
+        probability=np.array([0.5, 0.5]),
         coarse_deg=np.array([0.0, 1.0]),
-        coarse_share=np.array([0.5, 0.5]),
+        coarse_probability=np.array([0.5, 0.5]),
         sigma=1.0,
         theta_deg=theta_deg,
         member=member,
         log_snr=log_snr,
         strong_deg=nothing,
         strong_log_snr=nothing,
+        strong_samples=np.zeros(0, np.int64),
+        energy_gain=None,
+        sample_error=0.02,
         fwhm_deg=5.0,
         marker_m=None,
         centre_sigma_deg=1.0,
@@ -53,7 +56,7 @@ def test_the_angle_has_the_largest_probability_of_detection():
     steps = np.arange(SHAPES.log_curve.shape[1]) * STEP_DEG
     best, largest = 0.0, 0.0
     for angle_deg in np.arange(-35.0, 35.1, 1.0):
-        if min(abs(angle_deg - other) for other in measured_deg) < LEAST_APART_DEG:
+        if min(abs(angle_deg - other) for other in measured_deg) < MIN_APART_DEG:
             continue
         heights = [
             np.exp(amplitude + np.interp(abs(angle_deg - t), steps, SHAPES.log_curve[kind]))
@@ -75,7 +78,7 @@ def test_it_lies_in_the_range_and_apart_from_the_measured_angles(measured_deg, m
     drawn = posterior(np.full(7, middle_deg), np.full(7, snr), np.full(7, 20))
     angle_deg = most_detectable_deg(drawn, SHAPES, measured_deg, limits=LIMITS, level=LEVEL)
     assert LIMITS.low_deg <= angle_deg <= LIMITS.high_deg
-    assert min(abs(angle_deg - other) for other in measured_deg) >= LEAST_APART_DEG
+    assert min(abs(angle_deg - other) for other in measured_deg) >= MIN_APART_DEG
 
 
 def test_in_a_range_measured_everywhere_it_is_in_the_largest_gap():

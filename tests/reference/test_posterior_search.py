@@ -47,12 +47,12 @@ def search(policy, *, rng, sigma, markers, fwhm_deg=6.0, tail=1.3, outlier=None)
     return policy.estimate(), count
 
 
-def campaign(searches, *, seed, sigma, acquisitions, target_sigma_deg=0.0, outlier=None, single=False):
+def campaign(searches, *, seed, sigma, acquisitions, target_sigma_deg=0.0, outlier=None, others=0.05):
     rng = np.random.default_rng(seed)
     found = []
     for index in range(searches):
         marker_deg = rng.uniform(-35, 35)
-        policy = Posterior(acquisitions=acquisitions, target_sigma_deg=target_sigma_deg, single=single)
+        policy = Posterior(acquisitions=acquisitions, target_sigma_deg=target_sigma_deg, others=others)
         answer, count = search(
             policy,
             rng=rng,
@@ -76,7 +76,7 @@ def test_eight_acquisitions_at_40_db():
 
 @pytest.mark.parametrize("outlier", [None, 1, 4])
 def test_found_is_right_with_a_outlier_frame_and_without(outlier):
-    answers = campaign(20, seed=2, sigma=10**-1.5, acquisitions=12, outlier=outlier, single=True)
+    answers = campaign(20, seed=2, sigma=10**-1.5, acquisitions=12, outlier=outlier, others=0.0)
     found = [(truth, answer) for truth, answer, _ in answers if isinstance(answer, Found)]
     assert len(found) > 5
     assert not [answer for truth, answer in found if abs(answer.mean_deg - truth) > 1]

@@ -20,6 +20,7 @@ from markerseek.search.posterior.likelihood import (
     OUTLIER_RANGE,
     OUTLIER_SHARE,
     PEAK_NOISE,
+    STRONG_SNR,
     TABLE_LOW,
     TABLE_STEP,
     Observation,
@@ -28,13 +29,16 @@ from markerseek.search.posterior.likelihood import (
 from markerseek.search.posterior.shapes import STEP_DEG, family
 from markerseek.search.posterior.symmetry import (
     CORRELATION_LENGTH,
-    MOST_STRONG,
+    GROUP_WIDTHS,
+    LOG_WIDTH_STEP,
+    MAX_GROUPS,
     SAMPLE_ERRORS,
-    STRONG_SNR,
     TEMPLATE_LOG_LEVELS,
     TEMPLATE_SIGMAS,
+    Grouped,
+    grouped,
     hypotheses_of,
-    strong_observations,
+    median_of,
     symmetric_log_likelihood,
 )
 
@@ -56,21 +60,42 @@ def template_sigma(log_level):
     return np.interp(-log_level, -TEMPLATE_LOG_LEVELS, TEMPLATE_SIGMAS)
 
 
-def covariance(member, distance_deg, noise, error):
-    """Of ln y, written out."""
+def of_samples(samples):
+    """Each strong sample in a group of its own."""
+    return Grouped(
+        strong=[[sample] for sample in samples if sample.strong],
+        others=[sample for sample in samples if not sample.strong],
+    )
+
+
+def covariance(member, offset_deg, noise, error, blur_deg=0.0):
+    """Of ln y, written out: template, width, and an angle that is known to its step only."""
+    distance_deg, step = np.abs(offset_deg), math.exp(LOG_WIDTH_STEP / 2)
     s = template_sigma(log_levels(member, distance_deg))
-    apart = (distance_deg[:, None] - distance_deg) / (CORRELATION_LENGTH * SHAPES.fwhm_deg[member])
-    return np.outer(s, s) / (1 + apart**2 / 2) + np.diag(noise**2 + error**2)
+    length_deg = CORRELATION_LENGTH * SHAPES.fwhm_deg[member]
+
+    def alike(apart_deg):
+        return 1 / (1 + (apart_deg / length_deg) ** 2 / 2)
+
+    template = np.outer(s, s) * (
+        alike(distance_deg[:, None] - distance_deg) + alike(distance_deg[:, None] + distance_deg)
+    )
+    template /= np.sqrt(np.outer(1 + alike(2 * distance_deg), 1 + alike(2 * distance_deg)))
+    width = (log_levels(member, distance_deg / step) - log_levels(member, distance_deg * step)) / math.sqrt(12)
+    slope = (
+        log_levels(member, np.abs(offset_deg + blur_deg / 2)) - log_levels(member, np.abs(offset_deg - blur_deg / 2))
+    ) / math.sqrt(12)
+    return template + np.outer(width, width) + np.outer(slope, slope) + np.diag(noise**2 + error**2)
 
 
-def brute_force(samples, angle_deg, member, error):
+def brute_force(samples, angle_deg, member, error, blur_deg=0.0):
     """Ln p, the amplitude summed over a fine grid, and any one sample an outlier."""
     measured_deg = np.array([sample.angle_deg for sample in samples])
     value = np.array([sample.log_intensity for sample in samples]) - log_levels(
         member, np.abs(measured_deg - angle_deg)
     )
     noise = PEAK_NOISE * np.array([sample.noise for sample in samples])
-    whole = covariance(member, np.abs(measured_deg - angle_deg), noise, error)
+    whole = covariance(member, measured_deg - angle_deg, noise, error, blur_deg)
 
     def evidence(kept):
         density = multivariate_normal(np.zeros(len(kept)), whole[np.ix_(kept, kept)])
@@ -81,17 +106,17 @@ def brute_force(samples, angle_deg, member, error):
     return math.log(total)
 
 
-@pytest.mark.parametrize("bump", [0.0, 0.8])
-def test_strong_samples_against_scipys_normal_distribution(bump):
+@pytest.mark.parametrize(("bump", "blur_deg"), [(0.0, 0.0), (0.8, 0.0), (0.0, 0.3)])
+def test_strong_samples_against_scipys_normal_distribution(bump, blur_deg):
     """Amplitude integrated out, and one frame of five perhaps an outlier: SciPy's density, summed over both."""
     angles_deg = np.array([-1.0, 0.0, 0.6])
     samples = [observation(t, float(log_levels(10, abs(t))) + 0.1) for t in (-3.0, -1.5, 0.5, 1.8, 3.3)]
     samples[3] = observation(1.8, samples[3].log_intensity + bump)
     hypotheses = hypotheses_of(SHAPES, MEMBERS)
-    found, _ = symmetric_log_likelihood(SHAPES, hypotheses, samples, angles_deg)
+    found, _ = symmetric_log_likelihood(SHAPES, hypotheses, of_samples(samples), angles_deg, blur_deg=blur_deg)
     for row, angle_deg in zip(found, angles_deg, strict=True):
         for log_p, member, error in zip(row, hypotheses.member, hypotheses.sample_error, strict=True):
-            assert log_p == pytest.approx(brute_force(samples, angle_deg, member, error), abs=1e-4)
+            assert log_p == pytest.approx(brute_force(samples, angle_deg, member, error, blur_deg), abs=1e-4)
 
 
 def test_a_weak_sample_counts_by_its_table():
@@ -99,8 +124,8 @@ def test_a_weak_sample_counts_by_its_table():
     strong = [observation(t, float(log_levels(10, abs(t)))) for t in (-2.0, 0.0, 2.5)]
     weak = observation(20.0, -3.0, noise=0.24, ratio=1.0)
     hypotheses = hypotheses_of(SHAPES, np.array([10]))
-    without, log_amplitude = symmetric_log_likelihood(SHAPES, hypotheses, strong, np.array([0.2]))
-    found, _ = symmetric_log_likelihood(SHAPES, hypotheses, [*strong, weak], np.array([0.2]))
+    without, log_amplitude = symmetric_log_likelihood(SHAPES, hypotheses, of_samples(strong), np.array([0.2]))
+    found, _ = symmetric_log_likelihood(SHAPES, hypotheses, of_samples([*strong, weak]), np.array([0.2]))
     level = float(log_levels(10, 19.8))
     error = float(ERRORS[np.searchsorted(-LEVELS, -level)])
     table = log_tables(noise=0.24, cells=10_000, errors=(error,))[0]
@@ -125,7 +150,7 @@ def test_equal_flanks_of_any_form_give_the_centre(angle_deg, offsets, errors, mi
     if mirrored:
         samples.reverse()
     places = angle_deg + np.linspace(-1.0, 1.0, 21)
-    log_p, _ = symmetric_log_likelihood(SHAPES, hypotheses_of(SHAPES, MEMBERS), samples, places)
+    log_p, _ = symmetric_log_likelihood(SHAPES, hypotheses_of(SHAPES, MEMBERS), of_samples(samples), places)
     np.testing.assert_allclose(log_p, log_p[::-1], atol=1e-6)
     posterior = np.exp(log_p - log_p.max()).sum(axis=1)
     assert float(posterior @ places) / posterior.sum() == pytest.approx(angle_deg, abs=1e-6)
@@ -142,18 +167,44 @@ def test_the_laser_error_is_inferred_from_repeated_samples():
             for t in (-1.0, 1.0)
             for k in (-1, 0, 1)
         ]
-        log_p, _ = symmetric_log_likelihood(SHAPES, hypotheses, samples, np.array([0.0]))
+        log_p, _ = symmetric_log_likelihood(SHAPES, hypotheses, grouped(samples, fwhm_deg=5.0), np.array([0.0]))
         return float(hypotheses.sample_error[np.argmax(log_p[0])])
 
     assert likeliest(0.15) == max(errors)
-    assert likeliest(0.005) == min(errors)
+    # The samples' own noise is 0.4 %.
+    assert likeliest(0.001) < 0.01 < likeliest(0.03) < max(errors)
 
 
-def test_which_samples_are_strong():
-    samples = [observation(float(k), 0.0, noise=0.01 + 0.001 * k) for k in range(20)]
-    samples += [observation(30.0, 0.0, noise=1.01 / STRONG_SNR), observation(31.0, 0.0, noise=0.001, ratio=0.02)]
-    strong = strong_observations(samples)
-    assert [sample.angle_deg for sample in strong] == [float(k) for k in range(MOST_STRONG)]
+def test_a_group_of_one_angle_counts_as_its_samples():
+    """Three repeats of an angle, one of them an outlier: equal to all samples one by one."""
+    samples = [observation(t, float(log_levels(10, abs(t - 0.1)))) for t in (-3.0, -1.5, 1.8, 3.3)]
+    repeats = [observation(0.5, e, noise=0.02 + abs(e) / 50) for e in (0.0, 0.02, 0.9)]
+    angles_deg = np.array([-0.4, 0.1, 0.6])
+    hypotheses = hypotheses_of(SHAPES, MEMBERS)
+    apart = symmetric_log_likelihood(SHAPES, hypotheses, of_samples([*samples, *repeats]), angles_deg)
+    together = Grouped(strong=[*([sample] for sample in samples), repeats], others=[])
+    for one, other in zip(symmetric_log_likelihood(SHAPES, hypotheses, together, angles_deg), apart, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-6)
+
+
+def test_how_samples_are_grouped():
+    """Weak ones alone, repeats together, the strongest groups only; in a wider group a sample may differ by more."""
+    samples = [observation(float(k), -0.1 * k, noise=0.01) for k in range(3)]
+    samples += [observation(1.01, 0.2, noise=0.01), observation(1.02, -0.11, noise=0.01)]
+    weak = [observation(30.0, 0.0, noise=1.01 / STRONG_SNR), observation(31.0, 0.0, noise=0.001, ratio=0.02)]
+    found = grouped([*samples, *weak], fwhm_deg=5.0)
+    assert sorted(each.angle_deg for each in found.others) == [30.0, 31.0]
+    assert [[each.angle_deg for each in group] for group in found.strong] == [[0.0], [1.0, 1.01, 1.02], [2.0]]
+    median = median_of(found.strong[1])
+    assert (median.angle_deg, median.log_intensity) == (1.01, -0.1)
+    assert median.noise == pytest.approx(0.01 / math.sqrt(3))
+    many = [observation(t, -(t**2) / 20) for t in np.linspace(-10, 10, 401).tolist()]
+    found = grouped(many, fwhm_deg=5.0)
+    assert len(found.strong) == MAX_GROUPS
+    assert all(abs(group[-1].angle_deg - group[0].angle_deg) <= max(GROUP_WIDTHS) * 5.0 for group in found.strong)
+    assert max(abs(each.angle_deg) for group in found.strong for each in group) < min(
+        abs(each.angle_deg) for each in found.others
+    )
 
 
 @pytest.mark.parametrize("strong_deg", [(), (1.0, 4.5)])
@@ -222,7 +273,8 @@ def test_a_narrow_mode_beside_a_wide_one_is_not_stepped_over():
     coarse = inference._coarse(lit, SearchNoise(floor=Floor(level=6.4, source="dark frames"), sigma=1.0))
     angles_deg = np.arange(30.0, 46.0, 0.02)
     hypotheses = hypotheses_of(SHAPES, np.arange(SHAPES.fwhm_deg.size))
-    log_p, _ = symmetric_log_likelihood(SHAPES, hypotheses, inference._observations, angles_deg)
+    samples = grouped(inference._observations, fwhm_deg=10.0)
+    log_p, _ = symmetric_log_likelihood(SHAPES, hypotheses, samples, angles_deg)
     by_angle = logsumexp(log_p + hypotheses.log_prior, axis=1)
     for lift, tolerance in ((0.0, 0.2), (5.0, 0.1)):
 
@@ -232,4 +284,4 @@ def test_a_narrow_mode_beside_a_wide_one_is_not_stepped_over():
         known = coarse.marginals(log_prior(coarse.angles_deg), particles=8)
         centre = refine(SHAPES, coarse, known, inference._observations, log_prior, particles=8)
         beyond = softmax(by_angle + log_prior(angles_deg))[angles_deg > 36].sum()
-        assert centre.share[centre.angles_deg > 36].sum() == pytest.approx(beyond, abs=tolerance)
+        assert centre.probability[centre.angles_deg > 36].sum() == pytest.approx(beyond, abs=tolerance)

@@ -13,7 +13,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from markerseek.core import Found, NotFound, Reading, Sample, Unsure
+from markerseek.core import Found, NotFound, Reading, Sample, Tolerance, Unsure
 from markerseek.search import build, noise_of
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes")
@@ -87,9 +87,12 @@ def test_intervals_cover(name, acquisitions, sigma):
 
 @pytest.mark.parametrize("name", ["weighted-average", "golden-section", "ternary", "exhaustive", "manual"])
 def test_found_is_not_far_off(name):
-    """Of 1,000 searches at 30 dB none is found and off by more than 1° (bound at 95 %: 3e-3)."""
+    """Of 1,000 searches at 30 dB none is found and off by more than twice the tolerance (bound at 95 %: 3e-3)."""
     answers = campaign(name, sigma=10**-1.5, searches=1000, seed=2)
-    assert not [answer for answer, truth in answers if isinstance(answer, Found) and abs(answer.mean_deg - truth) > 1]
+    most_deg = 2 * Tolerance().deg
+    off = [abs(answer.mean_deg - truth) > most_deg for answer, truth in answers if isinstance(answer, Found)]
+    assert len(off) > 250
+    assert not any(off)
 
 
 @pytest.mark.parametrize(("name", "acquisitions"), [("weighted-average", 57), ("exhaustive", 141)])

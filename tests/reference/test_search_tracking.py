@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from markerseek.core import (
-    MOST_ACQUISITIONS,
+    MAX_ACQUISITIONS,
     ConfigError,
     Finished,
     Found,
@@ -25,7 +25,7 @@ from markerseek.core import (
 )
 from markerseek.guard import State
 from markerseek.rigs import rig_in_world
-from markerseek.runs import follow, following, quality_of, stage_period_s, tracking
+from markerseek.runs import quality_of, stage_period_s, track_run, tracking, tracking_policy
 from markerseek.search import Tracker, TrackingPolicy
 from markerseek.search.tracking import SHAPE_ERROR, curve
 from markerseek.signals import IntensityReader
@@ -33,11 +33,11 @@ from markerseek.sim import (
     CurveWorld,
     LaserSettings,
     MovingWorld,
+    OscillatingMotion,
     PowerCurve,
     ReceiverSettings,
     SimulatedSettings,
     StageMotion,
-    Swing,
     VirtualClock,
     swing_deg,
 )
@@ -190,7 +190,7 @@ def rig_of_intensities(swing, *, stage):
 
 
 def on_rig(speed_deg_s, *, stage, duration_s=10.0):
-    swing = Swing(speed_deg_s=speed_deg_s)
+    swing = OscillatingMotion(speed_deg_s=speed_deg_s)
     rig = rig_of_intensities(swing, stage=stage)
     confirmation = rig.scanner.measure(1.0)
     found = Found(
@@ -200,8 +200,8 @@ def on_rig(speed_deg_s, *, stage, duration_s=10.0):
         interval_kind="posterior",
         curve=MarkerCurve(fwhm_deg=FWHM_DEG, peak=confirmation.reading.intensity),
     )
-    policy = following(rig, found, confirmation, speed_deg_s=speed_deg_s, duration_s=duration_s, period_s=0.1)
-    events = list(follow(rig, policy, swing))
+    policy = tracking_policy(rig, found, confirmation, speed_deg_s=speed_deg_s, duration_s=duration_s, period_s=0.1)
+    events = list(track_run(rig, policy, swing))
     return rig, policy, events, quality_of(policy, swing, rest_deg=1.0)
 
 
@@ -230,15 +230,15 @@ def test_a_rig_that_is_too_slow_loses_the_marker_and_stops():
 
 
 def test_a_track_has_a_limit_of_its_own(monkeypatch):
-    assert tracking.MOST_FRAMES > MOST_ACQUISITIONS
-    monkeypatch.setattr(tracking, "MOST_FRAMES", 5)
+    assert tracking.MAX_FRAMES > MAX_ACQUISITIONS
+    monkeypatch.setattr(tracking, "MAX_FRAMES", 5)
     with pytest.raises(SearchError, match="asked for more than 5 acquisitions"):
         on_rig(1.0, stage=DIRECT, duration_s=3.0)
 
 
 def test_a_moving_world_is_seen_where_it_is_at_the_flash():
     """The intensity of a frame is that of a world at rest with the marker at the moved angle."""
-    swing = Swing(speed_deg_s=5.0)
+    swing = OscillatingMotion(speed_deg_s=5.0)
     rig = rig_of_intensities(swing, stage=DIRECT)
     swing.begin(rig.scanner.clock.now_s())
     for _ in range(8):
@@ -247,7 +247,7 @@ def test_a_moving_world_is_seen_where_it_is_at_the_flash():
         expected = 100 * PowerCurve(fwhm_deg=FWHM_DEG, power=1.2).peaks(3.0 - now_deg)[0]
         assert sample.reading.intensity == pytest.approx(expected, abs=0.06 * expected + 5)
     # In closed form: at rest until it begins, then from the middle of the swing upwards at an even speed.
-    one = Swing(speed_deg_s=5.0)
+    one = OscillatingMotion(speed_deg_s=5.0)
     one.begin(7.0)
     assert [one.moved_deg(at_s) for at_s in (0.0, 7.0, 7.4, 8.2)] == pytest.approx([0.0, 0.0, 2.0, 6.0])
     assert max(one.moved_deg(7 + 0.01 * step) for step in range(2000)) == pytest.approx(one.reach_deg, abs=1e-3)

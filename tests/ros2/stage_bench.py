@@ -59,7 +59,7 @@ class Bench:
         for topic, kind in (
             (topics.MEASURED_JS, JOINT),
             (topics.SETPOINT_JS, JOINT),
-            (topics.OPERATING_STATE, "std_msgs/msg/String"),
+            (topics.STATE, "std_msgs/msg/String"),
             (topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray"),
             ("/angle", NUMBER),
         ):
@@ -102,7 +102,7 @@ class Bench:
 
     @property
     def states(self) -> list[dict[str, Any]]:
-        return [json.loads(each.data) for each in self.heard[topics.OPERATING_STATE]]
+        return [json.loads(each.data) for each in self.heard[topics.STATE]]
 
     def dropped(self) -> dict[str, str]:
         self.heard[topics.DIAGNOSTICS].clear()

@@ -89,7 +89,7 @@ def test_b_mode_images_and_a_registration_are_shown(start: Start, tmp_path: Path
     assert (images[-1].encoding, images[-1].header.frame_id) == ("mono8", "trus_bmode")
     assert len(images[-1].data) == images[-1].height * images[-1].width
     # A transform on its own must not pass for one of a real camera.
-    assert {each.child_frame_id for each in cameras} == {"simulated_davinci_camera"}
+    assert {each.child_frame_id for each in cameras} == {"simulated_davinci_camera_optical"}
     place = cameras[-1].transform.translation
     assert [place.x, place.y, place.z] == [row[3] for row in registered["davinci_to_trus"][:3]]
 

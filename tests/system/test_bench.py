@@ -169,7 +169,7 @@ def test_the_doctor_looks_at_a_rig_s_devices_and_moves_nothing(
         assert "stands at 0.000 deg, inside [-36.5, 36.5] deg" in finding["detail"]
         # Once is enough of the searches, and of the programs that compute for seconds to load the computer.
         for other in ("_search", "_punctuality", "_punctuality_under_load"):
-            monkeypatch.setattr(doctor, other, lambda _: doctor.Finding(what="", state="ok", detail=""))
+            monkeypatch.setattr(doctor, other, lambda _: doctor.CheckResult(what="", state="ok", detail=""))
         usual = devices.rig.read_text()
         for name, wrong in (
             ("age_s = 1.0", "age_s = 1.5"),

@@ -106,7 +106,7 @@ def test_a_probe_mounted_the_other_way_round_is_noticed_on_the_emulated_bench(
 
     for module in (direction_of, doctor):
         monkeypatch.setattr(module, "open_rig", open_emulated)
-    monkeypatch.setattr(doctor, "_search", lambda _: doctor.Finding(what="", state="ok", detail=""))
+    monkeypatch.setattr(doctor, "_search", lambda _: doctor.CheckResult(what="", state="ok", detail=""))
     rig = tmp_path / "rig.toml"
     rig.write_text('kind = "simulated"\n')
     words = ("doctor", "--rig", rig, "--source-deg", SOURCE_DEG, "--json")

@@ -84,8 +84,7 @@ def test_an_inherited_pipe_is_written_to() -> None:
     ("options", "said"),
     [
         (("--event-frames",), "--event-frames says how events are sent, and none are"),
-        (("--stop-with-reader",), "--stop-with-reader says how events are sent, and none are"),
-        (("--events", "f", "--stop-with-reader"), "it needs a pipe, --events /dev/fd/N"),
+        (("--heartbeat", "/dev/null"), "--heartbeat /dev/null: it is no pipe; name one that is open, /dev/fd/N"),
         (("--events", "no/such/folder"), "--events no/such/folder: it cannot be written: No such file"),
     ],
 )

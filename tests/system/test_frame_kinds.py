@@ -49,7 +49,7 @@ def test_a_marker_is_found_in_rf_lines_by_spare():
 @pytest.mark.parametrize(("method", "limit_deg"), [("posterior", 0.3), ("weighted-average", 0.3), ("ternary", 0.7)])
 def test_the_tip_is_found_by_the_same_methods(method, limit_deg):
     # There is one tip: no other is looked for.
-    rig, events = finished(TIP, method=method, single=method == "posterior")
+    rig, events = finished(TIP, method=method, others=0.0 if method == "posterior" else None)
     assert isinstance(events[-1].estimate, Found)
     assert abs(events[-1].estimate.mean_deg - 12.5) < limit_deg
     assert all(isinstance(each.sample.frame, BModeFrame) for each in events if isinstance(each, Measured))

@@ -144,10 +144,10 @@ def test_a_killed_search_is_resumed_once_it_is_armed(shell: Shell, tmp_path: Pat
     ended = killed_search(path, signal.SIGKILL, after=3)
     assert ended.returncode == -signal.SIGKILL
     before = len(read_journal(path).entries)
-    code, out, _ = shell("resume", path)
+    code, out, err = shell("resume", path)
     assert code == 4
     assert "3 acquisitions are kept; the next is at" in out
-    assert "nothing moved and nothing was fired; add --arm" in out
+    assert "nothing moved and nothing was fired; add --arm" in err
     code, out, _ = shell("resume", path, "--json")
     printed = json.loads(out)
     assert (code, printed["armed"], printed["acquisitions"]) == (4, False, 3)

@@ -24,7 +24,7 @@ from markerseek.rigs.rig_file import read_rig_file
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rigs" / "bench.toml"
 
-LEAST = '[stage]\nport = "/dev/a"\nzero_deg = 12.5\n[laser]\nport = "/dev/b"\n[receiver]\nfolder = "daq"\n'
+MINIMAL = '[stage]\nport = "/dev/a"\nzero_deg = 12.5\n[laser]\nport = "/dev/b"\n[receiver]\nfolder = "daq"\n'
 
 
 def read(folder: Path, text: str) -> BenchSettings:
@@ -62,40 +62,40 @@ def test_the_commented_example_names_every_key_and_holds_the_defaults() -> None:
 
 
 def test_the_required_settings_suffice_and_folders_lie_beside_the_file(tmp_path: Path) -> None:
-    settings = read(tmp_path, 'kind = "bench"\n' + LEAST)
+    settings = read(tmp_path, 'kind = "bench"\n' + MINIMAL)
     assert settings.stage.zero_deg == 12.5
     assert settings.receiver.folder == str(tmp_path / "daq")
     assert settings.supervisor.enabled
-    other = read(tmp_path, 'kind = "bench"\n' + LEAST.replace('"daq"', '"/data/daq"\nstart_command = ["go", "now"]'))
+    other = read(tmp_path, 'kind = "bench"\n' + MINIMAL.replace('"daq"', '"/data/daq"\nstart_command = ["go", "now"]'))
     assert (other.receiver.folder, other.receiver.start_command) == ("/data/daq", ("go", "now"))
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (LEAST.replace("zero_deg = 12.5\n", ""), "the key stage.zero_deg is missing"),
-        (LEAST.replace('port = "/dev/b"\n', ""), "the key laser.port is missing"),
+        (MINIMAL.replace("zero_deg = 12.5\n", ""), "the key stage.zero_deg is missing"),
+        (MINIMAL.replace('port = "/dev/b"\n', ""), "the key laser.port is missing"),
         ('[stage]\nport = "a"\nzero_deg = 0.0\n', "the key laser is missing"),
-        (LEAST + "foldr = 1\n", "key receiver.foldr is unknown; did you mean receiver.folder"),
-        (LEAST + "[supervisor]\nenabeld = false\n", "key supervisor.enabeld is unknown; did you mean"),
-        (LEAST + "[supervisor]\nlease_s = 0\n", "lease_s is 0.0 s"),
-        (LEAST + "[limits.search]\nlow_deg = 35.0\nhigh_deg = -35.0\n", "low end must lie below the high end"),
-        (LEAST + "[limits.search]\nlow_deg = nan\nhigh_deg = 35.0\n", "must be finite"),
-        (LEAST + "[firing]\npulses_per_permit = 15\n", "pulses is 16, firing.pulses_per_permit is 15"),
+        (MINIMAL + "foldr = 1\n", "key receiver.foldr is unknown; did you mean receiver.folder"),
+        (MINIMAL + "[supervisor]\nenabeld = false\n", "key supervisor.enabeld is unknown; did you mean"),
+        (MINIMAL + "[supervisor]\nlease_s = 0\n", "lease_s is 0.0 s"),
+        (MINIMAL + "[limits.search]\nlow_deg = 35.0\nhigh_deg = -35.0\n", "low end must lie below the high end"),
+        (MINIMAL + "[limits.search]\nlow_deg = nan\nhigh_deg = 35.0\n", "must be finite"),
+        (MINIMAL + "[firing]\npulses_per_permit = 15\n", "pulses is 16, firing.pulses_per_permit is 15"),
         (
-            LEAST.replace('port = "/dev/b"', 'port = "/dev/b"\ndriver = "lamp"'),
+            MINIMAL.replace('port = "/dev/b"', 'port = "/dev/b"\ndriver = "lamp"'),
             "it must be one of: laserbox, picolas",
         ),
-        (LEAST.replace('port = "/dev/b"', 'port = "/dev/b"\nrate_hz = nan'), "rate_hz is nan"),
+        (MINIMAL.replace('port = "/dev/b"', 'port = "/dev/b"\nrate_hz = nan'), "rate_hz is nan"),
         (
-            LEAST.replace("zero_deg = 12.5", "zero_deg = 12.5\nspeed_deg_s = 99.0"),
+            MINIMAL.replace("zero_deg = 12.5", "zero_deg = 12.5\nspeed_deg_s = 99.0"),
             r"speed_deg_s is 99.0 deg/s, it must lie in \[0.1, 25\] deg/s",
         ),
-        (LEAST + "timeout_s = 0.0\n", r"timeout_s is 0.0 s, it must lie in \(0, 600\] s"),
-        (LEAST + "stable_s = nan\n", "stable_s is nan s"),
-        (LEAST + 'start_command = "rm -rf /"\n', 'start_command is text, it must be a list or "none"'),
-        (LEAST + 'tissue = "liver"\n', "key receiver.tissue is unknown"),
-        ('tissue = "liver"\n' + LEAST, "key tissue is unknown"),
+        (MINIMAL + "timeout_s = 0.0\n", r"timeout_s is 0.0 s, it must lie in \(0, 600\] s"),
+        (MINIMAL + "stable_s = nan\n", "stable_s is nan s"),
+        (MINIMAL + 'start_command = "rm -rf /"\n', 'start_command is text, it must be a list or "none"'),
+        (MINIMAL + 'tissue = "liver"\n', "key receiver.tissue is unknown"),
+        ('tissue = "liver"\n' + MINIMAL, "key tissue is unknown"),
     ],
 )
 def test_a_file_with_a_fault_is_refused_with_file_key_and_cure(tmp_path: Path, text: str, message: str) -> None:

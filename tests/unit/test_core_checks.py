@@ -7,7 +7,7 @@ import math
 import msgspec
 import pytest
 
-from markerseek.core import MOST_ACQUISITIONS, PAPER_RANGE, ConfigError, RigFacts, SearchPlan, require_range
+from markerseek.core import MAX_ACQUISITIONS, PAPER_RANGE, ConfigError, RigFacts, SearchPlan, require_range
 
 NAN = math.nan
 
@@ -39,7 +39,7 @@ def test_a_number_outside_is_refused_with_value_unit_limits_and_cure(
     ("wrong", "message"),
     [
         ({"acquisitions": -1}, "acquisitions is -1, it must be a whole number between 0 and 500"),
-        ({"acquisitions": MOST_ACQUISITIONS + 1}, "acquisitions is 501"),
+        ({"acquisitions": MAX_ACQUISITIONS + 1}, "acquisitions is 501"),
         ({"acquisitions": True}, "acquisitions is True"),
         ({"start_deg": NAN}, "start_deg is nan deg"),
         ({"dark_frames": -1}, "dark_frames is -1, it must lie between 0 and 100"),

@@ -7,7 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from markerseek.core import Found, Interval, Reading, RigFacts, Sample, marker_position
+from markerseek.core import (
+    Doubt,
+    Finished,
+    Found,
+    Interval,
+    Measured,
+    Reading,
+    RigFacts,
+    Sample,
+    SearchPlan,
+    marker_position,
+)
+from markerseek.records import Recorder
 
 FACE_M, RADIUS_M, SPEED = 10e-3, 60e-3, 1540.0
 FACTS = RigFacts(
@@ -50,6 +62,19 @@ def test_the_slant_range_of_the_energy_s_centroid_gives_the_exact_place() -> Non
     assert marker.sigma_m[0] == pytest.approx(RADIUS_M * np.radians(0.05), rel=1e-6)
 
 
+def test_an_answer_that_is_unsure_for_its_width_has_a_place_and_one_of_which_source_has_none() -> None:
+    plan = SearchPlan(method="posterior", start_deg=0.0)
+    cases: tuple[tuple[Doubt, bool], ...] = (("width", True), ("source", False))
+    for doubt, placed in cases:
+        recorder = Recorder()
+        for index, sample in enumerate(SAMPLES, start=1):
+            recorder.add(Measured(role="search", index=index, sample=sample))
+        unsure = FOUND.as_unsure(doubt, "why")
+        recorder.add(Finished(estimate=unsure, confirmation=None, acquisitions=3, travel_deg=30.0, elapsed_s=9.0))
+        result = recorder.result(plan, FACTS)
+        assert (result.marker_trus_m is not None, result.marker_sigma_m is not None) == (placed, placed)
+
+
 def test_strong_frames_of_the_same_source_count_by_the_square_of_their_intensity() -> None:
     beside = [
         *SAMPLES,
@@ -70,10 +95,10 @@ def test_an_incoherent_source_is_uneven_and_its_place_less_certain() -> None:
         marker = marker_position(FOUND, samples, FACTS)
         assert marker is not None
         sigmas.append(marker.sigma_m[1:])
-    assert sigmas[0] == pytest.approx((0.01e-3, 0.006e-3))
-    assert sigmas[1] == pytest.approx((0.03e-3, 0.018e-3))
+    assert sigmas[0] == pytest.approx((0.005e-3, 0.005e-3))
+    assert sigmas[1] == pytest.approx((0.015e-3, 0.015e-3))
     # Without a coherence the spot may be a wide stained one.
-    assert sigmas[2] == sigmas[3] == pytest.approx((0.4e-3, 0.24e-3))
+    assert sigmas[2] == sigmas[3] == pytest.approx((0.2e-3, 0.2e-3))
 
 
 def test_the_covariance_lies_along_turn_axis_and_depth() -> None:

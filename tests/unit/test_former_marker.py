@@ -42,7 +42,7 @@ def test_the_curve_is_read_from_the_result_and_from_the_journal(tmp_path: Path) 
 
 def test_a_plan_with_a_prior_survives_the_journal(tmp_path: Path) -> None:
     curve = MarkerCurve(fwhm_deg=6.0, peak=100.0)
-    plan = plan_on(rig(), SearchPlan(method="posterior", start_deg=-35.0, prior=curve, single=True))
+    plan = plan_on(rig(), SearchPlan(method="posterior", start_deg=-35.0, prior=curve, others=0.0))
     session = new_session(rig(), plan)
     path = tmp_path / "run.journal"
     Journal.create(path, session.configuration).close()
@@ -73,8 +73,8 @@ def test_a_file_that_says_nothing_of_a_curve_is_refused(tmp_path: Path, text: st
 def test_other_methods_take_no_prior() -> None:
     with pytest.raises(ConfigError, match="prior is given, but only the posterior"):
         build("ternary", prior=MarkerCurve(fwhm_deg=6.0, peak=100.0))
-    with pytest.raises(ConfigError, match="single is given, but only the posterior"):
-        build("ternary", single=True)
+    with pytest.raises(ConfigError, match="others is given, but only the posterior"):
+        build("ternary", others=0.0)
 
 
 def test_the_prior_of_the_width_is_that_of_the_former_marker() -> None:
@@ -94,7 +94,7 @@ def test_a_second_marker_takes_fewer_acquisitions() -> None:
         for _ in range(64):
             marker_deg, peak = rng.uniform(-30, 30), 100 * math.exp(0.3 * rng.standard_normal())
             fwhm_deg = 5.0 * math.exp(0.15 * rng.standard_normal())
-            policy = Posterior(single=True, prior=prior)
+            policy = Posterior(others=0.0, prior=prior, target_sigma_deg=0.1)
             while (angle_deg := policy.ask()) is not None:
                 away_deg = np.array([angle_deg - marker_deg])
                 signal = peak * float(np.exp(log_curve(away_deg, fwhm_deg=fwhm_deg, tail=1.4, knee=2.2)[0]))

@@ -337,16 +337,16 @@ def test_the_ends_of_the_rules_are_allowed() -> None:
 
 
 DARK = Reading(intensity=1.0, noise_sigma=1.0, cells=460_000)
-NOISE_MOST = math.sqrt(2 * math.log(460_000 / 1e-6))
+MAX_NOISE = math.sqrt(2 * math.log(460_000 / 1e-6))
 
 
 @pytest.mark.parametrize(
     ("changes", "believed"),
     [
-        ({"intensity": NOISE_MOST}, True),
-        ({"intensity": math.nextafter(NOISE_MOST, 99)}, False),
-        ({"intensity": 2.0 * NOISE_MOST, "noise_sigma": 2.0}, True),
-        ({"intensity": 2.0 * NOISE_MOST, "noise_sigma": 1.99}, False),
+        ({"intensity": MAX_NOISE}, True),
+        ({"intensity": math.nextafter(MAX_NOISE, 99)}, False),
+        ({"intensity": 2.0 * MAX_NOISE, "noise_sigma": 2.0}, True),
+        ({"intensity": 2.0 * MAX_NOISE, "noise_sigma": 1.99}, False),
         ({"intensity": 5.0, "cells": 1}, True),
         ({"intensity": 5.3, "cells": 1}, False),
         ({"intensity": 99.0, "noise_sigma": None}, True),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,11 +17,11 @@ from hypothesis import strategies as st
 from markerseek.core import ConfigError, DeviceError
 from markerseek.wire import igtl
 
-MOST_BYTES = 1 << 24
+MAX_BYTES = 1 << 24
 
 
 def decoded(data: bytes) -> igtl.Message:
-    header = igtl.decode_header(data[: igtl.HEADER_BYTES], most_bytes=MOST_BYTES)
+    header = igtl.decode_header(data[: igtl.HEADER_BYTES], most_bytes=MAX_BYTES)
     return igtl.decode(header, data[igtl.HEADER_BYTES :])
 
 
@@ -76,7 +77,7 @@ def test_the_checksum_is_that_of_the_same_message_in_the_tests_of_the_library(
     content: igtl.Content, version: int, crc: int
 ) -> None:
     data = igtl.encode(igtl.Message(device="DeviceName", content=content, metadata=_METADATA, version=version))
-    header = igtl.decode_header(data[: igtl.HEADER_BYTES], most_bytes=MOST_BYTES)
+    header = igtl.decode_header(data[: igtl.HEADER_BYTES], most_bytes=MAX_BYTES)
     body = data[igtl.HEADER_BYTES :]
     if version == 2:
         # Their messages have the id 1, ours none.
@@ -129,9 +130,10 @@ FLOAT32 = st.floats(-1e6, 1e6, width=32)
 TRIPLE = st.tuples(FLOAT32, FLOAT32, FLOAT32)
 TEXT = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=15)
 CONTENTS = st.one_of(
+    st.just(igtl.Points(points=())),
     st.lists(FLOAT32, min_size=12, max_size=12).map(lambda values: igtl.Transform(matrix=matrix_of(tuple(values)))),
     st.builds(igtl.Text, text=TEXT),
-    st.builds(igtl.Position, position_mm=TRIPLE, quaternion=st.tuples(FLOAT32, FLOAT32, FLOAT32, FLOAT32)),
+    st.builds(igtl.Position, position_mm=st.none() | TRIPLE, quaternion=st.tuples(FLOAT32, FLOAT32, FLOAT32, FLOAT32)),
     st.builds(igtl.Status, code=st.integers(0, 65535), subcode=st.integers(-(1 << 63), (1 << 63) - 1), message=TEXT),
     st.builds(igtl.Command, number=st.integers(0, 2**32 - 1), name=TEXT, text=TEXT),
     st.builds(igtl.Reply, number=st.integers(0, 2**32 - 1), name=TEXT, text=TEXT),
@@ -203,6 +205,26 @@ def test_a_matrix_with_nan_is_refused_both_ways() -> None:
     )
     with pytest.raises(DeviceError, match=r"OpenIGTLink: TRANSFORM 'a': .* finite"):
         igtl.decode(header, body)
+
+
+@pytest.mark.parametrize("numbers", [[float("nan"), 0, 0], [0, 0, 0, float("nan"), 0, 0]])
+def test_a_position_that_is_partly_nan_is_refused(numbers: list[float]) -> None:
+    body = struct.pack(f">{len(numbers)}f", *numbers)
+    header = igtl.Header(
+        version=1, kind="POSITION", device="a", time_s=0.0, body_bytes=len(body), crc=pyigtl.messages.CRC64(body)
+    )
+    with pytest.raises(DeviceError, match=r"OpenIGTLink: POSITION 'a': .* finite"):
+        igtl.decode(header, body)
+
+
+def test_no_marker_is_an_empty_list_or_for_old_libraries_a_point_without_a_place_and_colour() -> None:
+    data = igtl.encode(igtl.Message(device="PaMarker", content=igtl.Points(points=()), version=1))
+    name, group, *rest = struct.unpack(">64s32s4B4f20s", data[igtl.HEADER_BYTES :])
+    assert (name.rstrip(b"\0"), group.rstrip(b"\0"), rest[:4]) == (b"none", b"Unselected", [0, 0, 0, 0])
+    assert all(map(math.isnan, rest[4:7]))
+    # The library from OpenIGTLink 3 on takes the body of version 2 for whole only with metadata.
+    message = igtl.Message(device="PaMarker", content=igtl.Points(points=()), metadata={"sequence": "1"})
+    assert decoded(igtl.encode(message)).content == igtl.Points(points=())
 
 
 @pytest.mark.parametrize(

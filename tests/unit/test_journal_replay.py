@@ -17,7 +17,7 @@ from markerseek.rigs import Rig
 from markerseek.runs.bank_scan import scan_bank
 from markerseek.runs.journalled import journalled
 from markerseek.runs.rebuild import rebuild_policy, rebuild_reader, rebuild_rig
-from markerseek.runs.recompute import differences
+from markerseek.runs.recompute import recompute_differences
 from markerseek.runs.resume import resumed
 from markerseek.search import build
 from markerseek.sim import SimulatedSettings
@@ -25,8 +25,11 @@ from markerseek.sim import SimulatedSettings
 
 def test_the_result_is_worked_out_again_from_the_frames(whole: Path) -> None:
     held = read_journal(whole)
-    assert differences(held, begin()[0], rebuild_reader(held.configuration)) == []
-    assert differences(held, build("ternary", acquisitions=ACQUISITIONS), rebuild_reader(held.configuration)) != []
+    assert recompute_differences(held, begin()[0], rebuild_reader(held.configuration)) == []
+    assert (
+        recompute_differences(held, build("ternary", acquisitions=ACQUISITIONS), rebuild_reader(held.configuration))
+        != []
+    )
 
 
 class Amplified:
@@ -48,8 +51,8 @@ def test_a_last_bit_that_differs_is_reported(tmp_path: Path) -> None:
             next(events)
     held = read_journal(path)
     reader = rebuild_reader(configuration)
-    assert differences(held, rebuild_policy(configuration), reader) == []
-    found = differences(held, rebuild_policy(configuration), Amplified(reader))
+    assert recompute_differences(held, rebuild_policy(configuration), reader) == []
+    found = recompute_differences(held, rebuild_policy(configuration), Amplified(reader))
     assert found
     assert "its frame is read as" in found[0]
 
@@ -92,7 +95,7 @@ def test_a_replayed_run_is_resumed_only_if_its_recording_is_unchanged(tmp_path: 
         list(resumed(rebuild_policy(held.configuration), rig, journal, held, by="a person"))
     assert times_and_events(read_journal(part)) == times_and_events(read_journal(whole))
     elsewhere = scan.rename(tmp_path / "elsewhere.csv")
-    assert differences(held, rebuild_policy(held.configuration), rebuild_reader(held.configuration)) == []
+    assert recompute_differences(held, rebuild_policy(held.configuration), rebuild_reader(held.configuration)) == []
     elsewhere.rename(scan)
     scan.write_text(scan.read_text().replace("0,", "0,1", 1))
     with pytest.raises(RecordError, match="the recording has changed since the run began"):
@@ -130,7 +133,7 @@ def test_a_replay_of_a_bank_continues_with_the_remaining_dark_frames(tmp_path: P
         ]
         assert counts[0] == counts[1] != []
     bank.unlink()
-    assert differences(read_journal(whole), rebuild_policy(begun_with), rebuild_reader(begun_with)) == []
+    assert recompute_differences(read_journal(whole), rebuild_policy(begun_with), rebuild_reader(begun_with)) == []
 
 
 def _has_counts(entry: Entry) -> bool:

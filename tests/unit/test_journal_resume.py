@@ -15,7 +15,7 @@ from markerseek.guard import State
 from markerseek.records.journal import Journal, read_journal, result_of, run_state, verify
 from markerseek.runs.journalled import journalled
 from markerseek.runs.rebuild import next_angle, rebuild_reader
-from markerseek.runs.recompute import differences
+from markerseek.runs.recompute import recompute_differences
 from markerseek.runs.resume import resumed
 from markerseek.search import build
 
@@ -98,7 +98,7 @@ def test_a_fault_is_left_by_a_reset_only(tmp_path: Path) -> None:
     events = resume_run(path, reset_fault=True)
     assert isinstance(events[-1], Finished)
     assert verify(path).faults == []
-    assert differences(read_journal(path), begin()[0], rebuild_reader(configuration)) == []
+    assert recompute_differences(read_journal(path), begin()[0], rebuild_reader(configuration)) == []
 
 
 def test_a_fault_during_the_check_is_kept_as_well(tmp_path: Path) -> None:
@@ -169,7 +169,7 @@ def test_a_run_on_devices_that_outlive_the_program_is_resumed_without_their_stat
     assert over.acquisitions == ACQUISITIONS
     assert over.elapsed_s == times[-1] - 1000.0 > 0
     assert verify(path).faults == []
-    assert differences(held, begin()[0], rebuild_reader(held.configuration)) == []
+    assert recompute_differences(held, begin()[0], rebuild_reader(held.configuration)) == []
 
 
 def test_a_run_that_never_started_begins_when_it_is_armed(whole: Path, tmp_path: Path) -> None:

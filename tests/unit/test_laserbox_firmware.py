@@ -202,7 +202,7 @@ def test_no_minute_holds_more_pulses_than_the_box_s_own_budget() -> None:
                 box.feed(wire.encode(wire.Beat(step=round(1e3 * now_s) // 50)))
     assert refused > 0
     worst = max(sum(begin_s <= at_s < begin_s + 60 for at_s in times_s) for begin_s in times_s[::100])
-    assert 5800 <= worst <= wire.MOST_PULSES_PER_MINUTE
+    assert 5800 <= worst <= wire.MAX_PULSES_PER_MINUTE
 
 
 def test_emulator_and_firmware_refuse_the_same_pulses_by_their_budget() -> None:
@@ -228,11 +228,11 @@ def test_limits_and_lease_are_those_of_the_codec() -> None:
         "LEASE_MS",
         "VERSION",
         "LINE_BYTES",
-        "MOST_PULSES",
-        "MOST_RATE_HZ",
-        "MOST_EXPIRY_MS",
-        "MOST_COUNT",
-        "MOST_PULSES_PER_MINUTE",
+        "MAX_PULSES",
+        "MAX_RATE_HZ",
+        "MAX_EXPIRY_MS",
+        "MAX_COUNT",
+        "MAX_PULSES_PER_MINUTE",
         "LIGHT_LATE_US",
     ):
         assert getattr(FIRMWARE, name) == getattr(wire, name), name

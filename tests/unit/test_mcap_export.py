@@ -34,16 +34,16 @@ def test_mcap_has_the_topics_of_a_running_rig(decoded):
         "/pa_search/intensity": "std_msgs/msg/Float64",
     }
     joints = on_topic(decoded, "/TRUS/measured_js")
-    assert [(each.name, each.header.frame_id) for each in joints] == [(["trus_roll"], "")] * 3
+    assert [(each.name, each.header.frame_id) for each in joints] == [(["trus_roll"], "trus_home")] * 3
     np.testing.assert_allclose([each.position[0] for each in joints], np.radians(ANGLES))
 
 
 def test_intensities_are_there_for_plots_and_for_programs(decoded):
     assert [each.data for each in on_topic(decoded, "/pa_search/intensity")] == [1.0, 2.0, 3.0]
-    assert [json.loads(each.data) for each in on_topic(decoded, "/pa_search/sample")] == [
-        {"angle_deg": angle_deg, "intensity": intensity, "time_s": time_s}
-        for angle_deg, intensity, time_s in zip(ANGLES, (1.0, 2.0, 3.0), TIMES, strict=True)
-    ]
+    samples = [json.loads(each.data) for each in on_topic(decoded, "/pa_search/sample")]
+    assert [(each["index"], each["angle_deg"], each["intensity"], each["time_s"]) for each in samples] == list(
+        zip((1, 2, 3), ANGLES, (1.0, 2.0, 3.0), TIMES, strict=True)
+    )
 
 
 def test_pulses_are_written_where_they_are_known(tmp_path):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import re
+from urllib.parse import unquote
 
 import pytest
 
@@ -125,6 +127,16 @@ def test_first_link_opened_again_drops_the_token_too():
 def test_first_link_never_leads_elsewhere():
     _, sent = ask(path="//evil.example/", query=f"token={TOKEN}", headers=[("host", HOST)])
     assert headers_of(sent)["location"] == "/evil.example/"
+
+
+@pytest.mark.parametrize("path", ["/\\evil.example", "/\t/evil.example", "/\\\\evil.example", "/\r\n/evil.example"])
+def test_26_10_no_spelling_of_the_first_link_leads_elsewhere(path):
+    _, sent = ask(path=path, query=f"token={TOKEN}", headers=[("host", HOST)])
+    location = headers_of(sent)["location"]
+    assert unquote(location) == path
+    # Browsers take a backslash for a slash, and leave tabs and ends of lines out.
+    assert re.fullmatch(r"/[A-Za-z0-9%./]+", location)
+    assert not location.startswith("//")
 
 
 @pytest.mark.parametrize("method", ["POST", "HEAD"])

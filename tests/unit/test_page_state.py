@@ -30,8 +30,8 @@ from markerseek.bridges.page.picture import (
     picture_of,
     pooled_levels,
 )
-from markerseek.bridges.page.state import ShownRun, Snapshot
-from markerseek.bridges.page.watched import WatchedRun
+from markerseek.bridges.page.run_history import RunHistory
+from markerseek.bridges.page.state import Snapshot, SnapshotBuilder
 from markerseek.core import (
     PAPER_RANGE,
     Ambiguous,
@@ -69,7 +69,7 @@ def finished_run(method, *, as_published=False, seed=5, marker_deg=-9.4):
 
 
 def shown(session, events, **how) -> list[Snapshot]:
-    state = ShownRun(session.configuration)
+    state = SnapshotBuilder(session.configuration)
     return [state.add(event, clock_s=clock_s, **how) for event, clock_s in events]
 
 
@@ -141,7 +141,7 @@ def test_probe_is_expected_only_while_it_moves():
 
 def test_lost_events_leave_no_belief_and_all_the_rest():
     session, events = finished_run("posterior")
-    state, lost = ShownRun(session.configuration), events[9:11]
+    state, lost = SnapshotBuilder(session.configuration), events[9:11]
     for event, clock_s in events:
         if (event, clock_s) not in lost:
             snapshot = state.add(event, clock_s=clock_s, lost=2 if event is events[11][0] else 0)
@@ -153,7 +153,7 @@ def test_lost_events_leave_no_belief_and_all_the_rest():
 
 def test_states_that_end_or_interrupt_a_run():
     session, _ = finished_run("posterior")
-    state = ShownRun(session.configuration)
+    state = SnapshotBuilder(session.configuration)
     limits = Interval(low_deg=-35.0, high_deg=35.0)
     said = [
         (Started(start_deg=1.0, limits=limits), "ready", False),
@@ -186,7 +186,7 @@ def test_published_form_claims_nothing():
 
 def test_probe_is_read_back_last_where_its_move_was_cut_short():
     session, events = finished_run("posterior")
-    state = ShownRun(session.configuration)
+    state = SnapshotBuilder(session.configuration)
     second = next(
         n
         for n, (event, _) in enumerate(events)
@@ -279,7 +279,7 @@ def centre_mm(layer, row, column):
 def test_b_mode_of_the_frame_is_the_background_and_both_are_where_their_pixels_are():
     receiver, marker = ReceiverSettings(b_mode=True), MarkerSettings(angle_deg=4.0, lateral_m=6e-3)
     rig = rigs.simulated(seed=1, settings=SimulatedSettings(receiver=receiver, marker=marker))
-    run = WatchedRun(new_session(rig, SearchPlan(method="posterior")).configuration)
+    run = RunHistory(new_session(rig, SearchPlan(method="posterior")).configuration)
     sample = rig.scanner.measure(4.0)
     run.add(Measured(role="search", index=1, sample=sample), clock_s=0.0)
     picture, b_mode = run.picture(run.snapshots[-1]), sample.frame.b_mode
@@ -310,7 +310,7 @@ def test_large_b_mode_images_are_thinned_where_they_are():
 @pytest.mark.parametrize("data", ["rf", "b-mode"])
 def test_rigs_of_other_frames_are_shown(data):
     rig = rigs.simulated(seed=1, settings=SimulatedSettings(receiver=ReceiverSettings(data=data)))
-    run = WatchedRun(new_session(rig, SearchPlan(method="ternary")).configuration)
+    run = RunHistory(new_session(rig, SearchPlan(method="ternary")).configuration)
     run.add(Measured(role="search", index=1, sample=rig.scanner.measure(2.0)), clock_s=0.0)
     assert (run.picture(run.snapshots[-1]) is not None) == (data == "rf")
 
@@ -341,7 +341,7 @@ def test_background_is_the_same_each_time():
 def test_watched_run_expects_a_move_at_the_pace_of_the_rig():
     rig = rigs.simulated(seed=1, settings=SimulatedSettings(), pace=0.5)
     configuration = new_session(rig, SearchPlan(method="posterior")).configuration
-    run = WatchedRun(configuration)
+    run = RunHistory(configuration)
     moving = replace(run.snapshots[0], probe_deg=0.0, target_deg=-20.0)
     # 20° at 10°/s and 10°/s²: 3 s, of which the pace leaves half.
     assert run.move_s(moving) == pytest.approx(1.5)

@@ -11,7 +11,7 @@ import pytest
 from markerseek import rigs
 from markerseek.sim import NoiseSettings, SimulatedSettings, StageMotion
 from markerseek.studies.paper import RunOptions
-from markerseek.studies.paper.methods import OnEncoderCounts, Searched, noise_free_track, policy_of, searched
+from markerseek.studies.paper.methods import QuantisedPolicy, SearchTrace, noise_free_track, policy_of, searched
 from markerseek.studies.paper.travel import rotation_s, shortest_order, travel, travel_deg
 
 MARKERS = np.random.default_rng(11).uniform(-35, 35, 1500)
@@ -73,7 +73,7 @@ def test_a_single_long_move_takes_a_trapezoid() -> None:
 
 @pytest.mark.parametrize("name", ["TS", "GSS", "posterior"])
 def test_a_long_search_contains_the_shorter_ones(name: str) -> None:
-    def ended(acquisitions: int, *counts: int) -> Searched:
+    def ended(acquisitions: int, *counts: int) -> SearchTrace:
         rig = rigs.simulated(seed=5, marker_deg=-7.0)
         policy = policy_of(name, acquisitions=acquisitions, start_deg=rig.stage.angle_deg)  # type: ignore[arg-type]
         return searched(policy, rig.scanner, counts=counts)
@@ -85,7 +85,7 @@ def test_a_long_search_contains_the_shorter_ones(name: str) -> None:
 
 def test_requested_angles_lie_on_encoder_counts_and_inside_the_bank() -> None:
     policy = policy_of("WA", acquisitions=8)
-    wrapped = OnEncoderCounts(policy, limits=policy._limits)
+    wrapped = QuantisedPolicy(policy, limits=policy._limits)
     counts = StageMotion().counts_per_deg
     asked = wrapped.ask()
     assert asked is not None

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from markerseek.core import Ambiguous, Found, LocalMaxima, Reading, Sample
 from markerseek.search.posterior import Posterior
-from markerseek.search.posterior.humps import beside_deg, dip_deg, unmirrored
+from markerseek.search.posterior.humps import asymmetric_sample, dip_deg, gap_angle_deg
 from markerseek.search.posterior.shapes import log_curve, log_humps
 
 BLOCKS = LocalMaxima(
@@ -79,16 +79,16 @@ def test_a_sample_stronger_than_one_nearer_to_the_centre_on_the_other_side_is_of
     """Nothing dips: the second hump, at -11°, lies between the samples."""
     at = samples([-12.0, -4.0, -2.0, 0.0, 2.0, 5.0], [30.0, 32.0, 60.0, 100.0, 58.0, 20.0])
     assert dip_deg(at, sigma=1.0, level=6.0) is None
-    assert unmirrored(at, centre_deg=0.0, sigma=1.0, level=6.0) is at[0]
-    assert unmirrored(at, centre_deg=0.0, sigma=5.0, level=6.0) is None
-    assert unmirrored(at[1:], centre_deg=0.0, sigma=1.0, level=6.0) is None
+    assert asymmetric_sample(at, centre_deg=0.0, sigma=1.0, level=6.0) is at[0]
+    assert asymmetric_sample(at, centre_deg=0.0, sigma=5.0, level=6.0) is None
+    assert asymmetric_sample(at[1:], centre_deg=0.0, sigma=1.0, level=6.0) is None
 
 
 def test_the_wider_gap_beside_a_sample_is_halved_until_both_are_narrow():
-    assert beside_deg(-12.0, [-20.0, -12.0, -4.0, 0.0]) == pytest.approx(-8.0)
-    assert beside_deg(-12.0, [-20.0, -12.0, -8.0, 0.0]) == pytest.approx(-16.0)
-    assert beside_deg(-12.0, [-13.9, -12.0, -10.5]) is None
-    assert beside_deg(-12.0, [-12.0, -10.5]) is None
+    assert gap_angle_deg(-12.0, [-20.0, -12.0, -4.0, 0.0]) == pytest.approx(-8.0)
+    assert gap_angle_deg(-12.0, [-20.0, -12.0, -8.0, 0.0]) == pytest.approx(-16.0)
+    assert gap_angle_deg(-12.0, [-13.9, -12.0, -10.5]) is None
+    assert gap_angle_deg(-12.0, [-12.0, -10.5]) is None
 
 
 def test_in_the_near_field_of_an_element_a_frame_has_one_source_and_intensities_may_have_two():

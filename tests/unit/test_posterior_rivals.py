@@ -6,10 +6,18 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from markerseek.core import PAPER_RANGE, Reading, Sample
+from markerseek.core import PAPER_RANGE, Floor, Reading, Sample
+from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.angle_posterior import AnglePosterior
-from markerseek.search.posterior.answer import hidden_top_deg, rivals_of, unresolved
+from markerseek.search.posterior.answer import (
+    SearchState,
+    missed_peak_deg,
+    other_probability,
+    rivals_of,
+    unresolved_rival,
+)
 from markerseek.search.posterior.candidates import Candidate
+from markerseek.search.posterior.survey import Survey
 
 
 def source(angle_deg, snr, *, log_sigma=0.02, samples=()):
@@ -18,15 +26,18 @@ def source(angle_deg, snr, *, log_sigma=0.02, samples=()):
     share = norm.pdf(near_deg, loc=angle_deg, scale=0.1)
     posterior = AnglePosterior(
         angle_deg=near_deg,
-        share=share / share.sum(),
+        probability=share / share.sum(),
         coarse_deg=near_deg,
-        coarse_share=share / share.sum(),
+        coarse_probability=share / share.sum(),
         sigma=1.0,
         theta_deg=np.full(9, angle_deg),
         member=np.zeros(9, np.int64),
         log_snr=np.log(snr) + log_sigma * norm.ppf((np.arange(9) + 0.5) / 9),
         strong_deg=np.zeros(0),
         strong_log_snr=np.zeros(0),
+        strong_samples=np.zeros(0, np.int64),
+        energy_gain=None,
+        sample_error=0.02,
         fwhm_deg=3.0,
         marker_m=None,
         centre_sigma_deg=0.1,
@@ -46,12 +57,12 @@ def test_a_narrow_top_may_be_missed_beyond_a_shoulder():
     shoulder = source(-28.3, 16.0, samples=[(-29.5, 15.0), (-28.2, 16.0), (-26.9, 14.0)])
     loudest = source(-22.1, 50.0)
     measured_deg = [-29.5, -28.2, -26.9, -25.6, -21.9, -14.4]
-    (found, top_deg) = unresolved([loudest, shoulder], measured_deg, limits=PAPER_RANGE)
+    (found, top_deg) = unresolved_rival([loudest, shoulder], measured_deg, limits=PAPER_RANGE)
     assert found is shoulder
     assert -34 < top_deg < -31.5
     # Once that has been measured without a top, nothing is left to hide it.
     measured_deg += [top_deg, -30.9]
-    assert hidden_top_deg(loudest, shoulder, measured_deg, limits=PAPER_RANGE) is None
+    assert missed_peak_deg(loudest, shoulder, measured_deg, limits=PAPER_RANGE) is None
 
 
 def test_no_top_is_hidden_in_a_gap_at_whose_far_end_nothing_was_measured_of_it():
@@ -60,9 +71,9 @@ def test_no_top_is_hidden_in_a_gap_at_whose_far_end_nothing_was_measured_of_it()
     seen = [(-34.0, 3.0), (-29.5, 15.0), (-28.2, 16.0), (-26.9, 14.0), (-25.6, 6.0)]
     weak = source(-28.3, 16.0, samples=seen)
     measured_deg = [angle_deg for angle_deg, _ in seen] + [-22.1]
-    assert hidden_top_deg(loudest, weak, measured_deg, limits=PAPER_RANGE) is None
+    assert missed_peak_deg(loudest, weak, measured_deg, limits=PAPER_RANGE) is None
     loud = source(-28.3, 16.0, samples=[(-34.0, 7.5), *seen[1:]])
-    top_deg = hidden_top_deg(loudest, loud, measured_deg, limits=PAPER_RANGE)
+    top_deg = missed_peak_deg(loudest, loud, measured_deg, limits=PAPER_RANGE)
     assert top_deg is not None
     assert -32.5 < top_deg < -30.5
 
@@ -72,9 +83,41 @@ def test_a_narrow_top_may_be_missed_between_two_shoulders():
     seen = [(9.3, 7.0), (13.7, 8.3), (16.7, 12.1), (23.2, 15.0), (26.5, 11.4), (29.9, 6.0)]
     loudest, wide = source(-25.0, 77.0), source(21.0, 16.0, samples=seen)
     measured_deg = [angle_deg for angle_deg, _ in seen]
-    top_deg = hidden_top_deg(loudest, wide, measured_deg, limits=PAPER_RANGE)
+    top_deg = missed_peak_deg(loudest, wide, measured_deg, limits=PAPER_RANGE)
     assert top_deg is not None
     assert 18.0 < top_deg < 22.0
     # A sample in the gap that is no higher than its neighbours leaves no room.
     measured = source(21.0, 16.0, samples=[*seen, (20.0, 14.5)])
-    assert hidden_top_deg(loudest, measured, [*measured_deg, 20.0], limits=PAPER_RANGE) is None
+    assert missed_peak_deg(loudest, measured, [*measured_deg, 20.0], limits=PAPER_RANGE) is None
+
+
+SPREAD = 0.2 * float(np.std(norm.ppf((np.arange(9) + 0.5) / 9)))
+"""Standard deviation of ln A of nine particles of a source with a spread of 0.2."""
+
+
+@pytest.mark.parametrize(
+    ("others", "share", "beside", "probability"),
+    [
+        # Bayes' rule: of 5 % a twentieth is left, beside the 95 % in which there is none.
+        (0.05, 0.95, None, 0.0025 / 0.9525),
+        (0.5, 0.95, None, 0.025 / 0.525),
+        (0.0, 0.2, None, 0.0),
+        # As loud, 3 dB and 10 dB weaker, with 0.2 in ln A of each: the normal distribution of their difference.
+        (0.05, 1.0, (100.0, 10.0), 0.5),
+        (0.05, 1.0, (70.8, 10.0), norm.sf(0.345 / np.hypot(SPREAD, SPREAD))),
+        (0.05, 1.0, (31.6, 10.0), norm.sf(1.152 / np.hypot(SPREAD, SPREAD))),
+        # At the same angle it does not matter which of the two is the marker.
+        (0.05, 1.0, (100.0, -20.0), 0.0),
+    ],
+)
+def test_the_probability_that_another_source_is_the_marker(others, share, beside, probability):
+    first = source(-20.0, 100.0, log_sigma=0.2)
+    seen = [] if beside is None else [source(beside[1], beside[0], log_sigma=0.2)]
+    state = SearchState(
+        noise=SearchNoise(floor=Floor(level=6.4, source="dark frames"), sigma=1.0),
+        sources=[first, *seen],
+        survey=Survey(surveyed=share, hidden_deg=0.0, next_deg=0.0, gain=0.0),
+        misfit=None,
+        unresolved_rival=None,
+    )
+    assert other_probability(state, others=others) == pytest.approx(probability, rel=0.01, abs=1e-9)

@@ -48,14 +48,16 @@ def test_openigtlink_sends_it_in_millimetres_and_says_whether_it_is_simulated(tm
         streams = Streams(registration=read(tmp_path, held))
         sent = {each.device: each.content for each in streams.idle()}
         for camera_m, trus_m in zip(CAMERA_M, TRUS_M, strict=True):
-            there_mm = sent["DaVinciToTrus"].matrix @ (*(1e3 * camera_m), 1)
+            there_mm = sent["DaVinciToProbeHome"].matrix @ (*(1e3 * camera_m), 1)
             np.testing.assert_allclose(there_mm[:3], 1e3 * trus_m, atol=1e-9)
         assert streams.metadata == {"registration": kind}
         said = msgspec.json.decode(sent["SearchState"].text)["registration"]
         assert (said["file"], said["simulated"]) == ("registration.json", kind == "simulated")
 
 
-@pytest.mark.parametrize(("simulated", "child"), [(False, "davinci_camera"), (True, "simulated_davinci_camera")])
+@pytest.mark.parametrize(
+    ("simulated", "child"), [(False, "davinci_camera_optical"), (True, "simulated_davinci_camera_optical")]
+)
 def test_ros_sends_it_in_metres_from_the_camera_to_the_home_frame(tmp_path: Path, simulated: bool, child: str) -> None:
     held = read(tmp_path, report())
     names = ("builtin_interfaces/msg/Time", "std_msgs/msg/Header")

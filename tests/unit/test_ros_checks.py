@@ -70,6 +70,13 @@ def test_the_age_of_a_stamp_decides(ages_s: tuple[float, ...], dropped: dict[str
     assert commands.dropped == dropped
 
 
+def test_item_4_a_clock_that_is_set_back_does_not_make_every_stamp_a_repetition() -> None:
+    commands = StampedCommands()
+    assert commands.refusal(1_000_000_000_000, now_s=1000.0) is None
+    assert commands.refusal(970_000_000_000, now_s=970.0) is None
+    assert "repetition" in (commands.refusal(970_000_000_000, now_s=970.0) or "")
+
+
 def test_a_stamp_is_used_once_and_none_is_none() -> None:
     commands = StampedCommands()
     assert commands.refusal(1_000_000_000_000, now_s=1000.0) is None

@@ -22,7 +22,7 @@ from markerseek.core import (
 )
 from markerseek.records.result import Recorder
 from markerseek.scan import run
-from markerseek.scan.confirmation import judged
+from markerseek.scan.confirmation import apply_confirmation
 from scan_bench import FOUND, Bench, Tour, scanner
 
 RIG = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE)
@@ -32,7 +32,7 @@ SAMPLES = [Sample(angle_deg=2.0, reading=replace(STRONGEST, intensity=300.0)), S
 
 
 def confirmed_by(**changes: float) -> Found | Unsure:
-    answer = judged(CHECKED, Sample(angle_deg=4.0, reading=replace(STRONGEST, **changes)), SAMPLES)
+    answer = apply_confirmation(CHECKED, Sample(angle_deg=4.0, reading=replace(STRONGEST, **changes)), SAMPLES)
     assert isinstance(answer, Found | Unsure)
     return answer
 
@@ -68,14 +68,14 @@ def test_noise_is_allowed_for_but_what_is_below_the_floor_never_confirms() -> No
     samples = [Sample(angle_deg=4.1, reading=noisy)]
     for intensity, kind in ((41.0, Found), (39.0, Unsure)):
         now = Sample(angle_deg=4.0, reading=replace(noisy, intensity=intensity, lateral_m=9e-3))
-        assert isinstance(judged(CHECKED, now, samples), kind)  # too weak for its position to be compared
+        assert isinstance(apply_confirmation(CHECKED, now, samples), kind)  # too weak for its position to be compared
 
 
 def test_the_paper_s_form_keeps_its_answer_and_other_answers_stay() -> None:
     weak = Sample(angle_deg=4.0, reading=replace(STRONGEST, intensity=1.0))
-    assert judged(FOUND, weak, SAMPLES) == FOUND
-    unsure = judged(CHECKED, weak, SAMPLES)
-    assert judged(unsure, weak, SAMPLES) == unsure
+    assert apply_confirmation(FOUND, weak, SAMPLES) == FOUND
+    unsure = apply_confirmation(CHECKED, weak, SAMPLES)
+    assert apply_confirmation(unsure, weak, SAMPLES) == unsure
 
 
 class Fading(Bench):
@@ -149,12 +149,12 @@ def test_a_long_pulse_that_arrives_twice_has_not_moved() -> None:
         ((later, replace(before, intensity=500.0)), Unsure),
     ):
         now = Sample(angle_deg=4.0, reading=replace(seen, arrivals=arrivals))
-        assert isinstance(judged(CHECKED, now, SAMPLES), kind)
+        assert isinstance(apply_confirmation(CHECKED, now, SAMPLES), kind)
 
 
 def test_what_else_an_answer_says_is_kept_when_it_is_not_confirmed() -> None:
     other = OtherSource(angle_deg=9.0, sigma_deg=0.2, relative_db=-12.0, lateral_m=1e-3, depth_m=40e-3)
     found = replace(CHECKED, others=(other,), surveyed=0.995)
-    answer = judged(found, Sample(angle_deg=4.0, reading=replace(STRONGEST, intensity=51.0)), SAMPLES)
+    answer = apply_confirmation(found, Sample(angle_deg=4.0, reading=replace(STRONGEST, intensity=51.0)), SAMPLES)
     assert isinstance(answer, Unsure)
     assert (answer.others, answer.surveyed) == ((other,), 0.995)

@@ -18,7 +18,7 @@ def test_an_angle_outside_is_refused_before_anything_moves(angle_deg: float) -> 
 
 
 def states(bench: Bench, **changes: object) -> tuple[Scanner, list[str]]:
-    """A scanner, and what the guard's state was at each verb of a device, the dead-man switch's among them."""
+    """A scanner, and what the guard's state was at each verb of a device, the watchdog's among them."""
     seen: list[str] = []
     held = [False]
 
@@ -54,7 +54,7 @@ def states(bench: Bench, **changes: object) -> tuple[Scanner, list[str]]:
             held[0] = False
 
     watched = Watched(**{name: getattr(bench, name) for name in bench.__dataclass_fields__})
-    made = scanner(watched, dead_man=watched, **changes)
+    made = scanner(watched, watchdog=watched, **changes)
     return made, seen
 
 

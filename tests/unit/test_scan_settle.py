@@ -24,7 +24,7 @@ from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
 from markerseek.records.journal import Journal, read_journal
 from markerseek.runs.journalled import configuration_of, journalled
 from markerseek.runs.rebuild import rebuild_policy, rebuild_reader
-from markerseek.runs.recompute import differences
+from markerseek.runs.recompute import recompute_differences
 from markerseek.scan import run
 from markerseek.search import build
 from markerseek.sim import GaussianCurve
@@ -111,7 +111,7 @@ def closing(behind: bool, *, stay: bool = False) -> tuple[rigs.Rig, Iterator[Eve
 
     receiver.acquire = one_behind  # type: ignore[method-assign]
     # Without a confirmation the last acquisition must be of the source, and none of a survey: a single source has none.
-    policy = build("posterior", limits=rig.limits.search, single=stay)
+    policy = build("posterior", limits=rig.limits.search, others=0.0 if stay else None)
     return rig, run(policy, made, dark_frames=3, stay=stay, closing_dark=True)
 
 
@@ -159,5 +159,5 @@ def test_a_journal_with_a_closing_dark_frame_is_replayed_equal(tmp_path) -> None
     assert held.configuration.plan.closing_dark
     dark = [event.index for event in events if isinstance(event, Measured) and event.role == "dark"]
     assert dark == [1, 2, 3]
-    again = differences(held, rebuild_policy(held.configuration), rebuild_reader(held.configuration))
+    again = recompute_differences(held, rebuild_policy(held.configuration), rebuild_reader(held.configuration))
     assert again == []

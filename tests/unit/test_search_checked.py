@@ -6,19 +6,28 @@ import math
 
 import pytest
 
-from markerseek.core import AtBound, ConfigError, Found, Interval, NotFound, Reading, Sample, SearchError, Unsure
+from markerseek.core import (
+    AtBound,
+    ConfigError,
+    Found,
+    Interval,
+    NotFound,
+    Reading,
+    Sample,
+    SearchError,
+    Tolerance,
+    Unsure,
+)
 from markerseek.search import (
     GOLDEN,
     METHODS,
     BracketSearch,
-    CheckedPolicy,
-    WeightedAverage,
     build,
     method_named,
     noise_of,
 )
-from markerseek.search.evidence import missing_evidence
-from markerseek.search.floor import FEWEST_CELLS, MOST_CELLS, noise_factor
+from markerseek.search.evidence import why_not_detected
+from markerseek.search.floor import FEWEST_CELLS, MAX_CELLS, noise_factor
 
 ALL = [method.name for method in METHODS]
 PUBLISHED = [name for name in ALL if name != "posterior"]
@@ -72,7 +81,7 @@ class TestFloor:
 
     def test_unknown_cells_are_many(self):
         noise = noise_of([sample(0.0, 1.0)], dark=[dark(0.04, noise_sigma=0.01)])
-        assert noise.floor.level == pytest.approx(0.01 * noise_factor(cells=MOST_CELLS, frames=1))
+        assert noise.floor.level == pytest.approx(0.01 * noise_factor(cells=MAX_CELLS, frames=1))
 
     def test_noise_of_the_frames(self):
         lit = [sample(float(index), 1.0 + index, noise_sigma=0.01, cells=1000) for index in range(5)]
@@ -157,6 +166,7 @@ def test_two_markers_are_no_answer_between_them():
 
     _, estimate = run(build("weighted-average", early_end=False), both, darks=DARKS)
     assert isinstance(estimate, Unsure)
+    assert estimate.doubt == "source"
     assert "weaker than the one at" in estimate.reason
 
 
@@ -175,7 +185,7 @@ def test_a_weak_peak_is_evidence_beside_noise_but_not_beside_a_background(elsewh
     darks = [dark(intensity, noise_sigma=1.0, cells=100_000) for intensity in (4.6, 5.0, 5.3)]
     lit = [sample(angle, elsewhere, noise_sigma=1.0, cells=100_000) for angle in (-30.0, -10.0, 20.0, 30.0)]
     lit.append(sample(5.0, 8.0, noise_sigma=1.0, cells=100_000))
-    missing = missing_evidence(lit, dark=darks, noise=noise_of(lit, dark=darks))
+    missing = why_not_detected(lit, dark=darks, noise=noise_of(lit, dark=darks))
     assert missing is None if said is None else said in missing
 
 
@@ -207,10 +217,30 @@ def test_unknown_floor_asks_for_ten_times_the_smallest():
     assert isinstance(strong, Unsure)
 
 
-def test_too_few_acquisitions_are_reported():
-    _, estimate = run(build("weighted-average", acquisitions=15), lorentzian(7.3, fwhm_deg=4.0), darks=DARKS)
-    assert isinstance(estimate, Unsure)
-    assert "more acquisitions, or more pulses in each, reduce it" in estimate.reason
+@pytest.mark.parametrize(
+    ("tolerance", "depth_m", "said"),
+    [
+        (Tolerance(), None, None),
+        (Tolerance(mm=0.1), None, None),
+        (Tolerance(deg=0.1), None, "the angle is known to ± 0.58 deg, and 0.1 deg are tolerated"),
+        (Tolerance(), 0.05, None),
+        (Tolerance(mm=0.1), 0.05, "the angle is known to ± 0.61 mm at the marker, and 0.1 mm is tolerated"),
+    ],
+)
+def test_the_interval_of_what_is_found_lies_within_the_tolerance(tolerance, depth_m, said):
+    """Too few acquisitions are reported, with what would help; where frames say no depth, degrees count."""
+    policy = build("weighted-average", acquisitions=15, tolerance=tolerance)
+    depth = {} if depth_m is None else {"depth_m": lambda _: depth_m}
+    _, estimate = run(policy, lorentzian(7.3, fwhm_deg=4.0), darks=DARKS, **depth)
+    if said is None:
+        assert isinstance(estimate, Found)
+    else:
+        assert isinstance(estimate, Unsure)
+        assert estimate.doubt == "width"
+        assert estimate.reason == f"{said}; more acquisitions, or more pulses in each, reduce it"
+    half_deg = estimate.interval95_deg.high_deg - estimate.mean_deg
+    radius_m = None if depth_m is None else depth_m + 0.01
+    assert estimate.half_width_m == (None if radius_m is None else pytest.approx(radius_m * math.radians(half_deg)))
 
 
 def test_early_end_waits_for_evidence():
@@ -244,9 +274,10 @@ def test_refuses_samples_after_an_early_end_but_accepts_dark_ones():
         policy.tell(sample(0.0, 1.0))
 
 
-def test_sigma_limit_is_checked():
-    with pytest.raises(ConfigError, match="sigma_limit_deg"):
-        CheckedPolicy(WeightedAverage(acquisitions=8), sigma_limit_deg=math.nan)
+@pytest.mark.parametrize(("wrong", "value"), [("mm", 0.0), ("deg", -1.0), ("mm", math.nan)])
+def test_a_tolerance_is_positive(wrong, value):
+    with pytest.raises(ConfigError, match=f"tolerance is {value} {wrong}, it must be a positive number"):
+        Tolerance(**{wrong: value})
 
 
 class TestMethods:

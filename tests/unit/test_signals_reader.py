@@ -153,7 +153,7 @@ def test_coherent_energy_is_that_of_aligned_channels(name):
     for place, (x, z) in enumerate(zip(lateral, depth, strict=True)):
         depths = z + np.arange(-half, half + 1) * preset.sound_speed_m_s / preset.sampling_hz
         offset = preset.array.lateral_m - x
-        near = np.abs(offset) <= half_aperture_m(preset, depths, at_least=features.LEAST_CHANNELS / 2)[:, None]
+        near = np.abs(offset) <= half_aperture_m(preset, depths, at_least=features.MIN_CHANNELS / 2)[:, None]
         sample = np.hypot(offset, depths[:, None]) * per_metre + origin
         near &= np.floor(sample) < len(signals) - 1
         first = np.minimum(np.floor(sample).astype(int), len(signals) - 2)

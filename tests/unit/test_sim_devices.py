@@ -157,3 +157,27 @@ def test_a_clock_does_not_run_backwards() -> None:
     with pytest.raises(ConfigError):
         VirtualClock(pace=-1.0)
     assert clock.now_s() == 0.0
+
+
+def test_the_energy_of_an_acquisition_varies_and_drifts_and_a_meter_reports_it_with_its_own_noise() -> None:
+    """ln energy scatters by the spread about the drift; what the header says is the true energy but for the meter."""
+    clock, truth = VirtualClock(), world()
+    rng = np.random.default_rng(8)
+    laser = SimulatedLaser(world=truth, clock=clock, energy_spread=0.05, energy_drift_per_min=0.1, rng=rng)
+    receiver = SimulatedReceiver(world=truth, clock=clock, readout_s=0.59, meter_noise=0.01, rng=rng)
+    reported, fired_s = [], []
+    for number in range(400):
+        asked = permit(str(number), pulses=1, expires_s=1e9)
+        receiver.arm(asked)
+        fired_s.append(clock.now_s())
+        laser.fire(asked)
+        reported.append(receiver.acquire(asked).header.energy)
+    dark = permit("dark", pulses=0, expires_s=1e9)
+    receiver.arm(dark)
+    laser.fire(dark)
+    assert receiver.acquire(dark).header.energy is None
+    true = np.array([flash.energy for flash in truth.flashes])
+    away = np.log(true) - 0.1 * np.array(fired_s) / 60
+    assert (away.mean(), away.std()) == pytest.approx((0.0, 0.05), abs=0.008)
+    differ = np.array(reported) / true - 1
+    assert (differ.mean(), differ.std()) == pytest.approx((0.0, 0.01), abs=0.0015)

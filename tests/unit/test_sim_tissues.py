@@ -32,7 +32,7 @@ def test_the_centroid_of_two_absorbers_lies_between_them_by_their_strengths() ->
 def test_a_place_and_its_angle_are_one() -> None:
     for degrees in np.linspace(-89, 89, 21).tolist():
         made = Absorber(radius_m=0.04, angle_deg=degrees, lateral_m=-3e-3)
-        x_m, y_m, z_m = made.place_m
+        x_m, y_m, z_m = made.position_m
         again = Absorber.at(x_m=x_m, y_m=y_m, z_m=z_m, strength=1.0, source=GaussianAbsorber())
         assert (again.radius_m, again.angle_deg, again.lateral_m) == pytest.approx((0.04, degrees, -3e-3))
 
@@ -52,8 +52,8 @@ def test_every_spot_has_its_centroid_at_the_marker(name: str, marker_deg: float)
         drawn = spot.draw(marker, np.random.default_rng(seed))
         assert len(drawn) == spot.count
         assert math.fsum(each.strength for each in drawn) == pytest.approx(7.0)
-        assert centroid_m(drawn) == pytest.approx(marker.place_m, abs=1e-12)
-        across_m = [math.dist(each.place_m[:2], marker.place_m[:2]) for each in drawn]
+        assert centroid_m(drawn) == pytest.approx(marker.position_m, abs=1e-12)
+        across_m = [math.dist(each.position_m[:2], marker.position_m[:2]) for each in drawn]
         assert max(across_m) <= 2 * spot.radius_m
 
 

@@ -11,6 +11,8 @@ from markerseek.core import ConfigError, SearchError
 from markerseek.studies import read_study, run_row, run_study
 from markerseek.studies.table import read_rows
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*the study imports the module:UserWarning")
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 STUDY = """
@@ -97,6 +99,16 @@ def test_what_cannot_be_a_policy_is_refused_when_the_study_is_read(
         read_study(study_of(folder, method, more))
     assert said in str(refused.value)
     assert "$" not in str(refused.value)
+
+
+def test_a_study_says_what_it_imports_before_it_does(folder: Path) -> None:
+    with (
+        pytest.warns(
+            UserWarning, match="^broken_of_this_test:Mine: the study imports the module broken_of_this_test and"
+        ),
+        pytest.raises(ConfigError, match="importing it failed"),
+    ):
+        read_study(study_of(folder, "broken_of_this_test:Mine"))
 
 
 def test_an_error_of_the_policy_is_reported_under_its_name(folder: Path) -> None:

@@ -27,7 +27,7 @@ from markerseek.studies import (
     run_row,
     summarise,
 )
-from markerseek.studies.scene import DrawnScene, draw_beside
+from markerseek.studies.scene import DrawnScene, draw_extra_sources
 from markerseek.studies.trial import TwoAngles
 from markerseek.studies.worlds import draw_trial, study_rig
 
@@ -46,7 +46,7 @@ FRAMES = Study(
 
 def drawn(settings: SceneSettings, count: int = 500) -> list[DrawnScene]:
     rng = np.random.default_rng(5)
-    return [draw_beside(settings, rng, marker=MARKER, limits=LIMITS) for _ in range(count)]
+    return [draw_extra_sources(settings, rng, marker=MARKER, limits=LIMITS) for _ in range(count)]
 
 
 def test_a_second_source_is_drawn_over_its_ranges() -> None:
@@ -122,7 +122,7 @@ def test_a_scene_that_cannot_be_drawn_is_refused(make: object, words: str) -> No
 def test_a_range_without_room_for_a_second_source_is_refused() -> None:
     narrow = Interval(low_deg=-22.0, high_deg=-18.0)
     with pytest.raises(ConfigError, match="widen the range"):
-        draw_beside(SceneSettings(second=SecondSource()), np.random.default_rng(1), marker=MARKER, limits=narrow)
+        draw_extra_sources(SceneSettings(second=SecondSource()), np.random.default_rng(1), marker=MARKER, limits=narrow)
 
 
 @pytest.mark.parametrize("trial", range(3))

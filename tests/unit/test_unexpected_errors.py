@@ -38,7 +38,6 @@ def raising(error: BaseException) -> Callable[[], None]:
         (KeyError(), 70, "KeyError: no message"),
         (MemoryError(), 1, "not enough memory"),
         (MemoryError("Unable to allocate 119. GiB"), 1, "Unable to allocate 119. GiB"),
-        (BrokenPipeError(32, "Broken pipe"), 1, "the output cannot be written: Broken pipe"),
         (OSError(36, "File name too long", "/a"), 2, "/a: File name too long; check the name"),
         (KeyboardInterrupt(), 130, "stopped by the user"),
     ],
@@ -57,6 +56,16 @@ def test_any_error_is_one_sentence_and_one_object(
     answer = json.loads(output.out)
     assert said in answer["error"]
     assert answer["kind"] in (type(error).__name__, "OSError")
+
+
+@pytest.mark.parametrize("words", [(), ("--json",)])
+def test_output_that_cannot_be_written_has_an_exit_code_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: tuple[str, ...]
+) -> None:
+    assert ended(monkeypatch, raising(BrokenPipeError(32, "Broken pipe")), "search", *words) == 74
+    output = capsys.readouterr()
+    assert (output.out, output.err.count("\n")) == ("", 1)
+    assert output.err.startswith("error: the output cannot be written: Broken pipe; a journal")
 
 
 def test_the_traceback_is_shown_where_it_is_asked_for(

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from markerseek.core import ConfigError, MissingExtraError
 from markerseek.sim import EndoscopeSettings, spot_images
@@ -35,7 +36,8 @@ def test_the_mean_of_the_frames_is_off_by_what_its_sigma_says() -> None:
         assert found.sigma_px is not None
         pulls += [(found.x_px - place[0]) / found.sigma_px, (found.y_px - place[1]) / found.sigma_px]
         sigmas.append(found.sigma_px)
-    assert np.mean(sigmas) == pytest.approx(0.3 / 5, rel=0.15)
+    # The unevenness of the tissue adds to the scatter of the frames.
+    assert 0.3 / 5 < np.mean(sigmas) < 0.075
     assert 0.75 < np.std(pulls) < 1.25
     assert abs(np.mean(pulls)) < 0.4
 
@@ -52,7 +54,62 @@ def test_a_spot_without_jitter_is_found_to_a_twentieth_of_a_pixel(place: tuple[f
 def test_a_saturated_spot_is_found_at_its_middle() -> None:
     found = find_spot(images((150.3, 99.6), spot_counts=255.0, tissue_counts=150.0, spot_sigma_px=0.0))
     assert isinstance(found, LaserSpot)
-    assert (found.x_px, found.y_px) == pytest.approx((150.3, 99.6), abs=0.15)
+    assert (found.x_px, found.y_px) == pytest.approx((150.3, 99.6), abs=0.05)
+
+
+def blurred(rng: np.random.Generator, sigma_px: float) -> np.ndarray:
+    """Gaussian noise of one size of grain, with a variance of 1."""
+    noise = gaussian_filter(rng.standard_normal(SIZE[::-1]), sigma_px, mode="wrap")
+    return np.asarray(noise / noise.std())
+
+
+def spot_on(kind: str, seed: int, *, dark: bool) -> tuple[LaserSpot | NoSpot | TwoSpots, np.ndarray]:
+    """What is found of a spot under conditions that are the same in all frames, and where it is."""
+    rng = np.random.default_rng(seed)
+    place = rng.uniform([60, 60], [260, 190])
+    columns, rows = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
+    light, counts, speckle = 70 + 0.3 * (columns - 160), 130.0, 1.0
+    if kind == "saturated":
+        light, counts = 110 + 0.5 * (columns - 160), 255.0
+    elif kind == "texture":
+        light = light * (1 + 0.1 * blurred(rng, 5.0))
+    elif kind == "speckle":
+        speckle = 0.25 * (blurred(rng, 1.5) ** 2 + blurred(rng, 1.5) ** 2) + 0.5
+    away = np.hypot(columns - place[0], rows - place[1])
+    profile = 1 / (1 + np.exp(away - 9)) if kind == "end of a fibre" else np.exp(-((away / 5) ** 2) / 2)
+
+    def seen(image: np.ndarray) -> np.ndarray:
+        return np.clip(np.rint(image + 3 * rng.standard_normal(image.shape)), 0, 255).astype(np.uint8)
+
+    frames = [seen(light + counts * speckle * profile) for _ in range(10)]
+    return find_spot(frames, dark=[seen(light) for _ in range(10)] if dark else ()), place
+
+
+@pytest.mark.parametrize(
+    ("kind", "dark", "most_px"),
+    [
+        ("even", False, 0.05),
+        ("saturated", False, 0.05),
+        ("saturated", True, 0.05),
+        ("texture", False, 0.4),
+        ("texture", True, 0.05),
+        ("speckle", True, 0.8),
+        ("end of a fibre", False, 0.05),
+    ],
+)
+def test_the_sigma_of_a_spot_holds_what_is_the_same_in_all_frames(kind: str, dark: bool, most_px: float) -> None:
+    """Saturated spots were 0.08 px off where 0.002 was said, on texture 0.36 px at 0.007, with speckle 1 px."""
+    off_px, sigmas_px = [], []
+    for seed in range(24):
+        found, place = spot_on(kind, seed, dark=dark)
+        assert isinstance(found, LaserSpot)
+        assert found.sigma_px is not None
+        off_px.append([found.x_px - place[0], found.y_px - place[1]])
+        sigmas_px.append(found.sigma_px)
+    assert np.sqrt(np.mean(np.square(off_px))) < most_px
+    pulls = np.array(off_px) / np.array(sigmas_px)[:, None]
+    assert np.mean(np.abs(pulls) < 1.96) >= 0.85
+    assert 0.1 < np.sqrt(np.mean(pulls**2)) < 1.4
 
 
 def test_colour_frames_are_read_by_their_brightest_channel() -> None:

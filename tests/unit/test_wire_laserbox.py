@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 from markerseek.core import ConfigError, LaserError
 from markerseek.wire import laserbox as box
 
-COUNT = st.integers(0, box.MOST_COUNT)
-TRIGGERS = st.integers(1, box.MOST_PULSES)
+COUNT = st.integers(0, box.MAX_COUNT)
+TRIGGERS = st.integers(1, box.MAX_PULSES)
 PERMITS = TRIGGERS.flatmap(
     lambda triggers: st.builds(
         box.PermitPulses,
-        token=st.integers(1, box.MOST_COUNT),
+        token=st.integers(1, box.MAX_COUNT),
         pulses=st.integers(0, triggers),
-        rate_hz=st.integers(max(1, -(-1000 * triggers // box.MOST_EXPIRY_MS)), box.MOST_RATE_HZ),
-        expiry_ms=st.integers(1, box.MOST_EXPIRY_MS),
+        rate_hz=st.integers(max(1, -(-1000 * triggers // box.MAX_EXPIRY_MS)), box.MAX_RATE_HZ),
+        expiry_ms=st.integers(1, box.MAX_EXPIRY_MS),
         triggers=st.just(triggers),
     )
 )
@@ -150,7 +150,7 @@ def test_what_is_no_command_is_refused_by_form(text: str) -> None:
     "message",
     [
         box.Beat(step=-1),
-        box.Fire(token=box.MOST_COUNT + 1),
+        box.Fire(token=box.MAX_COUNT + 1),
         box.PermitPulses(token=1, pulses=2, rate_hz=100, expiry_ms=10, triggers=1),
         box.Greeting(identity="two words", version=1, lease_ms=100, last_token=0, seen=0),
         box.Greeting(identity="", version=1, lease_ms=100, last_token=0, seen=0),

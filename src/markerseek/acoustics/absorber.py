@@ -15,27 +15,17 @@ from markerseek.core import ConfigError, Interval
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Absorber:
-    """A photoacoustic source at a position in the TRUS frame.
-
-    Attributes
-    ----------
-    radius_m
-        Distance ρ from the probe's axis of rotation, in metres.
-    angle_deg
-        Angle θp about that axis, in degrees.
-    lateral_m
-        Position y along that axis, from the middle of the array, in metres.
-    strength
-        Peak of the envelope at a point receiver at `REFERENCE_RANGE_M` without attenuation, in the unit of the channel
-        data; negative inverts the pulse, 0 gives none.
-    source
-        Size.
-    """
+    """A photoacoustic source at a position in the TRUS frame."""
 
     radius_m: float
+    """Distance ρ from the probe's axis of rotation."""
     angle_deg: float = 0.0
+    """Angle θp about that axis."""
     lateral_m: float = 0.0
+    """Position y along that axis, from the middle of the array."""
     strength: float = 1.0
+    """Peak of the envelope at a point receiver at `REFERENCE_RANGE_M` without attenuation, in the unit of the channel
+    data; negative inverts the pulse, 0 gives none."""
     source: GaussianAbsorber = field(default_factory=GaussianAbsorber)
 
     def __post_init__(self) -> None:
@@ -60,7 +50,7 @@ class Absorber:
         )
 
     @property
-    def place_m(self) -> tuple[float, float, float]:
+    def position_m(self) -> tuple[float, float, float]:
         """Its x, y and z in the TRUS frame, in metres."""
         turned = math.radians(self.angle_deg)
         return self.radius_m * math.sin(turned), self.lateral_m, self.radius_m * math.cos(turned)
@@ -71,47 +61,31 @@ def centroid_m(absorbers: Sequence[Absorber]) -> tuple[float, float, float]:
 
     The angle of this point is the angle of a marker that is no point. It is not the mean of the absorbers' angles.
 
-    Parameters
-    ----------
-    absorbers
-        Those of the marker, all of one kind, so that the energy that each absorbs is proportional to its strength.
-
-    Raises
-    ------
-    ConfigError
-        If there are none, or a strength is not positive.
+    ``absorbers``: those of the marker, all of one kind, so that the energy that each absorbs is proportional to its
+    strength.
     """
     energy = math.fsum(each.strength for each in absorbers)
     if not energy > 0 or not all(each.strength >= 0 for each in absorbers):
         raise ConfigError("centroid: the strengths of the absorbers must be positive, one at least; leave clutter out")
-    x_m, y_m, z_m = (math.fsum(each.strength * each.place_m[axis] for each in absorbers) / energy for axis in range(3))
+    x_m, y_m, z_m = (
+        math.fsum(each.strength * each.position_m[axis] for each in absorbers) / energy for axis in range(3)
+    )
     return x_m, y_m, z_m
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clutter:
-    """Weak absorbers at random places of a sector around the probe: blood vessels, pigment, scattered light.
-
-    Attributes
-    ----------
-    count
-        Number of absorbers.
-    strength
-        Mean of their strengths, which are drawn from an exponential distribution, with either sign as likely.
-    nearest_m, farthest_m
-        Least and largest distance from the axis of rotation, in metres.
-    angles
-        Sector about that axis.
-    half_length_m
-        Largest distance from the middle of the array along the axis, in metres.
-    """
+    """Weak absorbers at random places of a sector around the probe: blood vessels, pigment, scattered light."""
 
     count: int
     strength: float = 0.02
+    """Mean of their strengths, which are drawn from an exponential distribution, with either sign as likely."""
     nearest_m: float = 20e-3
     farthest_m: float = 70e-3
+    """``nearest_m`` and ``farthest_m``: least and largest distance from the axis of rotation."""
     angles: Interval = field(default_factory=lambda: Interval(low_deg=-60.0, high_deg=60.0))
     half_length_m: float = 30e-3
+    """Largest distance from the middle of the array along the axis."""
 
     def __post_init__(self) -> None:
         if self.count < 0:
@@ -125,13 +99,7 @@ class Clutter:
             )
 
     def draw(self, rng: np.random.Generator) -> tuple[Absorber, ...]:
-        """Absorbers at places that are equally likely in every part of the volume.
-
-        Parameters
-        ----------
-        rng
-            Source of randomness.
-        """
+        """Absorbers at places that are equally likely in every part of the volume."""
         # equal volumes lie between equal steps of ρ²
         radius_m = np.sqrt(rng.uniform(self.nearest_m**2, self.farthest_m**2, self.count))
         angle_deg = rng.uniform(self.angles.low_deg, self.angles.high_deg, self.count)

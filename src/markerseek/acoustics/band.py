@@ -18,19 +18,14 @@ class Band:
     reaches the element. A real receiver delays by a constant, which is part of the trigger offset.
     The peak need not lie midway between the two ends (the defaults are those of a 5–9 MHz probe centred on 6.5 MHz).
     Each skirt has its own width, with a smooth transition, so that the pulse has no long tails.
-
-    Attributes
-    ----------
-    centre_hz
-        Frequency of the largest gain, which is 1, in Hz.
-    low_hz, high_hz
-        Frequencies below and above it at which the gain is one half (−6 dB), in Hz; neither side may be
-        more than four times as wide as the other.
     """
 
     centre_hz: float = 6.5e6
+    """Frequency of the largest gain, which is 1."""
     low_hz: float = 5e6
     high_hz: float = 9e6
+    """``low_hz`` and ``high_hz``: frequencies below and above it at which the gain is one half (−6 dB); neither side
+    may be more than four times as wide as the other."""
 
     def __post_init__(self) -> None:
         if not 0 < self.low_hz < self.centre_hz < self.high_hz < math.inf:
@@ -51,10 +46,7 @@ class Band:
 
         The numbers a and b are such that w is the half width of the band at either end.
 
-        Parameters
-        ----------
-        frequency_hz
-            Frequencies in Hz, not negative.
+        ``frequency_hz``: frequencies, not negative.
         """
         below, above = self.centre_hz - self.low_hz, self.high_hz - self.centre_hz
         narrower = min(below, above)

@@ -10,20 +10,12 @@ from markerseek.core import ConfigError, require_range
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reverberation:
-    """Repeats of every arrival, as between the probe's face and a layer in front of it.
-
-    Attributes
-    ----------
-    delay_s
-        Time from one repeat to the next, in seconds: twice the layer's thickness over the speed of sound.
-    gain
-        Amplitude of a repeat over that of the one before it, −1 to 1; negative turns each over.
-    repeats
-        Number of repeats.
-    """
+    """Repeats of every arrival, as between the probe's face and a layer in front of it."""
 
     delay_s: float
+    """Time from one repeat to the next: twice the layer's thickness over the speed of sound."""
     gain: float = 0.1
+    """Amplitude of a repeat over that of the one before it, −1 to 1; negative turns each over."""
     repeats: int = 2
 
     def __post_init__(self) -> None:

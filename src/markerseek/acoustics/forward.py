@@ -50,19 +50,6 @@ class AcousticModel:
     Unit of the data: an absorber of strength 1 at 50 mm (`REFERENCE_RANGE_M`) from a point of an element, in a lossless
     medium, gives that point a pulse whose envelope peaks at 1; the mean over a whole element is less. The table of a
     source is computed at its first call and cached, also for other models of the same laser, band, medium and sampling.
-
-    Attributes
-    ----------
-    probe, medium, laser, band
-        See the classes.
-    sampling_hz
-        Sampling frequency in Hz.
-    samples
-        Samples of one channel; sample 0 is the trigger.
-    trigger_offset_s
-        Time from the trigger to the middle of the laser pulse, in seconds.
-    reverberation
-        Repeats of every arrival; None for none.
     """
 
     probe: Probe = field(default_factory=Probe)
@@ -71,7 +58,9 @@ class AcousticModel:
     band: Band = field(default_factory=Band)
     sampling_hz: float = 40e6
     samples: int = 2080
+    """Samples of one channel; sample 0 is the trigger."""
     trigger_offset_s: float = 0.0
+    """Time from the trigger to the middle of the laser pulse."""
     reverberation: Reverberation | None = None
 
     def __post_init__(self) -> None:
@@ -86,10 +75,7 @@ class AcousticModel:
     def pulse(self, source: GaussianAbsorber) -> PulseTable:
         """Pulse of a source under this model's light, medium and band; made once.
 
-        Parameters
-        ----------
-        source
-            Absorber's size and shape.
+        ``source``: absorber's size and shape.
         """
         record_s = self.samples / self.sampling_hz + abs(self.trigger_offset_s)
         return pulse_table(
@@ -109,17 +95,8 @@ class AcousticModel:
         An absorber that is, at this angle, behind the plane of the face or less than `NEAREST_M` in front of it
         gives no signal: the probe's body hides it. Sound that arrives after the record is cut off.
 
-        Parameters
-        ----------
-        absorbers
-            The sources; none gives zeros.
-        angle_deg
-            Angle of the image plane about the axis of rotation, in degrees.
-
-        Raises
-        ------
-        ConfigError
-            If the angle is not finite, or an absorber is so near to the axis that it lies within the probe.
+        ``absorbers``: the sources; none gives zeros. ``angle_deg``: angle of the image plane about the axis of
+        rotation.
         """
         if not math.isfinite(angle_deg):
             raise ConfigError(f"acoustic model: angle_deg is {angle_deg} deg, it must be a finite number")

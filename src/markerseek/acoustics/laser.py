@@ -1,4 +1,4 @@
-"""Laser pulses over time, with which an absorber's pulse is convolved.
+"""Laser pulses over time; an absorber's pulse is convolved with them.
 
 The middle of the pulse is time zero, so that its length moves no arrival. A laser whose trigger marks the
 first light has half of its pulse's length in the trigger offset. The energy is 1: the strength of a source is the
@@ -30,52 +30,30 @@ class LaserPulse(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RectanglePulse:
-    """Light that is on for some time, as from a switched diode: it makes a doublet, one pulse at on and one at off.
-
-    Attributes
-    ----------
-    duration_s
-        Length in seconds.
-    """
+    """Light that is on for some time, as from a switched diode: it makes a doublet, one pulse at on and one at off."""
 
     duration_s: float = 500e-9
+    """Length."""
 
     def __post_init__(self) -> None:
         positive(self.duration_s, name="rectangle pulse: duration_s", unit="s", cure="5 to 600 ns are usual")
 
     def spectrum(self, frequency_hz: Frequencies) -> Spectrum:
-        """Transform sin(π f T)/(π f T).
-
-        Parameters
-        ----------
-        frequency_hz
-            Frequencies in Hz.
-        """
+        """Transform sin(π f T)/(π f T)."""
         # `numpy.sinc` has the factor π in it.
         return np.sinc(frequency_hz * self.duration_s).astype(np.complex128)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GaussianPulse:
-    """Light that swells and fades, as from a Q-switched laser.
-
-    Attributes
-    ----------
-    fwhm_s
-        Full width at half of the largest power, in seconds.
-    """
+    """Light that swells and fades, as from a Q-switched laser."""
 
     fwhm_s: float = 5e-9
+    """Full width at half of the largest power."""
 
     def __post_init__(self) -> None:
         positive(self.fwhm_s, name="Gaussian pulse: fwhm_s", unit="s", cure="5 to 600 ns are usual")
 
     def spectrum(self, frequency_hz: Frequencies) -> Spectrum:
-        """Transform exp(−(π f T)²/(4 ln 2)).
-
-        Parameters
-        ----------
-        frequency_hz
-            Frequencies in Hz.
-        """
+        """Transform exp(−(π f T)²/(4 ln 2))."""
         return np.exp(-((np.pi * frequency_hz * self.fwhm_s) ** 2) / (4 * math.log(2))).astype(np.complex128)

@@ -22,20 +22,13 @@ class Medium:
     A spherical wave falls as 1/r in it, besides the attenuation. The attenuation has no dispersion of its own:
     pulses lose their high frequencies and keep their moment of arrival (for a power near 1 and soft tissue the true
     dispersion is below 0.1 % of the speed of sound over the band).
-
-    Attributes
-    ----------
-    sound_speed_m_s
-        Speed of sound in m/s.
-    attenuation_db_cm_mhz
-        Amplitude attenuation a in dB/(cm MHzⁿ): about 0.1 for gel pads, 0.3 to 0.7 for soft tissue.
-    power
-        Exponent n of the frequency, 1 to 2.
     """
 
     sound_speed_m_s: float = 1540.0
     attenuation_db_cm_mhz: float = 0.1
+    """Amplitude attenuation a in dB/(cm MHzⁿ): about 0.1 for gel pads, 0.3 to 0.7 for soft tissue."""
     power: float = 1.0
+    """Exponent n of the frequency, 1 to 2."""
 
     def __post_init__(self) -> None:
         require_range(
@@ -59,9 +52,6 @@ class Medium:
     ) -> Float64[np.ndarray, " frequencies"]:
         """Attenuation a·fⁿ of the amplitude at each frequency, in Np/m: a wave keeps exp(−a·fⁿ·d) over the path d.
 
-        Parameters
-        ----------
-        frequency_hz
-            Frequencies in Hz, not negative.
+        ``frequency_hz``: frequencies, not negative.
         """
         return _NEPER_PER_METRE * self.attenuation_db_cm_mhz * (frequency_hz / 1e6) ** self.power

@@ -18,23 +18,16 @@ class Bursts:
 
     A burst multiplies the noise of a whole record by ``gain``·sqrt(ν/χ²ν), drawn once for each burst: over many bursts
     the samples then follow Student's t distribution with ν degrees of freedom, times gain times sigma.
-
-    Attributes
-    ----------
-    frame_probability
-        Probability that a frame has a burst on all channels at once.
-    channel_probability
-        Probability, for each channel of each frame, of a burst on that channel alone.
-    gain
-        Usual size of a burst over that of the noise.
-    freedom
-        Degrees of freedom ν: fewer have heavier tails.
     """
 
     frame_probability: float = 0.0
+    """Probability that a frame has a burst on all channels at once."""
     channel_probability: float = 0.0
+    """Probability, for each channel of each frame, of a burst on that channel alone."""
     gain: float = 5.0
+    """Usual size of a burst over that of the noise."""
     freedom: float = 3.0
+    """Degrees of freedom ν: fewer have heavier tails."""
 
     def __post_init__(self) -> None:
         for name in ("frame_probability", "channel_probability"):
@@ -43,15 +36,7 @@ class Bursts:
         positive(self.freedom, name="bursts: freedom", cure="3 is usual")
 
     def draw(self, rng: np.random.Generator, *, channels: int) -> Float32[np.ndarray, " channels"]:
-        """Factors by which the noise of each channel is multiplied in one frame; 1 without a burst.
-
-        Parameters
-        ----------
-        rng
-            Source of randomness.
-        channels
-            Number of channels.
-        """
+        """Factors for the noise of each channel in one frame; 1 without a burst."""
         # Sizes are drawn for all channels, so that the random state does not depend on which were hit.
         hit = rng.random(channels) < self.channel_probability
         size = np.where(hit, self._sizes(rng, channels), 1.0)
@@ -65,22 +50,12 @@ class Bursts:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noise:
-    """Gaussian noise, independent from channel to channel and from frame to frame.
-
-    Attributes
-    ----------
-    white_sigma
-        Standard deviation of noise with a flat spectrum, per channel and sample, in the unit of the channel data.
-    coloured_sigma
-        Standard deviation of noise with the spectrum of the band, in the same unit.
-    band
-        Band that colours it.
-    bursts
-        Bursts; None for none.
-    """
+    """Gaussian noise, independent from channel to channel and from frame to frame."""
 
     white_sigma: float = 0.0
+    """Standard deviation of noise with a flat spectrum, per channel and sample, in the unit of the channel data."""
     coloured_sigma: float = 0.0
+    """Standard deviation of noise with the spectrum of the band, in the same unit."""
     band: Band = field(default_factory=Band)
     bursts: Bursts | None = None
 
@@ -93,14 +68,7 @@ class Noise:
     ) -> Float32[np.ndarray, "channels samples"]:
         """Noise of one frame, shape (channels, samples), to be added to the channel data.
 
-        Parameters
-        ----------
-        rng
-            Source of randomness.
-        channels, samples
-            Shape of the frame.
-        sampling_hz
-            Sampling frequency in Hz.
+        ``channels``, ``samples``: shape of the frame.
         """
         if self.coloured_sigma > 0:
             noise = self._shaped(rng, channels, samples, sampling_hz)

@@ -11,27 +11,18 @@ from markerseek.core import ConfigError, LinearArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Probe:
-    """Side-fire linear array, its row parallel to the axis that it turns about.
-
-    Attributes
-    ----------
-    array
-        Number and pitch of the elements.
-    element_width_m
-        Extent of an element along the row, in metres; at most the pitch.
-    element_height_m
-        Extent of an element across the row (elevation), in metres.
-    elevation_focus_m
-        Distance at which the lens focuses in elevation, in metres; None without a lens.
-    face_radius_m
-        Distance R of the face from the axis of rotation, in metres.
-    """
+    """Side-fire linear array, its row parallel to the axis that it turns about."""
 
     array: LinearArray = field(default_factory=LinearArray)
+    """Number and pitch of the elements."""
     element_width_m: float = 0.39e-3
+    """Extent of an element along the row; at most the pitch."""
     element_height_m: float = 5e-3
+    """Extent of an element across the row (elevation)."""
     elevation_focus_m: float | None = 30e-3
+    """Distance at which the lens focuses in elevation; None without a lens."""
     face_radius_m: float = 10e-3
+    """Distance R of the face from the axis of rotation."""
 
     def __post_init__(self) -> None:
         positive(self.element_width_m, name="probe: element_width_m", unit="m", cure="0.9 of the pitch is usual")
@@ -55,12 +46,8 @@ class Probe:
 
         With t the angle from the image plane to the point these are ρ sin t and ρ cos t − R.
 
-        Parameters
-        ----------
-        radius_m
-            Distance ρ of the point from the axis of rotation, in metres.
-        off_plane_deg
-            Angle t of the image plane less that of the point, in degrees.
+        ``radius_m``: distance ρ of the point from the axis of rotation. ``off_plane_deg``: angle t of the image plane
+        less that of the point.
         """
         turned = math.radians(off_plane_deg)
         return radius_m * math.sin(turned), radius_m * math.cos(turned) - self.face_radius_m

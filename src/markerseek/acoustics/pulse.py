@@ -29,34 +29,25 @@ PHASES = 32
 _WINDOW = 2048  # samples in which the pulse must lie: sets the fineness of the spectrum
 _TAIL = 3e-4  # the pulse ends where it has fallen to this part of its peak
 _STEP_NP = 0.15  # attenuation at the pulse's upper end over one step of path; a mix of two is off by 0.15²/8
-_MOST_RANGES = 512
+_MAX_RANGES = 512
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PulseTable:
-    """Pulse of one source at a point of an element.
-
-    Attributes
-    ----------
-    lines
-        Pulse g by path length, phase and sample: ``lines[k, p, j]`` is g at (first + j − p / PHASES) samples after the
-        arrival, attenuated over the path k·step_m; without the spreading 1/r. Its envelope peaks at 1 for k = 0. Paths
-        between are mixed from two tables.
-    first
-        Sample, counted from the arrival, at which the lines begin; negative.
-    step_m
-        Path length between one table and the next, in metres; infinite for one table.
-    loss_np_m
-        Attenuation at the middle frequency of the pulse, in Np/m.
-    top_hz
-        Frequency above which there is nothing left of the pulse (−60 dB), in Hz.
-    """
+    """Pulse of one source at a point of an element."""
 
     lines: Float32[np.ndarray, "ranges phases length"]
+    """Pulse g by path length, phase and sample: ``lines[k, p, j]`` is g at (first + j − p / PHASES) samples after the
+    arrival, attenuated over the path k·step_m; without the spreading 1/r. Its envelope peaks at 1 for k = 0. Paths
+    between are mixed from two tables."""
     first: int
+    """Sample, counted from the arrival, at which the lines begin; negative."""
     step_m: float
+    """Path length between one table and the next; infinite for one table."""
     loss_np_m: float
+    """Attenuation at the middle frequency of the pulse, in Np/m."""
     top_hz: float
+    """Frequency above which there is nothing left of the pulse (−60 dB)."""
 
 
 @lru_cache(maxsize=64)
@@ -65,26 +56,9 @@ def pulse_table(
 ) -> PulseTable:
     """Table of the pulse of a source, made once for each set of arguments.
 
-    Parameters
-    ----------
-    source
-        Absorber; it, like the other arguments, must be hashable.
-    laser
-        Light in time.
-    band
-        Receive band.
-    medium
-        Speed of sound and attenuation.
-    sampling_hz
-        Sampling frequency in Hz.
-    longest_m
-        Longest path that is needed, in metres.
-
-    Raises
-    ------
-    ConfigError
-        If the band reaches beyond half of the sampling frequency, if nothing of the sound lies in the band, or if the
-        pulse is too long.
+    ``source``: it, like the other arguments, must be hashable. ``medium``: speed of sound and attenuation.
+    ``longest_m``: longest path that is needed. Raises `ConfigError` if the band reaches beyond half of the sampling
+    frequency, if nothing of the sound lies in the band, or if the pulse is too long.
     """
     frequency_hz = scipy.fft.rfftfreq(_WINDOW, 1 / sampling_hz)
     if band.gain(frequency_hz[-1:])[0] > 1e-3:
@@ -105,7 +79,7 @@ def pulse_table(
     # The step of the paths is set by the attenuation over it, at the upper end of the pulse's band.
     attenuation = medium.attenuation_np_m(frequency_hz)
     strongest = float(attenuation[magnitude > 0.05 * magnitude.max()].max())
-    step_m = max(_STEP_NP / strongest, longest_m / _MOST_RANGES) if strongest > 0 else math.inf
+    step_m = max(_STEP_NP / strongest, longest_m / _MAX_RANGES) if strongest > 0 else math.inf
     path_m = np.arange(math.ceil(longest_m / step_m) + 1) * step_m if strongest > 0 else np.zeros(1)
     spectra = product * np.exp(-path_m[:, np.newaxis] * attenuation)
     first, lines = _lines(spectra, source)

@@ -21,7 +21,7 @@ _SOURCE, _LASER = GaussianAbsorber(radius_m=0.02e-3), RectanglePulse(duration_s=
 
 _SAMPLING_HZ, _SAMPLES = 40e6, 4096
 
-_LEAST_GAIN = 1e-2
+_MIN_GAIN = 1e-2
 """Receive gain below which a frequency is left out: twice passed, it is at −80 dB."""
 
 
@@ -34,14 +34,8 @@ def two_way_elevation(
     element's height with the lens. An echo has B²·H², which is the square of the signal over that of the source's
     pulse. Behind the face's plane, where the probe's body hides a point, the echo is 0.
 
-    Parameters
-    ----------
-    probe
-        Height, lens and face radius of the element.
-    radius_m
-        Distance of the point from the axis of rotation, in metres.
-    off_plane_deg
-        Angles between the image plane and the point, in degrees.
+    ``probe``: height, lens and face radius of the element. ``radius_m``: distance of the point from the axis of
+    rotation. ``off_plane_deg``: angles between the image plane and the point.
     """
     angles = np.abs(off_plane_deg)
     peaks = np.array([_echo_peak(probe, radius_m, float(angle)) for angle in angles])
@@ -65,7 +59,7 @@ def _echo_peak(probe: Probe, radius_m: float, off_plane_deg: float) -> float:
     sent: Complex128[np.ndarray, " frequencies"] = _SOURCE.spectrum(
         frequency_hz, sound_speed_m_s=model.medium.sound_speed_m_s
     ) * _LASER.spectrum(frequency_hz)
-    used = model.band.gain(frequency_hz) >= _LEAST_GAIN
+    used = model.band.gain(frequency_hz) >= _MIN_GAIN
     echo = np.zeros(8 * _SAMPLES, np.complex128)
     # Only positive frequencies: the inverse transform is the analytic signal, whose magnitude is the envelope. Twice
     # the travel time may wrap around the end of the record, which moves the pulse and leaves its height.

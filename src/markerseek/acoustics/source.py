@@ -28,29 +28,16 @@ Spectrum: TypeAlias = Complex128[np.ndarray, " frequencies"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GaussianAbsorber:
-    """Soft ball, p0 = exp(−x²/a²); its pulse is q(s) = −(s/2)·exp(−s²/a²).
-
-    Attributes
-    ----------
-    radius_m
-        Radius a at which the absorption has fallen to 1/e, in metres.
-    """
+    """Soft ball, p0 = exp(−x²/a²); its pulse is q(s) = −(s/2)·exp(−s²/a²)."""
 
     radius_m: float = 0.15e-3
+    """Radius a at which the absorption has fallen to 1/e."""
 
     def __post_init__(self) -> None:
         positive(self.radius_m, name="Gaussian absorber: radius_m", unit="m", cure="0.05 to 0.4 mm are usual")
 
     def spectrum(self, frequency_hz: Frequencies, *, sound_speed_m_s: float) -> Spectrum:
-        """Transform of r times the pressure, (i k a³√π/4c)·exp(−k²a²/4), in metre seconds.
-
-        Parameters
-        ----------
-        frequency_hz
-            Frequencies in Hz.
-        sound_speed_m_s
-            Speed of sound c in m/s.
-        """
+        """Transform of r times the pressure, (i k a³√π/4c)·exp(−k²a²/4), in metre seconds."""
         ka = 2 * np.pi * frequency_hz / sound_speed_m_s * self.radius_m
         scale = math.sqrt(math.pi) * self.radius_m**2 / (4 * sound_speed_m_s)
         return 1j * scale * ka * np.exp(-(ka**2) / 4)

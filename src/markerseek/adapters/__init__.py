@@ -27,21 +27,8 @@ def build_adapter(
 ) -> Policy:
     """Return a policy that runs another package's optimiser.
 
-    Parameters
-    ----------
-    method
-        Name of one of `ADAPTERS`.
-    limits
-        Range to search.
-    acquisitions
-        Most acquisitions.
-    as_published
-        The bare optimiser, which always answers; otherwise with the checks of all methods (`CheckedPolicy`).
-
-    Raises
-    ------
-    ConfigError
-        If there is no such adapter, or (MissingExtraError) its package is not installed.
+    ``method``: name of one of `ADAPTERS`. ``as_published``: the bare optimiser, which always answers; otherwise with
+    the checks of all methods (`CheckedPolicy`).
     """
     if method not in _OPTIMISERS:
         raise ConfigError(f"method: {method!r} is not an adapter; adapters are {', '.join(_OPTIMISERS)}")

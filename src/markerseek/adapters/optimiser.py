@@ -87,7 +87,9 @@ class OptimiserPolicy(SearchPolicy):
         if not self._lit:
             return self._found(self._limits.centre_deg, self._limits)
         best = max(self._lit, key=lambda sample: sample.reading.intensity)
-        level = best.reading.intensity - CLEARLY_WEAKER * (noise_sigma or 0.0)
+        level = best.reading.intensity
+        if noise_sigma is not None:
+            level -= CLEARLY_WEAKER * noise_sigma
         weaker = [self._inside(sample.angle_deg) for sample in self._lit if sample.reading.intensity < level]
         mean_deg = self._inside(best.angle_deg)
         low_deg = max((angle_deg for angle_deg in weaker if angle_deg < mean_deg), default=self._limits.low_deg)

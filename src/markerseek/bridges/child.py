@@ -1,18 +1,21 @@
 """A command of markerseek as a child process, with its stream of events on a pipe.
 
 The child has the bridge's terminal: a rig of devices asks there whether it may be armed, and ends with exit code 4 if
-nobody answers. It stops, with the laser off, when the pipe's reader ends, so also when the bridge is killed.
+nobody answers. Whoever reads its events sends it a heartbeat meanwhile: it stops, with the laser off, when the bridge
+is killed or hangs (decision 44).
 """
 
 from __future__ import annotations
 
 import os
+import select
 import signal
 import subprocess
 import sys
 import tempfile
 import threading
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
@@ -24,29 +27,27 @@ from markerseek.records.stream import StreamDecoder, StreamItem
 TERMINATE_S = 2.0
 """Time from SIGINT to SIGTERM when a child is stopped, in seconds: SIGINT is ignored in what a script starts with &."""
 
+BEAT_S = 0.5
+"""Longest time between two beats of the heartbeat that a child is sent, in seconds."""
+
 _NO_FAULT = frozenset({0, 3, 4, 128 + signal.SIGINT, 128 + signal.SIGTERM})
 """Exit codes of commands that gave an answer, were not armed, or were stopped."""
 
 _READ_BYTES = 1 << 20
-_MOST_ANSWER_BYTES = 1 << 24
+_MAX_ANSWER_BYTES = 1 << 24
 """Largest JSON object of a command; the result of 500 acquisitions has 100 kilobytes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """How a child ended.
-
-    Attributes
-    ----------
-    exit_code
-        That of the command: 0 found, 3 any other answer, 1 a fault, 2 wrong usage, 4 not armed; 128 + the signal's
-        number if it was stopped or killed.
-    answer
-        The JSON object that it printed: its result, or an object with ``error`` and ``kind``; None if it printed none.
-    """
+    """How a child ended."""
 
     exit_code: int
+    """That of the command: 0 found, 3 any other answer, 1 a fault, 2 wrong usage, 4 not armed; 128 + the signal's
+    number if it was stopped or killed."""
     answer: dict[str, Any] | None
+    """The JSON object that it printed: its result, or an object with ``error`` and ``kind``; None if it printed
+    none."""
 
     @property
     def answered(self) -> bool:
@@ -55,7 +56,7 @@ class Outcome:
 
     @property
     def failed(self) -> bool:
-        """Whether it ended by a fault, neither with an answer nor because somebody stopped it or did not arm it."""
+        """Whether it ended by a fault: not with an answer, not stopped by a person, not left unarmed."""
         return self.exit_code not in _NO_FAULT
 
     @property
@@ -72,10 +73,14 @@ class Outcome:
         if answer.get("as_published"):
             return f"angle {answer['angle_deg']:.3f} deg, nothing is claimed: the paper's form always answers"
         if "answer" in answer:
-            # Other answers have an angle too, which is for programs: nothing is claimed there.
-            angle = f" at {answer['angle_deg']:.3f} deg" if answer["answer"] == "found" else ""
+            sigma = "" if answer.get("sigma_deg") is None else f" ± {answer['sigma_deg']:.3f}"
+            angle = f"{answer['angle_deg']:.3f}{sigma} deg"
             reason = f": {answer['reason']}" if answer.get("reason") else ""
-            return f"{answer['answer']}{angle}{reason}"
+            if answer["answer"] == "found":
+                return f"found at {angle}{reason}"
+            # Where nothing was detected, the angle is that of the noise.
+            unclaimed = "" if answer["answer"] == "not found" else f"; best guess {angle}, not claimed"
+            return f"{answer['answer']}{reason}{unclaimed}"
         killed = {128 + each: f", by {each.name}" for each in signal.Signals}.get(self.exit_code, "")
         return f"the command ended with exit code {self.exit_code}{killed}"
 
@@ -83,47 +88,62 @@ class Outcome:
 class ChildRun:
     """A running command. Read `items` to its end, then ask for `outcome`; a context manager stops it at the end.
 
-    Parameters
-    ----------
-    arguments
-        Command and options, such as ``["search", "--seed", "1"]``; ``--json`` and those of the stream are added.
-    frames
-        Whether the channel data of each acquisition are sent too.
+    A search stops when nobody has read `items` for 4 s.
+
+    ``arguments``: command and options, such as ``["search", "--seed", "1"]``; ``--json`` and those of the stream are
+    added. ``frames``: whether the channel data of each acquisition are sent too.
     """
 
     def __init__(self, arguments: Sequence[str], *, frames: bool = False) -> None:
         self._reading, writing = os.pipe()
+        beats, beating = os.pipe()
+        # A child that is stopped reads no beats: then they are lost, and nobody waits.
+        os.set_blocking(beating, False)
+        self._heartbeat = os.fdopen(beating, "wb", buffering=0)
         # A file and no pipe: nobody reads the answer before the end, and a pipe would fill up.
         self._answer = tempfile.TemporaryFile()  # noqa: SIM115  closed in `outcome`
         self._decoder = StreamDecoder()
         self._outcome: Outcome | None = None
         self._lock = threading.Lock()
         self._stopped = False
-        stream = ["--events", f"/dev/fd/{writing}", "--stop-with-reader", *(["--event-frames"] if frames else [])]
+        # Until `markerseek.cli.main` handles it: Python would print a traceback if it is stopped while it starts.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        stream = ["--events", f"/dev/fd/{writing}", "--heartbeat", f"/dev/fd/{beats}"]
+        stream += ["--event-frames"] * frames
         try:
             # -P: a file in the current folder must not replace a module.
             self._process = subprocess.Popen(  # noqa: S603  no shell; the arguments are ours
                 [sys.executable, "-P", "-m", "markerseek", *arguments, *stream, "--json"],
                 stdout=self._answer,
-                pass_fds=(writing,),
+                pass_fds=(writing, beats),
             )
         except BaseException:
             os.close(self._reading)
+            self._heartbeat.close()
             self._answer.close()
             raise
         finally:
-            # The child's copy must be the last: only then does the pipe end with it.
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            # The child's copies must be the last: only then do the pipes end with it.
             os.close(writing)
+            os.close(beats)
 
     def items(self) -> Iterator[StreamItem]:
-        """Head, events and end, each as it arrives; waits for the next.
+        """Head, events and end, each as it arrives; waits for the next, and sends the heartbeat meanwhile.
 
-        Raises
-        ------
-        RecordError
-            If the child sends something else.
+        Raises `RecordError` if the child sends something else.
         """
-        while data := os.read(self._reading, _READ_BYTES):
+        poller = select.poll()
+        poller.register(self._reading, select.POLLIN)
+        while True:
+            # By the thread that reads, and by no timer: it must be late where events are not read any more.
+            with suppress(BrokenPipeError):
+                self._heartbeat.write(b".")
+            if not poller.poll(BEAT_S * 1e3):
+                continue
+            data = os.read(self._reading, _READ_BYTES)
+            if not data:
+                return
             yield from self._decoder.feed(data)
 
     def stop(self) -> None:
@@ -160,13 +180,11 @@ class ChildRun:
         with self._lock:
             if self._outcome is None:
                 self._answer.seek(0)
-                text = self._answer.read(_MOST_ANSWER_BYTES)
+                text = self._answer.read(_MAX_ANSWER_BYTES)
                 self._answer.close()
                 os.close(self._reading)
+                self._heartbeat.close()
                 answer = _object(text)
-                if self._stopped and code == 1 and answer is None:
-                    # Stopped while Python itself was starting, which knows no other exit code.
-                    code = -signal.SIGINT
                 self._outcome = Outcome(exit_code=code if code >= 0 else 128 - code, answer=answer)
             return self._outcome
 

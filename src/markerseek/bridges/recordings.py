@@ -21,27 +21,17 @@ from markerseek.runs import configuration_of
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recording:
-    """A recording that can be played.
-
-    Attributes
-    ----------
-    name
-        Name of its file.
-    outcome
-        Answer of a run that is over; None for a bank, and for a run that was not finished.
-    """
+    """A recording that can be played."""
 
     name: str
     outcome: Outcome | None
+    """Answer of a run that is over; None for a bank, and for a run that was not finished."""
     _items: Callable[[], Iterator[tuple[float, StreamItem]]]
 
     def items(self) -> Iterator[tuple[float, StreamItem]]:
         """Its items, each with its time in seconds since the first; frames of a bank are read one at a time.
 
-        Raises
-        ------
-        RecordError, AcquisitionError
-            If a frame of a bank cannot be read.
+        Raises `RecordError` or `AcquisitionError` if a frame of a bank cannot be read.
         """
         after_s, before_s = 0.0, None
         for time_s, item in self._items():
@@ -54,34 +44,26 @@ class Recording:
 def open_recording(path: Path) -> Recording:
     """The recording in a file.
 
-    Parameters
-    ----------
-    path
-        A journal, also of a run that was not finished, or a bank.
-
-    Raises
-    ------
-    RecordError
-        If it is none.
+    ``path``: a journal, also of a run that was not finished, or a bank.
     """
     if is_journal(path):
-        held = read_journal(path)
-        return Recording(name=path.name, outcome=_outcome(held), _items=partial(_journal_items, held))
+        recorded = read_journal(path)
+        return Recording(name=path.name, outcome=_outcome(recorded), _items=partial(_journal_items, recorded))
     return Recording(name=path.name, outcome=None, _items=partial(_bank_items, replayed(path), read_bank(path)))
 
 
-def _outcome(held: RecordedRun) -> Outcome | None:
+def _outcome(recorded: RecordedRun) -> Outcome | None:
     try:
-        _, result = result_of(held)
+        _, result = result_of(recorded)
     except SearchError:
         return None
     return Outcome(exit_code=0 if result.found else 3, answer=msgspec.to_builtins(result))
 
 
-def _journal_items(held: RecordedRun) -> Iterator[tuple[float, StreamItem]]:
-    first_s = held.entries[0].clock_s if held.entries else 0.0
-    yield first_s, StreamHead(configuration=held.configuration, frames=True)
-    for entry in held.entries:
+def _journal_items(recorded: RecordedRun) -> Iterator[tuple[float, StreamItem]]:
+    first_s = recorded.entries[0].clock_s if recorded.entries else 0.0
+    yield first_s, StreamHead(configuration=recorded.configuration, frames=True)
+    for entry in recorded.entries:
         yield _timed(entry.number, entry.clock_s, entry.event, written=entry.written)
 
 

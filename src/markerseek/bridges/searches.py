@@ -7,46 +7,38 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from markerseek.bridges.child import ChildRun
-from markerseek.core import MOST_ACQUISITIONS, ConfigError, SearchError, is_whole
+from markerseek.core import MAX_ACQUISITIONS, ConfigError, SearchError, Tolerance, is_whole
 from markerseek.search import method_named
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchRequest:
-    """What a program on the network may choose of a search: never a file, a rig, or whether it is armed.
-
-    Attributes
-    ----------
-    method, acquisitions, as_published, stay
-        As in `markerseek.core.SearchPlan`.
-    seed
-        Seed of a simulated rig; None for its default.
-
-    Raises
-    ------
-    ConfigError
-        If a value cannot be used.
-    """
+    """What a program on the network may choose of a search: never a file, a rig, or whether it is armed."""
 
     method: str = "posterior"
     acquisitions: int | None = None
     as_published: bool = False
     stay: bool = False
+    tolerance_mm: float | None = None
+    """How well the angle of a marker that is found must be known, as in `markerseek.core.Tolerance`; None: as usual."""
     seed: int | None = None
+    """Seed of a simulated rig; None for its default."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.method, str):
             raise ConfigError(f"method is {self.method!r}, it must be the name of a method")
         method_named(self.method)
         number = self.acquisitions
-        if number is not None and not (is_whole(number) and 2 <= number <= MOST_ACQUISITIONS):
+        if number is not None and not (is_whole(number) and 2 <= number <= MAX_ACQUISITIONS):
             raise ConfigError(
-                f"acquisitions is {number!r}, it must be a whole number from 2 to {MOST_ACQUISITIONS}; leave it out "
+                f"acquisitions is {number!r}, it must be a whole number from 2 to {MAX_ACQUISITIONS}; leave it out "
                 "for the number of the method"
             )
         for name in ("as_published", "stay"):
             if not isinstance(getattr(self, name), bool):
                 raise ConfigError(f"{name} is {getattr(self, name)!r}, it must be true or false")
+        if self.tolerance_mm is not None:
+            Tolerance(mm=self.tolerance_mm)
         if self.seed is not None and not (is_whole(self.seed) and 0 <= self.seed < 2**63):
             raise ConfigError(f"seed is {self.seed!r}, it must be a whole number from 0 to 2**63 - 1")
 
@@ -55,6 +47,8 @@ class SearchRequest:
         options = [f"--method={self.method}"]
         if self.acquisitions is not None:
             options.append(f"--acquisitions={self.acquisitions}")
+        if self.tolerance_mm is not None:
+            options.append(f"--tolerance-mm={self.tolerance_mm}")
         if self.seed is not None:
             options.append(f"--seed={self.seed}")
         return options + ["--as-published"] * self.as_published + ["--stay"] * self.stay
@@ -62,24 +56,16 @@ class SearchRequest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchOptions:
-    """What the person who starts a bridge chooses for all its searches.
-
-    Attributes
-    ----------
-    rig
-        Rig file; None for the simulated rig with its defaults.
-    pace
-        Real seconds per virtual second of a simulated rig.
-    keep_journal
-        Whether each search keeps a journal, in the data folder.
-    frames
-        Whether the bridge gets the channel data.
-    """
+    """What the person who starts a bridge chooses for all its searches."""
 
     rig: Path | None = None
+    """None for the simulated rig with its defaults."""
     pace: float = 0.0
+    """Real seconds per virtual second of a simulated rig."""
     keep_journal: bool = True
+    """Whether each search keeps a journal, in the data folder."""
     frames: bool = False
+    """Whether the bridge gets the channel data."""
 
     def arguments(self) -> list[str]:
         """Options of ``markerseek search``."""
@@ -90,37 +76,26 @@ class SearchOptions:
 
 
 class Searches:
-    """The searches of one bridge, one at a time.
-
-    Parameters
-    ----------
-    options
-        For all of them.
-    """
+    """The searches of one bridge, one at a time."""
 
     def __init__(self, options: SearchOptions) -> None:
         self._options = options
         self._lock = threading.Lock()
         self._running: ChildRun | None = None
 
-    def start(self, request: SearchRequest) -> ChildRun:
+    def start(self, request: SearchRequest, *, asked_by: str | None = None) -> ChildRun:
         """Start a search.
 
-        Parameters
-        ----------
-        request
-            What was asked for.
-
-        Raises
-        ------
-        SearchError
-            If one is running.
+        ``asked_by``: who asked, for the person who arms the rig; None for the user of the bridge's terminal. Raises
+        `SearchError` if one is running.
         """
         # Two requests can come at once, from two threads of a bridge.
         with self._lock:
             if self._running is not None and self._running.running:
                 raise SearchError("a search is running; cancel it, or wait for its result")
             arguments = ["search", *request.arguments(), *self._options.arguments()]
+            if asked_by is not None:
+                arguments.append(f"--asked-by={asked_by}")
             self._running = ChildRun(arguments, frames=self._options.frames)
             return self._running
 

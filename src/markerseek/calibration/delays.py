@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import hilbert
 
-from markerseek.calibration.elevation import LEAST_FACE_M, Geometry, SourceWaves
+from markerseek.calibration.elevation import MIN_FACE_M, Geometry, SourceWaves
 from markerseek.core import Float64, SearchError
 
-LEAST_SHARE = 0.5
+MIN_SHARE = 0.5
 """Least delay of the waves' middles over that of the fitted geometry; on simulated scans it is 1.6 to 5.
 
 It is more than 1 because the sound off the plane is also spread over the height of the elements, to later times.
@@ -24,26 +24,13 @@ _SIGNIFICANT = 0.05
 
 
 def require_delays(waves: SourceWaves, geometry: Geometry) -> None:
-    """Refuse a fit of waves that do not arrive later off the image plane.
-
-    Parameters
-    ----------
-    waves
-        The waves.
-    geometry
-        The geometry that was fitted to them.
-
-    Raises
-    ------
-    SearchError
-        If the delay is missing, or the face radius lies at the least value that is tried.
-    """
+    """Refuse a fit of waves that do not arrive later off the image plane."""
     predicted_s = _path_delay_s(waves.angle_deg, geometry)
     measured_s = waves.arrival_s + _middle_s(waves)
     # Weighted least squares of the measured times on the predicted delay: the weaker waves scatter more.
     weight = np.abs(waves.wave).max(axis=1)
     slope = float(np.polyfit(predicted_s, measured_s, 1, w=weight)[0])
-    if not slope >= LEAST_SHARE:
+    if not slope >= MIN_SHARE:
         span_ns = 1e9 * float(np.ptp(predicted_s))
         raise SearchError(
             f"off the image plane the sound arrives {slope * span_ns:.0f} ns later, {span_ns:.0f} ns or more are "
@@ -52,7 +39,7 @@ def require_delays(waves: SourceWaves, geometry: Geometry) -> None:
             "aligned, scaled or copied"
         )
     low_m, _ = geometry.face_radius_m.interval95
-    if not low_m > LEAST_FACE_M:
+    if not low_m > MIN_FACE_M:
         raise SearchError(
             f"the face radius is {1e3 * geometry.face_radius_m.value:.1f} mm or less, which this scan does not "
             "determine; scan one small source from 12 deg below it to 12 deg above, in steps of at most 1 deg"

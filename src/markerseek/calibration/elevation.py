@@ -17,7 +17,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from scipy.signal import hilbert
 
 from markerseek.calibration.moveout import Moveout
-from markerseek.calibration.requirements import BESIDE, LEAST_ANGLES
+from markerseek.calibration.requirements import BESIDE, MIN_ANGLES
 from markerseek.core import Float64, SearchError
 
 # Gauss-Legendre over the height of an element: the delay is smooth there, so that few nodes suffice.
@@ -26,13 +26,13 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _MODEL_SHARE = 0.03
 """Error of the model over a wave's height; it limits the weight of waves with little noise."""
 
-_LEAST_ERROR = np.array([5e-4, 0.05])
+_MIN_ERROR = np.array([5e-4, 0.05])
 """Error of the wave front's speed in mm/µs and range in mm that more frames do not reduce.
 
 Oblique waves are smeared differently from straight ones; measured on simulated point sources with known truth.
 """
 
-_LEAST_FACE_MM = 0.1
+_MIN_FACE_MM = 0.1
 """The same for the face radius, in mm: the wave in the plane is itself smeared, and holds the noise of one frame."""
 
 _Wave: TypeAlias = tuple[Float64[np.ndarray, " fine"], Float64[np.ndarray, " fine"]]
@@ -45,10 +45,10 @@ _SIGNIFICANT = 0.02
 _FACE_MM, _BEND_1_M, _HEIGHTS_MM = 10.0, 13.0, (3.5, 5.0, 6.0)
 """Start of the fit; from a wrong height it may end a cycle of the carrier away, so that several are tried."""
 
-LEAST_FACE_M = 3e-3
+MIN_FACE_M = 3e-3
 """Least face radius that is tried, in metres."""
 
-_LOW = (-90.0, 15.0, 1e3 * LEAST_FACE_M, -3.0, 1.0, -20.0, 1.3)
+_LOW = (-90.0, 15.0, 1e3 * MIN_FACE_M, -3.0, 1.0, -20.0, 1.3)
 _HIGH = (90.0, 150.0, 20.0, 3.0, 10.0, 100.0, 1.8)
 
 
@@ -67,57 +67,34 @@ class Fitted:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Geometry:
-    """Position of the source and geometry of the probe.
-
-    Attributes
-    ----------
-    source_deg
-        Probe angle at which the source lies in the image plane, in degrees.
-    source_radius_m
-        Distance of the source from the axis of rotation, in metres.
-    face_radius_m
-        Distance of the array's face from the axis, in metres.
-    trigger_offset_s
-        Time from the trigger to the middle of the laser's pulse, in seconds.
-    element_height_m
-        Height of the elements, in metres.
-    sound_speed_m_s
-        Speed of sound in m/s, with the wave fronts' value as prior.
-    misfit
-        Root mean square of the residual, over the height of the waves.
-    """
+    """Position of the source and geometry of the probe."""
 
     source_deg: Fitted
+    """Probe angle at which the source lies in the image plane."""
     source_radius_m: Fitted
+    """Distance of the source from the axis of rotation."""
     face_radius_m: Fitted
+    """Distance of the array's face from the axis."""
     trigger_offset_s: Fitted
+    """Time from the trigger to the middle of the laser's pulse."""
     element_height_m: Fitted
     sound_speed_m_s: Fitted
+    """Speed of sound in m/s, with the wave fronts' value as prior."""
     misfit: float
+    """Root mean square of the residual, over the height of the waves."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SourceWaves:
-    """The waves of one source, one for each angle.
-
-    Attributes
-    ----------
-    angle_deg
-        Angles of the probe in degrees, shape (frames,).
-    arrival_s
-        When the middle of each wave reaches an element right above the source, in seconds, shape (frames,).
-    wave
-        The waves, shape (frames, window), in any unit.
-    sigma
-        Standard deviation of their noise in that unit, shape (frames,).
-    sampling_hz
-        Sampling frequency in Hz.
-    """
+    """The waves of one source, one for each angle."""
 
     angle_deg: Float64[np.ndarray, " frames"]
     arrival_s: Float64[np.ndarray, " frames"]
+    """When the middle of each wave reaches an element right above the source."""
     wave: Float64[np.ndarray, "frames window"] = field(repr=False)
+    """The waves, in any unit."""
     sigma: Float64[np.ndarray, " frames"] = field(repr=False)
+    """Standard deviation of their noise in that unit."""
     sampling_hz: float
 
     @property
@@ -130,23 +107,14 @@ class SourceWaves:
 def fit_geometry(waves: SourceWaves, moveout: Moveout) -> Geometry:
     """Fit the geometry under which one wave, delayed and smeared, explains all waves.
 
-    Parameters
-    ----------
-    waves
-        Waves on both sides of the strongest; at least 8.
-    moveout
-        Speed of sound and range, from the wave fronts near the plane.
-
-    Raises
-    ------
-    SearchError
-        If there are too few waves, or none lies on one side of the strongest.
+    ``waves``: waves on both sides of the strongest; at least 8. ``moveout``: speed of sound and range, from the wave
+    fronts near the plane.
     """
     height = np.abs(waves.wave).max(axis=1)
     best = int(np.argmax(height))
-    if len(height) < LEAST_ANGLES:
+    if len(height) < MIN_ANGLES:
         raise SearchError(
-            f"{len(height)} angles receive the source well, at least {LEAST_ANGLES} are needed; scan in finer steps, "
+            f"{len(height)} angles receive the source well, at least {MIN_ANGLES} are needed; scan in finer steps, "
             "or average more pulses"
         )
     if not BESIDE <= best < len(height) - BESIDE:
@@ -179,7 +147,7 @@ def fit_geometry(waves: SourceWaves, moveout: Moveout) -> Geometry:
     return Geometry(
         source_deg=value["source_deg"],
         source_radius_m=_scaled(value["radius_mm"], 1e-3),
-        face_radius_m=Fitted(value=1e-3 * face.value, sigma=1e-3 * math.hypot(face.sigma, _LEAST_FACE_MM)),
+        face_radius_m=Fitted(value=1e-3 * face.value, sigma=1e-3 * math.hypot(face.sigma, _MIN_FACE_MM)),
         trigger_offset_s=_scaled(value["late_us"], 1e-6),
         element_height_m=_scaled(value["height_mm"], 1e-3),
         sound_speed_m_s=_scaled(value["speed_mm_us"], 1e3),
@@ -227,7 +195,7 @@ def _fit(
     # Whitened by the Cholesky factor of the inverse covariance, the wave fronts' result is two more residuals.
     unit = np.array([1e-3, 1e3])
     prior = unit * [moveout.sound_speed_m_s, moveout.range_m]
-    covariance = moveout.covariance * np.outer(unit, unit) + np.diag(_LEAST_ERROR**2)
+    covariance = moveout.covariance * np.outer(unit, unit) + np.diag(_MIN_ERROR**2)
     whiten = np.linalg.cholesky(np.linalg.inv(covariance)).T
 
     def residual(parameters: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " m"]:

@@ -20,24 +20,15 @@ _OUTLIER_S = 5e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Moveout:
-    """Speed of sound and range from the wave fronts of some frames.
-
-    Attributes
-    ----------
-    sound_speed_m_s
-        Speed of sound in m/s.
-    range_m
-        Distance of the point from the array in metres.
-    covariance
-        Covariance of these two, from the scatter between the frames, shape (2, 2).
-    lateral_m
-        Position of the point along the array, in metres.
-    """
+    """Speed of sound and range from the wave fronts of some frames."""
 
     sound_speed_m_s: float
     range_m: float
+    """Distance of the point from the array."""
     covariance: Float64[np.ndarray, "2 2"]
+    """Covariance of these two, from the scatter between the frames."""
     lateral_m: float
+    """Position of the point along the array."""
 
 
 def fit_moveout(
@@ -47,17 +38,8 @@ def fit_moveout(
 
     In each frame t(y) = t0 + sqrt((y - y0)² + r²)/c; near the plane c and r are common, t0 and y0 its own.
 
-    Parameters
-    ----------
-    arrivals_s
-        Arrival at each channel, one array a frame, NaN where there is none; at least 3 frames.
-    element_m
-        Positions of the elements along the array, in metres.
-
-    Raises
-    ------
-    SearchError
-        If there are too few frames, or they do not agree with a point source.
+    ``arrivals_s``: arrival at each channel, one array a frame, NaN where there is none; at least 3 frames.
+    ``element_m``: positions of the elements along the array.
     """
     if len(arrivals_s) < 3:
         raise SearchError(
@@ -97,15 +79,8 @@ def apex_s(
 ) -> float:
     """Time at which a frame's wave would reach an element right above the point, in seconds.
 
-    Parameters
-    ----------
-    arrival_s, element_m
-        As in `fit_moveout`, for one frame.
-    moveout
-        Result of the frames near the plane.
-    plane_s
-        The same time of a frame in the plane, for a frame off it, where a delay means a longer range. None: this frame
-        is in the plane.
+    ``moveout``: result of the frames near the plane. ``plane_s``: the same time of a frame in the plane, for a frame
+    off it, where a delay means a longer range. None: this frame is in the plane.
     """
     used = np.isfinite(arrival_s)
     offset_m = element_m[used] - moveout.lateral_m

@@ -8,7 +8,7 @@ import numpy as np
 
 from markerseek.core import Sample, SearchError
 
-LEAST_ANGLES = 8
+MIN_ANGLES = 8
 """Fewest angles that receive the source well."""
 
 BESIDE = 2
@@ -23,21 +23,12 @@ _CURE = "scan one small source from 12 deg below it to 12 deg above, in steps of
 def require_peak(samples: Sequence[Sample], *, saturated_limit: float) -> None:
     """Refuse a scan whose intensities alone show that it cannot be used for calibration.
 
-    Parameters
-    ----------
-    samples
-        One for each angle, in the order of the angles.
-    saturated_limit
-        Largest share of saturated channels at the strongest angle; clipping changes the shape of the wave.
-
-    Raises
-    ------
-    SearchError
-        If there are too few angles, no source, no peak inside the scan, or clipped waves; the message names the cure.
+    ``samples``: one for each angle, in the order of the angles. ``saturated_limit``: largest share of saturated
+    channels at the strongest angle; clipping changes the shape of the wave.
     """
-    if len(samples) < LEAST_ANGLES:
+    if len(samples) < MIN_ANGLES:
         raise SearchError(
-            f"{len(samples)} angles are too few to calibrate with, at least {LEAST_ANGLES} must receive the source; "
+            f"{len(samples)} angles are too few to calibrate with, at least {MIN_ANGLES} must receive the source; "
             f"{_CURE}"
         )
     intensity = np.array([sample.reading.intensity for sample in samples])

@@ -1,7 +1,8 @@
 """The command line: one file per command, `app` with all of them, and `main`, which handles every error.
 
 Exit codes: 0 found (or all is well), 3 any other answer of a search, 1 a fault, 2 wrong usage or a file that cannot be
-read, 4 the rig was not armed, 70 a defect of this program, 130 stopped by the user (129, 143: by SIGHUP, SIGTERM).
+read, 4 the rig was not armed, 70 a defect of this program, 74 the output could not be written, 130 stopped by the user
+(129, 143: by SIGHUP, SIGTERM).
 """
 
 from __future__ import annotations
@@ -9,15 +10,24 @@ from __future__ import annotations
 import atexit
 import errno
 import gc
+import io
 import os
 import signal
 import sys
-from typing import NoReturn
+from contextlib import suppress
 
 from markerseek._version import __version__
 
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    # Not at run time: `main` has not yet looked at the path from which it would be imported.
+    from typing import NoReturn
+
 DEFECT = 70
 """Exit code after an unexpected error; EX_SOFTWARE of sysexits.h."""
+
+NO_OUTPUT = 74
+"""Exit code where standard output was closed by its reader, or its disk is full; EX_IOERR of sysexits.h."""
 
 STOPPED_BY_USER = 130
 """Exit code after Ctrl-C, as shells have it."""
@@ -31,6 +41,10 @@ SHOW_TRACEBACK = "MARKERSEEK_TRACEBACK"
 
 def main() -> NoReturn:
     """Run the command line and end the process with its exit code; every error becomes one line."""
+    _forget_current_folder()
+    _open_standard_streams()
+    # What a command writes may tell of a patient: only its owner can read it.
+    os.umask(os.umask(0o077) | 0o077)
     # A shell without job control starts a command with & so that it ignores Ctrl-C, and Python leaves that so. A search
     # that moves a probe must end at SIGINT however it was started.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -40,6 +54,8 @@ def main() -> NoReturn:
     gc.set_threshold(50_000)
     atexit.register(gc.freeze)
     try:
+        # A bridge blocks it in its children until here, so that a stop at their start finds this handler.
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
         if sys.argv[1:] == ["--version"]:
             # For scripts that ask often: typer alone takes longer to import than this takes.
             sys.stdout.write(f"{__version__}\n")
@@ -51,9 +67,16 @@ def main() -> NoReturn:
     except KeyboardInterrupt:
         _end("stopped by the user", kind="KeyboardInterrupt", code=STOPPED_BY_USER)
     except OSError as problem:
+        if problem.filename is None and problem.errno in _OUTPUT:
+            # What Python still holds for it would fail again at the end.
+            sys.stdout = io.StringIO()
+            _end(
+                f"the output cannot be written: {problem.strerror}; a journal, if one is kept, holds the answer",
+                kind="OSError",
+                code=NO_OUTPUT,
+            )
         if problem.filename is None:
-            what = "the output cannot be written" if problem.errno in _OUTPUT else "reading or writing failed"
-            _end(f"{what}: {problem.strerror or problem}", kind="OSError", code=1)
+            _end(f"reading or writing failed: {problem.strerror or problem}", kind="OSError", code=1)
         # Path.exists() itself fails for a name that is too long, or in a folder without permission.
         _end(f"{problem.filename}: {problem.strerror}; check the name and the rights", kind="OSError", code=2)
     except MemoryError as problem:
@@ -62,6 +85,31 @@ def main() -> NoReturn:
     except Exception as problem:  # noqa: BLE001  the last resort
         _end_of_defect(problem)
     sys.exit(0)
+
+
+def _forget_current_folder() -> None:
+    """Import nothing from the current folder because of an empty element in PYTHONPATH, as of "$PYTHONPATH:/lab"."""
+    named = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    kept = [each for each in named if each]
+    if not kept or len(kept) == len(named):
+        return
+    # For the processes that this one starts, too.
+    os.environ["PYTHONPATH"] = os.pathsep.join(kept)
+    here = os.getcwd()  # noqa: PTH109  pathlib is not imported yet
+    if here not in map(os.path.abspath, kept):
+        sys.path[:] = [each for each in sys.path if each not in ("", here)]
+
+
+def _open_standard_streams() -> None:
+    """Put an empty file in the place of each standard stream that is closed, else another file would get its number."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    for name, number in (("stdout", 1), ("stderr", 2)):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, "w", encoding="utf-8", closefd=False))  # noqa: SIM115  until the end
 
 
 def _end_of_defect(problem: Exception) -> NoReturn:
@@ -82,7 +130,8 @@ def _end_of_defect(problem: Exception) -> NoReturn:
 
 def _end(message: str, *, kind: str, code: int) -> NoReturn:
     """Print how a command ended, with the standard library only: imports or memory may be missing."""
-    sys.stderr.write(f"error: {message}\n".encode("utf-8", "backslashreplace").decode("utf-8"))
+    with suppress(OSError):
+        sys.stderr.write(f"error: {message}\n".encode("utf-8", "backslashreplace").decode("utf-8"))
     if "--json" in sys.argv:
         import json  # not above: Ctrl-C can be handled only once this module is imported
 

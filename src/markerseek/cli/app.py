@@ -43,7 +43,7 @@ app = typer.Typer(
     help="Find a photoacoustic marker with a motorised transrectal ultrasound probe.",
     epilog="Try: markerseek search --seed 1 --plot\n\n"
     "Exit codes: 0 found, or all is well; 3 any other answer; 1 a fault; 2 wrong usage, or a file that cannot be read; "
-    "4 not armed; 70 a defect of this program",
+    "4 not armed; 70 a defect of this program; 74 the output cannot be written",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
@@ -95,10 +95,7 @@ def _built() -> Callable[[], object]:
 def run() -> None:
     """Run the command that the arguments name, and end the process with its exit code.
 
-    Raises
-    ------
-    SystemExit
-        Always, unless something happens that was not foreseen.
+    Raises `SystemExit` always, unless something happens that was not foreseen.
     """
     # Warnings as one line: the default prints a line of source code that says nothing to a user.
     warnings.showwarning = print_warning
@@ -112,6 +109,9 @@ def run() -> None:
     except Stopped:
         raise
     except SystemExit as ended:
+        if isinstance(ended.__context__, BrokenPipeError):
+            # Click ends with exit code 1 and without a word.
+            raise ended.__context__ from None
         if ended.code == STOPPED_BY_USER:
             print_error(MarkerseekError("stopped by the user"), as_json=as_json)
         elif ended.code == WRONG_USAGE and as_json:

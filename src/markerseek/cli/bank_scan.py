@@ -10,7 +10,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import runs
-from markerseek.cli.event_stream import EventFrames, Events, StopWithReader, StreamOptions
+from markerseek.cli.event_stream import EventFrames, Events, Heartbeat, StreamOptions
 from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig
 from markerseek.cli.options import Arm, AsJson, RigFile
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
@@ -55,7 +55,7 @@ def command(
     ] = None,
     events: Events = None,
     event_frames: EventFrames = False,
-    stop_with_reader: StopWithReader = False,
+    heartbeat: Heartbeat = None,
     as_json: AsJson = False,
 ) -> None:
     """Scan the whole search range of a rig, with dark frames first, and write each acquisition before the next.
@@ -65,13 +65,13 @@ def command(
     from markerseek.records.banks.ipasc import require_new_bank
 
     require_new_bank(out)
-    options = StreamOptions(path=events, frames=event_frames, stop_with_reader=stop_with_reader)
+    options = StreamOptions(path=events, frames=event_frames, heartbeat=heartbeat)
     announce_compilation()
     taken, dark, refused = 0, 0, 0
     stopped: StoppedBySignal | None = None
     with open_rig(rig, SimulationOptions(seed=seed)) as (assembled, _start_deg):
         angles = runs.scan_angles(assembled, step_deg=step_deg)
-        arm_rig(assembled, arm=arm, what="scan", as_json=as_json)
+        arm_rig(assembled, file=rig, arm=arm, what="scan", as_json=as_json)
         scan = runs.scan_bank(
             assembled,
             out,
@@ -83,7 +83,7 @@ def command(
             with (
                 options.opened(runs.scan_configuration(assembled, step_deg=step_deg)) as stream,
                 stopped_by_signals(),
-                options.stopping(stream),
+                options.stopping(),
                 progress_bar(angles, what="scanning") as progress,
                 closing(scan),
             ):

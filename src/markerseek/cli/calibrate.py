@@ -11,6 +11,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import rigs, runs, signals
+from markerseek.cli.direction import steadiness
 from markerseek.cli.options import AsJson, ProbeName
 from markerseek.cli.terminal import announce_compilation, new_table, print_report, progress_bar, stdout
 from markerseek.core import AcquisitionError, ConfigError, RecordError, Sample, SearchError, require_range
@@ -93,7 +94,14 @@ def command(
     if as_json:
         # The interval of a `Fitted` is computed.
         values = {name: asdict(value) | {"interval95": value.interval95} for name, value in numbers.items()}
-        print_report(**values, misfit=geometry.misfit, frames=found.frames, waves=found.waves, rig_toml=rig_toml)
+        print_report(
+            **values,
+            misfit=geometry.misfit,
+            energy_spread=found.energy_spread,
+            frames=found.frames,
+            waves=found.waves,
+            rig_toml=rig_toml,
+        )
     else:
         _print_table(found, numbers, rig_toml)
 
@@ -124,6 +132,6 @@ def _print_table(found: runs.Calibration, numbers: dict[str, Fitted], rig_toml: 
     stdout.print(table)
     stdout.print(
         f"[dim]{found.waves} of {found.frames} angles had a wave clear enough to be used; the residual of the fit is "
-        f"{found.geometry.misfit:.1%} of their height[/]\n\nFor rig.toml:\n"
+        f"{found.geometry.misfit:.1%} of their height; {steadiness(found.energy_spread)}[/]\n\nFor rig.toml:\n"
     )
     stdout.print(escape(rig_toml))

@@ -13,7 +13,7 @@ from markerseek.cli.open_rig import SimulationOptions, open_rig
 from markerseek.cli.session import run_session
 from markerseek.cli.show_result import FOUND, OTHER_ANSWER, Output
 from markerseek.cli.terminal import announce_compilation, new_table, print_json, save_picture, stdout
-from markerseek.core import ConfigError, SearchPlan
+from markerseek.core import ConfigError, SearchPlan, Tolerance
 from markerseek.search import method_named
 
 if TYPE_CHECKING:
@@ -31,24 +31,11 @@ def compare(
     acquisitions: int | None,
     as_published: bool,
     stay: bool,
+    tolerance: Tolerance,
 ) -> NoReturn:
     """Search the same simulated world with each method, and print one table; ends with exit code 0 if all found it.
 
-    Parameters
-    ----------
-    methods
-        Names of the methods, with commas between them.
-    rig, options
-        The simulated rig.
-    output
-        How the results are shown.
-    acquisitions, as_published, stay
-        As in `markerseek.core.SearchPlan`, for all methods.
-
-    Raises
-    ------
-    ConfigError
-        If fewer than two methods are named, one twice, one is unknown, or the rig is one of devices.
+    ``methods``: names of the methods, with commas between them.
     """
     names = [name.strip() for name in methods.split(",")]
     for name in names:
@@ -65,7 +52,12 @@ def compare(
             plan = runs.plan_on(
                 assembled,
                 SearchPlan(
-                    method=name, acquisitions=acquisitions, as_published=as_published, start_deg=start_deg, stay=stay
+                    method=name,
+                    acquisitions=acquisitions,
+                    as_published=as_published,
+                    start_deg=start_deg,
+                    stay=stay,
+                    tolerance=tolerance,
                 ),
             )
             session = runs.new_session(assembled, plan)

@@ -9,7 +9,7 @@ from markerseek import runs
 from markerseek.cli.open_rig import arm_rig, open_rig
 from markerseek.core import ConfigError, SearchPlan
 
-LEAST_DEG = 5.0
+MIN_DEG = 5.0
 """Smallest angle of a source at which its two sides can be distinguished, in degrees."""
 
 _NEAR_DEG = 5.0
@@ -27,36 +27,30 @@ def verdict_of(found_deg: float, source_deg: float) -> Verdict:
     return "mirrored" if abs(found_deg + source_deg) <= near_deg else "neither"
 
 
+def steadiness(spread: float | None) -> str:
+    """How steady the laser is, in words; ``spread`` is the relative standard deviation of an acquisition's energy."""
+    if spread is None:
+        return "too few samples show how steady the laser is"
+    return f"the laser's energy differs by {spread:.1%} from one acquisition to the next"
+
+
 def require_source_deg(source_deg: float) -> None:
-    """Refuse an angle of a source, in degrees, that proves nothing; `ConfigError` if it is too near to 0."""
-    if not LEAST_DEG <= abs(source_deg) <= 360:
+    """Refuse an angle of a source, in degrees, that is too near to 0 to prove the sense; `ConfigError`."""
+    if not MIN_DEG <= abs(source_deg) <= 360:
         raise ConfigError(
-            f"--source-deg is {source_deg:g} deg, it must be at least {LEAST_DEG:g} deg off 0 on either side"
+            f"--source-deg is {source_deg:g} deg, it must be at least {MIN_DEG:g} deg off 0 on either side"
         )
 
 
 def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) -> tuple[bool, str]:
-    """Search a source whose angle is known; whether the stage turns the right way, and what was found, in words.
+    """Search a source at a known angle, and return whether the stage turns the right way, with what was found in words.
 
-    Parameters
-    ----------
-    path
-        Rig file.
-    source_deg
-        True angle of the source on the probe's scale, in degrees; see `require_source_deg`.
-    arm
-        Whether the user armed the rig by an option; otherwise a question is asked on the terminal.
-    as_json
-        Whether a program reads the output.
-
-    Raises
-    ------
-    ConfigError
-        If the source or the mirrored angle is outside the search range.
-    DeviceError
-        If a device did not do its part.
+    ``source_deg``: True angle of the source on the probe's scale; see `require_source_deg`. ``arm``: whether the user
+    armed the rig by an option; otherwise a question is asked on the terminal. ``as_json``: whether a program reads the
+    output.
     """
     from markerseek.cli.session import run_new_session
+    from markerseek.search.posterior import energy_spread
 
     with open_rig(path) as (rig, start_deg):
         search = rig.limits.search
@@ -66,12 +60,13 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
                 "place the source nearer to 0"
             )
         session = runs.new_session(rig, runs.plan_on(rig, SearchPlan(method="posterior", start_deg=start_deg)))
-        arm_rig(rig, arm=arm, what=f"search the source at {source_deg:g} deg", as_json=as_json)
+        arm_rig(rig, file=path, arm=arm, what=f"search the source at {source_deg:g} deg", as_json=as_json)
         session = run_new_session(session, as_json=as_json, rig_file=path)
     result = session.result()
     if not result.found:
         return False, f"no source was found ({result.answer}: {result.reason}); place one point source, and no other"
-    found = f"the source at {source_deg:g} deg was found at {result.angle_deg:.2f} deg"
+    spread = energy_spread(session.recorder.samples, limits=search)
+    found = f"the source at {source_deg:g} deg was found at {result.angle_deg:.2f} deg; {steadiness(spread)}"
     match verdict_of(result.angle_deg, source_deg):
         case "right":
             return True, f"{found}: the stage turns the right way"

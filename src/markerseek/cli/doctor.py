@@ -58,7 +58,7 @@ _MARKER_DEG = 10.0
 """Angle of the marker in the two simulated searches, in degrees."""
 
 
-class Finding(msgspec.Struct, frozen=True, kw_only=True):
+class CheckResult(msgspec.Struct, frozen=True, kw_only=True):
     """Result of one check."""
 
     what: str
@@ -99,7 +99,7 @@ def command(
         findings.append(_rig(rig))
         if source_deg is not None and findings[-1].state == "ok":
             right, detail = prove_direction(rig, source_deg=source_deg, arm=arm, as_json=as_json)
-            findings.append(Finding(what="sense of rotation", state="ok" if right else "broken", detail=detail))
+            findings.append(CheckResult(what="sense of rotation", state="ok" if right else "broken", detail=detail))
     ok = all(finding.state == "ok" for finding in findings if finding.needed)
     if as_json:
         print_json({"ok": ok, "findings": findings})
@@ -119,32 +119,32 @@ _STATES = {
 """States as printed, of what is needed and of what is not."""
 
 
-def _packages() -> list[Finding]:
+def _packages() -> list[CheckResult]:
     """Python, the packages that are needed, and those of the extras."""
     import importlib.metadata
     import importlib.util
 
-    found = [Finding(what="Python", state="ok", detail=platform.python_version())]
+    found = [CheckResult(what="Python", state="ok", detail=platform.python_version())]
     # Installed in any case: without them this command would not have started.
-    found += [Finding(what=name, state="ok", detail=importlib.metadata.version(name)) for name in REQUIRED]
+    found += [CheckResult(what=name, state="ok", detail=importlib.metadata.version(name)) for name in REQUIRED]
     for extra, package in EXTRAS.items():
         if importlib.util.find_spec(package) is None:
             cure = f"not installed; {_PURPOSES[extra]} needs it: pip install 'markerseek[{extra}]'"
-            found.append(Finding(what=package, state="absent", detail=cure, needed=False))
+            found.append(CheckResult(what=package, state="absent", detail=cure, needed=False))
         else:
             version = importlib.metadata.version(package)
-            found.append(Finding(what=package, state="ok", detail=f"{version} (extra {extra})", needed=False))
+            found.append(CheckResult(what=package, state="ok", detail=f"{version} (extra {extra})", needed=False))
     return found
 
 
-def _rig(path: Path) -> Finding:
+def _rig(path: Path) -> CheckResult:
     """Whether the devices of a rig file answer, are the right ones, and are fit for use."""
     try:
         with open_rig(path) as (rig, stands_deg):
             detail = f"{rig.facts.description}; stands at {stands_deg:.3f} deg, inside {rig.limits.travel}"
     except DeviceError as error:
-        return Finding(what=str(path), state="broken", detail=str(error))
-    return Finding(what=str(path), state="ok", detail=detail)
+        return CheckResult(what=str(path), state="broken", detail=str(error))
+    return CheckResult(what=str(path), state="ok", detail=detail)
 
 
 def _lease_s(path: Path) -> float | None:
@@ -153,7 +153,7 @@ def _lease_s(path: Path) -> float | None:
     return settings.supervisor.lease_s if isinstance(settings, drivers.BenchSettings) else None
 
 
-def _punctuality(lease_s: float) -> Finding:
+def _punctuality(lease_s: float) -> CheckResult:
     """Whether this computer wakes up in time to renew the supervisor's lease."""
     longest_s = max(_timed_nap() for _ in range(_NAPS)) - _NAP_S
     detail = (
@@ -162,12 +162,12 @@ def _punctuality(lease_s: float) -> Finding:
     )
     # A third, because a loaded computer during a search is later than this idle test.
     if longest_s <= lease_s / 3:
-        return Finding(what="scheduling", state="ok", detail=detail)
+        return CheckResult(what="scheduling", state="ok", detail=detail)
     cure = "; close other programs, switch power saving off, or run the search with a higher priority (nice, chrt)"
-    return Finding(what="scheduling", state="broken", detail=detail + cure, needed=False)
+    return CheckResult(what="scheduling", state="broken", detail=detail + cure, needed=False)
 
 
-def _punctuality_under_load(lease_s: float) -> Finding:
+def _punctuality_under_load(lease_s: float) -> CheckResult:
     """How much of the supervisor's lease is left while other programs compute on every core."""
     programs = _BUSY_PER_CORE * (os.cpu_count() or 1)
     with _busy(programs):
@@ -179,8 +179,8 @@ def _punctuality_under_load(lease_s: float) -> Finding:
         f"{1e3 * longest_s:.1f} ms late: of the lease of {lease_s:g} s "
     )
     if margin_s > 0:
-        return Finding(what="scheduling under load", state="ok", detail=f"{detail}{1e3 * margin_s:.0f} ms are left")
-    return Finding(
+        return CheckResult(what="scheduling under load", state="ok", detail=f"{detail}{1e3 * margin_s:.0f} ms are left")
+    return CheckResult(
         what="scheduling under load",
         state="broken",
         detail=f"{detail}nothing is left: a search on a busy computer would be stopped in the middle; close other "
@@ -220,7 +220,7 @@ def _timed_step() -> float:
     return waited_s + time.perf_counter() - began_s
 
 
-def _search(method: str) -> Finding:
+def _search(method: str) -> CheckResult:
     """One search on the simulated rig, which leaves the compiled kernels on disk."""
     from markerseek.scan import run
     from markerseek.search import build
@@ -241,8 +241,8 @@ def _search(method: str) -> Finding:
     took_s = time.perf_counter() - began_s
     what = f"simulated search, {method}"
     if not abs(found_deg - _MARKER_DEG) < 1:
-        return Finding(what=what, state="broken", detail=f"found {found_deg:.2f} deg for {_MARKER_DEG:g} deg")
+        return CheckResult(what=what, state="broken", detail=f"found {found_deg:.2f} deg for {_MARKER_DEG:g} deg")
     remarks = "".join(f"; {warning.message}" for warning in caught)
-    return Finding(
+    return CheckResult(
         what=what, state="ok", detail=f"found {found_deg:.2f} deg for {_MARKER_DEG:g} deg in {took_s:.1f} s{remarks}"
     )

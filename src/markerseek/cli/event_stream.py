@@ -1,4 +1,4 @@
-"""Options of the commands that send their events to other programs, and the end of a run with its reader."""
+"""Options of the commands that are run by other programs: the stream of events to them, and their heartbeat."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 import select
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -27,41 +28,30 @@ Events: TypeAlias = Annotated[
 EventFrames: TypeAlias = Annotated[
     bool, typer.Option("--event-frames", help="Send the channel data too, as a block behind the line of their event.")
 ]
-StopWithReader: TypeAlias = Annotated[
-    bool,
+Heartbeat: TypeAlias = Annotated[
+    Path | None,
     typer.Option(
-        "--stop-with-reader", help="Stop, with the laser off, when the program that reads --events /dev/fd/N ends."
+        help="Stop, with the laser off, when no byte comes from this pipe, /dev/fd/N, for 4 s, or its writer ends."
     ),
 ]
+
+SILENT_S = 4.0
+"""Longest time without a beat, in seconds: a search then has one more to stop (decision 44)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamOptions:
-    """Values of these options.
-
-    Attributes
-    ----------
-    path, frames, stop_with_reader
-        See the options.
-
-    Raises
-    ------
-    ConfigError
-        If one of the others is given without ``--events``.
-    """
+    """Values of these options."""
 
     path: Path | None = None
     frames: bool = False
-    stop_with_reader: bool = False
+    heartbeat: Path | None = None
 
     def __post_init__(self) -> None:
-        for name, given in (("--event-frames", self.frames), ("--stop-with-reader", self.stop_with_reader)):
-            if given and self.path is None:
-                raise ConfigError(f"{name} says how events are sent, and none are; add --events, or leave it out")
-        if self.stop_with_reader and self.path is not None and not self.path.is_relative_to("/dev/fd"):
-            raise ConfigError(
-                f"--stop-with-reader: the reader of {self.path} may come and go; it needs a pipe, --events /dev/fd/N"
-            )
+        if self.frames and self.path is None:
+            raise ConfigError("--event-frames says how events are sent, and none are; add --events, or leave it out")
+        if self.heartbeat is not None and not self.heartbeat.is_fifo():
+            raise ConfigError(f"--heartbeat {self.heartbeat}: it is no pipe; name one that is open, /dev/fd/N")
 
     @contextmanager
     def opened(self, configuration: Configuration) -> Iterator[EventStream | None]:
@@ -75,31 +65,37 @@ class StreamOptions:
             yield stream
 
     @contextmanager
-    def stopping(self, stream: EventStream | None) -> Iterator[None]:
-        """Send this process SIGTERM when the reader of the stream from `opened` ends, where that is wanted."""
-        if stream is None or not self.stop_with_reader:
+    def stopping(self) -> Iterator[None]:
+        """Send this process SIGTERM when the heartbeat is late or ends, where there is one."""
+        if self.heartbeat is None:
             yield
             return
         over = threading.Event()
+        beats = os.open(self.heartbeat, os.O_RDONLY | os.O_NONBLOCK)
         # A signal, so that the run is stopped in one way only; the thread does nothing but wait.
-        thread = threading.Thread(target=_terminate_without_reader, args=(stream.fileno(), over), daemon=True)
+        thread = threading.Thread(target=_terminate_without_beats, args=(beats, over), daemon=True)
         thread.start()
         try:
             yield
         finally:
             over.set()
             thread.join()
+            os.close(beats)
 
 
 _LOOK_S = 0.05
-"""Longest time until the waiting thread sees that the run is over, in seconds; the reader's end wakes it at once."""
+"""Longest time until the waiting thread sees that the run is over, in seconds; the writer's end wakes it at once."""
 
 
-def _terminate_without_reader(descriptor: int, over: threading.Event) -> None:
+def _terminate_without_beats(beats: int, over: threading.Event) -> None:
     poller = select.poll()
-    # The write end of a pipe reports POLLERR, which is always asked for, when its last reader is gone.
-    poller.register(descriptor, 0)
+    poller.register(beats, select.POLLIN)
+    beat_s = time.monotonic()
     while not over.is_set():
-        if poller.poll(_LOOK_S * 1e3):
+        arrived = bool(poller.poll(_LOOK_S * 1e3))
+        # A pipe without a writer can be read, and holds nothing.
+        if arrived and os.read(beats, 4096):
+            beat_s = time.monotonic()
+        elif arrived or time.monotonic() - beat_s > SILENT_S:
             os.kill(os.getpid(), signal.SIGTERM)
             return

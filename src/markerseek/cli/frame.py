@@ -32,7 +32,7 @@ EXAMPLES = (
     "  markerseek frame scan/angle_-12.5deg --probe BPL9-5/55 --max-depth-mm 60 --json"
 )
 
-_MOST_MM = 1000.0
+_MAX_MM = 1000.0
 
 
 def command(
@@ -147,8 +147,8 @@ def _require_over(over: Path | None, pixel_mm: float | None, *, plot: bool) -> N
 def _depth_m(option: str, value_mm: float | None) -> float | None:
     if value_mm is None:
         return None
-    if not 0 <= value_mm <= _MOST_MM:
-        raise ConfigError(f"{option} is {value_mm:g}, it must lie between 0 and {_MOST_MM:g} mm")
+    if not 0 <= value_mm <= _MAX_MM:
+        raise ConfigError(f"{option} is {value_mm:g}, it must lie between 0 and {_MAX_MM:g} mm")
     return value_mm / 1e3
 
 

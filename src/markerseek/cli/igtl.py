@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,7 +12,7 @@ from markerseek import bridges, rigs, runs
 from markerseek.bridges import igtl
 from markerseek.cli.options import RigFile
 from markerseek.cli.signals import STOPPING
-from markerseek.cli.terminal import printable, stderr
+from markerseek.cli.terminal import printable
 from markerseek.core import ConfigError
 
 EXAMPLES = (
@@ -19,10 +20,9 @@ EXAMPLES = (
     "  markerseek igtl\n\n"
     "  markerseek igtl --rig examples/rigs/bench.toml\n\n"
     "  markerseek igtl --play run.journal --pace 0.1\n\n"
-    "  markerseek igtl --registration registration.json"
+    "  markerseek igtl --registration registration.json\n\n"
+    "  markerseek igtl --host 192.0.2.10 --allow 192.0.2.7"
 )
-
-LOOPBACK = "127.0.0.1"
 
 
 def command(
@@ -30,7 +30,13 @@ def command(
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port; 0 takes any that is free. PLUS has 18944.")
     ] = 18945,
-    host: Annotated[str, typer.Option(help="Address of this computer.")] = LOOPBACK,
+    host: Annotated[
+        str, typer.Option(help="Address of this computer; any that other computers reach needs --allow.")
+    ] = "127.0.0.1",
+    allow: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ADDRESS", help="Another computer that may connect, repeatable; it needs no password."),
+    ] = None,
     play: Annotated[
         Path | None, typer.Option(help="Play a journal or a bank instead of searching; the last state stays.")
     ] = None,
@@ -62,8 +68,6 @@ def command(
         # A file that cannot be used is refused now, not when somebody asks for a search.
         rigs.read_rig_file(rig)
     recording = None if play is None else bridges.open_recording(play)
-    if host != LOOPBACK:
-        _note(f"warning: OpenIGTLink has no passwords: whoever reaches {host} can start and stop searches")
     searches = bridges.Searches(bridges.SearchOptions(rig=rig, pace=pace or 0.0, frames=True))
     service = igtl.SearchService(
         searches if recording is None else None,
@@ -71,14 +75,27 @@ def command(
         recording=None if recording is None else printable(recording.name),
         registration=None if registration is None else runs.read_registration(registration),
         version=1 if header_version == 1 else 2,
+        allowed=[_address(text) for text in allow or []],
         on_note=_note,
     )
     code = asyncio.run(_serve(service, host, port, recording, pace=1.0 if pace is None else pace))
     raise typer.Exit(code)
 
 
+def _address(text: str) -> igtl.IPAddress:
+    try:
+        return igtl.plain_address(text)
+    except ValueError:
+        raise ConfigError(f"--allow {text!r} is no address of a computer; name one such as 192.0.2.7") from None
+
+
 def _note(sentence: str) -> None:
-    stderr.print(sentence, markup=False)
+    import select
+
+    # A terminal that is held (Ctrl-S), or a pipe that nobody reads, must not keep a stop from being heard.
+    if select.select([], [2], [], 0)[1]:
+        # Rich takes a millisecond for a line, and a flood of clients brings thousands of them.
+        sys.stderr.write(f"{printable(sentence)}\n")
 
 
 async def _serve(

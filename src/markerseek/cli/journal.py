@@ -35,18 +35,18 @@ def show(journal: _File, as_json: AsJson = False) -> None:
     objects: list[dict[str, object]] = []
     # Converted one by one, so that the frames (half a megabyte each) are not all in memory.
     on_entry = (lambda entry: objects.append(_as_object(entry))) if as_json else None
-    held, damage = salvage(journal, frames=False, on_entry=on_entry)
+    recorded, damage = salvage(journal, frames=False, on_entry=on_entry)
     if as_json:
         print_json(
             {
-                "configuration": held.configuration.flat(),
-                "state": run_state(held.entries).state,
+                "configuration": recorded.configuration.flat(),
+                "state": run_state(recorded.entries).state,
                 "entries": objects,
                 "damage": None if damage is None else str(damage),
             }
         )
     else:
-        _print_table(held)
+        _print_table(recorded)
     if damage is not None:
         # The JSON object above has it already.
         print_error(damage, as_json=False)
@@ -73,18 +73,20 @@ def replay(journal: _File, as_json: AsJson = False) -> None:
     """Compute the readings again, repeat the search with them, and compare; exit code 1 if anything differs."""
     from markerseek.records.journal import read_journal, run_state
 
-    held = read_journal(journal)
+    recorded = read_journal(journal)
     announce_compilation()
-    found = runs.differences(held, runs.rebuild_policy(held.configuration), runs.rebuild_reader(held.configuration))
-    state = run_state(held.entries).state
+    found = runs.recompute_differences(
+        recorded, runs.rebuild_policy(recorded.configuration), runs.rebuild_reader(recorded.configuration)
+    )
+    state = run_state(recorded.entries).state
     if as_json:
-        print_json({"equal": not found, "entries": len(held.entries), "state": state, "differences": found})
+        print_json({"equal": not found, "entries": len(recorded.entries), "state": state, "differences": found})
     else:
         for line in found:
             stdout.print(f"[red]differs:[/] {one_line(line)}")
         if not found:
             what = "readings, decisions and answer" if state == "finished" else "readings and decisions so far"
-            stdout.print(f"{what} come out equal, bit for bit, from {len(held.entries)} entries")
+            stdout.print(f"{what} come out equal, bit for bit, from {len(recorded.entries)} entries")
     raise typer.Exit(1 if found else 0)
 
 
@@ -101,23 +103,23 @@ def _as_object(entry: Entry) -> dict[str, object]:
     }
 
 
-def _print_table(held: RecordedRun) -> None:
+def _print_table(recorded: RecordedRun) -> None:
     from markerseek.records.journal import run_state
 
-    plan, facts = held.configuration.plan, held.configuration.facts
+    plan, facts = recorded.configuration.plan, recorded.configuration.facts
     form = " as published" if plan.as_published else ""
     stdout.print(f"[bold]{one_line(plan.method)}{form}[/] on a {facts.rig_name}: {one_line(facts.description)}")
-    versions = ", ".join(f"{name} {version}" for name, version in held.configuration.versions.items())
+    versions = ", ".join(f"{name} {version}" for name, version in recorded.configuration.versions.items())
     seed = "" if facts.seed is None else f"seed {facts.seed}, "
     stdout.print(f"[dim]{seed}rig {one_line(facts.fingerprint)}, {one_line(versions)}[/]")
     headings = ("", "clock [s]", "what", "angle [deg]", "intensity", "remark")
     table = new_table(*headings, left=("what", "remark"), no_wrap=True)
     # A remark may be long, and wraps.
     table.columns[-1].no_wrap = False
-    for entry in held.entries:
+    for entry in recorded.entries:
         table.add_row(str(entry.number), f"{entry.clock_s:.2f}", *map(one_line, _line(entry)))
     stdout.print(table)
-    state = run_state(held.entries)
+    state = run_state(recorded.entries)
     stdout.print(f"state: {state.state}" + ("" if state.fault is None else f": {one_line(state.fault)}"))
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import getpass
+import os
 import shlex
 import sys
+import termios
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
@@ -15,7 +17,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import drivers, rigs
-from markerseek.cli.terminal import print_json, stderr
+from markerseek.cli.terminal import one_line, print_json, printable, stderr
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
@@ -27,37 +29,26 @@ _USUAL_SEED = 1
 NOT_ARMED = 4
 """Exit code if the rig was not armed: nothing moved, nothing was fired."""
 
+_LINE_BYTES = 4096
+"""Longest line of a terminal."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulationOptions:
-    """Options of a simulated rig, which are an error for a rig of devices; None leaves the rig file's value.
-
-    Attributes
-    ----------
-    seed
-        Seed of everything that is drawn; None: 1.
-    tissue
-        Name of a simulated material.
-    pace
-        Real seconds per virtual second.
-    no_marker
-        Whether there is no marker.
-    marker_deg, second_marker_deg
-        Angle of the marker, and of a second one, in degrees.
-    snr_db
-        Peak SNR in dB.
-    readout_s
-        Time to read one acquisition, in seconds.
-    """
+    """Options of a simulated rig, which are an error for a rig of devices; None leaves the rig file's value."""
 
     seed: int | None = None
+    """None: 1."""
     tissue: str | None = None
+    """Name of a simulated material."""
     pace: float = 0.0
+    """Real seconds per virtual second."""
     no_marker: bool = False
     marker_deg: float | None = None
     second_marker_deg: float | None = None
     snr_db: float | None = None
     readout_s: float | None = None
+    """Time to read one acquisition."""
 
     def __post_init__(self) -> None:
         if self.no_marker and (self.marker_deg, self.second_marker_deg) != (None, None):
@@ -69,13 +60,7 @@ class SimulationOptions:
         return [f"--{name.replace('_', '-')}" + ("" if value is True else f" {value}") for name, value in given.items()]
 
     def on(self, settings: SimulatedSettings) -> SimulatedSettings:
-        """The settings with the values of these options.
-
-        Raises
-        ------
-        ConfigError
-            If a value cannot be used.
-        """
+        """The settings with the values of these options."""
         from markerseek.sim import changed_settings
 
         settings = changed_settings(settings, tissue=self.tissue, snr_db=self.snr_db, readout_s=self.readout_s)
@@ -98,19 +83,8 @@ NO_OPTIONS = SimulationOptions()
 def open_rig(path: Path | None, options: SimulationOptions = NO_OPTIONS) -> Iterator[tuple[rigs.Rig, float]]:
     """The rig of a rig file and the angle of its probe in degrees; its devices are closed at the end.
 
-    Parameters
-    ----------
-    path
-        Rig file; None for the simulated rig with its defaults.
-    options
-        Options of a simulated rig.
-
-    Raises
-    ------
-    ConfigError
-        If the file or an option cannot be used.
-    DeviceError
-        If a device does not answer, or is not ready.
+    ``path``: None for the simulated rig with its defaults. Raises `DeviceError` if a device does not answer, or is not
+    ready.
     """
     from markerseek.sim import SimulatedSettings
 
@@ -129,46 +103,63 @@ def open_rig(path: Path | None, options: SimulationOptions = NO_OPTIONS) -> Iter
     yield rigs.simulated(seed=seed, settings=settings, pace=options.pace), settings.start_deg
 
 
-def arm_rig(rig: rigs.Rig, *, arm: bool, what: str, as_json: bool) -> None:
+def arm_rig(
+    rig: rigs.Rig, *, file: Path | None, arm: bool, what: str, as_json: bool, asked_by: str | None = None
+) -> None:
     """Arm a rig of devices in the user's name, or end the command; does nothing for a rig without hardware.
 
-    Parameters
-    ----------
-    rig
-        The rig.
-    arm
-        Whether the user gave --arm; otherwise a question is asked on the terminal.
-    what
-        What will be done, for the question: "search".
-    as_json
-        Whether to print JSON if it is not armed.
+    ``file``: None only for a rig without hardware. ``arm``: whether the user gave --arm; otherwise a question is asked
+    on the terminal. ``what``: what will be done, for the question: "search". ``as_json``: whether to print JSON if it
+    is not armed. ``asked_by``: None if the user of this terminal did.
     """
-    if rig.devices is None:
+    if rig.devices is None or file is None:
         return
     stderr.print(escape(rig.facts.description))
     stderr.print(f"[dim]stands at {rig.scanner.angle_deg:.3f} deg[/]")
     if isinstance(rig.recipe, rigs.BenchRecipe):
         print_permissions(rig.recipe.settings)
-    if not arm and not confirmed(f"Arm the laser and {what}?"):
+    if not arm and not confirmed(f"Arm the laser and {what}?", name=file.name, asked_by=asked_by):
         if as_json:
             print_json({"armed": False, "rig": rig.facts.description})
         raise typer.Exit(NOT_ARMED)
     rig.arm(by=person())
 
 
-def confirmed(question: str) -> bool:
-    """Whether a person says yes on the terminal; prints what to do where none does.
+def confirmed(question: str, *, name: str, asked_by: str | None = None) -> bool:
+    """Whether a person types the rig's name on the terminal, after the question; prints what to do where none does.
 
-    Parameters
-    ----------
-    question
-        Whether something that moves or emits light is to be armed.
+    ``question``: whether something that moves or emits light is to be armed. ``asked_by``: None if the user of this
+    terminal did.
     """
-    # Only a person at a terminal is asked: "yes | markerseek" must not arm a laser.
-    if sys.stdin.isatty() and typer.confirm(question, default=False, err=True):
-        return True
-    stderr.print("not armed: nothing moved and nothing was fired; add --arm, or say yes on a terminal")
+    shown = printable(name).strip()
+    # Only a person at a terminal is asked: "yes | markerseek" must not arm a laser. Without a standard input (<&-), its
+    # descriptor may be that of a serial line, which is a terminal too.
+    if sys.stdin is not None and sys.stdin.isatty():
+        stderr.print(f"asked by: {one_line(asked_by or f'{person()}, on this terminal')}")
+        stderr.print(f"{question} Only the name of the rig arms it: {one_line(shown)}")
+        if _typed_now("name of the rig: ") == shown:
+            return True
+    stderr.print("not armed: nothing moved and nothing was fired; add --arm, or type the rig's name on a terminal")
     return False
+
+
+def _typed_now(prompt: str) -> str:
+    """The next line of the terminal, without what was typed before; empty if it ends."""
+    terminal, line = sys.stdin.fileno(), b""
+    try:
+        # By the descriptor, because Python's own buffer may hold earlier lines too.
+        termios.tcflush(terminal, termios.TCIFLUSH)
+        stderr.print(prompt, end="")
+        sys.stderr.flush()
+        while not line.endswith(b"\n"):
+            piece = os.read(terminal, _LINE_BYTES)
+            if not piece:
+                return ""
+            line += piece
+    except (OSError, termios.error):
+        # The terminal has gone.
+        return ""
+    return line.decode("utf-8", "replace").strip()
 
 
 def print_permissions(settings: drivers.BenchSettings) -> None:

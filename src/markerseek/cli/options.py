@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import typer
 
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, Tolerance
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank, TableFormat
@@ -66,8 +66,33 @@ Acquisitions: TypeAlias = Annotated[
 AsPublished: TypeAlias = Annotated[
     bool, typer.Option("--as-published", help="The paper's form of the method, which always answers.")
 ]
+Others: TypeAlias = Annotated[
+    float | None,
+    typer.Option(
+        "--others",
+        help="Probability that another source as loud is there as well, before the search; less takes fewer "
+        "acquisitions.",
+        show_default="0.05",
+    ),
+]
 Single: TypeAlias = Annotated[
-    bool, typer.Option("--single", help="State that there is one source only: fewer acquisitions, none for others.")
+    bool, typer.Option("--single", help="State that there is one source only, as --others 0 does.")
+]
+ToleranceMm: TypeAlias = Annotated[
+    float | None,
+    typer.Option(
+        "--tolerance-mm",
+        help="How well the angle of a marker that is found must be known: 95 % within this at the marker.",
+        show_default="1",
+    ),
+]
+ToleranceDeg: TypeAlias = Annotated[
+    float | None,
+    typer.Option(
+        "--tolerance-deg",
+        help="The same in degrees, where the marker's distance from the axis is not known.",
+        show_default="1",
+    ),
 ]
 Stay: TypeAlias = Annotated[bool, typer.Option("--stay", help="Do not turn to the marker at the end.")]
 
@@ -85,14 +110,23 @@ Unit: TypeAlias = Annotated[
 ]
 
 
-def table_format(columns: str | None, unit: Literal["deg", "mrad", "rad"] | None) -> TableFormat:
-    """Format of a CSV from the options of a command.
+def others_of(others: float | None, *, single: bool) -> float | None:
+    """Prior probability of another source from the options of a command; `ConfigError` if both say it differently."""
+    if not single:
+        return others
+    if others:
+        raise ConfigError(f"--others is {others:g}, and --single states that it is 0; leave one of them out")
+    return 0.0
 
-    Raises
-    ------
-    ConfigError
-        If --columns does not name two columns.
-    """
+
+def tolerance_of(mm: float | None, deg: float | None) -> Tolerance:
+    """Tolerance from the options of a command; `ConfigError` if one is not positive."""
+    usual = Tolerance()
+    return Tolerance(mm=usual.mm if mm is None else mm, deg=usual.deg if deg is None else deg)
+
+
+def table_format(columns: str | None, unit: Literal["deg", "mrad", "rad"] | None) -> TableFormat:
+    """Format of a CSV from the options of a command."""
     from markerseek.records.banks import TableFormat
 
     if columns is None:
@@ -104,13 +138,7 @@ def table_format(columns: str | None, unit: Literal["deg", "mrad", "rad"] | None
 
 
 def require_frames(bank: IntensityBank | FrameBank, path: Path, **given: object) -> None:
-    """Refuse options for channel data, by their names, where a bank holds intensities only.
-
-    Raises
-    ------
-    ConfigError
-        If one of them was given.
-    """
+    """Refuse options for channel data, by their names, where a bank holds intensities only."""
     from markerseek.records.banks import FrameBank
 
     for name, value in given.items():

@@ -31,7 +31,7 @@ def command(
     rig: RigFile = None,
     port: Annotated[int, typer.Option(help="Port; 0 takes any that is free.")] = 8765,
     host: Annotated[
-        str, typer.Option(help="Address of this computer; any other than 127.0.0.1 needs a certificate.")
+        str, typer.Option(help="Address of this computer; one that other computers reach needs a certificate.")
     ] = "127.0.0.1",
     tls_certificate: Annotated[Path | None, typer.Option(help="Certificate for TLS (PEM).")] = None,
     tls_key: Annotated[Path | None, typer.Option(help="Key of the certificate (PEM).")] = None,
@@ -67,9 +67,10 @@ def command(
         stdout.print("[dim]Ctrl-C ends the page, and stops a search that runs[/]")
         if browser is not None:
             # In a thread: one that runs in the terminal ends only with its user, and the page is not yet served.
-            threading.Thread(target=browser.open, args=(link,), daemon=True).start()
+            # Without the token: the command of the browser is seen by all users of the computer.
+            threading.Thread(target=browser.open, args=(link.partition("?")[0],), daemon=True).start()
 
-    page.serve(searches, address, on_ready=ready)
+    page.serve(searches, address, on_ready=ready, opened=open_browser)
     # Python would wait for threads that form images or draw a report, which nobody needs any more.
     sys.stdout.flush()
     os._exit(0)

@@ -35,6 +35,10 @@ EXAMPLES = (
 )
 
 
+SHOWN_SHARE = 0.7
+"""An error that all points share is printed where they show it: its standard deviation over that of before."""
+
+
 def command(
     points: Annotated[
         Path | None,
@@ -63,6 +67,9 @@ def command(
             help="Where the error is wanted, in the TRUS frame.", show_default="20 mm under the middle of the points"
         ),
     ] = None,
+    without: Annotated[
+        list[str] | None, typer.Option(help="Name of a point that is left out; give it once for each.")
+    ] = None,
     simulate: Annotated[
         bool, typer.Option("--simulate", help="Search markers on the simulated rig, and simulate the camera.")
     ] = False,
@@ -81,8 +88,8 @@ def command(
 ) -> None:
     """Find the transform from the da Vinci camera to the probe, with its errors.
 
-    At least three markers that are not on a line. Exit code 3 if the points do not fit: FRE above 5 mm, or a mirror
-    image that fits better.
+    At least three markers that are not on a line. Exit code 3 if the points do not fit: their residuals are larger than
+    the sigmas let expect (a chi-squared test at 1e-3; without sigmas 1 mm is assumed), or a mirror image fits better.
     """
     folder = picture_folder(out, plot=plot)
     target_m = None if target_mm is None else (target_mm[0] / 1e3, target_mm[1] / 1e3, target_mm[2] / 1e3)
@@ -98,6 +105,7 @@ def command(
                 scene,
                 seed=1 if seed is None else seed,
                 target_trus_m=target_m,
+                without=without or (),
                 on_search=lambda number: progress.update(progress.task_ids[0], completed=number),
             )
     else:
@@ -109,7 +117,7 @@ def command(
             )
         title = points.name
         pairs = runs.point_pairs(points, searches=journal or (), cameras=cameras)
-        report = runs.register_pairs(pairs, target_trus_m=target_m)
+        report = runs.register_pairs(pairs, target_trus_m=target_m, without=without or ())
     if as_json:
         print_json(msgspec.to_builtins(report) | ({} if truth is None else {"simulation": msgspec.to_builtins(truth)}))
     else:
@@ -155,11 +163,19 @@ def _print_tables(report: runs.RegistrationReport, truth: runs.SimulatedTruth | 
 
 def _facts(report: runs.RegistrationReport, truth: runs.SimulatedTruth | None) -> list[tuple[str, str]]:
     x, y, z = (1e3 * value for value in report.target_trus_m)
-    expected = f", {1e3 * report.expected_fre_m:.2f} mm expected" if report.weights != "equal" else ""
+    assumed = " for 1 mm in each coordinate, because not all have sigmas" if report.weights == "equal" else ""
     rows = [
-        ("FRE", f"{1e3 * report.fre_m:.2f} mm{expected}"),
-        ("expected TRE", f"{1e3 * report.tre_m:.2f} mm at x {x:.1f}, y {y:.1f}, z {z:.1f} mm of the TRUS frame"),
+        ("FRE", f"{1e3 * report.fre_m:.2f} mm, {1e3 * report.expected_fre_m:.2f} mm expected{assumed}"),
+        ("expected TRE", f"{1e3 * report.tre_m:.2f} mm, in 95 % below {1e3 * report.tre95_m:.2f} mm"),
+        ("at", f"x {x:.1f}, y {y:.1f}, z {z:.1f} mm of the TRUS frame"),
+        # The others are known as well as before.
+        *(
+            (error.name, f"{error.value:+.2g} ± {error.sigma:.2g} {error.unit} too large, as the points show")
+            for error in report.shared
+            if error.sigma < SHOWN_SHARE * error.assumed_sigma
+        ),
         ("weights", report.weights),
+        *((("without", ", ".join(report.without)),) if report.without else ()),
     ]
     if truth is None:
         return rows

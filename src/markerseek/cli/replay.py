@@ -8,19 +8,24 @@ from typing import Annotated, Literal
 import typer
 
 from markerseek import rigs, runs
-from markerseek.cli.event_stream import EventFrames, Events, StopWithReader, StreamOptions
+from markerseek.cli.event_stream import EventFrames, Events, Heartbeat, StreamOptions
 from markerseek.cli.options import (
     Acquisitions,
     AsJson,
     AsPublished,
     Columns,
     MethodName,
+    Others,
     Out,
     ProbeName,
     Single,
     Stay,
+    ToleranceDeg,
+    ToleranceMm,
     Unit,
+    others_of,
     table_format,
+    tolerance_of,
 )
 from markerseek.cli.terminal import announce_compilation, picture_folder
 from markerseek.core import ConfigError, SearchPlan
@@ -43,7 +48,10 @@ def command(
     method: MethodName = "posterior",
     acquisitions: Acquisitions = None,
     as_published: AsPublished = False,
+    others: Others = None,
     single: Single = False,
+    tolerance_mm: ToleranceMm = None,
+    tolerance_deg: ToleranceDeg = None,
     probe: ProbeName = None,
     reference_deg: Annotated[
         float | None, typer.Option(help="Reference angle of the marker in degrees, for comparison.")
@@ -58,7 +66,7 @@ def command(
     out: Out = None,
     events: Events = None,
     event_frames: EventFrames = False,
-    stop_with_reader: StopWithReader = False,
+    heartbeat: Heartbeat = None,
     as_json: AsJson = False,
 ) -> None:
     """Search a recorded scan as if it were a rig: the methods ask, the recording answers.
@@ -72,7 +80,7 @@ def command(
     from markerseek.search import method_named
 
     output = Output(name="replay", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
-    stream = StreamOptions(path=events, frames=event_frames, stop_with_reader=stop_with_reader)
+    stream = StreamOptions(path=events, frames=event_frames, heartbeat=heartbeat)
     announce_compilation()
     table = table_format(columns, unit)
     # Only the paper's form gets invented data: its section 2.5 interpolates between recorded angles.
@@ -97,7 +105,8 @@ def command(
             as_published=as_published,
             start_deg=assembled.stage.angle_deg,
             stay=stay,
-            single=single,
+            others=others_of(others, single=single),
+            tolerance=tolerance_of(tolerance_mm, tolerance_deg),
         ),
     )
     session = runs.new_session(assembled, plan)

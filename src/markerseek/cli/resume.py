@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,8 +9,8 @@ import typer
 from rich.markup import escape
 
 from markerseek import drivers, rigs, runs
-from markerseek.cli.event_stream import EventFrames, Events, StopWithReader, StreamOptions
-from markerseek.cli.open_rig import NOT_ARMED, person, print_permissions
+from markerseek.cli.event_stream import EventFrames, Events, Heartbeat, StreamOptions
+from markerseek.cli.open_rig import NOT_ARMED, confirmed, person, print_permissions
 from markerseek.cli.options import AsJson, Out
 from markerseek.cli.terminal import announce_compilation, picture_folder, print_json, print_warning, stdout
 from markerseek.core import ConfigError
@@ -41,12 +40,12 @@ def command(
     out: Out = None,
     events: Events = None,
     event_frames: EventFrames = False,
-    stop_with_reader: StopWithReader = False,
+    heartbeat: Heartbeat = None,
     as_json: AsJson = False,
 ) -> None:
     """Continue a search after any interruption, with the same next angle and the same result.
 
-    Nothing moves and nothing is fired until a person arms the rig: by --arm, or by answering yes on a terminal.
+    Nothing moves and nothing is fired until a person arms the rig: by --arm, or by typing its name on a terminal.
     Otherwise the state of the run is printed, and the exit code is 4. Once armed, the strongest angle so far and one on
     a flank are measured again, and the search continues only if both are unchanged. A simulated or recorded rig is made
     from the journal. For devices, --rig is needed: limits, budgets and start_command are taken from the rig file, never
@@ -56,50 +55,55 @@ def command(
     from markerseek.records.journal import read_journal, result_of, run_state
 
     output = Output(name="resume", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
-    stream = StreamOptions(path=events, frames=event_frames, stop_with_reader=stop_with_reader)
+    stream = StreamOptions(path=events, frames=event_frames, heartbeat=heartbeat)
     # Frames are needed for the picture only, and have half a megabyte each.
-    held = read_journal(journal, frames=plot)
-    state = run_state(held.entries)
+    recorded = read_journal(journal, frames=plot)
+    state = run_state(recorded.entries)
     if state.state == "finished":
-        recorder, _ = result_of(held)
+        recorder, _ = result_of(recorded)
         imaging, policy = None, None
         if plot:
-            imaging, policy = runs.rebuild_image_reader(held.configuration), runs.rebuild_policy(held.configuration)
+            imaging, policy = (
+                runs.rebuild_image_reader(recorded.configuration),
+                runs.rebuild_policy(recorded.configuration),
+            )
             # It is given all samples; there is no next angle.
-            runs.next_angle(held, policy)
+            runs.next_angle(recorded, policy)
     else:
-        runs.require_reset(held.path, state, reset_fault=reset_fault)
-        bench = _bench_named(held, rig, arm=arm)
+        runs.require_reset(recorded.path, state, reset_fault=reset_fault)
+        bench = _bench_named(recorded, rig, arm=arm)
         announce_compilation()
-        if not arm and not _confirmed(held, bench, as_json=as_json):
+        if not arm and not _confirmed(recorded, rig, as_json=as_json):
             raise typer.Exit(NOT_ARMED)
         session = _resume(journal, rig, bench, reset_fault=reset_fault, as_json=as_json, stream=stream)
         recorder, imaging, policy = session.recorder, session.rig.imaging, session.policy
-    conclude(recorder, held.configuration, output, imaging=imaging, policy=policy)
+    conclude(recorder, recorded.configuration, output, imaging=imaging, policy=policy)
 
 
-def _bench_named(held: RecordedRun, rig: Path | None, *, arm: bool) -> drivers.BenchSettings | None:
+def _bench_named(recorded: RecordedRun, rig: Path | None, *, arm: bool) -> drivers.BenchSettings | None:
     """Settings of the rig file, compared with the journal and printed; None for a rig without devices, or unnamed."""
     from markerseek.cli.session import resume_command
 
-    recorded = runs.recorded_bench(held.configuration)
-    if recorded is None and rig is not None:
+    recorded_settings = runs.recorded_bench(recorded.configuration)
+    if recorded_settings is None and rig is not None:
         raise ConfigError(
-            f"--rig {rig}: {held.path} is of a {held.configuration.facts.kind} rig and describes it in full; "
+            f"--rig {rig}: {recorded.path} is of a {recorded.configuration.facts.kind} rig and describes it in full; "
             "leave --rig out"
         )
-    if recorded is not None and rig is None and arm:
+    if recorded_settings is not None and rig is None and arm:
         raise ConfigError(
-            f"{held.path}: it is of a rig of devices, which is not taken from a journal; name the rig file: "
-            f"{resume_command(held.path, Path('RIG.toml'))} --arm"
+            f"{recorded.path}: it is of a rig of devices, which is not taken from a journal; name the rig file: "
+            f"{resume_command(recorded.path, Path('RIG.toml'))} --arm"
         )
-    if recorded is None or rig is None:
+    if recorded_settings is None or rig is None:
         return None
     named = rigs.read_rig_file(rig)
     if not isinstance(named, drivers.BenchSettings):
-        raise ConfigError(f"--rig {rig}: it describes a simulated rig, and {held.path} is of devices; name their file")
+        raise ConfigError(
+            f"--rig {rig}: it describes a simulated rig, and {recorded.path} is of devices; name their file"
+        )
     try:
-        differences = runs.require_same_measurement(held.configuration, recorded, named)
+        differences = runs.require_same_measurement(recorded.configuration, recorded_settings, named)
     except ConfigError as problem:
         raise ConfigError(f"{rig}: {problem}") from problem
     for difference in differences:
@@ -122,29 +126,31 @@ def _resume(
     from markerseek.records.journal import Journal
 
     # Read again under the lock: another program may have continued the run while the user was asked.
-    kept, held = Journal.reopen(journal)
-    with closed_at_end(kept), runs.rebuild_rig(held.configuration, bench_settings=bench) as rig:
-        session = runs.resumed_session(rig, kept, held, by=person(), reset_fault=reset_fault)
+    kept, recorded = Journal.reopen(journal)
+    with closed_at_end(kept), runs.rebuild_rig(recorded.configuration, bench_settings=bench) as rig:
+        session = runs.resumed_session(rig, kept, recorded, by=person(), reset_fault=reset_fault)
         run_session(session, as_json=as_json, rig_file=rig_file, stream=stream)
     return session
 
 
-def _confirmed(held: RecordedRun, bench: drivers.BenchSettings | None, *, as_json: bool) -> bool:
+def _confirmed(recorded: RecordedRun, rig: Path | None, *, as_json: bool) -> bool:
     """Print the state of the run, and ask on a terminal whether to continue; with --json nothing is asked."""
-    rig_file_needed = bench is None and held.configuration.facts.kind == "bench"
-    can_ask = not as_json and not rig_file_needed and sys.stdin.isatty()
-    _print_state(held, as_json=as_json, rig_file_needed=rig_file_needed, can_ask=can_ask)
-    return can_ask and typer.confirm("Arm the laser and continue?", default=False)
+    rig_file_needed = rig is None and recorded.configuration.facts.kind == "bench"
+    _print_state(recorded, as_json=as_json, rig_file_needed=rig_file_needed)
+    if as_json or rig_file_needed:
+        return False
+    name = recorded.configuration.facts.rig_name if rig is None else rig.name
+    return confirmed("Arm the laser and continue?", name=name)
 
 
-def _print_state(held: RecordedRun, *, as_json: bool, rig_file_needed: bool, can_ask: bool) -> None:
+def _print_state(recorded: RecordedRun, *, as_json: bool, rig_file_needed: bool) -> None:
     """Print the state of the run: acquisitions, next angle, angles to measure again, and how to continue."""
     from markerseek.cli.session import resume_command
     from markerseek.records.journal import run_state
 
-    state = run_state(held.entries)
-    next_deg = runs.next_angle(held, runs.rebuild_policy(held.configuration))
-    checks_deg = [sample.angle_deg for sample in runs.samples_to_recheck(held.entries)]
+    state = run_state(recorded.entries)
+    next_deg = runs.next_angle(recorded, runs.rebuild_policy(recorded.configuration))
+    checks_deg = [sample.angle_deg for sample in runs.samples_to_recheck(recorded.entries)]
     if as_json:
         print_json(
             {
@@ -153,14 +159,14 @@ def _print_state(held: RecordedRun, *, as_json: bool, rig_file_needed: bool, can
                 "acquisitions": state.acquisitions,
                 "next_deg": next_deg,
                 "checks_deg": checks_deg,
-                "journal": str(held.path),
+                "journal": str(recorded.path),
                 "rig_file_needed": rig_file_needed,
             }
         )
         return
     kept = "1 acquisition is kept" if state.acquisitions == 1 else f"{state.acquisitions} acquisitions are kept"
     lines = [
-        f"{held.configuration.plan.method} on a {held.configuration.facts.rig_name}: {kept}; "
+        f"{recorded.configuration.plan.method} on a {recorded.configuration.facts.rig_name}: {kept}; "
         + ("only the end is left" if next_deg is None else f"the next is at {next_deg:.3f}°")
     ]
     if checks_deg:
@@ -168,9 +174,7 @@ def _print_state(held: RecordedRun, *, as_json: bool, rig_file_needed: bool, can
     if rig_file_needed:
         lines.append(
             "not armed: nothing moved and nothing was fired; the rig file is needed; continue with: "
-            f"{resume_command(held.path, Path('RIG.toml'))} --arm"
+            f"{resume_command(recorded.path, Path('RIG.toml'))} --arm"
         )
-    elif not can_ask:
-        lines.append("not armed: nothing moved and nothing was fired; add --arm to continue")
     for line in lines:
         stdout.print(escape(line))

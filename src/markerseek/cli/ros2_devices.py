@@ -25,12 +25,14 @@ from markerseek.cli.ros2_nodes import (
 )
 from markerseek.cli.terminal import stderr, stdout
 from markerseek.core import ConfigError
+from markerseek.ros import topics
 
 _Bench = Annotated[Path, typer.Option(help="Rig file (TOML, kind bench) of the devices.")]
 _Arm = Annotated[bool, typer.Option("--arm", help="Arm the node without being asked on the terminal.")]
 
 
 def stage(
+    ctx: typer.Context,
     rig: _Bench,
     arm: _Arm = False,
     plain_command: PlainCommand = None,
@@ -39,18 +41,23 @@ def stage(
     require_security: RequireSecurity = False,
 ) -> None:
     """Serve the stage of a rig to any client, under limits and a guard of its own."""
-    _serve_part(
-        "stage", rig, arm=arm, plain=plain_topics(plain_command, plain_reached, plain_unit), keys=require_security
-    )
+    plain = plain_topics(plain_command, plain_reached, plain_unit)
+    _serve_part("stage", rig, arm=arm, plain=plain, arguments=ctx.obj, keys=require_security)
 
 
-def acquire(rig: _Bench, arm: _Arm = False, require_security: RequireSecurity = False) -> None:
+def acquire(ctx: typer.Context, rig: _Bench, arm: _Arm = False, require_security: RequireSecurity = False) -> None:
     """Serve laser and receiver of a rig: fire and record when asked, under budgets and a guard of its own."""
-    _serve_part("acquisition", rig, arm=arm, plain=None, keys=require_security)
+    _serve_part("acquisition", rig, arm=arm, plain=None, arguments=ctx.obj, keys=require_security)
 
 
 def _serve_part(
-    part: Literal["stage", "acquisition"], rig: Path, *, arm: bool, plain: ros2.PlainTopics | None, keys: bool
+    part: Literal["stage", "acquisition"],
+    rig: Path,
+    *,
+    arm: bool,
+    plain: ros2.PlainTopics | None,
+    arguments: list[str],
+    keys: bool,
 ) -> None:
     """Connect to one part of a bench, have it armed by a person here, and serve it until stopped."""
     settings = rigs.read_rig_file(rig)
@@ -63,9 +70,16 @@ def _serve_part(
         stderr.print(held.description, markup=False)
         print_permissions(settings)
         # No message arms anything.
-        if not arm and not confirmed(f"Arm the {part} and let programs on this network use it?"):
+        if not arm and not confirmed(f"Arm the {part} and let programs on this network use it?", name=rig.name):
             raise typer.Exit(NOT_ARMED)
-        made = ros_node(f"trus_{part}", _limits(settings), require_security=keys, on_active=follow_lifecycle(pump, 0))
+        made = ros_node(
+            f"trus_{part}",
+            _limits(settings),
+            publishes=topics.STATE if part == "stage" else topics.ACQUIRED,
+            arguments=arguments,
+            require_security=keys,
+            on_active=follow_lifecycle(pump, 0),
+        )
         node = opened.enter_context(made)
         held.arm(by=person())
         served: ros2.Served
@@ -78,7 +92,7 @@ def _serve_part(
                 guard=held.guard,
                 clock=held.clock,
                 by=person(),
-                dead_man=held.devices.supervisor,
+                watchdog=held.devices.supervisor,
             )
         else:
             served = ros2.StageNode(
@@ -87,7 +101,7 @@ def _serve_part(
                 guard=held.guard,
                 by=person(),
                 plain=plain,
-                dead_man=held.devices.supervisor,
+                watchdog=held.devices.supervisor,
             )
         pump.served = [served]
         stdout.print(f"the {part} is armed and served; Ctrl-C ends it")

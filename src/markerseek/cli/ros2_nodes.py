@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Annotated
 
@@ -46,20 +46,28 @@ def ros_node(
     name: str,
     parameters: Mapping[str, float | str | int | bool],
     *,
+    publishes: str,
+    arguments: Sequence[str],
     require_security: bool,
     on_active: Callable[[bool], None] | None = None,
     network: ros.Network | None = None,
 ) -> Iterator[ros.RosNode]:
-    """A node as of `markerseek.ros.RosNode`, with its keys checked where that is wanted."""
+    """A node as of `markerseek.ros.RosNode`, with its keys checked where that is wanted.
+
+    ``publishes``: what only nodes of this kind publish: there must be no second one. ``arguments``: those of the user
+    after ``--ros-args``.
+    """
     enclave = f"/markerseek/{name}"
     if require_security:
         ros.require_keys(enclave)
-    with ros.RosNode(name, parameters=parameters, enclave=enclave, on_active=on_active, network=network) as node:
+    network = network or ros.Network(enclave, arguments=arguments)
+    with ros.RosNode(name, parameters=parameters, on_active=on_active, network=network) as node:
+        node.require_alone(publishes)
         yield node
 
 
 def follow_lifecycle(pump: ros2.MessagePump, index: int) -> Callable[[bool], None]:
-    """What a node's change of state does to the device that it serves; before it serves one, nothing."""
+    """Apply a node's change of state to its device; without a device nothing happens."""
 
     def set_active(active: bool) -> None:
         if pump.served:

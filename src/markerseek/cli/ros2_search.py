@@ -10,18 +10,21 @@ import typer
 
 from markerseek import bridges, drivers, rigs, runs
 from markerseek.bridges import ros2
-from markerseek.cli.options import RigFile
+from markerseek.cli.options import RigFile, ToleranceMm
 from markerseek.cli.ros2_nodes import RequireSecurity, ros_node
 from markerseek.cli.signals import noted_signals
 from markerseek.cli.terminal import announce_compilation, print_json, stderr, stdout
+from markerseek.ros import topics
 
 EXAMPLES = "Examples:\n\n  markerseek ros2 search\n\n  markerseek ros2 search --once --rig ros2-rig.toml --json"
 
 
 def command(
+    ctx: typer.Context,
     rig: RigFile = None,
     method: Annotated[str, typer.Option(help="How to search; an unknown name lists them all.")] = "posterior",
     acquisitions: Annotated[int | None, typer.Option(min=2, help="Most acquisitions.")] = None,
+    tolerance_mm: ToleranceMm = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of a simulated rig.")] = None,
     pace: Annotated[
         float | None,
@@ -48,16 +51,22 @@ def command(
     """
     known = None if registration is None else runs.read_registration(registration)
     if play is not None:
-        _play(play, known, pace=1.0 if pace is None else pace, require_security=require_security)
+        pace = 1.0 if pace is None else pace
+        _play(play, known, pace=pace, arguments=ctx.obj, require_security=require_security)
         return
-    request = bridges.SearchRequest(method=method, acquisitions=acquisitions, stay=stay, seed=seed)
+    request = bridges.SearchRequest(
+        method=method, acquisitions=acquisitions, stay=stay, tolerance_mm=tolerance_mm, seed=seed
+    )
     searches = bridges.Searches(bridges.SearchOptions(rig=rig, pace=pace or 0.0, frames=True))
     parameters: dict[str, str | int] = {
         "method": method,
         "acquisitions": acquisitions or 0,
         "rig": "simulated" if rig is None else str(rig),
     }
-    with ros_node("pa_search", parameters, require_security=require_security) as node, noted_signals() as stopped:
+    made = ros_node(
+        "pa_search", parameters, publishes=topics.RESULT, arguments=ctx.obj, require_security=require_security
+    )
+    with made as node, noted_signals() as stopped:
         if known is not None:
             ros2.publish_registration(node, known)
         served = ros2.SearchNode(node=node, searches=searches, request=request, publishes_angle=not _is_over_ros(rig))
@@ -80,14 +89,22 @@ def command(
     raise typer.Exit(128 + stopped[0] if stopped else 0)
 
 
-def _play(path: Path, registration: runs.KnownRegistration | None, *, pace: float, require_security: bool) -> None:
+def _play(
+    path: Path,
+    registration: runs.KnownRegistration | None,
+    *,
+    pace: float,
+    arguments: list[str],
+    require_security: bool,
+) -> None:
     """Play a recording to the topics of a search."""
     announce_compilation()
     recording = bridges.open_recording(path)
-    with (
-        ros_node("pa_search", {"plays": str(path)}, require_security=require_security) as node,
-        noted_signals() as stopped,
-    ):
+    parameters = {"plays": str(path)}
+    made = ros_node(
+        "pa_search", parameters, publishes=topics.RESULT, arguments=arguments, require_security=require_security
+    )
+    with made as node, noted_signals() as stopped:
         if registration is not None:
             ros2.publish_registration(node, registration)
         stdout.print(f"playing {recording.name}; ready", markup=False)

@@ -24,6 +24,7 @@ from markerseek.cli.ros2_nodes import (
     serve_until_stopped,
 )
 from markerseek.cli.terminal import stderr, stdout
+from markerseek.ros import topics
 
 if TYPE_CHECKING:
     from markerseek.ros import RosNode
@@ -33,6 +34,7 @@ EXAMPLES = "Example:\n\n  markerseek ros2 sim --seed 3 --write-rig ros2-rig.toml
 
 
 def command(
+    ctx: typer.Context,
     rig: Annotated[
         Path | None, typer.Option(help="Rig file (TOML, kind simulated); without one, its defaults.")
     ] = None,
@@ -68,11 +70,14 @@ def command(
             # Nothing here emits light or turns, so that no person is needed.
             guard.arm(by="a simulated rig")
         nodes: list[RosNode] = []
-        for index, name in enumerate(("trus_stage", "trus_acquisition")):
+        parts = ("trus_stage", topics.STATE), ("trus_acquisition", topics.ACQUIRED)
+        for index, (name, topic) in enumerate(parts):
             network = nodes[0].network if nodes else None
             made = ros_node(
                 name,
                 parameters,
+                publishes=topic,
+                arguments=ctx.obj,
                 require_security=require_security,
                 on_active=follow_lifecycle(pump, index),
                 network=network,

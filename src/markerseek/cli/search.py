@@ -8,9 +8,24 @@ from typing import Annotated
 import typer
 
 from markerseek import runs
-from markerseek.cli.event_stream import EventFrames, Events, StopWithReader, StreamOptions
+from markerseek.cli.event_stream import EventFrames, Events, Heartbeat, StreamOptions
 from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig
-from markerseek.cli.options import Acquisitions, Arm, AsJson, AsPublished, MethodName, Out, RigFile, Single, Stay
+from markerseek.cli.options import (
+    Acquisitions,
+    Arm,
+    AsJson,
+    AsPublished,
+    MethodName,
+    Others,
+    Out,
+    RigFile,
+    Single,
+    Stay,
+    ToleranceDeg,
+    ToleranceMm,
+    others_of,
+    tolerance_of,
+)
 from markerseek.cli.terminal import announce_compilation, picture_folder
 from markerseek.core import ConfigError, SearchPlan
 
@@ -29,7 +44,10 @@ def command(
     method: MethodName = "posterior",
     acquisitions: Acquisitions = None,
     as_published: AsPublished = False,
+    others: Others = None,
     single: Single = False,
+    tolerance_mm: ToleranceMm = None,
+    tolerance_deg: ToleranceDeg = None,
     prior: Annotated[
         Path | None,
         typer.Option(
@@ -83,7 +101,8 @@ def command(
     out: Out = None,
     events: Events = None,
     event_frames: EventFrames = False,
-    stop_with_reader: StopWithReader = False,
+    heartbeat: Heartbeat = None,
+    asked_by: Annotated[str | None, typer.Option(hidden=True, help="Who asked a bridge for this search.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Find the marker on a rig: rotate, fire, measure, decide; then rotate to it and confirm."""
@@ -94,9 +113,10 @@ def command(
 
     # The folder for pictures is tested now: a search on tissue is not repeated for a picture.
     output = Output(name="search", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
-    stream = StreamOptions(path=events, frames=event_frames, stop_with_reader=stop_with_reader)
-    # An unknown method is an error before devices are opened.
+    stream = StreamOptions(path=events, frames=event_frames, heartbeat=heartbeat)
+    # An unknown method, and a tolerance that cannot be, are errors before devices are opened.
     method_named(method)
+    tolerance = tolerance_of(tolerance_mm, tolerance_deg)
     options = SimulationOptions(
         seed=seed,
         tissue=tissue,
@@ -110,7 +130,16 @@ def command(
     if compare is not None:
         if journal is not None or method != "posterior":
             raise ConfigError("--compare names the methods and keeps no journals; leave --method and --journal out")
-        compare_methods(compare, rig, options, output, acquisitions=acquisitions, as_published=as_published, stay=stay)
+        compare_methods(
+            compare,
+            rig,
+            options,
+            output,
+            acquisitions=acquisitions,
+            as_published=as_published,
+            stay=stay,
+            tolerance=tolerance,
+        )
     curve = None if prior is None else runs.former_curve(prior)
     with open_rig(rig, options) as (assembled, start_deg):
         plan = runs.plan_on(
@@ -121,13 +150,14 @@ def command(
                 as_published=as_published,
                 start_deg=start_deg,
                 stay=stay,
-                single=single,
+                others=others_of(others, single=single),
                 prior=curve,
+                tolerance=tolerance,
             ),
         )
         session = runs.new_session(assembled, plan)
         announce_compilation()
-        arm_rig(assembled, arm=arm, what="search", as_json=as_json)
+        arm_rig(assembled, file=rig, arm=arm, what="search", as_json=as_json, asked_by=asked_by)
         session = run_new_session(
             session, as_json=as_json, journal=journal, keep=not no_journal, rig_file=rig, stream=stream
         )

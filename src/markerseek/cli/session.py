@@ -25,21 +25,9 @@ def run_session(
 ) -> None:
     """Run a search to its end with a progress bar; Ctrl-C, SIGTERM and SIGHUP stop the rig and end the command.
 
-    Parameters
-    ----------
-    session
-        The search.
-    as_json
-        Whether to print an interruption as JSON.
-    rig_file
-        Rig file of the search; for a rig of devices, the command that resumes it names this file.
-    stream
-        Whether events are sent to other programs.
-
-    Raises
-    ------
-    RecordError
-        If they cannot be sent where they should; nothing has moved then.
+    ``as_json``: whether to print an interruption as JSON. ``rig_file``: rig file of the search; for a rig of devices,
+    the command that resumes it names this file. ``stream``: whether events are sent to other programs. Raises
+    `RecordError` if they cannot be sent where they should; nothing has moved then.
     """
     journal = session.journal
     # A journal describes a simulated rig in full: `resume` takes no rig file for it.
@@ -47,7 +35,7 @@ def run_session(
     with stream.opened(session.configuration) as opened, stopped_by_signals():
         session = replace(session, stream=opened)
         try:
-            with stream.stopping(opened):
+            with stream.stopping():
                 _watch(session)
         except StoppedBySignal as stop:
             # Further signals are still ignored here, while the journal is written.
@@ -81,23 +69,7 @@ def run_new_session(
     written, a search without hardware continues with a warning; one with hardware is refused, because exposure of
     tissue without a record must be asked for (--no-journal).
 
-    Parameters
-    ----------
-    session
-        The search.
-    as_json, rig_file, stream
-        As in `run_session`.
-    journal
-        The user's file; None for one in the data folder.
-    keep
-        Whether to keep a journal at all.
-
-    Raises
-    ------
-    RecordError
-        If the journal cannot be written.
-    ConfigError
-        If a journal was named and none is to be kept.
+    ``journal``: the user's file; None for one in the data folder.
     """
     if journal is not None and not keep:
         raise ConfigError(f"--journal names {journal} and --no-journal wants none; leave one of them out")

@@ -27,10 +27,7 @@ FOUND, OTHER_ANSWER = 0, 3
 
 def facts_of(result: SearchResult) -> list[tuple[str, str]]:
     """Names and formatted values of a result, for the table and the page."""
-    rows = _answer(result)
-    rows += [("another source", _other(other)) for other in result.others]
-    if result.surveyed is not None:
-        rows.append(("surveyed", f"{100 * result.surveyed:.1f} % of the range, for a source as loud"))
+    rows = _answer(result) + _others(result)
     if result.marker_trus_m is not None:
         rows.append(("in the TRUS frame", "x {:.2f}, y {:.2f}, z {:.2f} mm".format(*_mm(result.marker_trus_m))))
     if result.marker_sigma_m is not None:
@@ -56,6 +53,17 @@ def facts_of(result: SearchResult) -> list[tuple[str, str]]:
     return rows
 
 
+def _others(result: SearchResult) -> list[tuple[str, str]]:
+    """What else there is, or may be."""
+    rows = [("another source", _other(other)) for other in result.others]
+    if result.surveyed is not None:
+        rows.append(("surveyed", f"{100 * result.surveyed:.1f} % of the range, for a source as loud"))
+    # 0 is what the user stated.
+    if result.other_probability:
+        rows.append(("another source", f"is the marker with a probability of {100 * result.other_probability:.2g} %"))
+    return rows
+
+
 def _other(source: OtherSource) -> str:
     """Another source in words."""
     place = ""
@@ -72,14 +80,17 @@ def _answer(result: SearchResult) -> list[tuple[str, str]]:
             ("claim", "none: the paper's form of a method always answers, also where there is no marker"),
         ]
     rows = [("answer", result.answer if result.reason is None else f"{result.answer}: {result.reason}")]
-    if result.found and result.sigma_deg is not None and result.interval95_deg is not None:
-        low, high = result.interval95_deg
-        rows.append(("marker angle", f"{result.angle_deg:.3f}° ± {result.sigma_deg:.3f}°"))
-        name, kind = _KINDS[result.interval_kind or "propagated"]
-        rows.append((name, f"[{low:.3f}°, {high:.3f}°], {kind}"))
-    elif result.answer != "not found":
+    if result.answer == "not found":
         # Where nothing was detected, the angle of a method is that of the noise, and is for programs only.
-        rows.append(("best guess", f"{result.angle_deg:.3f}°, not claimed"))
+        return rows
+    sigma = "" if result.sigma_deg is None else f" ± {result.sigma_deg:.3f}°"
+    name, unclaimed = ("marker angle", "") if result.found else ("best guess", ", not claimed")
+    rows.append((name, f"{result.angle_deg:.3f}°{sigma}{unclaimed}"))
+    if result.interval95_deg is not None:
+        low, high = result.interval95_deg
+        name, kind = _KINDS[result.interval_kind or "propagated"]
+        at_marker = "" if result.half_width_m is None else f", ± {1e3 * result.half_width_m:.2g} mm at the marker"
+        rows.append((name, f"[{low:.3f}°, {high:.3f}°]{at_marker}, {kind}"))
     return rows
 
 
@@ -109,24 +120,16 @@ def _mm(point_m: tuple[float, float, float]) -> list[float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Output:
-    """How a result is shown.
-
-    Attributes
-    ----------
-    name
-        Name of the command, and of its picture files.
-    as_json
-        Print JSON instead of a table.
-    plot
-        Whether to write a picture and a page.
-    folder
-        Folder of both, from `markerseek.cli.terminal.picture_folder`.
-    """
+    """How a result is shown."""
 
     name: str
+    """Name of the command, and of its picture files."""
     as_json: bool
+    """Print JSON instead of a table."""
     plot: bool
+    """Whether to write a picture and a page."""
     folder: Path
+    """Folder of both, from `markerseek.cli.terminal.picture_folder`."""
 
 
 def conclude(
@@ -141,22 +144,9 @@ def conclude(
 ) -> NoReturn:
     """Print the result, draw it, print where pictures and journal lie, and end the command with the result's exit code.
 
-    Parameters
-    ----------
-    recorder
-        Recorder of all events of the search.
-    configuration
-        Plan and rig of the search.
-    output
-        How the result is shown.
-    imaging
-        Imaging chain of the rig's channel data; None where there are intensities only.
-    policy
-        The policy at the end of the search, for the picture; None where none is drawn.
-    journal
-        The journal whose path is printed; None where there is none, or the user named it.
-    recorded
-        Recorded curve of the picture, as in `markerseek.pictures.search_figure`.
+    ``configuration``: plan and rig of the search. ``imaging``: imaging chain of the rig's channel data; None where
+    there are intensities only. ``journal``: None where there is none, or the user named it. ``recorded``: recorded
+    curve of the picture, as in `markerseek.pictures.search_figure`.
     """
     result, facts = recorder.result(configuration.plan, configuration.facts), configuration.facts
     form = " as published" if result.as_published else ""

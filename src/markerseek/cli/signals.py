@@ -22,12 +22,7 @@ _AGAIN_S = 1e-3
 class StoppedBySignal(KeyboardInterrupt):
     """Raised by a signal; the interrupted code cleans up, as after Ctrl-C.
 
-    Attributes
-    ----------
-    name
-        "SIGINT" or the like.
-    exit_code
-        Exit code of the process, 128 + signal number.
+    ``exit_code``: exit code of the process, 128 + signal number.
     """
 
     def __init__(self, number: int) -> None:
@@ -43,16 +38,7 @@ class Stopped(SystemExit):
 def end_stopped(stop: StoppedBySignal, *, as_json: bool, kept: Path | None, resume: str | None = None) -> NoReturn:
     """Print that the rig was stopped and how to continue, and end the command.
 
-    Parameters
-    ----------
-    stop
-        The signal.
-    as_json
-        Whether to print JSON.
-    kept
-        File that holds what was measured; None where none does.
-    resume
-        Command that continues; None where none does.
+    ``kept``: file that holds what was measured. ``resume``: command that continues.
     """
     print_warning(f"stopped by {stop.name}: the laser is disarmed, and the probe stays where it was")
     if resume is not None:

@@ -22,13 +22,14 @@ def show_summary(summary: studies.Summary) -> None:
         here = [policy for policy in summary.policies if policy.cell == cell]
         settings = ", ".join(f"{key} = {value}" for key, value in here[0].settings.items())
         stdout.print(f"\ncell {cell}{escape(': ' + settings if settings else '')}")
-        table = _table("", "found", "mean error of these", f"> {summary.failure_deg:g}°", "N", "rotation", "time")
+        table = _table("", "found", "error of these", "covered", "> 2 tol.", "N", "rotation", "time")
         for policy in here:
             table.add_row(
                 f"[bold]{policy.policy}[/]",
                 _share(policy.answers["found"], interval=False),
                 _mean(policy.error_deg),
-                _share(policy.failures, interval=True),
+                _share(policy.covered, interval=False),
+                _rare(policy.wrong_claims),
                 _plain(policy.acquisitions, ""),
                 _plain(policy.travel_deg, "°"),
                 _plain(policy.elapsed_s, " s"),
@@ -55,8 +56,9 @@ def _show_legend(summary: studies.Summary) -> None:
     """Print what the columns are."""
     far = f"{summary.failure_deg:g}°"
     lines = [
-        "found: share of the searches that answer found; the next two columns are of these",
-        f"> {far}: errors larger than {far}, within which a tool tip stays in the image",
+        "found: share of the searches that answer found, and the mean error of these",
+        "covered: share of the 95 % intervals that hold the true angle",
+        "> 2 tol.: found, and off by more than twice the tolerance at the marker",
         "N, rotation, time: of one search on average; time is on the simulated clock",
         "[low, high]: 95 % interval; ≤: the upper end of one",
     ]
@@ -64,8 +66,7 @@ def _show_legend(summary: studies.Summary) -> None:
         lines += [
             "error of all: of the angle in every search with a marker, whatever the answer",
             "no claim: any answer but found; missed: the answer not found",
-            "claim >1°: found, and more than 1° off",
-            "covered: share of the 95 % intervals that hold the true angle",
+            f"> {far}: off by more, so that a tool tip is not in the image: of all, and of those found",
         ]
     stdout.print()
     for line in lines:
@@ -98,16 +99,15 @@ def _whatever_the_answer(policies: Sequence[studies.PolicySummary], *, failure_d
         for policy in policies:
             table.add_row(f"[bold]{policy.policy}[/]", _rare(policy.false_found))
         return table
-    table = _table("", "error of all", f">{failure_deg:g}°", "no claim", "missed", "claim >1°", "covered")
+    table = _table("", "error of all", f"> {failure_deg:g}°", "found", "no claim", "missed")
     for policy in policies:
         table.add_row(
             f"[bold]{policy.policy}[/]",
             _mean(policy.any_error_deg),
             _rare(policy.off),
+            _rare(policy.failures),
             _rare(policy.not_found),
             _rare(policy.missed),
-            _rare(policy.wrong_claims),
-            _share(policy.covered, interval=False),
         )
     return table
 

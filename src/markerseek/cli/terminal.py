@@ -6,6 +6,7 @@ Programs read one JSON object on standard output (``--json``); progress, warning
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import sys
 import unicodedata
@@ -58,12 +59,18 @@ class SafeConsole(Console):
         """The text, escaped, with its markup applied."""
         return super().render_str(printable(text), **options)
 
+    def on_broken_pipe(self) -> None:
+        """Go on where nobody reads the progress any more; Rich would end the command, and with it a search."""
+        if not self.stderr:
+            raise  # noqa: PLE0704  Rich calls this where it has caught the error
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
 
-# soft_wrap: a long path stays in one piece, to be copied.
-stdout = SafeConsole(highlight=False, soft_wrap=True)
+
+# soft_wrap: a long path stays in one piece, to be copied. No emoji: ":x:" may be a part of it.
+stdout = SafeConsole(highlight=False, emoji=False, soft_wrap=True)
 """Standard output, for people."""
 
-stderr = SafeConsole(stderr=True, highlight=False, soft_wrap=True)
+stderr = SafeConsole(stderr=True, highlight=False, emoji=False, soft_wrap=True)
 """Standard error: progress, warnings, errors."""
 
 
@@ -117,19 +124,7 @@ def quoted(path: Path) -> str:
 def scaled(option: str, value: float | None, unit: float, *, most: float) -> float | None:
     """Value of an option in SI units; None where it was not given.
 
-    Parameters
-    ----------
-    option, value
-        Name of the option, and its value.
-    unit
-        Factor to SI units.
-    most
-        Largest plausible value, in the unit of the option.
-
-    Raises
-    ------
-    ConfigError
-        If it is not positive, or larger.
+    ``unit``: factor to SI units. ``most``: largest plausible value, in the unit of the option.
     """
     if value is None:
         return None
@@ -170,15 +165,7 @@ def print_warning(message: Warning | str, *_where: object, **_more: object) -> N
 
 
 def picture_folder(out: Path | None, *, plot: bool) -> Path:
-    """Folder for pictures, made and tested before anything is measured; by default the current one.
-
-    Raises
-    ------
-    ConfigError
-        If a folder is named and no picture is wanted, or none can be written there.
-    MissingExtraError
-        If Matplotlib is not installed.
-    """
+    """Folder for pictures, made and tested before anything is measured; by default the current one."""
     if out is not None and not plot:
         raise ConfigError(f"--out {out}: only pictures go there, and none is asked for; add --plot, or leave it out")
     folder = out or Path()

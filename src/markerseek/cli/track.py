@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.text import Text
 
 from markerseek import __version__, rigs, runs
-from markerseek.cli.options import AsJson, Out
+from markerseek.cli.options import AsJson, Out, ToleranceMm, tolerance_of
 from markerseek.cli.terminal import (
     announce_compilation,
     picture_folder,
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from markerseek.search import TrackingPolicy
-    from markerseek.sim import SimulatedSettings, Swing
+    from markerseek.sim import OscillatingMotion, SimulatedSettings
 
 EXAMPLES = (
     "Examples:\n\n"
@@ -77,20 +77,24 @@ def command(
         float | None, typer.Option(help="Seconds to read one acquisition.", show_default="the rig's, else 0.05")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 1,
+    tolerance_mm: ToleranceMm = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write track.png into --out.")] = False,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
     """Find a marker on the simulated rig, let it move, and follow it at the rate of the rig's frames."""
-    from markerseek.sim import Swing
+    from markerseek.sim import OscillatingMotion
 
     folder = picture_folder(out, plot=plot)
     require_range("--duration-s", duration_s, low=1, high=600, unit="s")
-    swing = Swing(speed_deg_s=speed_deg_per_s)
+    swing = OscillatingMotion(speed_deg_s=speed_deg_per_s)
     settings = _settings(rig, swing, marker_deg=marker_deg, snr_db=snr_db, readout_s=readout_s)
     announce_compilation()
     assembled = rigs.simulated(seed=seed, settings=settings, swing=swing)
-    plan = runs.plan_on(assembled, SearchPlan(method="posterior", start_deg=settings.start_deg, single=True))
+    tolerance = tolerance_of(tolerance_mm, None)
+    plan = runs.plan_on(
+        assembled, SearchPlan(method="posterior", start_deg=settings.start_deg, others=0.0, tolerance=tolerance)
+    )
     session = runs.new_session(assembled, plan)
     for _ in session.events():
         pass
@@ -108,7 +112,12 @@ def command(
 
 
 def _settings(
-    path: Path | None, swing: Swing, *, marker_deg: float | None, snr_db: float | None, readout_s: float | None
+    path: Path | None,
+    swing: OscillatingMotion,
+    *,
+    marker_deg: float | None,
+    snr_db: float | None,
+    readout_s: float | None,
 ) -> SimulatedSettings:
     """Settings of the rig, with a marker that stays inside of the search range."""
     from markerseek.sim import changed_settings
@@ -136,7 +145,13 @@ def _found(session: runs.Session) -> Found:
 
 
 def _follow(
-    rig: rigs.Rig, session: runs.Session, found: Found, settings: SimulatedSettings, swing: Swing, *, duration_s: float
+    rig: rigs.Rig,
+    session: runs.Session,
+    found: Found,
+    settings: SimulatedSettings,
+    swing: OscillatingMotion,
+    *,
+    duration_s: float,
 ) -> tuple[TrackingPolicy, int]:
     """The policy after the run, and how many frames were refused."""
     confirmation = session.recorder.confirmation
@@ -144,15 +159,21 @@ def _follow(
         raise SearchError("the search confirmed no angle, or states no curve: the marker cannot be followed")
     frame_s = settings.laser.pulses / settings.laser.rate_hz + settings.receiver.readout_s
     period_s = runs.stage_period_s(settings.stage, fwhm_deg=found.curve.fwhm_deg, speed_deg_s=0.0, frame_s=frame_s)
-    policy = runs.following(
+    policy = runs.tracking_policy(
         rig, found, confirmation, speed_deg_s=swing.speed_deg_s, duration_s=duration_s, period_s=period_s
     )
-    refused = sum(isinstance(event, Refused) for event in runs.follow(rig, policy, swing))
+    refused = sum(isinstance(event, Refused) for event in runs.track_run(rig, policy, swing))
     return policy, refused
 
 
 def _report(
-    rig: rigs.Rig, found: Found, policy: TrackingPolicy, swing: Swing, settings: SimulatedSettings, *, refused: int
+    rig: rigs.Rig,
+    found: Found,
+    policy: TrackingPolicy,
+    swing: OscillatingMotion,
+    settings: SimulatedSettings,
+    *,
+    refused: int,
 ) -> TrackReport:
     rest_deg = settings.marker.angle_deg or 0.0
     quality = runs.quality_of(policy, swing, rest_deg=rest_deg)

@@ -35,16 +35,8 @@ if TYPE_CHECKING:
 def show_ultrasonix(path: Path, *, number: int, plot: bool, out: Path, as_json: bool) -> None:
     """Describe a file and one of its frames, and draw it.
 
-    Parameters
-    ----------
-    path
-        The file.
-    number
-        Number of the frame, counted from 1.
-    plot, out
-        Whether to draw it, and the folder for the picture.
-    as_json
-        One object for programs instead of words for people.
+    ``number``: number of the frame, counted from 1. ``plot``, ``out``: whether to draw it, and the folder for the
+    picture. ``as_json``: one object for programs instead of words for people.
     """
     from markerseek.records.banks import open_ultrasonix
 
@@ -85,16 +77,8 @@ def open_for_spare(
 ) -> tuple[signals.SpareReader, RFFrame]:
     """Reader for the lines of an ``.rf`` file, and one of its frames.
 
-    Parameters
-    ----------
-    path
-        The file. Its header gives the sampling frequency, and how many lines cover the probe.
-    number
-        Number of the frame, counted from 1.
-    probe
-        Preset with the probe's length and band.
-    receive_focus_m, min_depth_m, max_depth_m
-        As of `markerseek.signals.SpareReader`.
+    ``path``: its header gives the sampling frequency, and how many lines cover the probe. ``number``: number of the
+    frame, counted from 1. ``probe``: preset with the probe's length and band.
     """
     from markerseek.records.banks import open_ultrasonix
 
@@ -125,25 +109,8 @@ def b_mode_under(
     machine's record of the same frame is long. Any other image is taken to be centred on the array and to begin at its
     face.
 
-    Parameters
-    ----------
-    path
-        The image.
-    number
-        Number of the frame, counted from 1.
-    preset
-        The probe, or the lines over it.
-    samples
-        Samples of a line in the ``.rf`` of the same frame, or of a channel.
-    pixel_mm
-        Size of a pixel in millimetres; None where the file says.
-
-    Raises
-    ------
-    RecordError
-        If there is no such image, or its corners make no rectangle.
-    ConfigError
-        If the size of its pixels is not known.
+    ``number``: number of the frame, counted from 1. ``samples``: samples of a line in the ``.rf`` of the same frame, or
+    of a channel. ``pixel_mm``: None where the file says.
     """
     from markerseek.records import read_images
     from markerseek.records.banks import open_ultrasonix

@@ -1,7 +1,7 @@
 """Values, protocols, events and errors that all other packages share. Pure; it imports none of them."""
 
 from markerseek.core.array import LinearArray
-from markerseek.core.arrival import Arrival, LocalMaxima
+from markerseek.core.arrival import Arrival, LocalMaxima, SpotEnergy
 from markerseek.core.checks import is_finite, is_whole, require_range
 from markerseek.core.errors import (
     AcquisitionError,
@@ -23,6 +23,7 @@ from markerseek.core.errors import (
 from markerseek.core.estimate import (
     Ambiguous,
     AtBound,
+    Doubt,
     Estimate,
     Floor,
     Found,
@@ -39,23 +40,23 @@ from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerPosition, marker_position
 from markerseek.core.marker_curve import MarkerCurve
 from markerseek.core.permit import Permit
-from markerseek.core.plan import SearchPlan
+from markerseek.core.plan import SearchPlan, Tolerance
 from markerseek.core.protocols import Clock, ConfirmablePolicy, Laser, Policy, Reader, Receiver, Stage
 from markerseek.core.reading import (
-    LEAST_INTENSITY,
-    MOST_ACQUISITIONS,
-    MOST_ARRIVALS,
-    MOST_INTENSITY,
+    MAX_ACQUISITIONS,
+    MAX_ARRIVALS,
+    MAX_INTENSITY,
+    MIN_INTENSITY,
     Reading,
     Sample,
 )
 from markerseek.core.shapes import Bool, Complex128, Float32, Float64, Int16, Int32, Int64, UInt8
 
 __all__ = [
-    "LEAST_INTENSITY",
-    "MOST_ACQUISITIONS",
-    "MOST_ARRIVALS",
-    "MOST_INTENSITY",
+    "MAX_ACQUISITIONS",
+    "MAX_ARRIVALS",
+    "MAX_INTENSITY",
+    "MIN_INTENSITY",
     "NO_HEADER",
     "PAPER_RANGE",
     "AcquisitionError",
@@ -73,6 +74,7 @@ __all__ = [
     "ConfirmablePolicy",
     "DeviceError",
     "DeviceTimeoutError",
+    "Doubt",
     "Estimate",
     "Event",
     "Failed",
@@ -121,8 +123,10 @@ __all__ = [
     "ScanGeometry",
     "SearchError",
     "SearchPlan",
+    "SpotEnergy",
     "Stage",
     "Started",
+    "Tolerance",
     "UInt8",
     "Unsure",
     "as_interval",

@@ -1,4 +1,4 @@
-"""What a frame says besides its largest peak: its coherent arrivals, and the largest envelope of each block."""
+"""What a frame says besides its largest peak: coherent arrivals, the energy of a spot, the largest of each block."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from markerseek.core.checks import is_finite, is_whole, require_range
 from markerseek.core.errors import ConfigError
 
-MOST_BLOCKS = 1_000_000
+MAX_BLOCKS = 1_000_000
 """Most blocks of an image; the simulated probe's has some 1,200."""
 
 _BYTES = 4
@@ -43,6 +43,35 @@ class Arrival:
             value = getattr(self, each.name)
             if value is not None and not is_finite(value):
                 raise ConfigError(f"arrival: {each.name} is {value}, it must be finite")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpotEnergy:
+    """Energy of the image about its largest peak, noise subtracted, and its centroid.
+
+    The peak of a stained spot is speckle: which of its grains add up there changes with the angle. Their energy does
+    not.
+
+    Attributes
+    ----------
+    amplitude
+        Root of the energy over that of one resolution cell, in the frame's unit: of a point about its intensity.
+    relative_sigma
+        Standard deviation that noise gives the amplitude, over the amplitude.
+    lateral_m, depth_m
+        Centroid of the energy, in metres.
+    """
+
+    amplitude: float
+    relative_sigma: float
+    lateral_m: float
+    depth_m: float
+
+    def __post_init__(self) -> None:
+        for name in ("amplitude", "relative_sigma"):
+            require_range(f"spot energy: {name}", getattr(self, name), low=0.0, high=math.inf, open_low=True)
+        for name in ("lateral_m", "depth_m"):
+            require_range(f"spot energy: {name}", getattr(self, name), low=-10.0, high=10.0, unit="m")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,10 +111,10 @@ class LocalMaxima:
             require_range(f"local maxima: {name}", getattr(self, name), low=1e-6, high=1.0, unit="m")
         require_range("local maxima: noise_peaks", self.noise_peaks, low=0.0, high=1e9, open_low=True)
         count, left = divmod(len(self.intensities), _BYTES)
-        if left or not is_whole(self.columns) or not 1 <= self.columns <= count <= MOST_BLOCKS or count % self.columns:
+        if left or not is_whole(self.columns) or not 1 <= self.columns <= count <= MAX_BLOCKS or count % self.columns:
             raise ConfigError(
                 f"local maxima: {len(self.intensities)} bytes of intensities and {self.columns} columns; "
-                f"{_BYTES} bytes for each block of whole rows are needed, and at most {MOST_BLOCKS:,} blocks"
+                f"{_BYTES} bytes for each block of whole rows are needed, and at most {MAX_BLOCKS:,} blocks"
             )
         values = self._row(0, count)
         # One sum instead of a test of each: NaN and infinity stay in it.

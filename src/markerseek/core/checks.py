@@ -37,25 +37,9 @@ def require_range(
 
     The message has one form: argument, value with unit, limits, cure.
 
-    Parameters
-    ----------
-    name
-        Name of the argument with its owner: "stage: zero_deg".
-    value
-        The number.
-    low, high
-        The limits, both included; infinity for none.
-    unit
-        Unit of the value and the limits.
-    open_low
-        Whether the lower limit itself is outside.
-    cure
-        What to do about it, where that is not clear from the limits.
-
-    Raises
-    ------
-    ConfigError
-        If it lies outside.
+    ``name``: name of the argument with its owner: "stage: zero_deg". ``low``, ``high``: the limits, both included;
+    infinity for none. ``open_low``: whether the lower limit itself is outside. ``cure``: what to do about it, where
+    that is not clear from the limits.
     """
     # True would pass as 1, and text would end in a TypeError without the name of the argument.
     if is_real(value) and (low < value if open_low else low <= value) and value <= high:

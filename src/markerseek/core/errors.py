@@ -55,12 +55,7 @@ class MissingExtraError(ConfigError):
 def needs_package(package: str, *, extra: str, purpose: str) -> Iterator[None]:
     """Import an optional package in the block; `MissingExtraError` names the extra that installs it where it is absent.
 
-    Parameters
-    ----------
-    package, extra
-        Names of the package and of the extra, for the message.
-    purpose
-        What it is needed for, as the subject of a sentence: "a picture".
+    ``purpose``: what it is needed for, as the subject of a sentence: "a picture".
     """
     try:
         yield

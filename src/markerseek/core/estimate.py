@@ -16,6 +16,10 @@ IntervalKind: TypeAlias = Literal["posterior", "bracket", "propagated"]
 """Where an interval comes from: a probability, the width left of a bracket, or noise propagated through a formula."""
 
 
+Doubt: TypeAlias = Literal["source", "width"]
+"""Why an answer is `Unsure`: it is not known that this source is the marker, or its angle is not known well enough."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Floor:
     """Noise floor: an intensity that is not above ``level`` is no evidence of a marker.
@@ -75,6 +79,11 @@ class Found:
         Share of the range in which a source as loud would have been detected, 0 to 1; None where it is not known.
     curve
         Width and height of the marker's intensity curve; None where the method does not know them.
+    other_probability
+        Probability that another source is the marker, 0 to 1; None where the method does not compute it.
+    half_width_m
+        How far the interval reaches from the angle, as a length at the marker in metres; None where the distance of the
+        marker from the axis is not known.
     """
 
     mean_deg: float
@@ -84,19 +93,24 @@ class Found:
     floor: Floor | None = None
     others: tuple[OtherSource, ...] = ()
     surveyed: float | None = None
+    other_probability: float | None = None
     curve: MarkerCurve | None = None
+    half_width_m: float | None = None
 
-    def doubted(self, reason: str) -> Unsure:
+    def as_unsure(self, doubt: Doubt, reason: str) -> Unsure:
         """The same angle, no longer claimed."""
         return Unsure(
             mean_deg=self.mean_deg,
             sigma_deg=self.sigma_deg,
             interval95_deg=self.interval95_deg,
             interval_kind=self.interval_kind,
+            doubt=doubt,
             reason=reason,
             floor=self.floor,
             others=self.others,
             surveyed=self.surveyed,
+            other_probability=self.other_probability,
+            half_width_m=self.half_width_m,
         )
 
 
@@ -115,7 +129,8 @@ class NotFound:
 class Ambiguous:
     """Two sources about as loud, or one whose angle is one of several.
 
-    ``modes_deg`` lists the angles; ``mean_deg`` is that of the loudest source, or the likeliest.
+    ``modes_deg`` lists the angles; ``mean_deg`` is that of the loudest source, or the likeliest, and ``sigma_deg`` and
+    ``interval95_deg`` are those of that source.
     """
 
     mean_deg: float
@@ -123,31 +138,46 @@ class Ambiguous:
     floor: Floor | None = None
     others: tuple[OtherSource, ...] = ()
     surveyed: float | None = None
+    sigma_deg: float | None = None
+    interval95_deg: Interval | None = None
+    interval_kind: IntervalKind | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AtBound:
-    """The intensity still rises at an end of the range: the marker lies there or beyond."""
+    """The intensity still rises at an end of the range: the marker lies there or beyond.
+
+    ``sigma_deg`` and ``interval95_deg`` are those of the marker, which may lie beyond; None where the method has none.
+    """
 
     mean_deg: float
     side: Literal["low", "high"]
     floor: Floor | None = None
     others: tuple[OtherSource, ...] = ()
     surveyed: float | None = None
+    sigma_deg: float | None = None
+    interval95_deg: Interval | None = None
+    interval_kind: IntervalKind | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unsure:
-    """There is a marker, but its angle is not known well enough."""
+    """There is a marker, but it is not known that this source is it, or its angle is not known well enough.
+
+    ``doubt`` says which of the two; with "width" the source is the marker. Journals of before name none: then "source".
+    """
 
     mean_deg: float
     sigma_deg: float
     interval95_deg: Interval
     interval_kind: IntervalKind
     reason: str
+    doubt: Doubt = "source"
     floor: Floor | None = None
     others: tuple[OtherSource, ...] = ()
     surveyed: float | None = None
+    other_probability: float | None = None
+    half_width_m: float | None = None
 
 
 # A union and no base class: a match statement over it is checked for missing cases by mypy.

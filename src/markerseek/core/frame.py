@@ -32,6 +32,8 @@ class FrameHeader:
         First and last moment of the acquisition on the rig's clock, in seconds.
     angle_before_deg, angle_after_deg
         Readback of the stage just before and just after, in degrees; None until the scanner adds them.
+    energy
+        Energy of its pulses over the usual one, as the rig measured it; None where it does not.
     """
 
     sequence: int
@@ -42,6 +44,7 @@ class FrameHeader:
     ended_s: float
     angle_before_deg: float | None = None
     angle_after_deg: float | None = None
+    energy: float | None = None
 
 
 NO_HEADER = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=0.0, ended_s=0.0)

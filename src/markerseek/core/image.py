@@ -43,7 +43,7 @@ class PaImage:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScanGeometry:
-    """Where the pixels of an image are: the one rule by which B-mode and photoacoustic images are put over each other.
+    """Where the pixels of an image are; the same rule overlays B-mode and photoacoustic images.
 
     Lateral positions count along the array from its centre, depths from its face. Row and column numbers may be
     fractions; pixel 0 is centred on the first position.

@@ -62,17 +62,7 @@ class Interval:
 def as_interval(ends_deg: Interval | Sequence[SupportsFloat], *, name: str) -> Interval:
     """Interval of two angles, given as such or as any two numbers, low end first.
 
-    Parameters
-    ----------
-    ends_deg
-        The interval, or its ends in degrees: a tuple or a list.
-    name
-        Name of the argument, for the message.
-
-    Raises
-    ------
-    ConfigError
-        If they are no two finite numbers that rise.
+    ``name``: name of the argument, for the message.
     """
     if isinstance(ends_deg, Interval):
         return ends_deg

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from markerseek.core.estimate import Found
+from markerseek.core.estimate import Found, Unsure
 from markerseek.core.facts import RigFacts
 from markerseek.core.reading import Sample
 from markerseek.core.shapes import CHECKED, Float64
@@ -21,7 +21,7 @@ STRONG_SHARE = 0.5
 SAME_SOURCE_M = 3e-3
 """Largest distance, along the array and in depth, of its peak from the strongest one's: the widest stained spot."""
 
-LATERAL_M, DEPTH_M = 1.0e-3, 0.6e-3
+LATERAL_M, DEPTH_M = 0.5e-3, 0.5e-3
 """Standard deviations of lateral position and depth over the share of the channels' energy that is out of phase, in
 metres. A stained spot is uneven, all frames show its brightest part, and so their scatter says little; but its grains
 are out of phase, as a point is not. Fitted to simulated searches on four materials (docs/explanation/registration.md).
@@ -65,31 +65,24 @@ class MarkerPosition:
         return np.asarray(axes.T @ np.diag(np.square(self.sigma_m)) @ axes)
 
 
-def marker_position(found: Found, samples: Sequence[Sample], facts: RigFacts) -> MarkerPosition | None:
+def marker_position(found: Found | Unsure, samples: Sequence[Sample], facts: RigFacts) -> MarkerPosition | None:
     """Position of the marker; None where the frames give no position, or the face radius is not known.
 
-    Lateral position and depth are means over the strong frames, weighted by the square of their intensity. The depth
-    is that of the energy's centroid in time: a long laser pulse gives two peaks, and which is higher is chance.
+    Lateral position and depth are means over the strong frames, weighted by the square of their intensity, of the
+    centroid of the energy: which grain of a stained spot, or which edge of a long laser pulse, is the peak is chance.
 
-    Parameters
-    ----------
-    found
-        The answer.
-    samples
-        All samples with light, the confirmation among them.
-    facts
-        Face radius and sound speed of the rig.
+    ``samples``: all samples with light, the confirmation among them. ``facts``: face radius and sound speed of the rig.
     """
     face_m = facts.face_radius_m
-    places = [place for sample in samples if (place := _place(sample, facts.sound_speed_m_s)) is not None]
-    if face_m is None or not places:
+    positions = [at for sample in samples if (at := _position_of(sample, facts.sound_speed_m_s)) is not None]
+    if face_m is None or not positions:
         return None
-    strongest = max(places, key=lambda place: place.intensity)
-    strong = [place for place in places if _same_source(place, strongest)]
-    weights = [place.intensity**2 for place in strong]
-    radii_m = [_radius_m(place.depth_m, face_m, math.radians(place.angle_deg - found.mean_deg)) for place in strong]
-    incoherent = 1 - _mean([place.coherence for place in strong], weights)
-    lateral_m, radius_m = _mean([place.lateral_m for place in strong], weights), _mean(radii_m, weights)
+    strongest = max(positions, key=lambda at: at.intensity)
+    strong = [at for at in positions if _same_source(at, strongest)]
+    weights = [at.intensity**2 for at in strong]
+    radii_m = [_radius_m(at.depth_m, face_m, math.radians(at.angle_deg - found.mean_deg)) for at in strong]
+    incoherent = 1 - _mean([at.coherence for at in strong], weights)
+    lateral_m, radius_m = _mean([at.lateral_m for at in strong], weights), _mean(radii_m, weights)
     angle = math.radians(found.mean_deg)
     return MarkerPosition(
         position_m=(radius_m * math.sin(angle), lateral_m, radius_m * math.cos(angle)),
@@ -98,7 +91,7 @@ def marker_position(found: Found, samples: Sequence[Sample], facts: RigFacts) ->
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Place:
+class _SourcePosition:
     """Where a frame shows its strongest source."""
 
     angle_deg: float
@@ -108,32 +101,41 @@ class _Place:
     coherence: float
 
 
-def _place(sample: Sample, sound_speed_m_s: float | None) -> _Place | None:
-    """Place of a sample, with the depth of the energy's centroid; that of the peak where the centroid is not known."""
+def _position_of(sample: Sample, sound_speed_m_s: float | None) -> _SourcePosition | None:
+    """Position of a sample's source: its energy's centroid, else the peak; its depth by the centroid in time."""
     reading = sample.reading
     if reading.lateral_m is None or reading.depth_m is None:
         return None
+    # Never quite 1, so that no marker is taken for exact.
+    coherence = min(UNKNOWN_COHERENCE if reading.coherence is None else reading.coherence, 0.99)
+    if reading.spot is not None:
+        return _SourcePosition(
+            angle_deg=sample.angle_deg,
+            intensity=reading.intensity,
+            lateral_m=reading.spot.lateral_m,
+            depth_m=reading.spot.depth_m,
+            coherence=coherence,
+        )
     later_s = 0.0
     if reading.centroid_s is not None and reading.arrival_s is not None:
         # Both count from the trigger, so that its offset cancels.
         later_s = reading.centroid_s - reading.arrival_s
     depth_m = reading.depth_m + (sound_speed_m_s or 0.0) * later_s
-    return _Place(
+    return _SourcePosition(
         angle_deg=sample.angle_deg,
         intensity=reading.intensity,
         lateral_m=reading.lateral_m,
         depth_m=depth_m,
-        # Never quite 1, so that no marker is taken for exact.
-        coherence=min(UNKNOWN_COHERENCE if reading.coherence is None else reading.coherence, 0.99),
+        coherence=coherence,
     )
 
 
-def _same_source(place: _Place, strongest: _Place) -> bool:
-    """Whether a place is strong, and near the strongest."""
+def _same_source(position: _SourcePosition, strongest: _SourcePosition) -> bool:
+    """Whether a position is strong, and near the strongest."""
     return (
-        place.intensity >= STRONG_SHARE * strongest.intensity
-        and abs(place.lateral_m - strongest.lateral_m) <= SAME_SOURCE_M
-        and abs(place.depth_m - strongest.depth_m) <= SAME_SOURCE_M
+        position.intensity >= STRONG_SHARE * strongest.intensity
+        and abs(position.lateral_m - strongest.lateral_m) <= SAME_SOURCE_M
+        and abs(position.depth_m - strongest.depth_m) <= SAME_SOURCE_M
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from markerseek.core.checks import require_range
-from markerseek.core.reading import LEAST_INTENSITY, MOST_INTENSITY
+from markerseek.core.reading import MAX_INTENSITY, MIN_INTENSITY
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,4 +30,4 @@ class MarkerCurve:
 
     def __post_init__(self) -> None:
         require_range("marker curve: fwhm_deg", self.fwhm_deg, low=0.5, high=90.0, unit="deg")
-        require_range("marker curve: peak", self.peak, low=LEAST_INTENSITY, high=MOST_INTENSITY)
+        require_range("marker curve: peak", self.peak, low=MIN_INTENSITY, high=MAX_INTENSITY)

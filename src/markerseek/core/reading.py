@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from markerseek.core.arrival import Arrival, LocalMaxima
+from markerseek.core.arrival import Arrival, LocalMaxima, SpotEnergy
 from markerseek.core.checks import is_finite
 from markerseek.core.errors import ReadingError
 from markerseek.core.frame import Frame
 
-MOST_ACQUISITIONS = 500
+MAX_ACQUISITIONS = 500
 """Most acquisitions of one search, without dark frames."""
 
-MOST_ARRIVALS = 8
+MAX_ARRIVALS = 8
 """Most arrivals that a reading lists."""
 
-LEAST_INTENSITY, MOST_INTENSITY = 1e-60, 1e60
+MIN_INTENSITY, MAX_INTENSITY = 1e-60, 1e60
 """Intensities outside are refused as damaged: squares and ratios of those inside neither vanish nor overflow."""
 
 
@@ -43,12 +43,14 @@ class Reading:
         Share of the channels' energy at the peak that is in phase, 0 to 1.
     focused_coherence
         Share of all energy about the peak that is in phase at its best focus, 0 to 1: near 1 for a point.
+    spot
+        Energy about that peak, and its centroid; None where noise decides it.
     saturated_fraction
         Share of the channels that touch full scale in the marker's window, 0 to 1.
     dead_channels
         Numbers of channels without any signal, counted from 0.
     arrivals
-        The coherent arrivals above the noise, strongest first, `MOST_ARRIVALS` at most.
+        The coherent arrivals above the noise, strongest first, `MAX_ARRIVALS` at most.
     local_maxima
         Largest envelope in each block of the image.
 
@@ -68,6 +70,7 @@ class Reading:
     cells: int | None = None
     coherence: float | None = None
     focused_coherence: float | None = None
+    spot: SpotEnergy | None = None
     saturated_fraction: float | None = None
     dead_channels: tuple[int, ...] = ()
     arrivals: tuple[Arrival, ...] = ()
@@ -87,7 +90,7 @@ class Reading:
 
 
 _OPTIONAL = tuple(
-    name for name in Reading.__slots__ if name not in ("intensity", "dead_channels", "arrivals", "local_maxima")
+    name for name in Reading.__slots__ if name not in ("intensity", "spot", "dead_channels", "arrivals", "local_maxima")
 )
 """Features that may be unknown."""
 

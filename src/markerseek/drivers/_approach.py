@@ -11,21 +11,14 @@ UP, DOWN = 1, -1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Approach:
-    """Angles to go to in turn, and the direction of the last move.
-
-    Attributes
-    ----------
-    stops_deg
-        Angles to go to, in degrees; none if the stage is there already, approached from the right side.
-    direction
-        `UP` if the last is approached from below, `DOWN` if from above.
-    reversed
-        Whether that is not the usual side, because the travel range ends too soon.
-    """
+    """Angles to go to in turn, and the direction of the last move."""
 
     stops_deg: tuple[float, ...]
+    """Angles to go to; none if the stage is there already, approached from the right side."""
     direction: int
+    """`UP` if the last is approached from below, `DOWN` if from above."""
     reversed: bool
+    """Whether that is not the usual side, because the travel range ends too soon."""
 
 
 def plan_approach(
@@ -40,20 +33,10 @@ def plan_approach(
 ) -> Approach:
     """Plan the approach of a target.
 
-    Parameters
-    ----------
-    target_deg, here_deg
-        Target, and present angle of the stage, in degrees.
-    pushed
-        Direction of the last move, `UP` or `DOWN`; None if unknown.
-    usual
-        Direction of the last move towards any target.
-    room_deg
-        Length of a move that takes up the backlash, in degrees.
-    travel
-        Angles at which the stage may be.
-    same_deg
-        Angles no further apart than this count as equal, in degrees.
+    ``target_deg``, ``here_deg``: target, and present angle of the stage. ``pushed``: direction of the last move, `UP`
+    or `DOWN`; None if unknown. ``usual``: direction of the last move towards any target. ``room_deg``: length of a move
+    that takes up the backlash. ``travel``: angles at which the stage may be. ``same_deg``: angles no further apart than
+    this count as equal.
     """
     direction = usual if target_deg - usual * room_deg in travel else -usual
     # From a shorter distance, or from the other side, the gears would not yet be pushed when the target is reached.

@@ -24,21 +24,9 @@ class AptLine:
     requests, so each is at most as old as the first request that was open when it came. Where none comes within the age
     allowed, a late one is not waited for.
 
-    Parameters
-    ----------
-    port
-        The line.
-    clock
-        Time; all waiting is done on it.
-    answer_s
-        How long an answer may take before the request is repeated, in seconds.
-    age_s
-        How old an answer may be, in seconds: after that, silence is an error.
-
-    Attributes
-    ----------
-    since_s
-        Earliest time at which the request of the last answer can have been sent, in seconds.
+    ``clock``: all waiting is done on it. ``answer_s``: how long an answer may take before the request is repeated.
+    ``age_s``: how old an answer may be: after that, silence is an error. ``since_s``: earliest time at which the
+    request of the last answer can have been sent.
     """
 
     def __init__(self, *, port: Port, clock: Clock, answer_s: float, age_s: float) -> None:
@@ -58,19 +46,7 @@ class AptLine:
     def ask(self, question: bytes, ident: int, kind: type[_AnswerT]) -> _AnswerT:
         """Send a request and return its answer.
 
-        Parameters
-        ----------
-        question
-            The request.
-        ident
-            Identity of the message that answers.
-        kind
-            Type of its content.
-
-        Raises
-        ------
-        DeviceTimeoutError
-            If no answer comes in time.
+        ``ident``: identity of the message that answers. Raises `DeviceTimeoutError` if no answer comes in time.
         """
         self._take(ident)
         first_s = self._clock.now_s()

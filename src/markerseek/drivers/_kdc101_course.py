@@ -31,18 +31,9 @@ class DatedPosition:
 class Course:
     """The readings of one move from rest, in one direction.
 
-    Parameters
-    ----------
-    start
-        Where it stands, in counts.
-    heading
-        1 for upwards, -1 for downwards.
-    now_s
-        Time, in seconds.
-    acceleration
-        Largest acceleration, in counts per second squared, with what a motor may exceed its setting by.
-    unsteady
-        How far a servo may be off the way that it was set, in counts: noise of the encoder, and settling at the end.
+    ``start``: where it stands, in counts. ``heading``: 1 for upwards, -1 for downwards. ``acceleration``: largest
+    acceleration, in counts per second squared, with what a motor may exceed its setting by. ``unsteady``: how far a
+    servo may be off the way that it was set, in counts: noise of the encoder, and settling at the end.
     """
 
     def __init__(self, *, start: int, heading: int, now_s: float, acceleration: float, unsteady: int) -> None:
@@ -55,13 +46,7 @@ class Course:
         )
 
     def objection(self, reading: DatedPosition) -> MoveError | None:
-        """Why a stage on this course cannot be there; None if it can.
-
-        Parameters
-        ----------
-        reading
-            The next reading.
-        """
+        """Why a stage on this course cannot be there; None if it can."""
         back = self._heading * (self._farthest - reading.counts)
         if back > self._unsteady:
             return MoveError(
@@ -91,13 +76,7 @@ class Course:
         return low, max(fastest, 0.0) * (third.answered_s - second.asked_s) + self._unsteady
 
     def add(self, reading: DatedPosition) -> None:
-        """Take in a reading that nothing speaks against.
-
-        Parameters
-        ----------
-        reading
-            The reading.
-        """
+        """Add a reading that has passed all checks."""
         if self._heading * (reading.counts - self._farthest) > 0:
             self._farthest = reading.counts
         if reading.asked_s - self._last[-1].answered_s >= _APART_S:

@@ -16,7 +16,7 @@ _STABLE_READS = 3
 _STABLE_COUNTS = 2
 _TRIES = 3
 _TICK_S = 1e-6
-_MOST_TIMES = 5
+_MAX_TIMES = 5
 """On a computer that is held up, a move may take so many times as long."""
 _TOO_FAST = 1.25
 """Share of speed and acceleration set that is put down to the servo and to the age of two readings."""
@@ -26,33 +26,23 @@ _UNSTEADY_COUNTS = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MoveRules:
-    """What a move may do; lengths in counts, speeds in counts per second.
-
-    Attributes
-    ----------
-    low, high
-        Travel range.
-    speed, acceleration
-        How it moves, by what it keeps.
-    lead, renew_s
-        How far ahead a target may be, and how often it is renewed.
-    arrival
-        How near to the target it must come.
-    unexpected
-        How far it may be from where it should be.
-    begin_s
-        How long it may stand still on its way.
-    """
+    """What a move may do; lengths in counts, speeds in counts per second."""
 
     low: int
     high: int
+    """``low`` and ``high``: travel range."""
     speed: float
     acceleration: float
+    """``speed`` and ``acceleration``: how it moves, by what it keeps."""
     lead: int
     renew_s: float
+    """``lead`` and ``renew_s``: how far ahead a target may be, and how often it is renewed."""
     arrival: int
+    """How near to the target it must come."""
     unexpected: int
+    """How far it may be from where it should be."""
     begin_s: float
+    """How long it may stand still on its way."""
 
     def longest_s(self, distance: int) -> float:
         """Longest time that a move of that length may take, in seconds."""
@@ -67,16 +57,7 @@ class MoveRules:
 class Move:
     """A stage on its way, or at rest between two moves.
 
-    Parameters
-    ----------
-    line
-        To its controller.
-    clock
-        Time.
-    rules
-        What it may do.
-    rest
-        Where it stands, if it should not move; None if that is not known.
+    ``rest``: where it stands, if it should not move; None if that is not known.
     """
 
     def __init__(self, *, line: AptLine, clock: Clock, rules: MoveRules, rest: int | None = None) -> None:
@@ -89,15 +70,16 @@ class Move:
         self._from: int | None = None
         self._begun_s: float | None = None
 
+    @property
+    def seen(self) -> int | None:
+        """Position of the last reading, in counts; None before the first."""
+        return None if self._last is None else self._last[1]
+
     def look(self) -> apt.Status:
         """Status that is what it can be; a suspicious one is asked for again, since a garbled one does not come twice.
 
-        Raises
-        ------
-        MoveError
-            If it reports an error, was switched off, homes, fell back on its way, or is where it cannot be.
-        LimitError
-            If it is outside its travel range.
+        Raises `MoveError` if it reports an error, was switched off, homes, fell back on its way, or is where it cannot
+        be. Raises `LimitError` if it is outside its travel range.
         """
         return self._look()[0]
 
@@ -121,10 +103,7 @@ class Move:
     def go(self, target: int, start: int) -> int:
         """Go from a place to another, and return where it came to rest, all in counts.
 
-        Raises
-        ------
-        MoveError, LimitError
-            As `look` says, and if it does not begin, does not go on, or stops elsewhere.
+        Raises `MoveError` or `LimitError` as `look` says, and if it does not begin, does not go on, or stops elsewhere.
         """
         rules = self._rules
         heading = 1 if target > start else -1
@@ -150,7 +129,7 @@ class Move:
             now_s = self._clock.now_s()
             # A target that is renewed late costs the stage that time twice: it brakes, and speeds up again.
             late_s = now_s - looked_s - pause_s
-            ends_s, looked_s = min(ends_s + 2 * late_s, began_s + _MOST_TIMES * longest_s), now_s
+            ends_s, looked_s = min(ends_s + 2 * late_s, began_s + _MAX_TIMES * longest_s), now_s
             if self._settles(status, target, settled):
                 return status.position
             if heading * (status.position - farthest) > _STABLE_COUNTS:

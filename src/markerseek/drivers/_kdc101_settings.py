@@ -10,37 +10,27 @@ from markerseek.core import ConfigError, Interval, require_range
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Kdc101Keys:
-    """Keys of a rotation stage in a rig file; angles are the probe's unless they are called the stage's own.
-
-    Attributes
-    ----------
-    zero_deg
-        The stage's own reading at which the probe points at 0, in degrees.
-    direction
-        How the probe is mounted: "forward" if its angle grows with the stage's own reading, "reverse" if it falls. The
-        default is an assumption: ``markerseek doctor --rig RIG.toml --source-deg ANGLE`` tests it.
-    serial_number
-        Serial number that the controller must have; None accepts any.
-    speed_deg_s, acceleration_deg_s2
-        Speed and acceleration of its moves, in degrees per second and per second squared; at most 25.
-    approach_from, approach_deg
-        Side, by the probe's angle, from which every target is approached, and over what distance, in degrees: longer
-        than the gears' play.
-    begin_s
-        Time without motion after which it counts as stuck, in seconds.
-    age_s
-        Greatest age of the controller's answer, in seconds.
-    """
+    """Keys of a rotation stage in a rig file; angles are the probe's unless they are called the stage's own."""
 
     zero_deg: float = 0.0
+    """The stage's own reading at which the probe points at 0."""
     direction: Literal["forward", "reverse"] = "forward"
+    """How the probe is mounted: "forward" if its angle grows with the stage's own reading, "reverse" if it falls. The
+    default is an assumption: ``markerseek doctor --rig RIG.toml --source-deg ANGLE`` tests it."""
     serial_number: int | None = None
+    """Serial number that the controller must have; None accepts any."""
     speed_deg_s: float = 10.0
     acceleration_deg_s2: float = 10.0
+    """``speed_deg_s`` and ``acceleration_deg_s2``: speed and acceleration of its moves, in degrees per second and per
+    second squared; at most 25."""
     approach_from: Literal["below", "above"] = "below"
     approach_deg: float = 1.0
+    """``approach_from`` and ``approach_deg``: side, by the probe's angle, from which every target is approached, and
+    over what distance, in degrees: longer than the gears' play."""
     begin_s: float = 0.5
+    """Time without motion after which it counts as stuck."""
     age_s: float = 0.3
+    """Greatest age of the controller's answer."""
 
     def __post_init__(self) -> None:
         for name, low, high, unit in (
@@ -60,28 +50,20 @@ class Kdc101Keys:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Kdc101DriverSettings(Kdc101Keys):
-    """Settings of the driver: the keys of a rig file, the travel range, and how a move is made and checked.
-
-    Attributes
-    ----------
-    travel
-        Angles at which the probe may be, in degrees; written to the controller as its soft limits.
-    lead_deg, renew_s
-        How far ahead a target may be, in degrees, and how often it is renewed, in seconds.
-    arrival_deg
-        Largest distance from its target at which the stage counts as arrived, in degrees.
-    unexpected_deg
-        Largest distance from where it should be on its way, and at rest, in degrees.
-    answer_s
-        Time for an answer before the request is repeated, in seconds.
-    """
+    """Settings of the driver: the keys of a rig file, the travel range, and how a move is made and checked."""
 
     travel: Interval = field(default_factory=lambda: Interval(low_deg=-36.5, high_deg=36.5))
+    """Angles at which the probe may be, in degrees; written to the controller as its soft limits."""
     lead_deg: float = 5.0
     renew_s: float = 0.1
+    """``lead_deg`` and ``renew_s``: how far ahead a target may be, in degrees, and how often it is renewed, in
+    seconds."""
     arrival_deg: float = 0.01
+    """Largest distance from its target at which the stage counts as arrived."""
     unexpected_deg: float = 0.2
+    """Largest distance from where it should be on its way, and at rest."""
     answer_s: float = 0.1
+    """Time for an answer before the request is repeated."""
 
     @property
     def sense(self) -> int:

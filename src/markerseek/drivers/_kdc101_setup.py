@@ -15,30 +15,22 @@ _ValueT = TypeVar("_ValueT", apt.Velocity, apt.Counts, apt.SoftLimits)
 _MODELS = ("KDC101", "TDC001")
 _TRIES = 3
 
-_MOST_COUNTS = 2**30
+_MAX_COUNTS = 2**30
 """Farthest from home that a stage can be: from there, targets still have 32 bits."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Connected:
-    """A controller whose identity and state were checked.
-
-    Attributes
-    ----------
-    info
-        Model, serial number and firmware.
-    zero
-        Reading at which the probe points at 0, in counts, within the turn in which the stage is.
-    limits
-        Travel range as it was written, in counts.
-    position
-        Present position, in counts.
-    """
+    """A controller whose identity and state were checked."""
 
     info: apt.Info
+    """Model, serial number and firmware."""
     zero: int
+    """Reading at which the probe points at 0, in counts, within the turn in which the stage is."""
     limits: apt.SoftLimits
+    """Travel range as it was written, in counts."""
     position: int
+    """Present position, in counts."""
 
 
 def set_up(
@@ -46,29 +38,13 @@ def set_up(
 ) -> Connected:
     """Check and configure a controller; nothing moves.
 
-    Parameters
-    ----------
-    line
-        To the controller.
-    travel
-        Angles at which the probe may be.
-    zero_deg
-        The stage's own reading at which the probe points at 0, in degrees.
-    sense
-        1 if the probe's angle grows with the stage's own reading, -1 if it falls.
-    velocity
-        Speed and acceleration.
-    serial_number
-        Serial number that the controller must have; None accepts any.
+    - ``travel``: angles at which the probe may be.
+    - ``zero_deg``: the stage's own reading at which the probe points at 0.
+    - ``sense``: 1 if the probe's angle grows with the stage's own reading, -1 if it falls.
+    - ``serial_number``: serial number that the controller must have; None accepts any.
 
-    Raises
-    ------
-    NotConnectedError
-        If it is another device.
-    MoveError
-        If it moves, reports an error, is not homed, or does not keep what is written.
-    LimitError
-        If the probe is outside the travel range.
+    Raises `NotConnectedError` if it is another device. Raises `MoveError` if it moves, reports an error, is not homed,
+    or does not keep what is written. Raises `LimitError` if the probe is outside the travel range.
     """
     # Another program may have left the controller sending its status unasked, which would pass for answers.
     line.send(apt.stop_updates())
@@ -82,7 +58,7 @@ def set_up(
         )
     status = line.ask(apt.ask_status(), apt.STATUS, apt.Status)
     _require_ready(status)
-    if not abs(status.position) <= _MOST_COUNTS:
+    if not abs(status.position) <= _MAX_COUNTS:
         raise MoveError(
             f"the stage reads {status.position} counts, more than a thousand turns from home; switch "
             "it off and on, and home it with the probe outside the patient"

@@ -17,25 +17,19 @@ LIGHT = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LaserKeys:
-    """Keys that every laser has.
-
-    Attributes
-    ----------
-    pulses
-        Pulses averaged in one acquisition.
-    rate_hz
-        Pulses per second.
-    wavelength_nm, pulse_energy_j, pulse_width_s, spot_diameter_m
-        The light on the skin: wavelength in nm, energy and duration of a pulse in J and s, and diameter of the lit spot
-        in metres. They only serve to show the exposure of skin when the rig is armed; None if not known.
-    """
+    """Keys that every laser has."""
 
     pulses: int = 16
+    """Pulses averaged in one acquisition."""
     rate_hz: float = 100.0
+    """Pulses per second."""
     wavelength_nm: float | None = None
     pulse_energy_j: float | None = None
     pulse_width_s: float | None = None
     spot_diameter_m: float | None = None
+    """``wavelength_nm``, ``pulse_energy_j``, ``pulse_width_s`` and ``spot_diameter_m``: the light on the skin:
+    wavelength in nm, energy and duration of a pulse in J and s, and diameter of the lit spot in metres. They only serve
+    to show the exposure of skin when the rig is armed; None if not known."""
 
     def __post_init__(self) -> None:
         for name, (low, high, unit) in LIGHT.items():

@@ -11,41 +11,28 @@ from markerseek.drivers._receivers import require_noise_ratio
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlusSettings:
-    """A PLUS server that sends one int16 IMAGE of channels x samples for each trigger.
-
-    Attributes
-    ----------
-    device
-        Name of the images, as the server sends them: "RfVideo_Reference".
-    driver
-        Driver of the data acquisition.
-    host, port
-        Where the server is.
-    sampling_hz
-        Sampling frequency in Hz; the messages do not hold it.
-    connect_s
-        Longest time until it answers, in seconds.
-    timeout_s
-        Longest time from the trigger to the last image, in seconds.
-    quiet_s
-        Time without an image that is waited for before a trigger and after the last image, in seconds.
-    clock_s
-        Largest difference between the server's clock and this computer's, in seconds: images that are older than the
-        trigger by more are refused.
-    noise_ratio
-        As of the other receivers.
-    """
+    """A PLUS server that sends one int16 IMAGE of channels x samples for each trigger."""
 
     device: str
+    """Name of the images, as the server sends them: "RfVideo_Reference"."""
     driver: Literal["plus"] = "plus"
+    """Driver of the data acquisition."""
     host: str = "127.0.0.1"
     port: int = 18944
+    """``host`` and ``port``: where the server is."""
     sampling_hz: float = 40e6
+    """Sampling frequency; the messages do not hold it."""
     connect_s: float = 5.0
+    """Longest time until it answers."""
     timeout_s: float = 20.0
+    """Longest time from the trigger to the last image."""
     quiet_s: float = 0.2
+    """Time without an image that is waited for before a trigger and after the last image."""
     clock_s: float = 0.05
+    """Largest difference between the server's clock and this computer's: images that are older than the trigger by more
+    are refused."""
     noise_ratio: float = 2.0
+    """As of the other receivers."""
 
     def __post_init__(self) -> None:
         if not (self.device.isascii() and 0 < len(self.device) <= 20):

@@ -10,7 +10,7 @@ from markerseek.core import ChannelFrame, Clock, ConfigError, FrameHeader, Int16
 
 
 def require_noise_ratio(noise_ratio: float) -> None:
-    """Refuse a factor by which the noise of a frame may differ, unless it is finite and above 1."""
+    """Refuse a factor for the noise of a frame that is not finite or not above 1."""
     if not 1 < noise_ratio < math.inf:
         raise ConfigError(f"receiver: noise_ratio is {noise_ratio}, it must be a finite factor above 1")
 

@@ -13,40 +13,28 @@ from markerseek.ros import topics
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ros2StageSettings:
-    """A stage node that takes an angle on one topic and returns the angle reached on another.
-
-    Attributes
-    ----------
-    driver
-        Driver of the stage.
-    command_topic, reached_topic
-        Where the angle to go to is published, and where the angle reached is read.
-    state_topic
-        State of the node: a move ends when it is busy and then idle. None: the move ends with an angle near the target.
-    message
-        Type of both: ``joint_state``, in radians and with a stamp, or ``float64``, as of a LabVIEW bridge.
-    unit
-        Unit of ``float64``.
-    connect_s
-        Longest time until its node is found, in seconds.
-    timeout_s
-        Longest duration of a move, in seconds.
-    arrival_deg
-        Largest distance from the target at which an angle counts as reached, in degrees.
-    age_s
-        Greatest age of an angle, in seconds; None for nodes that publish it after a move only.
-    """
+    """A stage node that takes an angle on one topic and returns the angle reached on another."""
 
     driver: Literal["ros2"] = "ros2"
     command_topic: str = topics.MOVE_JP
     reached_topic: str = topics.MEASURED_JS
-    state_topic: str | None = topics.OPERATING_STATE
+    """``command_topic`` and ``reached_topic``: where the angle to go to is published, and where the angle reached is
+    read."""
+    state_topic: str | None = topics.STATE
+    """State of the node: a move ends when it is busy and then idle. JSON in a String, as of ours, or CRTK's
+    operating_state. None: the move ends with an angle near the target."""
     message: Literal["joint_state", "float64"] = "joint_state"
+    """Type of both: ``joint_state``, in radians and with a stamp, or ``float64``, as of a LabVIEW bridge."""
     unit: Literal["rad", "deg"] = "rad"
+    """Unit of ``float64``."""
     connect_s: float = 10.0
+    """Longest time until its node is found."""
     timeout_s: float = 60.0
+    """Longest duration of a move."""
     arrival_deg: float = 0.05
+    """Largest distance from the target at which an angle counts as reached."""
     age_s: float | None = 1.0
+    """Greatest age of an angle; None for nodes that publish it after a move only."""
 
     def __post_init__(self) -> None:
         for name, high in (("connect_s", 600), ("timeout_s", 600)):
@@ -62,44 +50,28 @@ class Ros2StageSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RosLaser(LaserKeys):
-    """The laser of an acquisition node, which fires it under its own guard.
-
-    Attributes
-    ----------
-    driver
-        Driver of the laser; the receiver's must be the same.
-    """
+    """The laser of an acquisition node, which fires it under its own guard."""
 
     driver: Literal["ros2"] = "ros2"
+    """Driver of the laser; the receiver's must be the same."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RosReceiver:
-    """The receiver of an acquisition node.
-
-    Attributes
-    ----------
-    driver
-        Driver of the data acquisition.
-    request_topic, answer_topic, frame_topic
-        Where an acquisition is asked for, where it is answered, and where its channel data come.
-    sampling_hz
-        Sampling frequency in Hz.
-    connect_s
-        Longest time until the node is found, in seconds.
-    timeout_s
-        Longest time from the request to the frame, in seconds.
-    noise_ratio
-        As of the other receivers.
-    """
+    """The receiver of an acquisition node."""
 
     driver: Literal["ros2"] = "ros2"
+    """Driver of the data acquisition."""
     request_topic: str = topics.ACQUIRE
     answer_topic: str = topics.ACQUIRED
     frame_topic: str = topics.CHANNELS
+    """``request_topic``, ``answer_topic`` and ``frame_topic``: where an acquisition is asked for, where it is answered,
+    and where its channel data come."""
     sampling_hz: float = 40e6
     connect_s: float = 10.0
+    """Longest time until the node is found."""
     timeout_s: float = 60.0
+    """Longest time from the request to the frame."""
     noise_ratio: float = 2.0
 
     def __post_init__(self) -> None:

@@ -10,31 +10,21 @@ from markerseek.core import ConfigError, require_range
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SonixDaqKeys:
-    """Keys of a SonixDAQ in a rig file, without the folder.
-
-    Attributes
-    ----------
-    sampling_hz
-        Sampling frequency in Hz; the files do not hold it.
-    timeout_s
-        Longest time from the trigger to the complete files, in seconds; they take about 10 s (paper, section 4).
-    stable_s
-        Time for which complete files must stay unchanged before they are read, in seconds.
-    readout_s
-        Longest time from a trigger to the last file, in seconds: a folder unchanged for that long is settled.
-    start_command
-        Program and arguments that prepare the device for a trigger; no shell is involved, and ``{frames}`` in them is
-        replaced by the number of pulses to come. None: it is always ready.
-    start_timeout_s
-        Longest duration of that command, in seconds.
-    """
+    """Keys of a SonixDAQ in a rig file, without the folder."""
 
     sampling_hz: float = 40e6
+    """Sampling frequency; the files do not hold it."""
     timeout_s: float = 60.0
+    """Longest time from the trigger to the complete files; they take about 10 s (paper, section 4)."""
     stable_s: float = 0.2
+    """Time for which complete files must stay unchanged before they are read."""
     readout_s: float = 12.0
+    """Longest time from a trigger to the last file: a folder unchanged for that long is settled."""
     start_command: tuple[str, ...] | None = None
+    """Program and arguments that prepare the device for a trigger; no shell is involved, and ``{frames}`` in them is
+    replaced by the number of pulses to come. None: it is always ready."""
     start_timeout_s: float = 10.0
+    """Longest duration of that command."""
 
     def __post_init__(self) -> None:
         for name, high, unit in (
@@ -52,18 +42,12 @@ class SonixDaqKeys:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SonixDaqSettings(SonixDaqKeys):
-    """Settings of the driver: the keys of a rig file, the folder, and the triggers of a dark frame.
-
-    Attributes
-    ----------
-    folder
-        Where its software writes the channel files, over those of the acquisition before.
-    dark_triggers
-        Triggers of a dark acquisition, and so the pulses that it averages.
-    """
+    """Settings of the driver: the keys of a rig file, the folder, and the triggers of a dark frame."""
 
     folder: Path
+    """Where its software writes the channel files, over those of the acquisition before."""
     dark_triggers: int = 16
+    """Triggers of a dark acquisition, and so the pulses that it averages."""
 
     def __post_init__(self) -> None:
         # Without arguments, super() does not work in a dataclass with slots, which is made a second time.

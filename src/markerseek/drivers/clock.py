@@ -15,11 +15,8 @@ LONGEST_WAIT_S = 0.02
 class SystemClock:
     """The computer's monotonic clock, which does not follow changes of the date.
 
-    Parameters
-    ----------
-    beat
-        Called at least every `LONGEST_WAIT_S` seconds of a wait, in the caller's own thread: a lease is renewed here,
-        so that a control loop that hangs renews nothing.
+    ``beat``: called at least every `LONGEST_WAIT_S` seconds of a wait, in the caller's own thread: a lease is renewed
+    here, so that a control loop that hangs renews nothing.
     """
 
     def __init__(self, *, beat: Callable[[], None] | None = None) -> None:

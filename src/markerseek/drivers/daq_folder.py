@@ -20,13 +20,7 @@ FolderState: TypeAlias = dict[str, tuple[int, int, int]]
 
 
 class DaqFolder:
-    """Channel files in a folder that another program writes.
-
-    Parameters
-    ----------
-    path
-        The folder.
-    """
+    """Channel files in a folder that another program writes."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -34,10 +28,7 @@ class DaqFolder:
     def state(self) -> FolderState:
         """State of the channel files that are there now.
 
-        Raises
-        ------
-        NotConnectedError
-            If the folder cannot be read.
+        Raises `NotConnectedError` if the folder cannot be read.
         """
         state: FolderState = {}
         try:
@@ -69,17 +60,8 @@ class DaqFolder:
     def read(self, names: dict[int, str], *, pulses: int) -> Int16[np.ndarray, "channels samples"]:
         """Samples of all channels by element, averaged over the pulses.
 
-        Parameters
-        ----------
-        names
-            Files by number, all of them.
-        pulses
-            How many each must hold.
-
-        Raises
-        ------
-        AcquisitionError
-            If the files are not one acquisition of that many pulses.
+        ``pulses``: how many each must hold. Raises `AcquisitionError` if the files are not one acquisition of that many
+        pulses.
         """
         averaged: list[Int16[np.ndarray, " samples"]] = [np.empty(0, np.int16)] * wire.CHANNELS
         first: wire.DaqHeader | None = None
@@ -130,10 +112,7 @@ def _opened(path: Path) -> BinaryIO:
 def numbered(names: list[str]) -> dict[int, str]:
     """Channel files by number.
 
-    Raises
-    ------
-    AcquisitionError
-        If two are of one channel.
+    Raises `AcquisitionError` if two are of one channel.
     """
     by_number: dict[int, str] = {}
     for name in names:
@@ -151,9 +130,9 @@ def numbered(names: list[str]) -> dict[int, str]:
 
 def _require_sound(name: str, header: wire.DaqHeader, *, number: int, first: wire.DaqHeader, pulses: int) -> None:
     """Refuse a file that is not of one acquisition of that many pulses."""
-    if not header.samples <= wire.MOST_SAMPLES:
+    if not header.samples <= wire.MAX_SAMPLES:
         raise AcquisitionError(
-            f"sonixdaq: {name} holds {header.samples} samples of each pulse, at most {wire.MOST_SAMPLES} are read; "
+            f"sonixdaq: {name} holds {header.samples} samples of each pulse, at most {wire.MAX_SAMPLES} are read; "
             "record a shorter time"
         )
     if header != first:

@@ -27,31 +27,14 @@ _READS = 6
 class Kdc101Stage:
     """A `markerseek.core.Stage` over APT. Making one connects, checks and configures it; nothing moves.
 
-    Parameters
-    ----------
-    port
-        The line to the controller, for instance a `markerseek.drivers.serial_port.SerialPort`.
-    clock
-        Time; all waiting is done on it, so that each wait renews a lease.
-    settings
-        Settings of the stage.
+    - ``port``: the line to the controller, for instance a `markerseek.drivers.serial_port.SerialPort`.
+    - ``clock``: all waiting is done on it, so that each wait renews a lease.
+    - ``approach_reversed``: whether the last target was approached from the other side, because the travel range ends
+      too soon: its angle is off by the backlash of the gears.
 
-    Attributes
-    ----------
-    approach_reversed
-        Whether the last target was approached from the other side, because the travel range ends too soon: its angle is
-        off by the backlash of the gears.
-
-    Raises
-    ------
-    NotConnectedError
-        If it is no stage of this kind.
-    MoveError
-        If it moves, is not homed, or does not keep what is written to it.
-    LimitError
-        If it is outside its travel range.
-    DeviceTimeoutError
-        If it does not answer in time.
+    Raises `NotConnectedError` if it is no stage of this kind. Raises `MoveError` if it moves, is not homed, or does not
+    keep what is written to it. Raises `LimitError` if it is outside its travel range. Raises `DeviceTimeoutError` if it
+    does not answer in time.
     """
 
     def __init__(self, *, port: Port, clock: Clock, settings: Kdc101DriverSettings | None = None) -> None:
@@ -62,6 +45,7 @@ class Kdc101Stage:
         self.approach_reversed = False
         self._usual = UP if settings.approach_from == "below" else DOWN
         self._pushed: int | None = None
+        self._move: Move | None = None
         velocity = apt.Velocity(
             acceleration=apt.acceleration_word(settings.acceleration_deg_s2),
             speed=apt.speed_word(settings.speed_deg_s),
@@ -97,15 +81,17 @@ class Kdc101Stage:
         return self._settings.travel
 
     @property
+    def seen_deg(self) -> float:
+        """Angle of the last reading while it turns, in degrees, without another one; NaN at rest."""
+        seen = None if self._move is None else self._move.seen
+        return math.nan if seen is None else self._angle_of(seen)
+
+    @property
     def angle_deg(self) -> float:
         """Readback of the angle, now, in degrees: two readings in a row that agree.
 
-        Raises
-        ------
-        MoveError
-            If it reports an error, or has turned by itself since it came to rest.
-        LimitError
-            If it is outside its travel range; it was told to stop.
+        Raises `MoveError` if it reports an error, or has turned by itself since it came to rest. Raises `LimitError` if
+        it is outside its travel range; it was told to stop.
         """
         try:
             return self._angle_of(self._readback())
@@ -116,14 +102,8 @@ class Kdc101Stage:
     def move_to(self, angle_deg: float) -> float:
         """Move to an angle, approach it from the usual side, come to rest, and return the readback in degrees.
 
-        Raises
-        ------
-        LimitError
-            If the angle is NaN or outside the travel range, and nothing moves; or if the stage left that range.
-        MoveError
-            If it does not arrive.
-        DeviceTimeoutError
-            If it stops answering.
+        Raises `LimitError` if the angle is NaN or outside the travel range, and nothing moves; or if the stage left
+        that range. Raises `MoveError` if it does not arrive. Raises `DeviceTimeoutError` if it stops answering.
         """
         if angle_deg not in self.limits:
             raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
@@ -141,10 +121,12 @@ class Kdc101Stage:
         self._rest = self._pushed = None
         try:
             for stop_deg in approach.stops_deg:
-                here = Move(line=self._line, clock=self._clock, rules=self._rules).go(self._counts_of(stop_deg), here)
+                self._move = Move(line=self._line, clock=self._clock, rules=self._rules)
+                here = self._move.go(self._counts_of(stop_deg), here)
             arrived = True
         finally:
             # In `finally`, so that Ctrl-C stops the stage too.
+            self._move = None
             if not arrived:
                 self._stop_after_error()
         # From here on the stage must read this position: any other means that something turned it.
@@ -155,12 +137,7 @@ class Kdc101Stage:
     def stop(self) -> None:
         """Stop at once, and check that it is at rest; allowed at any time, also twice.
 
-        Raises
-        ------
-        MoveError
-            If it keeps moving.
-        DeviceTimeoutError
-            If it does not report whether it moves.
+        Raises `MoveError` if it keeps moving. Raises `DeviceTimeoutError` if it does not report whether it moves.
         """
         ends_s = self._clock.now_s() + _STOP_S
         before: int | None = None

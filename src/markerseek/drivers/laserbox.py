@@ -20,7 +20,7 @@ _BEAT_S = 0.02
 
 _POLL_S = 0.002
 
-_LEAST_LEASE_MS = 50
+_MIN_LEASE_MS = 50
 """Shortest lease in milliseconds that survives one lost beat."""
 
 _SPARE_S = 0.5
@@ -28,10 +28,10 @@ _SPARE_S = 0.5
 
 _BUSY_POLL_S = 0.05
 
-_LONGEST_TRAIN_S = wire.MOST_EXPIRY_MS / 1e3 + 1
+_LONGEST_TRAIN_S = wire.MAX_EXPIRY_MS / 1e3 + 1
 """Longest time for which a box completes the triggers of an earlier firing, in seconds."""
 
-_MOST_TOKENS = wire.MOST_COUNT - 1_000_000
+_MAX_TOKENS = wire.MAX_COUNT - 1_000_000
 """Highest token that a box may have used before: enough are left for a session."""
 
 _Kind = TypeVar("_Kind", bound=wire.Reply)
@@ -43,46 +43,30 @@ _CURES = {
     "STEP": "a beat came twice: does another program use it?",
     "INTERLOCK": "the interlock is open: close it, then arm again",
     "BUSY": "it still sends the triggers of another firing: does another program use it?",
-    "BUDGET": f"it sends at most {wire.MOST_PULSES_PER_MINUTE} pulses a minute: wait a minute, or average fewer",
+    "BUDGET": f"it sends at most {wire.MAX_PULSES_PER_MINUTE} pulses a minute: wait a minute, or average fewer",
 }
 
 
 class LaserBox:
     """A laser that a laser box triggers.
 
-    Parameters
-    ----------
-    port
-        Line to the box.
-    clock
-        The rig's time.
-    rate_hz
-        Pulses per second, a whole number.
-    dark_triggers
-        How often the acquisition is triggered for a dark frame: as often as for a lit one, so that both average alike.
-    answer_s
-        Longest time for an answer, in seconds.
-
-    Raises
-    ------
-    ConfigError
-        If a number is out of the box's range.
-    NotConnectedError
-        If no box of this protocol answers, or it keeps triggering for longer than any firing takes.
+    ``rate_hz``: pulses per second, a whole number. ``dark_triggers``: how often the acquisition is triggered for a dark
+    frame: as often as for a lit one, so that both average alike. ``answer_s``: longest time for an answer. Raises
+    `NotConnectedError` if no box of this protocol answers, or it keeps triggering for longer than any firing takes.
     """
 
     def __init__(
         self, *, port: Port, clock: Clock, rate_hz: float = 100.0, dark_triggers: int = 16, answer_s: float = 0.5
     ) -> None:
-        if not 1 <= rate_hz <= wire.MOST_RATE_HZ or rate_hz != round(rate_hz):
+        if not 1 <= rate_hz <= wire.MAX_RATE_HZ or rate_hz != round(rate_hz):
             raise ConfigError(
-                f"laser box: rate_hz is {rate_hz} Hz, it must be a whole number from 1 to {wire.MOST_RATE_HZ}"
+                f"laser box: rate_hz is {rate_hz} Hz, it must be a whole number from 1 to {wire.MAX_RATE_HZ}"
             )
-        require_range("laser box: dark_triggers", dark_triggers, low=1, high=wire.MOST_PULSES)
-        if not dark_triggers / rate_hz <= wire.MOST_EXPIRY_MS / 1e3:
+        require_range("laser box: dark_triggers", dark_triggers, low=1, high=wire.MAX_PULSES)
+        if not dark_triggers / rate_hz <= wire.MAX_EXPIRY_MS / 1e3:
             raise ConfigError(
                 f"laser box: {dark_triggers} triggers at {rate_hz} Hz take {dark_triggers / rate_hz:g} s, the limit is "
-                f"{wire.MOST_EXPIRY_MS / 1e3:g} s; average fewer pulses, or raise rate_hz"
+                f"{wire.MAX_EXPIRY_MS / 1e3:g} s; average fewer pulses, or raise rate_hz"
             )
         require_range("laser box: answer_s", answer_s, low=0.1, high=5, unit="s")
         self._port = port
@@ -102,13 +86,9 @@ class LaserBox:
     def fire(self, permit: Permit) -> int:
         """Fire the permitted pulses and return how many the photodiode saw; 0 pulses trigger the acquisition alone.
 
-        Raises
-        ------
-        LaserError
-            If the permit was used or is too short, if the box refuses, if pulses permitted, sent and seen differ, or if
-            the photodiode has seen light outside of firings.
-        DeviceTimeoutError
-            If the box does not answer in time. Whatever is raised, the box was told to disarm.
+        Raises `LaserError` if the permit was used or is too short, if the box refuses, if pulses permitted, sent and
+        seen differ, or if the photodiode has seen light outside of firings. Raises `DeviceTimeoutError` if the box does
+        not answer in time. Whatever is raised, the box was told to disarm.
         """
         if permit.token in self._used:
             raise LaserError(f"laser box: the permit {permit.token!r} was used before; nothing was fired")
@@ -146,10 +126,7 @@ class LaserBox:
     def disarm(self) -> None:
         """Take any permit away from the box.
 
-        Raises
-        ------
-        DeviceTimeoutError
-            If the box does not confirm it.
+        Raises `DeviceTimeoutError` if the box does not confirm it.
         """
         # Beats end first, also if the line fails now: without a permit there is no lease to renew.
         self._holds_permit = False
@@ -180,14 +157,14 @@ class LaserBox:
                 f"laser box: it has version {greeting.version} of the protocol, {wire.VERSION} is needed; "
                 "load the firmware that came with this program"
             )
-        if not _LEAST_LEASE_MS <= greeting.lease_ms <= wire.LEASE_MS:
+        if not _MIN_LEASE_MS <= greeting.lease_ms <= wire.LEASE_MS:
             raise NotConnectedError(
-                f"laser box: its lease is {greeting.lease_ms} ms, it must lie between {_LEAST_LEASE_MS} and "
+                f"laser box: its lease is {greeting.lease_ms} ms, it must lie between {_MIN_LEASE_MS} and "
                 f"{wire.LEASE_MS} ms; set it in its firmware"
             )
-        if greeting.last_token > _MOST_TOKENS:
+        if greeting.last_token > _MAX_TOKENS:
             raise NotConnectedError(
-                f"laser box: it has used the token {greeting.last_token}, and {wire.MOST_COUNT} is the last; switch it "
+                f"laser box: it has used the token {greeting.last_token}, and {wire.MAX_COUNT} is the last; switch it "
                 "off and on, or check its firmware"
             )
         return greeting
@@ -210,7 +187,7 @@ class LaserBox:
             pulses=pulses,
             rate_hz=self._rate_hz,
             # Rounded down: the box's expiry must not be later than the permit's.
-            expiry_ms=math.floor(min(1e3 * expiry_s, wire.MOST_EXPIRY_MS)),
+            expiry_ms=math.floor(min(1e3 * expiry_s, wire.MAX_EXPIRY_MS)),
             triggers=triggers,
         )
         # Replies of an earlier command must not be taken for the answer to this permit.
@@ -234,7 +211,7 @@ class LaserBox:
         if not (isinstance(done, wire.Done) and done.token == self._token):
             raise LaserError(f"laser box: {done} answers the firing of {self._token}; {_cure(done)}")
         # The photodiode's count has 31 bits and wraps around.
-        self._seen = (self._seen + done.photodiode) & wire.MOST_COUNT
+        self._seen = (self._seen + done.photodiode) & wire.MAX_COUNT
         if not done.sent == done.photodiode == pulses:
             raise LaserError(
                 f"laser box: {pulses} pulses were permitted, {done.sent} sent and {done.photodiode} seen by the "

@@ -31,21 +31,7 @@ _LONGEST = 256
 class PicolasLaser:
     """A laser on a PicoLAS driver.
 
-    Parameters
-    ----------
-    port
-        Line to the driver.
-    clock
-        The rig's time.
-    rate_hz
-        Pulses per second, a whole number.
-
-    Raises
-    ------
-    ConfigError
-        If the rate cannot be set.
-    NotConnectedError
-        If nothing answers.
+    ``rate_hz``: pulses per second, a whole number. Raises `NotConnectedError` if nothing answers.
     """
 
     def __init__(self, *, port: Port, clock: Clock, rate_hz: float = 100.0) -> None:
@@ -66,12 +52,8 @@ class PicolasLaser:
 
         A permit of 0 pulses does nothing: it cannot trigger the acquisition alone, which must then run freely.
 
-        Raises
-        ------
-        LaserError
-            If the permit was used or is too short, or the driver refuses; it was told to switch off then.
-        DeviceTimeoutError
-            If it does not answer in time; likewise.
+        Raises `LaserError` if the permit was used or is too short, or the driver refuses; it was told to switch off
+        then. Raises `DeviceTimeoutError` if it does not answer in time; likewise.
         """
         if permit.token in self._used:
             raise LaserError(f"picolas: the permit {permit.token!r} was used before; nothing was fired")
@@ -97,12 +79,7 @@ class PicolasLaser:
     def disarm(self) -> None:
         """Switch off.
 
-        Raises
-        ------
-        DeviceTimeoutError
-            If the driver does not confirm it.
-        LaserError
-            If it refuses.
+        Raises `DeviceTimeoutError` if the driver does not confirm it. Raises `LaserError` if it refuses.
         """
         self._send("laseroff")
 

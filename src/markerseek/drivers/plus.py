@@ -23,11 +23,11 @@ from markerseek.drivers._plus_settings import PlusSettings
 from markerseek.drivers._receivers import acquired_frame
 from markerseek.wire import igtl
 
-MOST_IMAGE_BYTES = 1 << 24
+MAX_IMAGE_BYTES = 1 << 24
 """Largest message: 128 channels of 65,536 samples."""
 
 _READ_BYTES = 1 << 18
-_MOST_DRAINED_BYTES = 1 << 26
+_MAX_DRAINED_BYTES = 1 << 26
 _SLICE_S = 0.005
 
 
@@ -48,23 +48,9 @@ class PlusReceiver:
     A frame is the mean of as many images as pulses were permitted, all sent between `arm` and the end of the firing.
     Any other number is refused: an image too many, or too few, may be of another acquisition.
 
-    Parameters
-    ----------
-    connection
-        To the server; it is closed by `close`.
-    clock
-        Real time, or virtual time in tests.
-    settings
-        Its keys in the rig file.
-    dark_triggers
-        Triggers of a dark acquisition.
-    unix_s
-        Time of day in seconds since 1970, which the images carry.
-
-    Attributes
-    ----------
-    emulated
-        Whether the server says that it is an emulator.
+    ``connection``: to the server; it is closed by `close`. ``clock``: real time, or virtual time in tests.
+    ``settings``: its keys in the rig file. ``unix_s``: time of day in seconds since 1970, which the images carry.
+    ``emulated``: whether the server says that it is an emulator.
     """
 
     def __init__(
@@ -79,7 +65,7 @@ class PlusReceiver:
         connection.setblocking(False)
         self._connection, self._clock, self._settings, self._unix_s = connection, clock, settings, unix_s
         self._dark_triggers = dark_triggers
-        self._framer = igtl.Framer(most_bytes=MOST_IMAGE_BYTES)
+        self._framer = igtl.Framer(most_bytes=MAX_IMAGE_BYTES)
         self._armed: tuple[Permit, float, float] | None = None
         self._sequence = 0
         self.emulated = False
@@ -93,12 +79,8 @@ class PlusReceiver:
     def settle(self) -> None:
         """Wait until no image comes.
 
-        Raises
-        ------
-        AcquisitionError
-            If images came although nothing was triggered; they are not used.
-        NotConnectedError
-            If the connection has ended.
+        Raises `AcquisitionError` if images came although nothing was triggered; they are not used. Raises
+        `NotConnectedError` if the connection has ended.
         """
         self._armed = None
         late = self._until_quiet(most=0)
@@ -111,12 +93,8 @@ class PlusReceiver:
     def arm(self, permit: Permit) -> None:
         """Forget what came before, and check that no image comes without a trigger.
 
-        Raises
-        ------
-        AcquisitionError
-            If images come although nothing is triggered.
-        NotConnectedError
-            If the connection has ended.
+        Raises `AcquisitionError` if images come although nothing is triggered. Raises `NotConnectedError` if the
+        connection has ended.
         """
         self._armed = None
         # What waits was sent before: it is of no acquisition that will be asked for.
@@ -131,14 +109,9 @@ class PlusReceiver:
     def acquire(self, permit: Permit) -> ChannelFrame:
         """Mean of the images since `arm`.
 
-        Raises
-        ------
-        AcquisitionError
-            If it was not armed for this permit, or the images are not those of the permitted pulses.
-        DeviceTimeoutError
-            If too few come in time.
-        NotConnectedError
-            If the connection has ended.
+        Raises `AcquisitionError` if it was not armed for this permit, or the images are not those of the permitted
+        pulses. Raises `DeviceTimeoutError` if too few come in time. Raises `NotConnectedError` if the connection has
+        ended.
         """
         if self._armed is None or self._armed[0] != permit:
             raise AcquisitionError(f"plus: it was not armed for the permit {permit.token!r}; arm it before firing")
@@ -208,7 +181,7 @@ class PlusReceiver:
         """Images of the device that have come, without waiting; messages of other devices are left out."""
         taken = 0
         messages: list[igtl.Message] = []
-        while taken < _MOST_DRAINED_BYTES:
+        while taken < _MAX_DRAINED_BYTES:
             try:
                 data = self._connection.recv(_READ_BYTES)
             except BlockingIOError:

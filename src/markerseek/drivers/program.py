@@ -15,23 +15,9 @@ _POLL_S = 0.02
 def run_to_its_end(command: Sequence[str], *, timeout_s: float, clock: Clock, what: str) -> None:
     """Run a program, waiting on the clock; it is killed if that takes too long, or if the search is interrupted.
 
-    Parameters
-    ----------
-    command
-        Program and arguments; no shell reads them.
-    timeout_s
-        Longest time that it may take, in seconds.
-    clock
-        The rig's time.
-    what
-        Name of its device, for the messages.
-
-    Raises
-    ------
-    NotConnectedError
-        If it cannot be run, or ends with another code than 0; its last line of output is in the message.
-    DeviceTimeoutError
-        If it takes too long.
+    ``command``: program and arguments; no shell reads them. ``timeout_s``: longest time that it may take. ``what``:
+    name of its device, for the messages. Raises `NotConnectedError` if it cannot be run, or ends with another code than
+    0; its last line of output is in the message. Raises `DeviceTimeoutError` if it takes too long.
     """
     # A file and no pipe: a program that prints more than a pipe holds would block for ever.
     with tempfile.TemporaryFile() as output:

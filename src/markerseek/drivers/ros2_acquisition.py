@@ -32,22 +32,7 @@ _STATE_S = 1.0
 class Ros2Acquisition:
     """Laser and receiver of an acquisition node: both protocols in one, because one request fires and records.
 
-    Parameters
-    ----------
-    node, clock
-        As of `Ros2Stage`.
-    settings
-        Its keys in the rig file.
-
-    Attributes
-    ----------
-    simulated
-        Whether its node says that it is simulated.
-
-    Raises
-    ------
-    NotConnectedError
-        If there is no such node.
+    ``settings``: its keys in the rig file. Raises `NotConnectedError` if there is no such node.
     """
 
     def __init__(self, *, node: RosNode, clock: Clock, settings: RosReceiver) -> None:
@@ -63,7 +48,8 @@ class Ros2Acquisition:
         self.simulated = False
         self._states = 0
         node.advertise(settings.request_topic, "std_msgs/msg/String")
-        node.subscribe(topics.ACQUISITION_STATE, "std_msgs/msg/String", self._on_state, latched=True)
+        state_topic = topics.beside(settings.answer_topic, topics.ACQUISITION_STATE)
+        node.subscribe(state_topic, "std_msgs/msg/String", self._on_state, latched=True)
         node.subscribe(settings.answer_topic, "std_msgs/msg/String", self._on_answer)
         node.subscribe(settings.frame_topic, "sensor_msgs/msg/Image", self._on_frame)
 
@@ -79,7 +65,7 @@ class Ros2Acquisition:
             )
 
         # A node of another program need not say what it is.
-        says = node.publishes(topics.ACQUISITION_STATE)
+        says = node.publishes(state_topic)
         self._wait_until(lambda: self._states > 0, timeout_s=settings.connect_s if says else _STATE_S)
 
     def _on_state(self, message: Any) -> None:
@@ -104,12 +90,8 @@ class Ros2Acquisition:
     def fire(self, permit: Permit) -> int:
         """Ask the node to fire and record, and return how many pulses were fired.
 
-        Raises
-        ------
-        LaserError
-            If the permit was used before or has expired, or the node refuses.
-        DeviceTimeoutError
-            If the node does not answer.
+        Raises `LaserError` if the permit was used before or has expired, or the node refuses. Raises
+        `DeviceTimeoutError` if the node does not answer.
         """
         if permit.token in self._used:
             raise LaserError(f"laser: the permit {permit.token!r} was used before; nothing was fired")
@@ -138,7 +120,12 @@ class Ros2Acquisition:
 
     def _answered(self, permit: Permit, step: str, *, what: str) -> messages.Acquired:
         keys = f"{self._id(permit)} {step}", f"{self._id(permit)} error"
-        if not self._wait_until(lambda: any(key in self._answers for key in keys), timeout_s=self._settings.timeout_s):
+        found = self._wait_until(
+            lambda: any(key in self._answers for key in keys),
+            timeout_s=self._settings.timeout_s,
+            of=self._settings.answer_topic,
+        )
+        if not found:
             raise DeviceTimeoutError(
                 f"{what}: the acquisition node does not answer within {self._settings.timeout_s:g} s; look at it, and "
                 "at receiver.timeout_s"
@@ -161,12 +148,8 @@ class Ros2Acquisition:
     def acquire(self, permit: Permit) -> Frame:
         """Frame of the request of this permit.
 
-        Raises
-        ------
-        AcquisitionError
-            If it was not armed or fired under this permit, or the node reports an error.
-        DeviceTimeoutError
-            If no frame comes in time.
+        Raises `AcquisitionError` if it was not armed or fired under this permit, or the node reports an error. Raises
+        `DeviceTimeoutError` if no frame comes in time.
         """
         if self._armed != permit or self._fired is None or self._fired[0] != permit:
             raise AcquisitionError(f"receiver: it was not armed and fired under the permit {permit.token!r}")
@@ -175,7 +158,12 @@ class Ros2Acquisition:
         answer = self._answered(permit, "frame", what="receiver")
         if answer.error:
             raise AcquisitionError(f"receiver: the acquisition node reports: {answer.error}")
-        if not self._wait_until(lambda: answer.stamp_ns in self._frames, timeout_s=self._settings.timeout_s):
+        came = self._wait_until(
+            lambda: answer.stamp_ns in self._frames,
+            timeout_s=self._settings.timeout_s,
+            of=self._settings.frame_topic,
+        )
+        if not came:
             raise DeviceTimeoutError(
                 f"receiver: the channel data of its answer did not come on {self._settings.frame_topic} within "
                 f"{self._settings.timeout_s:g} s"

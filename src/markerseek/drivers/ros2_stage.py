@@ -11,33 +11,17 @@ from markerseek.drivers._ros2_settings import Ros2StageSettings
 from markerseek.drivers._ros2_wait import wait_until
 from markerseek.ros import RosNode, degrees, joint_angle_deg, messages, topics
 
-_MOST_WAITING = 200
+_TEXT = "std_msgs/msg/String"
+
+_MAX_WAITING = 200
 """Most messages that are handled before a move, or before the angle is given."""
 
 
 class Ros2Stage:
     """A stage node of this or another program.
 
-    Parameters
-    ----------
-    node
-        The node through which it is reached.
-    clock
-        Real time.
-    settings
-        Its keys in the rig file.
-    travel
-        Angles that it may be sent to.
-
-    Attributes
-    ----------
-    simulated
-        Whether its node says that it is simulated.
-
-    Raises
-    ------
-    NotConnectedError
-        If there is no such node, or it says no angle.
+    ``settings``: its keys in the rig file. ``travel``: angles that it may be sent to. Raises `NotConnectedError` if
+    there is no such node, or it says no angle.
     """
 
     def __init__(self, *, node: RosNode, clock: Clock, settings: Ros2StageSettings, travel: Interval) -> None:
@@ -49,7 +33,7 @@ class Ros2Stage:
         self._reached_ns = 0
         self._readings = 0
         self._in_degrees = False
-        self._states = 0
+        self._states, self._listens = 0, False
         self.simulated = False
         self._busy = self._was_busy = self._commanded = False
         self._idle_ns = 0
@@ -58,9 +42,9 @@ class Ros2Stage:
         kind = "sensor_msgs/msg/JointState" if joint else "std_msgs/msg/Float64"
         node.advertise(settings.command_topic, kind)
         node.subscribe(settings.reached_topic, kind, self._on_joint if joint else self._on_number)
+        self._stop_topic = topics.beside(settings.command_topic, topics.STOP)
         if settings.state_topic is not None:
-            node.advertise(topics.STOP, "std_msgs/msg/Empty")
-            node.subscribe(settings.state_topic, messages.state_kind(node.kinds), self._on_state)
+            node.advertise(self._stop_topic, "std_msgs/msg/Empty")
         self._connect()
 
     def _connect(self) -> None:
@@ -68,13 +52,33 @@ class Ros2Stage:
         for what, found in (
             (f"takes angles on {settings.command_topic}", lambda: self._node.matched(settings.command_topic)),
             (f"publishes an angle on {settings.reached_topic}", lambda: self._readings > 0),
-            (f"publishes its state on {settings.state_topic}", lambda: not settings.state_topic or self._states > 0),
+            (f"publishes its state on {settings.state_topic}", self._finds_state),
         ):
             if not self._wait_until(found, timeout_s=settings.connect_s):
                 raise NotConnectedError(
                     f"stage: no node {what} within {settings.connect_s:g} s; start it, and compare topics, message "
                     "types, ROS_DOMAIN_ID and the transport"
                 )
+
+    def _finds_state(self) -> bool:
+        """Whether its state was heard or is not needed; the publisher decides its type."""
+        topic, node = self._settings.state_topic, self._node
+        if topic is None or self._states > 0:
+            return True
+        # A node of ours says there what CRTK's message has no place for: that it is simulated, and what it refused. It
+        # makes that topic before the one of CRTK, so that whoever finds the second has found the first.
+        fuller = topics.beside(topic, topics.STATE)
+        heard = next((each for each in (fuller, topic) if node.kind_of(each) is not None), None)
+        if heard is not None and not self._listens:
+            kind = node.kind_of(heard)
+            if kind not in (_TEXT, messages.CRTK_STATE) or kind not in node.kinds:
+                raise NotConnectedError(
+                    f"stage: {heard} is a {kind}, and {_TEXT} or {messages.CRTK_STATE} is understood; name another "
+                    "state_topic, or install crtk_msgs"
+                )
+            self._listens = True
+            node.subscribe(heard, kind, self._on_state)
+        return False
 
     def _on_number(self, message: Any) -> None:
         self._take(message.data if self._settings.unit == "deg" else degrees(message.data))
@@ -111,19 +115,16 @@ class Ros2Stage:
     def angle_deg(self) -> float:
         """Angle of the last message in degrees.
 
-        Raises
-        ------
-        DeviceTimeoutError
-            If it is older than ``age_s``.
+        Raises `DeviceTimeoutError` if it is older than ``age_s``.
         """
-        self._node.drain(_MOST_WAITING)
+        self._node.drain(_MAX_WAITING)
         age_s = self._settings.age_s
         if age_s is not None:
 
             def fresh() -> bool:
                 return self._clock.now_s() - self._heard_s <= age_s
 
-            if not self._wait_until(fresh, timeout_s=age_s):
+            if not self._wait_until(fresh, timeout_s=age_s, of=self._settings.reached_topic):
                 raise DeviceTimeoutError(
                     f"stage: no angle on {self._settings.reached_topic} for more than {age_s:g} s; its node is gone "
                     "or busy"
@@ -133,18 +134,13 @@ class Ros2Stage:
     def move_to(self, angle_deg: float) -> float:
         """Send it to an angle, wait until it has arrived, and return the angle read back in degrees.
 
-        Raises
-        ------
-        LimitError
-            If the angle is NaN or outside the travel range; nothing was sent.
-        MoveError
-            If the node refuses the angle.
-        DeviceTimeoutError
-            If it does not arrive in time.
+        Raises `LimitError` if the angle is NaN or outside the travel range; nothing was sent. Raises `MoveError` if the
+        node refuses the angle. Raises `NotConnectedError` if the node is gone. Raises `DeviceTimeoutError` if it does
+        not arrive in time.
         """
         if angle_deg not in self.limits:
             raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
-        self._node.drain(_MOST_WAITING)
+        self._node.drain(_MAX_WAITING)
         self._was_busy, self._refused = False, None
         readings = self._readings
         self._commanded = True
@@ -159,7 +155,7 @@ class Ros2Stage:
             near = abs(self._angle_deg - angle_deg) <= self._settings.arrival_deg
             return self._readings > readings and near
 
-        if not self._wait_until(ended, timeout_s=self._settings.timeout_s):
+        if not self._wait_until(ended, timeout_s=self._settings.timeout_s, of=self._settings.reached_topic):
             raise DeviceTimeoutError(
                 f"stage: sent to {angle_deg:.3f} deg, it did not arrive within {self._settings.timeout_s:g} s; its "
                 f"last angle is {self._angle_deg:.3f} deg; look at the stage and its node"
@@ -183,4 +179,4 @@ class Ros2Stage:
         """Ask the node to stop, if it publishes its state; a plain node ends its move by itself."""
         # A command that was sent a moment ago moves the stage before its node says that it is busy.
         if self._settings.state_topic is not None and (self._busy or self._commanded):
-            self._node.publish(topics.STOP, messages.empty(self._node.kinds))
+            self._node.publish(self._stop_topic, messages.empty(self._node.kinds))

@@ -14,25 +14,9 @@ _WRITE_TIMEOUT_S = 0.5
 class SerialPort:
     """A `markerseek.wire.port.Port` over pyserial, under an exclusive lock.
 
-    Parameters
-    ----------
-    path
-        Name of the port.
-    baud
-        Bits per second.
-    parity
-        Parity bit: none, even or odd.
-    handshake
-        Whether RTS and CTS control the flow; ignored where the port has no such lines, as a pseudo-terminal.
-
-    Raises
-    ------
-    ConfigError
-        If no port is named, or the baud rate is out of range.
-    NotConnectedError
-        If the port cannot be opened, or another program has it open.
-    MissingExtraError
-        If pyserial is not installed.
+    ``baud``: bits per second. ``parity``: parity bit: none, even or odd. ``handshake``: whether RTS and CTS control the
+    flow; ignored where the port has no such lines, as a pseudo-terminal. Raises `NotConnectedError` if the port cannot
+    be opened, or another program has it open.
     """
 
     def __init__(self, path: str, *, baud: int = 115200, parity: Parity = "N", handshake: bool = False) -> None:

@@ -22,61 +22,39 @@ from markerseek.wire import sonixdaq
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchStage(Kdc101Keys):
-    """The rotation stage: its port and the keys of `Kdc101Keys`; ``zero_deg`` is required.
-
-    Attributes
-    ----------
-    port
-        Serial port of its controller.
-    driver
-        Driver of the stage.
-    """
+    """The rotation stage: its port and the keys of `Kdc101Keys`; ``zero_deg`` is required."""
 
     port: str
+    """Serial port of its controller."""
     zero_deg: float
     driver: Literal["kdc101"] = "kdc101"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchLaser(LaserKeys):
-    """The laser: its port and the keys of `LaserKeys`.
-
-    Attributes
-    ----------
-    port
-        Serial port of the laser box, or of the PicoLAS driver.
-    driver
-        Which of them it is; ``picolas`` was never tested on hardware, counts no pulses and has no lease of its own.
-    answer_s
-        Longest time for the laser box's answer, in seconds; the PicoLAS driver's is fixed.
-    """
+    """The laser: its port and the keys of `LaserKeys`."""
 
     port: str
+    """Serial port of the laser box, or of the PicoLAS driver."""
     driver: Literal["laserbox", "picolas"] = "laserbox"
+    """Which of them it is; ``picolas`` was never tested on hardware, counts no pulses and has no lease of its own."""
     answer_s: float = 0.5
+    """Longest time for the laser box's answer; the PicoLAS driver's is fixed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchReceiver(SonixDaqKeys):
-    """The data acquisition: its folder and the keys of `SonixDaqKeys`.
-
-    Attributes
-    ----------
-    folder
-        Where the SonixDAQ's software writes its channel files, of either SDK.
-    driver
-        Driver of the data acquisition.
-    frames
-        How many pulses it records: as many as it is triggered, or a fixed number. With ``triggered`` their number
-        varies from acquisition to acquisition, so that a file shows which trigger it answers.
-    noise_ratio
-        Factor by which a frame's noise may differ from that of the run's first, see `markerseek.guard.Admission`.
-    """
+    """The data acquisition: its folder and the keys of `SonixDaqKeys`."""
 
     folder: str
+    """Where the SonixDAQ's software writes its channel files, of either SDK."""
     driver: Literal["sonixdaq"] = "sonixdaq"
+    """Driver of the data acquisition."""
     frames: Literal["triggered", "fixed"] = "fixed"
+    """How many pulses it records: as many as it is triggered, or a fixed number. With ``triggered`` their number varies
+    from acquisition to acquisition, so that a file shows which trigger it answers."""
     noise_ratio: float = 2.0
+    """Factor by which a frame's noise may differ from that of the run's first, see `markerseek.guard.Admission`."""
 
     def __post_init__(self) -> None:
         SonixDaqKeys.__post_init__(self)
@@ -85,25 +63,17 @@ class BenchReceiver(SonixDaqKeys):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchProbe(ProbeKeys):
-    """Properties of the probe that the imaging needs: a preset, and the keys of `ProbeKeys` in which it differs.
-
-    Attributes
-    ----------
-    preset
-        Name of array, band and aperture: see ``markerseek frame --probe``.
-    sound_speed_m_s
-        Speed of sound in m/s; None takes the preset's.
-    trigger_offset_s
-        Time from the trigger to the middle of the laser's pulse, in seconds.
-    face_radius_m
-        Distance of the array's face from the axis of rotation in metres; None if not known, and the result is then the
-        marker's angle alone.
-    """
+    """Properties of the probe that the imaging needs: a preset, and the keys of `ProbeKeys` in which it differs."""
 
     preset: str = "BPL9-5/55"
+    """Name of array, band and aperture: see ``markerseek frame --probe``."""
     sound_speed_m_s: float | None = None
+    """None takes the preset's."""
     trigger_offset_s: float = 0.0
+    """Time from the trigger to the middle of the laser's pulse."""
     face_radius_m: float | None = None
+    """Distance of the array's face from the axis of rotation; None if not known, and the result is then the marker's
+    angle alone."""
 
     def __post_init__(self) -> None:
         if self.elements not in (None, sonixdaq.CHANNELS):
@@ -119,19 +89,13 @@ class BenchProbe(ProbeKeys):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchSupervisor:
-    """The process that holds the lines and releases them when the search dies or hangs.
-
-    Attributes
-    ----------
-    enabled
-        Whether it is started. Without it, when a search is killed, only the laser box's own lease stops the laser, and
-        the stage moves on by the few degrees that its target is ahead.
-    lease_s
-        Longest time between two beats of the control loop while it moves or fires, in seconds.
-    """
+    """The process that holds the lines and releases them when the search dies or hangs."""
 
     enabled: bool = True
+    """Whether it is started. Without it, when a search is killed, only the laser box's own lease stops the laser, and
+    the stage moves on by the few degrees that its target is ahead."""
     lease_s: float = 0.1
+    """Longest time between two beats of the control loop while it moves or fires."""
 
     def __post_init__(self) -> None:
         require_range("supervisor: lease_s", self.lease_s, low=0.05, high=1, unit="s")
@@ -139,24 +103,16 @@ class BenchSupervisor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchSettings:
-    """A rig of real devices, or of what emulates them byte for byte.
-
-    Attributes
-    ----------
-    stage, laser, receiver, probe, supervisor
-        See their classes.
-    limits
-        Angles that may be searched, and at which the probe may be.
-    firing
-        Limits of the laser's pulses.
-    """
+    """A rig of real devices, or of what emulates them byte for byte."""
 
     stage: BenchStage | Ros2StageSettings
     laser: BenchLaser | RosLaser
     receiver: BenchReceiver | PlusSettings | RosReceiver
     probe: BenchProbe = field(default_factory=BenchProbe)
     limits: Limits = field(default_factory=Limits)
+    """Angles that may be searched, and at which the probe may be."""
     firing: FiringLimits = field(default_factory=FiringLimits)
+    """Limits of the laser's pulses."""
     supervisor: BenchSupervisor = field(default_factory=BenchSupervisor)
 
     def __post_init__(self) -> None:

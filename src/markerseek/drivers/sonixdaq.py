@@ -32,17 +32,7 @@ _POLL_S = 0.05
 class SonixDaqReceiver:
     """Reads the channel files that a SonixDAQ writes.
 
-    Parameters
-    ----------
-    settings
-        The folder, and how it is watched.
-    clock
-        The rig's time.
-
-    Raises
-    ------
-    NotConnectedError
-        If the folder cannot be read.
+    Raises `NotConnectedError` if the folder cannot be read.
     """
 
     def __init__(self, *, settings: SonixDaqSettings, clock: Clock) -> None:
@@ -56,14 +46,9 @@ class SonixDaqReceiver:
     def settle(self) -> None:
         """Wait until the folder is unchanged for a readout's time, so that no file of an earlier trigger can follow.
 
-        Raises
-        ------
-        AcquisitionError
-            If files arrived meanwhile: they are stale and not used, and the folder is unchanged since.
-        DeviceTimeoutError
-            If files keep arriving.
-        NotConnectedError
-            If the folder cannot be read.
+        Raises `AcquisitionError` if files arrived meanwhile: they are stale and not used, and the folder is unchanged
+        since. Raises `DeviceTimeoutError` if files keep arriving. Raises `NotConnectedError` if the folder cannot be
+        read.
         """
         before, since_s = self._untouched or (self._folder.state(), self._clock.now_s())
         ends_s = self._clock.now_s() + self._settings.timeout_s + self._settings.readout_s
@@ -92,14 +77,9 @@ class SonixDaqReceiver:
     def arm(self, permit: Permit) -> None:
         """Prepare for a trigger: check that no program writes, run the start command, and note the state of the files.
 
-        Raises
-        ------
-        AcquisitionError
-            If files change although nothing was triggered.
-        NotConnectedError
-            If the folder cannot be read, or the start command cannot be run or fails.
-        DeviceTimeoutError
-            If the start command takes too long.
+        Raises `AcquisitionError` if files change although nothing was triggered. Raises `NotConnectedError` if the
+        folder cannot be read, or the start command cannot be run or fails. Raises `DeviceTimeoutError` if the start
+        command takes too long.
         """
         self._armed = self._untouched = None
         before = self._folder.state()
@@ -122,14 +102,9 @@ class SonixDaqReceiver:
     def acquire(self, permit: Permit) -> ChannelFrame:
         """Frame of the files written since `arm`, their pulses averaged.
 
-        Raises
-        ------
-        AcquisitionError
-            If it was not armed for this permit, or the files are not one acquisition of the permitted pulses.
-        DeviceTimeoutError
-            If the files are not complete in time.
-        NotConnectedError
-            If the folder cannot be read.
+        Raises `AcquisitionError` if it was not armed for this permit, or the files are not one acquisition of the
+        permitted pulses. Raises `DeviceTimeoutError` if the files are not complete in time. Raises `NotConnectedError`
+        if the folder cannot be read.
         """
         if self._armed is None or self._armed[0] != permit:
             raise AcquisitionError(f"sonixdaq: it was not armed for the permit {permit.token!r}; arm it before firing")

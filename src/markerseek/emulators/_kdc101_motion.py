@@ -69,19 +69,9 @@ class Parameters:
 class MotionControl:
     """Moves, homes and stops a PRM1Z8.
 
-    Parameters
-    ----------
-    stage
-        The mechanics.
-    fault
-        Returns the fault of that name if it holds now.
-
-    Attributes
-    ----------
-    moves, largest_lead_deg
-        Moves that began at rest; largest distance of a target from the motor when it was set, in degrees.
-    events
-        Messages to send unasked; the caller clears them.
+    ``fault``: returns the fault of that name if it holds now. ``moves``, ``largest_lead_deg``: moves that began at
+    rest; largest distance of a target from the motor when it was set, in degrees. ``events``: messages to send unasked;
+    the caller clears them.
     """
 
     def __init__(self, *, stage: Prm1z8, fault: Callable[[str], Fault | None]) -> None:

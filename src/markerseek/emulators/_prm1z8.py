@@ -18,31 +18,21 @@ _NO_TIME_S = 1e-12
 
 @dataclass(slots=True, kw_only=True)
 class Motor:
-    """A motor with trapezoidal speed, whose target may change during a move.
-
-    Attributes
-    ----------
-    angle_deg, speed_deg_s
-        Angle, and speed with its sign.
-    target_deg
-        Target of the move.
-    top_speed_deg_s, acceleration_deg_s2
-        Largest speed, and acceleration.
-    low_deg, high_deg
-        Angles at which it stops at once: a soft limit, or an obstacle.
-    lowest_deg, highest_deg
-        Smallest and largest angle that it has reached.
-    """
+    """A motor with trapezoidal speed, whose target may change during a move."""
 
     angle_deg: float
     target_deg: float
     speed_deg_s: float = 0.0
+    """``angle_deg`` and ``speed_deg_s``: angle, and speed with its sign."""
     top_speed_deg_s: float = 10.0
     acceleration_deg_s2: float = 10.0
+    """``top_speed_deg_s`` and ``acceleration_deg_s2``: largest speed, and acceleration."""
     low_deg: float = -math.inf
     high_deg: float = math.inf
+    """``low_deg`` and ``high_deg``: angles at which it stops at once: a soft limit, or an obstacle."""
     lowest_deg: float = math.inf
     highest_deg: float = -math.inf
+    """``lowest_deg`` and ``highest_deg``: smallest and largest angle that it has reached."""
 
     @property
     def at_rest(self) -> bool:
@@ -114,21 +104,10 @@ class Prm1z8:
 
     Angles of the motor are the stage's own, counted from its home; the probe's are the world's.
 
-    Parameters
-    ----------
-    probe
-        The probe that is turned.
-    zero_deg
-        Angle of the motor at which the probe points at 0, in degrees.
-    play_deg
-        Backlash between motor and probe, in degrees: after an upward move the probe is at the motor's angle, after a
-        downward move it lags by the backlash.
-    sense
-        1 if the probe turns as the motor does, -1 if it is mounted the other way round, the backlash included.
-    fault
-        Returns the fault of that name if it holds now.
-    rng
-        Source of randomness, for faults that need it.
+    ``zero_deg``: angle of the motor at which the probe points at 0. ``play_deg``: backlash between motor and probe:
+    after an upward move the probe is at the motor's angle, after a downward move it lags by the backlash. ``sense``: 1
+    if the probe turns as the motor does, -1 if it is mounted the other way round, the backlash included. ``fault``:
+    returns the fault of that name if it holds now.
     """
 
     def __init__(

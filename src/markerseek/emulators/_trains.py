@@ -39,12 +39,8 @@ class Train:
 class Trains:
     """Trains of triggers in a simulated world, and the pulses that each gives.
 
-    Parameters
-    ----------
-    world
-        World whose sound is recorded; it must simulate frames.
-    rng
-        Source of randomness for the differences between pulses.
+    ``world``: world whose sound is recorded; it must simulate frames. ``rng``: source of randomness for the differences
+    between pulses.
     """
 
     def __init__(self, *, world: SimulatedWorld, rng: np.random.Generator) -> None:

@@ -33,20 +33,9 @@ _HELD_UP_S = 0.02
 class EmulatedBench:
     """Devices that act on one world, drawn from settings as `markerseek.rigs.simulated` draws it from the same seed.
 
-    Parameters
-    ----------
-    settings
-        Settings of the world and of its data acquisition.
-    rng
-        Source of randomness.
-    folder
-        Folder of the channel files.
-    stage
-        State of the stage at the start; None: its play is that of the settings.
-    sdk
-        Layout of the channel files.
-    receiver
-        Whether channel files are written, or images are sent as by a PLUS server.
+    ``settings``: settings of the world and of its data acquisition. ``stage``: None: its play is that of the settings.
+    ``sdk``: layout of the channel files. ``receiver``: whether channel files are written, or images are sent as by a
+    PLUS server.
     """
 
     def __init__(
@@ -95,14 +84,7 @@ class EmulatedBench:
         The laser box lives in the time of the process that serves it: a lease does not lapse because that was held up.
         The stage lives in real time: a motor turns on, whatever a computer does, and its driver checks that it does.
 
-        Parameters
-        ----------
-        name
-            Which device.
-        clock
-            Real time.
-        link
-            Where to put a link to the pseudo-terminal.
+        ``link``: where to put a link to the pseudo-terminal.
         """
         if name == "stage":
             return PtyLine(device=self.stage, clock=clock, link=link)
@@ -112,10 +94,7 @@ class EmulatedBench:
 class BenchClock(VirtualClock):
     """Virtual time that advances the emulated devices tick by tick during a wait.
 
-    Parameters
-    ----------
-    tick_s
-        Time between two ticks, in seconds.
+    ``tick_s``: time between two ticks.
     """
 
     def __init__(self, *, tick_s: float = 0.01) -> None:
@@ -140,13 +119,7 @@ class BenchClock(VirtualClock):
 
 
 class ServingClock:
-    """Real time without the pauses of the serving process, for leases only.
-
-    Parameters
-    ----------
-    clock
-        Real time.
-    """
+    """Real time without the pauses of the serving process, for leases only."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -176,19 +149,9 @@ def serve(
 ) -> None:
     """Serve emulated devices until ``until`` is true.
 
-    Parameters
-    ----------
-    lines
-        Their pseudo-terminals.
-    clock
-        Real time.
-    pace
-        Seconds of real time for one second of the acquisition.
-    daq
-        Acquisition that writes files or sends images, in a thread of its own: neither a slow disk or client nor the
-        forward model may delay the lines.
-    until
-        Called at every tick.
+    ``pace``: seconds of real time for one second of the acquisition. ``daq``: acquisition that writes files or sends
+    images, in a thread of its own: neither a slow disk or client nor the forward model may delay the lines. ``until``:
+    called at every tick.
     """
     ended = threading.Event()
 

@@ -37,34 +37,23 @@ _FIRMWARE = (4, 0, 3, 0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EmulatedKdc101:
-    """State and mounting of an emulated stage before a driver connects.
-
-    Attributes
-    ----------
-    homed
-        Whether it was homed since it was switched on.
-    talking
-        Whether it sends its status ten times a second, unasked.
-    zero_deg
-        The stage's own angle at which the probe points at 0, in degrees.
-    turns
-        Whole turns that the position counter is ahead: with 1, a probe at -35 deg reads 325.
-    play_deg
-        Backlash between motor and probe, in degrees.
-    mirrored
-        Whether the probe is mounted the other way round: its angle falls while the stage's own reading grows.
-    model, serial_number
-        Model and serial number that it reports.
-    """
+    """State and mounting of an emulated stage before a driver connects."""
 
     homed: bool = True
+    """Whether it was homed since it was switched on."""
     talking: bool = False
+    """Whether it sends its status ten times a second, unasked."""
     zero_deg: float = 0.0
+    """The stage's own angle at which the probe points at 0."""
     turns: int = 0
+    """Whole turns that the position counter is ahead: with 1, a probe at -35 deg reads 325."""
     play_deg: float = 0.1
+    """Backlash between motor and probe."""
     mirrored: bool = False
+    """Whether the probe is mounted the other way round: its angle falls while the stage's own reading grows."""
     model: str = "KDC101"
     serial_number: int = 27000001
+    """``model`` and ``serial_number``: model and serial number that it reports."""
 
     def __post_init__(self) -> None:
         require_range("emulated stage: play_deg", self.play_deg, low=0, high=5, unit="deg")
@@ -75,16 +64,8 @@ class EmulatedKdc101:
 class Kdc101Emulator:
     """The controller: bytes in, bytes out, and the time by `advance`.
 
-    Parameters
-    ----------
-    probe
-        The probe that it turns, with its true angle; the controller knows only its encoder.
-    settings
-        Its state and mounting.
-    faults
-        Its faults; a step is a move that begins at rest, counted from 1.
-    rng
-        Source of randomness, for faults that need it.
+    ``probe``: the probe that it turns, with its true angle; the controller knows only its encoder. ``faults``: a step
+    is a move that begins at rest, counted from 1.
     """
 
     def __init__(
@@ -137,13 +118,7 @@ class Kdc101Emulator:
         return self._motion.speed_deg_s != 0
 
     def inject(self, fault: Fault) -> None:
-        """Add a fault, from its own step on.
-
-        Raises
-        ------
-        ConfigError
-            If an emulated stage has no such fault.
-        """
+        """Add a fault, from its own step on."""
         if fault.name not in STAGE_FAULTS or fault.device != "stage":
             raise ConfigError(
                 f"fault {fault.name!r} of the {fault.device} is none of an emulated stage; it has: "

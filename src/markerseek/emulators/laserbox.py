@@ -27,45 +27,26 @@ class Pulse:
 
 @dataclass(slots=True, kw_only=True)
 class LaserBoxFaults:
-    """Faults of the box; may be changed while it runs.
-
-    Attributes
-    ----------
-    laser_dead
-        Triggers are sent and no light comes.
-    photodiode_dead
-        Light comes and is not seen.
-    extra_pulses
-        Pulses beyond the permit that a broken counter lets through.
-    silent
-        The box works and answers nothing.
-    light_late_us
-        Time from a trigger to its light, in microseconds.
-    """
+    """Faults of the box; may be changed while it runs."""
 
     laser_dead: bool = False
+    """Triggers are sent and no light comes."""
     photodiode_dead: bool = False
+    """Light comes and is not seen."""
     extra_pulses: int = 0
+    """Pulses beyond the permit that a broken counter lets through."""
     silent: bool = False
+    """The box works and answers nothing."""
     light_late_us: int = 0
+    """Time from a trigger to its light."""
 
 
 class EmulatedLaserBox:
     """A laser box and its laser; it reads its inputs once per turn of a loop, as the firmware does.
 
-    Parameters
-    ----------
-    world
-        World that is lit.
-    on_triggers
-        Called at the end of a train with the number of triggers sent to the acquisition, those without light after a
-        permit was taken away included.
-    lease_ms
-        Lease in milliseconds; at most `markerseek.wire.laserbox.LEASE_MS`.
-    turn_us
-        Time between two turns of its loop, in microseconds.
-    faults
-        Faults of the box.
+    ``on_triggers``: called at the end of a train with the number of triggers sent to the acquisition, those without
+    light after a permit was taken away included. ``lease_ms``: at most `markerseek.wire.laserbox.LEASE_MS`.
+    ``turn_us``: time between two turns of its loop.
     """
 
     def __init__(
@@ -152,7 +133,7 @@ class EmulatedLaserBox:
         return self._take()
 
     def _next_turn_us(self) -> int:
-        """Time of the next turn in which anything can happen; skipping the others makes virtual time fast."""
+        """Time of the next turn that can change anything; virtual time is fast because the others are skipped."""
         due_us = []
         if self._permit is not None:
             due_us.append(min(self._ends_us, self._expires_us))
@@ -227,7 +208,7 @@ class EmulatedLaserBox:
             version=wire.VERSION,
             lease_ms=self._lease_us // 1000,
             last_token=self._last_token,
-            seen=self._seen & wire.MOST_COUNT,
+            seen=self._seen & wire.MAX_COUNT,
         )
 
     def _take_permit(self, permit: wire.PermitPulses) -> wire.Reply:
@@ -237,16 +218,16 @@ class EmulatedLaserBox:
             return wire.Refusal(reason="INTERLOCK")
         if permit.token <= self._last_token:
             return wire.Refusal(reason="TOKEN")
-        if self._pulses_of_last_minute() + permit.pulses > wire.MOST_PULSES_PER_MINUTE:
+        if self._pulses_of_last_minute() + permit.pulses > wire.MAX_PULSES_PER_MINUTE:
             return wire.Refusal(reason="BUDGET")
         self._last_token = permit.token
         self._permit = permit
         self._ends_us = self._now_us + self._lease_us
         self._expires_us = self._now_us + 1000 * permit.expiry_ms
-        return wire.Permitted(token=permit.token, seen=self._seen & wire.MOST_COUNT)
+        return wire.Permitted(token=permit.token, seen=self._seen & wire.MAX_COUNT)
 
     def _pulses_of_last_minute(self) -> int:
-        """Pulses sent in the last 60 s, counted by whole seconds: up to one second's pulses too many, never too few."""
+        """Pulses sent in the last 60 s, counted by whole seconds: never too few, and at most one second too many."""
         while self._fired and self._fired[0][0] < self._now_us // 1_000_000 - 60:
             self._fired.popleft()
         return sum(pulses for _, pulses in self._fired)

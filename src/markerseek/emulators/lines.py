@@ -37,13 +37,6 @@ class DirectPort:
     """A `markerseek.wire.port.Port` that ends at an emulator in the same process.
 
     Waiting for bytes is waiting on the clock, so that with a virtual clock nothing takes real time.
-
-    Parameters
-    ----------
-    device
-        The emulator.
-    clock
-        Clock of both ends.
     """
 
     def __init__(self, *, device: ByteDevice, clock: Clock) -> None:
@@ -84,19 +77,8 @@ class PtyLine:
 
     Use it as a context manager, and call `serve_once` again and again, in a thread or a process of its own.
 
-    Parameters
-    ----------
-    device
-        The emulator.
-    clock
-        Its clock: real time, where another program is at the other end.
-    link
-        Path of a link to the pseudo-terminal, whose own name changes from start to start; None: no link.
-
-    Raises
-    ------
-    ConfigError
-        If the path of the link exists already.
+    ``clock``: its clock: real time, where another program is at the other end. ``link``: path of a link to the
+    pseudo-terminal, whose own name changes from start to start; None: no link.
     """
 
     def __init__(self, *, device: ByteDevice, clock: Clock, link: Path | None = None) -> None:
@@ -166,12 +148,7 @@ class PtyLine:
 class FaultyLine:
     """Passes bytes to and from a device, changed by the faults that hold.
 
-    Parameters
-    ----------
-    fault
-        Returns the fault of that name if it holds now.
-    rng
-        Source of randomness.
+    ``fault``: returns the fault of that name if it holds now.
     """
 
     def __init__(self, *, fault: Callable[[str], Fault | None], rng: np.random.Generator) -> None:

@@ -27,19 +27,9 @@ _PULSE_S = 1e-3
 class EmulatedPlus:
     """Sends the sound of a simulated world; close it at the end.
 
-    Parameters
-    ----------
-    world
-        World whose sound is recorded; it must simulate frames.
-    rng
-        Source of randomness for the differences between pulses.
-    unix_s
-        Time of day in seconds since 1970, which the images carry.
-
-    Attributes
-    ----------
-    port, device
-        Its port, which is any that is free, and the name of its images.
+    ``world``: world whose sound is recorded; it must simulate frames. ``rng``: source of randomness for the differences
+    between pulses. ``unix_s``: time of day in seconds since 1970, which the images carry. ``port``, ``device``: its
+    port, which is any that is free, and the name of its images.
     """
 
     device = "RfVideo_Reference"

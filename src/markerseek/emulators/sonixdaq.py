@@ -24,33 +24,22 @@ from markerseek.wire import sonixdaq as wire
 
 @dataclass(slots=True, kw_only=True)
 class SonixDaqFaults:
-    """Faults of the device; may be changed while it runs.
-
-    Attributes
-    ----------
-    off
-        Nothing is written.
-    delay_s
-        Further time before the first file, in seconds.
-    files
-        Number of channel files that are written; the next one is written half.
-    stuck
-        The previous acquisition is written again.
-    one_behind
-        Each trigger yields the acquisition of the trigger before it.
-    swapped
-        The files of channels 5 and 6 hold one another's data.
-    garbage
-        Headers are noise.
-    """
+    """Faults of the device; may be changed while it runs."""
 
     off: bool = False
+    """Nothing is written."""
     delay_s: float = 0.0
+    """Further time before the first file."""
     files: int = wire.CHANNELS
+    """Number of channel files that are written; the next one is written half."""
     stuck: bool = False
+    """The previous acquisition is written again."""
     one_behind: bool = False
+    """Each trigger yields the acquisition of the trigger before it."""
     swapped: bool = False
+    """The files of channels 5 and 6 hold one another's data."""
     garbage: bool = False
+    """Headers are noise."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -65,27 +54,12 @@ class _Writing:
 class EmulatedSonixDaq:
     """Records the sound of a simulated world into channel files.
 
-    Parameters
-    ----------
-    world
-        World whose sound is recorded; it must simulate frames.
-    folder
-        Folder of the channel files; created if missing.
-    rng
-        Source of randomness for the differences between pulses.
-    readout_s
-        Time from the trigger to the last file, in seconds: about 10 s (paper, section 4).
-    counts
-        Triggers of one acquisition, where it counts them; None: each train of triggers is an acquisition.
-    sdk
-        Layout of the files: that of SDK 6 and later, or that of the earlier ones.
-    faults
-        Faults of the device.
-
-    Raises
-    ------
-    ConfigError
-        If the folder cannot be created.
+    - ``world``: world whose sound is recorded; it must simulate frames.
+    - ``folder``: folder of the channel files; created if missing.
+    - ``rng``: source of randomness for the differences between pulses.
+    - ``readout_s``: time from the trigger to the last file: about 10 s (paper, section 4).
+    - ``counts``: triggers of one acquisition, where it counts them; None: each train of triggers is an acquisition.
+    - ``sdk``: layout of the files: that of SDK 6 and later, or that of the earlier ones.
     """
 
     def __init__(
@@ -192,7 +166,7 @@ class EmulatedSonixDaq:
         return files
 
     def _write(self, number: int, data: bytes) -> None:
-        """Replace a file atomically, under a new inode, by which the driver recognises it as new."""
+        """Replace a file atomically; the driver recognises the new inode."""
         place = self._folder / wire.file_name(number, numbered=self._numbered)
         draft = place.with_suffix(".part")
         draft.write_bytes(data)

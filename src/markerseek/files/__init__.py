@@ -5,11 +5,11 @@ into a sentence. `new_file` and `replace_file` write a file under a temporary na
 complete; `create_atomically` is the step that `new_file` adds checks to.
 """
 
+from markerseek.files.atomic import create_atomically, new_file, replace_file, require_new, sync_folder
 from markerseek.files.csv_rows import CsvRows, csv_rows
 from markerseek.files.inputs import MIB, as_read_error, open_input, read_input, require_input
 from markerseek.files.serial_line import SERIAL_ERRORS, Parity, open_serial
 from markerseek.files.settings import convert_settings, in_words, known_keys, read_toml, require_choice, require_key
-from markerseek.files.whole import create_atomically, new_file, replace_file, require_new, sync_folder
 
 __all__ = [
     "MIB",

@@ -5,34 +5,26 @@ from __future__ import annotations
 import codecs
 import csv
 import io
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from markerseek.core import RecordError
 
+_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CsvRows:
-    """Rows of a table.
-
-    Attributes
-    ----------
-    names
-        Names of the columns; empty where the first row holds numbers.
-    width
-        Number of columns.
-    separator
-        What separates them.
-    cells
-        Cells of each row of data, by the line of the file on which the row ends.
-    """
+    """Rows of a table."""
 
     names: tuple[str, ...]
+    """Names of the columns; empty where the first row holds numbers."""
     width: int
     separator: str
     cells: dict[int, list[str]] = field(repr=False)
+    """Cells of each row of data, by the line of the file on which the row ends."""
 
     def with_point(self, cell: str) -> str:
         """The text of a cell, with a point for a decimal comma where something else separates the columns."""
@@ -43,12 +35,7 @@ class CsvRows:
 def csv_rows(path: Path, data: bytes) -> CsvRows:
     """Rows of a table in the bytes of a file.
 
-    Raises
-    ------
-    RecordError
-        If the encoding of the text cannot be determined.
-    UnicodeDecodeError, csv.Error
-        If it is no text, or no CSV.
+    Raises `UnicodeDecodeError` or `csv.Error` if it is no text, or no CSV.
     """
     text = _decoded(path, data)
     first_line = next((line for line in text.splitlines() if line.strip()), "")
@@ -68,7 +55,24 @@ def csv_rows(path: Path, data: bytes) -> CsvRows:
         names = (names[0].removeprefix("#").strip(), *names[1:])
     cells = {line: row for line, row in table if not row[0].startswith("#")}
     width = len(names or next(iter(cells.values()), ()))
+    if separator != ",":
+        _refuse_thousands(path, cells)
     return CsvRows(names=names, width=width, separator=separator, cells=cells)
+
+
+def _refuse_thousands(path: Path, cells: dict[int, list[str]]) -> None:
+    """Refuse a column with ambiguous commas, decimal or thousands: each has three digits behind it."""
+    # By lines, because a row may lack columns.
+    for column in range(max(map(len, cells.values()), default=0)):
+        numbers = {line: row[column].strip() for line, row in cells.items() if column < len(row)}
+        with_comma = {line: text for line, text in numbers.items() if "," in text}
+        if 0 < len(with_comma) < len(numbers) and all(map(_THOUSANDS.fullmatch, with_comma.values())):
+            line, text = next(iter(with_comma.items()))
+            whole, parted = text.replace(",", ""), text.replace(",", ".")
+            raise RecordError(
+                f"{path}, line {line}: {text} may be {whole} or {parted}, because other numbers of its column have no "
+                "comma; write it with a point, or without the comma"
+            )
 
 
 def _decoded(path: Path, data: bytes) -> str:

@@ -32,19 +32,8 @@ def as_read_error(path: Path) -> Iterator[None]:
 def open_input(path: Path, *, most_bytes: int) -> BinaryIO:
     """Regular file, open for reading.
 
-    Parameters
-    ----------
-    path
-        The file; symbolic links are followed.
-    most_bytes
-        Largest size that a file of this format can have.
-
-    Raises
-    ------
-    RecordError
-        If it is no regular file, or larger.
-    OSError
-        If it cannot be opened.
+    ``path``: symbolic links are followed. ``most_bytes``: largest size that a file of this format can have. Raises
+    `OSError` if it cannot be opened.
     """
     # Checked before opening, because opening a serial port already raises its DTR line.
     _require(path, path.stat(), most_bytes=most_bytes)

@@ -17,25 +17,8 @@ SERIAL_ERRORS = (OSError, termios.error)
 def open_serial(path: str, *, baud: int, parity: Parity, write_timeout_s: float, rtscts: bool = False) -> Any:
     """Serial port as an object of pyserial; reads return at once.
 
-    Parameters
-    ----------
-    path
-        Name of the port.
-    baud
-        Bits per second.
-    parity
-        Parity bit.
-    write_timeout_s
-        Longest time that a write may block, in seconds; 0: never.
-    rtscts
-        Whether to use RTS/CTS flow control.
-
-    Raises
-    ------
-    MissingExtraError
-        If pyserial is not installed.
-    NotConnectedError
-        If the port cannot be opened, or another program holds it.
+    ``baud``: bits per second. ``write_timeout_s``: longest time that a write may block; 0: never. ``rtscts``: whether
+    to use RTS/CTS flow control. Raises `NotConnectedError` if the port cannot be opened, or another program holds it.
     """
     with needs_package("pyserial", extra="devices", purpose="a serial port"):
         import serial  # type: ignore[import-untyped, unused-ignore]

@@ -18,33 +18,23 @@ import msgspec
 from markerseek.core import ConfigError, RecordError
 from markerseek.files.inputs import MIB, read_input
 
-_MOST_BYTES = MIB // 4
+_MAX_BYTES = MIB // 4
 """Largest settings file; the longest of the examples has 5 KB."""
 
-_MOST_COLUMNS = 4096
+_MAX_COLUMNS = 4096
 """Longest line of a settings file: Python's parser takes time with the square of the dots in a key."""
 
-_MOST_DEPTH = 16
+_MAX_DEPTH = 16
 """Deepest nesting of lists and tables; settings need 4."""
 
 
 def read_toml(path: Path, *, what: str) -> dict[str, object]:
     """Table of a TOML file.
 
-    Parameters
-    ----------
-    path
-        The file.
-    what
-        Kind of file, for the message: "rig file".
-
-    Raises
-    ------
-    ConfigError
-        If it cannot be read or is not TOML.
+    ``what``: kind of file, for the message: "rig file".
     """
     try:
-        text = read_input(path, most_bytes=_MOST_BYTES).decode("utf-8").replace("\r\n", "\n")
+        text = read_input(path, most_bytes=_MAX_BYTES).decode("utf-8").replace("\r\n", "\n")
         _require_short_lines(text)
         table = tomllib.loads(text)
         _require_plain(table)
@@ -70,14 +60,14 @@ def read_toml(path: Path, *, what: str) -> dict[str, object]:
 
 def _require_short_lines(text: str) -> None:
     longest = max(map(len, text.split("\n")))
-    if longest > _MOST_COLUMNS:
-        raise ValueError(f"a line has {longest} characters, at most {_MOST_COLUMNS} are read; break it into several")
+    if longest > _MAX_COLUMNS:
+        raise ValueError(f"a line has {longest} characters, at most {_MAX_COLUMNS} are read; break it into several")
 
 
 def _require_plain(value: object, *, depth: int = 0) -> None:
     """Refuse deep nesting and huge integers, on which later checks and messages would fail."""
-    if depth > _MOST_DEPTH:
-        raise ValueError(f"lists or tables are nested more than {_MOST_DEPTH} deep")
+    if depth > _MAX_DEPTH:
+        raise ValueError(f"lists or tables are nested more than {_MAX_DEPTH} deep")
     if isinstance(value, dict | list):
         for part in value.values() if isinstance(value, dict) else value:
             _require_plain(part, depth=depth + 1)
@@ -88,19 +78,8 @@ def _require_plain(value: object, *, depth: int = 0) -> None:
 def known_keys(table: dict[str, object], settings: type, *, prefix: str = "") -> dict[str, object]:
     """The table with ``"none"`` replaced by None; every key must be a field of the settings.
 
-    Parameters
-    ----------
-    table
-        Keys and values as the file has them.
-    settings
-        Dataclass whose fields are the keys allowed; fields that are dataclasses themselves are checked likewise.
-    prefix
-        Dotted path of the table, for the message, with the final dot.
-
-    Raises
-    ------
-    ConfigError
-        If a key is unknown; the message names the nearest one.
+    ``settings``: dataclass whose fields are the keys allowed; fields that are dataclasses themselves are checked
+    likewise. ``prefix``: dotted path of the table, for the message, with the final dot.
     """
     hints = typing.get_type_hints(settings)
     known: dict[str, object] = {}
@@ -136,12 +115,7 @@ _MISSING = re.compile(r"Object missing required field `([^`]*)`$")
 def in_words(problem: msgspec.ValidationError, *, name: str = "") -> str:
     """Message of a setting that does not fit, in words instead of msgspec's.
 
-    Parameters
-    ----------
-    problem
-        From `msgspec.convert`.
-    name
-        Name of what was converted; empty where that is the whole file.
+    ``name``: name of what was converted; empty where that is the whole file.
     """
     text = str(problem)
     place = _PLACE.search(text)
@@ -158,25 +132,13 @@ def in_words(problem: msgspec.ValidationError, *, name: str = "") -> str:
 
 
 def require_choice(value: object, hint: object, *, name: str) -> None:
-    """Refuse a value that a ``Literal`` does not list; other types are not checked.
-
-    Raises
-    ------
-    ConfigError
-        If it is not listed; the message lists the choices.
-    """
+    """Refuse a value that a ``Literal`` does not list; other types are not checked."""
     if typing.get_origin(hint) is typing.Literal and value not in typing.get_args(hint):
         raise ConfigError(f"{name} is {value!r}, it must be one of: {', '.join(map(str, typing.get_args(hint)))}")
 
 
 def require_key(key: str, settings: type, *, prefix: str = "") -> str:
-    """The key, if the settings have a field of that name.
-
-    Raises
-    ------
-    ConfigError
-        If they have none; the message names the nearest one.
-    """
+    """The key, if the settings have a field of that name."""
     names = [field.name for field in dataclasses.fields(settings)]
     if key in names:
         return key
@@ -188,19 +150,9 @@ def require_key(key: str, settings: type, *, prefix: str = "") -> str:
 def convert_settings(table: object, settings: type[_Settings]) -> _Settings:
     """Settings from a table of plain values.
 
-    Parameters
-    ----------
-    table
-        From `known_keys`, or from JSON.
-    settings
-        Dataclass of them; of a field with several dataclasses, the ``driver`` of its table names the one.
-
-    Raises
-    ------
-    msgspec.ValidationError
-        If a value does not fit, or a key is missing.
-    ConfigError
-        If a value is out of range.
+    ``table``: from `known_keys`, or from JSON. ``settings``: dataclass of them; of a field with several dataclasses,
+    the ``driver`` of its table names the one. Raises `msgspec.ValidationError` if a value does not fit, or a key is
+    missing.
     """
     if not isinstance(table, dict):
         raise msgspec.ValidationError(f"Expected `object`, got `{type(table).__name__}`")

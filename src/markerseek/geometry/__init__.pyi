@@ -2,12 +2,12 @@ from .cameras import Camera, StereoCameras
 from .errors import RegistrationErrors, registration_errors
 from .horn import best_rotation, mirror_image_fre
 from .leave_one_out import LeaveOneOut, leave_one_out
-from .registration import LEAST_POINTS, Registration, register_points
+from .registration import MIN_POINTS, Registration, register_points
 from .transform import RigidTransform
 from .triangulation import Triangulated, triangulate
 
 __all__ = [
-    "LEAST_POINTS",
+    "MIN_POINTS",
     "Camera",
     "LeaveOneOut",
     "Registration",

@@ -18,29 +18,16 @@ _STEPS = 50
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Camera:
-    """Intrinsics of one camera.
-
-    Attributes
-    ----------
-    focal_px
-        Focal lengths along x and y, in pixels.
-    centre_px
-        Principal point, in pixels.
-    distortion
-        Coefficients (k1, k2, p1, p2, k3) in the order of OpenCV: radial, tangential, radial.
-    size_px
-        Width and height of the image, in pixels.
-
-    Raises
-    ------
-    ConfigError
-        If a number is out of range.
-    """
+    """Intrinsics of one camera."""
 
     focal_px: tuple[float, float]
+    """Focal lengths along x and y."""
     centre_px: tuple[float, float]
+    """Principal point."""
     size_px: tuple[int, int]
+    """Width and height of the image."""
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """Coefficients (k1, k2, p1, p2, k3) in the order of OpenCV: radial, tangential, radial."""
 
     def __post_init__(self) -> None:
         for name, values, low, high in (
@@ -53,13 +40,7 @@ class Camera:
                 require_range(f"camera: {name}", value, low=low, high=high, unit="px" if name != "distortion" else "")
 
     def project(self, points_m: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 2"]:
-        """Pixels of points in the camera's frame.
-
-        Raises
-        ------
-        ConfigError
-            If a point lies behind the camera.
-        """
+        """Pixels of points in the camera's frame."""
         if not (points_m[:, 2] > 0).all():
             number = int(np.flatnonzero(~(points_m[:, 2] > 0))[0]) + 1
             raise ConfigError(f"point {number} is at z = {points_m[number - 1, 2]:.4g} m, behind the camera")
@@ -86,13 +67,7 @@ class Camera:
         return both, derivative
 
     def undistort(self, pixels: Float64[np.ndarray, "points 2"]) -> Float64[np.ndarray, "points 2"]:
-        """Undistorted normalised coordinates (x/z, y/z) of pixels, by Newton's method.
-
-        Raises
-        ------
-        ConfigError
-            If a pixel is outside the image, or the model has no inverse there.
-        """
+        """Undistorted normalised coordinates (x/z, y/z) of pixels, by Newton's method."""
         inside = ((pixels >= -0.5) & (pixels <= np.array(self.size_px) - 0.5)).all(axis=1)
         if not inside.all():
             number = int(np.flatnonzero(~inside)[0])
@@ -116,19 +91,13 @@ class Camera:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StereoCameras:
-    """Two cameras; the frame of the pair is that of the left one.
-
-    Attributes
-    ----------
-    left, right
-        The cameras.
-    left_to_right
-        Transform of the left camera's frame to the right one's: its translation is minus the base for parallel cameras.
-    """
+    """Two cameras; the frame of the pair is that of the left one."""
 
     left: Camera
     right: Camera
     left_to_right: RigidTransform = field(compare=False)
+    """Transform of the left camera's frame to the right one's: its translation is minus the base for parallel
+    cameras."""
 
     def __post_init__(self) -> None:
         require_range("cameras: base", self.base_m, low=1e-4, high=1.0, unit="m", cure="give the transform in metres")

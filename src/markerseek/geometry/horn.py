@@ -18,12 +18,8 @@ def best_rotation(
 ) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, " 3"]]:
     """Rotation R and translation t, in metres, that minimise Σ w |R p + t − q|².
 
-    Parameters
-    ----------
-    source_m, target_m
-        The points p and q in metres, at least three that are not on a line (`register_points` checks that).
-    weights
-        Weight of each point, positive.
+    ``source_m``, ``target_m``: the points p and q, at least three that are not on a line (`register_points` checks
+    that). ``weights``: weight of each point, positive.
     """
     share = weights / weights.sum()
     from_middle, to_middle = share @ source_m, share @ target_m

@@ -8,27 +8,27 @@ whether the result is good enough is the caller's decision.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from scipy.special import chdtrc
 
 from markerseek.core import ConfigError, Float64
 from markerseek.geometry.errors import RegistrationErrors, effect_of_motion, registration_errors
 from markerseek.geometry.horn import best_rotation
 from markerseek.geometry.transform import RigidTransform
 
-LEAST_POINTS = 3
+MIN_POINTS = 3
 """Fewest points that determine a rigid transform."""
 
-MOST_POINTS = 1000
+MAX_POINTS = 1000
 """Most points; nobody marks more by hand."""
 
-MOST_SPREAD_M = 1.0
+MAX_SPREAD_M = 1.0
 """Largest distance of a point from the middle of all, in metres; millimetres that were taken for metres exceed it."""
 
-LEAST_WIDTH = 0.1
+MIN_WIDTH = 0.1
 """Least width of the points over their length (root mean squares), below which they count as on a line."""
 
 _STEPS = 200
@@ -40,25 +40,20 @@ _SMALL = 1e-8
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Registration:
-    """A rigid transform found from points, and its errors.
-
-    Attributes
-    ----------
-    transform
-        Maps the source frame to the target frame.
-    residuals_m
-        Transformed source points minus target points, in metres, shape (points, 3).
-    errors
-        Errors that are to be expected: from the given covariances or, without any, from the residuals.
-    misfit
-        Sum of the squared residuals over what the covariances let expect (chi squared by its degrees of freedom); 1
-        where no covariances were given. Above 1, `tre_m` is larger by its root.
-    """
+    """A rigid transform found from points, and its errors."""
 
     transform: RigidTransform
+    """Maps the source frame to the target frame."""
     residuals_m: Float64[np.ndarray, "points 3"]
+    """Transformed source points minus target points."""
     errors: RegistrationErrors
+    """Errors that are to be expected: from the given covariances or, without any, from the residuals."""
+    shared: Float64[np.ndarray, " errors"]
+    """Estimates of the errors that all points share, in their standard deviations: those of the source points, then
+    those of the target points. 0 where they were not estimated."""
     misfit: float
+    """Sum of the squared residuals over what the covariances let expect, and of the squared `shared` errors (chi
+    squared by its degrees of freedom); 1 where no covariances were given. Above 1, `tre_m` is larger by its root."""
 
     @property
     def distances_m(self) -> Float64[np.ndarray, " points"]:
@@ -78,6 +73,16 @@ class Registration:
         """
         return self.errors.tre_m(target_m) * math.sqrt(max(1.0, self.misfit))
 
+    def tre95_m(self, target_m: Float64[np.ndarray, " 3"]) -> float:
+        """Length in metres that 95 % of the errors at a target stay below; scaled as `tre_m`."""
+        return self.errors.tre95_m(target_m) * math.sqrt(max(1.0, self.misfit))
+
+    @property
+    def probability(self) -> float:
+        """Probability of residuals as large or larger, if the covariances are right (chi squared)."""
+        freedom = 3 * len(self.residuals_m) - 6
+        return float(chdtrc(freedom, self.misfit * freedom))
+
 
 def register_points(
     source_m: Float64[np.ndarray, "points 3"],
@@ -85,130 +90,167 @@ def register_points(
     *,
     source_covariances_m2: Float64[np.ndarray, "points 3 3"] | None = None,
     target_covariances_m2: Float64[np.ndarray, "points 3 3"] | None = None,
+    source_shared_m: Float64[np.ndarray, "points 3 source_errors"] | None = None,
+    target_shared_m: Float64[np.ndarray, "points 3 target_errors"] | None = None,
     source: str = "DaVinci",
-    target: str = "Trus",
+    target: str = "ProbeHome",
     refined: bool = True,
 ) -> Registration:
     """Rigid transform from source to target points that belong together row by row.
 
-    Parameters
-    ----------
-    source_m, target_m
-        The points, in metres.
-    source_covariances_m2, target_covariances_m2
-        Covariance of each point in its own frame, in m²; None: not known. Where either is given it weighs the points.
-    source, target
-        Names of the frames.
-    refined
-        Whether to go on from Horn's closed form, which weighs a point equally in all directions, to the transform of
-        maximum likelihood.
-
-    Raises
-    ------
-    ConfigError
-        If there are fewer than three points, a number is not finite or not in metres, the points lie on a line, or a
-        covariance is not positive.
+    - ``source_covariances_m2``, ``target_covariances_m2``: covariance of each point in its own frame; None: not known.
+      Where either is given it weighs the points.
+    - ``source_shared_m``, ``target_shared_m``: how far one standard deviation of each error that all points share
+      displaces each point, in its own frame. Maximum likelihood estimates these errors too, each with a Gaussian prior;
+      all count in the TRE.
+    - ``refined``: whether to go on from Horn's closed form, which weighs a point equally in all directions, to the
+      transform of maximum likelihood.
     """
-    for frame, points in ((source, source_m), (target, target_m)):
-        _require_points(points, frame)
+    for frame, those_m in ((source, source_m), (target, target_m)):
+        _require_points(those_m, frame)
     if len(source_m) != len(target_m):
         raise ConfigError(f"{len(source_m)} points in {source} and {len(target_m)} in {target}; each needs its partner")
     known = source_covariances_m2 is not None or target_covariances_m2 is not None
-    none = np.zeros((len(source_m), 3, 3))
-    from_source = none if source_covariances_m2 is None else source_covariances_m2
-    from_target = none if target_covariances_m2 is None else target_covariances_m2
-
-    def noise_at(rotation: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, "points 3 3"]:
-        return np.asarray(rotation @ from_source @ rotation.T + from_target)
-
+    zeros = np.zeros((len(source_m), 3, 3))
+    points = _Points(
+        source_m=source_m,
+        target_m=target_m,
+        from_source=zeros if source_covariances_m2 is None else source_covariances_m2,
+        from_target=zeros if target_covariances_m2 is None else target_covariances_m2,
+        source_shared_m=zeros[:, :, :0] if source_shared_m is None else source_shared_m,
+        target_shared_m=zeros[:, :, :0] if target_shared_m is None else target_shared_m,
+    )
     if known:
-        _require_positive(noise_at(np.eye(3)))
+        _require_positive(points.noise(np.eye(3)))
     # Horn's closed form takes one weight a point: the inverse of its mean variance.
-    total = np.trace(from_source + from_target, axis1=1, axis2=2)
+    total = np.trace(points.from_source + points.from_target, axis1=1, axis2=2)
     weights = 3 / total if known else np.ones(len(source_m))
     rotation, translation_m = best_rotation(source_m, target_m, weights)
-    if known and refined:
-        rotation, translation_m = _refine(source_m, target_m, rotation, translation_m, from_target, noise_at)
-    transform = RigidTransform(source=source, target=target, rotation=rotation, translation_m=translation_m)
+    refine = known and refined
+    fit = _Fit(rotation=rotation, translation_m=translation_m, shared=np.zeros(points.shared(rotation).shape[2]))
+    if refine:
+        fit = _refine(points, fit)
+    transform = RigidTransform(source=source, target=target, rotation=fit.rotation, translation_m=fit.translation_m)
     residuals_m = transform.apply(source_m) - target_m
     freedom = 3 * len(source_m) - 6
     if known:
-        noise = noise_at(rotation)
-        inverse = np.linalg.inv(noise)
-        misfit = float(np.einsum("ni,nij,nj->", residuals_m, inverse, residuals_m)) / freedom
-        weighing = inverse if refined else weights[:, None, None] * np.eye(3)
+        noise = points.noise(fit.rotation)
+        weighing = np.linalg.inv(noise) if refine else weights[:, None, None] * np.eye(3)
     else:
         # Equal, isotropic errors of the size that the residuals show.
         noise = np.tile(np.eye(3) * float(np.sum(residuals_m**2)) / freedom, (len(source_m), 1, 1))
-        misfit, weighing = 1.0, np.tile(np.eye(3), (len(source_m), 1, 1))
-    errors = registration_errors(target_m, noise, weighing)
-    return Registration(transform=transform, residuals_m=residuals_m, errors=errors, misfit=misfit)
+        weighing = np.tile(np.eye(3), (len(source_m), 1, 1))
+    return Registration(
+        transform=transform,
+        residuals_m=residuals_m,
+        errors=registration_errors(
+            target_m, noise, weighing, shared_m=points.shared(fit.rotation), shared_estimated=refine
+        ),
+        shared=fit.shared,
+        misfit=points.chi_squared(fit) / freedom if known else 1.0,
+    )
 
 
-def _refine(
-    source_m: Float64[np.ndarray, "points 3"],
-    target_m: Float64[np.ndarray, "points 3"],
-    rotation: Float64[np.ndarray, "3 3"],
-    translation_m: Float64[np.ndarray, " 3"],
-    target_noise: Float64[np.ndarray, "points 3 3"],
-    noise_at: Callable[[Float64[np.ndarray, "3 3"]], Float64[np.ndarray, "points 3 3"]],
-) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, " 3"]]:
-    """Maximum likelihood by Gauss-Newton steps; the noise of the source points turns with them.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Fit:
+    """A transform, and the errors that all points share in their standard deviations."""
+
+    rotation: Float64[np.ndarray, "3 3"]
+    translation_m: Float64[np.ndarray, " 3"]
+    shared: Float64[np.ndarray, " errors"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Points:
+    """What was measured: the arguments of `register_points`."""
+
+    source_m: Float64[np.ndarray, "points 3"]
+    target_m: Float64[np.ndarray, "points 3"]
+    from_source: Float64[np.ndarray, "points 3 3"]
+    from_target: Float64[np.ndarray, "points 3 3"]
+    source_shared_m: Float64[np.ndarray, "points 3 source_errors"]
+    target_shared_m: Float64[np.ndarray, "points 3 target_errors"]
+
+    def noise(self, rotation: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, "points 3 3"]:
+        """Covariance of each residual; that of the source points turns with them."""
+        return np.asarray(rotation @ self.from_source @ rotation.T + self.from_target)
+
+    def shared(self, rotation: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, "points 3 errors"]:
+        """Change of each residual by each error that all points share."""
+        return np.concatenate([-rotation @ self.source_shared_m, self.target_shared_m], axis=2)
+
+    def unexplained(self, fit: _Fit) -> Float64[np.ndarray, "points 3"]:
+        """Transformed source points minus target points, without what the shared errors explain."""
+        residuals = self.source_m @ fit.rotation.T + fit.translation_m - self.target_m
+        return np.asarray(residuals + self.shared(fit.rotation) @ fit.shared)
+
+    def chi_squared(self, fit: _Fit) -> float:
+        """Minus twice the logarithm of the probability of all errors, but for a constant."""
+        left = self.unexplained(fit)
+        inverse = np.linalg.inv(self.noise(fit.rotation))
+        return float(np.einsum("ni,nij,nj->", left, inverse, left) + fit.shared @ fit.shared)
+
+
+def _refine(points: _Points, fit: _Fit) -> _Fit:
+    """Maximum likelihood by Gauss-Newton steps.
 
     The derivative is taken at the most likely true points, between the two measurements of each: that of the whole
     likelihood, in which also the noise depends on the rotation. At the measured points it would not converge where a
     camera's depth is poor.
     """
-
-    def misfit_of(turned: Float64[np.ndarray, "3 3"], shift_m: Float64[np.ndarray, " 3"]) -> float:
-        residual = source_m @ turned.T + shift_m - target_m
-        return float(np.einsum("ni,nij,nj->", residual, np.linalg.inv(noise_at(turned)), residual))
-
-    misfit = misfit_of(rotation, translation_m)
+    misfit = points.chi_squared(fit)
+    prior = np.concatenate([np.zeros(6), np.ones(len(fit.shared))])
     for _ in range(_STEPS):
-        inverse = np.linalg.inv(noise_at(rotation))
-        pull = np.einsum("nij,nj->ni", inverse, source_m @ rotation.T + translation_m - target_m)
-        likely = target_m + np.einsum("nij,nj->ni", target_noise, pull)
+        inverse = np.linalg.inv(points.noise(fit.rotation))
+        pull = np.einsum("nij,nj->ni", inverse, points.unexplained(fit))
+        errors_m = points.target_shared_m @ fit.shared[points.source_shared_m.shape[2] :]
+        likely = points.target_m - errors_m + np.einsum("nij,nj->ni", points.from_target, pull)
         middle = likely.mean(axis=0)
-        effect = effect_of_motion(likely - middle)
-        normal = np.einsum("nij,nik,nkl->jl", effect, inverse, effect)
-        step = -np.linalg.solve(normal, np.einsum("nij,ni->j", effect, pull))
+        effect = np.concatenate([effect_of_motion(likely - middle), points.shared(fit.rotation)], axis=2)
+        normal = np.einsum("nij,nik,nkl->jl", effect, inverse, effect) + np.diag(prior)
+        downhill = -np.einsum("nij,ni->j", effect, pull)
+        downhill[6:] -= fit.shared
+        step = np.linalg.solve(normal, downhill)
         # Shorter steps where a whole one overshoots; the last bits of the misfit are rounding.
         while True:
             turn = Rotation.from_rotvec(step[:3]).as_matrix()
-            turned, shift_m = turn @ rotation, turn @ (translation_m - middle) + middle + step[3:]
-            reached = misfit_of(turned, shift_m)
+            tried = _Fit(
+                rotation=turn @ fit.rotation,
+                translation_m=turn @ (fit.translation_m - middle) + middle + step[3:6],
+                shared=fit.shared + step[6:],
+            )
+            reached = points.chi_squared(tried)
             if reached <= misfit * (1 + 1e-9) or np.abs(step).max() < _SMALL:
                 break
             step = step / 2
-        rotation, translation_m, misfit = turned, shift_m, reached
-        if np.abs(step).max() < _SMALL:
+        fit, misfit = tried, reached
+        if np.abs(step[:6]).max() < _SMALL:
             break
     # Three points far from a camera can leave a flat valley: every step was downhill, and the end is as good as any.
-    return rotation, translation_m
+    return fit
 
 
 def _require_points(points_m: Float64[np.ndarray, "points 3"], frame: str) -> None:
     """Refuse points that determine no transform."""
-    if not LEAST_POINTS <= len(points_m) <= MOST_POINTS:
+    if not MIN_POINTS <= len(points_m) <= MAX_POINTS:
         raise ConfigError(
-            f"{len(points_m)} points in {frame}, it must be {LEAST_POINTS} to {MOST_POINTS} that are not on a line"
+            f"{len(points_m)} points in {frame}, it must be {MIN_POINTS} to {MAX_POINTS} that are not on a line"
         )
     if not np.isfinite(points_m).all():
         number = int(np.flatnonzero(~np.isfinite(points_m).all(axis=1))[0]) + 1
         raise ConfigError(f"point {number} in {frame} has a coordinate that is not finite; leave the point out")
     apart = points_m - points_m.mean(axis=0)
     spread_m = float(np.linalg.norm(apart, axis=1).max())
-    if not spread_m <= MOST_SPREAD_M:
+    if not spread_m <= MAX_SPREAD_M:
         raise ConfigError(
-            f"the points in {frame} reach {spread_m:.3g} m from their middle, at most {MOST_SPREAD_M:g} m is possible; "
+            f"the points in {frame} reach {spread_m:.3g} m from their middle, at most {MAX_SPREAD_M:g} m is possible; "
             "give metres, not millimetres"
         )
     length, width = np.linalg.svd(apart, compute_uv=False)[:2]
-    if not width > LEAST_WIDTH * length:
+    if not width > MIN_WIDTH * length:
         raise ConfigError(
             f"the points in {frame} lie on a line: their width is {width / max(length, 1e-300):.2g} of their length, "
-            f"more than {LEAST_WIDTH:g} is needed; add a point beside the line"
+            f"more than {MIN_WIDTH:g} is needed; add a point beside the line"
         )
 
 

@@ -14,27 +14,15 @@ _ORTHONORMAL = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RigidTransform:
-    """Transform ``AToB``: it maps coordinates of a point in frame A to those in frame B, p_B = R p_A + t.
-
-    Attributes
-    ----------
-    source, target
-        Names of A and B, for example "DaVinci" and "Trus".
-    rotation
-        Rotation matrix R.
-    translation_m
-        Translation t in metres, in frame B.
-
-    Raises
-    ------
-    ConfigError
-        If a number is not finite, or the matrix is no rotation; a mirror image is none.
-    """
+    """Transform ``AToB``: it maps coordinates of a point in frame A to those in frame B, p_B = R p_A + t."""
 
     source: str
     target: str
+    """``source`` and ``target``: names of A and B, for example "DaVinci" and "ProbeHome"."""
     rotation: Float64[np.ndarray, "3 3"]
+    """Rotation matrix R."""
     translation_m: Float64[np.ndarray, " 3"]
+    """Translation t, in frame B."""
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.rotation).all() and np.isfinite(self.translation_m).all()):

@@ -9,7 +9,7 @@ import numpy as np
 from markerseek.core import ConfigError, Float64, require_range
 from markerseek.geometry.cameras import StereoCameras
 
-MOST_REPROJECTION_PX = 3.0
+MAX_REPROJECTION_PX = 3.0
 """Largest distance, in pixels, from a pixel to the projection of its point; more means two different spots."""
 
 _STEPS = 20
@@ -18,21 +18,16 @@ _STEPS = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Triangulated:
-    """Points from two cameras.
-
-    Attributes
-    ----------
-    points_m
-        The points in the left camera's frame, in metres, shape (points, 3).
-    covariances_m2
-        Their covariances from the errors of the pixels, in m², shape (points, 3, 3).
-    reprojection_px
-        Root mean square distance from the pixels to the projections of each point, in pixels.
-    """
+    """Points from two cameras."""
 
     points_m: Float64[np.ndarray, "points 3"]
+    """The points in the left camera's frame."""
     covariances_m2: Float64[np.ndarray, "points 3 3"]
+    """Their covariances from the errors of the pixels."""
+    by_pixel_m: Float64[np.ndarray, "points 3 4"]
+    """Displacement of each point, by one pixel of left x, left y, right x, right y."""
     reprojection_px: Float64[np.ndarray, " points"]
+    """Root mean square distance from the pixels to the projections of each point."""
 
 
 def triangulate(
@@ -42,21 +37,10 @@ def triangulate(
     *,
     sigma_px: float,
 ) -> Triangulated:
-    """The points whose projections are nearest to the pixels: maximum likelihood for equal errors of all pixels.
+    """The points with projections nearest to the pixels: maximum likelihood for equal errors of all pixels.
 
-    Parameters
-    ----------
-    left_px, right_px
-        Pixels in the left and the right image, row by row.
-    cameras
-        The cameras.
-    sigma_px
-        Standard deviation of each pixel coordinate, in pixels: that of the spot, and of the calibration.
-
-    Raises
-    ------
-    ConfigError
-        If a pixel is outside its image, or the two lines of sight miss each other or do not meet before the cameras.
+    ``left_px``, ``right_px``: pixels in the left and the right image, row by row. ``sigma_px``: standard deviation of
+    each pixel coordinate: that of the spot, and of the calibration.
     """
     require_range("sigma_px", sigma_px, low=0, high=100, unit="px", open_low=True)
     points_m = _midpoints(cameras.left.undistort(left_px), cameras.right.undistort(right_px), cameras)
@@ -71,14 +55,17 @@ def triangulate(
     pixels, derivative = _projections(points_m, cameras)
     reprojection_px = np.sqrt(np.sum((pixels - wanted) ** 2, axis=1) / 2)
     worst = int(np.argmax(reprojection_px))
-    if not reprojection_px[worst] <= MOST_REPROJECTION_PX:
+    if not reprojection_px[worst] <= MAX_REPROJECTION_PX:
         raise ConfigError(
             f"point {worst + 1}: its two lines of sight miss each other by {reprojection_px[worst]:.1f} px, at most "
-            f"{MOST_REPROJECTION_PX:g} px is allowed; the two images show different spots, or the calibration is wrong"
+            f"{MAX_REPROJECTION_PX:g} px is allowed; the two images show different spots, or the calibration is wrong"
         )
-    normal = np.einsum("nij,nik->njk", derivative, derivative)
+    inverse = np.linalg.inv(np.einsum("nij,nik->njk", derivative, derivative))
     return Triangulated(
-        points_m=points_m, covariances_m2=sigma_px**2 * np.linalg.inv(normal), reprojection_px=reprojection_px
+        points_m=points_m,
+        covariances_m2=sigma_px**2 * inverse,
+        by_pixel_m=inverse @ np.swapaxes(derivative, 1, 2),
+        reprojection_px=reprojection_px,
     )
 
 

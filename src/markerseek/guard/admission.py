@@ -25,33 +25,22 @@ from markerseek.core import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Admission:
-    """The rules under which a frame and its reading are accepted.
-
-    Attributes
-    ----------
-    settled_deg
-        Most that the readback may change during an acquisition, in degrees.
-    age_s
-        Most time between the end of an acquisition and its admission, in seconds.
-    saturated_limit
-        Most channels at full scale in the marker's window, as a share of all; 1 admits any.
-    dead_limit
-        Most channels without a signal, as a share of all; 1 admits any.
-    noise_ratio
-        Most by which a frame may be noisier or quieter than the first lit or dark one of the run; inf admits any.
-    dark_alarm
-        Probability that noise alone makes a dark frame look like one with a source; None admits any dark frame.
-    repeats
-        Whether the data may repeat the frame before, or be constant or 0: true for recordings only.
-    """
+    """The rules under which a frame and its reading are accepted."""
 
     settled_deg: float = 0.05
+    """Most that the readback may change during an acquisition."""
     age_s: float = 5.0
+    """Most time between the end of an acquisition and its admission."""
     saturated_limit: float = 0.05
+    """Most channels at full scale in the marker's window, as a share of all; 1 admits any."""
     dead_limit: float = 0.05
+    """Most channels without a signal, as a share of all; 1 admits any."""
     noise_ratio: float = 2.0
+    """Most by which a frame may be noisier or quieter than the first lit or dark one of the run; inf admits any."""
     dark_alarm: float | None = None
+    """Probability that noise alone makes a dark frame look like one with a source; None admits any dark frame."""
     repeats: bool = False
+    """Whether the data may repeat the frame before, or be constant or 0: true for recordings only."""
 
     def __post_init__(self) -> None:
         if not 0 < self.settled_deg < 1:
@@ -114,7 +103,7 @@ class Admission:
         if not (is_finite(reading.intensity) and reading.intensity >= 0):
             raise AcquisitionError(f"intensity is {reading.intensity}: it must be finite and at least 0; take it again")
         for feature in fields(Reading):
-            checked = feature.name in ("dead_channels", "arrivals", "local_maxima")  # when they were made
+            checked = feature.name in ("dead_channels", "arrivals", "local_maxima", "spot")  # when they were made
             if not checked and (value := getattr(reading, feature.name)) is not None and not is_finite(value):
                 raise AcquisitionError(f"{feature.name} is {value}, it must be finite; take it again")
         sigma = reading.noise_sigma

@@ -1,4 +1,4 @@
-"""The dead man's lease: steps of the control loop renew it, and time alone never does."""
+"""The watchdog's lease: steps of the control loop renew it, and time alone never does."""
 
 from __future__ import annotations
 
@@ -10,10 +10,7 @@ from markerseek.core import is_finite, is_whole, require_range
 class Lease:
     """Lapses when the control loop stops stepping.
 
-    Parameters
-    ----------
-    period_s
-        Longest time between two steps, in (0, 1] s: a lease without a period would never end.
+    ``period_s``: longest time between two steps, in (0, 1] s: a lease without a period would never end.
     """
 
     def __init__(self, *, period_s: float) -> None:

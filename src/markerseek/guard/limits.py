@@ -9,18 +9,12 @@ from markerseek.core import PAPER_RANGE, ConfigError, Interval, LimitError, is_f
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """The two ranges of a rig.
-
-    Attributes
-    ----------
-    search
-        Angles at which a policy may ask for an acquisition.
-    travel
-        Angles at which the probe may be at all: the search range, and room to approach it from one side.
-    """
+    """The two ranges of a rig."""
 
     search: Interval = PAPER_RANGE
+    """Angles at which a policy may ask for an acquisition."""
     travel: Interval = field(default_factory=lambda: Interval(low_deg=-36.5, high_deg=36.5))
+    """Angles at which the probe may be at all: the search range, and room to approach it from one side."""
 
     def __post_init__(self) -> None:
         if not (self.search.low_deg in self.travel and self.search.high_deg in self.travel):

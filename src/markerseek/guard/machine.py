@@ -39,16 +39,8 @@ class Guard:
     It touches no device. A step that is refused by a `LimitError` changes nothing; evidence that a device did not do
     its part is raised after the state has become FAULT.
 
-    Parameters
-    ----------
-    limits
-        Angles that may be searched, and at which the probe may be.
-    firing
-        Limits of the laser's pulses.
-    admission
-        Which frames are accepted.
-    arrival_deg
-        Most that the readback may differ from the angle asked for, in degrees.
+    ``limits``: angles that may be searched, and at which the probe may be. ``firing``: limits of the laser's pulses.
+    ``arrival_deg``: most that the readback may differ from the angle asked for.
     """
 
     def __init__(self, *, limits: Limits, firing: FiringLimits, admission: Admission, arrival_deg: float = 0.1) -> None:

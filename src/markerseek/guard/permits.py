@@ -10,24 +10,16 @@ from markerseek.core import ConfigError, LaserError, LimitError, Permit, is_fini
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FiringLimits:
-    """What may be fired.
-
-    Attributes
-    ----------
-    pulses_per_permit
-        Most pulses in one acquisition.
-    pulses_per_second
-        Most pulses under permits that are used within any one second.
-    pulses_per_session
-        Most pulses until a person starts a new session.
-    lifetime_s
-        Time after which a permit is void, in seconds.
-    """
+    """What may be fired."""
 
     pulses_per_permit: int = 128
+    """Most pulses in one acquisition."""
     pulses_per_second: int = 1000
+    """Most pulses under permits that are used within any one second."""
     pulses_per_session: int = 100_000
+    """Most pulses until a person starts a new session."""
     lifetime_s: float = 30.0
+    """Time after which a permit is void."""
 
     def __post_init__(self) -> None:
         for name in ("pulses_per_permit", "pulses_per_second", "pulses_per_session"):
@@ -42,11 +34,6 @@ class Permits:
 
     Pulses are counted when they are permitted, not when they are reported: a laser that does not report what
     it fired cannot exceed the session's budget. One permit is open at a time: a new one voids the one before.
-
-    Parameters
-    ----------
-    limits
-        What may be fired.
     """
 
     def __init__(self, limits: FiringLimits) -> None:

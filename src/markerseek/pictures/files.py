@@ -21,15 +21,7 @@ if TYPE_CHECKING:
 
 
 def require_room_for_pictures(folder: Path) -> None:
-    """Make the folder and test that pictures can be written to it; called before anything is measured.
-
-    Raises
-    ------
-    ConfigError
-        If the folder cannot be made or written.
-    MissingExtraError
-        If Matplotlib or Jinja2 is not installed.
-    """
+    """Make the folder and test that pictures can be written to it; called before anything is measured."""
     new_figure(width_in=1.0, height_in=1.0)
     _templates()
     if folder.is_file():
@@ -49,19 +41,7 @@ def require_room_for_pictures(folder: Path) -> None:
 def new_picture(path: Path, *, what: str) -> Iterator[Path]:
     """A temporary path beside `path`, renamed when the block succeeds; the folder is made if missing.
 
-    Parameters
-    ----------
-    path
-        File to write; an existing one is replaced.
-    what
-        What it holds, for the message: "picture".
-
-    Raises
-    ------
-    ConfigError
-        If the file cannot be written.
-    RecordError
-        If its name is that of a symbolic link, a pipe or a device.
+    ``path``: file to write; an existing one is replaced. ``what``: what it holds, for the message: "picture".
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -115,19 +95,7 @@ def _templates() -> Environment:
 def write_page(path: Path, template: str, **values: object) -> None:
     """Write one page, in which every value is escaped.
 
-    Parameters
-    ----------
-    path
-        HTML file to write.
-    template
-        Name of the template, whose first line names its values.
-    **values
-        Values of the names in the template.
-
-    Raises
-    ------
-    MissingExtraError
-        If Jinja2 is not installed; other errors as of `new_picture`.
+    ``path``: HTML file to write. ``template``: name of the template, whose first line names its values.
     """
     text = _templates().get_template(template).render(values)
     with new_picture(path, what="page") as part:

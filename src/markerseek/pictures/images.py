@@ -27,15 +27,7 @@ OVERLAY_RANGE_DB = 20.0
 
 
 def draw_image(axes: Axes, image: PaImage) -> None:
-    """Draw a photoacoustic image relative to its largest value.
-
-    Parameters
-    ----------
-    axes
-        Where to draw.
-    image
-        The image.
-    """
+    """Draw a photoacoustic image relative to its largest value."""
     decibels = _below_peak_db(image, least=10 ** (-DYNAMIC_RANGE_DB / 20))
     extent = image.geometry.edges_mm(*image.envelope.shape)
     shown = axes.imshow(
@@ -47,14 +39,8 @@ def draw_image(axes: Axes, image: PaImage) -> None:
 def draw_overlay(axes: Axes, b_mode: BModeImage, image: PaImage) -> None:
     """Draw a photoacoustic image over a B-mode image, in millimetres of the array; each is placed by its geometry.
 
-    Parameters
-    ----------
-    axes
-        Where to draw.
-    b_mode
-        Drawn in grey; its edges are those of the picture.
-    image
-        Drawn in hot colours above -`OVERLAY_RANGE_DB` of its peak, and transparent below.
+    ``b_mode``: drawn in grey; its edges are those of the picture. ``image``: drawn in hot colours above
+    -`OVERLAY_RANGE_DB` of its peak, and transparent below.
     """
     extent = b_mode.geometry.edges_mm(*b_mode.pixels.shape)
     axes.imshow(b_mode.pixels, cmap="gray", vmin=0, vmax=255, extent=extent, aspect="equal", interpolation="nearest")
@@ -96,14 +82,7 @@ def _finish(axes: Axes, shown: AxesImage, *, label: str) -> Colorbar:
 def frame_figure(image: PaImage, *, marks_m: Sequence[tuple[float, float]], title: str) -> Figure:
     """Figure of one frame: its photoacoustic image with numbered arrivals.
 
-    Parameters
-    ----------
-    image
-        The image.
-    marks_m
-        Lateral position and depth of each arrival in metres, strongest first.
-    title
-        What was imaged.
+    ``marks_m``: lateral position and depth of each arrival, strongest first.
     """
     figure = new_figure(width_in=5.6, height_in=6.8)
     axes = figure.add_subplot()
@@ -130,14 +109,7 @@ def frame_figure(image: PaImage, *, marks_m: Sequence[tuple[float, float]], titl
 def overlay_figure(b_mode: BModeImage, image: PaImage, *, marks_m: Sequence[tuple[float, float]], title: str) -> Figure:
     """Figure with both images in millimetres of the array.
 
-    Parameters
-    ----------
-    b_mode, image
-        The B-mode image, and the photoacoustic image over it.
-    marks_m
-        Lateral position and depth of each source in metres.
-    title
-        What it is.
+    ``marks_m``: lateral position and depth of each source.
     """
     figure = new_figure(width_in=6.2, height_in=6.4)
     axes = figure.add_subplot()
@@ -162,14 +134,7 @@ def b_mode_figure(pixels: UInt8[np.ndarray, "rows columns"], *, title: str) -> F
 def rf_figure(lines: Int16[np.ndarray, "lines samples"], *, sampling_hz: float | None, title: str) -> Figure:
     """Figure of radio-frequency lines: line across, time downwards, over a symmetric scale of counts.
 
-    Parameters
-    ----------
-    lines
-        Samples of each line.
-    sampling_hz
-        Sampling frequency in Hz; None draws over the number of the sample.
-    title
-        What it is.
+    ``sampling_hz``: None draws over the number of the sample.
     """
     figure = new_figure(width_in=5.6, height_in=7.0)
     axes = figure.add_subplot()

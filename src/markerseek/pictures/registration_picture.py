@@ -29,16 +29,9 @@ def registration_figure(
 ) -> Figure:
     """Figure of one registration.
 
-    Parameters
-    ----------
-    trus_m, transformed_m
-        The points in the TRUS frame, as the searches found them and as the transformed camera points, in metres.
-    names
-        Names of the points.
-    target_m
-        Where the target registration error is given, in the TRUS frame in metres.
-    title
-        What was registered, and how well.
+    ``trus_m``, ``transformed_m``: the points in the TRUS frame, as the searches found them and as the transformed
+    camera points. ``target_m``: where the target registration error is given, in the TRUS frame. ``title``: what was
+    registered, and how well.
     """
     figure = new_figure(width_in=10.5, height_in=5.2, heading=title)
     for axes, (view, across, up) in zip(figure.subplots(1, 2), _VIEWS, strict=True):

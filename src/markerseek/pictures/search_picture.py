@@ -21,7 +21,7 @@ _Numbered: TypeAlias = list[tuple[tuple[float, float], str]]
 Curve: TypeAlias = tuple[Sequence[float] | Float64[np.ndarray, " n"], Sequence[float] | Float64[np.ndarray, " n"]]
 """Angles in degrees, and a value at each."""
 
-_LEAST_DENSITY = 1e-5
+_MIN_DENSITY = 1e-5
 """Smallest density drawn, over the largest."""
 
 _ROOM = (0.013, 0.05)
@@ -45,30 +45,16 @@ def search_figure(
 ) -> Figure:
     """Figure of one search.
 
-    Parameters
-    ----------
-    samples
-        Acquisitions in the order in which they were made; dark ones apart.
-    estimate
-        The answer.
-    title
-        Method and rig, with "simulated" if it is; None if the page around the figure has them.
-    start_deg
-        Angle of the probe at the start, in degrees.
-    truth_deg, reference_deg
-        Angle of the marker in degrees in a simulation, or found otherwise; None where it is not known.
-    confirmation
-        The acquisition after the last move, None if there was none.
-    image
-        Image of the last acquisition, None where there are no channel data.
-    b_mode
-        B-mode image of the same angle, over which it is drawn; None where there is none.
-    limits
-        Range of the search, which both axes of angles show.
-    density
-        Angles in degrees, and the posterior's density at each per degree; None for methods without one.
-    recorded
-        Angles in degrees, and the intensities recorded there, of the scan that a replay searches.
+    - ``samples``: acquisitions in the order in which they were made; dark ones apart.
+    - ``title``: method and rig, with "simulated" if it is; None if the page around the figure has them.
+    - ``truth_deg``, ``reference_deg``: angle of the marker in degrees in a simulation, or found otherwise; None where
+      it is not known.
+    - ``confirmation``: the acquisition after the last move, None if there was none.
+    - ``image``: image of the last acquisition, None where there are no channel data.
+    - ``b_mode``: B-mode image of the same angle, over which it is drawn.
+    - ``limits``: range of the search, which both axes of angles show.
+    - ``density``: angles in degrees, and the posterior's density at each per degree; None for methods without one.
+    - ``recorded``: angles in degrees, and the intensities recorded there, of the scan that a replay searches.
     """
     figure = new_figure(width_in=11.0, height_in=7.6 if density is None else 8.6, heading=title)
     # Without an image the right column is narrow, not absent: the left panels are the same in both.
@@ -187,8 +173,8 @@ def _draw_density(axes: Axes, density: Curve, estimate: Estimate, *, known: tupl
     most = float(per_deg.max())
     # Logarithmic: at the end of a search nearly all of it lies within a tenth of a degree.
     axes.set_yscale("log")
-    axes.set_ylim(_LEAST_DENSITY * most, 3 * most)
-    axes.fill_between(angles, 0.1 * _LEAST_DENSITY * most, per_deg, color=SIGNAL, alpha=0.4)
+    axes.set_ylim(_MIN_DENSITY * most, 3 * most)
+    axes.fill_between(angles, 0.1 * _MIN_DENSITY * most, per_deg, color=SIGNAL, alpha=0.4)
     _draw_answer(axes.axvline, axes.axvspan, estimate, known)
     axes.set_xlabel("marker angle [deg]")
     axes.set_ylabel("posterior [1/deg]")

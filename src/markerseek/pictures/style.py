@@ -27,17 +27,8 @@ ERROR_BARS: dict[str, Any] = {"markersize": 3.5, "linewidth": 1.2, "elinewidth":
 def new_figure(*, width_in: float, height_in: float, heading: str | None = None, fontsize: float = 12.0) -> Figure:
     """Empty figure that needs no display, with a heading over the whole of it.
 
-    Parameters
-    ----------
-    width_in, height_in
-        Size in inches.
-    heading, fontsize
-        The heading, which is wrapped to the width, and its size in points; None: no heading.
-
-    Raises
-    ------
-    MissingExtraError
-        If Matplotlib is not installed.
+    ``width_in``, ``height_in``: size in inches. ``heading``, ``fontsize``: the heading, which is wrapped to the width,
+    and its size in points; None: no heading.
     """
     with needs_package("matplotlib", extra="plot", purpose="a picture"):
         from matplotlib.figure import Figure
@@ -72,20 +63,8 @@ def panel_grid(
 ) -> tuple[Figure, list[Axes]]:
     """Figure with panels that share both axes, and the axes of the panels, row by row.
 
-    Parameters
-    ----------
-    titles
-        Title of each panel.
-    heading
-        Heading of the figure.
-    x_label, y_label
-        Labels of the shared axes.
-    columns
-        Most panels in a row.
-    panel_in
-        Width and height of one panel in inches.
-    y_scale
-        Scale of the y axis.
+    ``x_label``, ``y_label``: labels of the shared axes. ``columns``: most panels in a row. ``panel_in``: width and
+    height of one panel in inches.
     """
     columns = min(columns, len(titles))
     rows = -(-len(titles) // columns)

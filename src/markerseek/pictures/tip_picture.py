@@ -14,31 +14,22 @@ from markerseek.pictures.style import ACCENT, GRID, QUIET, SIGNAL, new_figure, s
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MOST_SHOWN = 8
+MAX_SHOWN = 8
 """Most images of the strip; of more, every second, third … is shown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TipImage:
-    """One image of the strip.
-
-    Attributes
-    ----------
-    angle_deg
-        Angle of the probe in degrees.
-    pixels
-        Grey values.
-    centroid
-        Row and column of the tip; None where it is not seen.
-    intensity, level
-        Grey value at the centroid, and the one that it must exceed; None where it is not known.
-    """
+    """One image of the strip."""
 
     angle_deg: float
     pixels: UInt8[np.ndarray, "rows columns"]
     centroid: tuple[float, float] | None
+    """Row and column of the tip; None where it is not seen."""
     intensity: float | None
     level: float | None
+    """``intensity`` and ``level``: grey value at the centroid, and the one that it must exceed; None where it is not
+    known."""
 
 
 def tip_figure(
@@ -46,16 +37,9 @@ def tip_figure(
 ) -> Figure:
     """Figure of a series.
 
-    Parameters
-    ----------
-    images
-        In the order of the angles.
-    title
-        Heading.
-    low_deg, high_deg
-        Ends of the sensitive range in degrees; None where there is none.
+    ``images``: in the order of the angles. ``low_deg``, ``high_deg``: ends of the sensitive range.
     """
-    shown = list(images[:: -(-len(images) // MOST_SHOWN)])
+    shown = list(images[:: -(-len(images) // MAX_SHOWN)])
     figure = new_figure(width_in=max(7.0, 1.7 * len(shown)), height_in=5.6, heading=title, fontsize=10)
     grid = figure.add_gridspec(2, len(shown), height_ratios=(1.0, 1.5))
     for place, each in enumerate(shown):

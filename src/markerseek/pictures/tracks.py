@@ -35,16 +35,7 @@ def comparison_figure(
 ) -> Figure:
     """Figure of several searches.
 
-    Parameters
-    ----------
-    searches
-        At least one.
-    title
-        The rig, with "simulated" if it is.
-    limits
-        Range of the searches.
-    truth_deg
-        True angle of the marker in degrees, None where it is not known.
+    ``title``: the rig, with "simulated" if it is. ``truth_deg``: True angle of the marker, None where it is not known.
     """
     figure = new_figure(width_in=10.0, height_in=7.0, heading=title)
     curve, track = figure.subplots(2, 1, height_ratios=(3, 2))
@@ -85,14 +76,8 @@ def track_figure(
 ) -> Figure:
     """Figure of one track.
 
-    Parameters
-    ----------
-    time_s
-        Times of the frames in seconds.
-    probe_deg, angle_deg, sigma_deg, truth_deg
-        Angle of the probe, estimate of the marker's with its standard deviation, and its true angle, in degrees.
-    title
-        The rig, and how well the marker was followed.
+    ``probe_deg``, ``angle_deg``, ``sigma_deg``, ``truth_deg``: angle of the probe, estimate of the marker's with its
+    standard deviation, and its true angle. ``title``: the rig, and how well the marker was followed.
     """
     figure = new_figure(width_in=9.0, height_in=6.0, heading=title)
     course, error = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))

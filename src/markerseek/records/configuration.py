@@ -24,27 +24,17 @@ def versions() -> dict[str, str]:
 
 
 class Configuration(msgspec.Struct, frozen=True, kw_only=True):
-    """Search and rig of a run.
-
-    Attributes
-    ----------
-    plan
-        What was asked of the search.
-    facts
-        What was known of the rig.
-    recipe
-        All settings of the rig, as JSON; null for a rig that was not assembled from settings.
-    imaging
-        Preset of the rig's imaging chain, as JSON; null where there are intensities only.
-    versions
-        See `versions`.
-    """
+    """Search and rig of a run."""
 
     plan: SearchPlan
+    """What was asked of the search."""
     facts: RigFacts
+    """What was known of the rig."""
     # Raw JSON, not decoded here: records may not import the settings of rigs and drivers.
     recipe: msgspec.Raw
+    """All settings of the rig, as JSON; null for a rig that was not assembled from settings."""
     imaging: msgspec.Raw = msgspec.Raw(b"null")
+    """Preset of the rig's imaging chain, as JSON; null where there are intensities only."""
     versions: dict[str, str] = msgspec.field(default_factory=versions)
 
     def flat(self) -> dict[str, object]:

@@ -17,42 +17,27 @@ from markerseek.records.untrusted_images import read_dicom, read_png
 IMAGE_SUFFIXES = (".png", ".dcm", ".b8")
 """Suffixes of files with B-mode images; DICOM files without a suffix need one."""
 
-MOST_IMAGES = 2000
+MAX_IMAGES = 2000
 """Most images of a series."""
 
-_MOST_BYTES = 512 * MIB
-_MOST_PIXELS = 1 << 30
+_MAX_BYTES = 512 * MIB
+_MAX_PIXELS = 1 << 30
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ImageSeries:
-    """B-mode images in the order of their names.
-
-    Attributes
-    ----------
-    names
-        Name of each: its file, with the number of the frame where a file has several.
-    images
-        Grey values of 8 bits, each of shape (rows, columns).
-    pixel_m
-        Height and width of a pixel in metres; None where the files do not say.
-    """
+    """B-mode images in the order of their names."""
 
     names: tuple[str, ...]
+    """Name of each: its file, with the number of the frame where a file has several."""
     images: tuple[UInt8[np.ndarray, "rows columns"], ...]
+    """Grey values of 8 bits, each."""
     pixel_m: tuple[float, float] | None
+    """Height and width of a pixel; None where the files do not say."""
 
 
 def read_images(path: Path) -> ImageSeries:
-    """Images of a folder, or of one file; more than 8 bits are scaled to 8 with one factor for all.
-
-    Raises
-    ------
-    RecordError
-        If there is no image, a file cannot be read, or their sizes of pixels differ.
-    MissingExtraError
-        If OpenCV or pydicom is needed and not installed.
-    """
+    """Images of a folder, or of one file; more than 8 bits are scaled to 8 with one factor for all."""
     files = _files(path)
     names: list[str] = []
     found: list[np.ndarray] = []
@@ -65,9 +50,9 @@ def read_images(path: Path) -> ImageSeries:
             names += [file.name if len(frames) == 1 else f"{file.name}, frame {n + 1}" for n in range(len(frames))]
             found += list(frames)
             pixels += frames.size
-            if len(found) > MOST_IMAGES or pixels > _MOST_PIXELS:
+            if len(found) > MAX_IMAGES or pixels > _MAX_PIXELS:
                 raise RecordError(
-                    f"{path}: more than {MOST_IMAGES} images or {_MOST_PIXELS} pixels; give the images of one scan"
+                    f"{path}: more than {MAX_IMAGES} images or {_MAX_PIXELS} pixels; give the images of one scan"
                 )
     if len(sizes) > 1:
         (first, one), (second, other), *_ = sizes.items()
@@ -91,7 +76,7 @@ def _frames(path: Path, sandbox: Sandbox) -> tuple[np.ndarray, tuple[float, floa
     suffix = path.suffix.lower()
     if suffix == ".b8":
         file = open_ultrasonix(path)
-        return np.stack([file.b_mode(n) for n in range(min(file.header.frames, MOST_IMAGES + 1))]), None
+        return np.stack([file.b_mode(n) for n in range(min(file.header.frames, MAX_IMAGES + 1))]), None
     if suffix not in IMAGE_SUFFIXES:
         raise RecordError(f"{path}: {', '.join(IMAGE_SUFFIXES)} are read; export the images as one of these")
     module, package = ("cv2", "opencv-python-headless") if suffix == ".png" else ("pydicom", "pydicom")
@@ -99,7 +84,7 @@ def _frames(path: Path, sandbox: Sandbox) -> tuple[np.ndarray, tuple[float, floa
         raise MissingExtraError(package=package, extra="vision", purpose=f"{path}: it")
     with as_read_error(path):
         # Before the sandbox: only regular files, and none that is too large.
-        require_input(path, most_bytes=_MOST_BYTES)
+        require_input(path, most_bytes=_MAX_BYTES)
     arrays = sandbox.read(read_png if suffix == ".png" else read_dicom, path)
     frames = arrays["pixels"]
     if frames.ndim != 3 or frames.dtype.kind not in "ui":

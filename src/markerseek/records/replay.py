@@ -32,12 +32,8 @@ from markerseek.records.banks import FrameBank, IntensityBank
 class ReplayStage:
     """Stage that moves to recorded angles only, or to any angle where the bank is interpolated.
 
-    Parameters
-    ----------
-    bank
-        The recorded scan; the stage starts at its lowest angle.
-    between
-        Where to move between two recorded angles: to the nearest, or, for intensities, to the angle asked for.
+    ``bank``: the recorded scan; the stage starts at its lowest angle. ``between``: where to move between two recorded
+    angles: to the nearest, or, for intensities, to the angle asked for.
     """
 
     def __init__(
@@ -53,13 +49,7 @@ class ReplayStage:
         return self._angle_deg
 
     def move_to(self, angle_deg: float) -> float:
-        """Move to an angle or the nearest recorded one, and return the angle reached, in degrees.
-
-        Raises
-        ------
-        LimitError
-            If the angle is NaN or was not covered by the scan.
-        """
+        """Move to an angle or the nearest recorded one, and return the angle reached, in degrees."""
         if angle_deg not in self.limits:
             raise LimitError(f"replay: {angle_deg:g} deg is outside the recorded range {self.limits}")
         self._angle_deg = angle_deg if self._grid is None else _nearest(self._grid, angle_deg)
@@ -76,13 +66,7 @@ class ReplayLaser:
         self._used: set[str] = set()
 
     def fire(self, permit: Permit) -> int:
-        """The number of pulses permitted; the recorded frames were fired when the scan was made.
-
-        Raises
-        ------
-        LaserError
-            If the permit was used before, or could never be used.
-        """
+        """The number of pulses permitted; the recorded frames were fired when the scan was made."""
         # This laser has no clock; a permit that expires at minus infinity has expired on any.
         if permit.expires_s == -math.inf:
             raise LaserError(f"replay: the permit {permit.token!r} has expired")
@@ -104,15 +88,7 @@ class _ReplayState(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ReplayReceiver:
-    """Receiver that returns the recorded data of the stage's angle.
-
-    Parameters
-    ----------
-    stage
-        The replayed stage.
-    bank
-        The recorded scan.
-    """
+    """Receiver that returns the recorded data of the stage's angle."""
 
     def __init__(self, *, stage: ReplayStage, bank: IntensityBank | FrameBank) -> None:
         self._stage = stage
@@ -126,13 +102,7 @@ class ReplayReceiver:
         """Nothing to wait for: the data were recorded before."""
 
     def arm(self, permit: Permit) -> None:
-        """Prepare one acquisition.
-
-        Raises
-        ------
-        ConfigError
-            If a dark frame is asked for and the bank has none left.
-        """
+        """Prepare one acquisition."""
         self._armed = permit
         # Dark frames are handed out once each: the noise floor needs independent ones.
         if permit.pulses == 0 and self._dark >= self._dark_frames:
@@ -140,15 +110,7 @@ class ReplayReceiver:
             raise ConfigError(f"replay: the bank holds {held}; ask for no more of them")
 
     def acquire(self, permit: Permit) -> Frame:
-        """Frame or intensity of the stage's angle.
-
-        Raises
-        ------
-        AcquisitionError
-            If it was not armed for this permit.
-        RecordError
-            If a frame cannot be read.
-        """
+        """Frame or intensity of the stage's angle."""
         if self._armed != permit:
             raise AcquisitionError(f"replay: it was not armed for the permit {permit.token!r}")
         self._armed = None
@@ -178,15 +140,7 @@ class ReplayReceiver:
         return msgspec.json.encode(state)
 
     def restore(self, checkpoint: bytes) -> None:
-        """Return to a `checkpoint`.
-
-        Raises
-        ------
-        RecordError
-            If it cannot be decoded.
-        LimitError
-            If its angle was not recorded.
-        """
+        """Return to a `checkpoint`."""
         try:
             state = msgspec.json.decode(checkpoint, type=_ReplayState)
         except msgspec.MsgspecError as problem:

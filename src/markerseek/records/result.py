@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, TypeGuard
 
 import msgspec
 
@@ -11,6 +11,7 @@ from markerseek._version import __version__
 from markerseek.core import (
     Ambiguous,
     AtBound,
+    Doubt,
     Estimate,
     Event,
     Failed,
@@ -64,6 +65,9 @@ class SampleRow(msgspec.Struct, frozen=True, kw_only=True):
 class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     """What a search found and how.
 
+    ``doubt`` says of what an answer that is unsure is so: of the source, or of the width of its angle's interval.
+    ``sigma_deg`` and ``interval95_deg`` are those of the angle, whatever the answer; None where nothing was detected.
+    ``half_width_m`` is how far that interval reaches from the angle, as a length at the marker.
     ``angle_deg`` is the method's best angle, even when it does not claim a marker there. ``rig`` is the kind of rig,
     and ``emulated`` names the devices of a bench that are emulators.
     ``truth_deg`` is known for simulated markers only, ``reference_deg`` was given by the user or the bank, and
@@ -72,14 +76,16 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     test it; its standard deviation and interval are None too, because it answers where there is no marker as well. A
     confirmation after which the search went on is one of the ``samples``. ``marker_trus_m`` is the marker in the TRUS
     frame and ``marker_sigma_m`` its standard deviations along the turn, along the axis and in depth
-    (`markerseek.core.MarkerPosition`). ``others`` are further sources, and ``surveyed`` is the share of the range in
-    which a source as loud would have been detected. ``curve`` is the marker's intensity curve, a prior for the next
-    search on the rig. ``configuration`` is the fingerprint of the rig.
+    (`markerseek.core.MarkerPosition`), also of an answer that is unsure for its width only. ``others`` are further
+    sources, and ``surveyed`` is the share of the range in which a source as loud would have been detected.
+    ``other_probability`` is the probability that another source is the marker. ``curve`` is the marker's intensity
+    curve, a prior for the next search on the rig. ``configuration`` is the fingerprint of the rig.
     """
 
     found: bool
     answer: AnswerName
     reason: str | None
+    doubt: Doubt | None
     method: str
     as_published: bool
     rig: RigKind
@@ -88,6 +94,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     sigma_deg: float | None
     interval95_deg: tuple[float, float] | None
     interval_kind: IntervalKind | None
+    half_width_m: float | None
     marker_trus_m: tuple[float, float, float] | None
     marker_sigma_m: tuple[float, float, float] | None
     acquisitions: int
@@ -99,6 +106,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     floor: Floor | None
     others: list[OtherSource]
     surveyed: float | None
+    other_probability: float | None
     curve: MarkerCurve | None
     samples: list[SampleRow]
     truth_deg: float | None
@@ -140,40 +148,32 @@ class Recorder:
                 self.finished = None
 
     def result(self, plan: SearchPlan, facts: RigFacts) -> SearchResult:
-        """Result of the run.
-
-        Parameters
-        ----------
-        plan
-            What was asked.
-        facts
-            What is known of the rig.
-
-        Raises
-        ------
-        SearchError
-            If the run is not over, or ended with an error.
-        """
+        """Result of the run."""
         if self.finished is None:
             raise SearchError("the run is not over, or it failed: there is no result")
         finished = self.finished
         estimate = finished.estimate
-        known = estimate if isinstance(estimate, Found | Unsure) and not plan.as_published else None
+        # The paper's form answers where there is no marker as well, and a search that detected nothing has noise only.
+        known = None if isinstance(estimate, NotFound) or plan.as_published else estimate
+        interval = None if known is None else known.interval95_deg
         # The marker's position follows from all frames with light.
         lit = self.samples if self.confirmation is None else [*self.samples, self.confirmation]
-        marker = marker_position(estimate, lit, facts) if isinstance(estimate, Found) else None
+        placed = estimate if isinstance(estimate, Found) or _unsure_of_width(estimate) else None
+        marker = None if placed is None else marker_position(placed, lit, facts)
         return SearchResult(
             found=isinstance(estimate, Found),
             answer=answer_name(estimate),
             reason=_reason(estimate),
+            doubt=estimate.doubt if isinstance(estimate, Unsure) else None,
             method=plan.method,
             as_published=plan.as_published,
             rig=facts.kind,
             emulated=facts.emulated,
             angle_deg=estimate.mean_deg,
             sigma_deg=None if known is None else known.sigma_deg,
-            interval95_deg=None if known is None else (known.interval95_deg.low_deg, known.interval95_deg.high_deg),
+            interval95_deg=None if interval is None else (interval.low_deg, interval.high_deg),
             interval_kind=None if known is None else known.interval_kind,
+            half_width_m=known.half_width_m if isinstance(known, Found | Unsure) else None,
             marker_trus_m=None if marker is None else marker.position_m,
             marker_sigma_m=None if marker is None or known is None else marker.sigma_m,
             acquisitions=finished.acquisitions,
@@ -186,6 +186,7 @@ class Recorder:
             floor=estimate.floor,
             others=list(estimate.others),
             surveyed=estimate.surveyed,
+            other_probability=estimate.other_probability if isinstance(estimate, Found | Unsure) else None,
             curve=estimate.curve if isinstance(estimate, Found) else None,
             samples=[SampleRow.of(sample) for sample in self.samples],
             truth_deg=facts.truth_deg,
@@ -194,6 +195,10 @@ class Recorder:
             seed=facts.seed,
             configuration=facts.fingerprint,
         )
+
+
+def _unsure_of_width(estimate: Estimate) -> TypeGuard[Unsure]:
+    return isinstance(estimate, Unsure) and estimate.doubt == "width"
 
 
 def answer_name(estimate: Estimate) -> AnswerName:

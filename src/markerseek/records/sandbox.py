@@ -3,13 +3,22 @@
 The child (``python -P -m markerseek.records.sandbox``; without ``-P`` a file in the current folder could take the place
 of a library) calls a reader of this package, under limits of memory and processor time, and hands plain arrays back.
 A reader is a module-level function that takes a path and returns arrays by name. One child reads many files.
+
+On Linux each file is read in a fork of the child that can read the file and the installed libraries, but open no other
+file, no socket and no program: Landlock refuses the files (from Linux 5.13 on, where it is not switched off), and
+seccomp the rest (on x86-64 and aarch64). Elsewhere there are only the limits of memory and time.
 """
 
 from __future__ import annotations
 
+import ctypes
+import errno
 import importlib
 import math
 import os
+import signal
+import site
+import struct
 import subprocess
 import sys
 import threading
@@ -32,13 +41,34 @@ Reader: TypeAlias = Callable[[Path], Mapping[str, np.ndarray]]
 LIMIT_S, PROCESSOR_LIMIT_S = 60.0, 5
 """Longest time for one file, and of it on the processor, in seconds."""
 
-MOST_PER_BYTE = 32
+MAX_PER_BYTE = 32
 """Most bytes of memory for each byte of a file; a compressed file that needs more is refused."""
 
 _ROOM_BYTES = 1 << 29
 """Memory for the libraries themselves (h5py, SciPy), which are imported with the first file."""
 
 _LONGEST_LINE = 1 << 20
+
+_LIBRARIES = {
+    "read_mat": "scipy.io",
+    "read_mat73": "h5py",
+    "walk_bank": "h5py",
+    "read_png": "cv2",
+    "read_dicom": "pydicom",
+}
+"""What the readers import, by their names: imported once, and not again in each fork."""
+
+_SYSTEM = (
+    "/usr",
+    "/lib",
+    "/lib64",
+    "/etc/ld.so.cache",
+    "/dev/null",
+    "/dev/urandom",
+    "/proc/self",
+    "/sys/devices/system",
+)
+"""What the libraries of the system may have to read."""
 
 
 class _Request(msgspec.Struct, frozen=True, kw_only=True):
@@ -59,7 +89,7 @@ class _Array(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class _Answer(msgspec.Struct, frozen=True, kw_only=True):
-    """Answer of the child for one file: descriptions of arrays, whose bytes follow, or an error."""
+    """Answer of the child for one file: descriptions of arrays, followed by their bytes, or an error."""
 
     arrays: tuple[_Array, ...] = ()
     error: str | None = None
@@ -81,19 +111,8 @@ class Sandbox:
     def read(self, reader: Reader, path: Path) -> dict[str, np.ndarray]:
         """Arrays that a reader returns for a file.
 
-        Parameters
-        ----------
-        reader
-            Function of a module that the child can import.
-        path
-            The file.
-
-        Raises
-        ------
-        RecordError
-            If the reader refuses the file, or the child crashes, takes too long or needs too much memory.
-        MissingExtraError
-            If the reader needs a package that is not installed.
+        ``reader``: function of a module that the child can import. Raises `RecordError` if the reader refuses the file,
+        or the child crashes, takes too long or needs too much memory.
         """
         request = _Request(module=reader.__module__, function=reader.__qualname__, path=os.fsencode(path.absolute()))
         child = self._running(path)
@@ -106,7 +125,7 @@ class Sandbox:
         try:
             child.stdin.write(msgspec.json.encode(request) + b"\n")
             child.stdin.flush()
-            answer, arrays = _received(child.stdout, most_bytes=MOST_PER_BYTE * path.stat().st_size + _ROOM_BYTES)
+            answer, arrays = _received(child.stdout, most_bytes=MAX_PER_BYTE * path.stat().st_size + _ROOM_BYTES)
         except (OSError, EOFError, ValueError, TypeError, msgspec.MsgspecError) as problem:
             self.close()
             if expired.is_set():
@@ -209,16 +228,37 @@ def _serve(requests: IO[bytes], answers: IO[bytes]) -> None:
     # PYTHONWARNINGS of the user could turn a harmless warning of a library into an error.
     warnings.simplefilter("ignore")
     while line := requests.readline(_LONGEST_LINE):
-        answer, arrays = _answered(msgspec.json.decode(line, type=_Request))
-        answers.write(msgspec.json.encode(answer) + b"\n")
-        for array in arrays:
-            answers.write(array.data.cast("B") if array.size else b"")
-        answers.flush()
+        request = msgspec.json.decode(line, type=_Request)
+        path = Path(os.fsdecode(request.path))
+        reader: Reader = getattr(importlib.import_module(request.module), request.function)
+        with suppress(ImportError):
+            importlib.import_module(_LIBRARIES.get(request.function, "numpy"))
+        if sys.platform != "linux":
+            _answer(answers, reader, path)
+            continue
+        server = os.getpid()
+        fork = os.fork()
+        if fork == 0:
+            try:
+                _confine(path, server)
+                _answer(answers, reader, path)
+                os._exit(0)
+            finally:
+                os._exit(1)
+        # What broke down on its file, or was killed, ends this process too: its reader sees the end of the pipe.
+        if os.waitpid(fork, 0)[1] != 0:
+            sys.exit(1)
 
 
-def _answered(request: _Request) -> tuple[_Answer, list[np.ndarray]]:
-    path = Path(os.fsdecode(request.path))
-    reader: Reader = getattr(importlib.import_module(request.module), request.function)
+def _answer(answers: IO[bytes], reader: Reader, path: Path) -> None:
+    answer, arrays = _answered(reader, path)
+    answers.write(msgspec.json.encode(answer) + b"\n")
+    for array in arrays:
+        answers.write(array.data.cast("B") if array.size else b"")
+    answers.flush()
+
+
+def _answered(reader: Reader, path: Path) -> tuple[_Answer, list[np.ndarray]]:
     try:
         _limit(path.stat().st_size)
         arrays = {name: np.ascontiguousarray(each) for name, each in reader(path).items()}
@@ -236,8 +276,80 @@ def _answered(request: _Request) -> tuple[_Answer, list[np.ndarray]]:
     return _Answer(arrays=described), list(arrays.values())
 
 
+def _confine(path: Path, server: int) -> None:
+    """Let this process open one file and the libraries only, as far as the kernel can confine it."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    # PR_SET_PDEATHSIG: a server that is killed because this process hangs takes it along.
+    libc.prctl(1, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != server:
+        os._exit(1)
+    # PR_SET_NO_NEW_PRIVS, which both of the following need.
+    libc.prctl(38, 1, 0, 0, 0)
+    ours = str(Path(__file__).parents[1])
+    folders = (*_SYSTEM, ours, sys.prefix, sys.base_prefix, *site.getsitepackages(), *filter(None, sys.path))
+    _read_only(libc, {str(path), *folders})
+    _without_calls(libc)
+
+
+_CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446
+"""Calls of Landlock, whose numbers are the same on all processors (linux/landlock.h)."""
+
+_EXECUTE, _READ_FILE, _READ_DIR, _ALL, _TRUNCATE = 1 << 0, 1 << 2, 1 << 3, (1 << 13) - 1, 1 << 14
+
+
+def _read_only(libc: ctypes.CDLL, paths: set[str]) -> None:
+    """Refuse every file but those in these paths, which can be read."""
+    version = libc.syscall(_CREATE_RULESET, None, ctypes.c_size_t(0), 1)
+    if version < 1:
+        return
+    handled = struct.pack("=Q", _ALL | (_TRUNCATE if version >= 3 else 0))
+    rules = libc.syscall(_CREATE_RULESET, handled, ctypes.c_size_t(len(handled)), 0)
+    for path in paths:
+        with suppress(OSError):
+            opened = os.open(path, os.O_PATH | os.O_CLOEXEC)
+            allowed = _READ_FILE | _EXECUTE | (_READ_DIR if Path(path).is_dir() else 0)
+            libc.syscall(_ADD_RULE, rules, 1, struct.pack("=Qi", allowed, opened), 0)
+            os.close(opened)
+    libc.syscall(_RESTRICT_SELF, rules, 0)
+    os.close(rules)
+
+
+_ARCHITECTURES = {
+    "x86_64": (0xC000003E, (41, 42, 59, 62, 101, 200, 234, 310, 311, 321, 322, 424, 425, 438)),
+    "aarch64": (0xC00000B7, (198, 203, 221, 129, 117, 130, 131, 270, 271, 280, 281, 424, 425, 438)),
+}
+"""Number of a processor's calls (linux/audit.h), and those refused: socket, connect, execve, kill, ptrace, tkill,
+tgkill, process_vm_readv, process_vm_writev, bpf, execveat, pidfd_send_signal, io_uring_setup, pidfd_getfd."""
+
+
+def _without_calls(libc: ctypes.CDLL) -> None:
+    """Refuse calls of the operating system by a seccomp filter; a parser needs none of them."""
+    machine = os.uname().machine
+    if machine not in _ARCHITECTURES:
+        return
+    architecture, refused = _ARCHITECTURES[machine]
+    # Struct sock_filter: code, steps where it is true and false, value. BPF_LD|W|ABS, BPF_JMP|JEQ and JGE, BPF_RET.
+    load, equal, at_least, end = 0x20, 0x15, 0x35, 0x06
+    kill, allow, refuse = 0x80000000, 0x7FFF0000, 0x00050000 | errno.EPERM
+    count = len(refused)
+    program = [
+        (load, 0, 0, 4),
+        (equal, 1, 0, architecture),
+        (end, 0, 0, kill),
+        (load, 0, 0, 0),
+        # Calls of the x32 ABI have other numbers.
+        (at_least, count + 1, 0, 1 << 30),
+        *((equal, count - index, 0, number) for index, number in enumerate(refused)),
+        (end, 0, 0, allow),
+        (end, 0, 0, refuse),
+    ]
+    code = ctypes.create_string_buffer(b"".join(struct.pack("=HBBI", *each) for each in program))
+    # Struct sock_fprog; PR_SET_SECCOMP, SECCOMP_MODE_FILTER.
+    libc.prctl(22, 2, struct.pack("@HP", len(program), ctypes.addressof(code)), 0, 0)
+
+
 def _limit(size_bytes: int) -> None:
-    """Limit memory and processor time for the next file, relative to what is used already."""
+    """Limit memory and processor time for a file, relative to what is used already."""
     try:
         import resource
 
@@ -245,12 +357,13 @@ def _limit(size_bytes: int) -> None:
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
     except (ImportError, OSError, ValueError):
         return
-    memory_bytes = pages * resource.getpagesize() + MOST_PER_BYTE * size_bytes + _ROOM_BYTES
+    memory_bytes = pages * resource.getpagesize() + MAX_PER_BYTE * size_bytes + _ROOM_BYTES
     seconds = int(time.process_time()) + PROCESSOR_LIMIT_S
     for kind, limit in ((resource.RLIMIT_AS, memory_bytes), (resource.RLIMIT_CPU, seconds)):
         _, hard = resource.getrlimit(kind)
-        # The soft limit only, so that it can be raised for the next file.
-        resource.setrlimit(kind, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
+        soft = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
+        # A fork reads one file; without one, the soft limit must be raised for the next.
+        resource.setrlimit(kind, (soft, soft if sys.platform == "linux" else hard))
 
 
 def _main() -> None:

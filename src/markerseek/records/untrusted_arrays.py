@@ -17,7 +17,7 @@ import numpy as np
 
 from markerseek.core import RecordError
 from markerseek.files import open_input
-from markerseek.records.sandbox import MOST_PER_BYTE, Reader, Sandbox
+from markerseek.records.sandbox import MAX_PER_BYTE, Reader, Sandbox
 from markerseek.records.untrusted_hdf5 import UntrustedHdf5, as_record_error, require_h5py
 
 if TYPE_CHECKING:
@@ -41,23 +41,7 @@ _MATLAB_TYPES: dict[str, np.dtype[Any]] = {
 def arrays_in(path: Path, sandbox: Sandbox, *, most_bytes: int) -> dict[str, np.ndarray]:
     """Real numeric arrays in a file, by name; the array of an ``.npy`` has none.
 
-    Parameters
-    ----------
-    path
-        The file.
-    sandbox
-        Process that reads it.
-    most_bytes
-        Largest file that is read.
-
-    Raises
-    ------
-    RecordError
-        If it is damaged, or unpacks to far more than it holds.
-    MissingExtraError
-        If it is a ``.mat`` of version 7.3, and h5py is not installed.
-    OSError
-        If it cannot be opened.
+    ``most_bytes``: largest file that is read. Raises `OSError` if it cannot be opened.
     """
     with open_input(path, most_bytes=most_bytes) as file:
         head = file.read(_HEAD_BYTES)
@@ -109,8 +93,8 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
 
 
 def _require_small(path: Path, unpacked_bytes: int, *, cure: str) -> None:
-    if unpacked_bytes > MOST_PER_BYTE * path.stat().st_size:
-        raise RecordError(f"{path}: it unpacks to more than {MOST_PER_BYTE} times its size; {cure}")
+    if unpacked_bytes > MAX_PER_BYTE * path.stat().st_size:
+        raise RecordError(f"{path}: it unpacks to more than {MAX_PER_BYTE} times its size; {cure}")
 
 
 def _require_numbers(path: Path, array: object) -> None:

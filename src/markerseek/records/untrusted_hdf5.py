@@ -15,29 +15,18 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from markerseek.core import Float64, RecordError, needs_package
-from markerseek.records.sandbox import MOST_PER_BYTE
+from markerseek.records.sandbox import MAX_PER_BYTE
 
 if TYPE_CHECKING:
     import h5py
 
 # Any other filter would make the library load a plugin, that is, run code from a search path.
 _FILTERS = frozenset({"gzip", "lzf", None})
-_MOST_TEXT = 10_000
+_MAX_TEXT = 10_000
 
 
 def require_h5py(*, purpose: str = "a bank in HDF5") -> None:
-    """Refuse to continue without h5py, and name the extra to install.
-
-    Parameters
-    ----------
-    purpose
-        What it is needed for.
-
-    Raises
-    ------
-    MissingExtraError
-        If it is not installed.
-    """
+    """Refuse to continue without h5py, and name the extra to install."""
     with needs_package("h5py", extra="records", purpose=purpose):
         import h5py  # noqa: F401
 
@@ -46,18 +35,13 @@ class UntrustedHdf5:
     """An HDF5 file opened for reading, whose methods return harmless parts only.
 
     A context manager that closes it; garbage collection closes it too.
-
-    Parameters
-    ----------
-    path
-        The file.
     """
 
     def __init__(self, path: Path) -> None:
         import h5py
 
         self._path = path
-        self._most = MOST_PER_BYTE * path.stat().st_size
+        self._most = MAX_PER_BYTE * path.stat().st_size
         self.opened: h5py.File = h5py.File(path, "r")
 
     def close(self) -> None:
@@ -99,10 +83,8 @@ class UntrustedHdf5:
     def dataset(self, name: str) -> h5py.Dataset:
         """Dataset of that name, whose largest chunk fits into memory.
 
-        Raises
-        ------
-        TypeError, ValueError
-            If it is missing, is a link to another file, or needs much more memory than the file has bytes.
+        Raises `TypeError` or `ValueError` if it is missing, is a link to another file, or needs much more memory than
+        the file has bytes.
         """
         import h5py
 
@@ -119,13 +101,13 @@ class UntrustedHdf5:
         # The library unpacks a whole chunk for a single number of it.
         chunk = math.prod(item.chunks or (1,)) * item.dtype.itemsize
         if chunk > self._most:
-            raise ValueError(f"{name} unpacks to {chunk} bytes at a time, more than {MOST_PER_BYTE} times the file")
+            raise ValueError(f"{name} unpacks to {chunk} bytes at a time, more than {MAX_PER_BYTE} times the file")
         return item
 
     def require_room(self, count: int, *, name: str) -> None:
-        """Refuse to read more bytes at once than `MOST_PER_BYTE` times the file."""
+        """Refuse to read more bytes at once than `MAX_PER_BYTE` times the file."""
         if count > self._most:
-            raise ValueError(f"{name} unpacks to {count} bytes, more than {MOST_PER_BYTE} times the file")
+            raise ValueError(f"{name} unpacks to {count} bytes, more than {MAX_PER_BYTE} times the file")
 
     def numbers(self, name: str) -> Float64[np.ndarray, " values"]:
         """All numbers of a dataset, flattened."""
@@ -153,11 +135,11 @@ class UntrustedHdf5:
         item = self.dataset(name)
         kind = h5py.check_string_dtype(item.dtype)
         # A longer text would be read in full before it could be cut.
-        if kind is None or item.shape != () or (kind.length or 0) > _MOST_TEXT:
+        if kind is None or item.shape != () or (kind.length or 0) > _MAX_TEXT:
             return None
         raw = item[()]
         text = raw.decode("utf-8") if isinstance(raw, bytes) else str(raw)
-        return text[:_MOST_TEXT]
+        return text[:_MAX_TEXT]
 
     def _item(self, name: str) -> object:
         """Group or dataset of that name; None where it is missing."""
@@ -178,12 +160,7 @@ class UntrustedHdf5:
 def as_record_error(path: Path, *, what: str, cure: str) -> Iterator[None]:
     """Turn any error of the library into a `RecordError`; damaged bytes raise errors of many kinds.
 
-    Parameters
-    ----------
-    path, what
-        The file, and what it should have been.
-    cure
-        Advice at the end of the message.
+    ``cure``: advice at the end of the message.
     """
     try:
         yield

@@ -44,17 +44,7 @@ DARK_ALARM = 1e-6
 class OpenDevices:
     """The open serial lines of a bench, with or without a supervisor, and its ROS 2 node where it needs one.
 
-    Parameters
-    ----------
-    settings
-        Gives the ports, and whether a supervisor owns them.
-    names
-        Which lines are opened.
-
-    Raises
-    ------
-    NotConnectedError
-        If a line cannot be opened.
+    ``settings``: gives the ports, and whether a supervisor owns them.
     """
 
     def __init__(self, settings: BenchSettings, *, names: Collection[str] = ("laser", "stage")) -> None:

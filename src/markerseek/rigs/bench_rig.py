@@ -22,21 +22,7 @@ def bench(settings: BenchSettings) -> Rig:
 
     A person must arm it (`Rig.arm`) before each search. Use it as a context manager, which closes it.
 
-    Parameters
-    ----------
-    settings
-        Devices, ports, limits and budgets.
-
-    Raises
-    ------
-    NotConnectedError
-        If a device does not answer, or is of another model.
-    DeviceError
-        If a device is not ready: the stage is not homed, or is outside its limits.
-    ConfigError
-        If a setting cannot be used.
-    MissingExtraError
-        If the packages for serial devices are not installed.
+    ``settings``: devices, ports, limits and budgets.
     """
     imaging = imaging_of(settings.probe, sampling_hz=settings.receiver.sampling_hz)
     devices = OpenDevices(settings)
@@ -61,7 +47,7 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         clock=clock,
         guard=guard_of(settings),
         pulses=settings.pulses,
-        dead_man=devices.supervisor,
+        watchdog=devices.supervisor,
     )
     facts = RigFacts(
         kind="bench",
@@ -99,27 +85,15 @@ def imaging_of(probe: BenchProbe, *, sampling_hz: float) -> ImageReader:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchPart:
-    """The stage of a bench, or its laser and receiver, with a guard of their own: for a node that serves them.
-
-    Attributes
-    ----------
-    part
-        The stage, or laser and receiver.
-    guard
-        Permits each step; it begins disarmed.
-    clock
-        Real time.
-    description
-        What it is.
-    devices
-        The lines, to be armed and closed.
-    """
+    """The stage of a bench, or its laser and receiver, with a guard of their own: for a node that serves them."""
 
     part: Stage | tuple[Laser, Receiver]
     guard: Guard
+    """Permits each step; it begins disarmed."""
     clock: Clock
     description: str
     devices: OpenDevices
+    """The lines, to be armed and closed."""
 
     def arm(self, *, by: str) -> None:
         """As `Rig.arm`."""
@@ -132,21 +106,7 @@ def bench_part(
 ) -> BenchPart:
     """Connect the stage of a bench, or its laser and receiver, and nothing else; close its devices at the end.
 
-    Parameters
-    ----------
-    settings
-        Of the whole bench.
-    part
-        Which part.
-    beat
-        Called while a device works, at least every 20 ms; it may raise an exception, which ends the step.
-
-    Raises
-    ------
-    DeviceError
-        As `bench`.
-    ConfigError
-        If that part is itself behind ROS 2.
+    ``beat``: called while a device works, at least every 20 ms; it may raise an exception, which ends the step.
     """
     if isinstance(settings.stage if part == "stage" else settings.receiver, Ros2StageSettings | RosReceiver):
         raise ConfigError(f"the {part} of this rig file is itself a ROS 2 node; name the rig file of its devices")

@@ -31,16 +31,8 @@ class _ProbeFile(ProbeKeys):
 def read_probe_file(path: Path) -> ProbePreset:
     """Probe that a TOML file describes; it is named after the file.
 
-    Parameters
-    ----------
-    path
-        Its keys are those of `ProbeKeys`, ``sampling_hz`` and ``preset``. Without a ``preset`` the keys of `NEEDED`
-        must be there.
-
-    Raises
-    ------
-    ConfigError
-        If it cannot be read, a key is unknown or missing, or a value cannot be used.
+    ``path``: its keys are those of `ProbeKeys`, ``sampling_hz`` and ``preset``. Without a ``preset`` the keys of
+    `NEEDED` must be there.
     """
     table = read_toml(path, what="probe file")
     try:
@@ -53,7 +45,7 @@ def read_probe_file(path: Path) -> ProbePreset:
 
 
 def _start(keys: _ProbeFile) -> ProbePreset:
-    """The preset from which a probe file starts; without one, every key that differs between probes must be given."""
+    """The preset that a probe file starts from; without one, every key that differs between probes must be given."""
     missing = [name for name in NEEDED if getattr(keys, name) is None]
     if keys.preset is None and missing:
         raise ConfigError(
@@ -64,13 +56,7 @@ def _start(keys: _ProbeFile) -> ProbePreset:
 
 
 def chosen_probe(probe: str | ProbePreset) -> ProbePreset:
-    """Preset by its name or from a TOML file; a preset comes back as it is.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such preset, or the file cannot be used.
-    """
+    """Preset by its name or from a TOML file; a preset comes back as it is."""
     if not isinstance(probe, str):
         return probe
     return read_probe_file(Path(probe)) if probe.lower().endswith(".toml") else probe_preset(probe)
@@ -88,13 +74,7 @@ def probe_facts(preset: ProbePreset) -> dict[str, Any]:
 
 
 def with_probe_facts(bank: IntensityBank | FrameBank, probe: str | ProbePreset | None) -> IntensityBank | FrameBank:
-    """The bank with sampling frequency and face radius of a probe of the user's own, where it does not hold them.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such preset, or the file cannot be used.
-    """
+    """The bank with sampling frequency and face radius of a probe of the user's own, where it does not hold them."""
     preset = None if probe is None else chosen_probe(probe)
     if preset is None or not is_own(preset) or isinstance(bank, IntensityBank):
         return bank
@@ -115,19 +95,7 @@ def preset_of(bank: IntensityBank | FrameBank, probe: str | ProbePreset | None) 
     A probe of the user's own is used as it is described. In one of our presets, array, sampling and sound speed of the
     bank replace those of the preset.
 
-    Parameters
-    ----------
-    bank
-        The bank.
-    probe
-        The preset, its name, or the name of a TOML file; None: the one that the bank names, else the first of all.
-
-    Raises
-    ------
-    ConfigError
-        If the preset is unknown, or does not fit the bank.
-    RecordError
-        If a frame is needed for the number of elements, and cannot be read.
+    ``probe``: None: the one that the bank names, else the first of all.
     """
     facts = bank.facts
     preset = None if probe is None else chosen_probe(probe)

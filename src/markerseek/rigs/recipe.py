@@ -1,4 +1,4 @@
-"""Recipes: the arguments from which a rig was made, stored in a journal to make the same rig again."""
+"""Recipes: the arguments of a rig, stored in a journal to make the same rig again."""
 
 from __future__ import annotations
 

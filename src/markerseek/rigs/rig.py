@@ -43,47 +43,30 @@ class Devices(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rig:
-    """An assembled rig.
-
-    Attributes
-    ----------
-    facts
-        What is known of it.
-    stage, laser, receiver
-        Its devices.
-    scanner
-        Measures with them.
-    imaging
-        Imaging chain of its channel data or RF lines; None where there are intensities only, or B-mode images.
-    dark_frames
-        Number of dark frames at the start of a search; 0 if the rig cannot take any.
-    closing_dark
-        Whether a search should end with a dark frame, as `markerseek.scan.run` says: on rigs of devices.
-    distinct_angles
-        Number of angles that can be measured; None if any angle can.
-    tip
-        How its B-mode images are read; None where it gives other frames.
-    recipe
-        Arguments to make the same rig again; None if unknown.
-    world
-        Simulated world or replayed recording, whose state a journal stores with each commit; None for real devices.
-    devices
-        The lines to real devices; None where no hardware is involved.
-    """
+    """An assembled rig."""
 
     facts: RigFacts
+    """What is known of it."""
     stage: Stage
     laser: Laser
     receiver: Receiver
     scanner: Scanner
     imaging: AnyImageReader | None
+    """Imaging chain of its channel data or RF lines; None where there are intensities only, or B-mode images."""
     dark_frames: int
+    """Number of dark frames at the start of a search; 0 if the rig cannot take any."""
     distinct_angles: int | None = None
+    """Number of angles that can be measured; None if any angle can."""
     closing_dark: bool = False
+    """Whether a search should end with a dark frame, as `markerseek.scan.run` says: on rigs of devices."""
     tip: TipSettings | None = None
+    """How its B-mode images are read; None where it gives other frames."""
     recipe: Recipe | None = None
+    """Arguments to make the same rig again; None if unknown."""
     world: Checkpointed | None = None
+    """Simulated world or replayed recording, whose state a journal stores with each commit; None for real devices."""
     devices: Devices | None = None
+    """The lines to real devices; None where no hardware is involved."""
 
     def arm(self, *, by: str) -> None:
         """Allow it to move and fire, in the name of a person who is present; a fault must be reset first."""

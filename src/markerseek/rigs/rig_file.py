@@ -24,18 +24,9 @@ KINDS = tuple(_SETTINGS)
 def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
     """Settings of the rig in a file.
 
-    Parameters
-    ----------
-    path
-        TOML file. ``kind`` names the kind of rig: ``simulated``, or ``bench`` for one of real devices. The other keys
-        are those of `SimulatedSettings` or `BenchSettings`. The text ``"none"`` means None, such as no lens. A
-        receiver's folder is relative to the rig file.
-
-    Raises
-    ------
-    ConfigError
-        If the file cannot be read, a key is unknown or missing, or a value does not fit; the message names file, key
-        and cure.
+    ``path``: TOML file. ``kind`` names the kind of rig: ``simulated``, or ``bench`` for one of real devices. The other
+    keys are those of `SimulatedSettings` or `BenchSettings`. The text ``"none"`` means None, such as no lens. A
+    receiver's folder is relative to the rig file.
     """
     table = read_toml(path, what="rig file")
     if "kind" not in table:
@@ -61,17 +52,7 @@ def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
 def read_simulated(path: Path | None, *, cure: str) -> SimulatedSettings:
     """Settings of the simulated rig in a file; without one, the defaults.
 
-    Parameters
-    ----------
-    path
-        As of `read_rig_file`.
-    cure
-        What helps where the file describes a rig of devices, for the message.
-
-    Raises
-    ------
-    ConfigError
-        As `read_rig_file`, and if the file's kind is bench.
+    ``cure``: what helps where the file describes a rig of devices, for the message.
     """
     settings = SimulatedSettings() if path is None else read_rig_file(path)
     if not isinstance(settings, SimulatedSettings):

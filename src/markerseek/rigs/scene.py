@@ -26,7 +26,7 @@ from markerseek.sim import MarkerSettings, SimulatedSettings, Spot, Tissue, tiss
 _USUAL_COUNTS = 600.0
 """Largest count of the marker in a channel, where the receiver chooses its own gain and nothing speaks against it."""
 
-_LEAST_SIGMA = 2.0
+_MIN_SIGMA = 2.0
 """Noise in counts to which that gain is raised where there is room: rounding (variance 1/12) then adds 1 % to it."""
 
 _NOISE_SIGMAS, _JITTER_SIGMAS = 6.0, 5.0
@@ -38,44 +38,26 @@ _OFF_PLANE = 1.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """Sound sources of a simulated world, and the model of their reception.
-
-    Attributes
-    ----------
-    description
-        Description of the material.
-    model
-        Acoustic model of probe and medium.
-    marker, second
-        Position of the marker, and of the second one; None where there is none.
-    absorbers
-        Absorbers with strengths in counts: the spots of the markers that there are, and clutter.
-    noise
-        Noise of one acquisition, in counts.
-    peak
-        Noise-free envelope peak with the probe on the marker, in counts; also if the marker is absent.
-    peak_counts
-        Largest count of the marker in one channel with the probe on it; also if the marker is absent.
-    """
+    """Sound sources of a simulated world, and the model of their reception."""
 
     description: str
     model: AcousticModel
+    """Acoustic model of probe and medium."""
     marker: Absorber
     absorbers: tuple[Absorber, ...]
+    """Absorbers with strengths in counts: the spots of the markers that there are, and clutter."""
     noise: Noise
+    """Noise of one acquisition, in counts."""
     peak: float
+    """Noise-free envelope peak with the probe on the marker, in counts; also if the marker is absent."""
     peak_counts: float
+    """Largest count of the marker in one channel with the probe on it; also if the marker is absent."""
     second: Absorber | None = None
+    """``marker`` and ``second``: position of the marker, and of the second one."""
 
 
 def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
-    """Draw a scene; values that the settings leave open are random.
-
-    Raises
-    ------
-    ConfigError
-        If no signal of the marker reaches the receiver.
-    """
+    """Draw a scene; values that the settings leave open are random."""
     material = tissue_named(settings.tissue)
     model = _acoustic_model(settings, material)
     marker = draw_marker(settings, rng)
@@ -96,23 +78,8 @@ def scene_of(
 ) -> Scene:
     """Draw the spot and the clutter of a material about a marker.
 
-    Parameters
-    ----------
-    material
-        The material.
-    marker
-        Position of the marker.
-    settings
-        The simulated rig; receiver and noise are used, and whether there is a marker.
-    model
-        Acoustic model, with the reverberation of the material where there is one.
-    rng
-        Source of randomness.
-
-    Raises
-    ------
-    ConfigError
-        If no signal of the marker reaches the receiver.
+    ``settings``: the simulated rig; receiver and noise are used, and whether there is a marker. ``model``: acoustic
+    model, with the reverberation of the material where there is one.
     """
     scene = _scaled(material.spot.draw(marker, rng), marker, material.description, settings, model)
     absorbers = scene.absorbers if settings.marker.present else ()
@@ -129,11 +96,6 @@ def _scaled(
 
     The peak SNR is that of the image: the noise-free envelope peak with the probe on the marker, over the standard
     deviation of the beamformed noise (`markerseek.signals.beamformed_sigma`).
-
-    Raises
-    ------
-    ConfigError
-        If no signal of the spot reaches the receiver.
     """
     largest = largest_count(spot, model, marker)
     peak_over_largest = image_peak(spot, model, angle_deg=marker.angle_deg) / largest
@@ -172,7 +134,7 @@ def _own_gain(settings: SimulatedSettings, sigma_over_largest: float) -> float:
     # One count below full scale, at which the guard takes a channel for saturated.
     markers = 2 if settings.second.present else 1
     most = (LARGEST_COUNT - 1) / (markers * _OFF_PLANE * flash + _NOISE_SIGMAS * sigma_over_largest)
-    return min(max(_USUAL_COUNTS, _LEAST_SIGMA / sigma_over_largest), most)
+    return min(max(_USUAL_COUNTS, _MIN_SIGMA / sigma_over_largest), most)
 
 
 def _acoustic_model(settings: SimulatedSettings, material: Tissue) -> AcousticModel:

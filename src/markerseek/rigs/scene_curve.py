@@ -9,7 +9,7 @@ import numpy as np
 
 from markerseek.core import NO_HEADER, ChannelFrame, Float64, PaImage
 from markerseek.rigs.scene import Scene
-from markerseek.rigs.spot import MOST_COUNTS, image_reader
+from markerseek.rigs.spot import MAX_COUNTS, image_reader
 from markerseek.signals import ImageReader, strongest_peaks
 from markerseek.sim import RecordedCurve
 
@@ -33,7 +33,7 @@ def scene_curve(scene: Scene) -> tuple[RecordedCurve, int]:
     both sides, which is computed on one.
     """
     reader, marker = image_reader(scene.model.probe.array, sampling_hz=scene.model.sampling_hz), scene.marker
-    gain_to_counts = MOST_COUNTS / scene.peak_counts
+    gain_to_counts = MAX_COUNTS / scene.peak_counts
     absorbers = [replace(absorber, strength=absorber.strength * gain_to_counts) for absorber in scene.absorbers]
 
     def frame_at(off_plane_deg: float) -> ChannelFrame:

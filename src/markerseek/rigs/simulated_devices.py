@@ -59,34 +59,29 @@ def rig_in_world(
 ) -> Rig:
     """Assemble simulated devices in a world; given `rng`, the state of the world can be saved and restored.
 
-    Parameters
-    ----------
-    world
-        Simulated world of the devices.
-    settings
-        Settings of stage, laser, receiver and limits.
-    clock
-        Virtual clock.
-    reader
-        Turns the world's frames into readings.
-    imaging
-        The same if it makes images; None otherwise.
-    description
-        Description of the rig.
-    truth_deg
-        Angle of the marker in degrees; None where there is none.
-    seed
-        Seed of the world, if it has one.
-    rng
-        Random generator of the world, for checkpoints.
-    recipe
-        Arguments to make the same rig again, for a journal.
-    b_mode
-        The same tissue in B-mode, for an image after each frame; None: none is taken.
+    ``settings``: settings of stage, laser, receiver and limits. ``reader``: turns the world's frames into readings.
+    ``imaging``: the same if it makes images; None otherwise. ``seed``: seed of the world, if it has one. ``recipe``:
+    arguments to make the same rig again, for a journal. ``b_mode``: the same tissue in B-mode, for an image after each
+    frame.
     """
     stage = SimulatedStage(world=world, clock=clock, motion=settings.stage, travel=settings.limits.travel)
-    laser = SimulatedLaser(world=world, clock=clock, rate_hz=settings.laser.rate_hz)
-    receiver = SimulatedReceiver(world=world, clock=clock, readout_s=settings.receiver.readout_s, b_mode=b_mode)
+    light = settings.laser
+    laser = SimulatedLaser(
+        world=world,
+        clock=clock,
+        rate_hz=light.rate_hz,
+        energy_spread=light.energy_spread,
+        energy_drift_per_min=light.energy_drift_per_min,
+        rng=rng,
+    )
+    receiver = SimulatedReceiver(
+        world=world,
+        clock=clock,
+        readout_s=settings.receiver.readout_s,
+        b_mode=b_mode,
+        meter_noise=light.energy_meter_noise,
+        rng=rng,
+    )
     scanner = Scanner(
         stage=stage,
         laser=laser,
@@ -137,25 +132,9 @@ def of_intensities(
     Intensities are in units of the noise's standard deviation. A reading has no lateral position or depth, and its
     noise level is exact.
 
-    Parameters
-    ----------
-    seed
-        Seed of noise and energy.
-    curve
-        Noise-free intensity over the angle off the marker; None: no source.
-    marker_deg
-        Angle of the marker in degrees.
-    cells
-        Independent envelope cells of an image.
-    settings
-        All other settings.
-    noise_stated
-        Whether dark frames can be taken, and each frame states noise and cells; false is as a CSV of intensities.
-
-    Raises
-    ------
-    ConfigError
-        If a setting cannot be used; bursts of noise need frames.
+    ``seed``: seed of noise and energy. ``curve``: noise-free intensity over the angle off the marker; None: no source.
+    ``cells``: independent envelope cells of an image. ``noise_stated``: whether dark frames can be taken, and each
+    frame states noise and cells; false is as a CSV of intensities.
     """
     settings = settings or SimulatedSettings()
     rng = np.random.default_rng(require_seed(seed))

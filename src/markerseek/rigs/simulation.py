@@ -24,16 +24,16 @@ from markerseek.sim import (
     BModeSettings,
     BModeWorld,
     MovingWorld,
+    OscillatingMotion,
     RFWorld,
     SimulatedSettings,
     SimulatedWorld,
-    Swing,
     VirtualClock,
     World,
 )
 from markerseek.vision import TipReader, TipSettings
 
-LEAST_NOISE_COUNTS = 0.25
+MIN_NOISE_COUNTS = 0.25
 """Least noise of a simulated channel in counts that survives rounding by the converter."""
 
 
@@ -45,7 +45,7 @@ def simulated(
     settings: SimulatedSettings | str | Path | None = None,
     pace: SupportsFloat = 0.0,
     beat: Callable[[], None] | None = None,
-    swing: Swing | None = None,
+    swing: OscillatingMotion | None = None,
 ) -> Rig:
     """A rig in a simulated world; the same seed and settings give the same frames.
 
@@ -128,11 +128,11 @@ def simulated(
 def _require_noise(scene: Scene, settings: SimulatedSettings) -> None:
     """Refuse noise that is hidden by the steps of the converter."""
     step = math.hypot(scene.noise.white_sigma, scene.noise.coloured_sigma)
-    if not step >= LEAST_NOISE_COUNTS:
-        most_db = settings.noise.peak_snr_db + 20 * math.log10(step / LEAST_NOISE_COUNTS)
+    if not step >= MIN_NOISE_COUNTS:
+        most_db = settings.noise.peak_snr_db + 20 * math.log10(step / MIN_NOISE_COUNTS)
         raise ConfigError(
             f"noise: peak_snr_db is {settings.noise.peak_snr_db:g} dB, which leaves {step:.2g} counts of noise in "
-            f"a channel: below {LEAST_NOISE_COUNTS} the steps of the converter hide it; lower peak_snr_db to at most "
+            f"a channel: below {MIN_NOISE_COUNTS} the steps of the converter hide it; lower peak_snr_db to at most "
             f"{math.floor(most_db)} dB" + ("" if settings.receiver.peak_counts is None else ", or raise peak_counts")
         )
 

@@ -11,7 +11,7 @@ from markerseek.acoustics import Absorber, AcousticModel
 from markerseek.core import NO_HEADER, ChannelFrame, ConfigError, Float32, LinearArray
 from markerseek.signals import PRESET_NAMES, ImageReader, probe_preset
 
-MOST_COUNTS = 25_000
+MAX_COUNTS = 25_000
 """Amplitude to which a noise-free frame is scaled, in counts, so that rounding to int16 has no effect on its image."""
 
 
@@ -26,28 +26,16 @@ def image_reader(array: LinearArray, *, sampling_hz: float) -> ImageReader:
 
 
 def image_peak(absorbers: list[Absorber], model: AcousticModel, *, angle_deg: float) -> float:
-    """Noise-free envelope peak of absorbers in the image at an angle of the probe, in the unit of their channel data.
+    """Noise-free envelope peak of absorbers in the image at an angle of the probe.
 
-    Parameters
-    ----------
-    absorbers
-        The sources.
-    model
-        Acoustic model.
-    angle_deg
-        Angle of the probe in degrees.
-
-    Raises
-    ------
-    ConfigError
-        If no signal of them reaches the receiver.
+    In the unit of their channel data.
     """
     received = model.channel_data(absorbers, angle_deg=angle_deg)
     largest = _largest(received, absorbers[0], model)
-    counts = np.rint(received * (MOST_COUNTS / largest)).astype(np.int16)
+    counts = np.rint(received * (MAX_COUNTS / largest)).astype(np.int16)
     frame = ChannelFrame(header=NO_HEADER, samples=counts, sampling_hz=model.sampling_hz)
     imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
-    return imaging.read(frame).intensity * largest / MOST_COUNTS
+    return imaging.read(frame).intensity * largest / MAX_COUNTS
 
 
 def largest_count(absorbers: list[Absorber], model: AcousticModel, marker: Absorber) -> float:

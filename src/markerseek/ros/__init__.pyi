@@ -1,11 +1,11 @@
 from . import messages, topics
 from .node import Network, RosNode, local_transport
 from .security import require_keys
-from .stamps import MOST_AGE_S, MOST_AHEAD_S, StampedCommands, degrees, joint_angle_deg
+from .stamps import MAX_AGE_S, MAX_AHEAD_S, StampedCommands, degrees, joint_angle_deg
 
 __all__ = [
-    "MOST_AGE_S",
-    "MOST_AHEAD_S",
+    "MAX_AGE_S",
+    "MAX_AHEAD_S",
     "Network",
     "RosNode",
     "StampedCommands",

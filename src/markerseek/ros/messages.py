@@ -24,8 +24,9 @@ JOINT = "trus_roll"
 HOME, PROBE, IMAGE, BMODE = "trus_home", "trus_probe", "trus_image", "trus_bmode"
 """Frames: the probe at 0 degrees, the probe, and the images (x along columns, y along rows, from the first pixel)."""
 
-CAMERA, SIMULATED_CAMERA = "davinci_camera", "simulated_davinci_camera"
-"""Frame of the da Vinci camera, by whether its registration is simulated: a transform has no other place to say so."""
+CAMERA, SIMULATED_CAMERA = "davinci_camera_optical", "simulated_davinci_camera_optical"
+"""Frame of the da Vinci camera (z along its view), by whether its registration is simulated: a transform has no other
+place to say so."""
 
 RANGE_DB = 40.0
 """Dynamic range from white to black, in dB."""
@@ -51,7 +52,7 @@ def joint_state(kinds: Kinds, *, time_s: float, angle_deg: float) -> Any:
     """Angle of the probe, in radians."""
     nothing = np.empty(0, np.float64)
     return kinds["sensor_msgs/msg/JointState"](
-        header=header(kinds, time_s=time_s),
+        header=header(kinds, time_s=time_s, frame=HOME),
         name=[JOINT],
         position=np.array([math.radians(angle_deg)]),
         velocity=nothing,
@@ -71,11 +72,7 @@ def transforms(
 
     A list of geometry_msgs/TransformStamped; ``images`` names the frame of each image.
     """
-    # Rotation about y by θ as the quaternion (0, sin θ/2, 0, cos θ/2), in ROS's order x, y, z, w.
-    half = math.radians(angle_deg) / 2
-    turned = _transform(
-        kinds, time_s, (HOME, PROBE), quaternion=(0.0, math.sin(half), 0.0, math.cos(half)), place_m=(0.0, 0.0, 0.0)
-    )
+    turned = _transform(kinds, time_s, (HOME, PROBE), quaternion=_turned(angle_deg), place_m=(0.0, 0.0, 0.0))
     if face_radius_m is None:
         return [turned]
     places_m = {
@@ -87,6 +84,46 @@ def transforms(
         for frame, place_m in places_m.items()
     ]
     return [turned, *mounted]
+
+
+def pose(kinds: Kinds, *, time_s: float, angle_deg: float) -> Any:
+    """Pose of the probe in its home frame, as a geometry_msgs/PoseStamped."""
+    quaternion = dict(zip("xyzw", _turned(angle_deg), strict=True))
+    return kinds["geometry_msgs/msg/PoseStamped"](
+        header=header(kinds, time_s=time_s, frame=HOME),
+        pose=kinds["geometry_msgs/msg/Pose"](
+            position=kinds["geometry_msgs/msg/Point"](x=0.0, y=0.0, z=0.0),
+            orientation=kinds["geometry_msgs/msg/Quaternion"](**quaternion),
+        ),
+    )
+
+
+def _turned(angle_deg: float) -> tuple[float, float, float, float]:
+    """Rotation about y by θ as the quaternion (0, sin θ/2, 0, cos θ/2), in ROS's order x, y, z, w."""
+    half = math.radians(angle_deg) / 2
+    return 0.0, math.sin(half), 0.0, math.cos(half)
+
+
+def sample(
+    *,
+    index: int,
+    role: str,
+    angle_deg: float,
+    intensity: float,
+    time_s: float,
+    pulses: int | None,
+    images: Mapping[str, ScanGeometry],
+) -> dict[str, Any]:
+    """One acquisition for programs, on a running node and in a log."""
+    return {
+        "index": index,
+        "role": role,
+        "angle_deg": angle_deg,
+        "intensity": intensity,
+        "time_s": time_s,
+        "pulses": pulses,
+        "images": {frame: pixels(geometry) for frame, geometry in images.items()},
+    }
 
 
 def pixels(geometry: ScanGeometry) -> dict[str, float]:
@@ -122,7 +159,7 @@ def number(kinds: Kinds, value: float) -> Any:
 
 def channels(kinds: Kinds, samples: Int16[np.ndarray, "channels samples"], *, time_s: float) -> Any:
     """Image message of channel data: a row per channel, 16SC1, ADC counts."""
-    return _image(kinds, samples.astype("<i2", copy=False), encoding="16SC1", time_s=time_s)
+    return _image(kinds, samples.astype("<i2", copy=False), encoding="16SC1", time_s=time_s, frame=PROBE)
 
 
 def empty(kinds: Kinds) -> Any:
@@ -165,7 +202,7 @@ class AcquisitionState(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class OperatingState(msgspec.Struct, frozen=True, kw_only=True):
-    """State of a stage node, as crtk_msgs/OperatingState has it, and the last command that was refused.
+    """State of a stage node: what crtk_msgs/OperatingState has, and what has no place there.
 
     ``angle_deg`` is the angle at rest as the stage gave it: on its way over radians it would be rounded, and a search
     can then decide otherwise.
@@ -200,20 +237,18 @@ def frames_kind(kinds: Kinds) -> str:
     return FRAMES_KIND if FRAMES_KIND in kinds else "geometry_msgs/msg/TransformStamped"
 
 
-STATE_KIND = "crtk_msgs/msg/OperatingState"
+CRTK_STATE, CRTK_STRING = "crtk_msgs/msg/OperatingState", "crtk_msgs/msg/StringStamped"
 
 
-def state_kind(kinds: Kinds) -> str:
-    """Name of the message with the state: that of CRTK where it is installed."""
-    return STATE_KIND if STATE_KIND in kinds else "std_msgs/msg/String"
+def crtk_state(kinds: Kinds, held: OperatingState) -> Any:
+    """As much of the state of a stage node as CRTK's message has."""
+    stamp = header(kinds, time_s=held.stamp_ns * 1e-9, frame=HOME)
+    return kinds[CRTK_STATE](header=stamp, state=held.state, is_homed=held.is_homed, is_busy=held.is_busy)
 
 
-def state(kinds: Kinds, held: OperatingState) -> Any:
-    """Message with the state of a stage node."""
-    if state_kind(kinds) != STATE_KIND:
-        return text(kinds, held)
-    stamp = header(kinds, time_s=held.stamp_ns * 1e-9)
-    return kinds[STATE_KIND](header=stamp, state=held.state, is_homed=held.is_homed, is_busy=held.is_busy)
+def crtk_string(kinds: Kinds, sentence: str, *, time_s: float) -> Any:
+    """A sentence with a stamp."""
+    return kinds[CRTK_STRING](header=header(kinds, time_s=time_s, frame=HOME), string=sentence)
 
 
 def state_of(message: Any) -> OperatingState | None:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from markerseek.core import ConfigError, RecordError, needs_package
 from markerseek.ros.kinds import Kinds
+from markerseek.ros.topics import in_namespace
 
 _TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 _PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
@@ -19,42 +22,50 @@ _LAST_S = 1.0
 _DEPTH = 10
 """Messages that wait for a subscriber."""
 
+_FOUND_S = 1.0
+"""Time in which nodes on one computer find one another, in seconds."""
+
+_GONE_S = 2.0
+"""Time after which a process that was killed is forgotten, in seconds; `participant.xml` has less."""
+
 
 def local_transport() -> str:
-    """Choose shared memory, which opens no socket, unless the user chose a transport; returns what is used."""
-    if not any(name in os.environ for name in _PROFILES):
+    """Choose shared memory, which opens no socket, unless the user chose a transport; returns what is used.
+
+    Where the user has no profiles of the middleware, ours has it notice soon that a process is gone.
+    """
+    ours = str(Path(__file__).with_name("participant.xml"))
+    if all(os.environ.get(name) in (None, ours) for name in _PROFILES):
         os.environ.setdefault(_TRANSPORTS, "SHM")
+        os.environ[_PROFILES[0]] = ours
     return os.environ.get(_TRANSPORTS, "that of the profiles file")
 
 
 class Network:
     """What the nodes of one process share: connection, executor, and the number of messages received.
 
-    Parameters
-    ----------
-    enclave
-        Name of its keys, where security is enforced.
-
-    Raises
-    ------
-    MissingExtraError
-        If ROS 2 is not installed.
+    ``enclave``: name of its keys, where security is enforced. ``arguments``: those of the user after ``--ros-args``: a
+    namespace, other names.
     """
 
-    def __init__(self, enclave: str | None = None) -> None:
+    def __init__(self, enclave: str | None = None, *, arguments: Sequence[str] = ()) -> None:
         local_transport()
         with needs_package("rclpy", extra="ros2", purpose="ROS 2"):
             import rclpy
             from rclpy.context import Context
             from rclpy.executors import SingleThreadedExecutor
             from rclpy.signals import SignalHandlerOptions
-        arguments = ["--ros-args", "--disable-rosout-logs", "--log-level", "error"]
+        ours = ["--disable-rosout-logs", "--log-level", "error"]
         if enclave is not None:
-            arguments += ["--enclave", enclave]
+            ours += ["--enclave", enclave]
         self.context = Context()
         try:
             # Signals stay with the command: it stops the rig first.
-            rclpy.init(args=arguments, context=self.context, signal_handler_options=SignalHandlerOptions.NO)
+            rclpy.init(
+                args=["--ros-args", *ours, *arguments],
+                context=self.context,
+                signal_handler_options=SignalHandlerOptions.NO,
+            )
         except RuntimeError as problem:
             raise _as_config_error(problem) from problem
         self.executor = SingleThreadedExecutor(context=self.context)
@@ -67,32 +78,10 @@ class RosNode:
 
     Everything happens in the thread that calls `spin`; only `wake` may be called by others.
 
-    Attributes
-    ----------
-    network
-        What it shares with other nodes of its process.
-    name
-        Its name.
-    kinds
-        Classes of messages by name.
-
-    Parameters
-    ----------
-    name
-        Its name, without a namespace.
-    parameters
-        Read-only parameters, such as limits; None for a node that only asks others, which has no services of its own.
-    on_active
-        Called with True and False when somebody activates or deactivates it.
-    enclave
-        Name of its keys, where security is enforced.
-    network
-        That of another node of this process, which is then spun for both; None for one of its own.
-
-    Raises
-    ------
-    MissingExtraError
-        If ROS 2 is not installed.
+    ``name``: its name, without a namespace. ``parameters``: read-only parameters, such as limits; None for a node that
+    only asks others, which has no services of its own. ``on_active``: called with True and False when somebody
+    activates or deactivates it. ``enclave``: name of its keys, where security is enforced. ``network``: that of another
+    node of this process, which is then spun for both; None for one of its own.
     """
 
     def __init__(
@@ -107,7 +96,7 @@ class RosNode:
         self.network = network or Network(enclave)
         self.kinds = Kinds()
         self.name = name
-        from rcl_interfaces.msg import ParameterDescriptor
+        from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
         from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
         notify = on_active or (lambda _active: None)
@@ -140,12 +129,17 @@ class RosNode:
             )
         except RuntimeError as problem:
             raise _as_config_error(problem) from problem
+        if self._node.get_parameter("use_sim_time").value:
+            raise ConfigError("use_sim_time is true; a rig keeps the computer's time: leave it out")
         for key, value in (parameters or {}).items():
-            self._node.declare_parameter(key, value, ParameterDescriptor(read_only=True))
+            # What is said of a rig is true of it, whatever the user's arguments say.
+            self._node.declare_parameter(key, value, ParameterDescriptor(read_only=True), ignore_override=True)
+        refused = SetParametersResult(successful=False, reason="no parameter of this node can be set from outside")
+        self._node.add_on_set_parameters_callback(lambda _parameters: refused)
         self.network.executor.add_node(self._node)
         self.network.nodes += 1
         self._publishers: dict[str, Any] = {}
-        self._subscriptions: list[Any] = []
+        self._subscriptions: dict[str, Any] = {}
         # `rclpy` creates its own publishers for `LifecycleNode.create_lifecycle_publisher`; ours publish in any state.
         self._node.trigger_configure()
         self._node.trigger_activate()
@@ -154,14 +148,12 @@ class RosNode:
     def advertise(self, topic: str, kind: str, *, latched: bool = False) -> None:
         """Make a publisher, so that subscribers can find it before the first message.
 
-        Parameters
-        ----------
-        topic, kind
-            Topic, and name of the message, such as ``std_msgs/msg/String``.
-        latched
-            Whether the last message is kept for subscribers that come later.
+        ``topic``, ``kind``: topic, and name of the message, such as ``std_msgs/msg/String``. ``latched``: whether the
+        last message is kept for subscribers that come later.
         """
-        self._publishers[topic] = self._node.create_publisher(self.kinds.kind(kind), topic, _quality(latched=latched))
+        self._publishers[topic] = self._node.create_publisher(
+            self.kinds.kind(kind), in_namespace(topic), _quality(latched=latched)
+        )
 
     def publish(self, topic: str, message: Any) -> None:
         """Publish a message on a topic that was advertised."""
@@ -174,36 +166,25 @@ class RosNode:
             self.network.handled += 1
             callback(message)
 
-        self._subscriptions.append(
-            self._node.create_subscription(self.kinds.kind(kind), topic, count, _quality(latched=latched))
+        self._subscriptions[topic] = self._node.create_subscription(
+            self.kinds.kind(kind), in_namespace(topic), count, _quality(latched=latched)
         )
 
     def serve(self, service: str, answer: Callable[[], tuple[bool, str]]) -> None:
         """Serve a std_srvs/Trigger.
 
-        Parameters
-        ----------
-        service
-            Its name.
-        answer
-            Called for each request; whether it was carried out, and a sentence.
+        ``answer``: called for each request; whether it was carried out, and a sentence.
         """
 
         def reply(_request: Any, response: Any) -> Any:
             response.success, response.message = answer()
             return response
 
-        self._node.create_service(self.kinds.kind("std_srvs/srv/Trigger"), service, reply)
+        self._node.create_service(self.kinds.kind("std_srvs/srv/Trigger"), in_namespace(service), reply)
 
     def call(self, service: str, *, timeout_s: float) -> tuple[bool, str]:
-        """Call a std_srvs/Trigger of another node.
-
-        Raises
-        ------
-        RecordError
-            If nobody answers in time.
-        """
-        client = self._node.create_client(self.kinds.kind("std_srvs/srv/Trigger"), service)
+        """Call a std_srvs/Trigger of another node."""
+        client = self._node.create_client(self.kinds.kind("std_srvs/srv/Trigger"), in_namespace(service))
         try:
             future = client.call_async(client.srv_type.Request()) if client.wait_for_service(timeout_s) else None
             if future is not None:
@@ -221,7 +202,38 @@ class RosNode:
 
     def publishes(self, topic: str) -> bool:
         """Whether somebody publishes a topic that this node listens to."""
-        return any(each.get_publisher_count() > 0 for each in self._subscriptions if each.topic_name == topic)
+        return topic in self._subscriptions and bool(self._subscriptions[topic].get_publisher_count() > 0)
+
+    def kind_of(self, topic: str) -> str | None:
+        """Type of what somebody publishes on a topic; None if nobody does."""
+        found = self._node.get_publishers_info_by_topic(self._resolved(topic))
+        return found[0].topic_type if found else None
+
+    def other(self, topic: str) -> str | None:
+        """Another node that does the same work: of the same name, or a publisher of its topic; None without one.
+
+        ``topic``: what only nodes like this one publish.
+        """
+        name, namespace = self._node.get_name(), self._node.get_namespace()
+        named = self._node.get_node_names_and_namespaces().count((name, namespace))
+        resolved = self._resolved(topic)
+        publishers = self._node.count_publishers(resolved)
+        if named <= 1 and publishers <= (topic in self._publishers):
+            return None
+        return f"{named} nodes are named {name}, and {publishers} publish {resolved}"
+
+    def require_alone(self, topic: str) -> None:
+        """Refuse to be the second node that does the same work, as two on one command would both carry it out."""
+        began_s, other = time.monotonic(), None
+        while (waited_s := time.monotonic() - began_s) < _FOUND_S or (other and waited_s < _GONE_S):
+            # One that was killed a moment ago is forgotten soon.
+            other = self.other(topic)
+            self.spin(0.02)
+        if other:
+            raise ConfigError(f"{other}: end the other, or use another namespace: --ros-args -r __ns:=/other")
+
+    def _resolved(self, topic: str) -> str:
+        return str(self._node.resolve_topic_name(in_namespace(topic)))
 
     def spin(self, timeout_s: float) -> None:
         """Carry out what has arrived; waits for it at most so long."""
@@ -241,8 +253,8 @@ class RosNode:
             self.network.executor.wake()
 
     def now_s(self) -> float:
-        """Seconds since 1970 on the clock of ROS."""
-        return float(self._node.get_clock().now().nanoseconds) * 1e-9
+        """Seconds since 1970, for stamps; a deadline is on a monotonic clock."""
+        return time.time()  # noqa: TID251  the time of day is what stamps hold; the node's clock can be set by others
 
     def close(self) -> None:
         """Leave the network; allowed twice."""
@@ -263,9 +275,9 @@ class RosNode:
 
         left_s = _LAST_S
         for publisher in self._publishers.values():
-            began_s = self.now_s()
+            began_s = time.monotonic()
             publisher.wait_for_all_acked(Duration(seconds=left_s))
-            left_s = max(0.0, left_s - (self.now_s() - began_s))
+            left_s = max(0.0, left_s - (time.monotonic() - began_s))
 
     def __enter__(self) -> Self:
         return self
@@ -279,7 +291,7 @@ class RosNode:
 def _as_config_error(problem: RuntimeError) -> ConfigError:
     """An error of rcl, which names no cure; most come from the environment variables of ROS."""
     reason = " ".join(str(problem).split())
-    cure = "check the environment variables ROS_*, RMW_IMPLEMENTATION and FASTDDS_*"
+    cure = "check what follows --ros-args, and the environment variables ROS_*, RMW_IMPLEMENTATION and FASTDDS_*"
     if "security libraries" in reason:
         cure = "the wheels of PyPI have no SROS 2: use the ROS 2 of a distribution"
     return ConfigError(f"ROS 2 cannot start: {reason}; {cure}")

@@ -11,15 +11,7 @@ from markerseek.core import ConfigError
 def require_keys(enclave: str) -> None:
     """Refuse to start unless ROS 2 enforces security, by the environment of this process, and has the keys of a node.
 
-    Parameters
-    ----------
-    enclave
-        Name of the keys of this node, such as ``/markerseek/stage``.
-
-    Raises
-    ------
-    ConfigError
-        If security is not enforced, or there are no keys.
+    ``enclave``: name of the keys of this node, such as ``/markerseek/stage``.
     """
     enabled = os.environ.get("ROS_SECURITY_ENABLE", "").lower() == "true"
     if not (enabled and os.environ.get("ROS_SECURITY_STRATEGY", "").lower() == "enforce"):

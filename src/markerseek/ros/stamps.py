@@ -8,10 +8,10 @@ from typing import Any
 from markerseek.core import is_finite
 from markerseek.ros.messages import JOINT
 
-MOST_AGE_S = 0.3
+MAX_AGE_S = 0.3
 """Oldest command that is carried out, in seconds: one that waited on the network is not what is wanted now."""
 
-MOST_AHEAD_S = 0.05
+MAX_AHEAD_S = 0.05
 """Most by which a stamp may lie in the future, in seconds: clocks of two computers differ by some milliseconds."""
 
 
@@ -25,19 +25,17 @@ class StampedCommands:
     def refusal(self, stamp_ns: int, *, now_s: float) -> str | None:
         """Why a command is dropped; None if it is accepted.
 
-        Parameters
-        ----------
-        stamp_ns
-            Its stamp in nanoseconds; 0 is none.
-        now_s
-            Time now on the same clock, in seconds.
+        ``stamp_ns``: its stamp in nanoseconds; 0 is none.
         """
         age_s = now_s - stamp_ns * 1e-9
+        if self._last_ns * 1e-9 > now_s + MAX_AHEAD_S:
+            # The clock was set back: what came before it says nothing of what is new.
+            self._last_ns = 0
         if stamp_ns == 0:
             return self.drop("no stamp", "it carries no stamp; set header.stamp to the time at which it is sent")
-        if age_s > MOST_AGE_S:
-            return self.drop("too old", f"it is {age_s:.2f} s old, at most {MOST_AGE_S} s are accepted")
-        if not age_s >= -MOST_AHEAD_S:
+        if age_s > MAX_AGE_S:
+            return self.drop("too old", f"it is {age_s:.2f} s old, at most {MAX_AGE_S} s are accepted")
+        if not age_s >= -MAX_AHEAD_S:
             return self.drop("from the future", f"it is stamped {-age_s:.2f} s ahead; compare the computers' clocks")
         if stamp_ns <= self._last_ns:
             return self.drop("repeated", "its stamp is not later than that of the command before; it is a repetition")
@@ -47,12 +45,7 @@ class StampedCommands:
     def drop(self, reason: str, sentence: str) -> str:
         """Count a command that is dropped; returns the sentence.
 
-        Parameters
-        ----------
-        reason
-            Short, for the count.
-        sentence
-            For whoever sent it.
+        ``reason``: short, for the count. ``sentence``: for whoever sent it.
         """
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
         return sentence
@@ -61,10 +54,7 @@ class StampedCommands:
 def joint_angle_deg(message: Any) -> float | None:
     """Angle in degrees of a JointState of the one joint; None if it holds anything else, or no finite number.
 
-    Parameters
-    ----------
-    message
-        A sensor_msgs/JointState; its name may be left out.
+    ``message``: a sensor_msgs/JointState; its name may be left out.
     """
     names = list(message.name)
     if names not in ([], [JOINT]) or len(message.position) != 1 or not is_finite(message.position[0]):

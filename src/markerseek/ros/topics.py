@@ -2,17 +2,40 @@
 
 from __future__ import annotations
 
+
+def in_namespace(name: str) -> str:
+    """Name of a topic or service as its node asks for it: what is ours lies in the namespace of the node."""
+    return name[1:] if name.startswith(("/TRUS/", "/pa_search/")) else name
+
+
+def beside(name: str, neighbour: str) -> str:
+    """A topic in the namespace of another, such as the stop beside a node's command topic."""
+    return f"{name.rpartition('/')[0]}/{neighbour.rpartition('/')[2]}"
+
+
 MEASURED_JS, SETPOINT_JS = "/TRUS/measured_js", "/TRUS/setpoint_js"
 """Angle read back, and angle asked for: sensor_msgs/JointState, joint ``trus_roll``."""
 
 MOVE_JP, SERVO_JP = "/TRUS/move_jp", "/TRUS/servo_jp"
 """Commands to a stage node: go there and rest; go there as long as the command is renewed. sensor_msgs/JointState."""
 
-STOP = "/TRUS/stop"
-"""Stop now: std_msgs/Empty, to a stage node; it needs no stamp, for a stop is never too late."""
+MEASURED_CP = "/TRUS/measured_cp"
+"""The same angle as the pose of the probe in its home frame: geometry_msgs/PoseStamped."""
 
-OPERATING_STATE = "/TRUS/operating_state"
-"""State of a stage node: crtk_msgs/OperatingState where it is installed, else std_msgs/String with the same in JSON."""
+STOP, HOLD = "/TRUS/stop", "/TRUS/hold"
+"""Stop now, by our name and by that of CRTK: std_msgs/Empty, to a stage node; without a stamp: it is never too late."""
+
+STATE = "/TRUS/state"
+"""State of a stage node: std_msgs/String with `messages.OperatingState` as JSON, also where crtk_msgs is installed."""
+
+OPERATING_STATE, STATE_COMMAND = "/TRUS/operating_state", "/TRUS/state_command"
+"""As much of the state as crtk_msgs/OperatingState has, and what is asked of it: crtk_msgs/StringStamped.
+
+Only where crtk_msgs is installed, as `ERROR` and `WARNING` are: a topic has one type.
+"""
+
+ERROR, WARNING = "/TRUS/error", "/TRUS/warning"
+"""Why a stage node is in FAULT, and why a command was refused: crtk_msgs/StringStamped."""
 
 ACQUIRE, ACQUIRED, CHANNELS = "/TRUS/pa/acquire", "/TRUS/pa/acquired", "/TRUS/pa/channels"
 """Request to an acquisition node and its answers: std_msgs/String with JSON; channel data: sensor_msgs/Image, 16SC1."""

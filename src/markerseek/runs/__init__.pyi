@@ -7,24 +7,28 @@ from .journalled import configuration_of
 from .points import point_pairs
 from .rebuild import next_angle, rebuild_image_reader, rebuild_policy, rebuild_reader, rebuild_rig, recorded_bench
 from .recheck import samples_to_recheck
-from .recompute import differences
+from .recompute import recompute_differences
 from .registration import TARGET_DEPTH_M, PointPair, RegistrationReport, register_pairs
 from .registration_file import KnownRegistration, read_registration
 from .resume import require_reset
 from .same_bench import require_same_measurement
 from .session import Session, new_session, plan_on, resumed_session
+from .shared_errors import FOCAL_LENGTH, camera_shared_m, focal_shared_m, trus_shared_m
 from .simulated_registration import (
     GRID_STEP_M,
     MARKER_PLACES,
+    REGISTRATION_TOLERANCE,
     SimulatedScene,
     SimulatedTruth,
     simulate_registration,
 )
-from .tracking import TrackQuality, follow, following, quality_of, stage_period_s
+from .tracking import TrackQuality, quality_of, stage_period_s, track_run, tracking_policy
 
 __all__ = [
+    "FOCAL_LENGTH",
     "GRID_STEP_M",
     "MARKER_PLACES",
+    "REGISTRATION_TOLERANCE",
     "TARGET_DEPTH_M",
     "Calibration",
     "KnownRegistration",
@@ -40,11 +44,10 @@ __all__ = [
     "bank_images",
     "bank_samples",
     "calibrate",
+    "camera_shared_m",
     "configuration_of",
     "dark_intensity",
-    "differences",
-    "follow",
-    "following",
+    "focal_shared_m",
     "former_curve",
     "journal_bank",
     "new_session",
@@ -57,6 +60,7 @@ __all__ = [
     "rebuild_policy",
     "rebuild_reader",
     "rebuild_rig",
+    "recompute_differences",
     "recorded_bench",
     "register_pairs",
     "require_reset",
@@ -68,4 +72,7 @@ __all__ = [
     "scan_configuration",
     "simulate_registration",
     "stage_period_s",
+    "track_run",
+    "tracking_policy",
+    "trus_shared_m",
 ]

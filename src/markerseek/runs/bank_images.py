@@ -19,22 +19,8 @@ def bank_images(
 ) -> Iterator[PaImage]:
     """Photoacoustic images of a bank.
 
-    Parameters
-    ----------
-    bank
-        The bank.
-    probe
-        Preset of the imaging chain, its name, or the name of a TOML file that describes a probe; None: the one that the
-        bank names, else the first of all.
-    order
-        Indices of the angles; None: all, in order.
-
-    Raises
-    ------
-    ConfigError
-        If the preset is unknown.
-    RecordError
-        If a frame cannot be read, or is not one of that probe.
+    ``probe``: preset of the imaging chain, its name, or the name of a TOML file that describes a probe; None: the one
+    that the bank names, else the first of all. ``order``: indices of the angles; None: all, in order.
     """
     imaging = ImageReader(preset_of(bank, probe))
     for index in range(len(bank.angles_deg)) if order is None else order:
@@ -47,19 +33,7 @@ def bank_images(
 def bank_samples(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | None = None) -> Iterator[Sample]:
     """Acquisitions of a bank, dark ones first, with its stored intensities or those computed from its frames.
 
-    Parameters
-    ----------
-    bank
-        The bank.
-    probe
-        As in `bank_images`; if given, the intensities are computed again.
-
-    Raises
-    ------
-    ConfigError
-        If the preset is unknown.
-    RecordError
-        If a frame cannot be read, or is not one of that probe.
+    ``probe``: if given, the intensities are computed again.
     """
     if isinstance(bank, IntensityBank):
         for angle_deg, intensity in zip(bank.angles_deg, bank.intensities, strict=True):

@@ -14,18 +14,12 @@ from markerseek.runs.bank_scan import bank_facts
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JournalBank(FrameBank):
-    """Frames of a run, in memory.
-
-    Attributes
-    ----------
-    samples
-        Acquisitions with light, in the order of the angles.
-    dark
-        Acquisitions without light, in the order of time.
-    """
+    """Frames of a run, in memory."""
 
     samples: tuple[Sample, ...] = field(repr=False)
+    """Acquisitions with light, in the order of the angles."""
     dark: tuple[Sample, ...] = field(repr=False)
+    """Acquisitions without light, in the order of time."""
 
     def frame(self, index: int) -> ChannelFrame:
         """Channel data of one angle, with the recorded header."""
@@ -41,19 +35,11 @@ class JournalBank(FrameBank):
 def journal_bank(path: Path) -> IntensityBank | JournalBank:
     """Bank of all acquisitions of a run, with the confirmation; of several at one angle the last.
 
-    Parameters
-    ----------
-    path
-        The journal; its run need not be over.
-
-    Raises
-    ------
-    RecordError
-        If it cannot be read, is damaged, or holds fewer than 3 angles.
+    ``path``: the journal; its run need not be over.
     """
-    held = read_journal(path)
-    known = held.configuration.facts
-    samples = [entry.event.sample for entry in held.entries if isinstance(entry.event, Measured)]
+    recorded = read_journal(path)
+    known = recorded.configuration.facts
+    samples = [entry.event.sample for entry in recorded.entries if isinstance(entry.event, Measured)]
     # A bank has one acquisition per angle; the last one is nearest in time to the answer.
     by_angle = {each.angle_deg: each for each in samples if not each.dark}
     repeated = sum(not each.dark for each in samples) - len(by_angle)
@@ -64,9 +50,9 @@ def journal_bank(path: Path) -> IntensityBank | JournalBank:
         intensities=tuple(each.reading.intensity for each in lit),
         facts=bank_facts(
             known,
-            description=f"journal of {held.configuration.plan.method} on a {known.rig_name}: {known.description}"
+            description=f"journal of {recorded.configuration.plan.method} on a {known.rig_name}: {known.description}"
             + (f", without {repeated} at repeated angles" if repeated else ""),
-            clock_zero_unix_s=_clock_zero_unix_s(held),
+            clock_zero_unix_s=_clock_zero_unix_s(recorded),
         ),
     )
     # A bank of frames needs channel data at every angle; of other frames only the intensities are taken.
@@ -85,9 +71,9 @@ def journal_bank(path: Path) -> IntensityBank | JournalBank:
     )
 
 
-def _clock_zero_unix_s(held: RecordedRun) -> float:
+def _clock_zero_unix_s(recorded: RecordedRun) -> float:
     """Unix time at which the clock of the run read 0, from the date of its first entry."""
-    first = held.entries[0]
+    first = recorded.entries[0]
     return datetime.fromisoformat(first.written).timestamp() - first.clock_s
 
 

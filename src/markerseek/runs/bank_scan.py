@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from markerseek._version import __version__
-from markerseek.core import MOST_ACQUISITIONS, ConfigError, Event, Measured, RigFacts, SearchPlan
+from markerseek.core import MAX_ACQUISITIONS, ConfigError, Event, Measured, RigFacts, SearchPlan
 from markerseek.records.banks import BankFacts
 from markerseek.records.banks.ipasc import BankWriter
 from markerseek.records.journal import Configuration
@@ -19,7 +19,7 @@ from markerseek.runs.journalled import configuration_of
 from markerseek.scan import RunLimits, run
 from markerseek.search import Exhaustive
 
-MOST_ANGLES = 5000
+MAX_ANGLES = 5000
 """Most angles of one scan."""
 
 # Limit in seconds, for stages that are slow and receivers that average long.
@@ -27,17 +27,11 @@ _S_PER_ANGLE = 120.0
 
 
 def scan_angles(rig: Rig, *, step_deg: float) -> int:
-    """Number of angles of a scan with steps of at most that size, both ends of the search range included.
-
-    Raises
-    ------
-    ConfigError
-        If the step gives fewer than 3 angles or more than `MOST_ANGLES`.
-    """
+    """Number of angles of a scan with steps of at most that size, both ends of the search range included."""
     width_deg = rig.limits.search.width_deg
-    if not width_deg / (MOST_ANGLES - 1) <= step_deg <= width_deg / 2:
+    if not width_deg / (MAX_ANGLES - 1) <= step_deg <= width_deg / 2:
         raise ConfigError(
-            f"step_deg is {step_deg:g} deg, it must lie between {width_deg / (MOST_ANGLES - 1):.3g} and "
+            f"step_deg is {step_deg:g} deg, it must lie between {width_deg / (MAX_ANGLES - 1):.3g} and "
             f"{width_deg / 2:g} deg for the search range {rig.limits.search}"
         )
     # Rounding can make 70 / 0.1 slightly larger than 700, and ceil would add a step.
@@ -47,14 +41,7 @@ def scan_angles(rig: Rig, *, step_deg: float) -> int:
 def bank_facts(facts: RigFacts, *, description: str, clock_zero_unix_s: float) -> BankFacts:
     """Bank facts from rig facts; the true angle of a simulated marker becomes the reference.
 
-    Parameters
-    ----------
-    facts
-        Facts of the rig.
-    description
-        What was scanned.
-    clock_zero_unix_s
-        Unix time at which the clock of the rig read 0, in seconds.
+    ``clock_zero_unix_s``: Unix time at which the clock of the rig read 0.
     """
     return BankFacts(
         description=description,
@@ -82,7 +69,7 @@ def scan_configuration(rig: Rig, *, step_deg: float) -> Configuration:
     plan = SearchPlan(
         method="exhaustive",
         # A scan may have more angles than a search, whose plan then names no number.
-        acquisitions=angles if angles <= MOST_ACQUISITIONS else None,
+        acquisitions=angles if angles <= MAX_ACQUISITIONS else None,
         start_deg=rig.stage.angle_deg,
         dark_frames=rig.dark_frames,
         stay=True,
@@ -103,30 +90,9 @@ def scan_bank(
     If closed or interrupted, the stage stops, the laser is disarmed, and the file has all acquisitions so far. Times
     start at this computer's date; the clock of a simulated rig is virtual, and runs faster or slower from there.
 
-    Parameters
-    ----------
-    rig
-        The rig; every acquisition passes its guard.
-    path
-        New file, ``.hdf5`` or ``.h5``; it must not exist.
-    step_deg
-        Largest step in degrees.
-    wavelength_m, pulse_energy_j
-        Wavelength in metres and energy of one laser pulse in joules, where they are known.
-
-    Yields
-    ------
-    Event
-        As `markerseek.scan.run`; a `Measured` follows once it is on disk.
-
-    Raises
-    ------
-    ConfigError
-        If an argument cannot be used.
-    RecordError
-        If the file cannot be written.
-    DeviceError
-        If a device did not do its part.
+    ``rig``: every acquisition passes its guard. ``path``: new file, ``.hdf5`` or ``.h5``; it must not exist.
+    ``step_deg``: largest step. ``wavelength_m``, ``pulse_energy_j``: wavelength in metres and energy of one laser pulse
+    in joules, where they are known. Yields as `markerseek.scan.run`; a `Measured` follows once it is on disk.
     """
     angles = scan_angles(rig, step_deg=step_deg)
     for name, value, unit in (("wavelength_m", wavelength_m, "m"), ("pulse_energy_j", pulse_energy_j, "J")):

@@ -18,8 +18,9 @@ from markerseek.calibration import (
     require_delays,
     require_peak,
 )
-from markerseek.core import ChannelFrame, RecordError, Sample, SearchError
+from markerseek.core import ChannelFrame, Interval, RecordError, Sample, SearchError
 from markerseek.guard import Admission
+from markerseek.search.posterior import energy_spread
 from markerseek.signals import ProbePreset, common_wave
 
 NEAR_SHARE = 0.4
@@ -31,40 +32,25 @@ STRAIGHT_SHARE = 0.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """Geometry and noise of a rig.
-
-    Attributes
-    ----------
-    geometry
-        See `Geometry`; its ``source_deg`` is the readback with the source in the image plane.
-    noise_sigma
-        Standard deviation of the beamformed noise in counts, with that of its mean over the frames.
-    frames, waves
-        Number of frames, and of those whose wave was clear enough to be used.
-    """
+    """Geometry and noise of a rig."""
 
     geometry: Geometry
+    """Its ``source_deg`` is the readback with the source in the image plane."""
     noise_sigma: Fitted
+    """Standard deviation of the beamformed noise in counts, with that of its mean over the frames."""
+    energy_spread: float | None
+    """Relative standard deviation of an acquisition's energy; None where the scan does not show it."""
     frames: int
     waves: int
+    """``frames`` and ``waves``: number of frames, and of those whose wave was clear enough to be used."""
 
 
 def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
     """Calibration from one scan of a point source.
 
-    Parameters
-    ----------
-    samples
-        One for each angle, in the order of the angles, with their frames of channel data.
-    preset
-        The assumed probe; sound speed and trigger offset need only be rough.
-
-    Raises
-    ------
-    RecordError
-        If the scan holds no channel data.
-    SearchError
-        If the scan does not show a single point source that is strong enough; the message says what to change.
+    ``samples``: one for each angle, in the order of the angles, with their frames of channel data. ``preset``: the
+    assumed probe; sound speed and trigger offset need only be rough. Raises `SearchError` if the scan does not show a
+    single point source that is strong enough; the message says what to change.
     """
     frames = [sample.frame for sample in samples if isinstance(sample.frame, ChannelFrame)]
     if len(frames) < len(samples) or not frames:
@@ -75,7 +61,7 @@ def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
     strongest = max(readings, key=lambda reading: reading.intensity)
     if strongest.lateral_m is None or strongest.depth_m is None:
         raise RecordError("calibration needs frames that are imaged, and these were not")
-    noise = np.array([reading.noise_sigma or 0.0 for reading in readings])
+    noise = np.array([0.0 if reading.noise_sigma is None else reading.noise_sigma for reading in readings])
     element_m = preset.array.lateral_m
     place = {"lateral_m": strongest.lateral_m, "depth_m": strongest.depth_m}
     near = [
@@ -107,10 +93,12 @@ def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
         sampling_hz=preset.sampling_hz,
     )
     geometry = fit_geometry(waves, moveout)
+    angles_deg = [sample.angle_deg for sample in samples]
     require_delays(waves, geometry)
     return Calibration(
         geometry=geometry,
         noise_sigma=Fitted(value=float(noise.mean()), sigma=float(noise.std(ddof=1) / np.sqrt(len(noise)))),
+        energy_spread=energy_spread(samples, limits=Interval(low_deg=min(angles_deg), high_deg=max(angles_deg))),
         frames=len(frames),
         waves=len(received),
     )

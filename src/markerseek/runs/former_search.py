@@ -12,7 +12,7 @@ from markerseek.files import MIB, as_read_error, read_input
 from markerseek.records import SearchResult
 from markerseek.records.journal import RecordedRun, is_journal, read_journal, result_of
 
-_MOST_BYTES = 16 * MIB
+_MAX_BYTES = 16 * MIB
 """Largest result that is read; one of 500 acquisitions has 0.1 MiB."""
 
 
@@ -28,22 +28,14 @@ _Kind = TypeVar("_Kind", _Result, SearchResult)
 def former_curve(path: Path) -> MarkerCurve:
     """Intensity curve of the marker that a search found.
 
-    Parameters
-    ----------
-    path
-        The result of the search, as printed with --json, or its journal.
-
-    Raises
-    ------
-    RecordError
-        If the file cannot be read, or no marker was found.
+    ``path``: the result of the search, as printed with --json, or its journal.
     """
-    held = _search(path, _Result)
-    if isinstance(held, RecordedRun):
-        answers = (entry.event.estimate for entry in held.entries if isinstance(entry.event, Finished))
+    former = _search(path, _Result)
+    if isinstance(former, RecordedRun):
+        answers = (entry.event.estimate for entry in former.entries if isinstance(entry.event, Finished))
         curve = next((answer.curve for answer in answers if isinstance(answer, Found)), None)
     else:
-        curve = held.curve
+        curve = former.curve
     if curve is None:
         raise RecordError(f"{path}: it found no marker whose curve it knows; name the result of a posterior that did")
     return curve
@@ -52,22 +44,15 @@ def former_curve(path: Path) -> MarkerCurve:
 def read_marker(path: Path) -> MarkerPosition:
     """Position of the marker in the TRUS frame, from a search's result.
 
-    Parameters
-    ----------
-    path
-        Journal of the search, or its result as JSON.
-
-    Raises
-    ------
-    RecordError
-        If the file cannot be read, or its search gave no position; the message says why.
+    ``path``: journal of the search, or its result as JSON.
     """
-    held = _search(path, SearchResult)
+    former = _search(path, SearchResult)
     try:
-        result = result_of(held)[1] if isinstance(held, RecordedRun) else held
+        result = result_of(former)[1] if isinstance(former, RecordedRun) else former
     except SearchError as problem:
         raise RecordError(f"{path}: {problem}") from problem
-    if not result.found:
+    # An angle that is not known well counts less, by its sigma; one of which source it is, is not known, not at all.
+    if not (result.found or result.doubt == "width"):
         raise RecordError(
             f"{path}: its search found no marker ({result.answer}: {result.reason}); search again, or leave it out"
         )
@@ -86,7 +71,7 @@ def _search(path: Path, result: type[_Kind]) -> RecordedRun | _Kind:
         with as_read_error(path):
             if is_journal(path):
                 return read_journal(path, frames=False)
-            return msgspec.json.decode(read_input(path, most_bytes=_MOST_BYTES), type=result)
+            return msgspec.json.decode(read_input(path, most_bytes=_MAX_BYTES), type=result)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, ConfigError) as problem:
         raise RecordError(
             f"{path}: it is neither a journal nor the result of a search as JSON: {problem}; make one with 'markerseek "

@@ -40,14 +40,7 @@ def run_plan(
 ) -> Generator[Event, None, None]:
     """`markerseek.scan.run` with the options of a plan.
 
-    Parameters
-    ----------
-    policy, scanner
-        The search method, and the scanner of a rig.
-    plan
-        Gives the number of dark frames, and how to end.
-    limits
-        As in `run`.
+    ``plan``: gives the number of dark frames, and how to end.
     """
     return run(
         policy,
@@ -64,24 +57,8 @@ def journalled(
 ) -> Generator[Event, None, None]:
     """`run_plan` with each event committed to a journal before it is yielded, and so before the policy receives it.
 
-    Parameters
-    ----------
-    policy, rig
-        The search method, and the rig.
-    journal
-        A new journal with the plan of the search.
-    limits
-        As in `run`.
-
-    Yields
-    ------
-    Event
-        As `run`.
-
-    Raises
-    ------
-    RecordError
-        If an event cannot be written; the rig is stopped.
+    ``journal``: a new journal with the plan of the search. Yields as `run`. Raises `RecordError` if an event cannot be
+    written; the rig is stopped.
     """
     clock = rig.scanner.clock
     events = run_plan(policy, rig.scanner, journal.configuration.plan, limits=limits)

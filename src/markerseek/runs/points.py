@@ -14,6 +14,7 @@ from markerseek.files import MIB, as_read_error, csv_rows, read_input
 from markerseek.geometry import triangulate
 from markerseek.runs.former_search import read_marker
 from markerseek.runs.registration import PointPair
+from markerseek.runs.shared_errors import camera_shared_m
 from markerseek.runs.stereo_file import StereoSettings, read_stereo
 
 COLUMNS: dict[str, tuple[str, ...]] = {
@@ -28,7 +29,7 @@ COLUMNS: dict[str, tuple[str, ...]] = {
 
 _LARGEST_BYTES = 8 * MIB
 
-_MOST = 1e6
+_MAX_MAGNITUDE = 1e6
 """Largest magnitude of a number in the table, in metres or pixels."""
 
 Row = tuple[str, dict[str, tuple[float, ...]]]
@@ -38,21 +39,9 @@ Row = tuple[str, dict[str, tuple[float, ...]]]
 def point_pairs(points: Path, *, searches: Sequence[Path] = (), cameras: Path | None = None) -> list[PointPair]:
     """Point pairs of a CSV, of the searches that take the place of its columns for the TRUS frame, and of pixels.
 
-    Parameters
-    ----------
-    points
-        The CSV, with the columns of `COLUMNS` and ``name``; others are ignored, unless their name contains sigma.
-    searches
-        Journals or results, one for each row; none: the CSV has these columns.
-    cameras
-        Calibration with which its pixels are triangulated; None: it has the columns of camera points.
-
-    Raises
-    ------
-    ConfigError
-        If the files do not go together.
-    RecordError
-        If one cannot be read, or a number in it cannot be used; the message names the line and the cure.
+    ``points``: the CSV, with the columns of `COLUMNS` and ``name``; others are ignored, unless their name contains
+    sigma. ``searches``: journals or results, one for each row; none: the CSV has these columns. ``cameras``:
+    calibration with which its pixels are triangulated; None: it has the columns of camera points.
     """
     kinds, rows = _table(points)
     if searches and len(searches) != len(rows):
@@ -63,7 +52,7 @@ def point_pairs(points: Path, *, searches: Sequence[Path] = (), cameras: Path | 
     stereo = None if cameras is None else read_stereo(cameras)
     pairs = []
     for number, (name, numbers) in enumerate(rows):
-        camera_m, camera_covariance_m2 = _camera_point(name, numbers, stereo)
+        camera_m, camera_covariance_m2, shared_m = _camera_point(name, numbers, stereo)
         marker = read_marker(searches[number]) if searches else None
         pairs.append(
             PointPair(
@@ -72,6 +61,7 @@ def point_pairs(points: Path, *, searches: Sequence[Path] = (), cameras: Path | 
                 camera_m=camera_m,
                 trus_covariance_m2=_covariance(numbers.get("trus_sigma_m")) if marker is None else marker.covariance_m2,
                 camera_covariance_m2=camera_covariance_m2,
+                camera_shared_m=shared_m,
             )
         )
     return pairs
@@ -98,19 +88,19 @@ def _require_columns(points: Path, kinds: Collection[str], *, searched: bool, st
 
 def _camera_point(
     name: str, numbers: dict[str, tuple[float, ...]], stereo: StereoSettings | None
-) -> tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, "3 3"] | None]:
-    """Camera point of a row with its covariance, from the columns or triangulated from the pixels."""
+) -> tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, "3 3"] | None, Float64[np.ndarray, "3 errors"] | None]:
+    """Camera point of a row with its covariance and shared errors, from the columns or triangulated from the pixels."""
     if stereo is None:
-        return np.array(numbers["camera_m"]), _covariance(numbers.get("camera_sigma_m"))
+        return np.array(numbers["camera_m"]), _covariance(numbers.get("camera_sigma_m")), None
     (spot_px,) = numbers.get("spot_sigma_px", (0.0,))
-    pixels = np.array([numbers["pixels"]])
+    left, right = np.split(np.array([numbers["pixels"]]), 2, axis=1)
+    cameras, sigma_px = stereo.cameras, stereo.calibration_sigma_px
     try:
-        seen = triangulate(
-            pixels[:, :2], pixels[:, 2:], stereo.cameras, sigma_px=math.hypot(spot_px, stereo.calibration_sigma_px)
-        )
+        seen = triangulate(left, right, cameras, sigma_px=math.hypot(spot_px, sigma_px))
     except ConfigError as problem:
         raise ConfigError(f"row {name}: {problem}") from problem
-    return seen.points_m[0], seen.covariances_m2[0]
+    shared = camera_shared_m(seen, left, right, cameras, calibration_sigma_px=sigma_px)
+    return seen.points_m[0], seen.covariances_m2[0], shared[0]
 
 
 def _covariance(sigmas_m: Sequence[float] | None) -> Float64[np.ndarray, "3 3"] | None:
@@ -145,7 +135,10 @@ def _table(path: Path) -> tuple[Collection[str], list[Row]]:
             )
             for kind, names in present.items()
         }
-        rows.append((row.get("name", "").strip() or str(len(rows) + 1), numbers))
+        name = row.get("name", "").strip() or str(len(rows) + 1)
+        if name in (other for other, _ in rows):
+            raise RecordError(f"{where}: there are two points named {name}; give each a name of its own")
+        rows.append((name, numbers))
     return present.keys(), rows
 
 
@@ -177,8 +170,8 @@ def _number(where: str, name: str, text: str, *, positive: bool) -> float:
     if not math.isfinite(value):
         raise RecordError(f"{where}: {name} is {value}, it must be finite; leave that point out")
     # Squares of larger numbers overflow; millimetres for metres are refused later, with their own sentence.
-    if not abs(value) <= _MOST:
-        raise RecordError(f"{where}: {name} is {value}, it must lie within ± {_MOST:g}; check the unit")
+    if not abs(value) <= _MAX_MAGNITUDE:
+        raise RecordError(f"{where}: {name} is {value}, it must lie within ± {_MAX_MAGNITUDE:g}; check the unit")
     if positive and not value > 0:
         raise RecordError(f"{where}: {name} is {value}, a standard deviation must be above 0")
     return value

@@ -28,13 +28,7 @@ from markerseek.vision import TipReader
 
 
 def recorded_bench(configuration: Configuration) -> BenchSettings | None:
-    """Bench settings in a journal, for comparison with a rig file; None for any other rig.
-
-    Raises
-    ------
-    RecordError
-        If the journal's rig cannot be read.
-    """
+    """Bench settings in a journal, for comparison with a rig file; None for any other rig."""
     recipe = _recipe(configuration)
     return recipe.settings if isinstance(recipe, BenchRecipe) else None
 
@@ -42,19 +36,7 @@ def recorded_bench(configuration: Configuration) -> BenchSettings | None:
 def rebuild_rig(configuration: Configuration, *, bench_settings: BenchSettings | None = None) -> Rig:
     """The rig of a journal in its state before the run; a bench is connected, and must be closed.
 
-    Parameters
-    ----------
-    configuration
-        The journal's configuration.
-    bench_settings
-        Bench settings from the user's rig file; those of the journal are never used.
-
-    Raises
-    ------
-    RecordError
-        If the rig was not made from settings, or its recording has changed since.
-    ConfigError
-        If settings of a bench are missing, differ from the journal's, or are given for another kind of rig.
+    ``bench_settings``: bench settings from the user's rig file; those of the journal are never used.
     """
     recipe = _recipe(configuration)
     if recipe is None:
@@ -106,24 +88,12 @@ def _require_as_emulated(rig: Rig, configuration: Configuration) -> Rig:
 
 
 def rebuild_reader(configuration: Configuration) -> Reader:
-    """The reader of a journal's rig, without its devices or recording.
-
-    Raises
-    ------
-    RecordError
-        If its settings cannot be read.
-    """
+    """The reader of a journal's rig, without its devices or recording."""
     return _reader(bytes(configuration.imaging))
 
 
 def rebuild_image_reader(configuration: Configuration) -> AnyImageReader | None:
-    """The reader of a journal's rig where it makes photoacoustic images; None where it makes none.
-
-    Raises
-    ------
-    RecordError
-        As in `rebuild_reader`.
-    """
+    """The reader of a journal's rig where it makes photoacoustic images; None where it makes none."""
     return _image_reader(bytes(configuration.imaging))
 
 
@@ -172,27 +142,16 @@ def _recipe(configuration: Configuration) -> Recipe | None:
 
 
 def rebuild_policy(configuration: Configuration) -> Policy:
-    """The policy of a journal in its state before the run.
-
-    Raises
-    ------
-    ConfigError
-        If the method does not exist any more.
-    """
+    """The policy of a journal in its state before the run."""
     return policy_for(configuration.plan, limits=configuration.facts.search)
 
 
-def next_angle(held: RecordedRun, policy: Policy) -> float | None:
+def next_angle(recorded: RecordedRun, policy: Policy) -> float | None:
     """Next angle of a run in degrees; None if the policy needs no more.
 
-    Parameters
-    ----------
-    held
-        The journal of a run that is not over.
-    policy
-        The policy in its state before the run; it is fed the recorded samples.
+    ``policy``: the policy in its state before the run; it is fed the recorded samples.
     """
-    for entry in held.entries:
+    for entry in recorded.entries:
         if not isinstance(entry.event, Measured):
             continue
         if entry.event.role != "confirmation":

@@ -18,7 +18,7 @@ from markerseek.core import (
     SaturationError,
 )
 from markerseek.records.journal import Checked, Entry, Journal, Resuming
-from markerseek.scan import SEEN_SIGMAS, AnyScanner, moved_source
+from markerseek.scan import SEEN_SIGMAS, AnyScanner, larger_noise, moved_source
 
 SHARE = 0.1
 """Allowed relative change of an intensity: about the drift of a laser's energy."""
@@ -50,7 +50,9 @@ def samples_to_recheck(entries: Sequence[Entry]) -> tuple[Sample, ...]:
 
 
 def _above_noise(sample: Sample) -> bool:
-    return sample.reading.intensity > SEEN_SIGMAS * (sample.reading.noise_sigma or 0.0)
+    noise_sigma = sample.reading.noise_sigma
+    # Where the noise is unknown, any intensity counts as a signal.
+    return sample.reading.intensity > (0.0 if noise_sigma is None else SEEN_SIGMAS * noise_sigma)
 
 
 def pulses_before(entries: Sequence[Entry], *, pulses: int, attempts: int) -> int:
@@ -59,14 +61,7 @@ def pulses_before(entries: Sequence[Entry], *, pulses: int, attempts: int) -> in
     Each acquisition counts once, and once more for each refusal, whether or not it was fired before the run died; each
     check counts as often as it may be tried.
 
-    Parameters
-    ----------
-    entries
-        All of the run.
-    pulses
-        Pulses of one acquisition.
-    attempts
-        How often one acquisition may be tried.
+    ``attempts``: how often one acquisition may be tried.
     """
     permits = 0
     lit = False
@@ -94,27 +89,9 @@ def require_unchanged(
 ) -> None:
     """Measure acquisitions again, record the readings in the journal, and refuse to resume if one has changed.
 
-    Parameters
-    ----------
-    samples
-        The acquisitions, from `samples_to_recheck`.
-    scanner
-        Measures again, once `arm` was called; it is stopped at the end.
-    journal
-        Receives the readings, and a fault if one occurs.
-    clock
-        The run's clock.
-    arm
-        Arms the rig, in the name of a person.
-    attempts
-        How often one acquisition is tried when its frames are refused.
-
-    Raises
-    ------
-    AcquisitionError
-        If an intensity has changed, or its source has moved.
-    DeviceError
-        If a device did not do its part.
+    ``scanner``: measures again, once `arm` was called; it is stopped at the end. ``journal``: receives the readings,
+    and a fault if one occurs. ``arm``: arms the rig, in the name of a person. ``attempts``: how often one acquisition
+    is tried when its frames are refused.
     """
     if not samples:
         return
@@ -163,8 +140,7 @@ def commanded_deg(sample: Sample) -> float:
 
 def change_of(before: Reading, now: Reading) -> str | None:
     """Description of the change between two readings at one angle; None if noise can explain it."""
-    noise = max(before.noise_sigma or 0.0, now.noise_sigma or 0.0)
-    allowed = SHARE * max(before.intensity, now.intensity) + SIGMAS * noise
+    allowed = SHARE * max(before.intensity, now.intensity) + SIGMAS * larger_noise(before, now)
     # `not <=` and not `>`, so that NaN counts as a change.
     if not abs(now.intensity - before.intensity) <= allowed:
         return (

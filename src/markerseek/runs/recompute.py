@@ -9,25 +9,25 @@ from markerseek.core import Finished, Measured, Policy, Reader, ReadingFrame
 from markerseek.guard import Limits
 from markerseek.records.journal import Entry, JournalEvent, RecordedRun
 from markerseek.runs.journalled import run_plan
-from markerseek.runs.replayed_scanner import ReplayedScanner
+from markerseek.runs.recorded_scanner import RecordedScanner
 from markerseek.runs.resume import RUN_EVENTS
 from markerseek.signals import IntensityReader
 
 
-def differences(held: RecordedRun, policy: Policy, reader: Reader) -> list[str]:
+def recompute_differences(recorded: RecordedRun, policy: Policy, reader: Reader) -> list[str]:
     """Differences, bit for bit, between a run recomputed from its frames and its journal; empty if there are none.
 
     Each stored frame is read again, the policy, in its state before the run, receives the readings, and its decisions
     and its answer are compared with those of the journal.
     """
     found: list[str] = []
-    again = [_read_again(entry, reader, found) for entry in held.entries if isinstance(entry.event, RUN_EVENTS)]
+    again = [_read_again(entry, reader, found) for entry in recorded.entries if isinstance(entry.event, RUN_EVENTS)]
     if not again:
         return []
-    search = held.configuration.facts.search
+    search = recorded.configuration.facts.search
     # A journal does not hold the limits of travel; nothing moves here.
-    scanner = ReplayedScanner(again, limits=Limits(search=search, travel=search))
-    events = run_plan(policy, scanner, held.configuration.plan)
+    scanner = RecordedScanner(again, limits=Limits(search=search, travel=search))
+    events = run_plan(policy, scanner, recorded.configuration.plan)
     with closing(events):
         # Not strict: the journal of an interrupted run ends before the run does.
         for entry, event in zip(again, events, strict=False):

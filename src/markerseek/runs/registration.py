@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import msgspec
 import numpy as np
+from scipy.special import chdtrc
 
 from markerseek._version import __version__
-from markerseek.core import ConfigError, Float64
-from markerseek.geometry import LeaveOneOut, Registration, leave_one_out, mirror_image_fre, register_points
+from markerseek.core import Bool, ConfigError, Float64
+from markerseek.geometry import Registration, leave_one_out, mirror_image_fre, register_points
+from markerseek.runs.shared_errors import FOCAL_ERROR, TRUS_ERRORS, focal_shared_m, trus_shared_m
 
-MOST_FRE_M = 5e-3
-"""Largest fiducial registration error in metres with which a registration is accepted."""
+MIN_PROBABILITY = 1e-3
+"""Probability of residuals as large, or larger, below which points do not fit (a chi-squared test)."""
 
-MIRROR_SHARE, MIRROR_FRE_M = 0.5, 1e-3
-"""A mirror image is reported if its FRE is below this share of the registration's, and the latter above this length and
-above twice what the sigmas let expect. Nearly flat points fit a mirror image about equally well, by chance even better.
-"""
+ASSUMED_SIGMA_M = 1e-3
+"""Standard deviation of each coordinate of a residual, in metres, by which points without sigmas are judged: points at
+which a tool is pressed on tissue are off by 1.7 mm altogether."""
+
+MIRROR_SHARE = 0.5
+"""Where points do not fit, a mirror image is reported if its FRE is below this share of the registration's."""
 
 TARGET_DEPTH_M = 20e-3
 """Usual target: this far under the middle of the points, towards the axis of the probe, in metres."""
@@ -27,23 +32,19 @@ TARGET_DEPTH_M = 20e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PointPair:
-    """One point measured in both frames.
-
-    Attributes
-    ----------
-    name
-        Its name for messages.
-    trus_m, camera_m
-        The point in the frame of the probe and in that of the camera, in metres.
-    trus_covariance_m2, camera_covariance_m2
-        Covariances in these frames, in m²; None where they are not known.
-    """
+    """One point measured in both frames."""
 
     name: str
     trus_m: Float64[np.ndarray, " 3"]
     camera_m: Float64[np.ndarray, " 3"]
+    """``trus_m`` and ``camera_m``: the point in the frame of the probe and in that of the camera."""
     trus_covariance_m2: Float64[np.ndarray, "3 3"] | None = None
     camera_covariance_m2: Float64[np.ndarray, "3 3"] | None = None
+    """``trus_covariance_m2`` and ``camera_covariance_m2``: covariances in these frames; None where they are not
+    known."""
+    camera_shared_m: Float64[np.ndarray, "3 errors"] | None = None
+    """Displacement of the camera point by the errors that all share, as `camera_shared_m` gives it; None: of the focal
+    length alone."""
 
 
 Triple = tuple[float, float, float]
@@ -64,13 +65,30 @@ class PointReport(msgspec.Struct, frozen=True, kw_only=True):
     left_out_m: float | None
 
 
+class SharedReport(msgspec.Struct, frozen=True, kw_only=True):
+    """An error that all points share: by how much its value was assumed too large, in ``unit``.
+
+    ``value`` and ``sigma`` are the estimate and its standard deviation, ``assumed_sigma`` is that of the prior. Where
+    the points show nothing of it both are alike.
+    """
+
+    name: str
+    unit: str
+    value: float
+    sigma: float
+    assumed_sigma: float
+
+
 class RegistrationReport(msgspec.Struct, frozen=True, kw_only=True):
     """Result of a registration as one JSON object.
 
     ``davinci_to_trus`` maps points of the frame ``frames.davinci`` to the frame ``frames.trus``, in metres; None where
     the registration is not accepted, and ``reason`` says why. ``fre_m`` is the root mean square residual,
-    ``expected_fre_m`` what the sigmas let expect, ``misfit`` chi squared by its degrees of freedom. ``tre_m`` is the
-    expected root mean square error at ``target_trus_m``. ``weights`` says whether the sigmas were used.
+    ``expected_fre_m`` what the sigmas let expect (without sigmas: `ASSUMED_SIGMA_M`), ``misfit`` chi squared by its
+    degrees of freedom, and ``probability`` that of residuals as large or larger. ``tre_m`` is the expected root mean
+    square error at ``target_trus_m``, and 95 % of the errors there are below ``tre95_m``; errors that all points share
+    are in both. ``shared`` are those that were estimated, none without sigmas. ``weights`` says whether the sigmas were
+    used. ``worst`` is the point without which the others fit best, and ``without`` are those that the user left out.
     """
 
     registered: bool
@@ -80,11 +98,15 @@ class RegistrationReport(msgspec.Struct, frozen=True, kw_only=True):
     fre_m: float
     expected_fre_m: float
     tre_m: float
+    tre95_m: float
     target_trus_m: Triple
     misfit: float
+    probability: float
     mirror_image_fre_m: float
     weights: Literal["sigmas of both", "equal"]
     worst: str
+    without: list[str]
+    shared: list[SharedReport]
     points: list[PointReport]
     version: str = __version__
 
@@ -96,26 +118,24 @@ FRAMES = {
 """The two frames, in words."""
 
 
-def register_pairs(pairs: Sequence[PointPair], *, target_trus_m: Triple | None = None) -> RegistrationReport:
+def register_pairs(
+    pairs: Sequence[PointPair], *, target_trus_m: Triple | None = None, without: Sequence[str] = ()
+) -> RegistrationReport:
     """Register point pairs, and judge the result.
 
     Sigmas are used where all points have them in both frames: with those of one frame only, the other would count as
     exact.
 
-    Parameters
-    ----------
-    pairs
-        The points; at least three that are not on a line.
-    target_trus_m
-        Where the error is wanted, in the TRUS frame in metres; None: `TARGET_DEPTH_M` under the middle of the points.
-
-    Raises
-    ------
-    ConfigError
-        If the points determine no transform.
+    ``pairs``: at least three that are not on a line. ``target_trus_m``: where the error is wanted, in the TRUS frame;
+    None: `TARGET_DEPTH_M` under the middle of the points. ``without``: names of points that are left out.
     """
     if target_trus_m is not None and not np.isfinite(target_trus_m).all():
         raise ConfigError(f"the target is {target_trus_m} m, its coordinates must be finite")
+    names = [pair.name for pair in pairs]
+    unknown = next((name for name in without if name not in names), None)
+    if unknown is not None:
+        raise ConfigError(f"without is {unknown!r}, which is no point; there are {', '.join(names)}")
+    pairs = [pair for pair in pairs if pair.name not in without]
     camera_m = np.array([pair.camera_m for pair in pairs], dtype=float).reshape(-1, 3)
     trus_m = np.array([pair.trus_m for pair in pairs], dtype=float).reshape(-1, 3)
     from_camera = [pair.camera_covariance_m2 for pair in pairs if pair.camera_covariance_m2 is not None]
@@ -123,15 +143,31 @@ def register_pairs(pairs: Sequence[PointPair], *, target_trus_m: Triple | None =
     weighed = len(from_camera) == len(from_trus) == len(pairs) > 0
     camera_covariances = np.array(from_camera) if weighed else None
     trus_covariances = np.array(from_trus) if weighed else None
-    found = register_points(
-        camera_m, trus_m, source_covariances_m2=camera_covariances, target_covariances_m2=trus_covariances
-    )
-    left_out = leave_one_out(
-        camera_m, trus_m, source_covariances_m2=camera_covariances, target_covariances_m2=trus_covariances
-    )
-    worst = pairs[_worst(found, left_out)].name
+    shared = [pair.camera_shared_m for pair in pairs if pair.camera_shared_m is not None]
+    camera_shared = np.array(shared) if len(shared) == len(pairs) > 0 else focal_shared_m(camera_m)
+    trus_shared = trus_shared_m(trus_m)
+
+    def registered(chosen: Bool[np.ndarray, " points"]) -> Registration:
+        return register_points(
+            camera_m[chosen],
+            trus_m[chosen],
+            source_covariances_m2=None if camera_covariances is None else camera_covariances[chosen],
+            target_covariances_m2=None if trus_covariances is None else trus_covariances[chosen],
+            source_shared_m=camera_shared[chosen],
+            target_shared_m=trus_shared[chosen],
+        )
+
+    found = registered(np.ones(len(pairs), dtype=bool))
+    left_out = leave_one_out(camera_m, trus_m, registered)
+    fit = _Fit.of(found, len(pairs), weighed=weighed)
+    rests = {
+        pair.name: _Fit.of(out.rest, len(pairs) - 1, weighed=weighed)
+        for pair, out in zip(pairs, left_out, strict=True)
+        if out is not None
+    }
+    worst = _worst([pair.name for pair in pairs], found, rests)
     mirror_fre_m = mirror_image_fre(camera_m, trus_m)
-    reason = _refusal(found, mirror_fre_m, worst, weighed=weighed)
+    reason = None if fit.accepted else _refusal(found, fit, rests, worst, mirror_fre_m)
     target = _under(trus_m) if target_trus_m is None else target_trus_m
     return RegistrationReport(
         registered=reason is None,
@@ -139,13 +175,17 @@ def register_pairs(pairs: Sequence[PointPair], *, target_trus_m: Triple | None =
         davinci_to_trus=found.transform.matrix.tolist() if reason is None else None,
         frames=FRAMES,
         fre_m=found.fre_m,
-        expected_fre_m=found.errors.fre_m,
+        expected_fre_m=fit.expected_fre_m,
         tre_m=found.tre_m(np.array(target)),
+        tre95_m=found.tre95_m(np.array(target)),
         target_trus_m=target,
-        misfit=found.misfit,
+        misfit=fit.chi_squared / fit.freedom,
+        probability=fit.probability,
         mirror_image_fre_m=mirror_fre_m,
         weights="sigmas of both" if weighed else "equal",
         worst=worst,
+        without=list(without),
+        shared=_shared(found) if weighed else [],
         points=[
             PointReport(
                 name=pair.name,
@@ -160,31 +200,82 @@ def register_pairs(pairs: Sequence[PointPair], *, target_trus_m: Triple | None =
     )
 
 
-def _worst(found: Registration, left_out: Sequence[LeaveOneOut | None]) -> int:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Fit:
+    """How well points fit, beside what their sigmas let expect; without sigmas, `ASSUMED_SIGMA_M`."""
+
+    chi_squared: float
+    freedom: int
+    expected_fre_m: float
+
+    @classmethod
+    def of(cls, found: Registration, count: int, *, weighed: bool) -> _Fit:
+        freedom = 3 * count - 6
+        if weighed:
+            return cls(chi_squared=found.misfit * freedom, freedom=freedom, expected_fre_m=found.errors.fre_m)
+        return cls(
+            chi_squared=count * (found.fre_m / ASSUMED_SIGMA_M) ** 2,
+            freedom=freedom,
+            expected_fre_m=ASSUMED_SIGMA_M * math.sqrt(freedom / count),
+        )
+
+    @property
+    def probability(self) -> float:
+        """Probability of residuals as large or larger."""
+        return float(chdtrc(self.freedom, self.chi_squared))
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the points fit."""
+        return self.probability >= MIN_PROBABILITY
+
+
+def _worst(names: Sequence[str], found: Registration, rests: Mapping[str, _Fit]) -> str:
     """Point without which the others fit best; the largest residual where no point can be left out."""
-    fits = [(out.fre_m, number) for number, out in enumerate(left_out) if out is not None]
-    # With four points each rest of three fits well, so that the residual says more.
-    if len(fits) < 5:
-        return int(np.argmax(found.distances_m))
-    return min(fits)[1]
+    if not rests:
+        return names[int(np.argmax(found.distances_m))]
+    return min(rests, key=lambda name: rests[name].chi_squared)
 
 
-def _refusal(found: Registration, mirror_fre_m: float, worst: str, *, weighed: bool) -> str | None:
-    """Why a registration is not accepted; None if it is."""
-    fre_m = found.fre_m
-    # Without sigmas the residuals themselves are what is expected.
-    expected_m = max(MIRROR_FRE_M, 2 * found.errors.fre_m if weighed else 0.0)
-    if fre_m > expected_m and mirror_fre_m < MIRROR_SHARE * fre_m:
+def _refusal(found: Registration, fit: _Fit, rests: Mapping[str, _Fit], worst: str, mirror_fre_m: float) -> str:
+    """Why the points do not fit, and what to do."""
+    fre_mm, expected_mm = 1e3 * found.fre_m, 1e3 * fit.expected_fre_m
+    if mirror_fre_m < MIRROR_SHARE * found.fre_m:
         return (
-            f"a mirror image fits better: FRE {1e3 * mirror_fre_m:.2f} mm and {1e3 * fre_m:.2f} mm without; one of the "
+            f"a mirror image fits better: FRE {1e3 * mirror_fre_m:.2f} mm and {fre_mm:.2f} mm without; one of the "
             f"frames is left-handed, or points are swapped (the worst is point {worst}); check the sign of each axis"
         )
-    if not fre_m <= MOST_FRE_M:
+    larger = (
+        f"the residuals are {math.sqrt(fit.chi_squared / fit.freedom):.1f} times as large as their sigmas let expect "
+        f"(FRE {fre_mm:.2f} mm, {expected_mm:.2f} mm expected); point {worst} fits worst"
+    )
+    same = "check that its marker and its camera point are the same spot"
+    fitting = [name for name in sorted(rests, key=lambda name: rests[name].chi_squared) if rests[name].accepted]
+    if len(fitting) > 1:
         return (
-            f"FRE is {1e3 * fre_m:.2f} mm, at most {1e3 * MOST_FRE_M:g} mm is accepted; point {worst} fits worst: "
-            "check that its marker and its camera point are the same spot, or leave it out"
+            f"{larger}, but the others also fit without {' or '.join(fitting[1:])}: check these, then leave the wrong "
+            f"one out, as by --without {worst}"
         )
-    return None
+    if fitting:
+        return f"{larger}: {same}, or leave it out by --without {worst}"
+    alone = ", and without it the others do not fit either" if rests else ""
+    return f"{larger}{alone}: {same}, and that no sigma is too small"
+
+
+def _shared(found: Registration) -> list[SharedReport]:
+    """The errors that all points share; those of the camera come first, and shifts of its images are not reported."""
+    sigmas = np.sqrt(np.diag(found.errors.covariance)[6:])
+    first = len(sigmas) - len(TRUS_ERRORS)
+    return [
+        SharedReport(
+            name=error.name,
+            unit=error.unit,
+            value=float(error.sigma * found.shared[number]),
+            sigma=float(error.sigma * sigmas[number]),
+            assumed_sigma=error.sigma,
+        )
+        for number, error in ((0, FOCAL_ERROR), *enumerate(TRUS_ERRORS, start=first))
+    ]
 
 
 def _under(trus_m: Float64[np.ndarray, "points 3"]) -> Triple:

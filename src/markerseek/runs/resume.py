@@ -1,6 +1,6 @@
 """Resumes a run from its journal.
 
-The run is repeated from its beginning: a `ReplayedScanner` returns the recorded samples, and each decision of the
+The run is repeated from its beginning: a `RecordedScanner` returns the recorded samples, and each decision of the
 policy is compared with the one in the journal. Then two angles are measured again on the rig, and the run continues. So
 travel, counts and the result equal those of a run without interruption.
 """
@@ -18,7 +18,7 @@ from markerseek.records.journal import Entry, Journal, RecordedRun, Resuming, Ru
 from markerseek.rigs import Rig
 from markerseek.runs.journalled import closing_run, commit_event, run_plan
 from markerseek.runs.recheck import commanded_deg, pulses_before, require_unchanged, samples_to_recheck
-from markerseek.runs.replayed_scanner import ReplayedScanner
+from markerseek.runs.recorded_scanner import RecordedScanner
 from markerseek.scan import AnyScanner, RunLimits
 
 RUN_EVENTS = (Started, Asked, Measured, Refused, Finished)
@@ -29,7 +29,7 @@ def resumed(
     policy: Policy,
     rig: Rig,
     journal: Journal,
-    held: RecordedRun,
+    recorded: RecordedRun,
     *,
     by: str,
     reset_fault: bool = False,
@@ -40,35 +40,16 @@ def resumed(
     of the person who resumes it, and the strongest angle so far and one on a flank are measured again; they must be
     unchanged.
 
-    Parameters
-    ----------
-    policy, rig
-        In their state before the run.
-    journal, held
-        From `Journal.reopen`.
-    by
-        Name of the person who arms the rig.
-    reset_fault
-        Whether that person has inspected the rig after a fault, and resets it.
-
-    Yields
-    ------
-    Event
-        As `run`; recorded events are not written again.
-
-    Raises
-    ------
-    DeviceError
-        If the run ended with a fault that is not reset, or an angle measured again has changed.
-    RecordError
-        If the run is over, the policy decides differently than before, or an event cannot be written.
+    ``policy``, ``rig``: in their state before the run. ``by``: name of the person who arms the rig. ``reset_fault``:
+    whether that person has inspected the rig after a fault, and resets it. Yields as `run`; recorded events are not
+    written again.
     """
-    state = run_state(held.entries)
+    state = run_state(recorded.entries)
     if state.state == "finished":
-        raise RecordError(f"{held.path}: the run is over; it cannot be resumed")
-    require_reset(held.path, state, reset_fault=reset_fault)
-    repeated = tuple(entry for entry in held.entries if isinstance(entry.event, RUN_EVENTS))
-    step = _StepToRig(rig, journal, held, repeated, by=by, attempts=RunLimits().attempts)
+        raise RecordError(f"{recorded.path}: the run is over; it cannot be resumed")
+    require_reset(recorded.path, state, reset_fault=reset_fault)
+    repeated = tuple(entry for entry in recorded.entries if isinstance(entry.event, RUN_EVENTS))
+    step = _Handover(rig, journal, recorded, repeated, by=by, attempts=RunLimits().attempts)
     scanner = step.scanner
     pending = deque(repeated)
     events = run_plan(policy, scanner, journal.configuration.plan)
@@ -78,7 +59,7 @@ def resumed(
             step.take()
         for event in events:
             if pending:
-                _require_same(event, pending.popleft(), held)
+                _require_same(event, pending.popleft(), recorded)
                 yield event
                 if not pending:
                     step.take()
@@ -87,33 +68,35 @@ def resumed(
                 yield event
 
 
-class _StepToRig:
-    """The switch from the journal to the rig, made once, after the last replayed entry; arguments of `resumed`."""
+class _Handover:
+    """Handover from the journal to the rig, once, after the last recorded entry; arguments of `resumed`."""
 
     def __init__(
-        self, rig: Rig, journal: Journal, held: RecordedRun, repeated: tuple[Entry, ...], *, by: str, attempts: int
+        self, rig: Rig, journal: Journal, recorded: RecordedRun, repeated: tuple[Entry, ...], *, by: str, attempts: int
     ) -> None:
-        self._rig, self._journal, self._held, self._repeated = rig, journal, held, repeated
+        self._rig, self._journal, self._recorded, self._repeated = rig, journal, recorded, repeated
         self._by, self._attempts = by, attempts
-        self._checkpoint = _last_checkpoint(rig, held) if repeated else None
-        self._replayed: ReplayedScanner | None = None
+        self._checkpoint = _last_checkpoint(rig, recorded) if repeated else None
+        self._recorded_scanner: RecordedScanner | None = None
         if repeated:
             same_clock = self._checkpoint is not None
-            self._replayed = ReplayedScanner(repeated, limits=rig.limits, live=rig.scanner, same_clock=same_clock)
+            self._recorded_scanner = RecordedScanner(
+                repeated, limits=rig.limits, live=rig.scanner, same_clock=same_clock
+            )
 
     @property
     def scanner(self) -> AnyScanner:
         """Scanner of the whole run."""
-        return self._replayed or self._rig.scanner
+        return self._recorded_scanner or self._rig.scanner
 
     def take(self) -> None:
         """Charge the guard with earlier pulses, record who armed the rig, measure two angles again, and arm."""
-        rig, entries = self._rig, self._held.entries
+        rig, entries = self._rig, self._recorded.entries
         # The budget of pulses is per session on the tissue, not per process.
         rig.scanner.guard.charge(pulses_before(entries, pulses=rig.scanner.pulses, attempts=self._attempts))
         self._restore()
-        if self._replayed is not None:
-            self._replayed.switch_to_rig()
+        if self._recorded_scanner is not None:
+            self._recorded_scanner.switch_to_rig()
         samples = samples_to_recheck(entries)
         check_deg, flank_deg, *_ = [*map(commanded_deg, samples), None, None]
         note = Resuming(
@@ -153,21 +136,21 @@ def require_reset(path: Path, state: RunState, *, reset_fault: bool) -> None:
         )
 
 
-def _last_checkpoint(rig: Rig, held: RecordedRun) -> bytes | None:
+def _last_checkpoint(rig: Rig, recorded: RecordedRun) -> bytes | None:
     """Last recorded state of a simulated world; None for a real rig."""
     if rig.world is None:
         return None
-    for entry in reversed(held.entries):
+    for entry in reversed(recorded.entries):
         if entry.checkpoint is not None:
             return entry.checkpoint
-    raise RecordError(f"{held.path}: it has no state of the simulated world, so that the run cannot continue")
+    raise RecordError(f"{recorded.path}: it has no state of the simulated world, so that the run cannot continue")
 
 
-def _require_same(now: Event, then: Entry, held: RecordedRun) -> None:
+def _require_same(now: Event, then: Entry, recorded: RecordedRun) -> None:
     # Exact equality of floats: the same code and data must decide the same, bit for bit.
     if now != then.event:
-        begun = ", ".join(f"{name} {version}" for name, version in held.configuration.versions.items())
+        begun = ", ".join(f"{name} {version}" for name, version in recorded.configuration.versions.items())
         raise RecordError(
-            f"{held.path}: entry {then.number}: the search decides differently than before: {now} where the journal "
-            f"has {then.event}; resume with its first versions ({begun})"
+            f"{recorded.path}: entry {then.number}: the search decides differently than before: {now} where the "
+            f"journal has {then.event}; resume with its first versions ({begun})"
         )

@@ -38,24 +38,8 @@ def differences_of_benches(recorded: BenchSettings, named: BenchSettings) -> dic
 def require_same_measurement(configuration: Configuration, recorded: BenchSettings, named: BenchSettings) -> list[str]:
     """Refuse a rig file whose acquisitions are not comparable with the journal's; return all other differences.
 
-    Parameters
-    ----------
-    configuration
-        The journal's configuration.
-    recorded
-        Settings in the journal.
-    named
-        Settings in the user's rig file.
-
-    Returns
-    -------
-    list of str
-        Differences that do not change what is measured, such as ports, travel limits and budgets.
-
-    Raises
-    ------
-    ConfigError
-        If a key of `SAME` differs, or the journal searches another range than the rig file.
+    ``named``: settings in the user's rig file. Returns differences that do not change what is measured, such as ports,
+    travel limits and budgets.
     """
     found = differences_of_benches(recorded, named)
     refused = [difference for key, difference in found.items() if key.startswith(SAME)]

@@ -19,50 +19,29 @@ from markerseek.search import most_acquisitions, policy_for
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Session:
-    """A search on a rig. Iterate over `events`, then ask for `result`.
-
-    Attributes
-    ----------
-    policy, rig
-        The search method, and the rig.
-    configuration
-        Plan of the search and facts of the rig, as a journal holds them.
-    journal
-        Journal of the run; None if none is kept.
-    held
-        Recorded run to be resumed; None for a new run.
-    by, reset_fault
-        For a resumed run: who arms the rig, and whether that person has inspected it after a fault.
-    stream
-        Receives each event after its commit, for programs that watch; None if none does.
-    recorder
-        Collects the samples and the answer for the result.
-    """
+    """A search on a rig. Iterate over `events`, then ask for `result`."""
 
     policy: Policy
     rig: Rig
     configuration: Configuration
+    """Plan of the search and facts of the rig, as a journal holds them."""
     journal: Journal | None = None
-    held: RecordedRun | None = None
+    recorded: RecordedRun | None = None
+    """Recorded run to be resumed; None for a new run."""
     by: str = ""
     reset_fault: bool = False
+    """``by`` and ``reset_fault``: for a resumed run: who arms the rig, and whether that person has inspected it after a
+    fault."""
     stream: EventStream | None = None
+    """Receives each event after its commit, for programs that watch."""
     recorder: Recorder = field(default_factory=Recorder)
+    """Collects the samples and the answer for the result."""
 
     def events(self) -> Generator[Event, None, None]:
         """Run the search; if closed early, the stage stops and the laser is disarmed.
 
-        Yields
-        ------
-        Event
-            As `markerseek.scan.run`, each committed to the journal before; a resumed run begins with its first event.
-
-        Raises
-        ------
-        MarkerseekError
-            As `markerseek.scan.run`, and as `resumed` for a run that is resumed.
-        RecordError
-            If an event cannot be written; the rig is stopped.
+        Yields as `markerseek.scan.run`, each committed to the journal before; a resumed run begins with its first
+        event. Raises `RecordError` if an event cannot be written; the rig is stopped.
         """
         # Closed here, because a generator that is only dropped stops the rig whenever it is collected.
         with closing(self._run()) as events:
@@ -75,12 +54,12 @@ class Session:
             events = run_plan(self.policy, self.rig.scanner, self.configuration.plan)
             return events if self.stream is None else streamed(events, self.stream, self.rig.scanner.clock)
         if self.stream is not None:
-            if self.held is not None:
-                self.stream.repeat(self.held.entries)
+            if self.recorded is not None:
+                self.stream.repeat(self.recorded.entries)
             self.journal.watch(self.stream.put)
-        if self.held is None:
+        if self.recorded is None:
             return journalled(self.policy, self.rig, self.journal)
-        return resumed(self.policy, self.rig, self.journal, self.held, by=self.by, reset_fault=self.reset_fault)
+        return resumed(self.policy, self.rig, self.journal, self.recorded, by=self.by, reset_fault=self.reset_fault)
 
     def interrupt(self, reason: str) -> None:
         """`Journal.interrupt`, or, where no journal is kept, the same event to the stream."""
@@ -100,57 +79,28 @@ class Session:
 
 
 def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
-    """The plan with the dark frames that a rig needs; the paper's form of a method takes none before the search.
-
-    Parameters
-    ----------
-    rig, plan
-        The rig, and what is asked of the search.
-    """
+    """The plan with the dark frames that a rig needs; the paper's form of a method takes none before the search."""
     # The paper's methods measure no noise floor.
     return replace(plan, dark_frames=0 if plan.as_published else rig.dark_frames, closing_dark=rig.closing_dark)
 
 
 def new_session(rig: Rig, plan: SearchPlan) -> Session:
-    """A new search, without a journal yet; nothing moves before `Session.events` is iterated.
-
-    Parameters
-    ----------
-    rig, plan
-        The rig, and what is asked of the search.
-
-    Raises
-    ------
-    ConfigError
-        If the plan cannot be used.
-    """
+    """A new search, without a journal yet; nothing moves before `Session.events` is iterated."""
     policy = policy_for(plan, limits=rig.limits.search)
     return Session(policy=policy, rig=rig, configuration=configuration_of(rig, plan))
 
 
-def resumed_session(rig: Rig, journal: Journal, held: RecordedRun, *, by: str, reset_fault: bool) -> Session:
+def resumed_session(rig: Rig, journal: Journal, recorded: RecordedRun, *, by: str, reset_fault: bool) -> Session:
     """A search that is resumed; nothing moves before `Session.events` is iterated.
 
-    Parameters
-    ----------
-    rig
-        Rig of the journal, from `markerseek.runs.rebuild.rebuild_rig`.
-    journal, held
-        From `Journal.reopen`.
-    by, reset_fault
-        As in `markerseek.runs.resume.resumed`.
-
-    Raises
-    ------
-    ConfigError
-        If the method does not exist any more.
+    ``rig``: rig of the journal, from `markerseek.runs.rebuild.rebuild_rig`.
     """
     return Session(
-        policy=rebuild_policy(held.configuration),
+        policy=rebuild_policy(recorded.configuration),
         rig=rig,
-        configuration=held.configuration,
+        configuration=recorded.configuration,
         journal=journal,
-        held=held,
+        recorded=recorded,
         by=by,
         reset_fault=reset_fault,
     )

@@ -3,24 +3,44 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 
 import msgspec
 import numpy as np
 
-from markerseek.core import ConfigError, Float64, MarkerCurve, MarkerPosition, Measured, SearchError, SearchPlan
-from markerseek.geometry import LEAST_POINTS, RigidTransform, StereoCameras, triangulate
+from markerseek.core import (
+    ConfigError,
+    Float64,
+    MarkerCurve,
+    MarkerPosition,
+    Measured,
+    SearchError,
+    SearchPlan,
+    Tolerance,
+)
+from markerseek.geometry import MIN_POINTS, RigidTransform, StereoCameras, triangulate
 from markerseek.records import SearchResult
 from markerseek.rigs import simulated
 from markerseek.runs.registration import PointPair, RegistrationReport, register_pairs
 from markerseek.runs.session import new_session, plan_on
+from markerseek.runs.shared_errors import camera_shared_m
 from markerseek.sim import EndoscopeSettings, SimulatedSettings, camera_above, endoscope, spot_images
 from markerseek.vision import LaserSpot, find_spot
 
 GRID_STEP_M, RELIEF_M = 20e-3, 5e-3
 """Step of the paper's 3 x 3 grid of markers, and the range of the heights of the tissue."""
+
+# A camera that looks straight down is turned by 180 deg about an axis across its view, whatever its roll, so that its
+# transform is nearly its own inverse (1.5 to 2.2 mm apart at the markers): one that is applied in the wrong direction
+# would not show. With a tilt like that of a 30 deg endoscope, and less roll, the two are 15 mm or more apart.
+CAMERA_TILT_DEG, CAMERA_ROLL_DEG = (25.0, 35.0), (-60.0, 60.0)
+"""Tilt of the line of sight against the tissue's normal, and rotation about it, in degrees; drawn evenly."""
+
+REGISTRATION_TOLERANCE = Tolerance(mm=0.3)
+"""Tolerance of searches for a registration: with the usual 1 mm markers are twice as far off along the turn, for two
+acquisitions less each. A search that does not reach it counts by its sigma."""
 
 BY_HAND_S = (120.0, 420.0)
 """Time of a search by hand for one registration: 2 to 3 minutes, and "as much as 7 min" (the paper)."""
@@ -64,24 +84,15 @@ class SimulatedTruth(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedScene:
-    """Settings of a simulated registration.
-
-    Attributes
-    ----------
-    markers
-        Number of markers, one of `MARKER_PLACES`.
-    camera_m
-        Distance of the endoscope from the tissue, in metres.
-    camera
-        Errors of the cameras.
-    rig
-        The simulated rig; its marker is moved from place to place.
-    """
+    """Settings of a simulated registration."""
 
     markers: int = 4
+    """Number of markers, one of `MARKER_PLACES`."""
     camera_m: float = 0.1
+    """Distance of the endoscope from the tissue."""
     camera: EndoscopeSettings = field(default_factory=EndoscopeSettings)
     rig: SimulatedSettings = field(default_factory=SimulatedSettings)
+    """The simulated rig; its marker is moved from place to place."""
 
     def __post_init__(self) -> None:
         if self.markers not in MARKER_PLACES:
@@ -95,29 +106,12 @@ def simulate_registration(
     *,
     seed: int,
     target_trus_m: tuple[float, float, float] | None = None,
+    without: Sequence[str] = (),
     on_search: Callable[[int], object] = lambda _number: None,
 ) -> tuple[RegistrationReport, SimulatedTruth]:
     """Search the markers, see their spots, register, and compare with the truth.
 
-    Parameters
-    ----------
-    scene
-        The settings.
-    seed
-        Seed of everything that is drawn.
-    target_trus_m
-        As in `register_pairs`.
-    on_search
-        Called with the number of searches that are done.
-
-    Raises
-    ------
-    SearchError
-        If fewer than three markers were found.
-    ConfigError
-        If a spot is not seen, or the points determine no transform.
-    MissingExtraError
-        If OpenCV is not installed.
+    ``target_trus_m``, ``without``: the names are the numbers of the markers.
     """
     rng = np.random.default_rng(seed)
     places = GRID_STEP_M * np.array(MARKER_PLACES[scene.markers], dtype=float)
@@ -126,8 +120,8 @@ def simulate_registration(
     true = camera_above(
         np.array([0.0, 0.0, radius_m]),
         distance_m=scene.camera_m,
-        roll_deg=rng.uniform(0, 360),
-        tilt_deg=rng.uniform(-15, 15),
+        roll_deg=rng.uniform(*CAMERA_ROLL_DEG),
+        tilt_deg=rng.uniform(*CAMERA_TILT_DEG),
     )
     cameras = endoscope()
     pairs, searches = [], []
@@ -143,7 +137,7 @@ def simulate_registration(
         if result.marker_trus_m is None or result.marker_sigma_m is None:
             continue
         marker = MarkerPosition(position_m=result.marker_trus_m, sigma_m=result.marker_sigma_m)
-        camera_m, covariance_m2 = _seen(true.inverse().apply(spot_m), cameras, scene.camera, rng)
+        camera_m, covariance_m2, shared_m = _seen(true.inverse().apply(spot_m), cameras, scene.camera, rng)
         pairs.append(
             PointPair(
                 name=str(number),
@@ -151,15 +145,16 @@ def simulate_registration(
                 camera_m=camera_m,
                 trus_covariance_m2=marker.covariance_m2,
                 camera_covariance_m2=covariance_m2,
+                camera_shared_m=shared_m,
             )
         )
-    if len(pairs) < LEAST_POINTS:
+    if len(pairs) < MIN_POINTS:
         answers = ", ".join(search.answer for search in searches)
         raise SearchError(
-            f"{len(pairs)} of {len(searches)} markers were found, at least {LEAST_POINTS} are needed (the searches "
+            f"{len(pairs)} of {len(searches)} markers were found, at least {MIN_POINTS} are needed (the searches "
             f"ended with: {answers}); search more markers, or another --seed"
         )
-    report = register_pairs(pairs, target_trus_m=target_trus_m)
+    report = register_pairs(pairs, target_trus_m=target_trus_m, without=without)
     elapsed_s = sum(search.elapsed_s for search in searches)
     return report, SimulatedTruth(
         simulated=True,
@@ -188,7 +183,11 @@ def _search(
     assembled = simulated(seed=seed, settings=replace(rig, marker=marker, start_deg=start_deg))
     # A search begins with the intensity curve of the last marker, as `search --prior` does.
     session = new_session(
-        assembled, plan_on(assembled, SearchPlan(method="posterior", start_deg=start_deg, prior=prior))
+        assembled,
+        plan_on(
+            assembled,
+            SearchPlan(method="posterior", start_deg=start_deg, prior=prior, tolerance=REGISTRATION_TOLERANCE),
+        ),
     )
     with closing(session.events()) as events:
         frames = sum(isinstance(event, Measured) for event in events)
@@ -209,8 +208,8 @@ def _searched(name: str, result: SearchResult, spot_m: Float64[np.ndarray, " 3"]
 
 def _seen(
     spot_m: Float64[np.ndarray, " 3"], cameras: StereoCameras, settings: EndoscopeSettings, rng: np.random.Generator
-) -> tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, "3 3"]]:
-    """Position of a spot and its covariance from simulated images of both cameras."""
+) -> tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, "3 3"], Float64[np.ndarray, "3 errors"]]:
+    """Position of a spot, its covariance, and its shared errors, from simulated images of both cameras."""
     found = []
     for camera, exact in zip((cameras.left, cameras.right), cameras.project(spot_m[None]), strict=True):
         place = exact[0] + settings.calibration_sigma_px * rng.standard_normal(2)
@@ -220,8 +219,10 @@ def _seen(
         found.append(answer)
     left, right = (np.array([[spot.x_px, spot.y_px]]) for spot in found)
     seen_px = max(spot.sigma_px or settings.spot_sigma_px for spot in found)
-    both = triangulate(left, right, cameras, sigma_px=math.hypot(seen_px, settings.calibration_sigma_px))
-    return both.points_m[0], both.covariances_m2[0]
+    sigma_px = settings.calibration_sigma_px
+    both = triangulate(left, right, cameras, sigma_px=math.hypot(seen_px, sigma_px))
+    shared = camera_shared_m(both, left, right, cameras, calibration_sigma_px=sigma_px)
+    return both.points_m[0], both.covariances_m2[0], shared[0]
 
 
 def _error_m(report: RegistrationReport, true: RigidTransform) -> float | None:

@@ -16,27 +16,18 @@ from markerseek.geometry import Camera, RigidTransform, StereoCameras
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StereoSettings:
-    """Keys of the file.
-
-    Attributes
-    ----------
-    left, right
-        The cameras.
-    rotation_vector
-        Rotation from the left camera's frame to the right one's as ``cv2.Rodrigues`` gives it, in radians.
-    translation_m
-        Translation from the left camera's frame to the right one's, in metres (OpenCV gives it in the unit of the
-        calibration target).
-    calibration_sigma_px
-        Standard deviation of the error of the calibration, in pixels: the reprojection error of points that were not
-        used for it.
-    """
+    """Keys of the file."""
 
     left: Camera
     right: Camera
     rotation_vector: tuple[float, float, float]
+    """Rotation from the left camera's frame to the right one's as ``cv2.Rodrigues`` gives it, in radians."""
     translation_m: tuple[float, float, float]
+    """Translation from the left camera's frame to the right one's, in metres (OpenCV gives it in the unit of the
+    calibration target)."""
     calibration_sigma_px: float
+    """Standard deviation of the error of the calibration: the reprojection error of points that were not used for
+    it."""
 
     def __post_init__(self) -> None:
         require_range(
@@ -69,15 +60,7 @@ class StereoSettings:
 def read_stereo(path: Path) -> StereoSettings:
     """Calibration of a stereo endoscope.
 
-    Parameters
-    ----------
-    path
-        TOML file; ``examples/stereo.toml`` shows all keys.
-
-    Raises
-    ------
-    ConfigError
-        If it cannot be read, a key is unknown or missing, or a value is out of range.
+    ``path``: TOML file; ``examples/stereo.toml`` shows all keys.
     """
     table = read_toml(path, what="stereo calibration")
     try:

@@ -12,40 +12,28 @@ from markerseek.core import Event, Found, Sample, SearchError
 from markerseek.rigs import Rig
 from markerseek.scan import RunLimits, run
 from markerseek.search import FLANK_SHARE, Tracker, TrackingPolicy
-from markerseek.sim import TURN_S, StageMotion, Swing
+from markerseek.sim import TURN_S, OscillatingMotion, StageMotion
 
-MOST_FRAMES = 20_000
+MAX_FRAMES = 20_000
 """Most frames of one track: more than a search may take; the guard's budget of pulses holds beside it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackQuality:
-    """How well a marker was followed.
-
-    Attributes
-    ----------
-    rms_deg
-        Root mean square of the error in degrees.
-    within_1_deg
-        Share of the frames with an error of at most 1 degree.
-    lag_s
-        Time in seconds by which the tracker is behind: that of the line error = −lag · speed.
-    """
+    """How well a marker was followed."""
 
     rms_deg: float
+    """Root mean square of the error."""
     within_1_deg: float
+    """Share of the frames with an error of at most 1 degree."""
     lag_s: float
+    """Time in seconds by which the tracker is behind: that of the line error = −lag · speed."""
 
     @classmethod
     def of(cls, errors_deg: Sequence[float], speeds_deg_s: Sequence[float]) -> TrackQuality:
         """Quality of a track.
 
-        Parameters
-        ----------
-        errors_deg
-            Estimate less truth at each frame, in degrees; at least one.
-        speeds_deg_s
-            Speed of the marker then, in degrees per second.
+        ``errors_deg``: estimate less truth at each frame; at least one. ``speeds_deg_s``: speed of the marker then.
         """
         errors, speeds = np.array(errors_deg), np.array(speeds_deg_s)
         return cls(
@@ -59,16 +47,8 @@ class TrackQuality:
 def stage_period_s(motion: StageMotion, *, fwhm_deg: float, speed_deg_s: float, frame_s: float) -> float:
     """Time from frame to frame of a stage that comes to rest at each flank, in seconds; infinite if it is too slow.
 
-    Parameters
-    ----------
-    motion
-        How the stage moves.
-    fwhm_deg
-        Full width of the curve at half maximum in degrees, which sets how far apart the flanks are.
-    speed_deg_s
-        Speed of the marker in degrees per second.
-    frame_s
-        Time for pulses and readout, in seconds.
+    ``fwhm_deg``: full width of the curve at half maximum, which sets how far apart the flanks are. ``frame_s``: time
+    for pulses and readout.
     """
     if not motion.speed_deg_s > speed_deg_s:
         return math.inf
@@ -80,30 +60,14 @@ def stage_period_s(motion: StageMotion, *, fwhm_deg: float, speed_deg_s: float, 
     return period_s
 
 
-def following(
+def tracking_policy(
     rig: Rig, found: Found, confirmation: Sample, *, speed_deg_s: float, duration_s: float, period_s: float
 ) -> TrackingPolicy:
     """Policy that follows a marker from now on.
 
-    Parameters
-    ----------
-    rig
-        The rig on which it was found.
-    found
-        The answer of the search, with the marker's intensity curve.
-    confirmation
-        The acquisition at the angle found, for its noise.
-    speed_deg_s
-        Speed of the marker in degrees per second: half as much again, and turns within `TURN_S`, are followed.
-    duration_s
-        How long it is followed, in seconds.
-    period_s
-        Time from frame to frame in seconds, as a first guess.
-
-    Raises
-    ------
-    SearchError
-        If the search does not know the curve, or the frames not their noise.
+    ``found``: the answer of the search, with the marker's intensity curve. ``confirmation``: the acquisition at the
+    angle found, for its noise. ``speed_deg_s``: speed of the marker: half as much again, and turns within `TURN_S`, are
+    followed. ``duration_s``: how long it is followed. ``period_s``: time from frame to frame, as a first guess.
     """
     noise_sigma = confirmation.reading.noise_sigma
     if found.curve is None or noise_sigma is None:
@@ -123,16 +87,16 @@ def following(
     return TrackingPolicy(tracker, began_s=now_s, until_s=now_s + duration_s, period_s=period_s)
 
 
-def follow(rig: Rig, policy: TrackingPolicy, swing: Swing) -> Generator[Event, None, None]:
-    """Let the marker of a `MovingWorld` move by its swing, and follow it: the events of `markerseek.scan.run`.
+def track_run(rig: Rig, policy: TrackingPolicy, swing: OscillatingMotion) -> Generator[Event, None, None]:
+    """Let the marker of a `MovingWorld` oscillate, and track it: the events of `markerseek.scan.run`.
 
     The guard permits each move and each firing, as in a search.
     """
     swing.begin(rig.scanner.clock.now_s())
-    yield from run(policy, rig.scanner, stay=True, limits=RunLimits(acquisitions=MOST_FRAMES))
+    yield from run(policy, rig.scanner, stay=True, limits=RunLimits(acquisitions=MAX_FRAMES))
 
 
-def quality_of(policy: TrackingPolicy, swing: Swing, *, rest_deg: float) -> TrackQuality | None:
+def quality_of(policy: TrackingPolicy, swing: OscillatingMotion, *, rest_deg: float) -> TrackQuality | None:
     """Quality of a track after the run, with the marker's angle at rest in degrees; None if there was no frame."""
     if not policy.track:
         return None

@@ -3,8 +3,8 @@
 A recorded scan over all angles is a bank (`markerseek.records.banks`).
 """
 
-from markerseek.scan.confirmation import SEEN_SIGMAS, moved_source
+from markerseek.scan.confirmation import SEEN_SIGMAS, larger_noise, moved_source
 from markerseek.scan.loop import AnyScanner, RunLimits, run
-from markerseek.scan.scanner import DeadMan, Scanner
+from markerseek.scan.scanner import Scanner, Watchdog
 
-__all__ = ["SEEN_SIGMAS", "AnyScanner", "DeadMan", "RunLimits", "Scanner", "moved_source", "run"]
+__all__ = ["SEEN_SIGMAS", "AnyScanner", "RunLimits", "Scanner", "Watchdog", "larger_noise", "moved_source", "run"]

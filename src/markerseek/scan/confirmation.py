@@ -28,46 +28,32 @@ SEEN_SIGMAS = 12.0
 """Intensity over the noise from which a position in the image is that of a source; weaker ones scatter too much."""
 
 
-def judged(estimate: Estimate, confirmation: Sample, samples: Sequence[Sample]) -> Estimate:
+def apply_confirmation(estimate: Estimate, confirmation: Sample, samples: Sequence[Sample]) -> Estimate:
     """The answer after its confirming acquisition: `Unsure` where a checked search's angle is not confirmed.
 
     The paper's form of a method asks for no noise floor and keeps its answer.
-
-    Parameters
-    ----------
-    estimate
-        The answer of the policy.
-    confirmation, samples
-        As in `unconfirmed`.
     """
     if not isinstance(estimate, Found) or estimate.floor is None:
         return estimate
-    reason = unconfirmed(estimate, confirmation, samples)
-    return estimate if reason is None else estimate.doubted(reason)
+    reason = confirmation_failure(estimate, confirmation, samples)
+    return estimate if reason is None else estimate.as_unsure("source", reason)
 
 
-def unconfirmed(found: Found, confirmation: Sample, samples: Sequence[Sample]) -> str | None:
+def confirmation_failure(found: Found, confirmation: Sample, samples: Sequence[Sample]) -> str | None:
     """Why the acquisition at the angle found does not confirm it, with both numbers; None if it does.
 
     It must reach `SHARE` of the strongest sample's intensity, less `NOISE_SIGMAS` of the noise, and lie above the
     floor. Its source must lie within `MOVED_M` of that of one of the strong samples: the spot of light is wide, and its
     strongest part changes from sample to sample.
 
-    Parameters
-    ----------
-    found
-        The answer of a checked search.
-    confirmation
-        The acquisition at its angle.
-    samples
-        Those of the search, taken with light.
+    ``found``: the answer of a checked search.
     """
     if not samples:
         return None
     strongest = max(samples, key=lambda sample: sample.reading.intensity).reading
     now = confirmation.reading
     expected = strongest.intensity
-    noise = max(strongest.noise_sigma or 0.0, now.noise_sigma or 0.0)
+    noise = larger_noise(strongest, now)
     floor = 0.0 if found.floor is None or found.floor.level is None else found.floor.level
     least = max(SHARE * expected - NOISE_SIGMAS * noise, floor)
     if not now.intensity >= least:
@@ -83,15 +69,14 @@ def unconfirmed(found: Found, confirmation: Sample, samples: Sequence[Sample]) -
     return f"not confirmed: in the acquisition at the angle found, {moved[0]}; search again"
 
 
-def moved_source(before: Reading, now: Reading) -> str | None:
-    """By how much the source of two readings has moved, in words; None within `MOVED_M` or if one is weak.
+def larger_noise(before: Reading, now: Reading) -> float:
+    """Larger noise of two readings, in the intensity's unit; 0 where neither states it: no difference is then noise."""
+    return max((each.noise_sigma for each in (before, now) if each.noise_sigma is not None), default=0.0)
 
-    Parameters
-    ----------
-    before, now
-        The readings.
-    """
-    noise = max(before.noise_sigma or 0.0, now.noise_sigma or 0.0)
+
+def moved_source(before: Reading, now: Reading) -> str | None:
+    """By how much the source of two readings has moved, in words; None within `MOVED_M` or if one is weak."""
+    noise = larger_noise(before, now)
     if not min(before.intensity, now.intensity) > SEEN_SIGMAS * noise:
         return None
     # A long pulse arrives twice, and either of the two may be the stronger: one of them at the place is enough.

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from markerseek.core import (
-    MOST_ACQUISITIONS,
+    MAX_ACQUISITIONS,
     AcquisitionError,
     Asked,
     Clock,
@@ -32,7 +32,7 @@ from markerseek.core import (
     Started,
 )
 from markerseek.guard import Guard, Limits, State
-from markerseek.scan.confirmation import judged
+from markerseek.scan.confirmation import apply_confirmation
 
 
 class AnyScanner(Protocol):
@@ -70,21 +70,14 @@ class AnyScanner(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunLimits:
-    """Limits of a run, beyond which it is ended with an error.
+    """Limits of a run, beyond which it is ended with an error."""
 
-    Attributes
-    ----------
-    acquisitions
-        Most acquisitions that a policy may ask for.
-    duration_s
-        Longest time on the rig's clock, in seconds.
-    attempts
-        How often one acquisition is tried when its frames are refused.
-    """
-
-    acquisitions: int = MOST_ACQUISITIONS
+    acquisitions: int = MAX_ACQUISITIONS
+    """Most acquisitions that a policy may ask for."""
     duration_s: float = 3600.0 * 3
+    """Longest time on the rig's clock."""
     attempts: int = 3
+    """How often one acquisition is tried when its frames are refused."""
 
 
 _RUN_LIMITS = RunLimits()
@@ -169,7 +162,7 @@ def run(
                     estimate, searching = policy.estimate(), policy.ask() is not None
                 else:
                     searching = False
-                estimate = judged(estimate, confirmation, lit)
+                estimate = apply_confirmation(estimate, confirmation, lit)
                 lit.append(replace(confirmation, frame=None))
         if closing_dark and lit:
             # One attempt: if frames are late by one, a second would show the dark data of the first and hide it.

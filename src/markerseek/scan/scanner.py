@@ -7,11 +7,28 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Protocol
 
-from markerseek.core import AcquisitionError, Clock, ConfigError, Frame, Laser, Reader, Receiver, Sample, Stage
+import numpy as np
+
+from markerseek.core import (
+    AcquisitionError,
+    Clock,
+    ConfigError,
+    Frame,
+    Laser,
+    Reader,
+    Reading,
+    Receiver,
+    Sample,
+    Stage,
+    is_finite,
+)
 from markerseek.guard import Guard, Limits, State
 
+MIN_ENERGY = 0.1
+"""Least measured energy over the usual one with which a reading is used; the most is as much above it."""
 
-class DeadMan(Protocol):
+
+class Watchdog(Protocol):
     """Makes laser and stage safe when the control loop stops stepping between `hold` and `release`."""
 
     def hold(self) -> None:
@@ -24,19 +41,9 @@ class DeadMan(Protocol):
 class Scanner:
     """Measures at one angle: guard, stage, permit, laser and receiver, admission, reader.
 
-    Parameters
-    ----------
-    stage, laser, receiver, reader, clock
-        The parts of the rig.
-    guard
-        Permits each step, and admits frames. It must be armed before anything moves.
-    pulses
-        Laser pulses averaged in one acquisition; several numbers are used in turn, so that a frame that holds as many
-        pulses as were triggered shows which acquisition it belongs to.
-    arms_itself
-        Whether the guard is armed by the first measurement: only where no hardware is involved.
-    dead_man
-        Lease for each move and each firing; None where no hardware is involved.
+    ``guard``: permits each step, and admits frames. It must be armed before anything moves. ``arms_itself``: whether
+    the guard is armed by the first measurement: only where no hardware is involved. ``watchdog``: lease for each move
+    and each firing; None where no hardware is involved.
     """
 
     def __init__(
@@ -50,7 +57,7 @@ class Scanner:
         guard: Guard,
         pulses: int | Sequence[int] = 16,
         arms_itself: bool = False,
-        dead_man: DeadMan | None = None,
+        watchdog: Watchdog | None = None,
     ) -> None:
         in_turn = (pulses,) if isinstance(pulses, int) else tuple(pulses)
         if not in_turn or min(in_turn) < 1:
@@ -64,7 +71,7 @@ class Scanner:
         self._pulses = in_turn
         self._acquired = 0
         self._arms_itself = arms_itself
-        self._leased = _Leased(dead_man)
+        self._watchdog_held = _WatchdogHeld(watchdog)
         self._faulting = _FaultOnError(guard)
         # A receiver or reader may refuse a frame, which is taken again; laser and stage have no such second try.
         self._refusable = _FaultOnError(guard, AcquisitionError, ConfigError)
@@ -96,23 +103,13 @@ class Scanner:
     def measure(self, angle_deg: float) -> Sample:
         """Turn the probe to an angle, fire, acquire a frame, and return its reading.
 
-        Parameters
-        ----------
-        angle_deg
-            Where to measure, in degrees.
-
-        Raises
-        ------
-        LimitError
-            If the angle is outside the search range or the guard is not armed; nothing was moved.
-        AcquisitionError
-            If the frame was refused; it may be taken again.
-        DeviceError
-            If a device did not do its part; the guard is in FAULT then.
+        ``angle_deg``: where to measure. Raises `LimitError` if the angle is outside the search range or the guard is
+        not armed; nothing was moved. Raises `AcquisitionError` if the frame was refused; it may be taken again. Raises
+        `DeviceError` if a device did not do its part; the guard is in FAULT then.
         """
         self._arm_itself()
         self.guard.begin_move(angle_deg)
-        with self._faulting, self._leased:
+        with self._faulting, self._watchdog_held:
             reached_deg = self._stage.move_to(angle_deg)
         self.guard.end_move(reached_deg)
         self._acquired += 1
@@ -121,10 +118,7 @@ class Scanner:
     def measure_dark(self) -> Sample:
         """Acquire a frame of noise at the present angle, with the laser off.
 
-        Raises
-        ------
-        DeviceError
-            As `measure`.
+        Raises `DeviceError` as `measure`.
         """
         self._arm_itself()
         return self._acquire(self.angle_deg, pulses=0)
@@ -153,7 +147,7 @@ class Scanner:
         # Read after arming: a start command may take seconds, in which the probe can be moved by hand.
         before_deg = self.angle_deg
         self.guard.redeem(permit, angle_deg=before_deg, now_s=self.clock.now_s())
-        with self._faulting, self._leased:
+        with self._faulting, self._watchdog_held:
             fired = self._laser.fire(permit)
         self.guard.end_fire(fired)
         with self._refusable:
@@ -165,7 +159,7 @@ class Scanner:
         self._refused_frame = frame
         self.guard.admit_frame(frame, permit=permit, now_s=self.clock.now_s())
         with self._refusable:
-            reading = self._reader.read(frame)
+            reading = _per_energy(self._reader.read(frame), frame.header.energy)
         self.guard.admit_reading(reading, frame=frame)
         self._refused_frame = None
         self._settled = True
@@ -193,16 +187,42 @@ class _FaultOnError:
             self._guard.fail(f"{type(error).__name__}: {error}")
 
 
-class _Leased:
-    """Holds the dead man's lease during one step."""
+class _WatchdogHeld:
+    """Holds the watchdog's lease during one step."""
 
-    def __init__(self, dead_man: DeadMan | None) -> None:
-        self._dead_man = dead_man
+    def __init__(self, watchdog: Watchdog | None) -> None:
+        self._watchdog = watchdog
 
     def __enter__(self) -> None:
-        if self._dead_man is not None:
-            self._dead_man.hold()
+        if self._watchdog is not None:
+            self._watchdog.hold()
 
     def __exit__(self, *_: object) -> None:
-        if self._dead_man is not None:
-            self._dead_man.release()
+        if self._watchdog is not None:
+            self._watchdog.release()
+
+
+def _per_energy(reading: Reading, energy: float | None) -> Reading:
+    """The reading as it would be with the laser's usual energy, where the rig has measured that of its pulses."""
+    if energy is None:
+        return reading
+    if not (is_finite(energy) and MIN_ENERGY <= energy <= 1 / MIN_ENERGY):
+        raise AcquisitionError(
+            f"the energy of the pulses is {energy} of the usual one, it must lie between {MIN_ENERGY} and "
+            f"{1 / MIN_ENERGY:g}; look at the laser and its energy meter"
+        )
+    maxima = reading.local_maxima
+    if maxima is not None:
+        scaled = np.frombuffer(maxima.intensities, "<f4") / np.float32(energy)
+        maxima = replace(maxima, intensities=scaled.astype("<f4").tobytes())
+    spot = reading.spot
+    if spot is not None:
+        spot = replace(spot, amplitude=spot.amplitude / energy)
+    return replace(
+        reading,
+        intensity=reading.intensity / energy,
+        noise_sigma=None if reading.noise_sigma is None else reading.noise_sigma / energy,
+        arrivals=tuple(replace(each, intensity=each.intensity / energy) for each in reading.arrivals),
+        spot=spot,
+        local_maxima=maxima,
+    )

@@ -27,12 +27,8 @@ def weighted_average(
     Samples below ``threshold`` of the scan's largest are left out and the weights of the others stay as they are. Where
     all are zero the weights are equal.
 
-    Parameters
-    ----------
-    angle_deg, intensity
-        Angles in degrees and intensities (≥ 0), shape (*scans, samples); the last axis is averaged over.
-    threshold
-        Share of the largest sample.
+    ``angle_deg``, ``intensity``: angles in degrees and intensities (≥ 0); the last axis is averaged over.
+    ``threshold``: share of the largest sample.
     """
     weight = _weights(intensity, threshold=threshold)
     mean_deg = np.sum(weight * angle_deg, axis=-1) / np.sum(weight, axis=-1)
@@ -68,16 +64,8 @@ def average_sigma_deg(curve: Curve, *, step_deg: float, noise_sigma: float, thre
     range, ±1.96 standard deviations hold the marker in 94 to 99 % of searches (Monte Carlo of 1,000 each;
     ``tests/reference/test_search_coverage.py`` keeps it above 93 %).
 
-    Parameters
-    ----------
-    curve
-        One sample or more.
-    step_deg
-        Step θd of the sweep, in degrees.
-    noise_sigma
-        Standard deviation σ of one intensity, in its unit; 0 for none.
-    threshold
-        Share τ of the largest sample.
+    ``step_deg``: step θd of the sweep. ``noise_sigma``: standard deviation σ of one intensity, in its unit; 0 for none.
+    ``threshold``: share τ of the largest sample.
     """
     weight = _weights(curve.intensity, threshold=threshold)
     total = float(weight.sum())

@@ -160,16 +160,8 @@ class BracketSearch(SearchPolicy):
 def bracket_answer(mean_deg: float, bracket: Interval, curve: Curve, *, noise_sigma: float | None) -> Found:
     """Return the answer of a search that ends with a bracket: sigma width/√12, and with known σ what the noise hides.
 
-    Parameters
-    ----------
-    mean_deg
-        Angle that the search answers with, inside the bracket, in degrees.
-    bracket
-        What is left of the range.
-    curve
-        The samples so far.
-    noise_sigma
-        Standard deviation of the intensity, in the intensity's unit; None: the bracket alone.
+    ``mean_deg``: angle that the search answers with, inside the bracket. ``curve``: the samples so far.
+    ``noise_sigma``: standard deviation of the intensity, in the intensity's unit; None: the bracket alone.
     """
     sigma_deg = bracket.width_deg / math.sqrt(12)
     interval = bracket

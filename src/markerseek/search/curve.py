@@ -12,18 +12,12 @@ from markerseek.core import Float64, Sample
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Curve:
-    """Samples of S(θ) in ascending order of the angle.
-
-    Attributes
-    ----------
-    angle_deg
-        Angles reached, in degrees, ascending; an angle may occur twice.
-    intensity
-        Intensities at these angles, in the unit of the samples.
-    """
+    """Samples of S(θ) in ascending order of the angle."""
 
     angle_deg: Float64[np.ndarray, " samples"]
+    """Angles reached, ascending; an angle may occur twice."""
     intensity: Float64[np.ndarray, " samples"]
+    """Intensities at these angles, in the unit of the samples."""
 
     def __len__(self) -> int:
         return self.angle_deg.size

@@ -32,11 +32,11 @@ DEPTH_M = 4e-3
 REPEATED = 2
 """Other samples above the noise floor at the position of the strongest that noise does not produce."""
 
-CONTRADICTION_SHARE = 0.8
+CONSISTENT_SHARE = 0.8
 """Samples next to the answer must reach this share of the largest; noise-free unimodal curves do."""
 
 
-def missing_evidence(lit: Sequence[Sample], *, dark: Sequence[Sample], noise: SearchNoise) -> str | None:
+def why_not_detected(lit: Sequence[Sample], *, dark: Sequence[Sample], noise: SearchNoise) -> str | None:
     """Return why the samples are no evidence of a marker, as a message; None if they are."""
     if not lit:
         return "nothing has been measured yet"
@@ -56,15 +56,16 @@ def missing_evidence(lit: Sequence[Sample], *, dark: Sequence[Sample], noise: Se
         )
     if len(lit) == 1:
         return "only one angle has been measured; a peak shows beside others"
-    flat = largest - smallest <= max(FLAT_SHARE * largest, FLAT_SIGMAS * (noise.sigma or 0.0))
+    flat = largest - smallest <= max(FLAT_SHARE * largest, FLAT_SIGMAS * noise.sigma_or_zero)
     # A weak marker that one or two angles show is no background: at the others there is nothing but noise.
     if flat and not (dark and np.median(intensities) <= max(sample.reading.intensity for sample in dark)):
         return f"the intensity is the same at all measured angles, {smallest:.4g} to {largest:.4g}: there is no peak"
-    return _elsewhere(lit, strongest, level=level or 0.0) or _incoherent(lit, strongest, dark, level=level or 0.0)
+    known = noise.level_or_zero
+    return _elsewhere(lit, strongest, level=known) or _incoherent(lit, strongest, dark, level=known)
 
 
 def _elsewhere(lit: Sequence[Sample], strongest: Sample, *, level: float) -> str | None:
-    """Whether most of the other strong samples come from another place in the image."""
+    """Why the strong samples are not of one source; None if most come from one position in the image."""
     # Only strong samples: the position of a weak one is pulled by noise.
     least = max(level, strongest.reading.intensity / 2)
     others = [sample for sample in lit if sample is not strongest and sample.reading.intensity >= least]
@@ -83,19 +84,19 @@ def _elsewhere(lit: Sequence[Sample], strongest: Sample, *, level: float) -> str
 
 
 def _incoherent(lit: Sequence[Sample], strongest: Sample, dark: Sequence[Sample], *, level: float) -> str | None:
-    """Whether the strongest sample is no more in phase than noise was, and no other comes from its place."""
+    """Why the strongest sample may be noise: no more coherent than dark frames, alone at its position; else None."""
     # A marker in tissue whose speed of sound is not the preset's may be no more coherent than a noise peak; but noise,
     # or a spike on a channel, does not come from one place again and again.
     coherence = strongest.reading.coherence
     noise = [sample.reading.coherence for sample in dark if sample.reading.coherence is not None]
     if coherence is None or not noise or coherence > max(noise):
         return None
-    if sum(_one_place(sample, strongest) for sample in lit if sample.reading.intensity > level) > REPEATED:
+    if sum(_same_position(sample, strongest) for sample in lit if sample.reading.intensity > level) > REPEATED:
         return None
     return f"the strongest sample is no more coherent, {coherence:.2g}, than the dark ones, {max(noise):.2g}"
 
 
-def _one_place(sample: Sample, other: Sample) -> bool:
+def _same_position(sample: Sample, other: Sample) -> bool:
     """Whether two samples are known to come from the same place in the image."""
     here, there = sample.reading, other.reading
     if here.lateral_m is None or there.lateral_m is None or here.depth_m is None or there.depth_m is None:
@@ -128,7 +129,7 @@ def rising_side(lit: Sequence[Sample], *, answer: Found, limits: Interval) -> Li
     return side if to_end_deg <= 0.75 * abs(float(curve.angle_deg[top] - neighbour_deg)) else None
 
 
-def contradiction(lit: Sequence[Sample], *, mean_deg: float, noise: SearchNoise) -> str | None:
+def inconsistency(lit: Sequence[Sample], *, mean_deg: float, noise: SearchNoise) -> str | None:
     """Return why the answer does not fit the samples, in words; None if it does.
 
     Next to the maximum of a unimodal curve lies its largest sample or one nearly as large. An average that falls
@@ -138,7 +139,7 @@ def contradiction(lit: Sequence[Sample], *, mean_deg: float, noise: SearchNoise)
     right = int(np.searchsorted(curve.angle_deg, mean_deg))
     near = curve.intensity[max(0, right - 1) : right + 1]
     largest = float(curve.intensity[curve.strongest])
-    if near.max() >= CONTRADICTION_SHARE * largest - 3 * (noise.sigma or 0.0):
+    if near.max() >= CONSISTENT_SHARE * largest - 3 * noise.sigma_or_zero:
         return None
     return (
         f"the samples next to the answer, at most {near.max():g}, are weaker than the one at "

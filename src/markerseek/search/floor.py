@@ -34,7 +34,7 @@ from markerseek.search.curve import Curve, curve_of
 FALSE_FOUND = 1e-3
 """Probability p that noise alone exceeds the threshold somewhere in a search (promise P9)."""
 
-MOST_CELLS = 128 * 2080
+MAX_CELLS = 128 * 2080
 """Cells where a reading with known σ does not state them: as many as a frame has samples, so that the floor is high."""
 
 FEWEST_CELLS = 30
@@ -48,18 +48,21 @@ QUARTILE_ANGLES = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchNoise:
-    """Noise of a search.
-
-    Attributes
-    ----------
-    floor
-        Threshold and its source.
-    sigma
-        Standard deviation of one intensity, in its unit; None where unknown.
-    """
+    """Noise of a search."""
 
     floor: Floor
     sigma: float | None
+    """Standard deviation of one intensity, in its unit; None where unknown."""
+
+    @property
+    def level_or_zero(self) -> float:
+        """Level of the floor; 0 where it is unknown, so that any intensity counts as a signal."""
+        return 0.0 if self.floor.level is None else self.floor.level
+
+    @property
+    def sigma_or_zero(self) -> float:
+        """Standard deviation of one intensity; 0 where it is unknown, so that no difference is put down to noise."""
+        return 0.0 if self.sigma is None else self.sigma
 
 
 def noise_factor(*, cells: int, frames: int, false_found: float = FALSE_FOUND) -> float:
@@ -68,15 +71,7 @@ def noise_factor(*, cells: int, frames: int, false_found: float = FALSE_FOUND) -
 
 
 def noise_of(lit: Sequence[Sample], *, dark: Sequence[Sample] = ()) -> SearchNoise:
-    """Return the noise of a search from its samples, by the best source that they allow.
-
-    Parameters
-    ----------
-    lit
-        Samples with the laser on.
-    dark
-        Samples with the laser off.
-    """
+    """Return the noise of a search from its samples, by the best source that they allow."""
     if dark:
         return _from_dark(dark, frames=len(lit))
     if lit and all(sample.reading.noise_sigma is not None for sample in lit):
@@ -94,7 +89,7 @@ def _from_dark(dark: Sequence[Sample], *, frames: int) -> SearchNoise:
     largest = max(sample.reading.intensity for sample in dark)
     sigmas = [sample.reading.noise_sigma for sample in dark if sample.reading.noise_sigma is not None]
     if sigmas:
-        cells = _cells(dark, otherwise=MOST_CELLS)
+        cells = _cells(dark, otherwise=MAX_CELLS)
         sigma = math.sqrt(sum(value**2 for value in sigmas) / len(sigmas))
     else:
         cells = _cells(dark, otherwise=FEWEST_CELLS)
@@ -104,11 +99,12 @@ def _from_dark(dark: Sequence[Sample], *, frames: int) -> SearchNoise:
 
 
 def _from_frames(lit: Sequence[Sample]) -> SearchNoise:
-    sigmas = [sample.reading.noise_sigma or 0.0 for sample in lit]
+    # `noise_of` comes here only where every reading states its noise.
+    sigmas = [sample.reading.noise_sigma for sample in lit if sample.reading.noise_sigma is not None]
     # A burst raises the noise of its own frame: the strongest frame's σ counts if it is larger.
     strongest = max(range(len(lit)), key=lambda index: lit[index].reading.intensity)
     sigma = max(float(np.median(sigmas)), sigmas[strongest])
-    level = sigma * noise_factor(cells=_cells(lit, otherwise=MOST_CELLS), frames=len(lit))
+    level = sigma * noise_factor(cells=_cells(lit, otherwise=MAX_CELLS), frames=len(lit))
     return SearchNoise(floor=Floor(level=level, source="noise of the frames"), sigma=sigma)
 
 

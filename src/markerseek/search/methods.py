@@ -7,35 +7,27 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import SupportsFloat, SupportsIndex
 
-from markerseek.core import PAPER_RANGE, ConfigError, Interval, MarkerCurve, Policy, SearchPlan, as_interval
+from markerseek.core import PAPER_RANGE, ConfigError, Interval, MarkerCurve, Policy, SearchPlan, Tolerance, as_interval
 from markerseek.search.average import THRESHOLD
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
 from markerseek.search.checked import CheckedPolicy
 from markerseek.search.manual import TURNS, ScriptedManual
-from markerseek.search.policy import PublishedPolicy, check_acquisitions
+from markerseek.search.policy import PaperPolicy, check_acquisitions
 from markerseek.search.sweep import Exhaustive, WeightedAverage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Method:
-    """One way to search.
-
-    Attributes
-    ----------
-    name
-        Its name on the command line.
-    summary
-        What it does, in one line.
-    acquisitions
-        Acquisitions where the user names no number.
-    least
-        Fewest acquisitions that it can work with.
-    """
+    """One way to search."""
 
     name: str
+    """Its name on the command line."""
     summary: str
+    """What it does, in one line."""
     acquisitions: int
+    """Acquisitions where the user names no number."""
     least: int
+    """Fewest acquisitions that it can work with."""
 
 
 METHODS: tuple[Method, ...] = (
@@ -86,13 +78,7 @@ METHODS: tuple[Method, ...] = (
 
 
 def method_named(name: str) -> Method:
-    """Return the method of that name.
-
-    Raises
-    ------
-    ConfigError
-        If there is none; the message lists the names and the nearest one.
-    """
+    """Return the method of that name."""
     for method in METHODS:
         if method.name == name:
             return method
@@ -110,9 +96,10 @@ def build(
     as_published: bool = False,
     start_deg: SupportsFloat | None = None,
     early_end: bool = True,
-    single: bool = False,
+    others: float | None = None,
     prior: MarkerCurve | None = None,
     cues: Iterable[str] | None = None,
+    tolerance: Tolerance | None = None,
 ) -> Policy:
     """Return a policy for one search.
 
@@ -133,18 +120,21 @@ def build(
     early_end
         Whether a weighted average ends once its peak is recorded and passed, and a posterior once its angle is known
         well enough; the other methods have no early end.
-    single
-        Whether there is one source only: a posterior then looks for no other, and ends earlier.
+    others
+        Prior probability that there is another source as loud, for a posterior; 0: it looks for none, and ends earlier.
+        None: 0.05.
     prior
         Intensity curve of a former marker on this rig, from which a posterior begins; None if there was none.
     cues
         Features of a reading that a posterior uses, as for `markerseek.search.posterior.Posterior`; None: all.
+    tolerance
+        How well the angle of a `Found` must be known; None: to 1 mm at the marker, or 1° where its radius is not known.
 
     Raises
     ------
     ConfigError
         If the method is unknown, the number of acquisitions does not fit it, a posterior is requested as published, a
-        form that it does not have, or ``single``, a prior or cues are given to another method.
+        form that it does not have, or ``others``, a prior or cues are given to another method.
     """
     chosen = method_named(method)
     number = chosen.acquisitions if acquisitions is None else acquisitions
@@ -158,7 +148,7 @@ def build(
                 "the paper, for instance weighted-average"
             )
         # Imported here: other methods need neither SciPy nor the compiled kernels.
-        from markerseek.search.posterior import CUES, TARGET_SIGMA_DEG, Posterior
+        from markerseek.search.posterior import CUES, TARGET_SIGMA_DEG, USUAL_OTHERS, Posterior
 
         return Posterior(
             limits=searched,
@@ -166,31 +156,24 @@ def build(
             start_deg=stands_deg,
             target_sigma_deg=TARGET_SIGMA_DEG if early_end else 0.0,
             cues=CUES if cues is None else cues,
-            single=single,
+            others=USUAL_OTHERS if others is None else others,
             prior=prior,
+            tolerance=tolerance or Tolerance(),
         )
-    refuse_posterior_settings(chosen.name, single=single, prior=prior, cues=cues)
+    refuse_posterior_settings(chosen.name, others=others, prior=prior, cues=cues)
     ends_early = early_end and chosen.name == "weighted-average"
     inner = _MAKERS[chosen.name](searched, number, None if as_published else stands_deg, ends_early and as_published)
     if as_published:
         return inner
-    return CheckedPolicy(inner, limits=searched, early_threshold=THRESHOLD if ends_early else None)
+    return CheckedPolicy(
+        inner, limits=searched, early_threshold=THRESHOLD if ends_early else None, tolerance=tolerance or Tolerance()
+    )
 
 
 def refuse_posterior_settings(method: str, **settings: object) -> None:
     """Refuse settings that only the posterior has, given to another method.
 
-    Parameters
-    ----------
-    method
-        Name of the other method.
-    **settings
-        The settings; False and None are none.
-
-    Raises
-    ------
-    ConfigError
-        If one is given.
+    ``settings``: False and None are none.
     """
     for name, value in settings.items():
         if value is not None and value is not False:
@@ -198,20 +181,7 @@ def refuse_posterior_settings(method: str, **settings: object) -> None:
 
 
 def policy_for(plan: SearchPlan, *, limits: Interval) -> Policy:
-    """Return the policy of a plan.
-
-    Parameters
-    ----------
-    plan
-        What is asked.
-    limits
-        Range to search.
-
-    Raises
-    ------
-    ConfigError
-        As `build`.
-    """
+    """Return the policy of a plan."""
     return build(
         plan.method,
         limits=limits,
@@ -219,8 +189,9 @@ def policy_for(plan: SearchPlan, *, limits: Interval) -> Policy:
         as_published=plan.as_published,
         start_deg=plan.start_deg,
         early_end=plan.early_end,
-        single=plan.single,
+        others=plan.others,
         prior=plan.prior,
+        tolerance=plan.tolerance,
     )
 
 
@@ -229,26 +200,26 @@ def most_acquisitions(plan: SearchPlan) -> int:
     return plan.acquisitions or method_named(plan.method).acquisitions
 
 
-def _weighted_average(limits: Interval, acquisitions: int, start_deg: float | None, early_end: bool) -> PublishedPolicy:
+def _weighted_average(limits: Interval, acquisitions: int, start_deg: float | None, early_end: bool) -> PaperPolicy:
     return WeightedAverage(limits=limits, acquisitions=acquisitions, start_deg=start_deg, early_end=early_end)
 
 
-def _bracket(ratio: float, *, reuse: bool = False) -> Callable[[Interval, int, float | None, bool], PublishedPolicy]:
-    def make(limits: Interval, acquisitions: int, _start_deg: float | None, _early_end: bool) -> PublishedPolicy:
+def _bracket(ratio: float, *, reuse: bool = False) -> Callable[[Interval, int, float | None, bool], PaperPolicy]:
+    def make(limits: Interval, acquisitions: int, _start_deg: float | None, _early_end: bool) -> PaperPolicy:
         return BracketSearch(ratio=ratio, limits=limits, acquisitions=acquisitions, reuse=reuse)
 
     return make
 
 
-def _exhaustive(limits: Interval, acquisitions: int, start_deg: float | None, _early_end: bool) -> PublishedPolicy:
+def _exhaustive(limits: Interval, acquisitions: int, start_deg: float | None, _early_end: bool) -> PaperPolicy:
     return Exhaustive(limits=limits, acquisitions=acquisitions, start_deg=start_deg)
 
 
-def _manual(limits: Interval, acquisitions: int, start_deg: float | None, _early_end: bool) -> PublishedPolicy:
+def _manual(limits: Interval, acquisitions: int, start_deg: float | None, _early_end: bool) -> PaperPolicy:
     return ScriptedManual(limits=limits, acquisitions=acquisitions, start_deg=start_deg)
 
 
-_MAKERS: dict[str, Callable[[Interval, int, float | None, bool], PublishedPolicy]] = {
+_MAKERS: dict[str, Callable[[Interval, int, float | None, bool], PaperPolicy]] = {
     "weighted-average": _weighted_average,
     "golden-section": _bracket(GOLDEN),
     "golden-section-reuse": _bracket(GOLDEN, reuse=True),

@@ -15,15 +15,7 @@ TOP_SHARE = 0.7
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Top:
-    """Vertex of the top of a curve.
-
-    Attributes
-    ----------
-    vertex_deg
-        Angle of the vertex in degrees.
-    sigma_deg
-        Its standard deviation in degrees.
-    """
+    """Vertex of the top of a curve."""
 
     vertex_deg: float
     sigma_deg: float
@@ -45,14 +37,7 @@ def fit_top(curve: Curve, *, step_deg: float, noise_sigma: float) -> Top:
     Over the curves of `average_sigma_deg`, 141 samples, ±1.96 standard deviations hold the marker in 95 to 99.7 % of
     searches (Monte Carlo of 400 each).
 
-    Parameters
-    ----------
-    curve
-        One sample or more.
-    step_deg
-        Step θd of the sweep in degrees.
-    noise_sigma
-        Standard deviation σ of one intensity, in its unit; 0 for none.
+    ``step_deg``: step θd of the sweep. ``noise_sigma``: standard deviation σ of one intensity, in its unit; 0 for none.
     """
     first, last = _top_run(curve)
     largest = float(curve.intensity[curve.strongest])

@@ -12,27 +12,19 @@ from markerseek.search.curve import Curve
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Peak:
-    """What the highest peak of a curve looks like.
-
-    Attributes
-    ----------
-    max_deg, max_intensity
-        Angle of the largest sample in degrees, and its intensity.
-    com_deg
-        Centre of mass of what exceeds half of the maximum, in degrees: noise far from the peak, of which a wide scan
-        has much, would pull that of all samples to the middle of the angles. The latter if all are zero.
-    cen_deg
-        Middle between the two crossings of half maximum, in degrees; None if a side has none.
-    fwhm_deg
-        Full width at half maximum in degrees: the distance of the two crossings, or twice the distance from the maximum
-        to the only one; None if there is none.
-    """
+    """What the highest peak of a curve looks like."""
 
     max_deg: float
     max_intensity: float
+    """``max_deg`` and ``max_intensity``: angle of the largest sample in degrees, and its intensity."""
     com_deg: float
+    """Centre of mass of what exceeds half of the maximum: noise far from the peak, of which a wide scan has much, would
+    pull that of all samples to the middle of the angles. The latter if all are zero."""
     cen_deg: float | None
+    """Middle between the two crossings of half maximum; None if a side has none."""
     fwhm_deg: float | None
+    """Full width at half maximum: the distance of the two crossings, or twice the distance from the maximum to the only
+    one."""
 
 
 def peak_of(curve: Curve) -> Peak:
@@ -76,19 +68,14 @@ def _half_maximum_deg(curve: Curve, top: int, *, step: int) -> float | None:
 
 
 def noise_limit_deg(curve: Curve, *, noise_sigma: float) -> float:
-    """Standard deviation in degrees with which comparisons of two samples find the maximum, however many are made.
+    """Standard deviation in degrees of the maximum found by comparing two samples, however many comparisons are made.
 
     A peak of height A and full width at half maximum F that is near its top as a Gaussian, A·exp(−4 ln2 (t/F)²), has
     fallen by σ at t = F·sqrt(σ / (4 ln2 · A)). Nearer to the maximum one comparison is chance. In simulation, over
     widths of 3–17° and 30–40 dB, golden-section and ternary searches miss the maximum by a standard deviation of 0.40
     to 0.56 of t; 0.55·t is returned.
 
-    Parameters
-    ----------
-    curve
-        The samples so far.
-    noise_sigma
-        Standard deviation σ of the intensity, in the intensity's unit.
+    ``curve``: the samples so far. ``noise_sigma``: standard deviation σ of the intensity, in the intensity's unit.
     """
     # 4 ln 2·(t/F)²·A = σ solved for t.
     peak = peak_of(curve)

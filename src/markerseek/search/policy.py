@@ -7,7 +7,7 @@ import operator
 from abc import ABC, abstractmethod
 from typing import Protocol, SupportsIndex, runtime_checkable
 
-from markerseek.core import MOST_ACQUISITIONS, ConfigError, Found, Sample, SearchError
+from markerseek.core import MAX_ACQUISITIONS, ConfigError, Found, Sample, SearchError
 
 
 class SearchPolicy(ABC):
@@ -57,7 +57,7 @@ class SearchPolicy(ABC):
 
 
 @runtime_checkable
-class PublishedPolicy(Protocol):
+class PaperPolicy(Protocol):
     """A policy that always answers `Found`, as the methods of the paper do."""
 
     def ask(self) -> float | None:
@@ -74,13 +74,7 @@ class PublishedPolicy(Protocol):
 
 
 def check_sample(sample: Sample) -> None:
-    """Refuse a sample that no search can use.
-
-    Raises
-    ------
-    SearchError
-        If the angle or the intensity is NaN or infinite, or the intensity is negative.
-    """
+    """Refuse a sample that no search can use."""
     if not math.isfinite(sample.angle_deg):
         raise SearchError(f"sample: angle_deg is {sample.angle_deg}, it must be finite; measure this angle again")
     intensity = sample.reading.intensity
@@ -96,15 +90,9 @@ def check_sample(sample: Sample) -> None:
 
 
 def check_acquisitions(
-    acquisitions: SupportsIndex | float, *, least: int, most: int = MOST_ACQUISITIONS, method: str
+    acquisitions: SupportsIndex | float, *, least: int, most: int = MAX_ACQUISITIONS, method: str
 ) -> int:
-    """Return the number of acquisitions if a search can be made of it.
-
-    Raises
-    ------
-    ConfigError
-        If it is not a whole number, or fewer than ``least``, or more than ``most``.
-    """
+    """Return the number of acquisitions if a search can be made of it."""
     # Whole numbers of all kinds, NumPy's too, but neither 16.0 nor True.
     if isinstance(acquisitions, bool | float) or not isinstance(acquisitions, SupportsIndex):
         raise ConfigError(f"{method}: acquisitions is {acquisitions!r}, it must be a whole number of at least {least}")
@@ -117,12 +105,6 @@ def check_acquisitions(
 
 
 def check_start(start_deg: float | None, *, method: str) -> None:
-    """Refuse a start angle that is not finite; None is the low end of the range.
-
-    Raises
-    ------
-    ConfigError
-        If it is NaN or infinite.
-    """
+    """Refuse a start angle that is not finite; None is the low end of the range."""
     if start_deg is not None and not math.isfinite(start_deg):
         raise ConfigError(f"{method}: start_deg is {start_deg} deg, it must be finite")

@@ -24,7 +24,7 @@ def equal_steps(limits: Interval, *, acquisitions: int) -> Float64[np.ndarray, "
     return np.linspace(limits.low_deg, limits.high_deg, acquisitions)
 
 
-MOST_STEPS = 5000
+MAX_STEPS = 5000
 """Most angles of one sweep: a bank's scan has more of them than a search may make acquisitions."""
 
 
@@ -34,12 +34,7 @@ def peak_passed(intensity: Float64[np.ndarray, " samples"], *, threshold: float 
     True where the largest sample so far is not the last, and the last two are below ``threshold`` of it. Of equally
     large samples each counts. If all are zero, none is below the threshold, and the sweep continues.
 
-    Parameters
-    ----------
-    intensity
-        Intensities in the order in which the sweep took them.
-    threshold
-        Share of the largest sample.
+    ``intensity``: intensities in the order in which the sweep took them. ``threshold``: share of the largest sample.
     """
     if intensity.size < 3:
         return False
@@ -66,7 +61,7 @@ class Sweep(SearchPolicy):
 
     def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int, start_deg: float | None = None) -> None:
         super().__init__()
-        check_acquisitions(acquisitions, least=self.least, most=MOST_STEPS, method=self.name)
+        check_acquisitions(acquisitions, least=self.least, most=MAX_STEPS, method=self.name)
         check_start(start_deg, method=self.name)
         angles = equal_steps(limits, acquisitions=acquisitions)
         descending = start_deg is not None and start_deg > limits.centre_deg
@@ -196,5 +191,7 @@ class Exhaustive(Sweep):
         """
         if not self._lit:
             return self._unmeasured()
-        top = fit_top(curve_of(self._lit), step_deg=self.step_deg, noise_sigma=noise_sigma or 0.0)
+        # Where the noise is unknown, the scatter alone counts.
+        known_sigma = 0.0 if noise_sigma is None else noise_sigma
+        top = fit_top(curve_of(self._lit), step_deg=self.step_deg, noise_sigma=known_sigma)
         return self._found(top.vertex_deg, top.sigma_deg)

@@ -174,12 +174,7 @@ def curve(off_plane_deg: Float64[np.ndarray, " angles"], *, fwhm_deg: float) -> 
 
     S = (1 + (2^(q/p) − 1)·(2|t|/F)^q)^(−p/q), with tails as 1/|t|^p (p = 1.2) and a knee of q = 2.4.
 
-    Parameters
-    ----------
-    off_plane_deg
-        Angles t in degrees.
-    fwhm_deg
-        Full width F at half maximum in degrees.
+    ``fwhm_deg``: full width F at half maximum.
     """
     ratio = _KNEE / _TAIL
     return np.asarray((1 + (2**ratio - 1) * np.abs(2 * off_plane_deg / fwhm_deg) ** _KNEE) ** (-1 / ratio))

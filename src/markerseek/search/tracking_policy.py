@@ -10,25 +10,16 @@ from markerseek.search.tracking import Tracker
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackPoint:
-    """What is known of a moving marker after one frame.
-
-    Attributes
-    ----------
-    time_s
-        When the frame was taken, on the rig's clock in seconds.
-    probe_deg, intensity
-        Angle of the probe in degrees, and what was measured there.
-    angle_deg, sigma_deg
-        Angle of the marker then, and its standard deviation, in degrees.
-    speed_deg_s
-        Its speed in degrees per second.
-    """
+    """What is known of a moving marker after one frame."""
 
     time_s: float
+    """When the frame was taken, on the rig's clock."""
     probe_deg: float
     intensity: float
+    """``probe_deg`` and ``intensity``: angle of the probe in degrees, and what was measured there."""
     angle_deg: float
     sigma_deg: float
+    """``angle_deg`` and ``sigma_deg``: angle of the marker then, and its standard deviation."""
     speed_deg_s: float
 
 

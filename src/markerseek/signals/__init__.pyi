@@ -1,4 +1,4 @@
-from .features import FALSE_PER_FRAME, LEAST_CHANNELS, found_level
+from .features import FALSE_PER_FRAME, MIN_CHANNELS, found_level
 from .findings import FrameFindings
 from .intensities import IntensityReader
 from .noise_gain import beamformed_sigma, envelope_cells
@@ -11,7 +11,7 @@ from .spare import AnyImageReader, SpareReader
 
 __all__ = [
     "FALSE_PER_FRAME",
-    "LEAST_CHANNELS",
+    "MIN_CHANNELS",
     "PRESET_NAMES",
     "AnyImageReader",
     "FrameFindings",

@@ -21,42 +21,26 @@ from markerseek.signals.presets import ProbePreset
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DelayTable:
-    """Delays for columns at the elements.
-
-    Attributes
-    ----------
-    first
-        Sample before the delay, shape (distances, depths); -1 where the element is not used.
-    weight
-        Share of the sample after it, same shape.
-    scale
-        One over the root of the number of channels used, shape (depths, columns); 0 where there is none.
-    """
+    """Delays for columns at the elements."""
 
     first: Int32[np.ndarray, "distances depths"]
+    """Sample before the delay; -1 where the element is not used."""
     weight: Float32[np.ndarray, "distances depths"]
+    """Share of the sample after it, same shape."""
     scale: Float32[np.ndarray, "depths columns"]
+    """One over the root of the number of channels used; 0 where there is none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ImageGrid:
-    """Positions of the pixels, and their table of delays.
-
-    Attributes
-    ----------
-    lateral_m
-        Columns, along the array from its centre, in metres.
-    depth_m
-        Rows, from the array's face, in metres.
-    samples
-        Length of the records that the table is made for.
-    table
-        Delays for these pixels.
-    """
+    """Positions of the pixels, and their table of delays."""
 
     lateral_m: Float64[np.ndarray, " lateral"]
+    """Columns, along the array from its centre."""
     depth_m: Float64[np.ndarray, " depth"]
+    """Rows, from the array's face."""
     samples: int
+    """Length of the records that the table is made for."""
     table: DelayTable
 
 
@@ -78,14 +62,8 @@ def half_aperture_m(
 def image_grid(preset: ProbePreset, *, samples: int, depth_m: Float64[np.ndarray, " depth"]) -> ImageGrid:
     """Grid and table for records of that length, with a column on each element.
 
-    Parameters
-    ----------
-    preset
-        Probe, sound speed, aperture and trigger offset.
-    samples
-        Length of the records.
-    depth_m
-        Rows in metres, positive and ascending.
+    ``preset``: probe, sound speed, aperture and trigger offset. ``samples``: length of the records. ``depth_m``: rows,
+    positive and ascending.
     """
     if len(depth_m) == 0 or not (np.all(np.diff(depth_m) > 0) and depth_m[0] > 0 and depth_m[-1] < np.inf):
         raise ConfigError("depth_m must hold at least one depth, all positive, finite and rising")
@@ -130,21 +108,9 @@ def image_rows(
 ) -> tuple[Float64[np.ndarray, " depth"], slice]:
     """Depths of an image of records of that length, with ``margin`` more rows at either end; and the rows that count.
 
-    Parameters
-    ----------
-    preset
-        The probe; its pick-up and trigger offset limit the depths.
-    samples
-        Length of the records.
-    low_m, high_m
-        Wanted depths in metres; infinity for all that the record holds.
-    margin
-        Rows that the envelope needs beyond those that count; fewer where the record ends.
-
-    Raises
-    ------
-    ConfigError
-        If the record holds no image at these depths.
+    ``preset``: its pick-up and trigger offset limit the depths. ``samples``: length of the records. ``low_m``,
+    ``high_m``: wanted depths; infinity for all that the record holds. ``margin``: rows that the envelope needs beyond
+    those that count; fewer where the record ends.
     """
     metres = preset.sound_speed_m_s / preset.sampling_hz
     origin = preset.trigger_offset_s * preset.sampling_hz
@@ -184,16 +150,8 @@ def delay_table(
 ) -> DelayTable:
     """Table of any delay that depends on the depth and on the lateral distance alone.
 
-    Parameters
-    ----------
-    array
-        The columns.
-    place
-        Delay in samples at lateral distances in metres.
-    reach_m
-        How far the aperture reaches at each depth, in metres; infinity for the whole array.
-    samples
-        Length of the records.
+    ``place``: delay in samples at lateral distances in metres. ``reach_m``: how far the aperture reaches at each depth;
+    infinity for the whole array. ``samples``: length of the records.
     """
     reached = np.searchsorted(np.arange(array.elements) * array.pitch_m, reach_m.max(), side="right")
     # Up to three more rows: the kernel takes four distances at a time.

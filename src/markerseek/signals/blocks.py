@@ -28,12 +28,7 @@ _SHIFTS = np.array([-0.5, -0.25, 0.25, 0.5])
 class BlockGrid:
     """Division of the images of one grid into blocks.
 
-    Parameters
-    ----------
-    preset
-        The probe.
-    lateral_m, depth_m
-        Columns and rows of the image in metres.
+    ``lateral_m``, ``depth_m``: columns and rows of the image.
     """
 
     def __init__(
@@ -60,12 +55,8 @@ class BlockGrid:
     ) -> LocalMaxima:
         """Largest envelope of each block.
 
-        Parameters
-        ----------
-        image, envelope
-            Beamformed signals and their envelope, with the rows above and below that the envelope needs.
-        rows
-            Those of the grid.
+        ``image``, ``envelope``: beamformed signals and their envelope, with the rows above and below that the envelope
+        needs.
         """
         out = np.empty(self._shape, np.float32)
         taps = quadrature_taps().astype(np.float32)

@@ -22,13 +22,13 @@ from markerseek.signals.presets import ProbePreset
 BLOCK_ROWS = 32
 """Rows that share one value of the noise floor."""
 
-LEAST_CHANNELS = 24
+MIN_CHANNELS = 24
 """Channels that the test for coherence uses at least: fewer could not rule out chance, however well they agree."""
 
 FALSE_PER_FRAME = 1e-3
 """Probability that a source is found in a frame of noise, unless another is given."""
 
-MOST_TESTED = 64
+MAX_TESTED = 64
 """Peaks of one frame that are tested for coherence, highest first."""
 
 _FRAMES = 100
@@ -81,7 +81,7 @@ def coherent_level(*, false_found: float) -> float:
     Noise is independent from frame to frame, but other interference repeats with every pulse: the false alarms that
     are accepted for one frame of noise are shared here by all frames of a search.
     """
-    return math.log(MOST_TESTED * _FRAMES / false_found)
+    return math.log(MAX_TESTED * _FRAMES / false_found)
 
 
 def coherent_energies(
@@ -94,13 +94,13 @@ def coherent_energies(
     """Energy of the sum over the energy of the channels near each point, and the number of channels used.
 
     Their quotient is the coherence factor, 0 to 1. The window is one over the bandwidth long, as the shortest pulse
-    is; the aperture is the image's, and at least `LEAST_CHANNELS` wide.
+    is; the aperture is the image's, and at least `MIN_CHANNELS` wide.
     """
     # Both quadratures must be in the window for the exponential law of chance coherence.
     step = preset.sound_speed_m_s / preset.sampling_hz
     half = max(1, window_samples(preset) // 2)
     depth = np.maximum(depth_m[:, None] + step * np.arange(-half, half + 1), step)
-    aperture = half_aperture_m(preset, depth.ravel(), at_least=LEAST_CHANNELS / 2).reshape(depth.shape)
+    aperture = half_aperture_m(preset, depth.ravel(), at_least=MIN_CHANNELS / 2).reshape(depth.shape)
     energy, used = np.empty(len(depth_m)), np.empty(len(depth_m), np.int64)
     kernel.coherent_energies(
         signals, preset.array.lateral_m, lateral_m, depth, path_delay(preset), aperture, energy, used
@@ -123,14 +123,8 @@ def energy_in_depth(
     is squared and gathered over `ENERGY_HALF_S` to either side, about the peak first and then about the centroid so
     found. Samples below `ENERGY_SIGMAS` do not count, save the peak.
 
-    Parameters
-    ----------
-    signals, preset
-        Filtered channels, and the probe.
-    lateral_m, depth_m
-        Where the peak is, in metres.
-    sigma
-        Standard deviation of the beamformed signal where there is no source.
+    ``lateral_m``, ``depth_m``: where the peak is. ``sigma``: standard deviation of the beamformed signal where there is
+    no source.
     """
     step = preset.depth_step_m
     half = ENERGY_HALF_S * preset.sound_speed_m_s

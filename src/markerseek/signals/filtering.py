@@ -21,12 +21,7 @@ TAPER_SAMPLES = 32
 def band_pass_taps(*, low_hz: float, high_hz: float, sampling_hz: float) -> Float64[np.ndarray, " taps"]:
     """Impulse response of the band-pass: a sinc under a Hamming window, gain 1 in the middle of the band.
 
-    Parameters
-    ----------
-    low_hz, high_hz
-        Frequencies in Hz at which the amplitude is halved.
-    sampling_hz
-        Sampling frequency in Hz.
+    ``low_hz``, ``high_hz``: frequencies in Hz at which the amplitude is halved.
     """
     if not 0 < low_hz < high_hz < sampling_hz / 2:
         raise ConfigError(
@@ -63,18 +58,8 @@ def band_pass(
     Each channel's mean is subtracted and the record fades in and out: a step at either end is the same in all channels,
     and would be imaged as a distant source.
 
-    Parameters
-    ----------
-    samples
-        ADC counts, shape (channels, samples).
-    taps
-        From `band_pass_taps`.
-    blanked
-        Samples at the start that are set to zero (the laser's pick-up).
-
-    Returns
-    -------
-    Filtered signals, shape (samples, columns); channel c is in column c + `_kernel.PAD`.
+    ``samples``: ADC counts. ``taps``: from `band_pass_taps`. ``blanked``: samples at the start that are set to zero
+    (the laser's pick-up). Returns filtered signals, shape (samples, columns); channel c is in column c + `_kernel.PAD`.
     """
     channels, count = samples.shape
     if not 0 <= blanked <= count - 2 * TAPER_SAMPLES:

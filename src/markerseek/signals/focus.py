@@ -19,10 +19,10 @@ import numpy as np
 from markerseek.core import Float32
 from markerseek.signals._kernel import PAD, aligned_energies
 from markerseek.signals.beamform import half_aperture_m, path_delay
-from markerseek.signals.features import LEAST_CHANNELS
+from markerseek.signals.features import MIN_CHANNELS
 from markerseek.signals.presets import ProbePreset
 
-LEAST_SNR = 12.0
+MIN_SNR = 12.0
 """Envelope over the noise from which the coherence at the best focus is computed: below, noise decides it."""
 
 WINDOW_S = 1e-6
@@ -51,19 +51,13 @@ def focused_coherence(
 
     It is None of a peak too weak for it, which noise would decide.
 
-    Parameters
-    ----------
-    signals, preset
-        Filtered channels, and the probe.
-    lateral_m, depth_m, intensity
-        Where the peak is, in metres, and its envelope.
-    sigma
-        Standard deviation of the beamformed signal where there is no source.
+    ``lateral_m``, ``depth_m``, ``intensity``: where the peak is, in metres, and its envelope. ``sigma``: standard
+    deviation of the beamformed signal where there is no source.
     """
-    if intensity < LEAST_SNR * sigma:
+    if intensity < MIN_SNR * sigma:
         return None
     half = 2 * round(WINDOW_S * preset.sampling_hz / 2)
-    aperture_m = float(half_aperture_m(preset, np.array([depth_m]), at_least=LEAST_CHANNELS / 2)[0])
+    aperture_m = float(half_aperture_m(preset, np.array([depth_m]), at_least=MIN_CHANNELS / 2)[0])
     per_metre, origin = path_delay(preset)
     speeds, places_m = SPEEDS, lateral_m + ASIDE_M
     for step in (1.0, 1 / 3, 1 / 9):

@@ -9,13 +9,7 @@ class IntensityReader:
     """Reader of frames that were reduced to one number elsewhere, as in a CSV of intensities."""
 
     def read(self, frame: Frame) -> Reading:
-        """Reading with the intensity, and with the noise where the frame states it.
-
-        Raises
-        ------
-        ConfigError
-            If the frame holds channel data, which needs an imaging chain.
-        """
+        """Reading with the intensity, and with the noise where the frame states it."""
         if not isinstance(frame, ReadingFrame):
             raise ConfigError("this reader takes intensities; channel data need a probe preset")
         return Reading(intensity=frame.intensity, noise_sigma=frame.noise_sigma, cells=frame.cells)

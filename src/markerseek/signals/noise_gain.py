@@ -21,19 +21,9 @@ def beamformed_sigma(
     nor aperture changes it; what remains is the band-pass and the linear interpolation between samples, whose power
     gain averaged over all fractions of a sample is 2/3 + cos(w)/3 at the angular frequency w per sample.
 
-    Parameters
-    ----------
-    channel_sigma
-        Standard deviation of one channel's noise, all frequencies together, in ADC counts.
-    preset
-        The probe, with its default band.
-    power
-        Power of that noise on a grid of evenly spaced frequencies from 0 to half the sampling frequency (that of
-        ``rfft``), on any scale; None is white.
-
-    Returns
-    -------
-    Standard deviation in ADC counts.
+    ``channel_sigma``: standard deviation of one channel's noise, all frequencies together, in ADC counts. ``power``:
+    power of that noise on a grid of evenly spaced frequencies from 0 to half the sampling frequency (that of ``rfft``),
+    on any scale; None is white. Returns standard deviation in ADC counts.
     """
     if not 0 <= channel_sigma < math.inf:
         raise ConfigError(f"channel_sigma is {channel_sigma} counts, it must be 0 or more and finite")
@@ -54,12 +44,7 @@ def noise_peaks(preset: ProbePreset, *, depth_m: Float64[np.ndarray, " depth"]) 
     of freedom in two dimensions). Along depth, kz is the spread of the wave number in the band. Across it, kx is the
     wave number times the spread of the sine of the angle over the aperture.
 
-    Parameters
-    ----------
-    preset
-        The probe, with its default band and aperture.
-    depth_m
-        Rows of the image in metres, evenly spaced.
+    ``preset``: the probe, with its default band and aperture. ``depth_m``: rows of the image, evenly spaced.
     """
     gain = _power_gain(preset, 513)
     wave = 2 * np.pi * np.linspace(0, preset.sampling_hz / 2, len(gain)) / preset.sound_speed_m_s
@@ -78,14 +63,8 @@ def envelope_cells(preset: ProbePreset, *, depth_m: Float64[np.ndarray, " depth"
     It is the M for which noise alone exceeds u = sqrt(2 ln(M/p)) with probability p: M = ρ·(u² − 1), see
     `noise_peaks`.
 
-    Parameters
-    ----------
-    preset
-        The probe, with its default band and aperture.
-    depth_m
-        Rows of the image in metres, evenly spaced.
-    false_found
-        The p at which M is wanted; M grows with its logarithm.
+    ``preset``: the probe, with its default band and aperture. ``depth_m``: rows of the image, evenly spaced.
+    ``false_found``: the p at which M is wanted; M grows with its logarithm.
     """
     rate = noise_peaks(preset, depth_m=depth_m)
     # M is wanted where M·exp(−u²/2) = p, and depends on u itself: the fixed point, by iteration.
@@ -93,6 +72,21 @@ def envelope_cells(preset: ProbePreset, *, depth_m: Float64[np.ndarray, " depth"
     for _ in range(6):
         square = 2 * math.log(max(rate * (square - 1), 2.0) / false_found)
     return max(1, math.ceil(rate * (square - 1)))
+
+
+def cell_pixels(preset: ProbePreset) -> float:
+    """Pixels of a noise image over its independent cells: the sum of the squared correlation of one with all others.
+
+    Along depth it is one over the equivalent bandwidth of the noise, across it λ/(2 sin a) with the half angle a of the
+    aperture (Goodman, Statistical Optics, 1985, 6.1: the equivalent area of the correlation).
+    """
+    gain = _power_gain(preset, 513)
+    frequency = np.linspace(0, preset.sampling_hz / 2, len(gain))
+    bandwidth = gain.sum() ** 2 / (gain**2).sum() * frequency[1]
+    axial_m = preset.sound_speed_m_s / bandwidth
+    sine = 1.0 if preset.f_number == 0 else 1 / math.hypot(1.0, 2 * preset.f_number)
+    lateral_m = preset.sound_speed_m_s / np.average(frequency, weights=gain) / (2 * sine)
+    return float(max(1.0, axial_m / preset.depth_step_m) * max(1.0, lateral_m / preset.array.pitch_m))
 
 
 def _power_gain(preset: ProbePreset, bins: int) -> Float64[np.ndarray, " bins"]:

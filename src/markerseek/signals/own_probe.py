@@ -28,19 +28,8 @@ class ProbeKeys:
     def on(self, preset: ProbePreset, *, sampling_hz: float | None = None, name: str | None = None) -> ProbePreset:
         """The preset with the values of these keys.
 
-        Parameters
-        ----------
-        preset
-            Where values come from that are None here.
-        sampling_hz
-            Sampling frequency in Hz; None takes the preset's.
-        name
-            Name of the result; None takes the preset's.
-
-        Raises
-        ------
-        ConfigError
-            If a value cannot be used.
+        ``preset``: where values come from that are None here. ``sampling_hz``: None takes the preset's. ``name``: None
+        takes the preset's.
         """
         # A subclass may have keys that are none of a preset's.
         keys = {each.name: getattr(self, each.name) for each in fields(ProbeKeys)}
@@ -51,5 +40,5 @@ class ProbeKeys:
 
 
 def is_own(preset: ProbePreset) -> bool:
-    """Whether it is a probe that has to be described in full, because its name is none of the presets'."""
+    """Whether a probe has to be described in full, because no preset has its name."""
     return preset.name not in PRESET_NAMES

@@ -23,10 +23,10 @@ HALF_WINDOW_S = 1.6e-6
 _STEP_SAMPLES = 2.0
 """Most that the delay may differ from the one extrapolated, in samples: less than half a period of the carrier."""
 
-_LEAST_CORRELATION = 0.6
+_MIN_CORRELATION = 0.6
 """Correlation coefficient with the common wave below which a channel is not used."""
 
-LEAST_CHANNELS = 24
+MIN_CHANNELS = 24
 """Fewest channels with the same wave."""
 
 _FINE = 8
@@ -35,42 +35,26 @@ _FINE = 8
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CommonWave:
-    """The wave that the channels of one frame have in common.
-
-    Attributes
-    ----------
-    arrival_s
-        When the middle of the wave reaches each channel, in seconds after the trigger, shape (channels,);
-        NaN where the channel does not correlate with the wave.
-    wave
-        The wave in counts, the mean of the channels that have it, shape (window,); its middle sample is the arrival.
-    sigma
-        Standard deviation of the noise of that mean, from what the channels do not share, in counts.
-    sampling_hz
-        Sampling frequency in Hz.
-    """
+    """The wave that the channels of one frame have in common."""
 
     arrival_s: Float64[np.ndarray, " channels"]
+    """When the middle of the wave reaches each channel, in seconds after the trigger; NaN where the channel does not
+    correlate with the wave."""
     wave: Float64[np.ndarray, " window"]
+    """The wave in counts, the mean of the channels that have it; its middle sample is the arrival."""
     sigma: float
+    """Standard deviation of the noise of that mean, from what the channels do not share, in counts."""
     sampling_hz: float
 
 
 def common_wave(
     frame: ChannelFrame, preset: ProbePreset, *, lateral_m: float, depth_m: float, within_m: float = math.inf
 ) -> CommonWave | None:
-    """Wave of one source and its arrival at each channel; None where fewer than `LEAST_CHANNELS` agree.
+    """Wave of one source and its arrival at each channel; None where fewer than `MIN_CHANNELS` agree.
 
-    Parameters
-    ----------
-    frame
-        Channel data with one source.
-    preset
-        The probe; of its speed of sound and trigger offset only a rough value is needed.
-    lateral_m, depth_m
-        Where the source is imaged with this preset, in metres.
-    within_m
-        Channels further than this from the source along the array are left out, in metres.
+    ``preset``: of its speed of sound and trigger offset only a rough value is needed. ``lateral_m``, ``depth_m``: where
+    the source is imaged with this preset. ``within_m``: channels further than this from the source along the array are
+    left out.
     """
     taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
     filtered = band_pass(frame.samples, taps, blanked=preset.pickup_samples)
@@ -85,8 +69,8 @@ def common_wave(
     # The first wave is a rough mean of eight channels; the second pass correlates with the mean of all.
     for _ in range(2):
         lags, correlation = _follow(signals, expected, wave, int(np.argmin(offset_m)))
-        used = (correlation >= _LEAST_CORRELATION) & (offset_m <= within_m)
-        if int(used.sum()) < LEAST_CHANNELS:
+        used = (correlation >= _MIN_CORRELATION) & (offset_m <= within_m)
+        if int(used.sum()) < MIN_CHANNELS:
             return None
         aligned = np.array([_window(signals[c], expected[c] + lags[c], half) for c in np.flatnonzero(used)])
         wave = aligned.mean(axis=0)
@@ -115,7 +99,7 @@ def _follow(
                 guess += 3 * (before[-1] - before[-5]) / 4
             lag, alike = _best_lag(signals[channel], expected[channel] + guess, wave)
             lags[channel], correlation[channel] = guess + lag, alike
-            if alike >= _LEAST_CORRELATION:
+            if alike >= _MIN_CORRELATION:
                 before.append(lags[channel])
     return lags, correlation
 

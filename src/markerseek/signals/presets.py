@@ -16,50 +16,33 @@ SAMPLING_HZ = (1e5, 1e9)
 SOUND_SPEED_M_S = (300.0, 7000.0)
 """Slowest and fastest speed of sound in m/s, of air and of bone with room to spare; as in `markerseek.acoustics`."""
 
-MOST_FACE_RADIUS_M = 0.05
+MAX_FACE_RADIUS_M = 0.05
 """Largest distance of an array's face from the axis of rotation in metres."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProbePreset:
-    """A probe, its receiver, and how its frames are imaged.
-
-    Attributes
-    ----------
-    name
-        Its name on the command line.
-    array
-        The row of elements.
-    sampling_hz
-        Sampling frequency in Hz.
-    sound_speed_m_s
-        Speed of sound in m/s.
-    low_hz, high_hz
-        Edges of the pass band in Hz, where the amplitude is halved.
-    f_number
-        Depth over width of the receiving aperture; 0 takes all elements at every depth.
-    pickup_samples
-        Samples after the trigger that hold the laser's electrical pick-up and are blanked.
-    trigger_offset_s
-        Time from the trigger (sample 0) to the middle of the laser's pulse, in seconds.
-    full_scale
-        Counts at which the converter saturates.
-    face_radius_m
-        Distance of the array's face from the axis of rotation in metres; None if not known. The imaging does not need
-        it, the position of a marker does.
-    """
+    """A probe, its receiver, and how its frames are imaged."""
 
     name: str
+    """Its name on the command line."""
     array: LinearArray = field(default_factory=LinearArray)
     sampling_hz: float = 40e6
     sound_speed_m_s: float = 1540.0
     low_hz: float = 5e6
     high_hz: float = 9e6
+    """``low_hz`` and ``high_hz``: edges of the pass band, where the amplitude is halved."""
     f_number: float = 2.0
+    """Depth over width of the receiving aperture; 0 takes all elements at every depth."""
     pickup_samples: int = 100
+    """Samples after the trigger that hold the laser's electrical pick-up and are blanked."""
     trigger_offset_s: float = 0.0
+    """Time from the trigger (sample 0) to the middle of the laser's pulse."""
     full_scale: int = 2047
+    """Counts at which the converter saturates."""
     face_radius_m: float | None = None
+    """Distance of the array's face from the axis of rotation; None if not known. The imaging does not need it, the
+    position of a marker does."""
 
     def __post_init__(self) -> None:
         preset = f"preset {self.name}"
@@ -85,7 +68,7 @@ class ProbePreset:
                 f"{preset}: face_radius_m",
                 self.face_radius_m,
                 low=0,
-                high=MOST_FACE_RADIUS_M,
+                high=MAX_FACE_RADIUS_M,
                 unit="m",
                 open_low=True,
                 cure="0.01 is usual",
@@ -122,13 +105,7 @@ PRESET_NAMES = tuple(_PRESETS)
 
 
 def probe_preset(name: str) -> ProbePreset:
-    """Preset of that name.
-
-    Raises
-    ------
-    ConfigError
-        If there is none; the message lists the names.
-    """
+    """Preset of that name."""
     try:
         return _PRESETS[name]
     except KeyError:

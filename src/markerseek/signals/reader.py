@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from markerseek.core import (
-    MOST_ARRIVALS,
+    MAX_ARRIVALS,
     AcquisitionError,
     Arrival,
     ChannelFrame,
@@ -31,18 +31,20 @@ from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
 from markerseek.signals.filtering import TAPER_SAMPLES, band_pass, band_pass_taps
 from markerseek.signals.findings import FrameFindings
 from markerseek.signals.focus import focused_coherence
-from markerseek.signals.noise_gain import envelope_cells
+from markerseek.signals.noise_gain import cell_pixels, envelope_cells
 from markerseek.signals.peaks import refine_peak, strongest_peaks
 from markerseek.signals.presets import ProbePreset
+from markerseek.signals.spot import spot_energy
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Layout:
-    """Grid for records of one length, its rows that count, the number of cells in them, and their blocks."""
+    """Grid for records of one length, its rows that count, cells in them, pixels of a cell, and their blocks."""
 
     grid: ImageGrid
     rows: slice
     cells: int
+    cell_pixels: float
     blocks: BlockGrid
 
 
@@ -72,14 +74,8 @@ class _Peak:
 class ImageReader:
     """Reads channel frames of one probe.
 
-    Parameters
-    ----------
-    preset
-        The probe.
-    min_depth_m, max_depth_m
-        Least and largest depth of the image, in metres; None: all that the record holds after the pick-up.
-    false_found
-        Accepted probability that a source is found in a frame of noise.
+    ``min_depth_m``, ``max_depth_m``: least and largest depth of the image; None: all that the record holds after the
+    pick-up. ``false_found``: accepted probability that a source is found in a frame of noise.
     """
 
     def __init__(
@@ -106,10 +102,8 @@ class ImageReader:
     def read(self, frame: Frame) -> Reading:
         """Features of the frame at the largest envelope in its image.
 
-        Raises
-        ------
-        AcquisitionError
-            If the frame is not one of this probe: number of channels, sampling frequency or length.
+        Raises `AcquisitionError` if the frame is not one of this probe: number of channels, sampling frequency or
+        length.
         """
         chain = self._chain(frame)
         largest = self._describe(chain, self._largest(chain))
@@ -136,6 +130,15 @@ class ImageReader:
                 intensity=peak.intensity,
                 sigma=chain.sigma,
             ),
+            spot=spot_energy(
+                chain.envelope[chain.layout.rows],
+                at_lateral_m=chain.layout.grid.lateral_m,
+                at_depth_m=chain.layout.grid.depth_m[chain.layout.rows],
+                lateral_m=peak.lateral_m,
+                depth_m=peak.depth_m,
+                sigma=chain.sigma,
+                cell_pixels=chain.layout.cell_pixels,
+            ),
             saturated_fraction=len(largest.saturated) / max(1, largest.channels),
             dead_channels=features.dead_channels(chain.signals, channels=self.preset.array.elements),
             arrivals=tuple(each.arrival for each in self._peaks(chain)),
@@ -152,7 +155,7 @@ class ImageReader:
         )
 
     def findings(self, frame: Frame) -> FrameFindings:
-        """Whether there is a source, where, and which other arrivals there are, at most `MOST_ARRIVALS` in all."""
+        """Whether there is a source, where, and which other arrivals there are, at most `MAX_ARRIVALS` in all."""
         chain = self._chain(frame)
         peaks = self._peaks(chain)
         strongest = peaks[0] if peaks else self._describe(chain, self._largest(chain))
@@ -220,6 +223,7 @@ class ImageReader:
                 grid=grid,
                 rows=rows,
                 cells=envelope_cells(preset, depth_m=inside, false_found=self._false_found),
+                cell_pixels=cell_pixels(preset),
                 blocks=BlockGrid(preset, lateral_m=grid.lateral_m, depth_m=inside),
             )
         return self._layouts[samples]
@@ -256,7 +260,7 @@ class ImageReader:
         speed, centre = preset.sound_speed_m_s, (preset.low_hz + preset.high_hz) / 2
         apart_depth = 4 * speed / (preset.high_hz - preset.low_hz)
         apart_lateral = 4 * speed / centre * max(1.0, preset.f_number)
-        places = strongest_peaks(window, level=level * chain.sigma, limit=features.MOST_TESTED)
+        places = strongest_peaks(window, level=level * chain.sigma, limit=features.MAX_TESTED)
         depths = [float(chain.layout.grid.depth_m[row + chain.layout.rows.start]) for row, _ in places]
         laterals = [float(chain.layout.grid.lateral_m[column]) for _, column in places]
         # All at once: one after another, they take longer than beamforming does.
@@ -277,7 +281,7 @@ class ImageReader:
             if peak.energy <= coherent:
                 continue
             peaks.append(peak)
-            if len(peaks) == MOST_ARRIVALS:
+            if len(peaks) == MAX_ARRIVALS:
                 break
         return sorted(peaks, key=lambda each: -each.arrival.intensity)
 

@@ -56,16 +56,10 @@ FULL_SCALE = 32767
 class SpareReader:
     """Reads the RF frames of one ultrasound machine; what it returns is one reconstruction step away from channel data.
 
-    Parameters
-    ----------
-    preset
-        The probe as the machine images it: ``array`` holds its lines, ``f_number`` is that of its receive aperture.
-    receive_focus_m
-        Depth of a fixed receive focus in metres; None: the machine focuses dynamically.
-    min_depth_m, max_depth_m
-        Least and largest depth of the image, in metres; None: all that the record holds after the pick-up.
-    false_found
-        Accepted probability that a source is found in a frame of noise.
+    ``preset``: the probe as the machine images it: ``array`` holds its lines, ``f_number`` is that of its receive
+    aperture. ``receive_focus_m``: depth of a fixed receive focus; None: the machine focuses dynamically.
+    ``min_depth_m``, ``max_depth_m``: least and largest depth of the image; None: all that the record holds after the
+    pick-up. ``false_found``: accepted probability that a source is found in a frame of noise.
     """
 
     def __init__(
@@ -98,10 +92,8 @@ class SpareReader:
     def read(self, frame: Frame) -> Reading:
         """Features of the frame at the largest envelope in its image; coherence and energy in time stay unknown.
 
-        Raises
-        ------
-        AcquisitionError
-            If the frame is not one of this machine: kind, number of lines, sampling frequency or length.
+        Raises `AcquisitionError` if the frame is not one of this machine: kind, number of lines, sampling frequency or
+        length.
         """
         findings = self.findings(frame)
         peak = findings.strongest
@@ -122,7 +114,7 @@ class SpareReader:
         return PaImage(envelope=image[rows], lateral_m=grid.lateral_m, depth_m=grid.depth_m[rows])
 
     def findings(self, frame: Frame) -> FrameFindings:
-        """Whether there is a source, and where; lines take the place of channels, and nothing is known of coherence."""
+        """Whether there is a source, and where; lines stand for channels, and the coherence is unknown."""
         signals, image, grid, rows = self._image(frame)
         window = image[rows]
         profile = features.noise_profile(window)

@@ -12,7 +12,7 @@ from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, Rec
 from markerseek.sim.faults import Fault, FaultKind
 from markerseek.sim.laser import SimulatedLaser
 from markerseek.sim.machine import RFWorld, post_beamformed
-from markerseek.sim.motion import SWING_DEG, TURN_S, MovingWorld, Swing, swing_deg
+from markerseek.sim.motion import SWING_DEG, TURN_S, MovingWorld, OscillatingMotion, swing_deg
 from markerseek.sim.receiver import SimulatedReceiver
 from markerseek.sim.receiver_faults import RECEIVER_FAULTS, FaultyReceiver
 from markerseek.sim.settings import (
@@ -47,6 +47,7 @@ __all__ = [
     "MarkerSettings",
     "MovingWorld",
     "NoiseSettings",
+    "OscillatingMotion",
     "PowerCurve",
     "RFWorld",
     "ReceiverSettings",
@@ -60,7 +61,6 @@ __all__ = [
     "SimulatedWorld",
     "Spot",
     "StageMotion",
-    "Swing",
     "Tissue",
     "TwoHumps",
     "VirtualClock",

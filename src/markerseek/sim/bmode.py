@@ -30,46 +30,30 @@ from markerseek.sim.world import Flash
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BModeSettings:
-    """A simulated B-mode image and its scene; the strengths of the paper's echoes are unknown, and parameters here.
-
-    Attributes
-    ----------
-    tip_m
-        Diameter of the tip in metres.
-    tip_db
-        Echo of the tip in the image plane over the mean of the tissue, in dB.
-    pressed_m
-        How deep the tip's middle lies below the surface of the tissue, in metres.
-    tissue_m
-        Thickness of the tissue in metres; the pad below it reaches down to the probe.
-    pad_db, air_db, surface_db
-        Echo of the pad, of the region beyond the tissue, and of its surface, over the mean of the tissue, in dB.
-    noise_db
-        Noise of the receiver in one image over the mean of the tissue, in dB.
-    white_db
-        Level that is shown white, over the mean of the tissue, in dB.
-    dynamic_range_db
-        From black to white, in dB.
-    pixel_m
-        Size of a pixel in metres.
-    half_width_m
-        Half the width of the image in metres.
-    first_depth_m, last_depth_m
-        Depths of the image in metres.
-    """
+    """A simulated B-mode image and its scene; the strengths of the paper's echoes are unknown, and parameters here."""
 
     tip_m: float = 5e-3
+    """Diameter of the tip."""
     tip_db: float = 30.0
+    """Echo of the tip in the image plane over the mean of the tissue."""
     pressed_m: float = 2.5e-3
+    """How deep the tip's middle lies below the surface of the tissue."""
     tissue_m: float = 15e-3
+    """Thickness of the tissue; the pad below it reaches down to the probe."""
     pad_db: float = -30.0
     air_db: float = -35.0
     surface_db: float = 8.0
+    """``pad_db``, ``air_db`` and ``surface_db``: echo of the pad, of the region beyond the tissue, and of its surface,
+    over the mean of the tissue."""
     noise_db: float = -35.0
+    """Noise of the receiver in one image over the mean of the tissue."""
     white_db: float = 38.0
+    """Level that is shown white, over the mean of the tissue."""
     dynamic_range_db: float = 60.0
+    """From black to white."""
     pixel_m: float = 0.15e-3
     half_width_m: float = 20e-3
+    """Half the width of the image."""
     first_depth_m: float = 27e-3
     last_depth_m: float = 62e-3
 
@@ -108,21 +92,9 @@ class BModeSettings:
 class BModeWorld:
     """Tissue with an instrument's tip under a probe in B-mode; there is no light in it.
 
-    Parameters
-    ----------
-    settings
-        Scene and image.
-    probe
-        Height, lens and face radius of its elements.
-    tip_deg, tip_radius_m, tip_lateral_m
-        Place of the tip's middle: angle in degrees, distance from the axis and place along the array in metres. The
-        tissue's surface is level, at that height plus `BModeSettings.pressed_m`.
-    present
-        Whether there is a tip at all.
-    start_deg
-        Angle of the probe at the start, in degrees.
-    rng
-        Source of randomness.
+    ``probe``: height, lens and face radius of its elements. ``tip_deg``, ``tip_radius_m``, ``tip_lateral_m``: place of
+    the tip's middle: angle in degrees, distance from the axis and place along the array in metres. The tissue's surface
+    is level, at that height plus `BModeSettings.pressed_m`.
     """
 
     def __init__(
@@ -175,13 +147,7 @@ class BModeWorld:
         return BModeImage(pixels=self.pixels(images=images), geometry=self._settings.geometry)
 
     def pixels(self, *, images: int = 1) -> UInt8[np.ndarray, "rows columns"]:
-        """Grey values at the present angle, with noise.
-
-        Parameters
-        ----------
-        images
-            Number of images averaged.
-        """
+        """Grey values at the present angle, with noise."""
         settings = self._settings
         field = self._speckle.field(self.angle_deg) * self._layers()[:, None] + self._tip_echo()
         noise = filtered_noise(self._rng, settings.shape, pixel_m=settings.pixel_m)

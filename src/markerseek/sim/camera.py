@@ -13,12 +13,7 @@ from markerseek.geometry import Camera, RigidTransform, StereoCameras
 def endoscope(*, focal_px: float = 1100.0, base_m: float = 5e-3) -> StereoCameras:
     """Parallel cameras like those of a stereo endoscope: 1280 x 1024 pixels, with the distortion of a wide lens.
 
-    Parameters
-    ----------
-    focal_px
-        Focal length in pixels.
-    base_m
-        Distance between the two cameras in metres.
+    ``focal_px``: focal length. ``base_m``: distance between the two cameras.
     """
     lens = Camera(
         focal_px=(focal_px, focal_px),
@@ -38,18 +33,10 @@ def endoscope(*, focal_px: float = 1100.0, base_m: float = 5e-3) -> StereoCamera
 def camera_above(
     middle_m: Float64[np.ndarray, " 3"], *, distance_m: float, roll_deg: float, tilt_deg: float = 0.0
 ) -> RigidTransform:
-    """Where a camera stands that looks at a point of the TRUS frame from above: the transform ``DaVinciToTrus``.
+    """Where a camera stands that looks at a point of the TRUS frame from above: the transform ``DaVinciToProbeHome``.
 
-    Parameters
-    ----------
-    middle_m
-        The point in the TRUS frame, in metres.
-    distance_m
-        Distance of the camera from it, in metres.
-    roll_deg
-        Rotation about the line of sight, in degrees.
-    tilt_deg
-        Angle between the line of sight and the z axis of the TRUS frame, in degrees.
+    ``middle_m``: the point in the TRUS frame. ``roll_deg``: rotation about the line of sight. ``tilt_deg``: angle
+    between the line of sight and the z axis of the TRUS frame.
     """
     from scipy.spatial.transform import Rotation
 
@@ -57,40 +44,28 @@ def camera_above(
     turned = Rotation.from_euler("x", 180 + tilt_deg, degrees=True) * Rotation.from_euler("z", roll_deg, degrees=True)
     rotation = turned.as_matrix()
     return RigidTransform(
-        source="DaVinci", target="Trus", rotation=rotation, translation_m=middle_m - distance_m * rotation[:, 2]
+        source="DaVinci", target="ProbeHome", rotation=rotation, translation_m=middle_m - distance_m * rotation[:, 2]
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EndoscopeSettings:
-    """Errors of the simulated cameras, and the look of their images.
-
-    Attributes
-    ----------
-    spot_sigma_px
-        Standard deviation of the spot's position in one frame, in both directions, in pixels.
-    calibration_sigma_px
-        Standard deviation of the error of the calibration at a point of the image, in both directions, in pixels: it is
-        the same in all frames.
-    frames
-        Frames of each camera.
-    spot_radius_px
-        Standard deviation of the spot's Gaussian profile, in pixels.
-    spot_counts
-        Its height in counts; 255 is full scale.
-    tissue_counts
-        Mean brightness of the tissue in counts.
-    noise_counts
-        Standard deviation of a pixel's noise in counts.
-    """
+    """Errors of the simulated cameras, and the look of their images."""
 
     spot_sigma_px: float = 0.3
+    """Standard deviation of the spot's position in one frame, in both directions."""
     calibration_sigma_px: float = 0.2
+    """Standard deviation of the error of the calibration at a point of the image, in both directions: it is the same in
+    all frames."""
     frames: int = 25
     spot_radius_px: float = 5.0
+    """Standard deviation of the spot's Gaussian profile."""
     spot_counts: float = 130.0
+    """Its height; 255 is full scale."""
     tissue_counts: float = 70.0
+    """Mean brightness of the tissue."""
     noise_counts: float = 3.0
+    """Standard deviation of a pixel's noise."""
 
     def __post_init__(self) -> None:
         for name, low, high, unit in (
@@ -114,16 +89,7 @@ def spot_images(
 ) -> list[UInt8[np.ndarray, "rows columns"]]:
     """Frames of one camera that looks at uneven tissue with a laser spot; simulated.
 
-    Parameters
-    ----------
-    place_px
-        Where the spot is, (x, y) in pixels; None: the laser is off.
-    size_px
-        Width and height of the images.
-    settings
-        Noise, and the look.
-    rng
-        Source of randomness.
+    ``place_px``: where the spot is, (x, y); None: the laser is off. ``size_px``: width and height of the images.
     """
     width, height = size_px
     columns, rows = np.arange(width), np.arange(height)

@@ -62,15 +62,7 @@ class _Checkpoint(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SimulatedState:
-    """Everything of a simulated rig that changes during a search.
-
-    Parameters
-    ----------
-    world, clock, stage, receiver
-        The rig.
-    rng
-        The source of all its randomness.
-    """
+    """Everything of a simulated rig that changes during a search."""
 
     def __init__(
         self,
@@ -102,10 +94,7 @@ class SimulatedState:
     def restore(self, checkpoint: bytes) -> None:
         """Set the rig to a state.
 
-        Raises
-        ------
-        RecordError
-            If it cannot be read; then nothing is changed.
+        Raises `RecordError` if it cannot be read; then nothing is changed.
         """
         try:
             state = msgspec.json.decode(checkpoint, type=_Checkpoint)

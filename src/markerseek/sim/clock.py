@@ -11,25 +11,21 @@ from markerseek.core import ConfigError
 _SLICE_S = 0.02
 """Longest real time between two beats of a wait, in seconds."""
 
-MOST_PACE = 100.0
+MAX_PACE = 100.0
 """Slowest simulation, in real seconds for a virtual one: a search of five minutes takes a working day."""
 
 
 class VirtualClock:
     """A clock that a wait sets forward.
 
-    Parameters
-    ----------
-    pace
-        Real seconds that a virtual second takes; 0 takes none, 1 runs at real speed; at most `MOST_PACE`.
-    beat
-        Called in each wait, and every 20 ms of real time; None calls nothing.
+    ``pace``: real seconds that a virtual second takes; 0 takes none, 1 runs at real speed; at most `MAX_PACE`.
+    ``beat``: called in each wait, and every 20 ms of real time; None calls nothing.
     """
 
     def __init__(self, *, pace: float = 0.0, beat: Callable[[], None] | None = None) -> None:
-        if not 0 <= pace <= MOST_PACE:
+        if not 0 <= pace <= MAX_PACE:
             raise ConfigError(
-                f"pace is {pace}, it must lie between 0 (does not wait) and {MOST_PACE:g}; 1 is real speed"
+                f"pace is {pace}, it must lie between 0 (does not wait) and {MAX_PACE:g}; 1 is real speed"
             )
         self._pace = pace
         self._beat = beat

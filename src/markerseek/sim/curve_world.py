@@ -37,26 +37,10 @@ two columns a peak is up to 4 dB too low in the pixels. Set from about a hundred
 class CurveWorld:
     """Tissue that is described by its intensity curve alone.
 
-    Parameters
-    ----------
-    curve
-        Noise-free curve; None is a world without a marker.
-    marker_deg
-        Angle of the marker in degrees.
-    peak
-        Noise-free intensity with the probe on the marker.
-    noise_sigma
-        Standard deviation of the beamformed noise (one quadrature) in the same unit.
-    cells
-        Number of independent envelope cells of an image.
-    energy_jitter
-        Standard deviation of a pulse's energy over its mean.
-    start_deg
-        Angle of the probe at the start, in degrees.
-    rng
-        Source of randomness.
-    noise_stated
-        Whether a frame states the noise and the cells; those of a CSV do not.
+    ``curve``: None is a world without a marker. ``peak``: noise-free intensity with the probe on the marker.
+    ``noise_sigma``: standard deviation of the beamformed noise (one quadrature) in the same unit. ``cells``: number of
+    independent envelope cells of an image. ``energy_jitter``: standard deviation of a pulse's energy over its mean.
+    ``noise_stated``: whether a frame states the noise and the cells; those of a CSV do not.
     """
 
     def __init__(
@@ -99,20 +83,7 @@ class CurveWorld:
         rng: np.random.Generator,
         noise_stated: bool = True,
     ) -> CurveWorld:
-        """World under the noise, the laser and the start of these settings, in units of the noise's deviation.
-
-        Parameters
-        ----------
-        settings
-            Of a rig.
-        curve, marker_deg, cells, rng, noise_stated
-            See the class.
-
-        Raises
-        ------
-        ConfigError
-            If the settings have bursts of noise, which need frames.
-        """
+        """World under the noise, the laser and the start of these settings, in units of the noise's deviation."""
         if settings.noise.bursts is not None:
             raise ConfigError("noise: bursts are simulated in frames only; leave them out, or study frames")
         return cls(
@@ -156,12 +127,7 @@ class CurveWorld:
         The numbers of the longest scan are drawn once, in the order of flashes and frames, and serve all: a scan agrees
         to rounding with as many frames of another world with the same seed, in a tenth of the time. No flash is kept.
 
-        Parameters
-        ----------
-        scans_deg
-            Angles of the probe in the order of the acquisitions, in degrees; one array or more.
-        pulses
-            Pulses of each acquisition.
+        ``scans_deg``: angles of the probe in the order of the acquisitions; one array or more.
         """
         peaks = 0 if self._curve is None else len(self._curve.peaks(0.0))
         # The order of the draws is that of `flash` and `frame`, so that the numbers are those of single frames.
@@ -187,12 +153,7 @@ class CurveWorld:
 def largest_noise(rng: np.random.Generator, *, cells: int) -> float:
     """Largest noise in an image over σ, drawn by inverting 1 − exp(−N(u)); see the module.
 
-    Parameters
-    ----------
-    rng
-        Source of randomness.
-    cells
-        Number of independent envelope cells of the image, at least 10.
+    ``cells``: number of independent envelope cells of the image, at least 10.
     """
     # ρ of the module docstring: M = ρ(u² − 1), with u² = 2·ln(M/1e-3) where a reading defines M.
     rate = _SEEN * cells / (2 * math.log(cells / _CELLS_AT) - 1)

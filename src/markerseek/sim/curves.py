@@ -27,7 +27,7 @@ class IntensityCurve(Protocol):
 WIDTH_DEG = (1e-6, 1e6)
 """Narrowest and widest curve, full width at half maximum in degrees."""
 
-MOST_POWER = 20.0
+MAX_POWER = 20.0
 """Steepest power of a curve's tails, with which the narrowest one does not overflow."""
 
 _STEP_DEG = 0.02
@@ -45,15 +45,10 @@ def _check_width(fwhm_deg: float) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GaussianCurve:
-    """exp(−4 ln 2·(t/w)²): its tails vanish, which those of a wideband pulse do not.
-
-    Attributes
-    ----------
-    fwhm_deg
-        Full width w at half maximum in degrees.
-    """
+    """exp(−4 ln 2·(t/w)²): its tails vanish, which those of a wideband pulse do not."""
 
     fwhm_deg: float
+    """Full width w at half maximum."""
 
     def __post_init__(self) -> None:
         _check_width(self.fwhm_deg)
@@ -65,15 +60,10 @@ class GaussianCurve:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SechCurve:
-    """1/cosh(2 arcosh(2)·t/w): exponential tails.
-
-    Attributes
-    ----------
-    fwhm_deg
-        Full width w at half maximum in degrees.
-    """
+    """1/cosh(2 arcosh(2)·t/w): exponential tails."""
 
     fwhm_deg: float
+    """Full width w at half maximum."""
 
     def __post_init__(self) -> None:
         _check_width(self.fwhm_deg)
@@ -86,22 +76,16 @@ class SechCurve:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PowerCurve:
-    """1/(1 + (2|t|/w)^k): tails as 1/|t|^k, like the edge waves of an element for k near 1.
-
-    Attributes
-    ----------
-    fwhm_deg
-        Full width w at half maximum in degrees.
-    power
-        Exponent k of the tails; 2 is the Lorentz curve.
-    """
+    """1/(1 + (2|t|/w)^k): tails as 1/|t|^k, like the edge waves of an element for k near 1."""
 
     fwhm_deg: float
+    """Full width w at half maximum."""
     power: float = 2.0
+    """Exponent k of the tails; 2 is the Lorentz curve."""
 
     def __post_init__(self) -> None:
         _check_width(self.fwhm_deg)
-        require_range("curve: power", self.power, low=0, high=MOST_POWER, open_low=True, cure="1 to 2 are usual")
+        require_range("curve: power", self.power, low=0, high=MAX_POWER, open_low=True, cure="1 to 2 are usual")
 
     def peaks(self, off_plane_deg: float) -> tuple[float, ...]:
         """One peak; see the class."""
@@ -110,21 +94,14 @@ class PowerCurve:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwoHumps:
-    """Curve of two sources at different places of the image, of which it has a peak each.
-
-    Attributes
-    ----------
-    curve
-        Curve of the marker, and of the other source.
-    apart_deg
-        Angle of the other source less that of the marker, in degrees.
-    relative
-        Its height over the marker's.
-    """
+    """Curve of two sources at different positions in the image, with a peak for each."""
 
     curve: IntensityCurve
+    """Curve of the marker, and of the other source."""
     apart_deg: float
+    """Angle of the other source less that of the marker."""
     relative: float
+    """Its height over the marker's."""
 
     def __post_init__(self) -> None:
         require_range("two humps: apart_deg", self.apart_deg, low=-180.0, high=180.0, unit="deg")
@@ -141,17 +118,8 @@ class RecordedCurve:
 
     Beyond the recorded angles the outermost heights hold.
 
-    Parameters
-    ----------
-    off_plane_deg
-        Angles off the marker in degrees, ascending.
-    heights
-        Heights of the peaks at each, strongest first, shape (angles, peaks), not negative.
-
-    Raises
-    ------
-    ConfigError
-        If the angles do not rise, or a height is negative or not finite.
+    ``off_plane_deg``: angles off the marker, ascending. ``heights``: heights of the peaks at each, strongest first, not
+    negative.
     """
 
     def __init__(

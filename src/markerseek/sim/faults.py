@@ -26,37 +26,24 @@ class FaultKind(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fault:
-    """Something wrong with a device.
-
-    Attributes
-    ----------
-    device
-        Which device.
-    name
-        Which of that device's faults; the emulators list theirs.
-    kind
-        What sort of fault it is.
-    observable
-        Whether the evidence is in what the devices send. What command and readback share is not observable: another
-        device must cover it, as a hard stop or a second encoder does.
-    meaning
-        What happens, in a sentence.
-    amount
-        How much, in the unit that the meaning names.
-    from_step
-        First step at which it holds; 0 from the start. What a step is, each device says.
-    to_step
-        First step at which it no longer holds; None for never.
-    """
+    """Something wrong with a device."""
 
     device: DeviceName
     name: str
+    """Which of that device's faults; the emulators list theirs."""
     kind: FaultKind
+    """What sort of fault it is."""
     observable: bool
+    """Whether the evidence is in what the devices send. What command and readback share is not observable: another
+    device must cover it, as a hard stop or a second encoder does."""
     meaning: str
+    """What happens, in a sentence."""
     amount: float = 0.0
+    """How much, in the unit that the meaning names."""
     from_step: int = 0
+    """First step at which it holds; 0 from the start. What a step is, each device says."""
     to_step: int | None = None
+    """First step at which it no longer holds; None for never."""
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.amount):

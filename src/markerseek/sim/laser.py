@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+
+import numpy as np
 
 from markerseek.core import Clock, ConfigError, LaserError, Permit
 from markerseek.sim.world import SimulatedWorld
@@ -11,31 +14,35 @@ from markerseek.sim.world import SimulatedWorld
 class SimulatedLaser:
     """Laser of a simulated world.
 
-    Parameters
-    ----------
-    world
-        The world that it lights.
-    clock
-        Virtual time.
-    rate_hz
-        Pulses per second.
+    ``rate_hz``: pulses per second. ``energy_spread``: standard deviation of ln energy from one acquisition to the next,
+    beside that of the pulses. ``energy_drift_per_min``: change of ln energy in a minute.
     """
 
-    def __init__(self, *, world: SimulatedWorld, clock: Clock, rate_hz: float = 100.0) -> None:
+    def __init__(
+        self,
+        *,
+        world: SimulatedWorld,
+        clock: Clock,
+        rate_hz: float = 100.0,
+        energy_spread: float = 0.0,
+        energy_drift_per_min: float = 0.0,
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        if energy_spread > 0 and rng is None:
+            raise ConfigError(f"laser: energy_spread is {energy_spread}, and there is no rng to draw the energies from")
         if not 0 < rate_hz < math.inf:
             raise ConfigError(f"laser: rate_hz is {rate_hz} Hz, it must be positive and finite")
         self._world = world
         self._clock = clock
         self._rate_hz = rate_hz
+        self._energy_spread, self._energy_drift_per_min = energy_spread, energy_drift_per_min
+        self._rng = rng
         self._used: set[str] = set()
 
     def fire(self, permit: Permit) -> int:
         """Fire the permitted pulses and return how many were; a permit of 0 pulses only triggers.
 
-        Raises
-        ------
-        LaserError
-            If the permit was used before or has expired; nothing is fired.
+        Raises `LaserError` if the permit was used before or has expired; nothing is fired.
         """
         if permit.token in self._used:
             raise LaserError(f"laser: the permit {permit.token!r} was used before; nothing was fired")
@@ -47,8 +54,18 @@ class SimulatedLaser:
         if permit.pulses > 0:
             # One flash for the whole train, at its beginning: a frame is the average of its pulses.
             self._world.flash(pulses=permit.pulses, at_s=self._clock.now_s())
+            self._vary()
         self._clock.wait(permit.pulses / self._rate_hz)
         return permit.pulses
+
+    def _vary(self) -> None:
+        """Give the last flash the energy that the laser has now."""
+        log_energy = self._energy_drift_per_min * self._clock.now_s() / 60
+        if self._rng is not None and self._energy_spread > 0:
+            log_energy += self._energy_spread * float(self._rng.standard_normal())
+        if log_energy != 0:
+            flash = self._world.flashes[-1]
+            self._world.flashes[-1] = replace(flash, energy=flash.energy * math.exp(log_energy))
 
     def disarm(self) -> None:
         """Nothing to do: this laser holds no permit between two calls of `fire`."""

@@ -26,12 +26,7 @@ _GAIN = 0.25
 class RFWorld:
     """A simulated world whose receiver is an ultrasound machine.
 
-    Parameters
-    ----------
-    world
-        The world of channel data.
-    receive_focus_m
-        Depth of a fixed receive focus in metres; None: dynamic focus.
+    ``receive_focus_m``: depth of a fixed receive focus; None: dynamic focus.
     """
 
     def __init__(self, *, world: World, receive_focus_m: float | None) -> None:
@@ -60,14 +55,8 @@ def post_beamformed(
     Dynamic focus: at time t a line listens to the depth zb = c·t/2, whose echo reaches an element at the distance u
     after (zb + sqrt(zb² + u²))/c. Fixed focus zF: one delay for each element, (sqrt(zF² + u²) − zF)/c.
 
-    Parameters
-    ----------
-    counts
-        Channel data; sample 0 is the time of transmission.
-    model
-        Gives pitch and sampling frequency.
-    receive_focus_m
-        Depth of a fixed receive focus in metres; None: dynamic focus.
+    ``counts``: channel data; sample 0 is the time of transmission. ``model``: gives pitch and sampling frequency.
+    ``receive_focus_m``: depth of a fixed receive focus; None: dynamic focus.
     """
     channels, count = counts.shape
     pitch_m, per_metre = model.probe.array.pitch_m, model.sampling_hz / SOUND_SPEED_M_S

@@ -11,19 +11,14 @@ SWING_DEG = 20.0
 TURN_S = 1.0
 """Time in which it turns round at the ends, in seconds, at an even acceleration of twice its speed a second."""
 
-MOST_DEG_S = 20.0
+MAX_DEG_S = 20.0
 """Fastest motion, in degrees per second."""
 
 
 def swing_deg(time_s: float, speed_deg_s: float) -> float:
     """Angle of a marker that goes to and fro about 0, in degrees; at time 0 it leaves the lower end.
 
-    Parameters
-    ----------
-    time_s
-        Time in seconds.
-    speed_deg_s
-        Speed between the turns, in degrees per second.
+    ``speed_deg_s``: speed between the turns.
     """
     straight_s = SWING_DEG / speed_deg_s
     ways, within_s = divmod(time_s, straight_s + TURN_S)
@@ -35,17 +30,14 @@ def swing_deg(time_s: float, speed_deg_s: float) -> float:
     return angle_deg if ways % 2 == 0 else -angle_deg
 
 
-class Swing:
-    """How far a marker has moved from where it was at rest, in degrees.
+class OscillatingMotion:
+    """Motion of a marker to and fro about its angle at rest, in degrees.
 
-    Parameters
-    ----------
-    speed_deg_s
-        Speed between the turns, in degrees per second.
+    ``speed_deg_s``: speed between the turns.
     """
 
     def __init__(self, *, speed_deg_s: float) -> None:
-        require_range("moving marker: speed_deg_s", speed_deg_s, low=0, high=MOST_DEG_S, unit="deg/s", open_low=True)
+        require_range("moving marker: speed_deg_s", speed_deg_s, low=0, high=MAX_DEG_S, unit="deg/s", open_low=True)
         self.speed_deg_s = speed_deg_s
         self._began_s: float | None = None
 
@@ -70,16 +62,9 @@ class MovingWorld:
     """A simulated world whose marker and tissue turn together about the axis.
 
     All pulses of a frame see the marker where it is at the first: motion within a train of pulses is not simulated.
-
-    Parameters
-    ----------
-    world
-        The world at rest.
-    swing
-        How it moves.
     """
 
-    def __init__(self, world: SimulatedWorld, swing: Swing) -> None:
+    def __init__(self, world: SimulatedWorld, swing: OscillatingMotion) -> None:
         self._world = world
         self._swing = swing
         self.angle_deg = world.angle_deg

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from markerseek.core import AcquisitionError, ChannelFrame, Clock, ConfigError, Frame, FrameHeader, Permit, RFFrame
 from markerseek.sim.bmode import BModeWorld
-from markerseek.sim.world import SimulatedWorld
+from markerseek.sim.world import Flash, SimulatedWorld
 
 B_MODE_S = 0.04
 """Time for one B-mode image, in seconds: 25 images a second."""
@@ -16,27 +18,31 @@ B_MODE_S = 0.04
 class SimulatedReceiver:
     """Receiver of a simulated world.
 
-    Parameters
-    ----------
-    world
-        The world that it receives from.
-    clock
-        Virtual time.
-    readout_s
-        Time to read one acquisition from the device, in seconds: about 10 s for SonixDAQ files (paper, section 4).
-    b_mode
-        The same tissue in B-mode, of which an image is taken after each frame of counts, without light; None: none is.
+    ``readout_s``: time to read one acquisition from the device: about 10 s for SonixDAQ files (paper, section 4).
+    ``b_mode``: the same tissue in B-mode, of which an image is taken after each frame of counts, without light.
+    ``meter_noise``: relative standard deviation of an energy meter, whose value stands in the header.
     """
 
     def __init__(
-        self, *, world: SimulatedWorld, clock: Clock, readout_s: float, b_mode: BModeWorld | None = None
+        self,
+        *,
+        world: SimulatedWorld,
+        clock: Clock,
+        readout_s: float,
+        b_mode: BModeWorld | None = None,
+        meter_noise: float | None = None,
+        rng: np.random.Generator | None = None,
     ) -> None:
+        if meter_noise is not None and rng is None:
+            raise ConfigError(f"receiver: meter_noise is {meter_noise}, and there is no rng to draw it from")
         if not 0 <= readout_s < math.inf:
             raise ConfigError(f"receiver: readout_s is {readout_s} s, it must be finite and not negative")
         self._world = world
         self._clock = clock
         self._readout_s = readout_s
         self._b_mode = b_mode
+        self._meter_noise = meter_noise
+        self._rng = rng
         self.sequence = 0
         self._armed: tuple[Permit, int, float] | None = None
 
@@ -48,13 +54,7 @@ class SimulatedReceiver:
         self._armed = (permit, len(self._world.flashes), self._clock.now_s())
 
     def acquire(self, permit: Permit) -> Frame:
-        """Averaged frame of the flash since `arm`; noise alone where there was none.
-
-        Raises
-        ------
-        AcquisitionError
-            If it was not armed for this permit.
-        """
+        """Averaged frame of the flash since `arm`; noise alone where there was none."""
         if self._armed is None or self._armed[0] != permit:
             raise AcquisitionError(f"receiver: it was not armed for the permit {permit.token!r}; arm it before firing")
         _, flashes_before, started_s = self._armed
@@ -71,6 +71,7 @@ class SimulatedReceiver:
             commanded_deg=permit.angle_deg,
             started_s=started_s,
             ended_s=self._clock.now_s(),
+            energy=self._energy(new[-1]) if new else None,
         )
         frame = self._world.frame(new[-1] if new else None, header=header)
         if self._b_mode is None or not isinstance(frame, ChannelFrame | RFFrame):
@@ -79,3 +80,9 @@ class SimulatedReceiver:
         self._b_mode.angle_deg = self._world.angle_deg
         self._clock.wait(B_MODE_S)
         return replace(frame, b_mode=self._b_mode.image())
+
+    def _energy(self, flash: Flash) -> float | None:
+        """What the meter says of a flash."""
+        if self._meter_noise is None or self._rng is None:
+            return None
+        return flash.energy * (1 + self._meter_noise * float(self._rng.standard_normal()))

@@ -30,12 +30,7 @@ RECEIVER_FAULTS: dict[str, Fault] = {fault.name: fault for fault in _ALL}
 class FaultyReceiver:
     """A receiver with one fault, around one that works.
 
-    Parameters
-    ----------
-    inner
-        The receiver that works.
-    fault
-        One of `RECEIVER_FAULTS`.
+    ``fault``: one of `RECEIVER_FAULTS`.
     """
 
     def __init__(self, inner: Receiver, fault: Fault) -> None:
@@ -53,13 +48,7 @@ class FaultyReceiver:
         self._inner.arm(permit)
 
     def acquire(self, permit: Permit) -> Frame:
-        """Frame of the receiver behind, with the fault while it holds.
-
-        Raises
-        ------
-        AcquisitionError
-            If the fault changes intensities, and the frame holds more than one.
-        """
+        """Frame of the receiver behind, with the fault while it holds."""
         self._step += 1
         frame, previous = self._inner.acquire(permit), self._previous
         # Kept at every step, so that the first late frame is the one just before the fault began.

@@ -16,29 +16,19 @@ from markerseek.sim.stage import StageMotion
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MarkerSettings:
-    """The laser spot.
-
-    Attributes
-    ----------
-    present
-        Whether there is one at all.
-    angle_deg
-        Angle of the centroid of the absorbed energy in degrees; None draws it anywhere in the search range.
-    radius_m
-        Distance from the axis of rotation in metres.
-    lateral_m
-        Position along the axis in metres; None draws it at most 20 mm from the middle, and in front of the array's
-        inner four fifths.
-    source_radius_m
-        Radius of a single Gaussian absorber in place of the material's spot, in metres: the larger it is, the wider
-        the intensity curve. None leaves the spot as the material has it.
-    """
+    """The laser spot."""
 
     present: bool = True
     angle_deg: float | None = None
+    """Angle of the centroid of the absorbed energy; None draws it anywhere in the search range."""
     radius_m: float = 60e-3
+    """Distance from the axis of rotation."""
     lateral_m: float | None = None
+    """Position along the axis; None draws it at most 20 mm from the middle, and in front of the array's inner four
+    fifths."""
     source_radius_m: float | None = None
+    """Radius of a single Gaussian absorber in place of the material's spot: the larger it is, the wider the intensity
+    curve. None leaves the spot as the material has it."""
 
     def __post_init__(self) -> None:
         if self.source_radius_m is not None and not 0 < self.source_radius_m <= 5e-3:
@@ -49,28 +39,30 @@ class MarkerSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LaserSettings:
-    """The light.
-
-    Attributes
-    ----------
-    pulses
-        Pulses averaged in one acquisition.
-    pulse_s
-        Length of the rectangular pulse in seconds.
-    rate_hz
-        Pulses per second.
-    energy_jitter
-        Standard deviation of one pulse's energy over its mean.
-    """
+    """The light."""
 
     pulses: int = 16
+    """Pulses averaged in one acquisition."""
     pulse_s: float = 500e-9
+    """Length of the rectangular pulse."""
     rate_hz: float = 100.0
+    """Pulses per second."""
     energy_jitter: float = 0.03
+    """Standard deviation of one pulse's energy over its mean."""
+    energy_spread: float = 0.0
+    """Standard deviation of ln energy from one acquisition to the next, beside that of the pulses."""
+    energy_drift_per_min: float = 0.0
+    """Change of ln energy in a minute."""
+    energy_meter_noise: float | None = None
+    """Relative standard deviation of an energy meter, whose value stands in the header of each frame."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.energy_jitter < 1:
             raise ConfigError(f"laser: energy_jitter is {self.energy_jitter}, it is a share between 0 and 1")
+        require_range("laser: energy_spread", self.energy_spread, low=0, high=1)
+        require_range("laser: energy_drift_per_min", self.energy_drift_per_min, low=-1, high=1)
+        if self.energy_meter_noise is not None:
+            require_range("laser: energy_meter_noise", self.energy_meter_noise, low=0, high=0.3)
         require_range("laser: rate_hz", self.rate_hz, low=0, high=1000, unit="Hz", open_low=True)
         most = FiringLimits().pulses_per_permit
         if not 1 <= self.pulses <= most:
@@ -79,21 +71,13 @@ class LaserSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseSettings:
-    """The noise of one acquisition, after averaging.
-
-    Attributes
-    ----------
-    peak_snr_db
-        Envelope peak of the noise-free image with the probe on the marker, over the standard deviation of the
-        beamformed noise, 20 log10, in dB.
-    coloured
-        Share of the noise power that has the spectrum of the receive band; the rest is white.
-    bursts
-        Heavy-tailed bursts; None for none.
-    """
+    """The noise of one acquisition, after averaging."""
 
     peak_snr_db: float = 40.0
+    """Envelope peak of the noise-free image with the probe on the marker, over the standard deviation of the beamformed
+    noise, 20 log10."""
     coloured: float = 0.0
+    """Share of the noise power that has the spectrum of the receive band; the rest is white."""
     bursts: Bursts | None = None
 
     def __post_init__(self) -> None:
@@ -105,38 +89,24 @@ class NoiseSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReceiverSettings:
-    """The data acquisition.
-
-    Attributes
-    ----------
-    sampling_hz
-        Sampling frequency in Hz.
-    samples
-        Samples of one channel.
-    readout_s
-        Time to read one acquisition, in seconds: 10 s with SonixDAQ files (paper, section 4).
-    trigger_offset_s
-        Time from the trigger to the middle of the laser pulse, in seconds.
-    peak_counts
-        Largest count that the marker alone gives a channel with the probe on it; full scale is 2047. None chooses the
-        gain so that marker and noise both fit: 600 counts, fewer where the noise is strong, more where it is weak.
-    data
-        Kind of frames: channel data; lines that an ultrasound machine has beamformed (RF); or B-mode images, without
-        light, in which the tip of an instrument takes the marker's place.
-    receive_focus_m
-        Depth of the fixed receive focus of RF lines in metres; None: dynamic focus.
-    b_mode
-        Whether a B-mode image of the same angle is taken after each frame of channel data or RF lines, without light.
-    """
+    """The data acquisition."""
 
     sampling_hz: float = 40e6
     samples: int = 2080
     readout_s: float = 10.0
+    """Time to read one acquisition: 10 s with SonixDAQ files (paper, section 4)."""
     trigger_offset_s: float = 0.0
+    """Time from the trigger to the middle of the laser pulse."""
     peak_counts: float | None = None
+    """Largest count that the marker alone gives a channel with the probe on it; full scale is 2047. None chooses the
+    gain so that marker and noise both fit: 600 counts, fewer where the noise is strong, more where it is weak."""
     data: Literal["channels", "rf", "b-mode"] = "channels"
+    """Kind of frames: channel data; lines that an ultrasound machine has beamformed (RF); or B-mode images, without
+    light, in which the tip of an instrument takes the marker's place."""
     receive_focus_m: float | None = None
+    """Depth of the fixed receive focus of RF lines; None: dynamic focus."""
     b_mode: bool = False
+    """Whether a B-mode image of the same angle is taken after each frame of channel data or RF lines, without light."""
 
     def __post_init__(self) -> None:
         if self.receive_focus_m is not None:
@@ -157,25 +127,16 @@ class ReceiverSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedSettings:
-    """A simulated rig; every part may be left at its default.
-
-    Attributes
-    ----------
-    tissue
-        Name of the material, a simulated stand-in.
-    start_deg
-        Angle of the probe at the start, in degrees.
-    marker, probe, laser, noise, stage, receiver, b_mode, limits
-        See the classes.
-    second
-        A second spot, as strong as the marker; usually not present. Where its lateral position is left open, it lies on
-        the other side of the array's middle.
-    """
+    """A simulated rig; every part may be left at its default."""
 
     tissue: str = "plastisol-phantom"
+    """Name of the material, a simulated stand-in."""
     start_deg: float = 0.0
+    """Angle of the probe at the start."""
     marker: MarkerSettings = field(default_factory=MarkerSettings)
     second: MarkerSettings = field(default_factory=lambda: MarkerSettings(present=False))
+    """A second spot, as strong as the marker; usually not present. Where its lateral position is left open, it lies on
+    the other side of the array's middle."""
     probe: Probe = field(default_factory=Probe)
     laser: LaserSettings = field(default_factory=LaserSettings)
     noise: NoiseSettings = field(default_factory=NoiseSettings)
@@ -205,23 +166,9 @@ def changed_settings(
     snr_db: float | None = None,
     readout_s: float | None = None,
 ) -> SimulatedSettings:
-    """Settings of which some have another value; None leaves one as it is.
+    """Settings with some values changed; None leaves a value as it is.
 
-    Parameters
-    ----------
-    settings
-        The settings.
-    tissue
-        Name of the material.
-    snr_db
-        Peak SNR in dB, as in `NoiseSettings`.
-    readout_s
-        As in `ReceiverSettings`.
-
-    Raises
-    ------
-    ConfigError
-        If a value cannot be used.
+    ``snr_db``: peak SNR, as in `NoiseSettings`.
     """
     if tissue is not None:
         settings = replace(settings, tissue=tissue)
@@ -236,15 +183,12 @@ def hashable_values(settings: SimulatedSettings) -> dict[str, Any]:
     """Settings as plain values for a hash, without those that are newer than the hashes and have their default.
 
     Seeds of studies and fingerprints of rigs are such hashes: a new setting that is not used must not change them.
-
-    Parameters
-    ----------
-    settings
-        Of a simulated rig.
     """
     values: dict[str, Any] = msgspec.to_builtins(settings)
     usual: dict[str, Any] = msgspec.to_builtins(SimulatedSettings())
-    for part, name in (("receiver", "data"), ("receiver", "receive_focus_m"), ("receiver", "b_mode")):
+    newer = [("receiver", name) for name in ("data", "receive_focus_m", "b_mode")]
+    newer += [("laser", name) for name in ("energy_spread", "energy_drift_per_min", "energy_meter_noise")]
+    for part, name in newer:
         if values[part][name] == usual[part][name]:
             del values[part][name]
     for name in ("b_mode", "second"):

@@ -30,18 +30,8 @@ _RESPONSE_STEP_M, _NEAREST_M = 5e-3, 2e-3
 class Speckle:
     """Speckle of mean square 1, the same at an angle whatever the way of the probe.
 
-    Parameters
-    ----------
-    probe
-        Height, lens and face radius of its elements.
-    radius_m
-        Distance of each row from the axis of rotation in metres.
-    columns
-        Number of columns.
-    pixel_m
-        Size of a pixel in metres.
-    seed
-        Seed of the scatterers.
+    ``probe``: height, lens and face radius of its elements. ``radius_m``: distance of each row from the axis of
+    rotation.
     """
 
     def __init__(

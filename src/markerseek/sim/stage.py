@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from markerseek.core import Clock, ConfigError, Interval, LimitError, require_range
@@ -11,31 +12,21 @@ from markerseek.sim.world import SimulatedWorld
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageMotion:
-    """How a stage moves; the defaults are a PRM1Z8 on a KDC101.
-
-    Attributes
-    ----------
-    speed_deg_s
-        Largest speed in degrees per second; a PRM1Z8 reaches 25, direct drives some hundreds.
-    acceleration_deg_s2
-        Acceleration in degrees per second squared; a PRM1Z8 reaches 25.
-    counts_per_deg
-        Encoder counts for one degree.
-    backlash_deg
-        Play between the motor, which carries the encoder, and the probe, in degrees.
-    approach_deg
-        How far a move downwards goes beyond its target, to come back to it from below and leave the play on the same
-        side always, in degrees; 0 does not.
-    settle_s
-        Rest after a move, in seconds.
-    """
+    """How a stage moves; the defaults are a PRM1Z8 on a KDC101."""
 
     speed_deg_s: float = 10.0
+    """Largest speed; a PRM1Z8 reaches 25, direct drives some hundreds."""
     acceleration_deg_s2: float = 10.0
+    """Acceleration; a PRM1Z8 reaches 25."""
     counts_per_deg: float = 1919.6418578623391
+    """Encoder counts for one degree."""
     backlash_deg: float = 0.1
+    """Play between the motor, which carries the encoder, and the probe."""
     approach_deg: float = 1.0
+    """How far a move downwards goes beyond its target, to come back to it from below and leave the play on the same
+    side always; 0 does not."""
     settle_s: float = 0.1
+    """Rest after a move."""
 
     def __post_init__(self) -> None:
         for name, most in (("speed_deg_s", 2000.0), ("acceleration_deg_s2", 50_000.0), ("counts_per_deg", 1e9)):
@@ -47,10 +38,7 @@ class StageMotion:
     def duration_s(self, distance_deg: float) -> float:
         """Seconds that a move takes from rest to rest, with a trapezoidal speed, without settling.
 
-        Parameters
-        ----------
-        distance_deg
-            Length of the move in degrees, of either sign.
+        ``distance_deg``: length of the move, of either sign.
         """
         distance = abs(distance_deg)
         # v²/a: the distance of speeding up and braking together. A shorter move never reaches the full speed.
@@ -61,19 +49,7 @@ class StageMotion:
 
 
 class SimulatedStage:
-    """Turns the world's probe, in virtual time.
-
-    Parameters
-    ----------
-    world
-        Whose probe is turned.
-    clock
-        Virtual time.
-    motion
-        How it moves.
-    travel
-        Angles that it accepts.
-    """
+    """Turns the world's probe, in virtual time."""
 
     def __init__(self, *, world: SimulatedWorld, clock: Clock, motion: StageMotion, travel: Interval) -> None:
         self.limits = travel
@@ -82,6 +58,12 @@ class SimulatedStage:
         self._motion = motion
         # Whole counts: readback and setpoint differ by up to half a count, as on the device.
         self.counts = round(world.angle_deg * motion.counts_per_deg)
+        self._on_its_way: Callable[[], float] | None = None
+
+    @property
+    def seen_deg(self) -> float:
+        """Angle of the last reading, in degrees; while it turns, that of now."""
+        return self.angle_deg if self._on_its_way is None else self._on_its_way()
 
     @property
     def angle_deg(self) -> float:
@@ -91,10 +73,7 @@ class SimulatedStage:
     def move_to(self, angle_deg: float) -> float:
         """Turn to an angle, from below, and return the readback in degrees.
 
-        Raises
-        ------
-        LimitError
-            If the angle is NaN or outside the travel range; nothing moves.
+        Raises `LimitError` if the angle is NaN or outside the travel range; nothing moves.
         """
         # An interval contains no NaN.
         if angle_deg not in self.limits:
@@ -116,14 +95,21 @@ class SimulatedStage:
         self.counts = round(angle_deg * self._motion.counts_per_deg)
         way_deg = self.angle_deg - start_deg
         duration_s = self._motion.duration_s(way_deg)
+
+        def here_deg() -> float:
+            # As if its speed were constant.
+            share = (self._clock.now_s() - began_s) / duration_s if duration_s > 0 else 1.0
+            return start_deg + share * way_deg
+
+        self._on_its_way = here_deg
         try:
             self._clock.wait(duration_s)
         except BaseException:
-            # Stopped on its way: where, is computed as if its speed were constant.
-            share = (self._clock.now_s() - began_s) / duration_s if duration_s > 0 else 1.0
-            self.counts = round((start_deg + share * way_deg) * self._motion.counts_per_deg)
+            # Stopped on its way.
+            self.counts = round(here_deg() * self._motion.counts_per_deg)
             raise
         finally:
+            self._on_its_way = None
             # Pushed from below the probe is at the encoder's angle; pulled from above it lags by the play.
             play_deg = self._motion.backlash_deg
             self._world.angle_deg = min(max(self._world.angle_deg, self.angle_deg), self.angle_deg + play_deg)

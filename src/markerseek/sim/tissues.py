@@ -17,77 +17,49 @@ from markerseek.core import ConfigError, Float64
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spot:
-    """The stained and lit spot that is the marker: small absorbers scattered over a disc, or a single one.
-
-    Attributes
-    ----------
-    count
-        Number of absorbers; 1 puts it in the middle.
-    radius_m
-        Radius of the disc, which lies level (across the z axis of the TRUS frame), in metres.
-    depth_m
-        Mean depth of the absorbers below the disc, away from the probe, in metres; exponentially distributed.
-    grain
-        Size of each.
-    """
+    """The stained and lit spot that is the marker: small absorbers scattered over a disc, or a single one."""
 
     count: int = 1
+    """Number of absorbers; 1 puts it in the middle."""
     radius_m: float = 0.0
+    """Radius of the disc, which lies level (across the z axis of the TRUS frame)."""
     depth_m: float = 0.0
+    """Mean depth of the absorbers below the disc, away from the probe; exponentially distributed."""
     grain: GaussianAbsorber = field(default_factory=GaussianAbsorber)
 
     def draw(self, marker: Absorber, rng: np.random.Generator) -> list[Absorber]:
-        """Absorbers of a spot: the centroid of the absorbed energy is the marker's place, their sum its strength.
-
-        Parameters
-        ----------
-        marker
-            Place of the marker, and its strength.
-        rng
-            Source of randomness.
-        """
+        """Absorbers of a spot: the centroid of the absorbed energy is the marker's place, their sum its strength."""
         if self.count == 1:
             return [replace(marker, source=self.grain)]
         # Uniform over the disc: equal areas lie between equal steps of the squared radius.
         away_m = self.radius_m * np.sqrt(rng.uniform(size=self.count))
         around = rng.uniform(0, 2 * np.pi, self.count)
         depth_m = rng.exponential(self.depth_m, self.count)
-        middle_m = np.array(marker.place_m)
+        middle_m = np.array(marker.position_m)
         places_m = middle_m + np.column_stack([away_m * np.cos(around), away_m * np.sin(around), depth_m])
         # Equal shares: the pulses of the grains interfere, so that the image's peak is less than the sum.
         share = marker.strength / self.count
         # A few grains drawn at random have their centroid beside the middle of the disc, and below its surface.
-        drawn = [_grain(place_m, share, self.grain) for place_m in places_m]
-        return [_grain(place_m, share, self.grain) for place_m in places_m + (middle_m - centroid_m(drawn))]
+        drawn = [_grain(position_m, share, self.grain) for position_m in places_m]
+        return [_grain(position_m, share, self.grain) for position_m in places_m + (middle_m - centroid_m(drawn))]
 
 
-def _grain(place_m: Float64[np.ndarray, 3], strength: float, source: GaussianAbsorber) -> Absorber:
-    x_m, y_m, z_m = place_m.tolist()
+def _grain(position_m: Float64[np.ndarray, 3], strength: float, source: GaussianAbsorber) -> Absorber:
+    x_m, y_m, z_m = position_m.tolist()
     return Absorber.at(x_m=x_m, y_m=y_m, z_m=z_m, strength=strength, source=source)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tissue:
-    """A simulated stand-in for a material.
-
-    Attributes
-    ----------
-    description
-        What it stands for, and that it is simulated.
-    spot
-        The marker's absorbers.
-    medium
-        Sound speed and attenuation of the path.
-    clutter
-        Weak absorbers around; a strength of 1 is that of the marker; None for none.
-    reverberation
-        Repeats of every arrival; None for none.
-    """
+    """A simulated stand-in for a material."""
 
     description: str
+    """What it stands for, and that it is simulated."""
     spot: Spot = field(default_factory=Spot)
     medium: Medium = field(default_factory=Medium)
+    """Sound speed and attenuation of the path."""
     clutter: Clutter | None = None
+    """Weak absorbers around; a strength of 1 is that of the marker; None for none."""
     reverberation: Reverberation | None = None
 
 
@@ -134,15 +106,7 @@ TISSUES: dict[str, Tissue] = {
 def tissue_named(name: str) -> Tissue:
     """Parameter set of a simulated material.
 
-    Parameters
-    ----------
-    name
-        One of `TISSUES`.
-
-    Raises
-    ------
-    ConfigError
-        If there is none of that name.
+    ``name``: one of `TISSUES`.
     """
     if name not in TISSUES:
         raise ConfigError(f"tissue {name!r} is unknown; the simulated ones are: {', '.join(TISSUES)}")

@@ -49,20 +49,8 @@ class SimulatedWorld(Protocol):
 class World:
     """Tissue under a probe.
 
-    Parameters
-    ----------
-    model
-        The forward model.
-    absorbers
-        Absorbers; none is a world without a marker.
-    noise
-        Noise of one acquisition, after averaging, in counts, the unit of the channel data.
-    energy_jitter
-        Standard deviation of a pulse's energy over its mean.
-    start_deg
-        Angle of the probe at the start, in degrees.
-    rng
-        Source of randomness.
+    ``absorbers``: absorbers; none is a world without a marker. ``noise``: noise of one acquisition, after averaging, in
+    counts, the unit of the channel data. ``energy_jitter``: standard deviation of a pulse's energy over its mean.
     """
 
     def __init__(

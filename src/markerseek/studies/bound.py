@@ -65,12 +65,7 @@ class BoundComparison(msgspec.Struct, frozen=True, kw_only=True):
 def marker_curve(unknowns: Unknowns, travel: Interval) -> SampledCurve:
     """Noise-free curve of a drawn marker.
 
-    Parameters
-    ----------
-    unknowns
-        The rig and the marker.
-    travel
-        Angles that the probe can have.
+    ``travel``: angles that the probe can have.
     """
     window = window_of(unknowns, travel)
     heights = [noise_free(window, off_deg=off_deg) for off_deg in _OFF_DEG.tolist()]
@@ -79,22 +74,7 @@ def marker_curve(unknowns: Unknowns, travel: Interval) -> SampledCurve:
 
 
 def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -> BoundComparison:
-    """Repeat the searches for the first markers of a study, and compare the errors with the bound of each.
-
-    Parameters
-    ----------
-    study, cell
-        The study, and one of its cells.
-    policy
-        Number of the policy.
-    markers
-        Number of trials.
-
-    Raises
-    ------
-    ConfigError
-        If the study does not draw everything, so that its markers have no curve of their own.
-    """
+    """Repeat the searches for the first markers of a study, and compare the errors with the bound of each."""
     settings, limits = study.policies[policy], cell.world.rig.limits.search
     errors, best, taken = [], [], []
     for trial in range(markers):
@@ -137,14 +117,7 @@ def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -
 def mean_bounds(study: Study, cell: Cell, *, markers: int, acquisitions: Sequence[int]) -> tuple[float, ...]:
     """Mean error of a normal estimator at the bound of the best angles, for each number of them, in degrees.
 
-    Parameters
-    ----------
-    study, cell
-        The study, and one of its cells.
-    markers
-        Number of them.
-    acquisitions
-        Numbers of angles.
+    ``acquisitions``: numbers of angles.
     """
     limits = cell.world.rig.limits.search
     sums = np.zeros(len(acquisitions))

@@ -40,17 +40,8 @@ def error_figure(
     A policy with marks has a point at each mark up to its number of acquisitions; policies that differ only in that
     number and have no marks below it share a line.
 
-    Parameters
-    ----------
-    runs
-        Studies and their summaries; cells with the same index share a panel.
-    bounds
-        Numbers of acquisitions and mean errors at the bound, by cell.
-
-    Raises
-    ------
-    ConfigError
-        If nothing can be drawn: there are no marks and no markers.
+    ``runs``: cells with the same index share a panel. ``bounds``: numbers of acquisitions and mean errors at the bound,
+    by cell. Raises `ConfigError` if nothing can be drawn: there are no marks and no markers.
     """
     settings = {policy.cell: policy.settings for policy in runs[0][1].policies}
     figure, panels = panel_grid(

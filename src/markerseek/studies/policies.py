@@ -8,10 +8,11 @@ that it must be installed or lie in a folder of PYTHONPATH.
 from __future__ import annotations
 
 import importlib
+import warnings
 from dataclasses import dataclass
 
 from markerseek.adapters import ADAPTERS, build_adapter
-from markerseek.core import PAPER_RANGE, ConfigError, Interval, MarkerCurve, MarkerseekError, Policy
+from markerseek.core import PAPER_RANGE, ConfigError, Interval, MarkerCurve, MarkerseekError, Policy, Tolerance
 from markerseek.search import METHODS, Method, build, check_acquisitions, method_named, refuse_posterior_settings
 
 
@@ -29,35 +30,32 @@ def _method_of(name: str) -> Method:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PolicySettings:
-    """Settings of one policy, as for `markerseek.search.build`.
-
-    Attributes
-    ----------
-    method
-        Name of the method, or ``module:name`` of a user's own policy.
-    acquisitions
-        Most acquisitions; None: the method's own. Required for a user's own policy.
-    as_published
-        The paper's form, which always answers; a user's own policy gets no dark frames then.
-    early_end
-        Whether a weighted average or a posterior may end before its last angle.
-    single
-        Whether a posterior may take it that there is one source only.
-    prior
-        Whether a posterior is given the intensity curve of another marker on the same rig, which it has found before.
-    cues
-        Features of a reading that a posterior may use, as for `markerseek.search.posterior.Posterior`; None: all.
-    """
+    """Settings of one policy, as for `markerseek.search.build`."""
 
     method: str
+    """Name of the method, or ``module:name`` of a user's own policy."""
     acquisitions: int | None = None
+    """None: the method's own. Required for a user's own policy."""
     as_published: bool = False
+    """The paper's form, which always answers; a user's own policy gets no dark frames then."""
     early_end: bool = True
-    single: bool = False
+    """Whether a weighted average or a posterior may end before its last angle."""
+    others: float | None = None
+    """Prior probability that there is another source as loud, for a posterior; 0: it looks for none. None: as usual."""
     prior: bool = False
+    """Whether a posterior is given the intensity curve of another marker on the same rig, which it has found before."""
     cues: tuple[str, ...] | None = None
+    """Features of a reading that a posterior may use, as for `markerseek.search.posterior.Posterior`; None: all."""
+    tolerance_mm: float = 1.0
+    """How well the angle of a marker that is found must be known, as in `markerseek.core.Tolerance`."""
+
+    @property
+    def tolerance(self) -> Tolerance:
+        """The tolerance; `ConfigError` if it is not positive."""
+        return Tolerance(mm=self.tolerance_mm)
 
     def __post_init__(self) -> None:
+        _ = self.tolerance
         if is_own(self.method):
             self._require_own()
             return
@@ -65,7 +63,7 @@ class PolicySettings:
         if self.acquisitions is not None:
             check_acquisitions(self.acquisitions, least=least, method=self.method)
         if self.method != "posterior":
-            refuse_posterior_settings(self.method, single=self.single, prior=self.prior, cues=self.cues)
+            refuse_posterior_settings(self.method, others=self.others, prior=self.prior, cues=self.cues)
 
     def _require_own(self) -> None:
         """Refuse what a user's own policy cannot be given."""
@@ -76,13 +74,16 @@ class PolicySettings:
         number = check_acquisitions(self.acquisitions, least=1, method=self.method)
         settings = (
             ("early_end", self.early_end, True),
-            ("single", self.single, False),
+            ("others", self.others, None),
             ("prior", self.prior, False),
             ("cues", self.cues, None),
         )
         for name, value, usual in settings:
             if value != usual:
                 raise ConfigError(f"{self.method}: {name} is {value}, a policy of your own has no such setting")
+        # A study may come from anyone, and its module may be any that is installed.
+        module = self.method.partition(":")[0]
+        warnings.warn(f"{self.method}: the study imports the module {module} and runs its code", stacklevel=3)
         # A module that cannot be imported is an error when the study is read, not in a worker process.
         _build_own(self.method, limits=PAPER_RANGE, acquisitions=number)
 
@@ -95,10 +96,11 @@ class PolicySettings:
         form = " as published" if self.as_published else ""
         # Named only where it has an effect: labels are the names of lines in a figure.
         end = "" if self.early_end or self.method not in ("weighted-average", "posterior") else ", no early end"
-        single = ", single" if self.single else ""
+        others = "" if self.others is None else ", single" if self.others == 0 else f", others {self.others:g}"
         prior = ", with prior" if self.prior else ""
         cues = "" if self.cues is None else f", {' and '.join(self.cues)} only"
-        return f"{self.method}{form}, {self.most}{end}{single}{prior}{cues}"
+        tolerance = "" if self.tolerance_mm == 1.0 else f", ± {self.tolerance_mm:g} mm"
+        return f"{self.method}{form}, {self.most}{end}{others}{prior}{cues}{tolerance}"
 
 
 def build_policy(
@@ -106,21 +108,7 @@ def build_policy(
 ) -> Policy:
     """Return a policy for one search.
 
-    Parameters
-    ----------
-    settings
-        Its method and settings.
-    limits
-        Range to search.
-    start_deg
-        Angle of the probe, in degrees.
-    prior
-        Intensity curve of a former marker on this rig, for a posterior; None if there was none.
-
-    Raises
-    ------
-    ConfigError
-        If the settings do not fit together, or (MissingExtraError) an optional package is missing.
+    ``prior``: intensity curve of a former marker on this rig, for a posterior.
     """
     if is_own(settings.method):
         return _build_own(settings.method, limits=limits, acquisitions=settings.most)
@@ -136,9 +124,10 @@ def build_policy(
         as_published=settings.as_published,
         start_deg=start_deg,
         early_end=settings.early_end,
-        single=settings.single,
+        others=settings.others,
         prior=prior,
         cues=settings.cues,
+        tolerance=settings.tolerance,
     )
 
 

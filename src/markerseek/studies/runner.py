@@ -30,7 +30,7 @@ from markerseek.studies.workers import default_workers, on_cluster, on_processes
 ROWS, SUMMARY, STUDY, PARTS = "rows.csv", "summary.json", "study.json", "parts"
 """Names in a study's folder."""
 
-_MOST_BYTES = 256 * MIB
+_MAX_BYTES = 256 * MIB
 """Largest file beside the table that is read."""
 
 Kind = TypeVar("Kind")
@@ -38,15 +38,7 @@ Kind = TypeVar("Kind")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FinishedStudy:
-    """A study that has been run.
-
-    Attributes
-    ----------
-    rows
-        Its table.
-    summary
-        What the table says.
-    """
+    """A study that has been run."""
 
     rows: Path
     summary: Summary
@@ -62,25 +54,9 @@ def run_study(
 ) -> FinishedStudy:
     """Run a study, or the rest of it, and summarise it.
 
-    Parameters
-    ----------
-    study
-        The study.
-    folder
-        Folder of its files; created if it does not exist.
-    workers
-        Processes of this machine; None: as many as it has cores.
-    scheduler
-        Address of a Dask scheduler, to run on its workers instead.
-    progress
-        Receives the number of finished rows after each chunk.
-
-    Raises
-    ------
-    RecordError
-        If the folder holds another study or another version's, is in use by another process, or cannot be written.
-    ConfigError
-        If the settings do not fit together, there is no such scheduler, or its workers have another version.
+    ``folder``: created if it does not exist. ``workers``: processes of this machine; None: as many as it has cores.
+    ``scheduler``: address of a Dask scheduler, to run on its workers instead. ``progress``: receives the number of
+    finished rows after each chunk.
     """
     try:
         (folder / PARTS).mkdir(parents=True, exist_ok=True)
@@ -107,7 +83,7 @@ def run_study(
 def _read(path: Path, kind: type[Kind], *, cure: str = "") -> Kind:
     """Content of a JSON file."""
     try:
-        return msgspec.json.decode(read_input(path, most_bytes=_MOST_BYTES), type=kind)
+        return msgspec.json.decode(read_input(path, most_bytes=_MAX_BYTES), type=kind)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as problem:
         raise RecordError(f"{path}: it cannot be read: {problem}{cure}") from problem
 
@@ -165,7 +141,7 @@ def _run_chunks(
 
 def _join(study: Study, folder: Path) -> None:
     """Write the table from its parts."""
-    parts = (read_input(_part(folder / PARTS, trials), most_bytes=_MOST_BYTES) for trials in chunks(study))
+    parts = (read_input(_part(folder / PARTS, trials), most_bytes=_MAX_BYTES) for trials in chunks(study))
     write_whole(folder / ROWS, chain([as_csv([columns(study)])], parts))
 
 

@@ -17,31 +17,24 @@ from markerseek.studies.unknowns import MARKER_RADIUS_M, SOURCE_RADIUS_M, log_un
 LATERAL_M = 20e-3
 """Largest distance of a second source from the middle of the array along it, as for the marker, in metres."""
 
-_MOST_DRAWS = 10_000
+_MAX_DRAWS = 10_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SecondSource:
-    """A second source in the search range.
-
-    Attributes
-    ----------
-    least_apart_deg, most_apart_deg
-        Its distance from the marker in degrees, drawn evenly, to either side as the range allows.
-    least_relative, most_relative
-        Its loudness over the marker's, drawn evenly.
-    same_place
-        Whether lateral position, radius and size are those of the marker; otherwise they are drawn.
-    least_lateral_m
-        Least lateral distance from the marker in metres; 0 allows them to overlap in place.
-    """
+    """A second source in the search range."""
 
     least_apart_deg: float = 6.0
     most_apart_deg: float = 60.0
+    """``least_apart_deg`` and ``most_apart_deg``: its distance from the marker, drawn evenly, to either side as the
+    range allows."""
     least_relative: float = 0.5
     most_relative: float = 1.0
+    """``least_relative`` and ``most_relative``: its loudness over the marker's, drawn evenly."""
     same_place: bool = False
+    """Whether lateral position, radius and size are those of the marker; otherwise they are drawn."""
     least_lateral_m: float = 0.0
+    """Least lateral distance from the marker; 0 allows them to overlap in place."""
 
     def __post_init__(self) -> None:
         _require_span(self, "scene.second", "apart_deg", low=0.0, high=90.0, unit="deg")
@@ -53,19 +46,13 @@ class SecondSource:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClutterAround:
-    """Absorbers around the marker.
-
-    Attributes
-    ----------
-    count
-        Number of absorbers.
-    least_db, most_db
-        Loudness of the loudest of them over the marker's in dB, drawn evenly; the others follow an exponential law.
-    """
+    """Absorbers around the marker."""
 
     count: int = 8
     least_db: float = -20.0
     most_db: float = -3.0
+    """``least_db`` and ``most_db``: loudness of the loudest of them over the marker's, drawn evenly; the others follow
+    an exponential law."""
 
     def __post_init__(self) -> None:
         if not is_whole(self.count) or not 1 <= self.count <= 1000:
@@ -75,23 +62,17 @@ class ClutterAround:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Repeats:
-    """Repeats behind every source.
-
-    Attributes
-    ----------
-    least_delay_s, most_delay_s
-        Time from one repeat to the next in seconds, drawn evenly.
-    least_gain, most_gain
-        Amplitude of a repeat over that of the one before it, drawn evenly, with either sign as likely.
-    most_repeats
-        Number of repeats, drawn from 1 to this.
-    """
+    """Repeats behind every source."""
 
     least_delay_s: float = 1e-6
     most_delay_s: float = 20e-6
+    """``least_delay_s`` and ``most_delay_s``: time from one repeat to the next, drawn evenly."""
     least_gain: float = 0.05
     most_gain: float = 0.5
+    """``least_gain`` and ``most_gain``: amplitude of a repeat over that of the one before it, drawn evenly, with either
+    sign as likely."""
     most_repeats: int = 3
+    """Number of repeats, drawn from 1 to this."""
 
     def __post_init__(self) -> None:
         _require_span(self, "scene.repeats", "delay_s", low=0.0, high=1e-3, unit="s", open_low=True)
@@ -111,41 +92,21 @@ class SceneSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrawnScene:
-    """What was drawn beside the marker.
-
-    Attributes
-    ----------
-    second
-        The second source, its strength the loudness over the marker's; None for none.
-    clutter
-        The clutter, with strengths likewise, some negative.
-    reverberation
-        The repeats; None for none.
-    """
+    """What was drawn beside the marker."""
 
     second: Absorber | None = None
+    """The second source, its strength the loudness over the marker's."""
     clutter: tuple[Absorber, ...] = ()
+    """The clutter, with strengths likewise, some negative."""
     reverberation: Reverberation | None = None
 
 
-def draw_beside(settings: SceneSettings, rng: np.random.Generator, *, marker: Absorber, limits: Interval) -> DrawnScene:
-    """Draw what is beside a marker.
+def draw_extra_sources(
+    settings: SceneSettings, rng: np.random.Generator, *, marker: Absorber, limits: Interval
+) -> DrawnScene:
+    """Draw the second source, the clutter and the repeats beside a marker.
 
-    Parameters
-    ----------
-    settings
-        What is drawn.
-    rng
-        Source of randomness.
-    marker
-        The marker.
-    limits
-        Range of the search, which holds both sources.
-
-    Raises
-    ------
-    ConfigError
-        If the range is too narrow for a second source.
+    ``limits``: range of the search, which holds both sources.
     """
     return DrawnScene(
         second=None if settings.second is None else _second(settings.second, rng, marker=marker, limits=limits),
@@ -155,7 +116,7 @@ def draw_beside(settings: SceneSettings, rng: np.random.Generator, *, marker: Ab
 
 
 def _second(settings: SecondSource, rng: np.random.Generator, *, marker: Absorber, limits: Interval) -> Absorber:
-    for _ in range(_MOST_DRAWS):
+    for _ in range(_MAX_DRAWS):
         apart_deg = rng.uniform(settings.least_apart_deg, settings.most_apart_deg) * rng.choice((-1.0, 1.0))
         lateral_m = float(rng.uniform(-LATERAL_M, LATERAL_M))
         angle_deg = marker.angle_deg + float(apart_deg)

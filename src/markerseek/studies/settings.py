@@ -15,25 +15,18 @@ Value: TypeAlias = str | float | int | bool | None
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurveSettings:
-    """Source of the intensities at the level "curves"; at the other levels they come from the acoustics.
-
-    Attributes
-    ----------
-    family
-        The acoustics of the rig, or a closed form (`markerseek.sim.curves`).
-    fwhm_deg, power
-        Full width at half maximum in degrees and exponent of the tails, for the closed forms.
-    draws
-        Number of spots of a tissue that are drawn, each with its curve; a trial takes one of them.
-    noise_stated
-        Whether each intensity comes with its noise and cells, after dark frames; otherwise it is as in a CSV.
-    """
+    """Source of the intensities at the level "curves"; at the other levels they come from the acoustics."""
 
     family: Literal["acoustic", "gaussian", "sech", "power"] = "acoustic"
+    """The acoustics of the rig, or a closed form (`markerseek.sim.curves`)."""
     fwhm_deg: float = 10.0
     power: float = 1.0
+    """``fwhm_deg`` and ``power``: full width at half maximum in degrees and exponent of the tails, for the closed
+    forms."""
     draws: int = 4
+    """Number of spots of a tissue that are drawn, each with its curve; a trial takes one of them."""
     noise_stated: bool = True
+    """Whether each intensity comes with its noise and cells, after dark frames; otherwise it is as in a CSV."""
 
     def __post_init__(self) -> None:
         # The closed forms know their own bounds.
@@ -44,17 +37,10 @@ class CurveSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Axis:
-    """A setting that takes several values.
-
-    Attributes
-    ----------
-    key
-        Its dotted name, as in ``rig.noise.peak_snr_db`` or ``curve.fwhm_deg``.
-    values
-        The values.
-    """
+    """A setting that takes several values."""
 
     key: str
+    """Its dotted name, as in ``rig.noise.peak_snr_db`` or ``curve.fwhm_deg``."""
     values: tuple[Value, ...]
 
     def __post_init__(self) -> None:

@@ -93,13 +93,7 @@ class Share(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def clopper_pearson(hits: int, count: int) -> tuple[float, float]:
-    """Exact 95 % interval of the probability of a hit.
-
-    Parameters
-    ----------
-    hits, count
-        Hits, and trials.
-    """
+    """Exact 95 % interval of the probability of a hit."""
     # The quantiles of the beta distribution themselves. `scipy.stats.binomtest` searches for the same limits with an
     # absolute tolerance of 2e-12, and importing it takes 0.4 s, in each worker of a study.
     tail = (1 - CONFIDENCE) / 2

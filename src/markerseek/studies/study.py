@@ -34,56 +34,37 @@ from markerseek.studies.settings import Axis, CellWorld, CurveSettings, Value
 VERSION = 1
 """Version of the form of a study."""
 
-MOST_POLICIES, MOST_CELLS, MOST_ROWS = 1000, 10_000, 10**9
+MAX_POLICIES, MAX_CELLS, MAX_ROWS = 1000, 10_000, 10**9
 """Most policies, combinations of varied settings, and rows of the table, of one study."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Study:
-    """Policies × cells × trials.
-
-    Attributes
-    ----------
-    name
-        Its name.
-    policies
-        The policies.
-    seed
-        Seed of everything that is drawn.
-    trials
-        Searches of each policy in each cell.
-    level
-        From intensity curves; from simulated channel data (hundreds of times slower); or from readings of channel data
-        that are cut to where the marker is (`markerseek.studies.window_world`).
-    drawn
-        What is drawn in each trial besides noise: the marker's angle and place, or everything that is unknown in the
-        physics table (`markerseek.studies.unknowns`), which needs readings or frames.
-    marks
-        Numbers of acquisitions, rising, after which the answer of the search so far is recorded.
-    stay
-        Whether to leave out the move to the answer and the confirmation there.
-    curve, rig, scene
-        Settings of the world; what the scene holds beside the marker needs frames with everything drawn, but two humps
-        (``scene.second``) of a closed form are curves.
-    vary
-        Settings with several values.
-    version
-        Version of the form of a study.
-    """
+    """Policies × cells × trials."""
 
     name: str
     policies: tuple[PolicySettings, ...]
     seed: int = 1
     trials: int = 100
+    """Searches of each policy in each cell."""
     level: Literal["curves", "readings", "frames"] = "curves"
+    """From intensity curves; from simulated channel data (hundreds of times slower); or from readings of channel data
+    that are cut to where the marker is (`markerseek.studies.window_world`)."""
     drawn: Literal["marker", "everything"] = "marker"
+    """What is drawn in each trial besides noise: the marker's angle and place, or everything that is unknown in the
+    physics table (`markerseek.studies.unknowns`), which needs readings or frames."""
     marks: tuple[int, ...] = ()
+    """Numbers of acquisitions, rising, after which the answer of the search so far is recorded."""
     stay: bool = False
+    """Whether to leave out the move to the answer and the confirmation there."""
     curve: CurveSettings = field(default_factory=CurveSettings)
     rig: SimulatedSettings = field(default_factory=SimulatedSettings)
     scene: SceneSettings = field(default_factory=SceneSettings)
+    """``curve``, ``rig`` and ``scene``: settings of the world; what the scene holds beside the marker needs frames with
+    everything drawn, but two humps (``scene.second``) of a closed form are curves."""
     vary: tuple[Axis, ...] = ()
     version: int = VERSION
+    """Version of the form of a study."""
 
     def __post_init__(self) -> None:
         if self.version != VERSION:
@@ -124,24 +105,15 @@ class Study:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
-    """One combination of the varied settings.
-
-    Attributes
-    ----------
-    index
-        Its number in the study, from 0.
-    varied
-        Values of the varied settings, by their keys, in the order of the study.
-    world
-        All settings.
-    digest
-        Hash of the settings, part of the seed of the trials.
-    """
+    """One combination of the varied settings."""
 
     index: int
+    """Its number in the study, from 0."""
     varied: tuple[tuple[str, Value], ...]
+    """Values of the varied settings, by their keys, in the order of the study."""
     world: CellWorld
     digest: int
+    """Hash of the settings, part of the seed of the trials."""
 
 
 @lru_cache(maxsize=32)
@@ -153,13 +125,7 @@ def _digest(study: Study) -> str:
 
 @lru_cache(maxsize=32)
 def cells(study: Study) -> tuple[Cell, ...]:
-    """Cells of a study: every combination of its varied settings, the last key changing fastest.
-
-    Raises
-    ------
-    ConfigError
-        If a key is unknown, a value does not fit, or a combination cannot be.
-    """
+    """Cells of a study: every combination of its varied settings, the last key changing fastest."""
     made = []
     for index, values in enumerate(itertools.product(*(axis.values for axis in study.vary))):
         world = CellWorld(curve=study.curve, rig=study.rig, scene=study.scene)
@@ -222,20 +188,20 @@ def _require_scene(study: Study, world: CellWorld) -> None:
 
 def _require_size(study: Study) -> None:
     """Refuse a study that could never be finished, before its cells are made."""
-    if len(study.policies) > MOST_POLICIES:
-        raise ConfigError(f"study: there are {len(study.policies)} policies, at most {MOST_POLICIES} are compared")
-    if not 1 <= study.trials <= MOST_ROWS:
-        raise ConfigError(f"study: trials is {study.trials}, it must lie between 1 and {MOST_ROWS:,}")
+    if len(study.policies) > MAX_POLICIES:
+        raise ConfigError(f"study: there are {len(study.policies)} policies, at most {MAX_POLICIES} are compared")
+    if not 1 <= study.trials <= MAX_ROWS:
+        raise ConfigError(f"study: trials is {study.trials}, it must lie between 1 and {MAX_ROWS:,}")
     # Counted, not made: a billion combinations would fill the memory first.
     combinations = math.prod(len(axis.values) for axis in study.vary)
-    if combinations > MOST_CELLS:
+    if combinations > MAX_CELLS:
         raise ConfigError(
-            f"vary: the values make {combinations} combinations, at most {MOST_CELLS} are computed; vary fewer "
+            f"vary: the values make {combinations} combinations, at most {MAX_CELLS} are computed; vary fewer "
             "settings, or split the study"
         )
     rows = combinations * study.trials * len(study.policies)
-    if rows > MOST_ROWS:
-        raise ConfigError(f"study: its table has {rows:,} rows, at most {MOST_ROWS:,} are computed; take fewer trials")
+    if rows > MAX_ROWS:
+        raise ConfigError(f"study: its table has {rows:,} rows, at most {MAX_ROWS:,} are computed; take fewer trials")
 
 
 def _require_default(rig: SimulatedSettings, *, tissues: bool) -> None:

@@ -18,16 +18,6 @@ def read_study(path: Path) -> Study:
 
     Its keys are the fields of `Study`. ``[vary]`` has lists under dotted keys; a list as ``acquisitions`` of a policy
     makes one policy of each number; the word ``"none"`` is the value None.
-
-    Parameters
-    ----------
-    path
-        The file.
-
-    Raises
-    ------
-    ConfigError
-        If the file cannot be read, a key is unknown, or a value does not fit; the message names file, key and cure.
     """
     table = read_toml(path, what="study file")
     try:

@@ -3,8 +3,8 @@
 There are two sets of figures. Of the searches that answer `Found`: error, and failures, which are errors beyond
 `FAILURE_DEG` or something found without a marker. Of every search with a marker, whatever its answer: error of
 ``mean_deg``, shares off by more than `FAILURE_DEG`, not found, missed (the answer "not found"), and found but off by
-more than `CLAIM_DEG` (promise P10); and how often a 95 % interval covers the truth (P11). Counts and moments are added
-up row by row: memory does not grow with the table.
+more than `CLAIM_TOLERANCES` times the tolerance (promise P10); and how often a 95 % interval covers the truth (P11).
+Counts and moments are added up row by row: memory does not grow with the table.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from markerseek.studies.trial import ANSWERS, Row
 FAILURE_DEG = 4.33
 """Error beyond which a search failed: the half range within which a tool tip is seen (paper, section 2.5 D)."""
 
-CLAIM_DEG = 1.0
-"""Error beyond which the claim of a `Found` is wrong (promise P10)."""
+CLAIM_TOLERANCES = 2.0
+"""Error over the tolerance beyond which the claim of a `Found` is wrong (promise P10)."""
 
 ALL_PAIRS = 6
 """Most policies of which every pair is compared; with more, pairs with the same number of acquisitions."""
@@ -110,12 +110,7 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
 def summarise(study: Study, rows: Iterable[Row]) -> Summary:
     """Summary of a study's rows.
 
-    Parameters
-    ----------
-    study
-        The study.
-    rows
-        In the order of the table: a trial's policies one after another.
+    ``rows``: in the order of the table: a trial's policies one after another.
     """
     pairs = compared(study.policies)
     policies: list[PolicySummary] = []
@@ -225,7 +220,7 @@ class _Tally:
             off=not error_deg <= FAILURE_DEG,
             not_found=not found,
             missed=row.answer == "not found",
-            wrong=found and not error_deg <= CLAIM_DEG,
+            wrong=found and not error_deg <= CLAIM_TOLERANCES * row.tolerance_deg,
         )
         if row.low_deg is not None and row.high_deg is not None:
             self._counts.update(intervals=1, covered=row.low_deg <= row.truth_deg <= row.high_deg)

@@ -22,7 +22,7 @@ from markerseek.studies.trial import Row, run_trial
 COLUMNS = tuple(name for name in Row.__struct_fields__ if name != "settings")
 """Columns of every table; the varied settings of the study follow, by their keys."""
 
-_MOST_BYTES = 1 << 40
+_MAX_BYTES = 1 << 40
 """Largest table that is read; it is read line by line."""
 
 _CHUNK_ROWS = {"curves": 250, "readings": 64, "frames": 16}
@@ -49,13 +49,7 @@ def values_of(row: Row) -> tuple[object, ...]:
 
 
 def chunks(study: Study) -> Iterator[range]:
-    """Trials of each chunk, counted through all cells; a continued study has the same chunks.
-
-    Parameters
-    ----------
-    study
-        The study.
-    """
+    """Trials of each chunk, counted through all cells; a continued study has the same chunks."""
     trials = range(len(cells(study)) * study.trials)
     # Whole trials: the policies of a trial share its window and its curve, which are cached.
     size = max(1, _CHUNK_ROWS[study.level] // len(study.policies))
@@ -74,23 +68,10 @@ def run_chunk(study: Study, trials: range) -> bytes:
 
 
 def read_rows(path: Path, study: Study) -> Iterator[Row]:
-    """Rows of a table, one after another.
-
-    Parameters
-    ----------
-    path
-        The table.
-    study
-        The study of the table.
-
-    Raises
-    ------
-    RecordError
-        If it cannot be read, or is not this study's.
-    """
+    """Rows of a table, one after another."""
     try:
         with (
-            open_input(path, most_bytes=_MOST_BYTES) as file,
+            open_input(path, most_bytes=_MAX_BYTES) as file,
             io.TextIOWrapper(file, newline="", encoding="utf-8") as lines,
         ):
             reader = csv.reader(lines)
@@ -108,17 +89,7 @@ def read_rows(path: Path, study: Study) -> Iterator[Row]:
 def write_whole(path: Path, parts: Iterable[bytes]) -> None:
     """Write a file so that it is there completely or not at all, whatever happens.
 
-    Parameters
-    ----------
-    path
-        The file; an existing one is replaced.
-    parts
-        Its content, in order.
-
-    Raises
-    ------
-    RecordError
-        If it cannot be written.
+    ``path``: an existing one is replaced. ``parts``: its content, in order.
     """
     try:
         with replace_file(path) as unfinished, unfinished.open("xb") as file:

@@ -21,18 +21,11 @@ _SETTLED_S = 2.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Track:
-    """How well one marker was followed.
-
-    Attributes
-    ----------
-    quality
-        Error and lag.
-    lost
-        Whether the tracker called the marker lost, or was off by more than half the width of the curve at the end.
-    """
+    """How well one marker was followed."""
 
     quality: TrackQuality
     lost: bool
+    """Whether the tracker called the marker lost, or was off by more than half the width of the curve at the end."""
 
 
 def track(
@@ -47,22 +40,9 @@ def track(
 ) -> Track:
     """Follow one simulated marker; the probe is at the angle asked for when each frame is taken.
 
-    Parameters
-    ----------
-    curve
-        True intensity curve, without noise.
-    fwhm_deg
-        Its full width at half maximum in degrees, as the tracker knows it.
-    peak_snr_db
-        Peak over noise in dB.
-    speed_deg_s
-        Speed of the marker in degrees per second.
-    period_s
-        Time from one frame to the next, in seconds.
-    duration_s
-        How long it is followed, in seconds.
-    rng
-        Source of randomness.
+    ``curve``: True intensity curve, without noise. ``fwhm_deg``: its full width at half maximum, as the tracker knows
+    it. ``peak_snr_db``: peak over noise. ``period_s``: time from one frame to the next. ``duration_s``: how long it is
+    followed.
     """
     require_range("track: duration_s", duration_s, low=2 * _SETTLED_S, high=3600, unit="s")
     peak = 10 ** (peak_snr_db / 20)

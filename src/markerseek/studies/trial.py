@@ -27,7 +27,7 @@ from markerseek.scan import run
 from markerseek.studies.policies import PolicySettings, build_policy, described, is_own
 from markerseek.studies.settings import Value
 from markerseek.studies.study import Cell, Study, cells
-from markerseek.studies.worlds import draw_trial, former_rig, study_rig
+from markerseek.studies.worlds import Draw, draw_trial, former_rig, study_rig
 
 ANSWERS = ("found", "not found", "ambiguous", "at bound", "unsure", "failed")
 """Answers of a search; "failed" is a fault of a device, which ends the search without an angle."""
@@ -44,7 +44,9 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     ``noise_seed`` are its settings, the others its result. ``settings`` holds the varied settings of the cell;
     ``acquisitions_most`` were allowed and ``acquisitions`` made. None is a missing value: the truth without a marker,
     and all results after a device failed. ``low_deg`` and ``high_deg`` are the ends of the 95 % interval, and
-    ``marks_deg`` the answers after as many acquisitions as the study's marks. ``surveyed`` is the answer's.
+    ``marks_deg`` the answers after as many acquisitions as the study's marks. ``surveyed`` and
+    ``other_probability`` are the answer's.
+    ``tolerance_deg`` is the policy's tolerance at the marker's true distance from the axis.
 
     Where the scene holds a second source, ``second_deg`` is its angle and ``second_db`` its loudness over the marker's,
     ``nearest`` says which of the two the answer's angle is that of (within `SOURCE_DEG`), and ``other_deg`` is the
@@ -75,6 +77,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     travel_deg: float | None
     elapsed_s: float | None
     surveyed: float | None = None
+    other_probability: float | None = None
+    tolerance_deg: float = 1.0
     second_deg: float | None = None
     second_db: float | None = None
     nearest: Literal["stronger", "weaker", "between", "outside"] | None = None
@@ -84,15 +88,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
 def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
     """Run one search, and return its row.
 
-    Parameters
-    ----------
-    study, cell, trial, policy
-        Which; the policy by its index in the study.
-
-    Raises
-    ------
-    ConfigError
-        If the settings do not fit together.
+    ``study``, ``cell``, ``trial``, ``policy``: the policy by its index in the study.
     """
     settings = study.policies[policy]
     draw = draw_trial(study, cell, trial)
@@ -129,6 +125,8 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
         travel_deg=None if finished is None else finished.travel_deg,
         elapsed_s=None if finished is None else finished.elapsed_s,
         surveyed=None if estimate is None else estimate.surveyed,
+        other_probability=estimate.other_probability if isinstance(estimate, Found | Unsure) else None,
+        tolerance_deg=settings.tolerance.half_width_deg(_radius_m(study, cell, draw)),
         second_deg=None if two is None else two.weaker_deg,
         second_db=None if draw.scene.second is None else 20 * math.log10(draw.scene.second.strength),
         nearest=None if two is None or mean_deg is None else two.nearest(mean_deg),
@@ -136,16 +134,15 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
     )
 
 
-def former_curve(study: Study, cell: Cell, trial: int, settings: PolicySettings) -> MarkerCurve | None:
-    """Return the curve of the former marker of a trial, by a search for it; None if none is asked for, or found.
+def _radius_m(study: Study, cell: Cell, draw: Draw) -> float | None:
+    """Distance of the marker from the axis in metres; None for intensities alone, which do not say it."""
+    if study.level == "curves":
+        return None
+    return cell.world.rig.marker.radius_m if draw.unknowns is None else draw.unknowns.marker.radius_m
 
-    Parameters
-    ----------
-    study, cell, trial
-        Which trial.
-    settings
-        Settings of the policy.
-    """
+
+def former_curve(study: Study, cell: Cell, trial: int, settings: PolicySettings) -> MarkerCurve | None:
+    """Return the curve of the former marker of a trial, by a search for it; None if none is asked for, or found."""
     if not settings.prior:
         return None
     finished, _, _ = _search(study, settings, former_rig(study, cell, trial))
@@ -159,7 +156,7 @@ class TwoAngles(NamedTuple):
     weaker_deg: float
 
     def nearest(self, angle_deg: float) -> Literal["stronger", "weaker", "between", "outside"]:
-        """Return the source of which an angle is that, or whether it lies between the two or outside of them."""
+        """Return which of the two sources an angle belongs to, or whether it lies between them or outside."""
         away = abs(angle_deg - self.stronger_deg), abs(angle_deg - self.weaker_deg)
         if min(away) <= SOURCE_DEG:
             return "stronger" if away[0] <= away[1] else "weaker"
@@ -168,11 +165,11 @@ class TwoAngles(NamedTuple):
     def other_named(self, estimate: Estimate) -> float | None:
         """Return the angle that an answer names for the source that is not its own; None if it names none."""
         other_deg = max(self, key=lambda angle_deg: abs(angle_deg - estimate.mean_deg))
-        named = [angle_deg for angle_deg in named_deg(estimate) if abs(angle_deg - other_deg) <= SOURCE_DEG]
+        named = [angle_deg for angle_deg in other_angles_deg(estimate) if abs(angle_deg - other_deg) <= SOURCE_DEG]
         return min(named, key=lambda angle_deg: abs(angle_deg - other_deg), default=None)
 
 
-def named_deg(estimate: Estimate) -> tuple[float, ...]:
+def other_angles_deg(estimate: Estimate) -> tuple[float, ...]:
     """Return the angles that an answer names for other sources than its own, in degrees."""
     modes_deg = estimate.modes_deg if isinstance(estimate, Ambiguous) else ()
     return (
@@ -182,13 +179,7 @@ def named_deg(estimate: Estimate) -> tuple[float, ...]:
 
 
 def run_row(study: Study, row: int) -> Row:
-    """Run the search of a row again, by its index in the table of the study.
-
-    Raises
-    ------
-    ConfigError
-        If the table has no such row.
-    """
+    """Run the search of a row again, by its index in the table of the study."""
     if not 0 <= row < study.rows:
         raise ConfigError(f"row is {row}, the study {study.name} has the rows 0 to {study.rows - 1}")
     place, policy = divmod(row, len(study.policies))

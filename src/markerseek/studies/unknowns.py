@@ -63,37 +63,20 @@ PULSES = (1, 128)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unknowns:
-    """One rig and one marker.
-
-    Attributes
-    ----------
-    model
-        The acoustic model of the rig.
-    marker
-        The marker, of strength 1.
-    pulses
-        Pulses averaged in one acquisition.
-    """
+    """One rig and one marker."""
 
     model: AcousticModel
+    """The acoustic model of the rig."""
     marker: Absorber
+    """The marker, of strength 1."""
     pulses: int
+    """Pulses averaged in one acquisition."""
 
 
 def draw_unknowns(
     rng: np.random.Generator, *, marker_deg: float, lateral_m: float, receiver: ReceiverSettings
 ) -> Unknowns:
-    """Draw a rig and a marker.
-
-    Parameters
-    ----------
-    rng
-        Source of randomness.
-    marker_deg, lateral_m
-        Place of the marker, in degrees and metres.
-    receiver
-        Settings of the receiver: sampling frequency and samples.
-    """
+    """Draw a rig and a marker."""
     # The order of the draws is part of the study: another order would give other markers.
     focus_m = None if rng.random() < NO_LENS else float(rng.uniform(*FOCUS_M))
     probe = Probe(

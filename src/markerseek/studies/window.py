@@ -30,37 +30,24 @@ _MARGIN_SAMPLES = 80
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Window:
-    """What of a rig and its marker is the same for every search; made once.
-
-    Attributes
-    ----------
-    model
-        The acoustic model of the rig.
-    marker
-        The marker, scaled to `PEAK_COUNTS`.
-    first, last
-        Samples of the record that are kept: the first, and the one behind the last.
-    reader
-        Reads the cut frames.
-    peak
-        Intensity of the marker without noise, with the probe on it, in counts.
-    cells
-        Independent cells of a whole image.
-    share
-        Share of the image's depths that is in the window.
-    blocks
-        Local maxima of a whole image without noise, whose blocks those of the window are a part of.
-    """
+    """What of a rig and its marker is the same for every search; made once."""
 
     model: AcousticModel
+    """The acoustic model of the rig."""
     marker: Absorber
+    """The marker, scaled to `PEAK_COUNTS`."""
     first: int
     last: int
+    """``first`` and ``last``: samples of the record that are kept: the first, and the one behind the last."""
     reader: ImageReader
     peak: float
+    """Intensity of the marker without noise, with the probe on it, in counts."""
     cells: int
+    """Independent cells of a whole image."""
     share: float
+    """Share of the image's depths that is in the window."""
     blocks: LocalMaxima
+    """Local maxima of a whole image without noise, whose blocks those of the window are a part of."""
 
 
 # The policies of a trial follow one another in one process: few windows are in use at a time.
@@ -68,17 +55,7 @@ class Window:
 def window_of(unknowns: Unknowns, travel: Interval) -> Window:
     """Prepare a rig and its marker, which is the same for all policies of a trial.
 
-    Parameters
-    ----------
-    unknowns
-        The rig and the marker.
-    travel
-        Angles that the probe can have.
-
-    Raises
-    ------
-    ConfigError
-        If there is no signal with the probe on the marker.
+    ``travel``: angles that the probe can have.
     """
     model, marker = unknowns.model, unknowns.marker
     imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
@@ -127,12 +104,7 @@ def window_of(unknowns: Unknowns, travel: Interval) -> Window:
 def noise_free(window: Window, *, off_deg: float) -> float:
     """Intensity of the marker without noise, over that with the probe on it.
 
-    Parameters
-    ----------
-    window
-        The rig and the marker.
-    off_deg
-        Angle of the probe less that of the marker, in degrees.
+    ``off_deg``: angle of the probe less that of the marker.
     """
     channels = window.model.channel_data([window.marker], angle_deg=window.marker.angle_deg + off_deg)
     reading = window.reader.read(
@@ -142,15 +114,7 @@ def noise_free(window: Window, *, off_deg: float) -> float:
 
 
 def frame_of(counts: Float32[np.ndarray, "channels samples"], *, sampling_hz: float) -> ChannelFrame:
-    """Frame of these counts, rounded, and held where 16 bits end.
-
-    Parameters
-    ----------
-    counts
-        Channel data, shape (channels, samples).
-    sampling_hz
-        Sampling frequency in Hz.
-    """
+    """Frame of these counts, rounded, and held where 16 bits end."""
     # Clipped like a converter: an overflow of int16 would change the sign.
     held = np.clip(np.rint(counts), -32767, 32767).astype(np.int16)
     return ChannelFrame(header=NO_HEADER, samples=held, sampling_hz=sampling_hz)

@@ -23,7 +23,7 @@ import numpy as np
 
 from markerseek.acoustics import Noise
 from markerseek.core import Arrival, ConfigError, Float32, Frame, FrameHeader, LocalMaxima, Reading, ReadingFrame
-from markerseek.signals import FALSE_PER_FRAME, LEAST_CHANNELS, beamformed_sigma, found_level
+from markerseek.signals import FALSE_PER_FRAME, MIN_CHANNELS, beamformed_sigma, found_level
 from markerseek.sim import Flash, SimulatedSettings, flash_of, largest_noise
 from markerseek.studies.window import Window, frame_of
 
@@ -55,29 +55,16 @@ class PrecomputedReader:
     """Returns the readings of `_PrecomputedFrame`."""
 
     def read(self, frame: Frame) -> Reading:
-        """Reading of the frame.
-
-        Raises
-        ------
-        ConfigError
-            If it holds none.
-        """
+        """Reading of the frame."""
         if not isinstance(frame, _PrecomputedFrame):
             raise ConfigError(f"a {type(frame).__name__} holds no reading")
         return frame.reading
 
 
 class WindowWorld:
-    """Tissue of which only the marker's window is computed.
+    """Tissue computed in the marker's window only.
 
-    Parameters
-    ----------
-    window
-        The window of the marker.
-    settings
-        Noise, laser, start, and whether there is a marker; the rest is in the window.
-    rng
-        Source of randomness.
+    ``settings``: noise, laser, start, and whether there is a marker; the rest is in the window.
     """
 
     def __init__(self, window: Window, settings: SimulatedSettings, *, rng: np.random.Generator) -> None:
@@ -192,7 +179,7 @@ class WindowWorld:
         lateral_m = float(rng.uniform(array.lateral_m[0], array.lateral_m[-1]))
         half_m = depth_m / (2 * preset.f_number)
         elements = int(np.sum(np.abs(array.lateral_m - lateral_m) <= half_m))
-        coherence = _COHERENCE * (intensity / self._sigma) ** 2 / max(LEAST_CHANNELS, elements)
+        coherence = _COHERENCE * (intensity / self._sigma) ** 2 / max(MIN_CHANNELS, elements)
         wide = rng.random() < _WIDE
         return Reading(
             intensity=intensity,

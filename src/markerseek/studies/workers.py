@@ -41,19 +41,8 @@ def default_workers() -> int:
 def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, workers: int) -> Iterator[tuple[int, Done]]:
     """Index and result of each job, as it is ready; closing the iterator ends the processes.
 
-    Parameters
-    ----------
-    function
-        A function of a module, or `functools.partial` of one, which other processes can import.
-    jobs
-        Its arguments, one after another.
-    workers
-        Number of processes; 1 computes in this one.
-
-    Raises
-    ------
-    ConfigError
-        If ``workers`` is less than 1.
+    ``function``: a function of a module, or `functools.partial` of one, which other processes can import. ``jobs``: its
+    arguments, one after another. ``workers``: number of processes; 1 computes in this one.
     """
     if workers < 1:
         raise ConfigError(f"workers is {workers}, at least 1 is needed")
@@ -130,21 +119,8 @@ def on_cluster(
 ) -> Iterator[tuple[int, Done]]:
     """Index and result of each job, as it is ready; closing the iterator cancels the rest.
 
-    Parameters
-    ----------
-    function
-        A function of a module; the workers need the same version of this package.
-    shared, jobs
-        Its first argument, which is the same for all, and its second ones, one after another.
-    address
-        Of the scheduler, as in ``tcp://10.0.0.5:8786``.
-
-    Raises
-    ------
-    MissingExtraError
-        If Dask is not installed.
-    ConfigError
-        If no scheduler answers there.
+    ``function``: a function of a module; the workers need the same version of this package. ``shared``, ``jobs``: its
+    first argument, which is the same for all, and its second ones, one after another.
     """
     with needs_package("distributed", extra="cluster", purpose="a study on a cluster"):
         distributed = importlib.import_module("distributed")

@@ -36,7 +36,7 @@ from markerseek.sim import (
     World,
     tissue_named,
 )
-from markerseek.studies.scene import DrawnScene, draw_beside
+from markerseek.studies.scene import DrawnScene, draw_extra_sources
 from markerseek.studies.settings import CurveSettings
 from markerseek.studies.study import Cell, Study
 from markerseek.studies.unknowns import MARKER_RADIUS_M, Unknowns, draw_unknowns
@@ -58,43 +58,30 @@ _NOISE_SIGMAS = 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Draw:
-    """What is drawn for a trial, the same for every policy.
-
-    Attributes
-    ----------
-    marker_deg, lateral_m
-        Place of the marker.
-    curve
-        Which of the drawn spots it is, at the level of curves.
-    noise_seed
-        Seed of all noise; at the level of frames also of the spot.
-    unknowns
-        The rig and the marker, if the study draws everything; else None.
-    scene
-        What is beside the marker.
-    """
+    """What is drawn for a trial, the same for every policy."""
 
     marker_deg: float
     lateral_m: float
     curve: int
+    """Which of the drawn spots it is, at the level of curves."""
     noise_seed: int
+    """Seed of all noise; at the level of frames also of the spot."""
     unknowns: Unknowns | None = None
+    """The rig and the marker, if the study draws everything; else None."""
     scene: DrawnScene = field(default_factory=DrawnScene)
+    """What is beside the marker."""
 
 
 def draw_trial(study: Study, cell: Cell, trial: int) -> Draw:
     """Draw the marker and the seeds of a trial.
 
-    Parameters
-    ----------
-    study, cell, trial
-        Which trial; only the seed of the study and the settings of the cell have an effect.
+    ``study``, ``cell``, ``trial``: only the seed of the study and the settings of the cell have an effect.
     """
     world = cell.world
     rng = np.random.default_rng(np.random.SeedSequence(study.seed, spawn_key=(cell.digest, trial)))
     search, marker, receiver = world.rig.limits.search, world.rig.marker, world.rig.receiver
     # Drawn also where the settings give them: the other random numbers must not depend on that.
-    angle_deg, place_m = _draw_place(rng, search)
+    angle_deg, place_m = _draw_position(rng, search)
     marker_deg = angle_deg if marker.angle_deg is None else marker.angle_deg
     lateral_m = place_m if marker.lateral_m is None else marker.lateral_m
     curve, noise_seed = int(rng.integers(world.curve.draws)), int(rng.integers(2**63))
@@ -103,7 +90,7 @@ def draw_trial(study: Study, cell: Cell, trial: int) -> Draw:
         unknowns = draw_unknowns(rng, marker_deg=marker_deg, lateral_m=lateral_m, receiver=receiver)
     # Only its angle and lateral position are known where nothing else is drawn, and nothing else is needed.
     beside = Absorber(radius_m=marker.radius_m, angle_deg=marker_deg, lateral_m=lateral_m)
-    scene = draw_beside(world.scene, rng, marker=beside if unknowns is None else unknowns.marker, limits=search)
+    scene = draw_extra_sources(world.scene, rng, marker=beside if unknowns is None else unknowns.marker, limits=search)
     return Draw(
         marker_deg=marker_deg,
         lateral_m=lateral_m,
@@ -114,23 +101,17 @@ def draw_trial(study: Study, cell: Cell, trial: int) -> Draw:
     )
 
 
-def _draw_place(rng: np.random.Generator, search: Interval) -> tuple[float, float]:
+def _draw_position(rng: np.random.Generator, search: Interval) -> tuple[float, float]:
     """Angle of a marker in degrees, and its lateral position in metres."""
     return float(rng.uniform(search.low_deg, search.high_deg)), float(rng.uniform(-20e-3, 20e-3))
 
 
 def former_rig(study: Study, cell: Cell, trial: int) -> rigs.Rig:
-    """Return the rig of a trial with another marker: at another place, and louder or fainter by up to `FORMER_DB`.
-
-    Parameters
-    ----------
-    study, cell, trial
-        Which trial.
-    """
+    """Return the rig of a trial with another marker: at another place, and louder or fainter by up to `FORMER_DB`."""
     draw, settings = draw_trial(study, cell, trial), cell.world.rig
     rng = np.random.default_rng(np.random.SeedSequence(study.seed, spawn_key=(cell.digest, trial, 1)))
     search, noise = settings.limits.search, settings.noise
-    marker_deg, lateral_m = _draw_place(rng, search)
+    marker_deg, lateral_m = _draw_position(rng, search)
     noise = replace(noise, peak_snr_db=noise.peak_snr_db + rng.uniform(-FORMER_DB, FORMER_DB))
     unknowns = draw.unknowns
     if unknowns is not None:
@@ -149,13 +130,7 @@ def former_rig(study: Study, cell: Cell, trial: int) -> rigs.Rig:
 
 
 def study_rig(study: Study, cell: Cell, draw: Draw) -> rigs.Rig:
-    """Return the rig of a trial, at rest at its start.
-
-    Parameters
-    ----------
-    study, cell, draw
-        The study, its cell, and what was drawn.
-    """
+    """Return the rig of a trial, at rest at its start."""
     settings = cell.world.rig
     if draw.unknowns is not None:
         return _drawn_rig(study, settings, draw.unknowns, draw)
@@ -204,6 +179,7 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, dr
         imaging=imaging if study.level == "frames" else None,
         description=f"simulated {study.level}, all unknowns drawn, peak SNR {settings.noise.peak_snr_db:g} dB",
         truth_deg=unknowns.marker.angle_deg if settings.marker.present else None,
+        rng=rng,
     )
 
 
@@ -218,7 +194,7 @@ def _scene(unknowns: Unknowns, settings: SimulatedSettings, beside: DrawnScene, 
     model = replace(unknowns.model, reverberation=beside.reverberation or material.reverberation)
     scene = scene_of(material, marker, settings, model, rng)
     drawn = beside.clutter if beside.second is None else (beside.second, *beside.clutter)
-    others = [_as_loud(each, model, marker_peak=scene.peak) for each in drawn]
+    others = [_scaled_to_level(each, model, marker_peak=scene.peak) for each in drawn]
     noise = scene.noise
     total, peak_counts = math.hypot(noise.white_sigma, noise.coloured_sigma), scene.peak_counts
     # A source near the probe reaches fewer channels, and must be stronger in each to be as loud in the image. Its sound
@@ -233,8 +209,8 @@ def _scene(unknowns: Unknowns, settings: SimulatedSettings, beside: DrawnScene, 
     )
 
 
-def _as_loud(source: Absorber, model: AcousticModel, *, marker_peak: float) -> Absorber:
-    """The source with the strength that makes its peak in the image the drawn share of the marker's."""
+def _scaled_to_level(source: Absorber, model: AcousticModel, *, marker_peak: float) -> Absorber:
+    """The source, scaled so that its peak in the image is the drawn ratio of the marker's."""
     peak = image_peak([replace(source, strength=1.0)], model, angle_deg=source.angle_deg)
     return replace(source, strength=source.strength * marker_peak / peak)
 
@@ -247,12 +223,7 @@ def intensity_curve(
     An acoustic curve is computed once for settings with the same curve, and cached; the marker is at the middle
     of the array. None is a closed form without a marker.
 
-    Parameters
-    ----------
-    curve, rig
-        Settings of the world.
-    seed, draw
-        Seed of the study, and the number of the spot that is drawn from it.
+    ``seed``, ``draw``: seed of the study, and the number of the spot that is drawn from it.
     """
     if curve.family == "acoustic":
         tissue = tissue_named(rig.tissue)

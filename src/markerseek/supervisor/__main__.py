@@ -8,9 +8,9 @@ import sys
 import msgspec
 
 from markerseek.core import MarkerseekError
-from markerseek.supervisor.death import hasten
 from markerseek.supervisor.lines import Line
-from markerseek.supervisor.messages import MOST_BYTES, Kind, packed
+from markerseek.supervisor.messages import MAX_BYTES, Kind, packed
+from markerseek.supervisor.parent_death import set_realtime_priority
 from markerseek.supervisor.process import SupervisorProcess
 
 
@@ -29,9 +29,9 @@ def main() -> int:
                 control, lines=arguments.lines, period_s=arguments.period_s, parent=arguments.parent
             )
         except MarkerseekError as error:
-            control.sendall(packed(Kind.FAILED, str(error).encode()[:MOST_BYTES]))
+            control.sendall(packed(Kind.FAILED, str(error).encode()[:MAX_BYTES]))
             return 1
-        hasten()
+        set_realtime_priority()
         process.run()
     return 0
 

@@ -19,13 +19,13 @@ import msgspec
 
 from markerseek.core import ConfigError, NotConnectedError
 from markerseek.guard import Lease
-from markerseek.supervisor.death import hasten
 from markerseek.supervisor.lines import Line
-from markerseek.supervisor.messages import MOST_BYTES, Kind, packed, packed_step, unpacked
+from markerseek.supervisor.messages import MAX_BYTES, Kind, packed, packed_step, unpacked
+from markerseek.supervisor.parent_death import set_realtime_priority
 from markerseek.supervisor.port import SupervisedPort
 
 _CHUNK = 65536
-_MOST_CHUNKS = 16
+_MAX_CHUNKS = 16
 """Most that is read at once: a device that floods must not hold up the control loop."""
 _ANSWER_S = 2.0
 """Longest time for the supervisor to answer, to take in what it is sent, or to end."""
@@ -37,21 +37,9 @@ class Supervisor:
     It dies with this process, and with nothing else: Ctrl-C in the terminal does not reach it. When it is itself
     killed, what remains is each device's own lease.
 
-    Parameters
-    ----------
-    lines
-        What to hold, each name once.
-    period_s
-        Longest silence of the control loop while the lease is held, in (0, 1] s.
-    start_s
-        Longest time for the process to start, in seconds.
-
-    Raises
-    ------
-    ConfigError
-        If two lines have one name, or the period is out of its range.
-    NotConnectedError
-        If a line cannot be opened, or the process does not start.
+    ``lines``: what to hold, each name once. ``period_s``: longest silence of the control loop while the lease is held,
+    in (0, 1] s. ``start_s``: longest time for the process to start. Raises `NotConnectedError` if a line cannot be
+    opened, or the process does not start.
     """
 
     def __init__(self, *, lines: Sequence[Line], period_s: float = 0.1, start_s: float = 30.0) -> None:
@@ -75,7 +63,9 @@ class Supervisor:
         self._socket.settimeout(_ANSWER_S)
         # The system announces the death of the thread that starts a process, not that of its program: so this thread
         # does nothing else and stays. It also dies sooner than a thread that computes, and need not free the memory.
-        self._starter = ThreadPoolExecutor(max_workers=1, thread_name_prefix="supervisor", initializer=hasten)
+        self._starter = ThreadPoolExecutor(
+            max_workers=1, thread_name_prefix="supervisor", initializer=set_realtime_priority
+        )
         with other:
             self._process = self._starter.submit(
                 subprocess.Popen,
@@ -104,13 +94,7 @@ class Supervisor:
         return self._process.pid
 
     def port(self, name: str) -> SupervisedPort:
-        """The line of that name.
-
-        Raises
-        ------
-        ConfigError
-            If there is none.
-        """
+        """The line of that name."""
         try:
             return self._ports[name]
         except KeyError:
@@ -119,10 +103,7 @@ class Supervisor:
     def arm(self) -> None:
         """Let writes through again after a lapse, in a person's name.
 
-        Raises
-        ------
-        NotConnectedError
-            If a line or the process is gone.
+        Raises `NotConnectedError` if a line or the process is gone.
         """
         self._ready = False
         self._send(packed(Kind.ARM))
@@ -131,10 +112,7 @@ class Supervisor:
     def hold(self) -> None:
         """Begin the lease: from now on it needs the beat of the thread that calls this.
 
-        Raises
-        ------
-        NotConnectedError
-            If the lease has lapsed, or the process is gone.
+        Raises `NotConnectedError` if the lease has lapsed, or the process is gone.
         """
         self._receive(0.0)
         self._require_held_lines()
@@ -144,12 +122,7 @@ class Supervisor:
     def beat(self) -> None:
         """Report one more step of the control loop, which renews the lease; without a lease, do nothing.
 
-        Raises
-        ------
-        ConfigError
-            If another thread than the one that holds the lease calls this: it would live on when that one hangs.
-        NotConnectedError
-            If the process is gone.
+        Raises `NotConnectedError` if the process is gone.
         """
         if self._held_by is None:
             return
@@ -186,8 +159,8 @@ class Supervisor:
     def _write(self, number: int, data: bytes) -> None:
         self._receive(0.0)
         self._require_held_lines()
-        for start in range(0, len(data), MOST_BYTES):
-            self._send(packed(Kind.WRITE, data[start : start + MOST_BYTES], line=number))
+        for start in range(0, len(data), MAX_BYTES):
+            self._send(packed(Kind.WRITE, data[start : start + MAX_BYTES], line=number))
 
     def _read(self, number: int, size: int, timeout_s: float) -> bytes:
         """Wait in slices, and beat in each: the wait has an end, and so it is a step of the control loop."""
@@ -224,7 +197,7 @@ class Supervisor:
         """Read and process what has arrived, waiting at most that long for the first bytes."""
         ended = False
         try:
-            for _ in range(_MOST_CHUNKS):
+            for _ in range(_MAX_CHUNKS):
                 if ended or not select.select([self._socket], [], [], timeout_s)[0]:
                     break
                 data = self._socket.recv(_CHUNK)

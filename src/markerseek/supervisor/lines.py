@@ -18,26 +18,18 @@ class OpenLine(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """A serial line, and the command that makes its device safe.
-
-    Attributes
-    ----------
-    name
-        Its name in this rig.
-    path
-        Device file.
-    safe_command
-        Message that takes the laser's permit away, or stops the stage; valid at any time, also twice.
-    baud, parity, rtscts
-        How it is opened: 8 data bits, 1 stop bit; ``rtscts`` for the handshake by two wires.
-    """
+    """A serial line, and the command that makes its device safe."""
 
     name: str
+    """Its name in this rig."""
     path: str
     safe_command: bytes
+    """Message that takes the laser's permit away, or stops the stage; valid at any time, also twice."""
     baud: int = 115200
     parity: Parity = "N"
     rtscts: bool = False
+    """``baud``, ``parity`` and ``rtscts``: how it is opened: 8 data bits, 1 stop bit; ``rtscts`` for the handshake by
+    two wires."""
 
     def __post_init__(self) -> None:
         if not self.safe_command:
@@ -48,12 +40,7 @@ class Line:
 def open_line(line: Line) -> OpenLine:
     """The line, opened for this process alone, whose reads and writes never block.
 
-    Raises
-    ------
-    MissingExtraError
-        If pyserial is not installed.
-    NotConnectedError
-        If it cannot be opened, or another program has it.
+    Raises `NotConnectedError` if it cannot be opened, or another program has it.
     """
     try:
         opened: OpenLine = open_serial(

@@ -23,7 +23,7 @@ from markerseek.core import DeviceError
 _HEAD = struct.Struct(">BBH")
 _STEP = struct.Struct(">Q")
 
-MOST_BYTES = 4096
+MAX_BYTES = 4096
 """Longest message, without its header."""
 
 
@@ -48,13 +48,10 @@ _KINDS = {int(kind): kind for kind in Kind}
 def packed(kind: Kind, data: bytes = b"", *, line: int = 0) -> bytes:
     """One message as bytes, with the number of the line where it belongs to one.
 
-    Raises
-    ------
-    DeviceError
-        If there are more than `MOST_BYTES`.
+    Raises `DeviceError` if there are more than `MAX_BYTES`.
     """
-    if len(data) > MOST_BYTES:
-        raise DeviceError(f"supervisor: a message of {len(data)} bytes; the limit is {MOST_BYTES}")
+    if len(data) > MAX_BYTES:
+        raise DeviceError(f"supervisor: a message of {len(data)} bytes; the limit is {MAX_BYTES}")
     return _HEAD.pack(kind, line, len(data)) + data
 
 
@@ -66,10 +63,7 @@ def packed_step(kind: Kind, step: int) -> bytes:
 def step_of(data: bytes) -> int:
     """Step that a message carries.
 
-    Raises
-    ------
-    DeviceError
-        If it carries none.
+    Raises `DeviceError` if it carries none.
     """
     if len(data) != _STEP.size:
         raise DeviceError(f"supervisor: a step of {len(data)} bytes; it has {_STEP.size}")
@@ -79,16 +73,13 @@ def step_of(data: bytes) -> int:
 def unpacked(buffer: bytearray) -> Iterator[tuple[Kind, int, bytes]]:
     """Kind, line and bytes of each whole message, which is taken out of the buffer.
 
-    Raises
-    ------
-    DeviceError
-        If what comes next is no message.
+    Raises `DeviceError` if what comes next is no message.
     """
     while len(buffer) >= _HEAD.size:
         number, line, size = _HEAD.unpack_from(buffer)
         kind = _KINDS.get(number)
         # A stream that is out of step cannot be trusted again: either end gives up.
-        if kind is None or size > MOST_BYTES:
+        if kind is None or size > MAX_BYTES:
             raise DeviceError(f"supervisor: {bytes(buffer[: _HEAD.size]).hex(' ')} is no message")
         if len(buffer) < _HEAD.size + size:
             return

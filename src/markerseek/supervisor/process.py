@@ -14,14 +14,14 @@ from collections.abc import Sequence
 
 from markerseek.core import DeviceError
 from markerseek.guard import Lease
-from markerseek.supervisor.death import end_with_parent
 from markerseek.supervisor.lines import Line, open_line
 from markerseek.supervisor.messages import Kind, packed, step_of, unpacked
+from markerseek.supervisor.parent_death import end_with_parent
 
 _CHUNK = 4096
-_MOST_UNSENT = 4096
+_MAX_UNSENT = 4096
 """Most bytes that may wait for a line; a control loop that sends more is out of control."""
-_MOST_UNREAD = 1 << 18
+_MAX_UNREAD = 1 << 18
 """Most bytes that may wait for the control process; what a line sends beyond that is lost."""
 _PARENT_S = 0.5
 """Longest time between two checks that the control process lives: a child of it may keep the socket open."""
@@ -91,21 +91,9 @@ class _HeldLine:
 class SupervisorProcess:
     """Holds the lines under a lease, for one control process at the other end of a socket.
 
-    Parameters
-    ----------
-    control
-        Socket to the control process.
-    lines
-        What to hold. They are opened, and each safe command is sent, before anything else.
-    period_s
-        Longest silence of the control loop while the lease is held, in seconds.
-    parent
-        Process id of the control process; None for the current parent.
-
-    Raises
-    ------
-    NotConnectedError
-        If a line cannot be opened.
+    ``lines``: what to hold. They are opened, and each safe command is sent, before anything else. ``period_s``: longest
+    silence of the control loop while the lease is held. ``parent``: process id of the control process; None for the
+    current parent. Raises `NotConnectedError` if a line cannot be opened.
     """
 
     def __init__(
@@ -210,7 +198,7 @@ class SupervisorProcess:
     def _write(self, line: _HeldLine, data: bytes) -> None:
         if self._lapsed:
             return
-        if line.unsent_bytes + len(data) > _MOST_UNSENT:
+        if line.unsent_bytes + len(data) > _MAX_UNSENT:
             self._release_lines(f"more was written to the line {line.name!r} than it can carry")
             return
         line.send(data)
@@ -221,7 +209,7 @@ class SupervisorProcess:
         line.flush()
         data = line.read() if reading else b""
         # Dropped when the control process does not read: relaying must never wait for it.
-        if data and len(self._unread) < _MOST_UNREAD:
+        if data and len(self._unread) < _MAX_UNREAD:
             self._send(packed(Kind.DATA, data, line=self._lines.index(line)))
         if line.gone:
             # One dead line releases all lines: a search without its stage or its laser must end.

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from markerseek.core import PAPER_RANGE, Estimate, Interval, Policy, Reading, Sample, SearchError
 from markerseek.testing._refused import refused
@@ -66,11 +66,19 @@ class PolicyContract:
         """Run a search; return the angles asked and the answer."""
         policy = self.make(self.limits)
         asked: list[float] = []
-        while (angle_deg := policy.ask()) is not None:
-            assert len(asked) < self.most, f"the search has not ended after {self.most} acquisitions"
+        for angle_deg in self.asked(policy):
             asked.append(angle_deg)
             policy.tell(_sample(reach(angle_deg), curve(reach(angle_deg))))
         return asked, policy.estimate()
+
+    def asked(self, policy: Policy) -> Iterator[float]:
+        """Yield what a policy asks, up to its end; whoever takes an angle must tell it a sample."""
+        for _ in range(self.most):
+            angle_deg = policy.ask()
+            if angle_deg is None:
+                return
+            yield angle_deg
+        assert policy.ask() is None, f"the search has not ended after {self.most} acquisitions"
 
     def test_asks_inside_the_range(self) -> None:
         """Every angle asked lies in the range, whatever the intensities."""
@@ -94,10 +102,7 @@ class PolicyContract:
         for curve in CURVES.values():
             policy = self.make(self.limits)
             _check_mean(policy.estimate(), self.limits)
-            for _ in range(self.most):
-                angle_deg = policy.ask()
-                if angle_deg is None:
-                    break
+            for angle_deg in self.asked(policy):
                 policy.tell(_sample(angle_deg, curve(angle_deg)))
                 _check_mean(policy.estimate(), self.limits)
 
@@ -105,14 +110,14 @@ class PolicyContract:
         """Asking twice, or asking for an estimate in between, gives the same angle."""
         policy = self.make(self.limits)
         curve = CURVES["marker to one side"]
-        for _ in range(self.most):
-            angle_deg = policy.ask()
+        for angle_deg in self.asked(policy):
             first = policy.estimate()
             assert policy.ask() == angle_deg, "asking twice gave two angles"
             assert policy.estimate() == first, "two estimates without a sample in between differ"
-            if angle_deg is None:
-                return
             policy.tell(_sample(angle_deg, curve(angle_deg)))
+        first = policy.estimate()
+        assert policy.ask() is None, "the search ended, and asked again"
+        assert policy.estimate() == first, "two estimates after the end differ"
 
     def test_is_deterministic(self) -> None:
         """Two policies that receive the same samples ask and answer the same."""
@@ -140,7 +145,7 @@ class PolicyContract:
         """A lit sample after the last is refused."""
         policy = self.make(self.limits)
         curve = CURVES["marker in the middle"]
-        while (angle_deg := policy.ask()) is not None:
+        for angle_deg in self.asked(policy):
             policy.tell(_sample(angle_deg, curve(angle_deg)))
         with refused(SearchError, "a sample after the end was taken in; it must be refused with SearchError"):
             policy.tell(_sample(0.0, 1.0))

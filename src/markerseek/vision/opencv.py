@@ -10,15 +10,7 @@ from markerseek.core import needs_package
 def opencv(purpose: str) -> ModuleType:
     """The package ``cv2``.
 
-    Parameters
-    ----------
-    purpose
-        What it is needed for, for the message.
-
-    Raises
-    ------
-    MissingExtraError
-        If it is not installed.
+    ``purpose``: what it is needed for, for the message.
     """
     with needs_package("opencv-python-headless", extra="vision", purpose=purpose):
         import cv2

@@ -12,23 +12,11 @@ LARGEST_PX = 8192
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rectangle:
-    """Part of an image, in whole pixels.
-
-    Attributes
-    ----------
-    row, column
-        Its upper left pixel.
-    rows, columns
-        Its size.
-
-    Raises
-    ------
-    ConfigError
-        If it is smaller than 3 pixels in one direction.
-    """
+    """Part of an image, in whole pixels."""
 
     row: int
     column: int
+    """``row`` and ``column``: its upper left pixel."""
     rows: int
     columns: int
 

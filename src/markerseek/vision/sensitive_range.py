@@ -22,45 +22,30 @@ GONE_FRAMES = 2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TipFrame:
-    """The tip in one image of a series.
-
-    Attributes
-    ----------
-    angle_deg
-        Angle of the probe in degrees.
-    tip
-        What was found; None beyond the angle at which the tip had disappeared, where it is not looked for.
-    """
+    """The tip in one image of a series."""
 
     angle_deg: float
     tip: Tip | None
+    """None beyond the angle at which the tip had disappeared, where it is not looked for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensitiveRange:
-    """Sensitive range of one tip.
-
-    Attributes
-    ----------
-    frames
-        All images, in the order of their angles.
-    reference_deg
-        Angle of the brightest tip in degrees; None where no image shows one.
-    below_deg, above_deg
-        Half of the range on either side of it in degrees; None where no image lies there.
-    open_below, open_above
-        Whether the tip was still seen in the last image of that side: its half is then at least this.
-    remark
-        What a person should know of the images; empty where there is nothing.
-    """
+    """Sensitive range of one tip."""
 
     frames: tuple[TipFrame, ...]
+    """All images, in the order of their angles."""
     reference_deg: float | None
+    """Angle of the brightest tip; None where no image shows one."""
     below_deg: float | None
     above_deg: float | None
+    """``below_deg`` and ``above_deg``: half of the range on either side of it; None where no image lies there."""
     open_below: bool
     open_above: bool
+    """``open_below`` and ``open_above``: whether the tip was still seen in the last image of that side: its half is
+    then at least this."""
     remark: str
+    """What a person should know of the images; empty where there is nothing."""
 
     @property
     def half_deg(self) -> float | None:
@@ -84,21 +69,8 @@ def sensitive_range(
 ) -> SensitiveRange:
     """Follow the tip from the image in which it is brightest to either side, and measure how far it is seen.
 
-    Parameters
-    ----------
-    angles_deg
-        Angle of each image in degrees.
-    images
-        Grey values, all of one shape.
-    pixel_m
-        Height and width of a pixel in metres.
-    rectangle
-        Where the tip is in the image of the reference; None: around the brightest region of all images.
-
-    Raises
-    ------
-    ConfigError
-        If there are fewer than two images, their number differs from that of the angles, or two have the same angle.
+    ``images``: grey values, all of one shape. ``pixel_m``: height and width of a pixel. ``rectangle``: where the tip is
+    in the image of the reference; None: around the brightest region of all images.
     """
     order = _checked_order(angles_deg, images)
     angles = [float(angles_deg[index]) for index in order]

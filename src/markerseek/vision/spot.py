@@ -1,20 +1,22 @@
-"""The laser spot in the images of one camera: its pixel with a standard deviation, or that there is none, or two."""
+"""The laser spot in the images of one camera: its pixel with a standard deviation, or why there is not exactly one."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
+from scipy.optimize import least_squares
 
-from markerseek.core import ConfigError, Float32, Float64, UInt8
+from markerseek.core import Bool, ConfigError, Float32, Float64, Int64, UInt8
 from markerseek.vision.opencv import opencv
 
-MOST_SIZE_PX = 61
+MAX_SIZE_PX = 61
 """Widest spot in pixels: what is wider, such as tissue lit by the endoscope, counts as background."""
 
-LEAST_COUNTS = 12.0
+MIN_COUNTS = 12.0
 """Least height of a spot over its surroundings, in counts of 255."""
 
 NOISE_SIGMAS = 8.0
@@ -23,44 +25,48 @@ NOISE_SIGMAS = 8.0
 SECOND_SHARE = 0.5
 """Height of another bright place over that of the brightest, from which the two cannot be told apart."""
 
-LEAST_SHARE = 0.6
+MIN_SHARE = 0.6
 """Least share of the frames that must show the spot."""
 
-MOST_MOTION_PX = 2.0
+MAX_MOTION_PX = 2.0
 """Largest scatter of the spot from frame to frame, in pixels: more is motion, and no mean would be right."""
 
 _BLUR_PX = 1.5
 """Standard deviation of the smoothing before the brightest place is searched, in pixels."""
 
-_BORDER_PX = 6
-"""Width of the border of a window around the spot that shows its background, in pixels."""
+_FULL_COUNTS = 250
+"""A pixel that reaches this in any frame is left out: its count no longer follows the light."""
 
-_CORE_SHARE = 0.4
-"""Share of the peak below which a pixel does not count for the centroid, so that the background does not pull at it."""
+_REACH_RADII = 3.0
+"""Radii of a Gaussian spot beyond which pixels show tissue only, whose texture would pull at the spot."""
 
+_TILE_SHARE = 2 / 3
+"""Side of the tiles of the jackknife over that reach: texture and grains of speckle are smaller. A bright place nearer
+to the middle than that is such a grain, not another spot."""
+
+_EXPONENTS = (0.6, 6.0)
+"""Exponents of the profile: 1 is a Gaussian, more an even disc such as the end of a fibre, less has wide skirts."""
+
+_MAX_RADIUS_PX = MAX_SIZE_PX / 4
+"""Largest radius of a spot, in pixels."""
 
 _PURPOSE = "finding the laser spot in camera images"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LaserSpot:
-    """The laser spot.
-
-    Attributes
-    ----------
-    x_px, y_px
-        Mean over the frames of the centroid, in pixels from the centre of the first pixel.
-    sigma_px
-        Standard deviation of that mean, from the scatter of the frames (root mean square of both directions), in
-        pixels; None with fewer than three frames.
-    frames
-        Number of frames that show it.
-    """
+    """The laser spot."""
 
     x_px: float
     y_px: float
+    """``x_px`` and ``y_px``: middle of a super-Gaussian profile on an even background, fitted to the mean of the
+    frames, in pixels from the centre of the first pixel."""
     sigma_px: float | None
+    """Standard deviation of that (root mean square of both directions): from the scatter of the frames, and from how
+    much parts of the spot disagree, because texture and frozen speckle are the same in all frames. None with fewer than
+    three frames."""
     frames: int
+    """Number of frames that show it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,19 +101,8 @@ def find_spot(
 ) -> SpotAnswer:
     """Find the laser spot in frames of one camera that does not move; 25 are usual.
 
-    Parameters
-    ----------
-    frames
-        Images with the laser on, shape (rows, columns) or (rows, columns, 3), 8 bits.
-    dark
-        Images of the same scene with the laser off; their mean is subtracted, and highlights with it.
-
-    Raises
-    ------
-    ConfigError
-        If there is no frame, or their shapes differ.
-    MissingExtraError
-        If OpenCV is not installed.
+    ``frames``: images with the laser on, shape (rows, columns) or (rows, columns, 3), 8 bits. ``dark``: images of the
+    same scene with the laser off; their mean is subtracted, and highlights with it.
     """
     _require_alike([*frames, *dark])
     gray = [_gray(frame) for frame in frames]
@@ -117,7 +112,7 @@ def find_spot(
     middle = float(np.median(height))
     # The median deviation of Gaussian noise is 0.6745 of its standard deviation.
     scatter = float(np.median(np.abs(height - middle))) / 0.6745
-    level = max(middle + NOISE_SIGMAS * scatter, LEAST_COUNTS)
+    level = max(middle + NOISE_SIGMAS * scatter, MIN_COUNTS)
     row, column = np.unravel_index(int(np.argmax(height)), height.shape)
     peak = float(height[row, column])
     if not peak > level:
@@ -126,10 +121,14 @@ def find_spot(
             "check that the laser is on and in view, and that the camera does not block infrared light"
         )
     first = (int(column), int(row))
-    second = _second(height, first, level=max(level, SECOND_SHARE * peak))
+    clear = np.max(gray, axis=0) < _FULL_COUNTS
+    spot = _fitted(mean, clear, first)
+    if spot is None:
+        return NoSpot(reason="the brightest place has not the form of a spot; hide reflections, or use a smaller spot")
+    second = _second(height, spot, first, level=max(level, SECOND_SHARE * peak))
     if second is not None:
         return TwoSpots(places_px=((float(first[0]), float(first[1])), second))
-    return _centroids([frame - background for frame in gray], first, least=LEAST_SHARE * peak)
+    return _judged(spot, [frame - background for frame in gray])
 
 
 def _require_alike(images: list[UInt8[np.ndarray, " ..."]]) -> None:
@@ -146,9 +145,9 @@ def _require_alike(images: list[UInt8[np.ndarray, " ..."]]) -> None:
                 f"camera frame {number} has the shape {image.shape}, the first has {images[0].shape}; give frames of "
                 "one camera"
             )
-        if min(image.shape[:2]) < 2 * MOST_SIZE_PX:
+        if min(image.shape[:2]) < 2 * MAX_SIZE_PX:
             raise ConfigError(
-                f"camera frame {number} has the shape {image.shape}, at least {2 * MOST_SIZE_PX} pixels are needed in "
+                f"camera frame {number} has the shape {image.shape}, at least {2 * MAX_SIZE_PX} pixels are needed in "
                 "both directions"
             )
 
@@ -162,73 +161,195 @@ def _height(image: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "
     """Height over the surroundings: a white top-hat, which removes all that is wider than its kernel."""
     cv2 = opencv(_PURPOSE)
     smooth = cv2.GaussianBlur(image, (0, 0), _BLUR_PX)
-    kernel = cv2.getStructuringElement(cv2.MORPH_RECT, (MOST_SIZE_PX, MOST_SIZE_PX))
+    kernel = cv2.getStructuringElement(cv2.MORPH_RECT, (MAX_SIZE_PX, MAX_SIZE_PX))
     height: Float32[np.ndarray, "rows columns"] = cv2.morphologyEx(smooth, cv2.MORPH_TOPHAT, kernel)
     return height
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Fit:
+    """A super-Gaussian profile on an even background, and how it follows the pixels that were used.
+
+    ``gain`` is the change of height, x and y of the middle by a count of each pixel.
+    """
+
+    height: float
+    x_px: float
+    y_px: float
+    reach_px: float
+    systematic_px: float
+    pixels: tuple[Int64[np.ndarray, " pixels"], Int64[np.ndarray, " pixels"]]
+    gain: Float64[np.ndarray, "3 pixels"]
+
+
 def _second(
-    height: Float32[np.ndarray, "rows columns"], first: tuple[int, int], *, level: float
+    height: Float32[np.ndarray, "rows columns"], spot: _Fit, first: tuple[int, int], *, level: float
 ) -> tuple[float, float] | None:
-    """Brightest place above a level that is not connected with the first; None if there is none."""
+    """Brightest place above a level that is no part of the spot; None if there is none."""
     cv2 = opencv(_PURPOSE)
     _, labels = cv2.connectedComponents((height > level).astype(np.uint8), connectivity=8)
-    other = np.where((labels > 0) & (labels != labels[first[1], first[0]]), height, 0)
+    rows, columns = np.indices(height.shape)
+    apart = np.hypot(columns - spot.x_px, rows - spot.y_px) > _TILE_SHARE * spot.reach_px
+    other = np.where((labels > 0) & (labels != labels[first[1], first[0]]) & apart, height, 0)
     row, column = np.unravel_index(int(np.argmax(other)), other.shape)
     return (float(column), float(row)) if other[row, column] > 0 else None
 
 
-def _centroids(
-    frames: list[Float32[np.ndarray, "rows columns"]], first: tuple[int, int], *, least: float
-) -> SpotAnswer:
-    """Mean and scatter of the centroids of the frames that show the spot."""
-    places = [place for frame in frames if (place := _centroid(frame, first, least=least)) is not None]
-    if len(places) < LEAST_SHARE * len(frames):
+def _judged(spot: _Fit, frames: list[Float32[np.ndarray, "rows columns"]]) -> SpotAnswer:
+    """The spot with the scatter of its place from frame to frame, where enough frames show it."""
+    seen = np.stack([frame[spot.pixels] for frame in frames]).astype(np.float64)
+    change = (seen - seen.mean(axis=0)) @ spot.gain.T
+    heights = spot.height + change[:, 0]
+    shown = heights >= MIN_SHARE * spot.height
+    count = int(shown.sum())
+    if count < MIN_SHARE * len(frames):
         return NoSpot(
-            reason=f"the spot is seen in {len(places)} of {len(frames)} frames, {LEAST_SHARE:.0%} are needed; keep the "
+            reason=f"the spot is seen in {count} of {len(frames)} frames, {MIN_SHARE:.0%} are needed; keep the "
             "laser on while the camera records"
         )
-    x_px, y_px = np.mean(places, axis=0).tolist()
-    if len(places) < 3:
-        return LaserSpot(x_px=x_px, y_px=y_px, sigma_px=None, frames=len(places))
-    scatter_px = float(np.sqrt(np.mean(np.var(places, axis=0, ddof=1))))
-    if not scatter_px <= MOST_MOTION_PX:
+    if count < 3:
+        return LaserSpot(x_px=spot.x_px, y_px=spot.y_px, sigma_px=None, frames=count)
+    # A brighter frame shows the same shift as a larger change.
+    shifts_px = change[shown, 1:] * (spot.height / heights[shown])[:, None]
+    scatter_px = float(np.sqrt(np.mean(np.var(shifts_px, axis=0, ddof=1))))
+    if not scatter_px <= MAX_MOTION_PX:
         return NoSpot(
-            reason=f"the spot moves by {scatter_px:.1f} px from frame to frame, {MOST_MOTION_PX:g} px is the limit; "
+            reason=f"the spot moves by {scatter_px:.1f} px from frame to frame, {MAX_MOTION_PX:g} px is the limit; "
             "hold camera and laser still"
         )
-    # A rounded centroid of identical frames would have no scatter at all.
-    sigma_px = max(scatter_px, 0.01) / float(np.sqrt(len(places)))
-    return LaserSpot(x_px=x_px, y_px=y_px, sigma_px=sigma_px, frames=len(places))
+    sigma_px = math.hypot(scatter_px / math.sqrt(count), spot.systematic_px)
+    return LaserSpot(x_px=spot.x_px, y_px=spot.y_px, sigma_px=sigma_px, frames=count)
 
 
-def _centroid(
-    frame: Float32[np.ndarray, "rows columns"], first: tuple[int, int], *, least: float
-) -> Float64[np.ndarray, " 2"] | None:
-    """Centroid (x, y) of the spot near a place in one frame; None if it is fainter than a least height there."""
-    half = MOST_SIZE_PX // 2
+def _fitted(
+    image: Float32[np.ndarray, "rows columns"], clear: Bool[np.ndarray, "rows columns"], first: tuple[int, int]
+) -> _Fit | None:
+    """Least squares of a super-Gaussian profile, of any ellipse, on a plane; None where it has no such form.
+
+    A centroid was pulled by 0.1 px where a saturated top is cut off beside the middle, and by 0.3 px by texture.
+    """
+    half = MAX_SIZE_PX // 2
     column, row = first
     top, left = max(0, row - half), max(0, column - half)
-    window = frame[top : row + half + 1, left : column + half + 1]
-    height = window - _plane(window)
-    peak = float(height.max())
-    if not peak >= least:
+    rows, columns = np.nonzero(clear[top : row + half + 1, left : column + half + 1])
+    rows, columns = rows + top, columns + left
+    # Height, x and y of the middle, ln of the radius, two of the ellipse, ln of the exponent, three of the plane.
+    level = float(np.median(image[rows, columns]))
+    values = np.array([float(image[row, column]) - level, column, row, math.log(4.0), 0, 0, 0, level, 0, 0])
+    centre = values[1:3].copy()
+    low = [0, column - half, row - half, 0, -0.9, -0.9, math.log(_EXPONENTS[0]), -np.inf, -np.inf, -np.inf]
+    high = [
+        np.inf,
+        column + half,
+        row + half,
+        math.log(_MAX_RADIUS_PX),
+        0.9,
+        0.9,
+        math.log(_EXPONENTS[1]),
+        np.inf,
+        np.inf,
+        np.inf,
+    ]
+    reach_px = float(half)
+    for _ in range(3):
+        near = np.hypot(columns - values[1], rows - values[2]) <= reach_px
+        x, y = columns[near].astype(np.float64), rows[near].astype(np.float64)
+        wanted = image[rows[near], columns[near]].astype(np.float64)
+        if len(wanted) < 4 * len(values):
+            return None
+        args = (x, y, wanted, centre)
+        values = least_squares(_left, values, jac=_slopes, args=args, bounds=(low, high), x_scale="jac").x
+        radius_px = math.exp(values[3])
+        # As weak as a Gaussian at its reach; an even disc needs tissue beside it.
+        reach_px = radius_px * max(_REACH_RADII ** math.exp(-values[6]), 2.0)
+    slopes = _slopes(values, *args)
+    # Of one size: a saturated top leaves the height nearly open, and its derivative small.
+    scale = np.linalg.norm(slopes, axis=0)
+    if not (values[0] > MIN_COUNTS / 2 and radius_px < 0.99 * _MAX_RADIUS_PX and scale.all()):
         return None
-    weight = np.maximum(height - _CORE_SHARE * peak, 0).astype(np.float64)
-    # Only pixels connected with the brightest: single bright pixels of noise would pull at the centroid.
-    _, labels = opencv(_PURPOSE).connectedComponents((weight > 0).astype(np.uint8), connectivity=8)
-    brightest = np.unravel_index(int(np.argmax(weight)), weight.shape)
-    weight[labels != labels[brightest]] = 0
-    rows, columns = np.indices(weight.shape)
-    middle = np.array([np.sum(weight * columns), np.sum(weight * rows)]) / weight.sum()
-    return np.asarray(middle + np.array([left, top]))
+    even = slopes / scale
+    tiles = np.floor(np.stack([x - values[1], y - values[2]], axis=1) / (_TILE_SHARE * reach_px))
+    variances = _jackknife(tiles, -_left(values, *args), even) / scale**2
+    return _Fit(
+        height=float(values[0]),
+        x_px=float(values[1]),
+        y_px=float(values[2]),
+        reach_px=reach_px,
+        systematic_px=math.sqrt(variances[1:3].mean()),
+        pixels=(rows[near], columns[near]),
+        gain=np.linalg.lstsq(even.T @ even, even.T, rcond=None)[0][:3] / scale[:3, None],
+    )
 
 
-def _plane(window: Float32[np.ndarray, "rows columns"]) -> Float64[np.ndarray, "rows columns"]:
-    """Background of a window: the plane through its border. Uneven light would pull the centroid by 0.1 px."""
-    rows, columns = np.indices(window.shape)
-    edge = np.ones(window.shape, dtype=bool)
-    edge[_BORDER_PX:-_BORDER_PX, _BORDER_PX:-_BORDER_PX] = False
-    terms = np.stack([np.ones(window.shape), columns, rows], axis=2)
-    plane = np.linalg.lstsq(terms[edge], window[edge].astype(np.float64), rcond=None)[0]
-    return np.asarray(terms @ plane)
+def _profile(
+    values: Float64[np.ndarray, " values"],
+    x: Float64[np.ndarray, " pixels"],
+    y: Float64[np.ndarray, " pixels"],
+    centre: Float64[np.ndarray, " 2"],
+) -> tuple[Float64[np.ndarray, " pixels"], Float64[np.ndarray, "pixels values"]]:
+    """Super-Gaussian profile on a plane, and its derivatives."""
+    height, x0, y0, log_radius, stretch, shear, log_exponent, level, across, down = values
+    dx, dy = x - x0, y - y0
+    narrow = math.exp(-2 * log_radius)
+    square = narrow * ((1 + stretch) * dx * dx + (1 - stretch) * dy * dy + 2 * shear * dx * dy)
+    # 0 at the middle, where its logarithm is not finite.
+    square = np.maximum(square, 1e-12)
+    exponent = math.exp(log_exponent)
+    power = square**exponent
+    shape = np.exp(-power / 2)
+    light = height * shape
+    # Minus twice the derivative by the square.
+    fall = light * exponent * power / square
+    terms = (
+        shape,
+        fall * narrow * ((1 + stretch) * dx + shear * dy),
+        fall * narrow * ((1 - stretch) * dy + shear * dx),
+        fall * square,
+        -fall * narrow * (dx * dx - dy * dy) / 2,
+        -fall * narrow * dx * dy,
+        -light * power * np.log(square) * exponent / 2,
+        np.ones_like(x),
+        x - centre[0],
+        y - centre[1],
+    )
+    return light + level + across * terms[-2] + down * terms[-1], np.stack(terms, axis=1)
+
+
+def _left(
+    values: Float64[np.ndarray, " values"],
+    x: Float64[np.ndarray, " pixels"],
+    y: Float64[np.ndarray, " pixels"],
+    wanted: Float64[np.ndarray, " pixels"],
+    centre: Float64[np.ndarray, " 2"],
+) -> Float64[np.ndarray, " pixels"]:
+    """Profile minus what was seen, for SciPy."""
+    return np.asarray(_profile(values, x, y, centre)[0] - wanted)
+
+
+def _slopes(
+    values: Float64[np.ndarray, " values"],
+    x: Float64[np.ndarray, " pixels"],
+    y: Float64[np.ndarray, " pixels"],
+    _wanted: Float64[np.ndarray, " pixels"],
+    centre: Float64[np.ndarray, " 2"],
+) -> Float64[np.ndarray, "pixels values"]:
+    """Its derivatives."""
+    return _profile(values, x, y, centre)[1]
+
+
+def _jackknife(
+    tiles: Float64[np.ndarray, "pixels 2"],
+    left: Float64[np.ndarray, " pixels"],
+    slopes: Float64[np.ndarray, "pixels values"],
+) -> Float64[np.ndarray, " values"]:
+    """Variances of the fitted values, from what these move by where the pixels of a tile are left out.
+
+    What the profile leaves unexplained is much the same at neighbouring pixels, so that whole tiles are left out.
+    """
+    normal = slopes.T @ slopes
+    squares = np.zeros(slopes.shape[1])
+    for tile in np.unique(tiles, axis=0):
+        inside = (tiles == tile).all(axis=1)
+        rest = normal - slopes[inside].T @ slopes[inside]
+        squares += np.linalg.lstsq(rest, -slopes[inside].T @ left[inside], rcond=None)[0] ** 2
+    return squares

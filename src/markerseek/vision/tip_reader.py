@@ -11,21 +11,14 @@ from markerseek.vision.tooltip import brightest_blob, find_tip
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TipSettings:
-    """How the grey values of a machine are read.
-
-    Attributes
-    ----------
-    dynamic_range_db
-        From black to white, in dB.
-    white
-        Amplitude that is shown white, in any unit.
-    rectangle
-        Row, column, rows and columns in which the tip is looked for; None: the whole image.
-    """
+    """How the grey values of a machine are read."""
 
     dynamic_range_db: float = 60.0
+    """From black to white."""
     white: float = 1000.0
+    """Amplitude that is shown white, in any unit."""
     rectangle: tuple[int, int, int, int] | None = None
+    """Row, column, rows and columns in which the tip is looked for; None: the whole image."""
 
     def __post_init__(self) -> None:
         require_range("tip: dynamic_range_db", self.dynamic_range_db, low=20, high=120, unit="dB")
@@ -46,11 +39,6 @@ class TipReader:
     Grey values are turned back into amplitudes, which a search compares as ratios. The noise stays unknown: what is
     seen without a tip is the brightest speckle, whose distribution is not that of noise in a photoacoustic image; the
     search methods then estimate the floor from the intensities themselves.
-
-    Parameters
-    ----------
-    settings
-        How grey values are read.
     """
 
     method = "B-mode echo of the tool tip (GrabCut), as amplitude"
@@ -61,10 +49,7 @@ class TipReader:
     def read(self, frame: Frame) -> Reading:
         """Amplitude and place of the tip; where there is none, those of the brightest region.
 
-        Raises
-        ------
-        AcquisitionError
-            If the frame is no B-mode image.
+        Raises `AcquisitionError` if the frame is no B-mode image.
         """
         if not isinstance(frame, BModeFrame):
             raise AcquisitionError(

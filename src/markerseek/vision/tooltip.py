@@ -1,7 +1,7 @@
 """The tip of an instrument in one B-mode image (paper, section 2.5 D): GrabCut, connected region, centroid, grey value.
 
 GrabCut (C. Rother et al., ACM Trans. Graph. 23, 309 (2004)) separates an object in a rectangle from what is around it.
-It answers in every image, also where there is no tip, so that two tests follow: the region has at least `LEAST_PX`
+It answers in every image, also where there is no tip, so that two tests follow: the region has at least `MIN_PX`
 pixels, and its centroid is brighter than tissue at the same depth beside the rectangle, by `SIGMAS` of its deviations.
 """
 
@@ -15,7 +15,7 @@ from markerseek.core import ConfigError, Float64, UInt8
 from markerseek.vision.opencv import opencv
 from markerseek.vision.rectangle import LARGEST_PX, Rectangle
 
-LEAST_PX = 20
+MIN_PX = 20
 """Fewest pixels of a tip."""
 
 SIGMAS = 3.0
@@ -44,38 +44,27 @@ _SMALLEST_PX = 16
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tip:
-    """What is known of the tip after one image.
-
-    Attributes
-    ----------
-    visible
-        Whether it passes both tests.
-    reason
-        Why, or why not, in words.
-    intensity
-        Grey value of the pixel at its centroid; 0 where no region was found.
-    row, column
-        Its centroid in pixels; the middle of the rectangle where no region was found.
-    area_px
-        Pixels of its region.
-    tissue_mean, tissue_sd
-        Mean and standard deviation of the tissue's grey values; of all surroundings where no region was found.
-    rivals
-        Other bright regions in the rectangle.
-    rectangle
-        Where it was looked for.
-    """
+    """What is known of the tip after one image."""
 
     visible: bool
+    """Whether it passes both tests."""
     reason: str
+    """Why, or why not, in words."""
     intensity: float
+    """Grey value of the pixel at its centroid; 0 where no region was found."""
     row: float
     column: float
+    """``row`` and ``column``: its centroid in pixels; the middle of the rectangle where no region was found."""
     area_px: int
+    """Pixels of its region."""
     tissue_mean: float
     tissue_sd: float
+    """``tissue_mean`` and ``tissue_sd``: mean and standard deviation of the tissue's grey values; of all surroundings
+    where no region was found."""
     rivals: int
+    """Other bright regions in the rectangle."""
     rectangle: Rectangle
+    """Where it was looked for."""
 
     @property
     def level(self) -> float:
@@ -101,14 +90,7 @@ def brightest_blob(
 ) -> tuple[Rectangle, float]:
     """The brightest region of an image in a rectangle grown by `GROWN_M`, and its grey value under a blur.
 
-    Parameters
-    ----------
-    image
-        Grey values.
-    pixel_m
-        Height and width of a pixel in metres.
-    inside
-        Where to look; None: everywhere.
+    ``pixel_m``: height and width of a pixel. ``inside``: None: everywhere.
     """
     require_image(image)
     cv2 = opencv("finding the tip of an instrument")
@@ -133,21 +115,8 @@ def brightest_blob(
 def find_tip(image: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle, *, pixel_m: tuple[float, float]) -> Tip:
     """The tip in a rectangle of one image; equal arguments give equal results.
 
-    Parameters
-    ----------
-    image
-        Grey values.
-    rectangle
-        Where it is looked for; the part inside of the image counts.
-    pixel_m
-        Height and width of a pixel in metres.
-
-    Raises
-    ------
-    ConfigError
-        If the image is no grey image, or the rectangle lies outside of it.
-    MissingExtraError
-        If OpenCV is not installed.
+    ``rectangle``: where it is looked for; the part inside of the image counts. ``pixel_m``: height and width of a
+    pixel.
     """
     require_image(image)
     rectangle = rectangle.within(image.shape)
@@ -176,16 +145,16 @@ def find_tip(image: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle, *, 
             rectangle=rectangle,
         )
     best = int(np.argmax(sums)) + 1
-    rivals = int(np.sum((sums >= RIVAL_SHARE * sums.max()) & (boxes[1:, cv2.CC_STAT_AREA] >= LEAST_PX))) - 1
+    rivals = int(np.sum((sums >= RIVAL_SHARE * sums.max()) & (boxes[1:, cv2.CC_STAT_AREA] >= MIN_PX))) - 1
     column, row = float(centroids[best][0]) + around.column, float(centroids[best][1]) + around.row
     upper, height = int(boxes[best][cv2.CC_STAT_TOP]) + around.row, int(boxes[best][cv2.CC_STAT_HEIGHT])
     area = int(boxes[best][cv2.CC_STAT_AREA])
     mean, deviation = _tissue(image, rectangle, around, upper, height)
     intensity = float(image[round(row), round(column)])
     level = mean + SIGMAS * deviation
-    small, dark = area < LEAST_PX, not intensity > level
+    small, dark = area < MIN_PX, not intensity > level
     reason = (
-        f"a region of {area} pixels, below {LEAST_PX}"
+        f"a region of {area} pixels, below {MIN_PX}"
         if small
         else f"a centroid of {intensity:g}, tissue beside it reaches {level:.0f}"
     )
@@ -233,7 +202,7 @@ def _tissue(
             band[:, rectangle.column + rectangle.columns : around.column + around.columns].ravel(),
         ]
     ).astype(np.float64)
-    if beside.size < LEAST_PX:
+    if beside.size < MIN_PX:
         raise ConfigError(
             f"rectangle of {rectangle.rows} × {rectangle.columns} pixels: there is no tissue beside it to compare "
             "with; name a smaller one"

@@ -72,43 +72,29 @@ class Velocity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SoftLimits:
-    """Soft limits in counts, and the behaviour there and at the limit switches.
-
-    Attributes
-    ----------
-    low, high
-        Ends of the range, in counts.
-    mode
-        At a soft limit: 1 ignores it, 2 stops at once, 3 decelerates.
-    switches
-        Behaviour of both limit switches: 4 makes on contact, and serves for homing only.
-    """
+    """Soft limits in counts, and the behaviour there and at the limit switches."""
 
     low: int
     high: int
+    """``low`` and ``high``: ends of the range, in counts."""
     mode: int = 2
+    """At a soft limit: 1 ignores it, 2 stops at once, 3 decelerates."""
     switches: int = 4
+    """Behaviour of both limit switches: 4 makes on contact, and serves for homing only."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Status:
-    """Status of the stage.
-
-    Attributes
-    ----------
-    position
-        Position counter, signed.
-    moving, homing, homed
-        As the controller reports it. ``moving`` is false for a moment after a move was commanded.
-    faults
-        Names of the errors that it reports.
-    """
+    """Status of the stage."""
 
     position: int
+    """Position counter, signed."""
     moving: bool
     homing: bool
     homed: bool
+    """``moving``, ``homing`` and ``homed``: ``moving`` is false for a moment after a move was commanded."""
     faults: tuple[str, ...]
+    """Names of the errors that it reports."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,13 +108,7 @@ Answer = Info | Velocity | SoftLimits | Status | Counts
 
 
 def counts_of(angle_deg: float) -> int:
-    """Encoder counts of an angle in degrees, rounded.
-
-    Raises
-    ------
-    ConfigError
-        If the angle is not finite, or has no 32-bit count.
-    """
+    """Encoder counts of an angle in degrees, rounded."""
     return _word(angle_deg * COUNTS_PER_DEG, f"{angle_deg} deg")
 
 
@@ -235,10 +215,7 @@ def stop() -> bytes:
 def decode(message: AptMessage) -> Answer | None:
     """Content of an answer; None if no request of this module asks for it.
 
-    Raises
-    ------
-    DeviceError
-        If it is of another channel, or no controller can have sent it.
+    Raises `DeviceError` if it is of another channel, or no controller can have sent it.
     """
     if message.ident not in (INFO, VELOCITY, BACKLASH, LIMITS, TARGET, STATUS):
         return None

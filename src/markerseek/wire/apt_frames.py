@@ -66,32 +66,19 @@ TO_CONTROLLER: Forms = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AptMessage:
-    """One message.
-
-    Attributes
-    ----------
-    ident
-        Its kind.
-    data
-        Its data; empty in the form of six bytes.
-    raw
-        All bytes of it.
-    """
+    """One message."""
 
     ident: int
     data: bytes
+    """Its data; empty in the form of six bytes."""
     raw: bytes
 
 
 class AptFramer:
     """Splits a stream into messages, for one of the two ends.
 
-    Parameters
-    ----------
-    forms
-        Which messages are known, and how long their data may be.
-    to
-        Address of this end; messages to others are discarded.
+    ``forms``: which messages are known, and how long their data may be. ``to``: address of this end; messages to others
+    are discarded.
     """
 
     def __init__(self, forms: Forms = TO_HOST, *, to: int = HOST) -> None:

@@ -17,7 +17,7 @@ from markerseek.core import ConfigError, DeviceError, is_finite
 from markerseek.wire.igtl_contents import (
     BUSY,
     EMULATOR,
-    MOST_TEXT_BYTES,
+    MAX_TEXT_BYTES,
     NOT_READY,
     OK,
     UNKNOWN_ERROR,
@@ -40,7 +40,7 @@ __all__ = [
     "EMULATOR",
     "HEADER_BYTES",
     "KINDS",
-    "MOST_TEXT_BYTES",
+    "MAX_TEXT_BYTES",
     "NOT_READY",
     "OK",
     "UNKNOWN_ERROR",
@@ -67,65 +67,38 @@ _HEADER = struct.Struct(">H12s20sQQQ")
 _EXTENDED = struct.Struct(">HHII")
 _ENTRY = struct.Struct(">HHI")
 
-_MOST_ENTRIES = 64
+_MAX_ENTRIES = 64
 """Most entries of metadata that are read."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Header:
-    """Header of a message.
-
-    Attributes
-    ----------
-    version
-        1, or 2 with an extended header and metadata.
-    kind
-        Type of the message: "TRANSFORM".
-    device
-        Name of what it tells of.
-    time_s
-        When it was made, in seconds since 1970; 0 where the sender does not say.
-    body_bytes
-        Bytes that follow the header.
-    crc
-        Checksum of these.
-    """
+    """Header of a message."""
 
     version: int
+    """1, or 2 with an extended header and metadata."""
     kind: str
+    """Type of the message: "TRANSFORM"."""
     device: str
+    """Name of what it tells of."""
     time_s: float
+    """When it was made, in seconds since 1970; 0 where the sender does not say."""
     body_bytes: int
+    """Bytes that follow the header."""
     crc: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Message:
-    """One message.
-
-    Attributes
-    ----------
-    device
-        Name of what it tells of, at most 20 bytes of ASCII.
-    content
-        What it tells.
-    time_s
-        When it was made, in seconds since 1970.
-    metadata
-        Names and values; header version 1 has no room for them, and they are left out.
-    version
-        Version of the header.
-
-    Raises
-    ------
-    ConfigError
-        If a value cannot be sent.
-    """
+    """One message."""
 
     device: str
+    """Name of what it tells of, at most 20 bytes of ASCII."""
     content: Content
     time_s: float = 0.0
+    """When it was made, in seconds since 1970."""
     metadata: Mapping[str, str] = field(default_factory=dict)
+    """Names and values; header version 1 has no room for them, and they are left out."""
     version: Literal[1, 2] = 2
 
     def __post_init__(self) -> None:
@@ -136,14 +109,8 @@ class Message:
 
 
 def encode(message: Message) -> bytes:
-    """A message as bytes, with its checksum.
-
-    Raises
-    ------
-    MissingExtraError
-        If pyigtl is not installed.
-    """
-    body = pack(message.content)
+    """A message as bytes, with its checksum."""
+    body = pack(message.content, version=message.version)
     if message.version > 1:
         index, data = _metadata(message.metadata)
         # No message id: it is for programs that relay messages.
@@ -163,17 +130,7 @@ def encode(message: Message) -> bytes:
 def decode_header(data: bytes, *, most_bytes: int) -> Header:
     """Header of a message, checked before its body is awaited.
 
-    Parameters
-    ----------
-    data
-        The first `HEADER_BYTES` bytes.
-    most_bytes
-        Most bytes that its body may have.
-
-    Raises
-    ------
-    DeviceError
-        If they are no header, or the body is larger.
+    ``data``: the first `HEADER_BYTES` bytes. ``most_bytes``: most bytes that its body may have.
     """
     if len(data) != HEADER_BYTES:
         raise DeviceError(f"OpenIGTLink: a header of {len(data)} bytes, it has {HEADER_BYTES}")
@@ -195,12 +152,8 @@ def decode_header(data: bytes, *, most_bytes: int) -> Header:
 def decode(header: Header, body: bytes) -> Message:
     """The message with that header and body.
 
-    Raises
-    ------
-    DeviceError
-        If the checksum does not fit, a length is wrong, or a number is not finite; the message says which.
-    MissingExtraError
-        If pyigtl is not installed.
+    Raises `DeviceError` if the checksum does not fit, a length is wrong, or a number is not finite; the message says
+    which.
     """
     what = f"OpenIGTLink: {header.kind} {header.device!r}"
     if len(body) != header.body_bytes:
@@ -224,10 +177,7 @@ def decode(header: Header, body: bytes) -> Message:
 class Framer:
     """Splits a stream of bytes into messages, not decoded yet.
 
-    Parameters
-    ----------
-    most_bytes
-        Most bytes that the body of a message may have.
+    ``most_bytes``: most bytes that the body of a message may have.
     """
 
     def __init__(self, *, most_bytes: int) -> None:
@@ -289,10 +239,8 @@ def _without_metadata(body: bytes, what: str) -> tuple[bytes, dict[str, str]]:
         return body[start:end], {}
     index, data = body[end : end + index_bytes], body[end + index_bytes :]
     count = int.from_bytes(index[:2], "big")
-    if count > _MOST_ENTRIES or len(index) != 2 + _ENTRY.size * count:
-        raise DeviceError(
-            f"{what}: {count} entries of metadata in {len(index)} bytes; at most {_MOST_ENTRIES} are read"
-        )
+    if count > _MAX_ENTRIES or len(index) != 2 + _ENTRY.size * count:
+        raise DeviceError(f"{what}: {count} entries of metadata in {len(index)} bytes; at most {_MAX_ENTRIES} are read")
     metadata, at = {}, 0
     for key_bytes, number, value_bytes in _ENTRY.iter_unpack(index[2:]):
         after = at + key_bytes + value_bytes

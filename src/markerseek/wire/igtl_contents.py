@@ -9,7 +9,7 @@ import numpy as np
 
 from markerseek.core import ConfigError, Float64, is_finite, is_whole
 
-MOST_TEXT_BYTES = 0xFFFF
+MAX_TEXT_BYTES = 0xFFFF
 """Longest text of a STRING, whose length is a 16-bit number; used for a COMMAND too."""
 
 COMMAND_NAME_BYTES, STATUS_NAME_BYTES = 128, 20
@@ -24,21 +24,11 @@ OK, UNKNOWN_ERROR, BUSY, NOT_READY = 1, 2, 6, 13
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Transform:
-    """TRANSFORM: a rigid or affine transform.
-
-    Attributes
-    ----------
-    matrix
-        4 x 4, the last row (0, 0, 0, 1).
-
-    Raises
-    ------
-    ConfigError
-        If a number is not finite, or the last row is another one.
-    """
+    """TRANSFORM: a rigid or affine transform."""
 
     kind: ClassVar[str] = "TRANSFORM"
     matrix: Float64[np.ndarray, "4 4"]
+    """4 x 4, the last row (0, 0, 0, 1)."""
 
     def __post_init__(self) -> None:
         _require_matrix(self.kind, self.matrix)
@@ -46,27 +36,15 @@ class Transform:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Image:
-    """IMAGE with one number per pixel.
-
-    Attributes
-    ----------
-    pixels
-        Shape (slices, rows, columns): int8, uint8, int16, uint16, int32, uint32, float32 or float64.
-    matrix
-        4 x 4: from (column, row, slice, 1) to the world, in millimetres.
-    system
-        Axes of the world. 3D Slicer takes RAS, whatever is named here.
-
-    Raises
-    ------
-    ConfigError
-        If a number of the matrix is not finite, or the pixels have another shape or type.
-    """
+    """IMAGE with one number per pixel."""
 
     kind: ClassVar[str] = "IMAGE"
     pixels: np.ndarray
+    """Shape (slices, rows, columns): int8, uint8, int16, uint16, int32, uint32, float32 or float64."""
     matrix: Float64[np.ndarray, "4 4"]
+    """4 x 4: from (column, row, slice, 1) to the world, in millimetres."""
     system: str = "ras"
+    """Axes of the world. 3D Slicer takes RAS, whatever is named here."""
 
     def __post_init__(self) -> None:
         _require_matrix(self.kind, self.matrix)
@@ -123,14 +101,14 @@ class Points:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Position:
-    """POSITION: a position in millimetres and an orientation as the quaternion (x, y, z, w)."""
+    """POSITION: a position in millimetres, or None, and an orientation as the quaternion (x, y, z, w)."""
 
     kind: ClassVar[str] = "POSITION"
-    position_mm: tuple[float, float, float]
+    position_mm: tuple[float, float, float] | None
     quaternion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
-        if not all(map(is_finite, self.position_mm + self.quaternion)):
+        if not all(map(is_finite, (self.position_mm or ()) + self.quaternion)):
             raise ConfigError(f"POSITION: {self.position_mm} mm, {self.quaternion}: each number must be finite")
 
 
@@ -142,7 +120,7 @@ class Text:
     text: str
 
     def __post_init__(self) -> None:
-        _require_bytes("STRING: its text", self.text, MOST_TEXT_BYTES)
+        _require_bytes("STRING: its text", self.text, MAX_TEXT_BYTES)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -159,7 +137,7 @@ class Status:
         _require_whole("STATUS: code", self.code, 0, 0xFFFF)
         _require_whole("STATUS: subcode", self.subcode, -(1 << 63), (1 << 63) - 1)
         _require_bytes("STATUS: name", self.name, STATUS_NAME_BYTES)
-        _require_bytes("STATUS: message", self.message, MOST_TEXT_BYTES)
+        _require_bytes("STATUS: message", self.message, MAX_TEXT_BYTES)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -174,7 +152,7 @@ class Command:
     def __post_init__(self) -> None:
         _require_whole("COMMAND: number", self.number, 0, 0xFFFFFFFF)
         _require_bytes("COMMAND: name", self.name, COMMAND_NAME_BYTES)
-        _require_bytes("COMMAND: text", self.text, MOST_TEXT_BYTES)
+        _require_bytes("COMMAND: text", self.text, MAX_TEXT_BYTES)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -26,6 +26,12 @@ _POSITION = struct.Struct(">7f")
 _IMAGE = struct.Struct(">HBBBB3H12f3H3H")
 _TRANSFORM_BYTES, _POINT_BYTES = 48, 136
 
+_NOWHERE = (math.nan,) * 3
+"""Position that is none: the only numbers that nobody can take for a place."""
+
+_NO_POINT = struct.pack(">64s32s4B4f20s", b"none", b"Unselected", 0, 0, 0, 0, *_NOWHERE, 0.0, b"")
+"""No points in header version 1, whose libraries take an empty body for damaged; without colour Slicer hides it."""
+
 _ASCII, _UTF8 = 3, 106
 """Numbers of the character sets (IANA)."""
 
@@ -36,7 +42,7 @@ def character_set(text: str) -> int:
 
 
 def text_of(data: bytes, number: int) -> str:
-    """Text in a character set; `ConfigError` or UnicodeDecodeError if it is none."""
+    """Text in a character set; `ConfigError` or UnicodeDecodeError if the bytes are no such text."""
     # The end of a C string, which many programs send too.
     stripped = data.rstrip(b"\0")
     if number in (_ASCII, _UTF8):
@@ -45,8 +51,8 @@ def text_of(data: bytes, number: int) -> str:
     raise ConfigError(f"its character set has the number {number}; send ASCII (3) or UTF-8 (106)")
 
 
-def pack(content: contents.Content) -> bytes:
-    """A content as bytes."""
+def pack(content: contents.Content, *, version: int) -> bytes:
+    """A content as bytes, for a header of that version."""
     match content:
         case contents.Transform():
             return _by_pyigtl(_pyigtl().TransformMessage(content.matrix, timestamp=0.0))
@@ -54,9 +60,9 @@ def pack(content: contents.Content) -> bytes:
             pixels = content.pixels
             return _by_pyigtl(_pyigtl().ImageMessage(pixels, content.matrix, content.system, timestamp=0.0))
         case contents.Points():
-            return b"".join(map(_point, content.points))
+            return b"".join(map(_point, content.points)) or (_NO_POINT if version == 1 else b"")
         case contents.Position():
-            return _POSITION.pack(*content.position_mm, *content.quaternion)
+            return _POSITION.pack(*(content.position_mm or _NOWHERE), *content.quaternion)
         case contents.Text():
             data = content.text.encode()
             return _STRING.pack(character_set(content.text), len(data)) + data
@@ -79,7 +85,7 @@ def _point(point: contents.Point) -> bytes:
 
 
 def unpack(kind: str, content: bytes) -> contents.Content:
-    """Content of a message of that type; `ConfigError` or UnicodeDecodeError if its bytes are none."""
+    """Content of a message of that type; `ConfigError` or UnicodeDecodeError if its bytes are not."""
     known = _UNPACK.get(kind)
     return contents.Other(kind=kind) if known is None else known(content)
 
@@ -110,6 +116,8 @@ def _image(content: bytes) -> contents.Image:
 
 
 def _points(content: bytes) -> contents.Points:
+    if content == _NO_POINT:
+        return contents.Points(points=())
     if len(content) % _POINT_BYTES:
         raise ConfigError(f"{len(content)} bytes, each POINT has {_POINT_BYTES}")
     message = _pyigtl().PointMessage()
@@ -131,7 +139,8 @@ def _position(content: bytes) -> contents.Position:
     position, turned = values[:3], values[3:]
     if len(turned) == 3:
         turned = (*turned, math.sqrt(max(0.0, 1 - sum(value**2 for value in turned))))
-    return contents.Position(position_mm=position, quaternion=turned or (0.0, 0.0, 0.0, 1.0))
+    place = None if all(map(math.isnan, position)) else position
+    return contents.Position(position_mm=place, quaternion=turned or (0.0, 0.0, 0.0, 1.0))
 
 
 def _string(content: bytes) -> contents.Text:

@@ -25,7 +25,7 @@ taken away is completed at the same rate without light, for an acquisition that 
 until DONE is sent, HELLO and PERMIT are refused as ``BUSY``. DONE is sent `LIGHT_LATE_US` after the last trigger.
 
 ``seen`` is the photodiode's count since power-up: if it rises outside of firings, there was light without a permit.
-Within any minute a box sends `MOST_PULSES_PER_MINUTE` pulses at most (refusal ``BUDGET``).
+Within any minute a box sends `MAX_PULSES_PER_MINUTE` pulses at most (refusal ``BUDGET``).
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ LEASE_MS = 100
 LINE_BYTES = 80
 """Longest line, its end included."""
 
-MOST_PULSES, MOST_RATE_HZ, MOST_EXPIRY_MS, MOST_COUNT = 1024, 1000, 60_000, 2**31 - 1
+MAX_PULSES, MAX_RATE_HZ, MAX_EXPIRY_MS, MAX_COUNT = 1024, 1000, 60_000, 2**31 - 1
 """Largest numbers of a permit that a box accepts, and of a token, a step or a count of the photodiode."""
 
-MOST_PULSES_PER_MINUTE = 6000
+MAX_PULSES_PER_MINUTE = 6000
 """Most pulses that a box sends within any minute, whatever is permitted.
 
 A laser at the usual 100 Hz cannot reach it: 6,000 pulses in a minute are 100 Hz without a pause, and a search moves the
@@ -174,13 +174,7 @@ def crc16(data: bytes) -> int:
 
 
 def encode(message: Command | Reply) -> bytes:
-    """Line of a command or a reply, with its end.
-
-    Raises
-    ------
-    ConfigError
-        If the line would be refused at the other end: a number out of its range, an identity that is no word.
-    """
+    """Line of a command or a reply, with its end."""
     # Parsed again before it is sent, so that one set of rules holds for both ends.
     words = _words(message)
     if _parsed(words, (type(message),)) != message:
@@ -190,7 +184,7 @@ def encode(message: Command | Reply) -> bytes:
 
 
 def decode_command(line: bytes) -> Command | Refusal:
-    """Command of a line without its end; the refusal that a box must answer, if it is none."""
+    """Command of a line without its end, or the refusal with which a box must answer."""
     text = _checked(line)
     if text is None:
         return Refusal(reason="CRC")
@@ -199,13 +193,7 @@ def decode_command(line: bytes) -> Command | Refusal:
 
 
 def decode_reply(line: bytes) -> Reply:
-    """Reply of a line without its end.
-
-    Raises
-    ------
-    LaserError
-        If the line is damaged or no reply.
-    """
+    """Reply of a line without its end."""
     text = _checked(line)
     reply: Reply | None = None if text is None else _parsed(text.split(" "), get_args(Reply))
     if reply is None:
@@ -246,7 +234,7 @@ def _words(message: Command | Reply) -> list[str]:
 
 
 def _parsed(words: list[str], kinds: tuple[Any, ...]) -> Any | None:
-    """Message of one of these kinds: its head, then its fields in their order; None if the words are none."""
+    """Message of one of these kinds: its head, then its fields in their order; None for other words."""
     for kind in kinds:
         head, names = kind.head.split(" "), [field.name for field in fields(kind)]
         if words[: len(head)] == head and len(words) == len(head) + len(names):
@@ -257,7 +245,7 @@ def _parsed(words: list[str], kinds: tuple[Any, ...]) -> Any | None:
 
 
 def _value(name: str, word: str) -> str | int | None:
-    """Value of a field; None if the word is none."""
+    """Value of a field; None if the word is no value."""
     if name == "reason":
         return word if word in get_args(RefusalReason) else None
     if name == "identity":
@@ -268,19 +256,19 @@ def _value(name: str, word: str) -> str | int | None:
 def _acceptable(permit: PermitPulses) -> bool:
     return (
         permit.token >= 1
-        and 1 <= permit.triggers <= MOST_PULSES
+        and 1 <= permit.triggers <= MAX_PULSES
         and permit.pulses <= permit.triggers
-        and 1 <= permit.rate_hz <= MOST_RATE_HZ
-        and 1 <= permit.expiry_ms <= MOST_EXPIRY_MS
+        and 1 <= permit.rate_hz <= MAX_RATE_HZ
+        and 1 <= permit.expiry_ms <= MAX_EXPIRY_MS
         # In whole numbers, as the firmware computes it: a division would round differently.
-        and 1000 * permit.triggers <= permit.rate_hz * MOST_EXPIRY_MS
+        and 1000 * permit.triggers <= permit.rate_hz * MAX_EXPIRY_MS
     )
 
 
 def _number(word: str) -> int | None:
-    """Whole number of a word as `str` writes it, from 0 to `MOST_COUNT`; None if it is none."""
+    """Whole number of a word as `str` writes it, from 0 to `MAX_COUNT`; None if it is none."""
     # isdecimal: int() would also take "+1", " 1" and "1_0". `_checked` excludes the digits of other scripts.
     if not (word.isdecimal() and len(word) <= 10) or (word[0] == "0" and word != "0"):
         return None
     number = int(word)
-    return number if number <= MOST_COUNT else None
+    return number if number <= MAX_COUNT else None

@@ -18,7 +18,7 @@ from markerseek.core import Int16, RecordError
 CHANNELS = 128
 """Channels, and files, of one acquisition."""
 
-MOST_SAMPLES = 1 << 16
+MAX_SAMPLES = 1 << 16
 """Most samples of one pulse that are read: sound travels 2.5 m meanwhile, and all channels take 16 MiB."""
 
 HEADER_BYTES = 12
@@ -29,24 +29,15 @@ _NAME = re.compile(r"CH(\d{3})(?:-\d{4})?\.daq", re.ASCII | re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DaqHeader:
-    """Header of one channel file.
-
-    Attributes
-    ----------
-    length
-        Bytes of the header: 12 (SDK 6 and later) or 8.
-    frames
-        Repeated pulses in the file.
-    samples
-        Samples of each pulse.
-    channel
-        Number of the file, where the header holds it; it differs from file to file and is not compared.
-    """
+    """Header of one channel file."""
 
     length: int
+    """Bytes of the header: 12 (SDK 6 and later) or 8."""
     frames: int
+    """Repeated pulses in the file."""
     samples: int
     channel: int | None = field(default=None, compare=False)
+    """Number of the file, where the header holds it; it differs from file to file and is not compared."""
 
     @property
     def file_bytes(self) -> int:
@@ -75,19 +66,9 @@ def element_of_file(number: int) -> int:
 def decode_header(head: bytes, *, size: int, name: str) -> DaqHeader:
     """Header of a channel file, in whichever layout fits its size.
 
-    Parameters
-    ----------
-    head
-        First 12 bytes of the file.
-    size
-        Size of the file in bytes.
-    name
-        Name of the file, for the message and, if both layouts fit, for the decision.
-
-    Raises
-    ------
-    RecordError
-        If neither layout fits; the message names the sizes.
+    ``head``: first 12 bytes of the file. ``size``: size of the file in bytes. ``name``: name of the file, for the
+    message and, if both layouts fit, for the decision. Raises `RecordError` if neither layout fits; the message names
+    the sizes.
     """
     if len(head) < HEADER_BYTES:
         raise RecordError(f"{name}: {size} bytes, too short for a header of {HEADER_BYTES} bytes; acquire it again")
@@ -103,7 +84,7 @@ def decode_header(head: bytes, *, size: int, name: str) -> DaqHeader:
     if fitting:
         return fitting[0]
     expected = [
-        f"{header.file_bytes} bytes by a header of {sdk}" for header, sdk in possible if header.samples <= MOST_SAMPLES
+        f"{header.file_bytes} bytes by a header of {sdk}" for header, sdk in possible if header.samples <= MAX_SAMPLES
     ]
     if not expected:
         raise RecordError(

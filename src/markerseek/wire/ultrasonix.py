@@ -48,41 +48,27 @@ _BITS = {"b-mode": 8, "rf": 16}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UltrasonixHeader:
-    """Header of one file.
-
-    Attributes
-    ----------
-    kind
-        Whether it holds B-mode images or radio-frequency lines.
-    frames
-        Number of frames.
-    width, height
-        Columns and rows of an image; or lines, and samples of each.
-    corners_px
-        Upper left, upper right, lower right and lower left corner of the region of interest, x and y in pixels.
-    probe
-        Number of the probe.
-    transmit_hz, sampling_hz
-        Frequencies of transmission and of sampling, in Hz; for B-mode images ``sampling_hz`` is that of the frames.
-    frame_rate_hz
-        Frames per second.
-    line_density
-        Lines over the probe's width.
-    tagged
-        Whether each frame begins with its number.
-    """
+    """Header of one file."""
 
     kind: Literal["b-mode", "rf"]
+    """Whether it holds B-mode images or radio-frequency lines."""
     frames: int
     width: int
     height: int
+    """``width`` and ``height``: columns and rows of an image; or lines, and samples of each."""
     corners_px: tuple[tuple[int, int], ...]
+    """Upper left, upper right, lower right and lower left corner of the region of interest, x and y."""
     probe: int
     transmit_hz: int
     sampling_hz: int
+    """``transmit_hz`` and ``sampling_hz``: frequencies of transmission and of sampling; for B-mode images
+    ``sampling_hz`` is that of the frames."""
     frame_rate_hz: int
+    """Frames per second."""
     line_density: int
+    """Lines over the probe's width."""
     tagged: bool
+    """Whether each frame begins with its number."""
 
     @property
     def stride(self) -> int:
@@ -98,19 +84,9 @@ class UltrasonixHeader:
 def decode_header(head: bytes, *, size: int, name: str) -> UltrasonixHeader:
     """Header of a file, checked against its size.
 
-    Parameters
-    ----------
-    head
-        First 76 bytes of the file.
-    size
-        Size of the file in bytes.
-    name
-        Name of the file, for the message.
-
-    Raises
-    ------
-    RecordError
-        If it is of another type, or its size is another; the message names what was found and expected.
+    ``head``: first 76 bytes of the file. ``size``: size of the file in bytes. ``name``: name of the file, for the
+    message. Raises `RecordError` if it is of another type, or its size is another; the message names what was found and
+    expected.
     """
     if len(head) < HEADER_BYTES:
         raise RecordError(f"{name}: {size} bytes, too short for a header of {HEADER_BYTES} bytes; export it again")

@@ -17,7 +17,7 @@ RECEIVE_TIMEOUT_S = 10.0
 
 
 class HeldLines:
-    """A supervisor for a campaign; it is also the dead-man switch of its runs, and is armed again for each."""
+    """A supervisor for a campaign; it is also the watchdog of its runs, and is armed again for each."""
 
     def __init__(self, *, period_s: float = 1.0) -> None:
         self._fd, self._near = os.openpty()

@@ -33,7 +33,7 @@ VERBS: tuple[tuple[str, str], ...] = (
     ("reader", "read"),
 )
 
-_MOST = 500
+_MAX_CALLS = 500
 
 
 class _Blown:
@@ -90,7 +90,7 @@ def enumerate_points() -> dict[str, list[str]]:
 
 
 def _points(device: str, verb: str, make: Callable[[], Exception], broken: list[str], *, once: bool) -> int:
-    for at in range(1, _MOST):
+    for at in range(1, _MAX_CALLS):
         rig = _rig()
         scanner = rig.scanner
         blown = _Blown(getattr(scanner, f"_{device}"), verb, at, make(), once=once)
@@ -111,7 +111,7 @@ def _points(device: str, verb: str, make: Callable[[], Exception], broken: list[
         if fault is not None:
             broken.append(f"{type(blown._error).__name__} at call {at}: {fault}")
     broken.append("it never completes")
-    return _MOST
+    return _MAX_CALLS
 
 
 def _unclean(events: list[Any], raised: Exception | None, state: State, *, harmless: bool) -> str | None:

@@ -223,7 +223,7 @@ class Campaign:
             clock=clock,
             guard=guard,
             pulses=plan.pulses,
-            dead_man=self._lines,
+            watchdog=self._lines,
         )
         rig = Rig(
             facts=RigFacts(

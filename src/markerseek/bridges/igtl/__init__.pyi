@@ -1,4 +1,5 @@
 from .commands import CommandAnswer, Request
+from .peer import IPAddress, plain_address
 from .server import PORT, IgtlServer
 from .service import SearchService
 from .streams import Stream, Streams
@@ -6,9 +7,11 @@ from .streams import Stream, Streams
 __all__ = [
     "PORT",
     "CommandAnswer",
+    "IPAddress",
     "IgtlServer",
     "Request",
     "SearchService",
     "Stream",
     "Streams",
+    "plain_address",
 ]

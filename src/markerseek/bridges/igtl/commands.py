@@ -25,10 +25,11 @@ _PREFIX = "CMD_"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """A command: its name, and its values by name."""
+    """A command: its name, its values by name, and the address of the client that sent it."""
 
     name: str
     values: Mapping[str, str]
+    client: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,14 +47,8 @@ def is_command(message: igtl.Message) -> bool:
     return isinstance(message.content, igtl.Command) and not isinstance(message.content, igtl.Reply)
 
 
-def read_request(message: igtl.Message) -> Request:
-    """The command in a message.
-
-    Raises
-    ------
-    ConfigError
-        If it cannot be read.
-    """
+def read_request(message: igtl.Message, *, client: str) -> Request:
+    """The command in a message of a client."""
     content = message.content
     named = content.name if isinstance(content, igtl.Command) else ""
     text = content.text if isinstance(content, igtl.Text | igtl.Command) else ""
@@ -71,11 +66,11 @@ def read_request(message: igtl.Message) -> Request:
         raise ConfigError(f"the command is named {named!r} and {name!r}; send one name")
     if not name:
         raise ConfigError('the command has no name; send <Command Name="StartSearch" />')
-    return Request(name=name, values=values)
+    return Request(name=name, values=values, client=client)
 
 
 def answer_message(asked: igtl.Message, answer: CommandAnswer, *, time_s: float) -> igtl.Message:
-    """Answer to a command, in the form and the header version in which it was asked."""
+    """Answer to a command, in the command's own form and header version."""
     status = "SUCCESS" if answer.done else "FAIL"
     # The sentence may repeat what was sent, and the protocol limits the length.
     sentence = answer.sentence[:1000]
@@ -91,13 +86,7 @@ def answer_message(asked: igtl.Message, answer: CommandAnswer, *, time_s: float)
 
 
 def search_request(values: Mapping[str, str]) -> SearchRequest:
-    """What is asked of a search.
-
-    Raises
-    ------
-    ConfigError
-        If a value is unknown, as ``Arm``, or cannot be used.
-    """
+    """What is asked of a search."""
     unknown = sorted(set(values) - set(_VALUES))
     if unknown:
         raise ConfigError(
@@ -113,6 +102,12 @@ def _whole(name: str, text: str) -> int:
     return int(text)
 
 
+def _number(name: str, text: str) -> float:
+    if not re.fullmatch(r"\d{1,9}(\.\d{1,9})?", text, re.ASCII):
+        raise ConfigError(f"{name} is {text[:40]!r}, it must be a positive number, such as 1.5")
+    return float(text)
+
+
 def _truth(name: str, text: str) -> bool:
     if text.lower() not in ("true", "false"):
         raise ConfigError(f"{name} is {text[:40]!r}, it must be true or false")
@@ -122,6 +117,7 @@ def _truth(name: str, text: str) -> bool:
 _VALUES: dict[str, tuple[str, Callable[[str, str], Any]]] = {
     "Method": ("method", lambda _name, text: text[:80]),
     "Acquisitions": ("acquisitions", _whole),
+    "ToleranceMm": ("tolerance_mm", _number),
     "Seed": ("seed", _whole),
     "Stay": ("stay", _truth),
     "AsPublished": ("as_published", _truth),

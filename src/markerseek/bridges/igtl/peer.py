@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections.abc import Callable
+from ipaddress import IPv4Address, IPv6Address, ip_address
 
 from markerseek.core import DeviceError
 from markerseek.wire import igtl
@@ -12,16 +13,29 @@ from markerseek.wire import igtl
 SLOW_S = 2.0
 """Longest time for which a client may leave what is sent to it, or a message of its own, incomplete, in seconds."""
 
-MOST_BODY_BYTES = 1 << 17
+MAX_BODY_BYTES = 1 << 17
 """Largest body that is taken: the longest command has half of it."""
 
-_MOST_ANSWERS = 64
+_MAX_ANSWERS = 64
 """Most answers that wait for a client."""
 
 _SEND_BYTES = 1 << 18
 """Buffer of the operating system for one client: what is in it is old when the client comes to read it."""
 
 _TOO_SLOW = f"it is too slow: a message was not taken within {SLOW_S:g} s"
+
+IPAddress = IPv4Address | IPv6Address
+
+LOOPBACK = ip_address("127.0.0.1")
+"""This computer: all of its addresses that no other computer reaches are this one."""
+
+
+def plain_address(text: str) -> IPAddress:
+    """The one normal form of a computer's address; ValueError if the text is no address."""
+    address = ip_address(text.partition("%")[0])
+    address = getattr(address, "ipv4_mapped", None) or address
+    return LOOPBACK if address.is_loopback else address
+
 
 Key = tuple[str, str, int]
 """Type and device of a stream, and 0; the answers to commands are counted, so that none replaces another."""
@@ -30,10 +44,8 @@ Key = tuple[str, str, int]
 class Peer(asyncio.Protocol):
     """One client.
 
-    Parameters
-    ----------
-    on_open, on_message, on_close
-        Called when it has come, for each message of it, and when it has gone, with the reason.
+    ``on_open``, ``on_message``, ``on_close``: called when it has come, for each message of it, and when it has gone,
+    with the reason.
     """
 
     def __init__(
@@ -45,7 +57,7 @@ class Peer(asyncio.Protocol):
     ) -> None:
         self._on_open, self._on_message, self._on_close = on_open, on_message, on_close
         self._waiting: dict[Key, bytes] = {}
-        self._framer = igtl.Framer(most_bytes=MOST_BODY_BYTES)
+        self._framer = igtl.Framer(most_bytes=MAX_BODY_BYTES)
         self._full = False
         self._sending: asyncio.TimerHandle | None = None
         self._receiving: asyncio.TimerHandle | None = None
@@ -53,6 +65,7 @@ class Peer(asyncio.Protocol):
         self._reason = "it closed the connection"
         self._open = False
         self.name = "?"
+        self.address: IPAddress = LOOPBACK
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Start to serve it."""
@@ -67,6 +80,7 @@ class Peer(asyncio.Protocol):
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1e3 * SLOW_S))
         host, port = transport.get_extra_info("peername")[:2]
         self.name = f"{host}:{port}"
+        self.address = plain_address(host)
         self._open = True
         self._on_open(self)
 
@@ -84,8 +98,8 @@ class Peer(asyncio.Protocol):
     def answer(self, data: bytes) -> None:
         """Send an answer, which no other replaces; a client that reads none is dropped."""
         self._answers += 1
-        if sum(key[2] > 0 for key in self._waiting) >= _MOST_ANSWERS:
-            self.drop(f"it does not read the answers to its commands; {_MOST_ANSWERS} wait")
+        if sum(key[2] > 0 for key in self._waiting) >= _MAX_ANSWERS:
+            self.drop(f"it does not read the answers to its commands; {_MAX_ANSWERS} wait")
             return
         self.put(("", "", self._answers), data)
 
@@ -110,17 +124,21 @@ class Peer(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Take bytes; whatever is no message ends the connection."""
+        complete = False
         try:
             for header, body in self._framer.feed(data):
+                complete = True
                 self._on_message(self, igtl.decode(header, body))
                 if not self._open:
                     return
         except DeviceError as problem:
             self._refuse(str(problem))
             return
-        _cancel(self._receiving)
-        self._receiving = None
-        if self._open and self._framer.incomplete:
+        # From the first byte of a message to its last: more bytes of the same one give no more time.
+        if complete:
+            _cancel(self._receiving)
+            self._receiving = None
+        if self._open and self._framer.incomplete and self._receiving is None:
             self._receiving = asyncio.get_running_loop().call_later(
                 SLOW_S, self.drop, f"its message was not complete within {SLOW_S:g} s"
             )

@@ -7,11 +7,12 @@ import errno
 import os
 import socket
 import time
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping
 from typing import Literal
 
 from markerseek.bridges.igtl.commands import CommandAnswer, Request, answer_message, is_command, read_request
-from markerseek.bridges.igtl.peer import Peer
+from markerseek.bridges.igtl.peer import LOOPBACK, IPAddress, Peer, plain_address
 from markerseek.bridges.igtl.streams import Stream
 from markerseek.core import ConfigError
 from markerseek.wire import igtl
@@ -19,7 +20,11 @@ from markerseek.wire import igtl
 PORT = 18945
 """Usual port; PLUS has 18944."""
 
-MOST_CLIENTS = 16
+MAX_CLIENTS = 64
+"""Most connections. One more ends that which has been silent longest, of the address that holds most of them."""
+
+_ACCEPTED_AT_ONCE = 8
+"""Connections that are accepted between two readings of all: what a client sends is read before 64 others have come."""
 
 
 class IgtlServer:
@@ -29,49 +34,58 @@ class IgtlServer:
     waits. Metadata hold a ``sequence`` number of each stream, which rises by one, so that a client can count what it
     lost.
 
-    Parameters
-    ----------
-    on_request
-        Carries out a command and answers, at once.
-    version
-        Version of the header: with 1, for old clients, there are no metadata.
-    on_note
-        Receives a sentence when a client comes, goes, or is refused.
+    ``on_request``: carries out a command and answers, at once. ``allowed``: addresses of the other computers that may
+    connect. ``version``: version of the header: with 1, for old clients, there are no metadata. ``on_note``: receives a
+    sentence when a client comes, goes, or is refused.
     """
 
     def __init__(
         self,
         *,
         on_request: Callable[[Request], CommandAnswer],
+        allowed: Collection[IPAddress] = (),
         version: Literal[1, 2] = 2,
         on_note: Callable[[str], None] = lambda _sentence: None,
     ) -> None:
         self._on_request, self._version, self._on_note = on_request, version, on_note
-        self._peers: set[Peer] = set()
+        self._allowed = frozenset(allowed)
+        # In the order in which they were last heard.
+        self._peers: dict[Peer, None] = {}
         self._newest: dict[tuple[str, str], bytes] = {}
         self._sequences: dict[tuple[str, str], int] = {}
         self._server: asyncio.Server | None = None
 
     async def open(self, host: str, port: int) -> int:
-        """Listen, and return the port, which port 0 leaves to the operating system.
-
-        Raises
-        ------
-        ConfigError
-            If the port is taken or the address is none of this computer.
-        """
+        """Listen, and return the port, which port 0 leaves to the operating system."""
         loop = asyncio.get_running_loop()
         try:
-            self._server = await loop.create_server(self._peer, host, port)
+            listening = self._listening(host, port)
+            self._server = await loop.create_server(self._peer, sock=listening, backlog=_ACCEPTED_AT_ONCE)
+            # asyncio has one number for both. With so short a queue of the system, clients would wait a second for it.
+            listening.listen(socket.SOMAXCONN)
         except OSError as problem:
             if problem.errno == errno.EADDRINUSE:
                 raise ConfigError(
                     f"port {port} of {host} is taken by another program; end that one, or name another --port"
                 ) from problem
-            # asyncio's own text is a paragraph; the number of a name that is not known is none of the system's errors.
+            # The number of a name that is not known is none of the system's errors.
             why = problem.strerror if isinstance(problem, socket.gaierror) else os.strerror(problem.errno or 0)
             raise ConfigError(f"{host}, port {port}: {why}; name another") from problem
-        return int(self._server.sockets[0].getsockname()[1])
+        return int(listening.getsockname()[1])
+
+    def _listening(self, host: str, port: int) -> socket.socket:
+        """A socket at an address, which is judged as the system reads it: "0", "127.1" and a name are addresses too."""
+        try:
+            # A name can have several: IPv4 first, which clients expect.
+            family, _, _, _, place = min(socket.getaddrinfo(host, port, type=socket.SOCK_STREAM))
+        except UnicodeError:
+            raise OSError(errno.EINVAL, "no address") from None
+        if plain_address(str(place[0])) != LOOPBACK and not self._allowed:
+            raise ConfigError(
+                f"--host {host} is {place[0]}, which other computers reach, and OpenIGTLink has no passwords; name "
+                "each computer that may connect with --allow ADDRESS"
+            )
+        return socket.create_server(place, family=family)
 
     async def close(self) -> None:
         """End all connections."""
@@ -85,12 +99,8 @@ class IgtlServer:
     def publish(self, stream: Stream, *, metadata: Mapping[str, str]) -> None:
         """Send a message to all clients.
 
-        Parameters
-        ----------
-        stream
-            Its device and content.
-        metadata
-            Sent with it, beside the sequence number.
+        ``stream``: its device, content and time. ``metadata``: sent with it, beside the sequence number and those of
+        the stream.
         """
         key = stream.content.kind, stream.device
         self._sequences[key] = self._sequences.get(key, 0) + 1
@@ -98,8 +108,9 @@ class IgtlServer:
             igtl.Message(
                 device=stream.device,
                 content=stream.content,
-                time_s=time.time(),  # noqa: TID251  the time of day is part of the protocol
-                metadata={"sequence": str(self._sequences[key]), **metadata},
+                # The time of day is part of the protocol.
+                time_s=time.time() if stream.time_s is None else stream.time_s,  # noqa: TID251
+                metadata={"sequence": str(self._sequences[key]), **metadata, **stream.metadata},
                 version=self._version,
             )
         )
@@ -107,35 +118,41 @@ class IgtlServer:
         for peer in tuple(self._peers):
             peer.put((*key, 0), data)
 
-    def forget(self, *devices: str) -> None:
-        """Send the streams of these devices to new clients no more, until they are published again."""
-        for key in [key for key in self._newest if key[1] in devices]:
-            del self._newest[key]
-
     def _peer(self) -> Peer:
         return Peer(on_open=self._opened, on_message=self._received, on_close=self._closed)
 
     def _opened(self, peer: Peer) -> None:
-        if len(self._peers) >= MOST_CLIENTS:
-            self._on_note(f"{peer.name}: refused, {MOST_CLIENTS} clients are served already")
-            peer.drop(f"{MOST_CLIENTS} clients are served already")
+        if peer.address != LOOPBACK and peer.address not in self._allowed:
+            self._on_note(f"{peer.name}: refused, --allow does not name it")
+            peer.drop("--allow does not name it")
             return
-        self._peers.add(peer)
+        if len(self._peers) >= MAX_CLIENTS:
+            self._make_room()
+        self._peers[peer] = None
         self._on_note(f"{peer.name}: connected")
         for key, data in self._newest.items():
             peer.put((*key, 0), data)
 
+    def _make_room(self) -> None:
+        """End the longest silent connection of the busiest address, so that one computer cannot crowd out others."""
+        held = Counter(peer.address for peer in self._peers)
+        silent = next(peer for peer in self._peers if held[peer.address] == max(held.values()))
+        self._closed(silent, f"it was silent longest of {MAX_CLIENTS} clients when one more came")
+        silent.drop("")
+
     def _closed(self, peer: Peer, reason: str) -> None:
         if peer in self._peers:
-            self._peers.remove(peer)
+            del self._peers[peer]
             self._on_note(f"{peer.name}: gone: {reason}")
 
     def _received(self, peer: Peer, message: igtl.Message) -> None:
+        del self._peers[peer]
+        self._peers[peer] = None
         if not is_command(message):
             # Slicer and PLUS also send what nobody asked for.
             return
         try:
-            request = read_request(message)
+            request = read_request(message, client=peer.name)
             answer = self._on_request(request)
         except ConfigError as refusal:
             answer = CommandAnswer(done=False, sentence=str(refusal))

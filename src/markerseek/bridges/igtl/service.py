@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterable, Iterator
+from collections.abc import AsyncIterator, Callable, Collection, Iterable, Iterator
 from typing import Literal, TypeVar
 
 from markerseek.bridges.child import ChildRun
 from markerseek.bridges.igtl.commands import CommandAnswer, Request, search_request
+from markerseek.bridges.igtl.peer import IPAddress
 from markerseek.bridges.igtl.server import IgtlServer
-from markerseek.bridges.igtl.streams import MARKER, MARKER_POSITION, Stream, Streams
+from markerseek.bridges.igtl.streams import Stream, Streams
 from markerseek.bridges.recordings import Recording
 from markerseek.bridges.searches import Searches
 from markerseek.core import ConfigError, RecordError, SearchError
@@ -19,25 +20,15 @@ from markerseek.runs import KnownRegistration
 ALIVE_S = 1.0
 """Time from one sign of life to the next, in seconds."""
 
-_MOST_ITEMS = 64
+_MAX_ITEMS = 64
 """Most items of a search's stream that wait to be sent; a frame has half a megabyte."""
 
 
 class SearchService:
     """The server, and one search at a time.
 
-    Parameters
-    ----------
-    searches
-        Starts them; None where a recording is played, and no search can be asked for.
-    recording
-        Name of the recording.
-    registration
-        Of the da Vinci system to the probe, to be shown.
-    version
-        As of `IgtlServer`.
-    on_note
-        Receives sentences for the terminal.
+    ``searches``: None where a recording is played, and no search can be asked for. ``registration``: of the da Vinci
+    system to the probe, to be shown. ``on_note``: receives sentences for the terminal.
     """
 
     def __init__(
@@ -47,11 +38,12 @@ class SearchService:
         recording: str | None = None,
         registration: KnownRegistration | None = None,
         version: Literal[1, 2] = 2,
+        allowed: Collection[IPAddress] = (),
         on_note: Callable[[str], None],
     ) -> None:
         self._searches, self._on_note = searches, on_note
         self._streams = Streams(recording=recording, registration=registration)
-        self.server = IgtlServer(on_request=self._requested, version=version, on_note=on_note)
+        self.server = IgtlServer(on_request=self._requested, allowed=allowed, version=version, on_note=on_note)
         self._following: asyncio.Task[None] | None = None
         self._alive: asyncio.Task[None] | None = None
         self._publish(self._streams.idle())
@@ -98,7 +90,7 @@ class SearchService:
         if self._following is not None and not self._following.done():
             return CommandAnswer(done=False, sentence="a search is running; send StopSearch, or wait for its end")
         try:
-            child = self._searches.start(wanted)
+            child = self._searches.start(wanted, asked_by=f"an OpenIGTLink client, {request.client}")
         except SearchError as refusal:
             return CommandAnswer(done=False, sentence=str(refusal))
         self._begin()
@@ -108,17 +100,7 @@ class SearchService:
     async def play(self, recording: Recording, *, pace: float) -> None:
         """Send a recording once, with its own timing.
 
-        Parameters
-        ----------
-        recording
-            What to play.
-        pace
-            Real seconds per second of the recording; 0 as fast as images can be made.
-
-        Raises
-        ------
-        RecordError, AcquisitionError
-            If a frame cannot be read.
+        ``pace``: real seconds per second of the recording; 0 as fast as images can be made.
         """
         loop = asyncio.get_running_loop()
         self._begin()
@@ -129,8 +111,6 @@ class SearchService:
         self._publish(self._streams.ended(recording.outcome))
 
     def _begin(self) -> None:
-        # An empty POINT would say that there is no marker, but the library before OpenIGTLink 3 takes it for damaged.
-        self.server.forget(MARKER, MARKER_POSITION)
         self._publish(self._streams.started())
 
     def _stop(self, request: Request) -> CommandAnswer:
@@ -142,7 +122,7 @@ class SearchService:
 
     async def _follow(self, child: ChildRun) -> None:
         """Send what a search shows, to its end."""
-        items: asyncio.Queue[StreamItem | None] = asyncio.Queue(_MOST_ITEMS)
+        items: asyncio.Queue[StreamItem | None] = asyncio.Queue(_MAX_ITEMS)
         reading = asyncio.create_task(self._read(child, items))
         try:
             while (item := await items.get()) is not None:

@@ -1,13 +1,18 @@
 """What a search, or a recording, shows on OpenIGTLink: pure, contents of messages made from its events.
 
-TRANSFORM ``ProbeToProbeHome`` and ``DaVinciToTrus``, IMAGE ``PA_Reference`` and ``BMode_Reference``, POINT
+TRANSFORM ``ProbeToProbeHome`` and ``DaVinciToProbeHome``, IMAGE ``PA_ProbeHome`` and ``BMode_ProbeHome``, POINT
 ``PaMarker`` and POSITION ``PaMarkerToProbeHome``, STRING ``SearchState``, STATUS ``PaSearch``. Lengths are in
-millimetres. Reference and Trus are ProbeHome, the frame of the probe at 0 degrees.
+millimetres; ProbeHome is the frame of the probe at 0 degrees.
+
+Whoever connects has a TRANSFORM and a marker at once, which say that they hold for nothing until a search has them: the
+TRANSFORM and the POSITION by the metadata ``TransformStatus``, as PLUS does, the marker by its content.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from datetime import datetime
 from typing import Any
 
 import msgspec
@@ -22,6 +27,7 @@ from markerseek.core import (
     Failed,
     Finished,
     Measured,
+    NotFound,
     Refused,
     RFFrame,
     Sample,
@@ -38,27 +44,24 @@ from markerseek.runs import KnownRegistration, rebuild_image_reader
 from markerseek.signals import AnyImageReader
 from markerseek.wire import igtl
 
-MARKER, MARKER_POSITION = "PaMarker", "PaMarkerToProbeHome"
-"""Streams that tell of the last search only."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stream:
-    """A message of a stream: its device, which names it, and its content."""
+    """A message of a stream: its device, which names it, its content, and the metadata of this stream alone.
+
+    ``time_s`` is when that was so, in seconds since 1970: None is now, and 0 where a recording does not say.
+    """
 
     device: str
     content: igtl.Content
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    time_s: float | None = None
 
 
 class Streams:
     """Follows the searches of one bridge.
 
-    Parameters
-    ----------
-    recording
-        Name of the recording that is played; None where searches run.
-    registration
-        Of the da Vinci system to the probe; None where none is known.
+    ``recording``: None where searches run. ``registration``: of the da Vinci system to the probe.
     """
 
     def __init__(self, *, recording: str | None = None, registration: KnownRegistration | None = None) -> None:
@@ -91,23 +94,23 @@ class Streams:
         return Stream(device="PaSearch", content=content)
 
     def idle(self) -> list[Stream]:
-        """Before the first search."""
-        return [self.status, self._said(), *self._registered()]
+        """Before the first search; no angle is known, and TRANSFORM says so."""
+        return [self.status, self._said(), _transform(0.0, known=False), *_marker(None), *self._registered()]
 
     def _registered(self) -> list[Stream]:
         if self._registration is None:
             return []
         matrix = self._registration.davinci_to_trus.matrix
         matrix[:3, 3] *= 1e3
-        return [Stream(device="DaVinciToTrus", content=igtl.Transform(matrix=matrix))]
+        return [Stream(device="DaVinciToProbeHome", content=igtl.Transform(matrix=matrix))]
 
     def started(self) -> list[Stream]:
-        """A search, or a recording, begins."""
+        """A search, or a recording, begins: the marker of the one before is withdrawn."""
         playing = self._recording is not None
         self._begin({"state": "playing" if playing else "running"})
         self._code, self._name = igtl.BUSY, "PLAYING" if playing else "SEARCHING"
         self._sentence = f"plays {self._recording}" if playing else "the search begins"
-        return [self.status, self._said()]
+        return [*_marker(None), self.status, self._said()]
 
     def after(self, item: StreamItem) -> list[Stream]:
         """What changes with one item of a search's stream."""
@@ -127,9 +130,22 @@ class Streams:
             case StreamEvent():
                 self._state["lost_lines"] += item.lost_lines
                 self._state["lost_frames"] += item.lost_frames
-                return [*self._after_event(item), self._said()]
+                streams = [*self._after_event(item), self._said()]
+                # One time for all: an image belongs to the transform of its acquisition.
+                return [replace(each, time_s=self._time_s(item)) for each in streams]
             case StreamEnd():
                 return []
+
+    def _time_s(self, item: StreamEvent) -> float:
+        """When an event was, in seconds since 1970: of an acquisition its first moment, not that of its message."""
+        written_s = _written_s(item.written)
+        # A simulated clock runs ahead of the time of day.
+        if not isinstance(item.event, Measured) or self._state.get("rig") != "bench":
+            return written_s
+        frame = item.event.sample.frame
+        header = frame.header if frame is not None else item.header
+        since_s = 0.0 if header is None else item.clock_s - header.started_s
+        return written_s - since_s if 0 <= since_s <= written_s else written_s
 
     def _after_event(self, item: StreamEvent) -> list[Stream]:
         event = item.event
@@ -149,6 +165,10 @@ class Streams:
                 self._state["reason"] = reason
             case Finished(estimate=estimate):
                 self._state |= {"answer": answer_name(estimate), "answer_deg": estimate.mean_deg}
+                if not isinstance(estimate, NotFound):
+                    interval = estimate.interval95_deg
+                    ends_deg = None if interval is None else (interval.low_deg, interval.high_deg)
+                    self._state |= {"answer_sigma_deg": estimate.sigma_deg, "answer_interval95_deg": ends_deg}
             case Failed(error=error):
                 self._state["reason"] = str(error)
             case Interrupted(reason=reason):
@@ -159,13 +179,13 @@ class Streams:
 
     def _turned(self, angle_deg: float) -> Stream:
         self._state["angle_deg"] = angle_deg
-        return Stream(device="ProbeToProbeHome", content=igtl.Transform(matrix=probe_to_probe_home(angle_deg)))
+        return _transform(angle_deg, known=True)
 
     def _pictured(self, sample: Sample) -> list[Stream]:
         """The images of an acquisition at their place: a photoacoustic one in shades of decibels, B-mode as it is."""
         frame, angle_deg = sample.frame, sample.angle_deg
         b_mode: BModeImage | None = frame if isinstance(frame, BModeImage) else getattr(frame, "b_mode", None)
-        sent = [] if b_mode is None else self._placed("BMode_Reference", b_mode.pixels, b_mode.geometry, angle_deg)
+        sent = [] if b_mode is None else self._placed("BMode_ProbeHome", b_mode.pixels, b_mode.geometry, angle_deg)
         if self._imaging is None or self._face_radius_m is None or not isinstance(frame, ChannelFrame | RFFrame):
             return sent
         try:
@@ -175,7 +195,7 @@ class Streams:
             return sent
         self._brightest = max(self._brightest, float(image.envelope.max()))
         shades = messages.grey(image.envelope, brightest=self._brightest)
-        return [*sent, *self._placed("PA_Reference", shades, image.geometry, angle_deg)]
+        return [*sent, *self._placed("PA_ProbeHome", shades, image.geometry, angle_deg)]
 
     def _placed(
         self, device: str, pixels: UInt8[np.ndarray, "rows columns"], geometry: ScanGeometry, angle_deg: float
@@ -202,32 +222,63 @@ class Streams:
         # 500 acquisitions would not fit into a STRING; they were sent one by one.
         self._state["result"] = {key: value for key, value in answer.items() if key != "samples"} or None
         self._code, self._name = _STATUS.get(outcome.exit_code, (igtl.UNKNOWN_ERROR, "FAULT"))
+        published = bool(answer.get("as_published"))
+        if outcome.answered and "answer" in answer:
+            # The answer's own name: a marker that is unsure, ambiguous or at a bound may well be there.
+            name = "no claim" if published else str(answer["answer"])
+            self._code, self._name = igtl.OK, name.upper().replace(" ", "_")
         self._sentence = outcome.message
-        place = answer.get("marker_trus_m")
-        marker = [] if place is None else self._marked(tuple(1e3 * each for each in place))
-        return [self.status, *marker, self._said()]
-
-    def _marked(self, position_mm: tuple[float, ...]) -> list[Stream]:
-        x, y, z = position_mm
-        # POINT for people, who see it named; POSITION for controllers, which need no list.
+        # A place that is known roughly is not for one who aims at it.
+        place = answer.get("marker_trus_m") if answer.get("found") and not published else None
+        if place is None:
+            return [self.status, self._said()]
+        x, y, z = (1e3 * each for each in place)
         point = igtl.Point(name="PaMarker", group=str(self._state.get("rig", "")), position_mm=(x, y, z))
-        return [
-            Stream(device=MARKER, content=igtl.Points(points=(point,))),
-            Stream(device=MARKER_POSITION, content=igtl.Position(position_mm=(x, y, z))),
-        ]
+        return [self.status, *_marker(point), self._said()]
 
     def _said(self) -> Stream:
         text = msgspec.json.encode(self._state)
-        if len(text) > igtl.MOST_TEXT_BYTES:
+        if len(text) > igtl.MAX_TEXT_BYTES:
             text = msgspec.json.encode(self._state | {"result": None, "reason": "too long for a STRING"})
         return Stream(device="SearchState", content=igtl.Text(text=text.decode()))
 
 
+def _transform(angle_deg: float, *, known: bool) -> Stream:
+    content = igtl.Transform(matrix=probe_to_probe_home(angle_deg))
+    return Stream(device="ProbeToProbeHome", content=content, metadata=_status(known=known))
+
+
+def _marker(point: igtl.Point | None) -> list[Stream]:
+    """The marker; None withdraws what clients have."""
+    place_mm = None if point is None else point.position_mm
+    # POINT for people, who see it named; POSITION for controllers, which need no list.
+    return [
+        Stream(device="PaMarker", content=igtl.Points(points=() if point is None else (point,))),
+        Stream(
+            device="PaMarkerToProbeHome",
+            content=igtl.Position(position_mm=place_mm),
+            metadata=_status(known=point is not None),
+        ),
+    ]
+
+
+def _status(*, known: bool) -> dict[str, str]:
+    """What PLUS and 3D Slicer call the status of a transform."""
+    return {"TransformStatus": "OK" if known else "INVALID"}
+
+
+def _written_s(text: str) -> float:
+    """Seconds since 1970; 0 where a recording has no time, or none that can be sent."""
+    try:
+        time_s = datetime.fromisoformat(text).timestamp()
+    except (ValueError, OverflowError, OSError):
+        return 0.0
+    return time_s if 0 <= time_s < 2**32 else 0.0
+
+
 _STATUS = {
-    0: (igtl.OK, "FOUND"),
-    3: (igtl.OK, "NOT_FOUND"),
     4: (igtl.NOT_READY, "NOT_ARMED"),
     130: (igtl.OK, "STOPPED"),
     143: (igtl.OK, "STOPPED"),
 }
-"""Code and name of a STATUS by the exit code of a search; any other is a fault."""
+"""Code and name of a STATUS by the exit code of a search without an answer; any other is a fault."""

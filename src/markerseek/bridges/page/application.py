@@ -14,35 +14,37 @@ from nicegui import Client, ui
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.race_page import build_race_page
 from markerseek.bridges.page.replay_page import ReplayPage
+from markerseek.bridges.page.run_history import warm_up
 from markerseek.bridges.page.search_page import build_search_page
 from markerseek.bridges.page.security import App
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.turn_page import build_turn_page
-from markerseek.bridges.page.watched import warm_up
 from markerseek.core import ConfigError
 
 WATCH_S = 0.5
-"""Time between two looks whether anybody watches, in seconds."""
+"""Time between two looks whether anybody watches, and whether the page hears STOP, in seconds."""
+
+HUNG_S = 4.0
+"""Time in which the event loop has not turned after which a search is stopped, in seconds (decision 44)."""
 
 
 def page_application(searches: PageSearches, *, unwatched_s: float) -> App:
     """The application with all pages.
 
-    Parameters
-    ----------
-    searches
-        What all viewers share.
-    unwatched_s
-        Time without any viewer after which a search is stopped, in seconds.
+    ``unwatched_s``: time without any viewer after which a search is stopped.
     """
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         # No thread of the event loop, which would wait for it at its end.
         threading.Thread(target=warm_up, name="warm up", daemon=True).start()
+        over = threading.Event()
+        watched = (searches, asyncio.get_running_loop(), over)
+        threading.Thread(target=_stop_when_hung, args=watched, name="stop when hung", daemon=True).start()
         watching = asyncio.create_task(_stop_unwatched(searches, unwatched_s))
         yield
         watching.cancel()
+        over.set()
         # Before the server hands its signal on, which may end the process at once.
         await asyncio.to_thread(searches.close)
 
@@ -103,4 +105,13 @@ async def _stop_unwatched(searches: PageSearches, unwatched_s: float) -> None:
         if any(client.has_socket_connection for client in Client.instances.values()) or not searches.busy:
             watched_s = time.monotonic()
         elif time.monotonic() - watched_s > unwatched_s:
+            searches.stop()
+
+
+def _stop_when_hung(searches: PageSearches, loop: asyncio.AbstractEventLoop, over: threading.Event) -> None:
+    """Stop searches while the event loop, which hears STOP, hangs; where all hangs, their heartbeat ends."""
+    while not over.wait(WATCH_S):
+        turned = threading.Event()
+        loop.call_soon_threadsafe(turned.set)
+        if not turned.wait(HUNG_S):
             searches.stop()

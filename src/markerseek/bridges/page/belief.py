@@ -22,7 +22,6 @@ from markerseek.core import (
     NotFound,
     Sample,
     SearchPlan,
-    Unsure,
 )
 from markerseek.records import answer_name
 from markerseek.search import THRESHOLD, BracketSearch, build, policy_for
@@ -36,33 +35,24 @@ _NONE: Float64[np.ndarray, " 0"] = np.empty(0)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ShownBelief:
-    """Where the marker is, as far as a search knows.
-
-    Attributes
-    ----------
-    estimate
-        The answer that the search would give now.
-    claims
-        Whether the method claims anything; the paper's form always answers, and claims nothing.
-    angles_deg, density_per_deg
-        Angles in degrees, ascending, and the probability density of the marker there; empty for a method without one.
-    bracket_deg
-        Both ends of the part of the range that is left; None for a method without a bracket.
-    weights
-        Weight of each sample in a weighted average, 0 to 1; empty for other methods.
-    choice_deg, choice_sigma_deg
-        Angles in degrees that were weighed up for the next acquisition, and the standard deviation expected after one
-        there; empty for a method that does not weigh them up.
-    """
+    """Where the marker is, as far as a search knows."""
 
     estimate: Estimate
+    """The answer that the search would give now."""
     claims: bool = True
+    """Whether the method claims anything; the paper's form always answers, and claims nothing."""
     angles_deg: Float64[np.ndarray, " angles"] = field(default_factory=lambda: _NONE)
     density_per_deg: Float64[np.ndarray, " angles"] = field(default_factory=lambda: _NONE)
+    """``angles_deg`` and ``density_per_deg``: angles, ascending, and the probability density of the marker there; empty
+    for a method without one."""
     bracket_deg: tuple[float, float] | None = None
+    """Both ends of the part of the range that is left; None for a method without a bracket."""
     weights: tuple[float, ...] = ()
+    """Weight of each sample in a weighted average, 0 to 1; empty for other methods."""
     choice_deg: Float64[np.ndarray, " candidates"] = field(default_factory=lambda: _NONE)
     choice_sigma_deg: Float64[np.ndarray, " candidates"] = field(default_factory=lambda: _NONE)
+    """``choice_deg`` and ``choice_sigma_deg``: angles in degrees that were weighed up for the next acquisition, and the
+    standard deviation expected after one there; empty for a method that does not weigh them up."""
 
     @property
     def answer(self) -> str:
@@ -77,14 +67,13 @@ class ShownBelief:
     @property
     def sigma_deg(self) -> float | None:
         """Standard deviation in degrees; None where the answer has none."""
-        return self.estimate.sigma_deg if self.claims and isinstance(self.estimate, Found | Unsure) else None
+        return None if not self.claims or isinstance(self.estimate, NotFound) else self.estimate.sigma_deg
 
     @property
     def interval95_deg(self) -> tuple[float, float] | None:
         """95 % interval in degrees; None where the answer has none."""
-        if not (self.claims and isinstance(self.estimate, Found | Unsure)):
-            return None
-        return self.estimate.interval95_deg.low_deg, self.estimate.interval95_deg.high_deg
+        interval = None if not self.claims or isinstance(self.estimate, NotFound) else self.estimate.interval95_deg
+        return None if interval is None else (interval.low_deg, interval.high_deg)
 
 
 def angles_text(estimate: Estimate) -> str:
@@ -97,7 +86,7 @@ def angles_text(estimate: Estimate) -> str:
 
 
 def is_claimed(answer: Mapping[str, Any]) -> bool:
-    """Whether a search claims its angle; the paper's form of a method always answers, and claims nothing."""
+    """Whether a search claims its angle; the paper's form of a method answers always and claims nothing."""
     return bool(answer["answer"] == "found" and not answer["as_published"])
 
 
@@ -109,15 +98,7 @@ def answer_in_words(answer: Mapping[str, Any]) -> str:
 
 
 class PolicyMirror:
-    """A policy that is told what the policy of a running search is told.
-
-    Parameters
-    ----------
-    plan
-        Plan of the search.
-    limits
-        Range that it searches.
-    """
+    """A policy that is told what the policy of a running search is told."""
 
     def __init__(self, plan: SearchPlan, *, limits: Interval) -> None:
         self._policy = policy_for(plan, limits=limits)
@@ -184,7 +165,7 @@ def _posterior_belief(policy: Posterior, estimate: Estimate) -> ShownBelief:
 def _thinned(
     angles_deg: Float64[np.ndarray, " angles"], density_per_deg: Float64[np.ndarray, " angles"]
 ) -> tuple[Float64[np.ndarray, " kept"], Float64[np.ndarray, " kept"]]:
-    """The density without most angles where it vanishes; most of a sharp posterior is nothing."""
+    """The density without most of the angles where it is zero: a sharp posterior is zero almost everywhere."""
     seen = density_per_deg > 1e-4 * density_per_deg.max()
     # Zeros for some way beside what is seen: a chart leaves out points that are nearer than a pixel, and a line from
     # the last one that is not zero to the end of the range would look like probability.

@@ -8,7 +8,7 @@ from typing import Any
 
 from nicegui import ui
 
-from markerseek.bridges.page.frame import Frame
+from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.settings import REAL_TIME_READOUT_S, SONIXDAQ_READOUT_S, PageSettings
 from markerseek.core import ConfigError
 from markerseek.search import METHODS
@@ -20,7 +20,7 @@ PACES = {1.0: "real time", 0.2: "5 × faster", 0.05: "20 × faster", 0.01: "100 
 READOUTS = {SONIXDAQ_READOUT_S: "SonixDAQ, 10 s", REAL_TIME_READOUT_S: "streams, 0.1 s"}
 """Receivers that can be chosen, by the time in seconds to read one acquisition."""
 
-METHOD_FIELDS = ("method", "acquisitions", "as_published")
+METHOD_FIELDS = ("method", "acquisitions", "tolerance_mm", "as_published")
 """Settings of any search."""
 
 RIG_FIELDS = ("tissue", "snr_db", "seed", "readout_s", "pace")
@@ -30,14 +30,7 @@ RIG_FIELDS = ("tissue", "snr_db", "seed", "readout_s", "pace")
 class SettingsRow:
     """Fields for the settings of one search.
 
-    Parameters
-    ----------
-    settings
-        The settings at first.
-    names
-        Which of them can be chosen.
-    on_change
-        Called with the settings after each change that can be used.
+    ``on_change``: called with the settings after each change that can be used.
     """
 
     def __init__(
@@ -50,27 +43,22 @@ class SettingsRow:
         self._values = asdict(settings)
         self._on_change = on_change
         made: dict[str, Callable[[], object]] = {
-            "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 176),
-            "acquisitions": lambda: self._number("acquisitions", "acquisitions", 88),
+            "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 164),
+            "acquisitions": lambda: self._number("acquisitions", "acquisitions", 84),
+            "tolerance_mm": lambda: self._number("tolerance_mm", "± [mm]", 64),
             "as_published": self._as_published,
-            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 158),
-            "snr_db": lambda: self._number("snr_db", "SNR [dB]", 72),
-            "seed": lambda: self._number("seed", "seed", 66),
-            "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 142),
-            "pace": lambda: self._select("pace", PACES, "speed", 148),
+            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 132),
+            "snr_db": lambda: self._number("snr_db", "SNR [dB]", 66),
+            "seed": lambda: self._number("seed", "seed", 56),
+            "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 122),
+            "pace": lambda: self._select("pace", PACES, "speed", 122),
         }
         for name in names:
             made[name]()
 
     @property
     def settings(self) -> PageSettings:
-        """What the fields show.
-
-        Raises
-        ------
-        ConfigError
-            If a search with them would be refused.
-        """
+        """What the fields show."""
         return PageSettings(**self._values)
 
     def _as_published(self) -> None:
@@ -105,17 +93,9 @@ class SettingsRow:
 
 
 class SearchControls:
-    """Settings and commands of the search page.
+    """Settings and commands of the search page."""
 
-    Parameters
-    ----------
-    frame
-        The page.
-    settings
-        The settings at first, from the link.
-    """
-
-    def __init__(self, frame: Frame, settings: PageSettings) -> None:
+    def __init__(self, frame: PageShell, settings: PageSettings) -> None:
         self._searches = frame.searches
         with ui.element("div").classes("ms-controls"):
             names = METHOD_FIELDS + (RIG_FIELDS if self._searches.rig.simulated else ())
@@ -124,7 +104,7 @@ class SearchControls:
             self._pause = ui.button("Pause", icon="pause").props("dense outline padding='6px 10px'").mark("pause")
             # As wide as its longer text, so that the row stays one.
             self._pause.style("min-width: 100px")
-        frame.on_click(self._start, lambda: self._searches.start(self._row.settings))
+        frame.on_click(self._start, lambda: self._searches.start(self._row.settings, asked_by=frame.viewer))
         frame.on_click(self._pause, self._pause_or_go_on)
 
     def update(self) -> None:
@@ -163,4 +143,8 @@ def _pace_text(pace: float) -> str:
 
 def _setting_of(name: str, value: float | None) -> float | int | None:
     """The setting of a field with a number; a whole one where the setting is a count."""
-    return int(value) if value is not None and name != "snr_db" and float(value).is_integer() else value
+    return (
+        int(value)
+        if value is not None and name not in ("snr_db", "tolerance_mm") and float(value).is_integer()
+        else value
+    )

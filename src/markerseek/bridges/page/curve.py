@@ -16,14 +16,7 @@ BLUE, SKY, ORANGE, GREEN, GREY = "#2a88c8", "#56b4e9", "#d55e00", "#009e73", "#8
 def curve_options(snapshot: Snapshot, limits: Interval, *, known: tuple[str, float] | None) -> dict[str, Any]:
     """Options of the chart: intensity and probability density over the angle.
 
-    Parameters
-    ----------
-    snapshot
-        The state to show.
-    limits
-        Range of the search.
-    known
-        Name and angle in degrees of the true or reference angle; None hides it.
+    ``known``: name and angle in degrees of the true or reference angle; None hides it.
     """
     belief = snapshot.belief
     return {

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
-from markerseek.bridges.page.belief import angles_text
+from markerseek.bridges.page.belief import ShownBelief, angles_text
 from markerseek.bridges.page.picture import Picture, drawn_background
 from markerseek.bridges.page.state import Phase, Point, Snapshot
-from markerseek.core import Ambiguous, Interval, NotFound
+from markerseek.core import Ambiguous, Found, Interval, NotFound, Unsure
 
 FACE_SHARE = 0.28
 """Radius of the probe over that of the fan, as drawn."""
@@ -19,16 +20,8 @@ FACE_SHARE = 0.28
 def fan_model(snapshot: Snapshot, search: Interval, *, duration_s: float, known_deg: float | None) -> dict[str, Any]:
     """The fan: limits, density, acquisitions, needle, answer.
 
-    Parameters
-    ----------
-    snapshot
-        The state to show.
-    search
-        Range of the search.
-    duration_s
-        Real time that the present move is expected to take, in seconds.
-    known_deg
-        True or reference angle in degrees where it may be shown; None hides it.
+    ``duration_s``: real time that the present move is expected to take. ``known_deg``: True or reference angle in
+    degrees where it may be shown; None hides it.
     """
     belief = snapshot.belief
     return {
@@ -66,7 +59,7 @@ def probe_text(snapshot: Snapshot) -> str:
 
 
 def mean_deg(snapshot: Snapshot) -> float | None:
-    """Angle of the marker in degrees as far as one is known; None where nothing is, or nothing was detected."""
+    """Angle of the marker in degrees; None while it is unknown, or if nothing was detected."""
     belief = snapshot.belief
     return None if belief is None or isinstance(belief.estimate, NotFound) else belief.estimate.mean_deg
 
@@ -95,7 +88,7 @@ def _fan_points(snapshot: Snapshot) -> list[dict[str, Any]]:
 
 
 def mark(point: Point, snapshot: Snapshot) -> str:
-    """Number of an acquisition; of a confirmation a tick once it has confirmed a marker, and nothing before."""
+    """Number of an acquisition; for a confirmation a tick if it has confirmed a marker, else empty."""
     if point.role != "confirmation":
         return str(point.number)
     found = snapshot.phase == "finished" and snapshot.belief is not None and snapshot.belief.is_found
@@ -128,14 +121,8 @@ def background_model(picture: Picture | None, *, simulated: bool) -> tuple[dict[
 def number_rows(snapshot: Snapshot, *, name: str, pulse_j: float | None) -> list[tuple[str, str]]:
     """Names and formatted values, besides the angle.
 
-    Parameters
-    ----------
-    snapshot
-        The state to show.
-    name
-        What is run, as `WatchedRun.name`.
-    pulse_j
-        Energy of one pulse in joules where the rig file names it; None elsewhere.
+    ``name``: what is run, as `RunHistory.name`. ``pulse_j``: energy of one pulse in joules where the rig file names it;
+    None elsewhere.
     """
     belief = snapshot.belief
     virtual = " (virtual)" if snapshot.rig == "simulated" else ""
@@ -154,6 +141,10 @@ def number_rows(snapshot: Snapshot, *, name: str, pulse_j: float | None) -> list
         rows.append(("other sources", ", ".join(others[:2]) or none))
         surveyed = belief.estimate.surveyed
         rows.append(("surveyed", "–" if surveyed is None else f"{100 * surveyed:.1f} % of range"))
+        if isinstance(belief.estimate, Found | Unsure) and belief.estimate.other_probability:
+            rows.append(("wrong source", f"{100 * belief.estimate.other_probability:.2g} %"))
+        if belief.interval95_deg is not None:
+            rows.append(("95 % interval", interval_text(belief)))
     expected_deg = _expected_sigma_deg(snapshot)
     if expected_deg is not None:
         rows.append(("expected next", f"± {expected_deg:.3f}°"))
@@ -162,12 +153,21 @@ def number_rows(snapshot: Snapshot, *, name: str, pulse_j: float | None) -> list
     return rows
 
 
+def interval_text(belief: ShownBelief) -> str:
+    """The 95 % interval of an angle, and how far it reaches from it at the marker, where that is known."""
+    low_deg, high_deg = belief.interval95_deg or (math.nan, math.nan)
+    half_width_m = belief.estimate.half_width_m if isinstance(belief.estimate, Found | Unsure) else None
+    at_marker = "" if half_width_m is None else f", ± {1e3 * half_width_m:.2g} mm"
+    return f"{low_deg:.2f}° to {high_deg:.2f}°{at_marker}"
+
+
 def snr_text(snapshot: Snapshot) -> str:
-    """Largest intensity over the noise; of noise alone it would say nothing."""
+    """Largest intensity over the noise, or that it is below the floor."""
     strongest = max((point.intensity for point in snapshot.points), default=0.0)
     if snapshot.snr_db is None:
         return "–"
-    return "below the floor" if strongest <= (snapshot.floor_level or 0.0) else f"{snapshot.snr_db:.1f} dB"
+    floor_level = 0.0 if snapshot.floor_level is None else snapshot.floor_level
+    return "below the floor" if strongest <= floor_level else f"{snapshot.snr_db:.1f} dB"
 
 
 def _expected_sigma_deg(snapshot: Snapshot) -> float | None:

@@ -9,16 +9,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from markerseek.bridges.page.live import Launch, LiveRun
-from markerseek.bridges.page.news import News
+from markerseek.bridges.page.change_signal import ChangeSignal
+from markerseek.bridges.page.child_search import ChildSearch, Launch
+from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.settings import PageSettings
-from markerseek.bridges.page.watched import WatchedRun
 from markerseek.core import Interval, SearchError
 from markerseek.drivers import BenchSettings
 from markerseek.records.journal import default_journal, journals_folder, journals_in, make_folder
 from markerseek.sim import SimulatedSettings
 
-MOST_LISTED = 50
+MAX_LISTED = 50
 """Journals of the data folder that are offered for replay, the newest."""
 
 END_S, DEVICES_END_S = 2.5, 10.0
@@ -27,17 +27,10 @@ END_S, DEVICES_END_S = 2.5, 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageRig:
-    """Rig that the page was started for.
-
-    Attributes
-    ----------
-    file
-        Its rig file; None for the simulated rig with its defaults.
-    settings
-        What is in it.
-    """
+    """Rig that the page was started for."""
 
     file: Path | None = None
+    """None for the simulated rig with its defaults."""
     settings: SimulatedSettings | BenchSettings = field(default_factory=SimulatedSettings)
 
     @property
@@ -54,23 +47,16 @@ class PageRig:
 class PageSearches:
     """The searches of one page.
 
-    Parameters
-    ----------
-    launch
-        Starts a command.
-    rig
-        The rig.
-    named
-        Journals and banks named when the page was started; the browser can choose no other file but journals of the
-        data folder.
+    ``named``: journals and banks named when the page was started; the browser can choose no other file but journals of
+    the data folder.
     """
 
     def __init__(self, launch: Launch, rig: PageRig, named: Sequence[Path] = ()) -> None:
         self.rig = rig
-        self.news = News()
-        self.search: LiveRun | None = None
-        self.race: tuple[LiveRun, ...] = ()
-        self.bank: LiveRun | None = None
+        self.changes = ChangeSignal()
+        self.search: ChildSearch | None = None
+        self.race: tuple[ChildSearch, ...] = ()
+        self.bank: ChildSearch | None = None
         self._launch = launch
         self._named = tuple(named)
         # Held while something starts, so that STOP waits for what it would otherwise miss.
@@ -79,7 +65,7 @@ class PageSearches:
 
     @property
     def searching(self) -> bool:
-        """Whether the search runs; a race or the search of a bank is none."""
+        """Whether the search runs; a race or the search of a bank does not count."""
         return self.search is not None and self.search.status != "ended"
 
     @property
@@ -87,33 +73,23 @@ class PageSearches:
         """Whether anything runs."""
         return any(run.status != "ended" for run in self._runs())
 
-    def _runs(self) -> tuple[LiveRun, ...]:
+    def _runs(self) -> tuple[ChildSearch, ...]:
         return (*self.race, *(each for each in (self.search, self.bank) if each is not None))
 
-    def start(self, settings: PageSettings) -> None:
-        """Start a search.
+    def start(self, settings: PageSettings, *, asked_by: str) -> None:
+        """Start a search, for somebody whom the terminal names where it asks whether to arm.
 
-        Raises
-        ------
-        SearchError
-            If one runs.
-        OSError
-            If the folder of journals cannot be made.
+        Raises `SearchError` if one runs. Raises `OSError` if the folder of journals cannot be made.
         """
         journal = default_journal(method=settings.method)
         make_folder(journal.parent)
         with self._idle():
             arguments = ["search", *self._rig_arguments(), *settings.arguments(simulated=self.rig.simulated)]
-            self.search = self._live([*arguments, "--journal", str(journal)], journal=journal)
+            arguments += ["--journal", str(journal), f"--asked-by={asked_by}"]
+            self.search = self._live(arguments, journal=journal)
 
     def go_on(self) -> None:
-        """Continue the search that was stopped, on a simulated rig.
-
-        Raises
-        ------
-        SearchError
-            If one runs, there is none to continue, or the rig is of devices, which only the terminal can arm again.
-        """
+        """Continue the search that was stopped, on a simulated rig."""
         with self._idle():
             before = self.search
             if before is None or before.journal is None or not self.paused:
@@ -135,13 +111,7 @@ class PageSearches:
         return run.snapshots[-1].phase not in {"finished", "fault"} and last.journal.exists()
 
     def start_race(self, one: PageSettings, other: PageSettings) -> None:
-        """Start two searches on the same simulated rig, side by side; they keep no journal.
-
-        Raises
-        ------
-        SearchError
-            If one runs, or the rig is of devices.
-        """
+        """Start two searches on the same simulated rig, side by side; they keep no journal."""
         with self._idle():
             if not self.rig.simulated:
                 raise SearchError("a race needs two rigs: it is for simulated ones only")
@@ -150,20 +120,10 @@ class PageSearches:
                 for each in (one, other)
             )
 
-    def replay(self, name: str, settings: PageSettings) -> LiveRun:
+    def replay(self, name: str, settings: PageSettings) -> ChildSearch:
         """Search a recorded bank with a method; no device and no journal is involved.
 
-        Parameters
-        ----------
-        name
-            One of `recordings`.
-        settings
-            The method.
-
-        Raises
-        ------
-        SearchError
-            If something runs, or there is no such recording.
+        ``name``: one of `recordings`.
         """
         path = self.recordings().get(name)
         with self._idle():
@@ -197,7 +157,7 @@ class PageSearches:
         folder = journals_folder()
         found = journals_in(folder) if folder.is_dir() else []
         recordings: dict[str, Path] = {}
-        for path in (*self._named, *reversed(found[-MOST_LISTED:])):
+        for path in (*self._named, *reversed(found[-MAX_LISTED:])):
             # Two of one name are told apart by their folders.
             recordings.setdefault(path.name if path.name not in recordings else str(path), path)
         return recordings
@@ -216,6 +176,6 @@ class PageSearches:
             yield
 
     def _live(
-        self, arguments: Sequence[str], *, journal: Path | None = None, before: WatchedRun | None = None
-    ) -> LiveRun:
-        return LiveRun(self._launch, arguments, journal=journal, before=before, on_change=self.news.tell)
+        self, arguments: Sequence[str], *, journal: Path | None = None, before: RunHistory | None = None
+    ) -> ChildSearch:
+        return ChildSearch(self._launch, arguments, journal=journal, before=before, on_change=self.changes.tell)

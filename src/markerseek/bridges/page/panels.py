@@ -16,8 +16,8 @@ from markerseek.bridges.page.models import (
     image_model,
     number_rows,
 )
+from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.state import Snapshot
-from markerseek.bridges.page.watched import WatchedRun
 from markerseek.core import Interval
 
 LOG_LINES = 10
@@ -29,10 +29,7 @@ _NOTHING = Snapshot(rig="simulated")
 class FanPanel:
     """The fan alone, with the angle below it.
 
-    Parameters
-    ----------
-    search
-        Range to show before there is a run.
+    ``search``: range to show before there is a run.
     """
 
     def __init__(self, search: Interval) -> None:
@@ -45,7 +42,7 @@ class FanPanel:
         self._shown = ()
         self.fan.show(self._empty)
 
-    def show(self, run: WatchedRun, snapshot: Snapshot, *, reveal: bool) -> None:
+    def show(self, run: RunHistory, snapshot: Snapshot, *, reveal: bool) -> None:
         """Show a snapshot; the true angle only where it is to be revealed."""
         key = (run, snapshot.number, reveal)
         if key == self._shown:
@@ -65,10 +62,7 @@ class FanPanel:
 class Panels:
     """All panels of one run at a time, in a grid.
 
-    Parameters
-    ----------
-    search
-        Range to show before there is a run.
+    ``search``: range to show before there is a run.
     """
 
     def __init__(self, search: Interval) -> None:
@@ -105,7 +99,7 @@ class Panels:
         self._table.clear()
         self._log.set_text("")
 
-    def show(self, run: WatchedRun, snapshot: Snapshot, *, reveal: bool) -> None:
+    def show(self, run: RunHistory, snapshot: Snapshot, *, reveal: bool) -> None:
         """Show a snapshot; the true angle only where it is to be revealed."""
         self._fan.show(run, snapshot, reveal=reveal)
         self._show_image(run, snapshot)
@@ -136,7 +130,7 @@ class Panels:
             self._answer.props["title"] = answer
             self._answer.set_text(answer)
 
-    def _show_image(self, run: WatchedRun, snapshot: Snapshot) -> None:
+    def _show_image(self, run: RunHistory, snapshot: Snapshot) -> None:
         picture = run.picture(snapshot)
         level = snapshot.floor_level
         key = (run, picture, level)

@@ -28,84 +28,57 @@ RANGE_DB, OVER_B_MODE_DB = 40, 20
 BRIGHT_SIGMAS = 100.0
 """Brightest level over σ where the frame has nothing stronger: noise alone must look like noise."""
 
-MOST_ROWS = 200
+MAX_ROWS = 200
 """Rows of a photoacoustic image that is sent: a screen shows no more."""
 
-MOST_B_MODE = 400
+MAX_B_MODE = 400
 """Rows and columns of a B-mode image that is sent; all images of a run are kept while it is shown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layer:
-    """Pixels as they are sent, and where they are.
-
-    Attributes
-    ----------
-    pixels
-        Levels from 0 to 255, row after row, base64.
-    rows, columns
-        Shape.
-    lateral_mm, depth_mm
-        Outer edges in millimetres.
-    """
+    """Pixels as they are sent, and where they are."""
 
     pixels: str
+    """Levels from 0 to 255, row after row, base64."""
     rows: int
     columns: int
     lateral_mm: tuple[float, float]
     depth_mm: tuple[float, float]
+    """``lateral_mm`` and ``depth_mm``: outer edges."""
 
 
 # eq=False: two images are compared often, and never equal unless they are the same.
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Picture:
-    """The images of an acquisition as they are sent.
-
-    Attributes
-    ----------
-    angle_deg, intensity
-        Angle of the probe in degrees, and intensity of the reading.
-    image
-        The photoacoustic image: level 0 is `range_db` below the brightest, or less.
-    b_mode
-        B-mode image of the same angle; None where the rig takes none.
-    range_db
-        From the brightest level to black, or to transparent over B-mode, in dB.
-    peak_mm
-        Lateral position and depth of the largest envelope, in millimetres; None where the reading has none.
-    """
+    """The images of an acquisition as they are sent."""
 
     angle_deg: float
     intensity: float
+    """``angle_deg`` and ``intensity``: angle of the probe in degrees, and intensity of the reading."""
     image: Layer
+    """The photoacoustic image: level 0 is `range_db` below the brightest, or less."""
     b_mode: Layer | None
+    """B-mode image of the same angle; None where the rig takes none."""
     range_db: float
+    """From the brightest level to black, or to transparent over B-mode."""
     peak_mm: tuple[float, float] | None
+    """Lateral position and depth of the largest envelope; None where the reading has none."""
 
 
 def picture_of(sample: Sample, imaging: AnyImageReader) -> Picture:
     """The images of an acquisition.
 
-    Parameters
-    ----------
-    sample
-        One with channel data or RF lines.
-    imaging
-        Imaging chain of its rig.
-
-    Raises
-    ------
-    AcquisitionError
-        If the frame is not one of that probe.
-    ConfigError
-        If the sample has no frame of counts.
+    ``sample``: one with channel data or RF lines.
     """
     frame = sample.frame
     if not isinstance(frame, ChannelFrame | RFFrame):
         raise ConfigError("picture: the sample has no frame of counts; ask for one with channel data or RF lines")
     image = imaging.picture(frame)
     reading = sample.reading
-    brightest = max(float(image.envelope.max()), BRIGHT_SIGMAS * (reading.noise_sigma or 0.0))
+    brightest = float(image.envelope.max())
+    if reading.noise_sigma is not None:
+        brightest = max(brightest, BRIGHT_SIGMAS * reading.noise_sigma)
     range_db = RANGE_DB if frame.b_mode is None else OVER_B_MODE_DB
     together = _rows_together(image.envelope.shape[0])
     geometry = replace(
@@ -139,8 +112,8 @@ def _layer(levels: UInt8[np.ndarray, "rows columns"], geometry: ScanGeometry) ->
 
 
 def _b_mode_layer(b_mode: BModeImage) -> Layer:
-    """Every pixel, or every n-th of an image with more than `MOST_B_MODE` rows or columns."""
-    nth = -(-max(b_mode.pixels.shape) // MOST_B_MODE)
+    """Every pixel, or every n-th of an image with more than `MAX_B_MODE` rows or columns."""
+    nth = -(-max(b_mode.pixels.shape) // MAX_B_MODE)
     geometry = b_mode.geometry
     coarser = replace(geometry, lateral_step_m=nth * geometry.lateral_step_m, depth_step_m=nth * geometry.depth_step_m)
     return _layer(b_mode.pixels[::nth, ::nth], coarser)
@@ -149,21 +122,14 @@ def _b_mode_layer(b_mode: BModeImage) -> Layer:
 def pooled_levels(image: PaImage, *, brightest: float, range_db: float = RANGE_DB) -> UInt8[np.ndarray, "rows columns"]:
     """Levels of an image; several rows become one that holds their largest value, so that no peak is lost.
 
-    Parameters
-    ----------
-    image
-        The image.
-    brightest
-        Envelope of level 255, in the image's unit.
-    range_db
-        From level 255 to level 0, in dB.
+    ``brightest``: envelope of level 255, in the image's unit. ``range_db``: from level 255 to level 0.
     """
     return messages.grey(_pooled(image.envelope), brightest=brightest, range_db=range_db)
 
 
 def _rows_together(rows: int) -> int:
     """How many rows of an image become one."""
-    return -(-rows // MOST_ROWS)
+    return -(-rows // MAX_ROWS)
 
 
 def _pooled(envelope: Float32[np.ndarray, "depths laterals"]) -> Float32[np.ndarray, "rows laterals"]:
@@ -179,10 +145,7 @@ def _pooled(envelope: Float32[np.ndarray, "depths laterals"]) -> Float32[np.ndar
 def drawn_background(rows: int, columns: int) -> str:
     """Speckle that looks like B-mode, as levels 0 to 255 in base64; it is drawn, no ultrasound was simulated.
 
-    Parameters
-    ----------
-    rows, columns
-        Shape of the image in front of it.
+    ``rows``, ``columns``: shape of the image in front of it.
     """
     # A fixed seed: the background must not change from image to image, as if it were data.
     rng = np.random.Generator(np.random.PCG64(7))

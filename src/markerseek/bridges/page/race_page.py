@@ -6,15 +6,15 @@ from dataclasses import replace
 
 from nicegui import ui
 
+from markerseek.bridges.page.child_search import ChildSearch
 from markerseek.bridges.page.controls import METHOD_FIELDS, RIG_FIELDS, SettingsRow, hold_in_link
-from markerseek.bridges.page.frame import Frame
-from markerseek.bridges.page.live import LiveRun
 from markerseek.bridges.page.models import angle_text, answer_text
 from markerseek.bridges.page.page_searches import PageSearches
+from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.panels import FanPanel
+from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.state import Snapshot
-from markerseek.bridges.page.watched import WatchedRun
 from markerseek.core import Interval
 
 RACERS = ("posterior", "ternary")
@@ -36,9 +36,9 @@ class Lane:
     def settings(self, shared: PageSettings) -> PageSettings:
         """Settings of this racer, with those that both share."""
         own = self._row.settings
-        return replace(shared, method=own.method, acquisitions=own.acquisitions, as_published=own.as_published)
+        return replace(shared, **{name: getattr(own, name) for name in METHOD_FIELDS})
 
-    def show(self, live: LiveRun, *, reveal: bool) -> None:
+    def show(self, live: ChildSearch, *, reveal: bool) -> None:
         """Show where the racer is."""
         if live.run is None:
             self._fan.clear()
@@ -53,7 +53,7 @@ class Lane:
         self._answer.set_text(live.message if live.failed else answer_text(snapshot))
 
 
-def counts_text(run: WatchedRun, snapshot: Snapshot) -> str:
+def counts_text(run: RunHistory, snapshot: Snapshot) -> str:
     """What counts in a race; it names what was run, because the fields may have been changed since."""
     return (
         f"{run.name}: {snapshot.acquisitions} acquisitions, {snapshot.travel_deg:.0f}° of rotation, "
@@ -61,7 +61,7 @@ def counts_text(run: WatchedRun, snapshot: Snapshot) -> str:
     )
 
 
-def verdict(runs: tuple[LiveRun, ...]) -> str:
+def verdict(runs: tuple[ChildSearch, ...]) -> str:
     """Who is through first, by the rigs' own clocks; empty until all are over."""
     if not runs or any(each.status != "ended" for each in runs):
         return ""
@@ -79,14 +79,9 @@ def verdict(runs: tuple[LiveRun, ...]) -> str:
 def build_race_page(searches: PageSearches, settings: PageSettings) -> None:
     """Build the page for one viewer.
 
-    Parameters
-    ----------
-    searches
-        What all viewers share.
-    settings
-        The settings of the rig at first, from the link.
+    ``settings``: the settings of the rig at first, from the link.
     """
-    frame = Frame(searches, "/race")
+    frame = PageShell(searches, "/race")
     if not searches.rig.simulated:
         ui.label("A race needs two rigs: start markerseek page without --rig.").classes("ms-help")
         frame.run(lambda: None)

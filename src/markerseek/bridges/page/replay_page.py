@@ -9,35 +9,29 @@ from typing import Any
 import msgspec
 from nicegui import run, ui
 
+from markerseek.bridges.page.child_search import ChildSearch
 from markerseek.bridges.page.controls import METHOD_FIELDS, SettingsRow
-from markerseek.bridges.page.frame import Frame
-from markerseek.bridges.page.live import LiveRun
 from markerseek.bridges.page.page_searches import PageSearches
+from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.results import ResultRow
+from markerseek.bridges.page.run_history import RunHistory, watched_journal
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.timeline import RunView
-from markerseek.bridges.page.watched import WatchedRun, watched_journal
 from markerseek.core import MarkerseekError
 from markerseek.records.journal import is_journal, read_journal, result_of, run_state
 
 
 class ReplayPage:
-    """The replay of one viewer.
-
-    Parameters
-    ----------
-    searches
-        What all viewers share.
-    """
+    """The replay of one viewer."""
 
     def __init__(self, searches: PageSearches) -> None:
         self._searches = searches
-        self._run: WatchedRun | None = None
-        self._live: LiveRun | None = None
+        self._run: RunHistory | None = None
+        self._live: ChildSearch | None = None
         self._answer: Mapping[str, Any] | None = None
         self._journal: Path | None = None
         self._message = "choose a recording"
-        self._frame = Frame(searches, "/replay")
+        self._frame = PageShell(searches, "/replay")
         # Names only: the browser never sends a path.
         self._recordings: dict[str, Path] = {}
         try:
@@ -104,8 +98,8 @@ class ReplayPage:
             self._view.show(self._run, reveal=True)
 
 
-def _read(path: Path) -> tuple[WatchedRun, dict[str, Any] | None]:
+def _read(path: Path) -> tuple[RunHistory, dict[str, Any] | None]:
     """The run of a journal, and its result where it is over."""
-    held = read_journal(path)
-    finished = run_state(held.entries).state == "finished"
-    return watched_journal(held), msgspec.to_builtins(result_of(held)[1]) if finished else None
+    recorded = read_journal(path)
+    finished = run_state(recorded.entries).state == "finished"
+    return watched_journal(recorded), msgspec.to_builtins(result_of(recorded)[1]) if finished else None

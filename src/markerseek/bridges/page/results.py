@@ -22,17 +22,7 @@ REPORT_S = 120.0
 def make_report(journal: Path) -> dict[str, bytes]:
     """Picture and page of a finished search by the ordinary command, as file names and contents.
 
-    Parameters
-    ----------
-    journal
-        Journal of the search.
-
-    Raises
-    ------
-    SearchError
-        If the command makes none, with its sentence, or does not end in time.
-    OSError
-        If the command cannot be run.
+    Raises `OSError` if the command cannot be run.
     """
     with tempfile.TemporaryDirectory() as folder:
         command = ["resume", str(journal), "--plot", "--out", folder, "--json"]

@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
+from markerseek.bridges.page.child_search import ChildSearch
 from markerseek.bridges.page.controls import SearchControls
-from markerseek.bridges.page.frame import Frame
-from markerseek.bridges.page.live import LiveRun
 from markerseek.bridges.page.page_searches import PageSearches
+from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.results import ResultRow
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.timeline import RunView
 
 
 def build_search_page(searches: PageSearches, settings: PageSettings) -> None:
-    """Build the page for one viewer.
-
-    Parameters
-    ----------
-    searches
-        What all viewers share.
-    settings
-        The settings at first, from the link.
-    """
-    frame = Frame(searches, "/")
+    """Build the page for one viewer."""
+    frame = PageShell(searches, "/")
     controls = SearchControls(frame, settings)
     view = RunView(searches.rig.search)
     results = ResultRow()
-    shown: LiveRun | None = None
+    shown: ChildSearch | None = None
 
     def update() -> None:
         nonlocal shown
@@ -51,7 +43,7 @@ def build_search_page(searches: PageSearches, settings: PageSettings) -> None:
     frame.run(update)
 
 
-def status_text(live: LiveRun | None, *, simulated: bool) -> str:
+def status_text(live: ChildSearch | None, *, simulated: bool) -> str:
     """One line on the search."""
     if live is None:
         return "ready: press Start"

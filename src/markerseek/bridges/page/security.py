@@ -12,7 +12,7 @@ import time
 from collections.abc import Awaitable, Callable, MutableMapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
-from urllib.parse import parse_qsl, urlencode
+from urllib.parse import parse_qsl, quote, urlencode
 
 from markerseek.core import ConfigError
 
@@ -54,24 +54,16 @@ _HEADERS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Access:
-    """Who may open the page.
-
-    Attributes
-    ----------
-    token
-        Secret of this page, at least 16 characters.
-    hosts
-        Values of the Host header that are accepted, with the port: ``127.0.0.1:8765``.
-    scheme
-        ``http``, or ``https`` where the page has a certificate.
-    cookie
-        Name of the cookie that holds the token; cookies are shared by all ports of a host, so it names the port.
-    """
+    """Who may open the page."""
 
     token: str
+    """Secret of this page, at least 16 characters."""
     hosts: frozenset[str]
+    """Values of the Host header that are accepted, with the port: ``127.0.0.1:8765``."""
     scheme: str
+    """``http``, or ``https`` where the page has a certificate."""
     cookie: str
+    """Name of the cookie that holds the token; cookies are shared by all ports of a host, so it names the port."""
 
     def __post_init__(self) -> None:
         if len(self.token) < 16:
@@ -88,16 +80,9 @@ class Access:
 class SecurityLayer:
     """An ASGI application that lets a request through to another one, or refuses it.
 
-    Parameters
-    ----------
-    app
-        The application behind it.
-    access
-        Who may open the page.
-    now_s
-        Monotonic clock in seconds, for the rate of messages.
-    refusal_s
-        Time until a refusal is sent, in seconds.
+    ``access``: who may open the page. ``now_s``: monotonic clock, for the rate of messages. ``refusal_s``: time until a
+    refusal is sent. ``on_token``: called with address and port of a client that has shown the token. ``admits``:
+    whether the client of that address and port may open the page without the token, which it then gets.
     """
 
     def __init__(
@@ -107,7 +92,10 @@ class SecurityLayer:
         *,
         now_s: Callable[[], float] = time.monotonic,
         refusal_s: float = REFUSAL_S,
+        on_token: Callable[[tuple[str, int]], None] = lambda _: None,
+        admits: Callable[[tuple[str, int]], bool] = lambda _: False,
     ) -> None:
+        self._on_token, self._admits = on_token, admits
         self._refusal_s = refusal_s
         # Public: NiceGUI finds its server by following this attribute.
         self.app = app
@@ -120,15 +108,20 @@ class SecurityLayer:
             await self.app(scope, receive, send)
             return
         headers = _headers(scope)
+        client = scope.get("client") or ("", 0)
         refusal = self._foreign(scope, headers)
+        holds_token = self._holds_token(headers)
         if refusal is None and scope["type"] == "http" and scope["method"] == "GET":
             given = dict(parse_qsl(scope["query_string"].decode("latin-1"))).get(TOKEN_PARAMETER, "")
-            if self._is_token(given):
-                # Also where the cookie is there already: the token must not stay in the address.
+            # Also where the cookie is there already: the token must not stay in the address.
+            if self._is_token(given) or (not holds_token and self._admits(client)):
+                self._on_token(client)
                 await self._set_cookie(scope, send)
                 return
-        if refusal is None and not self._holds_token(headers):
+        if refusal is None and not holds_token:
             refusal = "open the link that markerseek page printed in the terminal"
+        if refusal is None:
+            self._on_token(client)
         if refusal is not None:
             await asyncio.sleep(self._refusal_s)
             await _refuse(scope, send, 403, refusal)
@@ -163,11 +156,11 @@ class SecurityLayer:
     async def _set_cookie(self, scope: Scope, send: Send) -> None:
         """Answer the first link: the token goes from the address into a cookie that scripts cannot read."""
         rest = [pair for pair in parse_qsl(scope["query_string"].decode("latin-1")) if pair[0] != TOKEN_PARAMETER]
-        # The path as one of this host: "//elsewhere" would be another host.
-        location = "/" + scope["path"].lstrip("/") + (f"?{urlencode(rest)}" if rest else "")
+        # The path as one of this host: for a browser "//elsewhere" would be another one, and so "/\\elsewhere".
+        location = "/" + quote(scope["path"].lstrip("/")) + (f"?{urlencode(rest)}" if rest else "")
         secure = "; Secure" if self._access.scheme == "https" else ""
         cookie = f"{self._access.cookie}={self._access.token}; HttpOnly; SameSite=Strict; Path=/{secure}"
-        sent = [(b"location", location.encode("ascii", "replace")), (b"set-cookie", cookie.encode())]
+        sent = [(b"location", location.encode()), (b"set-cookie", cookie.encode())]
         await _answer(send, 303, "", [*sent, (b"cache-control", b"no-store")])
 
 

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import logging
 import secrets
 import socket
 import ssl
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from ipaddress import IPv4Address
 from pathlib import Path
 from types import FrameType
 
+from markerseek.bridges.page.listener import AT_ONCE, Listener, Peer
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.security import BODY_BYTES, TOKEN_PARAMETER, Access, SecurityLayer
 from markerseek.core import ConfigError, needs_package
@@ -23,37 +27,38 @@ LOOPBACK = "127.0.0.1"
 
 _LOOPBACK_NAMES = frozenset({LOOPBACK, "localhost"})
 
+_FOREIGN = "name an IPv4 address of this computer as --host"
+
 USUAL_PORT = 8765
 """Port where none is named."""
 
 UNWATCHED_S = 5.0
 """Time without any viewer after which a search is stopped, in seconds: nobody would see it, or press STOP."""
 
+OPENED_S = 60.0
+"""Time in which a browser of the user may open the page without the link, in seconds, where one is started for him."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Address:
-    """Where the page is served.
-
-    Attributes
-    ----------
-    host, port
-        Address and port of this computer; port 0 takes any that is free.
-    certificate, key
-        PEM files for TLS; needed for any other address than `LOOPBACK`.
-
-    Raises
-    ------
-    ConfigError
-        If the port is out of range, or an address that others reach has no certificate.
-    """
+    """Where the page is served."""
 
     host: str = LOOPBACK
     port: int = USUAL_PORT
+    """``host`` and ``port``: address and port of this computer; port 0 takes any that is free."""
     certificate: Path | None = None
     key: Path | None = None
+    """``certificate`` and ``key``: PEM files for TLS; needed for any address that other computers reach."""
+    ip: IPv4Address = field(init=False)
 
     def __post_init__(self) -> None:
-        if self.host in {"", "0.0.0.0"}:  # noqa: S104  refused
+        try:
+            # What is judged is what is listened on: "0" is all addresses, "0x7f.1" the loopback address.
+            ip = IPv4Address(socket.gethostbyname(self.host))
+        except (OSError, UnicodeError) as problem:
+            raise ConfigError(f"host is {self.host!r}: {_FOREIGN}") from problem
+        object.__setattr__(self, "ip", ip)
+        if ip.is_unspecified:
             raise ConfigError(
                 f"host is {self.host!r}: name the one address of this computer that others open, such as 192.168.1.5"
             )
@@ -63,7 +68,7 @@ class Address:
             raise ConfigError(f"port is {self.port}, it must lie between 0 and 65535; {USUAL_PORT} is usual")
         if (self.certificate is None) != (self.key is None):
             raise ConfigError("TLS needs both a certificate and its key; name both, or neither")
-        if self.host not in _LOOPBACK_NAMES and self.certificate is None:
+        if not ip.is_loopback and self.certificate is None:
             raise ConfigError(
                 f"host is {self.host}: other computers reach it, which needs TLS; name --tls-certificate "
                 f"and --tls-key, or leave the host out for {LOOPBACK}"
@@ -81,49 +86,23 @@ class Address:
         """``https`` with a certificate, else ``http``."""
         return "http" if self.certificate is None else "https"
 
-    def listening(self) -> socket.socket:
-        """A socket that listens there.
-
-        Raises
-        ------
-        ConfigError
-            If the port is taken, or the address is not one of this computer.
-        """
-        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        # A page that was just closed leaves its port for a minute otherwise.
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    def listening(self) -> Listener:
+        """A socket that listens there."""
         try:
-            listener.bind((self.host, self.port))
-            listener.listen(64)
+            return Listener(str(self.ip), self.port)
         except OSError as problem:
-            listener.close()
-            # An address of another computer, or a name that nobody knows, is no better on another port.
-            foreign = isinstance(problem, socket.gaierror) or problem.errno == errno.EADDRNOTAVAIL
+            # An address of another computer is no better on another port.
+            cure = _FOREIGN if problem.errno == errno.EADDRNOTAVAIL else "name another --port"
             raise ConfigError(
-                f"{self.host}:{self.port}: the page cannot be served there: {problem.strerror}; "
-                + ("name an IPv4 address of this computer as --host" if foreign else "name another --port")
+                f"{self.host}:{self.port}: the page cannot be served there: {problem.strerror}; {cure}"
             ) from problem
-        return listener
 
 
-def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str], None]) -> None:
+def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str], None], opened: bool = False) -> None:
     """Serve the page until SIGINT or SIGTERM; searches that run then are stopped.
 
-    Parameters
-    ----------
-    searches
-        The searches of the page.
-    address
-        Where.
-    on_ready
-        Called with the link, which holds a new token, once the port is open.
-
-    Raises
-    ------
-    MissingExtraError
-        If NiceGUI is not installed.
-    ConfigError
-        If the page cannot be served there.
+    ``on_ready``: called with the link, which holds a new token, once the port is open. ``opened``: whether a browser of
+    this user opens the page without the token: all users of the computer see its command.
     """
     with needs_package("nicegui", extra="page", purpose="the live page"):
         import nicegui  # noqa: F401  tested before a port is opened
@@ -134,7 +113,12 @@ def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str],
         """Stops the searches with the first signal, not only once the connections are closed."""
 
         def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+            # Once: the page ends in seconds, and uvicorn would not wait for the search at a second signal.
+            if self.should_exit:
+                return
             super().handle_exit(sig, frame)
+            # What is cut off from here on is cut off by this signal: its traces say nothing else.
+            logging.disable()
             # In a thread, and not here: what the signal has interrupted may hold a lock.
             closing = threading.Thread(target=searches.close, name="close", daemon=True)
             asyncio.get_running_loop().call_soon_threadsafe(closing.start)
@@ -142,7 +126,9 @@ def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str],
     token = secrets.token_urlsafe(32)
     with address.listening() as listener:
         port = listener.getsockname()[1]
-        names = _LOOPBACK_NAMES if address.host in _LOOPBACK_NAMES else {address.host}
+        names = {address.host, str(address.ip)}
+        if LOOPBACK in names:
+            names |= _LOOPBACK_NAMES
         # Browsers leave the usual port of a scheme out of the Host header.
         usual = port == {"http": 80, "https": 443}[address.scheme]
         access = Access(
@@ -151,12 +137,29 @@ def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str],
             scheme=address.scheme,
             cookie=f"markerseek_{port}",
         )
-        application = SecurityLayer(page_application(searches, unwatched_s=UNWATCHED_S), access)
+        opens_until_s = time.monotonic() + OPENED_S if opened else 0.0
+
+        def admits(peer: Peer) -> bool:
+            nonlocal opens_until_s
+            if time.monotonic() > opens_until_s or not listener.is_own_user(peer):
+                return False
+            opens_until_s = 0.0
+            return True
+
+        application = SecurityLayer(
+            page_application(searches, unwatched_s=UNWATCHED_S), access, on_token=listener.prove, admits=admits
+        )
         config = uvicorn.Config(
             application,
-            log_level="warning",
+            # Strangers must not write into the terminal in which a rig is armed.
+            log_level="error",
             access_log=False,
+            # Its usual parser, httptools, keeps a header of any length.
+            http="h11",
             ws_max_size=BODY_BYTES,
+            backlog=AT_ONCE,
+            # No proxy is in front: whose connection it is, is not for a header to say.
+            proxy_headers=False,
             ssl_certfile=address.certificate,
             ssl_keyfile=address.key,
             # A viewer that does not answer any more must not hold up the end.

@@ -8,7 +8,7 @@ from urllib.parse import urlencode
 
 import msgspec
 
-from markerseek.core import ConfigError, is_whole
+from markerseek.core import ConfigError, Tolerance, is_whole
 from markerseek.search import build, check_acquisitions, method_named
 from markerseek.sim import NoiseSettings, ReceiverSettings, VirtualClock, tissue_named
 
@@ -21,37 +21,23 @@ USUAL_PACE = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageSettings:
-    """Settings of one search.
-
-    Attributes
-    ----------
-    method, acquisitions, as_published
-        As in `SearchPlan`.
-    tissue
-        Simulated material; None: that of the rig.
-    snr_db
-        Peak SNR of a simulated rig in dB, as in `NoiseSettings`; None: that of the rig.
-    readout_s
-        Time to read one acquisition of a simulated rig, in seconds; None: that of the rig.
-    seed
-        Seed of a simulated rig.
-    pace
-        Real seconds for a virtual second of a simulated rig.
-
-    Raises
-    ------
-    ConfigError
-        If one of them is outside its limits.
-    """
+    """Settings of one search."""
 
     method: str = "posterior"
     acquisitions: int | None = None
     as_published: bool = False
+    tolerance_mm: float | None = None
+    """How well the angle of a marker that is found must be known, as in `Tolerance`; None: as usual."""
     tissue: str | None = None
+    """Simulated material; None: that of the rig."""
     snr_db: float | None = None
+    """Peak SNR of a simulated rig, as in `NoiseSettings`; None: that of the rig."""
     readout_s: float | None = None
+    """Time to read one acquisition of a simulated rig; None: that of the rig."""
     seed: int = 1
+    """Seed of a simulated rig."""
     pace: float = USUAL_PACE
+    """Real seconds for a virtual second of a simulated rig."""
 
     def __post_init__(self) -> None:
         chosen = method_named(self.method)
@@ -60,6 +46,8 @@ class PageSettings:
         if self.as_published:
             # The method itself says whether it was published.
             build(self.method, as_published=True)
+        if self.tolerance_mm is not None:
+            Tolerance(mm=self.tolerance_mm)
         if self.tissue is not None:
             tissue_named(self.tissue)
         if self.snr_db is not None:
@@ -79,6 +67,8 @@ class PageSettings:
             given += ["--acquisitions", str(self.acquisitions)]
         if self.as_published:
             given.append("--as-published")
+        if self.tolerance_mm is not None:
+            given += ["--tolerance-mm", _as_text(self.tolerance_mm)]
         if not simulated:
             return given
         given += ["--seed", str(self.seed), "--pace", _as_text(self.pace)]
@@ -101,18 +91,7 @@ class PageSettings:
 
     @classmethod
     def of_query(cls, query: Mapping[str, str]) -> PageSettings:
-        """Settings of the query of a link.
-
-        Parameters
-        ----------
-        query
-            Names and texts.
-
-        Raises
-        ------
-        ConfigError
-            If a name is unknown, a text cannot be read, or a search with them would be refused.
-        """
+        """Settings of the query of a link."""
         known = [each.name for each in fields(cls)]
         unknown = [name for name in query if name not in known]
         if unknown:

@@ -37,47 +37,33 @@ class Point:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Snapshot:
-    """The state of a run after one event.
-
-    Attributes
-    ----------
-    number
-        Number of the event, counted from 1; 0 before the first.
-    rig
-        Kind of the rig: whatever is simulated is called so.
-    phase
-        What the rig does.
-    probe_deg
-        Last angle of the probe that was read back, in degrees; None before the first.
-    target_deg
-        Angle to which the stage was sent and which is not read back yet, in degrees; None when nothing moves.
-    points
-        Acquisitions with light, in order.
-    belief
-        What the search believes; None before the first acquisition with light.
-    travel_deg, elapsed_s
-        Rotation in degrees, and time on the rig's clock in seconds, since the start.
-    snr_db
-        Largest intensity over the noise, in dB; None where the noise is not known.
-    pulses, refused
-        Laser pulses that were fired for the frames so far, and acquisitions that were refused.
-    line
-        One line of the log on this event.
-    """
+    """The state of a run after one event."""
 
     number: int = 0
+    """Number of the event, counted from 1; 0 before the first."""
     rig: RigKind
+    """Kind of the rig: whatever is simulated is called so."""
     phase: Phase = "ready"
     probe_deg: float | None = None
+    """Last angle of the probe that was read back; None before the first."""
     target_deg: float | None = None
+    """Angle to which the stage was sent and which is not read back yet; None when nothing moves."""
     points: tuple[Point, ...] = ()
+    """Acquisitions with light, in order."""
     belief: ShownBelief | None = None
+    """None before the first acquisition with light."""
     travel_deg: float = 0.0
     elapsed_s: float = 0.0
+    """``travel_deg`` and ``elapsed_s``: rotation in degrees, and time on the rig's clock in seconds, since the
+    start."""
     snr_db: float | None = None
+    """Largest intensity over the noise; None where the noise is not known."""
     pulses: int = 0
     refused: int = 0
+    """``pulses`` and ``refused``: laser pulses that were fired for the frames so far, and acquisitions that were
+    refused."""
     line: str = ""
+    """One line of the log on this event."""
 
     @property
     def acquisitions(self) -> int:
@@ -96,20 +82,16 @@ class Snapshot:
         return self.phase in {"finished", "fault", "stopped"}
 
 
-class ShownRun:
-    """Follows one run.
+class SnapshotBuilder:
+    """Makes a snapshot of a run after each of its events.
 
-    Parameters
-    ----------
-    configuration
-        Plan of the search and facts of the rig.
-    believes
-        Whether a policy decides; a person who turns the probe keeps the belief to himself.
+    ``configuration``: plan of the search and facts of the rig. ``has_policy``: whether a policy decides; False where a
+    person turns the probe.
     """
 
-    def __init__(self, configuration: Configuration, *, believes: bool = True) -> None:
+    def __init__(self, configuration: Configuration, *, has_policy: bool = True) -> None:
         limits = configuration.facts.search
-        self._mirror: PolicyMirror | None = PolicyMirror(configuration.plan, limits=limits) if believes else None
+        self._mirror: PolicyMirror | None = PolicyMirror(configuration.plan, limits=limits) if has_policy else None
         self._as_published = configuration.plan.as_published
         self._started_s = 0.0
         self.snapshot = Snapshot(rig=configuration.facts.kind)
@@ -117,17 +99,9 @@ class ShownRun:
     def add(self, event: JournalEvent, *, clock_s: float, pulses: int | None = None, lost: int = 0) -> Snapshot:
         """State after one more event.
 
-        Parameters
-        ----------
-        event
-            The event.
-        clock_s
-            The rig's clock when it was committed, in seconds.
-        pulses
-            Pulses of its frame where the frame itself is missing; None: those of the frame.
-        lost
-            Events that were lost just before. From then on nothing is said of what the search believes, because a
-            policy that was told less would believe something else.
+        ``clock_s``: the rig's clock when it was committed. ``pulses``: pulses of its frame where the frame itself is
+        missing; None: those of the frame. ``lost``: events that were lost just before. From then on nothing is said of
+        what the search believes, because a policy that was told less would believe something else.
         """
         if isinstance(event, Started):
             self._started_s = clock_s

@@ -6,8 +6,8 @@ from nicegui import ui
 
 from markerseek.bridges.page.elements import Slider
 from markerseek.bridges.page.panels import Panels
+from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.state import Snapshot
-from markerseek.bridges.page.watched import WatchedRun
 from markerseek.core import Interval
 
 PLAY_TICKS = 4
@@ -15,26 +15,18 @@ PLAY_TICKS = 4
 
 
 class RunView:
-    """Panels of a run and the slider below them.
-
-    Parameters
-    ----------
-    search
-        As of `Panels`.
-    playable
-        As of `Timeline`.
-    """
+    """Panels of a run and the slider below them."""
 
     def __init__(self, search: Interval, *, playable: bool = False) -> None:
         self._panels = Panels(search)
         self._timeline = Timeline(playable=playable)
 
     def clear(self) -> None:
-        """Empty everything: what is known of one run must not be shown as that of another, which may never begin."""
+        """Empty everything, so that facts of one run are not shown as those of the next, which may never begin."""
         self._panels.clear()
         self._timeline.clear()
 
-    def show(self, run: WatchedRun, *, reveal: bool) -> None:
+    def show(self, run: RunHistory, *, reveal: bool) -> None:
         """Show the event that was chosen, or the newest; the true angle only where it is to be revealed."""
         self._panels.show(run, self._timeline.snapshot(run), reveal=reveal)
 
@@ -42,10 +34,7 @@ class RunView:
 class Timeline:
     """A slider over the events of a run.
 
-    Parameters
-    ----------
-    playable
-        Whether a button plays the run from the event shown, or from its beginning.
+    ``playable``: whether a button plays the run from the event shown, or from its beginning.
     """
 
     def __init__(self, *, playable: bool = False) -> None:
@@ -64,14 +53,14 @@ class Timeline:
         if self._playing:
             self._toggle()
         self._ticks = 0
-        self._run: WatchedRun | None = None
+        self._run: RunHistory | None = None
         self._following = True
         self._chosen = self._last = 0
         self._slider.props["max"] = 1
         self._move(0)
         self._label.set_text("event 0 of 0")
 
-    def snapshot(self, run: WatchedRun) -> Snapshot:
+    def snapshot(self, run: RunHistory) -> Snapshot:
         """The snapshot to be shown: the newest, or the one that was chosen."""
         if run is not self._run:
             self._run, self._following = run, True

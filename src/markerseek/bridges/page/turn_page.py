@@ -9,11 +9,11 @@ from nicegui.events import KeyEventArguments
 
 from markerseek.bridges.page.controls import SettingsRow
 from markerseek.bridges.page.elements import Slider
-from markerseek.bridges.page.frame import Frame
+from markerseek.bridges.page.manual_search import ManualSearch, Score
 from markerseek.bridges.page.page_searches import PageSearches
+from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.panels import Panels
 from markerseek.bridges.page.settings import PageSettings
-from markerseek.bridges.page.turn import Score, Turn
 from markerseek.core import LimitError, MarkerseekError
 from markerseek.sim import SimulatedSettings
 
@@ -23,22 +23,14 @@ HELP = (
 
 
 class TurnPage:
-    """The search by hand of one viewer.
-
-    Parameters
-    ----------
-    searches
-        What all viewers share.
-    base
-        Settings of the simulated rig.
-    """
+    """The search by hand of one viewer."""
 
     def __init__(self, searches: PageSearches, base: SimulatedSettings) -> None:
         self._base = base
-        self._turn: Turn | None = None
+        self._turn: ManualSearch | None = None
         self._score: Score | None = None
         self._working = False
-        self._frame = Frame(searches, "/turn")
+        self._frame = PageShell(searches, "/turn")
         limits = base.limits.search
         with ui.element("div").classes("ms-controls"):
             names = ("tissue", "snr_db", "seed", "readout_s")
@@ -68,9 +60,9 @@ class TurnPage:
         self._turn = self._score = None
         self._panels.clear()
 
-    async def _begin(self) -> Turn | None:
+    async def _begin(self) -> ManualSearch | None:
         try:
-            self._turn = await run.io_bound(Turn, self._base, self._row.settings)
+            self._turn = await run.io_bound(ManualSearch, self._base, self._row.settings)
             self._score = None
         except MarkerseekError as problem:
             ui.notify(str(problem), type="negative", multi_line=True)
@@ -112,7 +104,7 @@ class TurnPage:
 
     def _let_search(self) -> None:
         chosen = self._row.settings if self._turn is None else self._turn.chosen
-        self._frame.searches.start(replace(chosen, method="posterior"))
+        self._frame.searches.start(replace(chosen, method="posterior"), asked_by=self._frame.viewer)
         ui.navigate.to("/?" + chosen.query())
 
     def _update(self) -> None:
@@ -131,17 +123,11 @@ class TurnPage:
 
 
 def build_turn_page(searches: PageSearches) -> None:
-    """Build the page for one viewer.
-
-    Parameters
-    ----------
-    searches
-        What all viewers share.
-    """
+    """Build the page for one viewer."""
     if isinstance(searches.rig.settings, SimulatedSettings):
         TurnPage(searches, searches.rig.settings)
         return
-    frame = Frame(searches, "/turn")
+    frame = PageShell(searches, "/turn")
     ui.label("Turning by hand is for simulated rigs only: start markerseek page without --rig.").classes("ms-help")
     frame.run(lambda: None)
 

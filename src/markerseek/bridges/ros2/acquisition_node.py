@@ -16,7 +16,7 @@ from markerseek.core import (
 )
 from markerseek.guard import Guard
 from markerseek.ros import RosNode, degrees, messages, topics
-from markerseek.scan import DeadMan
+from markerseek.scan import Watchdog
 
 _TEXT = "std_msgs/msg/String"
 
@@ -24,12 +24,7 @@ _TEXT = "std_msgs/msg/String"
 class AcquisitionNode(Served):
     """Serves a laser and its receiver: one request fires at most the pulses of a permit of the guard here, and records.
 
-    Parameters
-    ----------
-    node, guard, by, dead_man, simulated
-        As of `Served`; the lease is held while the laser fires.
-    laser, receiver, clock
-        The devices, and their time.
+    ``node``, ``guard``, ``by``, ``watchdog``, ``simulated``: the lease is held while the laser fires.
     """
 
     def __init__(
@@ -41,10 +36,10 @@ class AcquisitionNode(Served):
         guard: Guard,
         clock: Clock,
         by: str,
-        dead_man: DeadMan | None = None,
+        watchdog: Watchdog | None = None,
         simulated: bool = False,
     ) -> None:
-        super().__init__(node=node, guard=guard, by=by, dead_man=dead_man, simulated=simulated)
+        super().__init__(node=node, guard=guard, by=by, watchdog=watchdog, simulated=simulated)
         self._laser, self._receiver, self._clock = laser, receiver, clock
         self._wanted: messages.AcquireRequest | None = None
         self._acquiring = False
@@ -68,6 +63,8 @@ class AcquisitionNode(Served):
             self.stop()
             return
         reason = self._commands.refusal(request.stamp_ns, now_s=self.node.now_s())
+        if reason is None and (other := self.node.other(topics.ACQUIRED)) is not None:
+            reason = self._commands.drop("two acquisition nodes", f"{other}: both would fire; end one of them")
         if reason is None and (self._acquiring or self._wanted is not None):
             reason = self._commands.drop("busy", "an acquisition is going on; wait for its frame, or cancel it")
         if reason is not None:
@@ -82,10 +79,7 @@ class AcquisitionNode(Served):
     def beat(self) -> None:
         """End the acquisition if that is wanted; called while a device works, after the messages have been handled.
 
-        Raises
-        ------
-        Interrupted
-            If somebody cancels it.
+        Raises `StepEnded` if somebody cancels it.
         """
         if self._acquiring and self._cancelled:
             raise StepEnded

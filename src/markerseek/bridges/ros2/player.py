@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 
 from markerseek.bridges.recordings import Recording
@@ -18,39 +19,26 @@ _FOUND_S = 0.5
 
 
 def _wait_for_subscribers(node: RosNode) -> None:
-    ends_s = node.now_s() + _FIND_S
-    while node.now_s() < ends_s and not (node.matched(topics.SAMPLE) and node.matched(topics.RESULT)):
+    ends_s = time.monotonic() + _FIND_S
+    while time.monotonic() < ends_s and not (node.matched(topics.SAMPLE) and node.matched(topics.RESULT)):
         node.spin(0.05)
-    ends_s = node.now_s() + _FOUND_S
-    while node.now_s() < ends_s:
+    ends_s = time.monotonic() + _FOUND_S
+    while time.monotonic() < ends_s:
         node.spin(0.05)
 
 
 def play(recording: Recording, node: RosNode, *, pace: float, until: Callable[[], bool]) -> int:
     """Publish the acquisitions of a recording; returns their number.
 
-    Parameters
-    ----------
-    recording
-        What is played.
-    node
-        The node that publishes.
-    pace
-        Real seconds per recorded second; 0 does not wait.
-    until
-        Asked between two acquisitions, and while it waits, whether to end.
-
-    Raises
-    ------
-    ConfigError
-        If the pace cannot be used.
+    ``pace``: real seconds per recorded second; 0 does not wait. ``until``: asked between two acquisitions, and while it
+    waits, whether to end.
     """
     require_range("pace", pace, low=0, high=100)
     publisher = SampleTopics(node=node, publishes_angle=True)
     node.advertise(topics.RESULT, "std_msgs/msg/String", latched=True)
-    began_s, played = node.now_s(), 0
+    began_s, played = time.monotonic(), 0
     for after_s, item in recording.items():
-        while (left_s := began_s + pace * after_s - node.now_s()) > 0 and not until():
+        while (left_s := began_s + pace * after_s - time.monotonic()) > 0 and not until():
             node.spin(min(left_s, 0.1))
         if until():
             break
@@ -58,7 +46,7 @@ def play(recording: Recording, node: RosNode, *, pace: float, until: Callable[[]
             case StreamHead():
                 publisher.begin(item, played=True, recording=recording.name)
                 _wait_for_subscribers(node)
-                began_s = node.now_s()
+                began_s = time.monotonic()
             case StreamEvent(event=Measured() as event):
                 publisher.publish(event, played=True)
                 played += 1

@@ -16,12 +16,7 @@ _TEXT, _JOINT = "std_msgs/msg/String", "sensor_msgs/msg/JointState"
 class SampleTopics:
     """The topics of the acquisitions of one rig or recording.
 
-    Parameters
-    ----------
-    node
-        The node that publishes.
-    publishes_angle
-        Whether the angle of the probe is published, too.
+    ``publishes_angle``: whether the angle of the probe is published, too, and its transform.
     """
 
     def __init__(self, *, node: RosNode, publishes_angle: bool) -> None:
@@ -46,12 +41,7 @@ class SampleTopics:
     def begin(self, head: StreamHead, **facts: object) -> None:
         """Begin a run or a recording.
 
-        Parameters
-        ----------
-        head
-            Its configuration; published as JSON, and kept for subscribers that come later.
-        facts
-            More for that JSON.
+        ``head``: its configuration; published as JSON, and kept for subscribers that come later.
         """
         configuration = head.configuration
         self._imaging = rebuild_image_reader(configuration)
@@ -65,12 +55,8 @@ class SampleTopics:
     def publish(self, event: Measured, **facts: object) -> None:
         """Publish one acquisition, stamped now.
 
-        Parameters
-        ----------
-        event
-            The acquisition; an image is made of its frame where it has one.
-        facts
-            More for the JSON of the sample.
+        ``event``: the acquisition; an image is made of its frame where it has one. ``facts``: more for the JSON of the
+        sample.
         """
         sample = event.sample
         angle_deg, intensity, frame = sample.angle_deg, sample.reading.intensity, sample.frame
@@ -90,7 +76,8 @@ class SampleTopics:
             images=images,
             face_radius_m=self._face_radius_m,
         )
-        publish_frames(node, topics.FRAMES, turned)
+        # A stage node tells itself how the probe is turned: then only the places of the images are left.
+        publish_frames(node, topics.FRAMES, turned if self._publishes_angle else turned[1:])
         if b_mode is not None:
             node.publish(topics.BMODE, messages.b_mode(kinds, b_mode, time_s=now_s))
         if image is not None:
@@ -99,10 +86,16 @@ class SampleTopics:
             # White is the brightest so far: what will come is not known.
             picture = messages.picture(kinds, image, time_s=now_s, brightest=self._brightest)
             node.publish(topics.PICTURE, picture)
-        content = {"angle_deg": angle_deg, "intensity": intensity, "time_s": now_s, "index": event.index}
-        placed = {name: messages.pixels(geometry) for name, geometry in images.items()}
-        said = {**content, "role": event.role, "images": placed, **facts}
-        node.publish(topics.SAMPLE, messages.text(kinds, said))
+        said = messages.sample(
+            index=event.index,
+            role=event.role,
+            angle_deg=angle_deg,
+            intensity=intensity,
+            time_s=now_s,
+            pulses=None if frame is None else frame.header.pulses,
+            images=images,
+        )
+        node.publish(topics.SAMPLE, messages.text(kinds, said | facts))
         if not sample.dark:  # a dark frame has no intensity to be plotted
             node.publish(topics.INTENSITY, messages.number(kinds, intensity))
 
@@ -110,7 +103,8 @@ class SampleTopics:
 def publish_frames(node: RosNode, topic: str, transforms: list[Any]) -> None:
     """Publish transforms on ``/tf`` or ``/tf_static``, in one message where tf2_msgs is installed."""
     kind = messages.frames_kind(node.kinds)
-    for message in [node.kinds[kind](transforms=transforms)] if kind == messages.FRAMES_KIND else transforms:
+    together = kind == messages.FRAMES_KIND and bool(transforms)
+    for message in [node.kinds[kind](transforms=transforms)] if together else transforms:
         node.publish(topic, message)
 
 

@@ -19,16 +19,8 @@ from markerseek.ros import RosNode, messages, topics
 class SearchNode:
     """Runs searches as child processes, one at a time.
 
-    Parameters
-    ----------
-    node
-        Its node.
-    searches
-        Starts them.
-    request
-        What a search is asked for; a std_srvs/Trigger carries nothing.
-    publishes_angle
-        Whether the angle of the probe is published: not if the rig is one of ROS 2 nodes, of which one does it.
+    ``request``: what a search is asked for; a std_srvs/Trigger carries nothing. ``publishes_angle``: whether the angle
+    of the probe is published: not if the rig is one of ROS 2 nodes, of which one does it.
     """
 
     def __init__(
@@ -49,8 +41,11 @@ class SearchNode:
         self._publish_result({"state": "idle"})
 
     def _on_run(self) -> tuple[bool, str]:
+        # Both nodes hear the request, and both would begin.
+        if (other := self.node.other(topics.RESULT)) is not None:
+            return False, f"{other}: end one of them"
         try:
-            self.start()
+            self.start(asked_by=f"a ROS 2 node that called {topics.RUN} (ROS 2 does not tell which)")
         except SearchError as refusal:
             return False, str(refusal)
         return True, f"a search has begun; its answer comes on {topics.RESULT}"
@@ -65,11 +60,11 @@ class SearchNode:
         """Whether a search is running, or its answer is not published yet."""
         return self._child is not None
 
-    def start(self) -> None:
-        """Start a search; `SearchError` if one is running."""
+    def start(self, *, asked_by: str | None = None) -> None:
+        """Start a search, as `Searches.start` does; `SearchError` if one is running."""
         if self.running:
             raise SearchError("a search is running; cancel it, or wait for its result")
-        self._child = self._searches.start(self._request)
+        self._child = self._searches.start(self._request, asked_by=asked_by)
         self.outcome = None
         self._counts["searches"] += 1
         self._publish_result({"state": "running", "process_id": self._child.process_id})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -10,10 +11,10 @@ from contextlib import contextmanager
 from markerseek.core import MarkerseekError
 from markerseek.guard import Guard
 from markerseek.ros import RosNode, StampedCommands, messages, topics
-from markerseek.scan import DeadMan
+from markerseek.scan import Watchdog
 
 _IDLE_S = 0.02
-_MOST_MESSAGES = 4
+_MAX_MESSAGES = 4
 """Most messages handled in one beat of a device: more would hold up its lease."""
 
 _DIAGNOSE_S = 1.0
@@ -24,13 +25,7 @@ class StepEnded(BaseException):
 
 
 class Diagnostics:
-    """Publishes diagnostics of a node once a second.
-
-    Parameters
-    ----------
-    node
-        The node.
-    """
+    """Publishes diagnostics of a node once a second."""
 
     def __init__(self, node: RosNode) -> None:
         self._node = node
@@ -39,34 +34,23 @@ class Diagnostics:
 
     def step(self, *, fault: str | None, facts: Mapping[str, object]) -> None:
         """Publish them if they are due."""
-        now_s = self._node.now_s()
-        if now_s >= self._due_s:
-            self._due_s = now_s + _DIAGNOSE_S
-            kinds, name = self._node.kinds, self._node.name
-            message = messages.diagnostics(kinds, time_s=now_s, name=name, fault=fault, facts=facts)
+        if time.monotonic() >= self._due_s:
+            self._due_s = time.monotonic() + _DIAGNOSE_S
+            kinds, name, time_s = self._node.kinds, self._node.name, self._node.now_s()
+            message = messages.diagnostics(kinds, time_s=time_s, name=name, fault=fault, facts=facts)
             self._node.publish(topics.DIAGNOSTICS, message)
 
 
 class Served(ABC):
     """A node of a device under a guard of its own.
 
-    Parameters
-    ----------
-    node
-        Its node; messages are handled while it is spun.
-    guard
-        The guard of the device.
-    by
-        Who has armed the guard.
-    dead_man
-        Lease of the device, to be held while it works.
-    simulated
-        Whether the device is simulated.
+    ``node``: messages are handled while it is spun. ``by``: who has armed the guard. ``watchdog``: lease of the device,
+    to be held while it works.
     """
 
-    def __init__(self, *, node: RosNode, guard: Guard, by: str, dead_man: DeadMan | None, simulated: bool) -> None:
+    def __init__(self, *, node: RosNode, guard: Guard, by: str, watchdog: Watchdog | None, simulated: bool) -> None:
         self.node = node
-        self._guard, self._by, self._dead_man, self._simulated = guard, by, dead_man, simulated
+        self._guard, self._by, self._watchdog, self._simulated = guard, by, watchdog, simulated
         self._commands = StampedCommands()
         self._diagnostics = Diagnostics(node)
         self._active = True
@@ -101,13 +85,13 @@ class Served(ABC):
 
     @contextmanager
     def _lease_held(self) -> Iterator[None]:
-        if self._dead_man is not None:
-            self._dead_man.hold()
+        if self._watchdog is not None:
+            self._watchdog.hold()
         try:
             yield
         finally:
-            if self._dead_man is not None:
-                self._dead_man.release()
+            if self._watchdog is not None:
+                self._watchdog.release()
 
     def _end_interrupted(self) -> None:
         self._make_safe()
@@ -137,7 +121,7 @@ class MessagePump:
     def __call__(self) -> None:
         """Handle a few messages, without waiting, and end what the device does if one asks for it."""
         if self.served:
-            self.served[0].node.drain(_MOST_MESSAGES)
+            self.served[0].node.drain(_MAX_MESSAGES)
         for each in self.served:
             each.beat()
 
@@ -145,12 +129,7 @@ class MessagePump:
 def serve(served: Sequence[Served], *, until: Callable[[], bool]) -> None:
     """Serve nodes that share a network, until told to stop.
 
-    Parameters
-    ----------
-    served
-        The nodes.
-    until
-        Asked between two steps, at least every 20 ms unless a device works.
+    ``until``: asked between two steps, at least every 20 ms unless a device works.
     """
     while not until():
         # One of them is spun for all: they share a network.

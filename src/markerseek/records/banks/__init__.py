@@ -7,7 +7,7 @@ Foreign files are read in a child process (`markerseek.records.sandbox`).
 from markerseek.records.banks.arrays import ArrayBank, read_arrays
 from markerseek.records.banks.bank import (
     HDF5_SUFFIXES,
-    MOST_DEG,
+    MAX_DEG,
     Bank,
     BankFacts,
     FrameBank,
@@ -27,7 +27,7 @@ __all__ = [
     "DEFAULT_FORMAT",
     "HDF5_SUFFIXES",
     "MAT_PROBE",
-    "MOST_DEG",
+    "MAX_DEG",
     "ULTRASONIX_SUFFIXES",
     "AngleUnit",
     "ArrayBank",

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from markerseek.core import MOST_INTENSITY, ChannelFrame, Float64, FrameHeader, Int16, RecordError
+from markerseek.core import MAX_INTENSITY, ChannelFrame, Float64, FrameHeader, Int16, RecordError
 from markerseek.files import as_read_error
 from markerseek.records.banks.bank import BankFacts, FrameBank, IntensityBank, require_angles
 from markerseek.records.banks.counts import as_counts, scale_of
@@ -31,18 +31,11 @@ _INTENSITIES = ("intensity", "intensities")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArrayBank(FrameBank):
-    """Frames in memory.
-
-    Attributes
-    ----------
-    path
-        The file.
-    samples
-        ADC counts, shape (angles, channels, samples).
-    """
+    """Frames in memory."""
 
     path: Path
     samples: Int16[np.ndarray, "angles channels samples"] = field(repr=False)
+    """ADC counts."""
 
     def frame(self, index: int) -> ChannelFrame:
         """Channel data of one angle."""
@@ -66,17 +59,7 @@ class ArrayBank(FrameBank):
 def read_arrays(path: Path, *, first_and_step_deg: tuple[float, float] | None = None) -> IntensityBank | ArrayBank:
     """Bank in an ``.npy``, ``.npz`` or ``.mat``.
 
-    Parameters
-    ----------
-    path
-        The file.
-    first_and_step_deg
-        Angle of the first frame and step to the next, in degrees, where the file holds no angles.
-
-    Raises
-    ------
-    RecordError
-        If it is damaged, or does not hold the variables described above.
+    ``first_and_step_deg``: angle of the first frame and step to the next, where the file holds no angles.
     """
     with as_read_error(path), Sandbox() as sandbox:
         arrays = _named(arrays_in(path, sandbox, most_bytes=_LARGEST_BYTES))
@@ -149,10 +132,8 @@ def _intensity(path: Path, intensity: np.ndarray, angles: int) -> Float64[np.nda
     values = values.astype(np.float64)
     if not (np.isfinite(values) & (values >= 0)).all():
         raise RecordError(f"{path}: intensity must be finite and not negative; leave those angles out")
-    if (values > MOST_INTENSITY).any():
-        raise RecordError(
-            f"{path}: an intensity is {values.max():g}, it must be at most {MOST_INTENSITY:g}; scale them"
-        )
+    if (values > MAX_INTENSITY).any():
+        raise RecordError(f"{path}: an intensity is {values.max():g}, it must be at most {MAX_INTENSITY:g}; scale them")
     return values
 
 

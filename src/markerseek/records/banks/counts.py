@@ -22,17 +22,7 @@ _COUNTS = np.iinfo(np.int16)
 def scale_of(path: Path, arrays: Iterable[np.ndarray]) -> float:
     """Counts of one unit, the same for all arrays: `EXACT` if they are whole numbers of int16; warns if they are not.
 
-    Parameters
-    ----------
-    path
-        Where they are from, for the messages.
-    arrays
-        All frames of a recording; each is looked at once.
-
-    Raises
-    ------
-    RecordError
-        If they are no real, finite numbers.
+    ``path``: where they are from, for the messages. ``arrays``: all frames of a recording; each is looked at once.
     """
     exact, largest, kinds = True, 0.0, set()
     for values in arrays:
@@ -58,13 +48,7 @@ def scale_of(path: Path, arrays: Iterable[np.ndarray]) -> float:
 
 
 def as_counts(path: Path, values: np.ndarray, *, scale: float) -> Int16[np.ndarray, " ..."]:
-    """The values times the scale as int16, rounded to the nearest.
-
-    Raises
-    ------
-    RecordError
-        If they are no counts at that scale: a scan mixes counts with other numbers.
-    """
+    """The values times the scale as int16, rounded to the nearest."""
     if values.dtype.newbyteorder("=") == np.int16 and scale == EXACT:
         return np.ascontiguousarray(values, dtype=np.int16)
     scaled = values.astype(np.float64) * scale

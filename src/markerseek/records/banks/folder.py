@@ -26,29 +26,19 @@ _SIGN_WORDS = re.compile(r"(?:^|[_ ])(?:m|n|p)$|(?:neg|negative|minus|pos|positi
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FolderBank(FrameBank):
-    """One acquisition for each angle, in a folder or file of its own.
-
-    Attributes
-    ----------
-    places
-        Path of each, in the order of the angles.
-    sandbox
-        Process that reads the files of NumPy and MATLAB.
-    scale
-        Counts of one unit in files of NumPy, the same at all angles.
-    """
+    """One acquisition for each angle, in a folder or file of its own."""
 
     places: tuple[Path, ...] = field(repr=False)
+    """Path of each, in the order of the angles."""
     sandbox: Sandbox = field(repr=False, compare=False, default_factory=Sandbox)
+    """Process that reads the files of NumPy and MATLAB."""
     scale: float = EXACT
+    """Counts of one unit in files of NumPy, the same at all angles."""
 
     def frame(self, index: int) -> ChannelFrame:
         """Channel data of one angle, from the disk.
 
-        Raises
-        ------
-        RecordError
-            If they cannot be read.
+        Raises `RecordError` if they cannot be read.
         """
         sampling_hz = self.facts.sampling_hz or USUAL_SAMPLING_HZ
         angle_deg = self.angles_deg[index]
@@ -66,11 +56,6 @@ def read_folder(path: Path) -> FolderBank:
 
     A name is the angle in degrees, such as ``-12.5``, optionally with a word before it, the same in the whole folder,
     and ``deg`` or ``°`` after it: ``angle_-12.5deg``.
-
-    Raises
-    ------
-    RecordError
-        If a name holds no angle, a repeated angle, or one whose sign is ambiguous.
     """
     by_angle: dict[float, Path] = {}
     words: dict[str, Path] = {}

@@ -25,10 +25,10 @@ MAT_PROBE = "L3-8"
 """Preset of the probe of the public data set."""
 
 _FRAME, _COUNT = "AdcData_frame000", "SampleNum"
-_MOST_FRAME_BYTES = 256 * MIB
+_MAX_FRAME_BYTES = 256 * MIB
 """Largest file of one frame: 16 MiB of channel data, and whatever else was saved with them."""
 
-_MOST_CHANNEL_BYTES = 64 * MIB
+_MAX_CHANNEL_BYTES = 64 * MIB
 """Largest file of one channel: 800 pulses of 40,000 samples."""
 
 
@@ -42,25 +42,13 @@ def load_frame(
 ) -> ChannelFrame:
     """Frame of channel data in a file, or in a folder of SonixDAQ channel files.
 
-    Parameters
-    ----------
-    path
-        A folder with 128 ``.daq`` files (repeated pulses are averaged), an ``.npy`` of (channels, samples), or a
-        ``.mat`` with ``AdcData_frame000`` and ``SampleNum``.
-    sampling_hz
-        Sampling frequency in Hz; none of the files holds it.
-    angle_deg
-        Angle of the probe, for the frame's header, in degrees.
-    sandbox
-        Reads files of NumPy and MATLAB; None: one for this file alone.
-    scale
-        Counts of one unit of an ``.npy``; None: whole numbers of int16 are counts, any others are scaled, with a
-        warning.
-
-    Raises
-    ------
-    RecordError
-        If there is no frame in it; the message names the file, what was expected, what was found, and the cure.
+    - ``path``: a folder with 128 ``.daq`` files (repeated pulses are averaged), an ``.npy`` of (channels, samples), or
+      a ``.mat`` with ``AdcData_frame000`` and ``SampleNum``.
+    - ``sampling_hz``: sampling frequency; none of the files holds it.
+    - ``angle_deg``: angle of the probe, for the frame's header.
+    - ``sandbox``: reads files of NumPy and MATLAB; None: one for this file alone.
+    - ``scale``: counts of one unit of an ``.npy``; None: whole numbers of int16 are counts, any others are scaled, with
+      a warning.
     """
     place = Path(path)
     with as_read_error(place):
@@ -74,14 +62,9 @@ def load_frame(
 def npy_samples(path: Path, sandbox: Sandbox) -> np.ndarray:
     """Channel data of an ``.npy`` in the type that it has, shape (channels, samples).
 
-    Raises
-    ------
-    RecordError
-        If it is damaged, or holds an array of another shape.
-    OSError
-        If it cannot be opened.
+    Raises `OSError` if it cannot be opened.
     """
-    samples = arrays_in(path, sandbox, most_bytes=_MOST_FRAME_BYTES)[""]
+    samples = arrays_in(path, sandbox, most_bytes=_MAX_FRAME_BYTES)[""]
     # More channels than samples is a transposed array.
     if samples.ndim != 2 or not 1 <= samples.shape[0] <= samples.shape[1]:
         raise RecordError(
@@ -104,7 +87,7 @@ def _load(
         raise RecordError(f"{path}: {_otherwise(path)}")
     with Sandbox() if sandbox is None else nullcontext(sandbox) as reader:
         if suffix == ".mat":
-            return _mat_frame(path, arrays_in(path, reader, most_bytes=_MOST_FRAME_BYTES)), 1
+            return _mat_frame(path, arrays_in(path, reader, most_bytes=_MAX_FRAME_BYTES)), 1
         samples = npy_samples(path, reader)
     return as_counts(path, samples, scale=scale_of(path, [samples]) if scale is None else scale), 1
 
@@ -190,14 +173,14 @@ def _daq_files(folder: Path) -> dict[int, Path]:
 
 
 def _daq_file(path: Path) -> tuple[sonixdaq.DaqHeader, bytes]:
-    data = read_input(path, most_bytes=_MOST_CHANNEL_BYTES)
+    data = read_input(path, most_bytes=_MAX_CHANNEL_BYTES)
     try:
         header = sonixdaq.decode_header(data[: sonixdaq.HEADER_BYTES], size=len(data), name=path.name)
     except RecordError as error:
         raise RecordError(f"{path.parent}: {error}") from error
-    if header.samples > sonixdaq.MOST_SAMPLES:
+    if header.samples > sonixdaq.MAX_SAMPLES:
         raise RecordError(
-            f"{path}: it holds {header.samples} samples of each pulse, at most {sonixdaq.MOST_SAMPLES} are read; "
+            f"{path}: it holds {header.samples} samples of each pulse, at most {sonixdaq.MAX_SAMPLES} are read; "
             "record a shorter time"
         )
     return header, data[header.length :]

@@ -17,23 +17,9 @@ from markerseek.records.journal import is_journal
 def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank | FrameBank:
     """Bank at a path, its frames left on disk.
 
-    Parameters
-    ----------
-    path
-        An IPASC HDF5 file (``.hdf5``, ``.h5``); a CSV of ``angle_deg,intensity``; or a folder that holds for each angle
-        a sub-folder of SonixDAQ files or a file of channel data (``.npy``, ``.mat``), named by its angle in degrees
-        (``-12.5``, ``angle_-12.5deg``).
-    table
-        Columns and unit of a CSV.
-
-    Raises
-    ------
-    RecordError
-        If it does not exist or has another content; the message says what to do.
-    ConfigError
-        If columns or a unit are given, and it is no CSV.
-    MissingExtraError
-        If a bank in HDF5 is given and h5py is not installed.
+    ``path``: an IPASC HDF5 file (``.hdf5``, ``.h5``); a CSV of ``angle_deg,intensity``; or a folder that holds for each
+    angle a sub-folder of SonixDAQ files or a file of channel data (``.npy``, ``.mat``), named by its angle in degrees
+    (``-12.5``, ``angle_-12.5deg``). ``table``: columns and unit of a CSV.
     """
     with as_read_error(path):
         journal = path.is_file() and is_journal(path)
@@ -61,10 +47,7 @@ def frame_faults(bank: IntensityBank | FrameBank) -> Iterator[str | None]:
     Opening a bank has already checked its numbers and read the first frame. Frames are compared with their checksums
     where the file has any (`has_checksums`).
 
-    Yields
-    ------
-    str or None
-        The fault in words, for each frame that the bank should hold; nothing for a bank of intensities.
+    Yields the fault in words, for each frame that the bank should hold; nothing for a bank of intensities.
     """
     if isinstance(bank, IntensityBank):
         return
@@ -80,18 +63,12 @@ def frame_faults(bank: IntensityBank | FrameBank) -> Iterator[str | None]:
 
 
 def has_checksums(bank: IntensityBank | FrameBank) -> bool:
-    """Whether the frames have checksums, by which a change of one is detected."""
+    """Whether the frames have checksums, which detect a change."""
     return isinstance(bank, IpascBank) and bool(bank.frame_sums)
 
 
 def require_whole(bank: IntensityBank | FrameBank) -> None:
-    """Refuse a bank in IPASC HDF5 of which a frame cannot be read or has changed; other banks are read anyway.
-
-    Raises
-    ------
-    RecordError
-        For the first such frame.
-    """
+    """Refuse a bank in IPASC HDF5 with a frame that cannot be read or has changed; other banks are read anyway."""
     if not isinstance(bank, IpascBank):
         return
     for fault in frame_faults(bank):

@@ -12,9 +12,9 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from markerseek.core import MOST_INTENSITY, ConfigError, RecordError
+from markerseek.core import MAX_INTENSITY, ConfigError, RecordError
 from markerseek.files import MIB, CsvRows, csv_rows, new_file, read_input, replace_file
-from markerseek.records.banks.bank import LEAST_STEP_DEG, IntensityBank, require_angles
+from markerseek.records.banks.bank import MIN_STEP_DEG, IntensityBank, require_angles
 from markerseek.records.untrusted_arrays import ARRAY_SUFFIXES
 
 COLUMNS = ("angle_deg", "intensity")
@@ -36,19 +36,13 @@ _LARGEST_BYTES = 64 * MIB
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableFormat:
-    """Which columns of a CSV hold angle and intensity, and the unit of the angle.
-
-    Attributes
-    ----------
-    columns
-        Names of the columns of angle and intensity, or their numbers, counted from 1; None: ``angle_deg`` (or
-        ``angle_mrad``, ``angle_rad``) and ``intensity``, or the two columns of a table without names.
-    unit
-        Unit of the angles; None: as the name of the column says, else degrees.
-    """
+    """Which columns of a CSV hold angle and intensity, and the unit of the angle."""
 
     columns: tuple[str, str] | None = None
+    """Names of the columns of angle and intensity, or their numbers, counted from 1; None: ``angle_deg`` (or
+    ``angle_mrad``, ``angle_rad``) and ``intensity``, or the two columns of a table without names."""
     unit: AngleUnit | None = None
+    """None: as the name of the column says, else degrees."""
 
     def __post_init__(self) -> None:
         if self.columns is not None and (not all(self.columns) or self.columns[0] == self.columns[1]):
@@ -62,13 +56,7 @@ DEFAULT_FORMAT = TableFormat()
 
 
 def write_bank(bank: IntensityBank, path: Path) -> None:
-    """Write a bank as a CSV that `read_bank` reads, with every digit; its folder is made if missing.
-
-    Raises
-    ------
-    RecordError
-        If the file cannot be written.
-    """
+    """Write a bank as a CSV that `read_bank` reads, with every digit; its folder is made if missing."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with replace_file(path) as part:
@@ -99,17 +87,7 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
     Columns are separated by commas, semicolons, tabs or spaces. Where it is not the comma that separates them, a comma
     in a number is a decimal one. A warning says what was averaged or assumed.
 
-    Parameters
-    ----------
-    path
-        The file.
-    table
-        Which columns are read, and their unit.
-
-    Raises
-    ------
-    RecordError
-        If it cannot be read; the message names the line and the cure.
+    ``table``: which columns are read, and their unit.
     """
     if path.suffix.lower() in ARRAY_SUFFIXES:
         raise RecordError(
@@ -122,20 +100,20 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
             f"{path}: it cannot be read as a CSV of {','.join(COLUMNS)}: {problem}; a bank is such a table, an IPASC "
             "HDF5 file (.hdf5, .h5), or a folder with one frame per angle"
         ) from problem
-    places = _places(path, rows, table)
-    angle_name = rows.names[places[0]] if rows.names else ""
-    values = np.array([_numbers(path, rows, line, places) for line in rows.cells]).reshape(-1, 2)
+    columns = _columns(path, rows, table)
+    angle_name = rows.names[columns[0]] if rows.names else ""
+    values = np.array([_numbers(path, rows, line, columns) for line in rows.cells]).reshape(-1, 2)
     unit = _unit(path, table.unit, angle_name, values[:, 0])
     angles_deg, intensities = _averaged(path, values[:, 0] * _DEG[unit], values[:, 1])
     require_angles(path, angles_deg)
     return IntensityBank(angles_deg=tuple(angles_deg), intensities=tuple(intensities))
 
 
-def _places(path: Path, rows: CsvRows, table: TableFormat) -> tuple[int, int]:
+def _columns(path: Path, rows: CsvRows, table: TableFormat) -> tuple[int, int]:
     """Indices of the columns of angle and intensity."""
     names = rows.names
     if table.columns is not None:
-        first, second = (_place(path, rows, column) for column in table.columns)
+        first, second = (_column_index(path, rows, column) for column in table.columns)
         return first, second
     if not names and rows.width == 2:
         warnings.warn(
@@ -153,10 +131,10 @@ def _places(path: Path, rows: CsvRows, table: TableFormat) -> tuple[int, int]:
             f"{path}, line 1: the {missing} missing, it has {has}; name the columns of angle and intensity: "
             "--columns ANGLE,INTENSITY"
         )
-    return _place(path, rows, angle), _place(path, rows, intensity)
+    return _column_index(path, rows, angle), _column_index(path, rows, intensity)
 
 
-def _place(path: Path, rows: CsvRows, column: str) -> int:
+def _column_index(path: Path, rows: CsvRows, column: str) -> int:
     """Index of one column by its name, or by its number if none has that name."""
     found = [index for index, name in enumerate(rows.names) if name == column]
     if len(found) > 1:
@@ -169,22 +147,22 @@ def _place(path: Path, rows: CsvRows, column: str) -> int:
     raise RecordError(f"{path}, line 1: there is no column {column}, it has {has}")
 
 
-def _numbers(path: Path, rows: CsvRows, line: int, places: tuple[int, int]) -> tuple[float, float]:
+def _numbers(path: Path, rows: CsvRows, line: int, columns: tuple[int, int]) -> tuple[float, float]:
     """Angle and intensity of one row."""
-    angle, intensity = (_cell(path, rows, line, place) for place in places)
+    angle, intensity = (_cell(path, rows, line, column) for column in columns)
     if intensity < 0:
         raise RecordError(f"{path}, line {line}: intensity is {intensity}, it must not be negative")
     # Larger numbers overflow when the methods square them.
-    if intensity > MOST_INTENSITY:
+    if intensity > MAX_INTENSITY:
         raise RecordError(
-            f"{path}, line {line}: intensity is {intensity}, it must be at most {MOST_INTENSITY:g}; scale the column"
+            f"{path}, line {line}: intensity is {intensity}, it must be at most {MAX_INTENSITY:g}; scale the column"
         )
     return angle, intensity
 
 
-def _cell(path: Path, rows: CsvRows, line: int, place: int) -> float:
+def _cell(path: Path, rows: CsvRows, line: int, column: int) -> float:
     row = rows.cells[line]
-    name = rows.names[place] if rows.names else f"column {place + 1}"
+    name = rows.names[column] if rows.names else f"column {column + 1}"
     # A comma inside a number, in a table that commas separate, shifts all columns behind it.
     if len(row) != rows.width:
         raise RecordError(
@@ -192,9 +170,9 @@ def _cell(path: Path, rows: CsvRows, line: int, place: int) -> float:
             "needs columns that a semicolon or a tab separates"
         )
     try:
-        value = float(rows.with_point(row[place]))
+        value = float(rows.with_point(row[column]))
     except ValueError:
-        raise RecordError(f"{path}, line {line}: {name} is {row[place]!r}, it must be a number") from None
+        raise RecordError(f"{path}, line {line}: {name} is {row[column]!r}, it must be a number") from None
     if not math.isfinite(value):
         raise RecordError(f"{path}, line {line}: {name} is {value}, it must be finite; leave that row out")
     return value
@@ -218,7 +196,7 @@ def _averaged(path: Path, angles_deg: np.ndarray, intensities: np.ndarray) -> tu
     """Angles in rising order, each once, with the mean of its intensities."""
     order = np.argsort(angles_deg, kind="stable")
     angles_deg, intensities = angles_deg[order], intensities[order]
-    first = np.flatnonzero(np.diff(angles_deg, prepend=-np.inf) >= LEAST_STEP_DEG)
+    first = np.flatnonzero(np.diff(angles_deg, prepend=-np.inf) >= MIN_STEP_DEG)
     if first.size == angles_deg.size:
         return angles_deg.tolist(), intensities.tolist()
     counts = np.diff(first, append=angles_deg.size)

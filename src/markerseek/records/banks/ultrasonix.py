@@ -18,33 +18,19 @@ ULTRASONIX_SUFFIXES = frozenset(ultrasonix.SUFFIX_OF_TYPE.values()) - {".m"}
 # 64 GiB: hours of frames, which are read one at a time.
 _LARGEST_BYTES = 1 << 36
 
-_MOST_FRAME_BYTES = 64 * MIB
+_MAX_FRAME_BYTES = 64 * MIB
 """Largest frame: 512 lines of 65,536 samples."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UltrasonixFile:
-    """An Ultrasonix file with its decoded header.
-
-    Attributes
-    ----------
-    path
-        The file.
-    header
-        Its header.
-    """
+    """An Ultrasonix file with its decoded header."""
 
     path: Path
     header: ultrasonix.UltrasonixHeader
 
     def b_mode(self, index: int) -> UInt8[np.ndarray, "rows columns"]:
-        """B-mode image, counted from 0.
-
-        Raises
-        ------
-        RecordError
-            If there is none of that number, or the file holds radio-frequency lines.
-        """
+        """B-mode image, counted from 0."""
         self._require("b-mode")
         return ultrasonix.decode_b_mode(self._body(index), self.header)
 
@@ -70,19 +56,13 @@ class UltrasonixFile:
 
 
 def open_ultrasonix(path: Path) -> UltrasonixFile:
-    """File with its header, checked against its size.
-
-    Raises
-    ------
-    RecordError
-        If it is not there, cut off, or of another kind.
-    """
+    """File with its header, checked against its size."""
     with as_read_error(path), open_input(path, most_bytes=_LARGEST_BYTES) as file:
         head, size = file.read(ultrasonix.HEADER_BYTES), os.fstat(file.fileno()).st_size
     header = ultrasonix.decode_header(head, size=size, name=str(path))
-    if header.stride > _MOST_FRAME_BYTES:
+    if header.stride > _MAX_FRAME_BYTES:
         raise RecordError(
-            f"{path}: a frame has {header.stride} bytes, at most {_MOST_FRAME_BYTES} are read; the header is damaged: "
+            f"{path}: a frame has {header.stride} bytes, at most {_MAX_FRAME_BYTES} are read; the header is damaged: "
             "export it again"
         )
     return UltrasonixFile(path=path, header=header)

@@ -7,8 +7,7 @@
                                                          ``trus_image`` where the face radius is known; metres
 ``/TRUS/pa/image``           sensor_msgs/Image, mono8    to be looked at, in decibels
 ``/TRUS/pa/envelope``        sensor_msgs/Image, 32FC1    the same to be calculated with, in ADC counts
-``/pa_search/sample``        std_msgs/String             JSON for programs: ``angle_deg``, ``intensity``, ``time_s``,
-                                                         and ``pulses`` where they are known
+``/pa_search/sample``        std_msgs/String             JSON for programs, as of a running node: `messages.sample`
 ``/pa_search/intensity``     std_msgs/Float64            the intensity once more, for plots, which want a number
 ===========================  ==========================  ==========================================================
 
@@ -48,25 +47,8 @@ METADATA = "markerseek"
 def write_mcap(path: Path, images: Iterator[PaImage] | None, *, series: Series, brightest: float | None = None) -> None:
     """Write a bank as one MCAP file, in the order of time.
 
-    Parameters
-    ----------
-    path
-        File to be written; it must not exist.
-    images
-        Image of each acquisition, in the order of the series, taken one at a time; None where there are none.
-    series
-        The acquisitions.
-    brightest
-        Envelope in ADC counts that pictures show as white; for images only.
-
-    Raises
-    ------
-    ConfigError
-        If there are images, and no brightest value that is positive and finite.
-    MissingExtraError
-        If rosbags is not installed.
-    RecordError
-        If the file cannot be written, or there is not one image for each acquisition.
+    ``path``: file to be written; it must not exist. ``images``: image of each acquisition, in the order of the series,
+    taken one at a time. ``brightest``: envelope in ADC counts that pictures show as white; for images only.
     """
     if images is not None and not (brightest is not None and 0 < brightest < math.inf):
         raise ConfigError(f"brightest is {brightest} ADC counts, it must be positive and finite")
@@ -112,8 +94,17 @@ class _Log:
             if image is not None and brightest is not None:
                 self._put(PICTURE, messages.picture(kinds, image, time_s=time_s, brightest=brightest), at_ns)
                 self._put(ENVELOPE, messages.envelope(kinds, image, time_s=time_s), at_ns)
-            sample = {"angle_deg": angle_deg, "intensity": intensity, "time_s": time_s}
-            self._put_json(SAMPLE, sample | ({"pulses": series.pulses[number]} if series.pulses else {}), at_ns)
+            sample = messages.sample(
+                index=number + 1,
+                # What a bank is played as.
+                role="search",
+                angle_deg=angle_deg,
+                intensity=intensity,
+                time_s=time_s,
+                pulses=series.pulses[number] if series.pulses else None,
+                images=placed,
+            )
+            self._put_json(SAMPLE, sample, at_ns)
             # This topic is for plots, which want a number.
             if math.isfinite(intensity):
                 self._put(INTENSITY, kinds["std_msgs/msg/Float64"](data=float(intensity)), at_ns)

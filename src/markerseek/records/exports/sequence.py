@@ -17,7 +17,7 @@ from markerseek.files import new_file
 from markerseek.records.exports.frames import IMAGE_ORIENTATION, image_to_probe, probe_to_probe_home
 from markerseek.records.exports.series import Series, grid_of, one_for_each
 
-MOST_FRAMES = 9999
+MAX_FRAMES = 9999
 """Frames that four digits of a field's name can count."""
 
 PIXELS = "envelope in ADC counts"
@@ -29,24 +29,13 @@ _LONGEST_LINE = 900
 def write_sequence(path: Path, images: Iterator[PaImage], *, series: Series) -> None:
     """Write images of one shape as a sequence of MET_FLOAT pixels.
 
-    Parameters
-    ----------
-    path
-        File to be written; it must not exist.
-    images
-        Image of each acquisition, in the order of the series; taken one at a time.
-    series
-        The acquisitions. Where their facts have no face radius, ImageToProbe is left out, which would otherwise be
-        wrong by it.
-
-    Raises
-    ------
-    RecordError
-        If the file cannot be written, the images differ in shape, or there is not one for each acquisition.
+    ``path``: file to be written; it must not exist. ``images``: image of each acquisition, in the order of the series;
+    taken one at a time. ``series``: the acquisitions. Where their facts have no face radius, ImageToProbe is left out,
+    which would otherwise be wrong by it.
     """
     count = len(series.angles_deg)
-    if count > MOST_FRAMES:
-        raise RecordError(f"{path}: {count} frames, a sequence holds at most {MOST_FRAMES}; scan coarser")
+    if count > MAX_FRAMES:
+        raise RecordError(f"{path}: {count} frames, a sequence holds at most {MAX_FRAMES}; scan coarser")
     each = one_for_each(path, images, count)
     first = next(each)
     with new_file(path) as part, part.open("xb") as file:

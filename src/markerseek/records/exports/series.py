@@ -25,32 +25,20 @@ TIMES: dict[Clock, str] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Series:
-    """Acquisitions in the order of the export.
-
-    Attributes
-    ----------
-    angles_deg
-        Angle of the probe at each, in degrees.
-    times_s
-        When each began, in seconds, rising.
-    clock
-        What the times were read from; ``none``: 0, 1, 2 and so on.
-    order
-        Number of each in the bank, counted from 0.
-    intensities
-        Intensity of each, NaN where it is not known; empty where none is.
-    pulses
-        Laser pulses averaged in each; empty where it is not known.
-    facts
-        What else is known.
-    """
+    """Acquisitions in the order of the export."""
 
     angles_deg: tuple[float, ...]
+    """Angle of the probe at each."""
     times_s: tuple[float, ...]
+    """When each began, rising."""
     clock: Clock
+    """What the times were read from; ``none``: 0, 1, 2 and so on."""
     order: tuple[int, ...]
+    """Number of each in the bank, counted from 0."""
     intensities: tuple[float, ...] = ()
+    """Intensity of each, NaN where it is not known; empty where none is."""
     pulses: tuple[int, ...] = ()
+    """Laser pulses averaged in each; empty where it is not known."""
     facts: BankFacts
 
     def __post_init__(self) -> None:
@@ -85,14 +73,8 @@ def series_of(
     Times are used if each acquisition has one and they differ within six digits, counted from the first: SlicerIGSIO
     compares times with that precision, and would merge acquisitions with equal ones.
 
-    Parameters
-    ----------
-    bank
-        The bank.
-    facts
-        What is known of it, where that is more than it holds.
-    intensities
-        Intensities in the order of the bank's angles, in the place of those that it holds.
+    ``facts``: what is known of it, where that is more than it holds. ``intensities``: intensities in the order of the
+    bank's angles, in the place of those that it holds.
     """
     times, clock = _times(bank)
     order = tuple(sorted(range(len(times)), key=times.__getitem__))

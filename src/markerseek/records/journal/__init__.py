@@ -19,7 +19,7 @@ from markerseek.records.journal.folder import (
     size_bytes_of,
     summary,
 )
-from markerseek.records.journal.reader import Finding, RecordedRun, read_journal, result_of, salvage, verify
+from markerseek.records.journal.reader import JournalCheck, RecordedRun, read_journal, result_of, salvage, verify
 from markerseek.records.journal.sequence import RunState, run_state
 from markerseek.records.journal.writer import Journal
 
@@ -27,9 +27,9 @@ __all__ = [
     "Checked",
     "Configuration",
     "Entry",
-    "Finding",
     "Interrupted",
     "Journal",
+    "JournalCheck",
     "JournalEvent",
     "JournalSummary",
     "Prunable",

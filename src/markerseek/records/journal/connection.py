@@ -27,26 +27,20 @@ from markerseek.files import open_input, require_input
 from markerseek.records.journal.schema import APPLICATION_ID
 
 _MAGIC, _HEADER_BYTES, _ROLLBACK_FORMAT = b"SQLite format 3\0", 100, b"\1\1"
+_ROLLBACK_MAGIC = bytes.fromhex("d9d505f920a163d7")
+"""First bytes of a rollback file, and its last ones where it names a super-journal (sqlite.org/fileformat2.html)."""
 _FORMAT, _APPLICATION = slice(18, 20), slice(68, 72)
-_MOST_BYTES = 1 << 36
+_MAX_BYTES = 1 << 36
 """Largest journal that is opened: 100,000 frames of half a megabyte."""
 
 
 def connect(path: Path, *, mode: Literal["rw", "ro"]) -> sqlite3.Connection:
     """Connection without automatic transactions.
 
-    Parameters
-    ----------
-    path
-        An existing file.
-    mode
-        "rw" holds an exclusive lock from the first transaction on; "ro" changes nothing.
-
-    Raises
-    ------
-    sqlite3.Error
-        If the file is locked or no database.
+    ``mode``: "rw" holds an exclusive lock from the first transaction on; "ro" changes nothing. Raises `sqlite3.Error`
+    if the file is locked or no database.
     """
+    _require_own_rollback_file(path)
     uri = f"file:{quote(os.fsencode(path.absolute()))}?mode={mode}"
     # A short timeout, for a reader that is just opening it: a writer keeps its lock for a whole run.
     connection = sqlite3.connect(uri, uri=True, isolation_level=None, timeout=0.5, check_same_thread=True)
@@ -67,6 +61,23 @@ def connect(path: Path, *, mode: Literal["rw", "ro"]) -> sqlite3.Connection:
     return connection
 
 
+def _require_own_rollback_file(path: Path) -> None:
+    """Refuse a rollback file that names a super-journal: SQLite deletes the file of that name after a rollback.
+
+    A transaction over several databases ends in such a name; ours are over one.
+    """
+    rollback = rollback_file(path)
+    if not os.path.lexists(rollback):
+        return
+    with open_input(rollback, most_bytes=_MAX_BYTES) as file:
+        file.seek(max(0, os.fstat(file.fileno()).st_size - len(_ROLLBACK_MAGIC)))
+        if file.read() == _ROLLBACK_MAGIC:
+            raise RecordError(
+                f"{rollback}: it names a further file, which SQLite would delete, and was not written by markerseek; "
+                f"move it away to read {path.name} as it is"
+            )
+
+
 def remove_rollback_file(connection: sqlite3.Connection) -> None:
     """Remove the rollback journal that PERSIST leaves, while the file is still locked."""
     connection.execute("PRAGMA locking_mode = NORMAL")
@@ -79,11 +90,6 @@ def opened_for_reading(path: Path) -> Iterator[sqlite3.Connection]:
 
     A run that died in a commit is read from a copy, in which SQLite can undo that commit: this works on a read-only
     disk, and a foreign rollback journal cannot damage the file.
-
-    Raises
-    ------
-    RecordError
-        If there is no such journal, it is in use, or SQLite cannot read it.
     """
     with as_record_error(path, verb="read"):
         require_journal_file(path)
@@ -96,7 +102,7 @@ def opened_for_reading(path: Path) -> Iterator[sqlite3.Connection]:
             # A writer that changes either file during the copy would give a mixture of two states.
             before = _stamps(path)
             shutil.copyfile(path, copy)
-            require_input(rollback_file(path), most_bytes=_MOST_BYTES)
+            require_input(rollback_file(path), most_bytes=_MAX_BYTES)
             shutil.copyfile(rollback_file(path), rollback_file(copy))
             if _stamps(path) != before:
                 raise RecordError(f"{path}: the journal changed while it was read; another markerseek has it open")
@@ -130,17 +136,14 @@ def resolve_link(path: Path) -> Path:
 
 
 def rollback_file(path: Path) -> Path:
-    """Path of SQLite's rollback file of a journal, which need not exist."""
+    """Path of SQLite's rollback file of a journal; the file may be absent."""
     return Path(f"{path}-journal")
 
 
 def is_journal(path: Path) -> bool:
     """Whether a regular file has the header of a journal; its contents are not checked.
 
-    Raises
-    ------
-    OSError
-        If it cannot be read.
+    Raises `OSError` if it cannot be read.
     """
     with open_input(path, most_bytes=sys.maxsize) as file:
         return _is_ours(file.read(_HEADER_BYTES))
@@ -156,14 +159,7 @@ def journals_folder() -> Path:
 
 
 def require_journal_file(path: Path) -> None:
-    """Refuse files that cannot be a journal, before SQLite opens them.
-
-    Raises
-    ------
-    RecordError
-        If it does not exist, or is a folder, pipe, device, empty, too large, hard-linked, or a database in WAL mode,
-        which SQLite could not read without creating files beside it.
-    """
+    """Refuse files that cannot be a journal, before SQLite opens them."""
     if path.is_dir():
         raise RecordError(f"{path}: it is a folder, and a journal is one file; name the file")
     if not path.exists():
@@ -171,7 +167,7 @@ def require_journal_file(path: Path) -> None:
             f"{path}: there is no such journal; check the name ('markerseek journal list' shows those of "
             f"searches that named none, in {journals_folder()})"
         )
-    with open_input(path, most_bytes=_MOST_BYTES) as file:
+    with open_input(path, most_bytes=_MAX_BYTES) as file:
         header, names = file.read(_HEADER_BYTES), os.fstat(file.fileno()).st_nlink
     if not header:
         raise RecordError(f"{path}: it is empty: no journal of a run (or its run was never begun); check the name")
@@ -203,12 +199,7 @@ def exists_error(path: Path) -> RecordError:
 def as_record_error(path: Path, *, verb: str) -> Iterator[None]:
     """Turn errors of SQLite and of the file system into a `RecordError` that names the file and the cure.
 
-    Parameters
-    ----------
-    path
-        The journal.
-    verb
-        What could not be done: "read", "written" or "closed".
+    ``verb``: what could not be done: "read", "written" or "closed".
     """
     try:
         yield

@@ -49,30 +49,20 @@ _ARRAYS = {"samples": "<i2", "pixels": "|u1"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EncodedEvent:
-    """An event as columns of a row.
-
-    Attributes
-    ----------
-    kind
-        Name of its class in lower case.
-    body
-        Its fields, JSON.
-    samples
-        Arrays of its frame, one behind the other, row after row: counts as little-endian int16, grey values as uint8;
-        None where it has none.
-    """
+    """An event as columns of a row."""
 
     kind: str
+    """Name of its class in lower case."""
     body: bytes
+    """Its fields, JSON."""
     samples: memoryview | None
+    """Arrays of its frame, one behind the other, row after row: counts as little-endian int16, grey values as uint8;
+    None where it has none."""
 
     def row(self, number: int, *, clock_s: float, written: str | None = None, checkpoint: bytes | None = None) -> Row:
         """Row of a journal, without its checksum.
 
-        Parameters
-        ----------
-        number, clock_s, written, checkpoint
-            As in `Entry`; None for ``written``: now.
+        ``number``, ``clock_s``, ``written``, ``checkpoint``: None for ``written``: now.
         """
         return Row(
             number=number,
@@ -88,16 +78,13 @@ class EncodedEvent:
 def encode(event: JournalEvent) -> EncodedEvent:
     """Encode an event.
 
-    Raises
-    ------
-    RecordError
-        If JSON cannot hold the event exactly: a number in it is not finite.
+    Raises `RecordError` if JSON cannot hold the event exactly: a number in it is not finite.
     """
     kind = type(event).__name__.lower()
     blobs: list[memoryview] = []
-    held = replace(event, confirmation=None) if isinstance(event, Finished) else event
+    stored = replace(event, confirmation=None) if isinstance(event, Finished) else event
     try:
-        values = json_values(held, what=kind, blobs=blobs)
+        values = json_values(stored, what=kind, blobs=blobs)
     except RecordError:
         if not isinstance(event, Refused) or event.frame is None:
             raise
@@ -110,17 +97,8 @@ def encode(event: JournalEvent) -> EncodedEvent:
 def decode(kind: str, body: bytes, samples: bytes | memoryview | None, *, confirmation: Sample | None) -> JournalEvent:
     """Decode the event of a row.
 
-    Parameters
-    ----------
-    kind, body, samples
-        As in `EncodedEvent`.
-    confirmation
-        The confirming acquisition that was read before, to which `Finished` refers.
-
-    Raises
-    ------
-    RecordError
-        If the row cannot have been written by `encode`.
+    ``confirmation``: the confirming acquisition that was read before, to which `Finished` refers. Raises `RecordError`
+    if the row cannot have been written by `encode`.
     """
     if kind not in _KINDS:
         raise RecordError(f"an entry of the unknown kind {kind[:40]!r}")
@@ -137,19 +115,9 @@ def decode(kind: str, body: bytes, samples: bytes | memoryview | None, *, confir
 def json_values(value: object, *, what: str, blobs: list[memoryview] | None = None) -> object:
     """A value in the types of JSON.
 
-    Parameters
-    ----------
-    value
-        Dataclasses, structs, lists, tuples and dicts of numbers and texts. Text that is no Unicode gets escapes.
-    what
-        Its name, for messages.
-    blobs
-        Receives the bytes of each array; only its shape becomes JSON.
-
-    Raises
-    ------
-    RecordError
-        If a number is not finite, which JSON would write as null, as it does what is not known; or of another type.
+    ``value``: dataclasses, structs, lists, tuples and dicts of numbers and texts. Text that is no Unicode gets escapes.
+    ``blobs``: receives the bytes of each array; only its shape becomes JSON. Raises `RecordError` if a number is not
+    finite, which JSON would write as null, as it does what is not known; or of another type.
     """
     match value:
         # msgspec writes bytes as base64, and reads them so.
@@ -251,8 +219,8 @@ class _Arrays:
             found = f"{array.dtype[:20]} with {len(self._left)} bytes"
             raise ValueError(f"a frame of {rows} rows and {columns} columns of {found}")
         data, self._left = self._left[:size], self._left[size:]
-        held = np.frombuffer(data, dtype=dtype).reshape(rows, columns)
-        return held.astype(held.dtype.newbyteorder("="), copy=False)
+        stored = np.frombuffer(data, dtype=dtype).reshape(rows, columns)
+        return stored.astype(stored.dtype.newbyteorder("="), copy=False)
 
     def require_end(self) -> None:
         """Refuse bytes that belong to no array."""

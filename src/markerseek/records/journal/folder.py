@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -30,13 +30,7 @@ SUFFIX = ".journal"
 
 
 def default_journal(*, method: str) -> Path:
-    """Name of a new journal in the user's data folder; its name begins with the time, UTC.
-
-    Parameters
-    ----------
-    method
-        What searches.
-    """
+    """Name of a new journal in the user's data folder; its name begins with the time, UTC."""
     # With microseconds, so that two searches begun in one second get two names.
     now = datetime.now(UTC)
     return journals_folder() / f"{now:%Y%m%d-%H%M%S}-{now.microsecond:06d}-{method}{SUFFIX}"
@@ -45,15 +39,7 @@ def default_journal(*, method: str) -> Path:
 def make_folder(folder: Path) -> None:
     """Make a folder and its missing parents, readable by the owner only, and flush their names to disk.
 
-    Parameters
-    ----------
-    folder
-        One that may exist.
-
-    Raises
-    ------
-    OSError
-        If it cannot be made.
+    ``folder``: one that may exist. Raises `OSError` if it cannot be made.
     """
     # Path.mkdir(parents=True) gives the parents default rights, and does not flush their names.
     missing = [each for each in (folder, *folder.parents) if not each.exists()]
@@ -63,68 +49,51 @@ def make_folder(folder: Path) -> None:
 
 
 class JournalSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """One line of a list of journals; values that cannot be read are None.
-
-    Attributes
-    ----------
-    path
-        The file; bytes of its name that are not Unicode are written as escapes.
-    size_bytes
-        Its size with that of its rollback journal.
-    begun
-        When its run began, UTC, ISO 8601.
-    method, as_published, rig, emulated
-        The policy's name and whether it is in the paper's form, the kind of the rig, and its emulated devices.
-    state
-        As in `RunState`; "damaged" if only a part can be read, "unreadable" if nothing can be read now.
-    answer, angle_deg
-        The answer of a run that is over, and the angle in degrees to which it points.
-    acquisitions
-        Acquisitions with light that the search received.
-    problem
-        What is wrong, in words.
-    """
+    """One line of a list of journals; values that cannot be read are None."""
 
     path: str
+    """The file; bytes of its name that are not Unicode are written as escapes."""
     size_bytes: int
+    """Its size with that of its rollback journal."""
     begun: str | None = None
+    """When its run began, UTC, ISO 8601."""
     method: str | None = None
     as_published: bool | None = None
     rig: str | None = None
     emulated: tuple[str, ...] = ()
+    """``method``, ``as_published``, ``rig`` and ``emulated``: the policy's name and whether it is in the paper's form,
+    the kind of the rig, and its emulated devices."""
     state: Literal["finished", "fault", "open", "damaged", "unreadable"]
+    """"damaged" if only a part can be read, "unreadable" if nothing can be read now."""
     answer: str | None = None
     angle_deg: float | None = None
+    """``answer`` and ``angle_deg``: the answer of a run that is over, and the angle in degrees to which it points."""
     acquisitions: int | None = None
+    """Acquisitions with light that the search received."""
     problem: str | None = None
+    """What is wrong, in words."""
 
 
 def summary(path: Path) -> JournalSummary:
-    """Summary of a journal; damage is reported in it, not raised.
-
-    Parameters
-    ----------
-    path
-        The file.
-    """
+    """Summary of a journal; damage is reported in it, not raised."""
     size_bytes = size_bytes_of(path)
     name = escaped(str(path))
     try:
-        held, damage = salvage(path, frames=False)
+        recorded, damage = salvage(path, frames=False)
     except RecordError as problem:
         # One unreadable file must not hide the others of the list.
         return JournalSummary(path=name, size_bytes=size_bytes, state="unreadable", problem=_without(path, problem))
-    state = run_state(held.entries)
-    last = held.entries[-1].event if held.entries else None
+    state = run_state(recorded.entries)
+    last = recorded.entries[-1].event if recorded.entries else None
     over = last if isinstance(last, Finished) else None
     return JournalSummary(
         path=name,
         size_bytes=size_bytes,
-        begun=held.entries[0].written if held.entries else None,
-        method=held.configuration.plan.method,
-        as_published=held.configuration.plan.as_published,
-        rig=held.configuration.facts.kind,
-        emulated=held.configuration.facts.emulated,
+        begun=recorded.entries[0].written if recorded.entries else None,
+        method=recorded.configuration.plan.method,
+        as_published=recorded.configuration.plan.as_published,
+        rig=recorded.configuration.facts.kind,
+        emulated=recorded.configuration.facts.emulated,
         state=state.state if damage is None else "damaged",
         answer=None if over is None else answer_name(over.estimate),
         angle_deg=None if over is None else over.estimate.mean_deg,
@@ -141,15 +110,7 @@ def _without(path: Path, problem: RecordError) -> str:
 def journals_in(folder: Path) -> list[Path]:
     """Journals of a folder, the newest change last.
 
-    Parameters
-    ----------
-    folder
-        Where to look; not in the folders that it holds.
-
-    Raises
-    ------
-    RecordError
-        If there is no such folder, or it cannot be looked at.
+    ``folder``: where to look; not in the folders that it holds.
     """
     try:
         found = [
@@ -164,25 +125,23 @@ def journals_in(folder: Path) -> list[Path]:
 
 def size_bytes_of(path: Path) -> int:
     """Bytes of a journal and of its rollback file; a missing file counts 0."""
-    path = resolve_link(path)
-    return sum(part.stat().st_size for part in (path, rollback_file(path)) if part.is_file())
+    path, total = resolve_link(path), 0
+    for part in (path, rollback_file(path)):
+        # The name of a journal can be too long for that of a rollback file.
+        with suppress(OSError):
+            total += part.stat().st_size
+    return total
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prunable:
-    """Journals that may go, and those that stay although they are old.
-
-    Attributes
-    ----------
-    old
-        Journals that may go, the oldest first.
-    kept
-        Summaries of old journals that stay: their run is not over, or they cannot be read, for example because the run
-        is going on.
-    """
+    """Journals that may go, and those that stay although they are old."""
 
     old: tuple[JournalSummary, ...]
+    """Journals that may go, the oldest first."""
     kept: tuple[JournalSummary, ...]
+    """Summaries of old journals that stay: their run is not over, or they cannot be read, for example because the run
+    is going on."""
 
 
 def prunable(
@@ -195,25 +154,10 @@ def prunable(
 ) -> Prunable:
     """Journals of a folder that are neither among the newest nor young.
 
-    Parameters
-    ----------
-    folder
-        The folder; not the folders in it. Symbolic links in it are left alone.
-    now_s
-        Present time, in seconds since 1970.
-    keep
-        Number of the newest journals that stay; None for no such rule.
-    older_than_s
-        Least time since the last change, in seconds; None for no such rule.
-    unfinished
-        Whether journals go whose run was interrupted or ended with a fault, and could be resumed.
-
-    Raises
-    ------
-    ConfigError
-        If no rule is given, or one is negative.
-    RecordError
-        If the folder cannot be looked at.
+    ``folder``: not the folders in it. Symbolic links in it are left alone. ``now_s``: present time, in seconds since
+    1970. ``keep``: number of the newest journals that stay; None for no such rule. ``older_than_s``: least time since
+    the last change; None for no such rule. ``unfinished``: whether journals go whose run was interrupted or ended with
+    a fault, and could be resumed.
     """
     if keep is None and older_than_s is None:
         raise ConfigError("prune: say which journals go: --keep NUMBER, --older-than-days DAYS, or both")
@@ -234,10 +178,7 @@ def prunable(
 def remove_journal(path: Path) -> None:
     """Remove a journal with its rollback file.
 
-    Raises
-    ------
-    RecordError
-        If a program has it open, it is no journal, or it cannot be removed.
+    Raises `RecordError` if a program has it open, it is no journal, or it cannot be removed.
     """
     with as_record_error(path, verb="removed"):
         if path.is_symlink():

@@ -17,70 +17,45 @@ from markerseek.records.configuration import Configuration
 from markerseek.records.journal.connection import as_record_error, opened_for_reading, resolve_link
 from markerseek.records.journal.encoding import decode
 from markerseek.records.journal.events import Checked, Entry
-from markerseek.records.journal.schema import Row, checksum, counted, require_schema, row_checksum
+from markerseek.records.journal.schema import Row, checksum, require_schema, row_checksum, stored_tail
 from markerseek.records.journal.sequence import angle_faults, order_faults
 from markerseek.records.result import Recorder, SearchResult
 
-_MOST_COMPLAINTS = 20
+_MAX_COMPLAINTS = 20
 """Most messages of SQLite's integrity check that are reported."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedRun:
-    """Configuration and entries of one run, as read from its journal.
-
-    Attributes
-    ----------
-    path
-        Its file.
-    configuration
-        Plan, rig and versions of the run.
-    entries
-        The entries, in order.
-    last_checksum
-        Checksum of the last row.
-    """
+    """Configuration and entries of one run, as read from its journal."""
 
     path: Path
     configuration: Configuration
+    """Plan, rig and versions of the run."""
     entries: tuple[Entry, ...]
+    """The entries, in order."""
     last_checksum: int
+    """Checksum of the last row."""
 
 
-class Finding(msgspec.Struct, frozen=True, kw_only=True):
-    """Result of a check.
-
-    Attributes
-    ----------
-    entries
-        Number of entries that can be read and agree with their checksums, from the first on.
-    faults
-        What is wrong, in words; empty for a whole journal.
-    """
+class JournalCheck(msgspec.Struct, frozen=True, kw_only=True):
+    """Result of a check."""
 
     entries: int
+    """Number of entries that can be read and agree with their checksums, from the first on."""
     faults: list[str]
+    """What is wrong, in words; empty for a whole journal."""
 
 
 def read_journal(path: Path, *, frames: bool = True) -> RecordedRun:
     """Read a whole journal.
 
-    Parameters
-    ----------
-    path
-        The file.
-    frames
-        Whether to keep the frames of the acquisitions, half a megabyte each; they are checked in any case.
-
-    Raises
-    ------
-    RecordError
-        If it cannot be read, was written by a newer program, or does not agree with its checksums.
+    ``frames``: whether to keep the frames of the acquisitions, half a megabyte each; they are checked in any case.
     """
-    held, damage = salvage(path, frames=frames)
+    recorded, damage = salvage(path, frames=frames)
     if damage is not None:
         raise damage
-    return held
+    return recorded
 
 
 def salvage(
@@ -88,75 +63,45 @@ def salvage(
 ) -> tuple[RecordedRun, RecordError | None]:
     """Read the undamaged beginning of a journal; returns it with the error of the first damaged row, or None.
 
-    Parameters
-    ----------
-    path
-        The file.
-    frames
-        As in `read_journal`.
-    on_entry
-        Called with each entry as it is read, with its frame.
-
-    Raises
-    ------
-    RecordError
-        If not even the configuration can be read, or a newer program wrote it.
+    ``on_entry``: called with each entry as it is read, with its frame. Raises `RecordError` if not even the
+    configuration can be read, or a newer program wrote it.
     """
     path = resolve_link(path)
     with opened_for_reading(path) as connection:
         return _salvaged(connection, path, frames=frames, on_entry=on_entry)
 
 
-def verify(path: Path) -> Finding:
-    """Check a journal: pages, checksums, order of the events, and angles.
-
-    Parameters
-    ----------
-    path
-        The file.
-
-    Raises
-    ------
-    RecordError
-        If it is not a journal, was written by a newer program, or is in use.
-    """
+def verify(path: Path) -> JournalCheck:
+    """Check a journal: pages, checksums, order of the events, and angles."""
     faults: list[str] = []
     path = resolve_link(path)
     with opened_for_reading(path) as connection:
         # Both checks on one connection, so that nobody writes in between.
-        held, damage = _salvaged(connection, path, frames=False)
+        recorded, damage = _salvaged(connection, path, frames=False)
         try:
             with as_record_error(path, verb="read"):
-                complaints = connection.execute(f"PRAGMA integrity_check({_MOST_COMPLAINTS})").fetchall()
+                complaints = connection.execute(f"PRAGMA integrity_check({_MAX_COMPLAINTS})").fetchall()
         except RecordError as problem:
             faults.append(str(problem))
         else:
             faults += [f"SQLite: {line}" for (text,) in complaints if text != "ok" for line in text.splitlines()]
     if damage is not None:
         faults.append(str(damage))
-    wrong = [*order_faults(held.entries), *angle_faults(held.configuration, held.entries)]
+    wrong = [*order_faults(recorded.entries), *angle_faults(recorded.configuration, recorded.entries)]
     faults += [f"entry {number}: {reason}" for number, reason in sorted(wrong)]
-    return Finding(entries=len(held.entries), faults=faults)
+    return JournalCheck(entries=len(recorded.entries), faults=faults)
 
 
-def result_of(held: RecordedRun) -> tuple[Recorder, SearchResult]:
+def result_of(recorded: RecordedRun) -> tuple[Recorder, SearchResult]:
     """Result of a run that is over, and the recorder that collected it.
 
-    Parameters
-    ----------
-    held
-        Its journal.
-
-    Raises
-    ------
-    SearchError
-        If the run is not over, or ended with a fault.
+    Raises `SearchError` if the run is not over, or ended with a fault.
     """
     recorder = Recorder()
-    for entry in held.entries:
+    for entry in recorded.entries:
         if isinstance(entry.event, Started | Measured | Refused | Finished | Failed):
             recorder.add(entry.event)
-    return recorder, recorder.result(held.configuration.plan, held.configuration.facts)
+    return recorder, recorder.result(recorded.configuration.plan, recorded.configuration.facts)
 
 
 def _salvaged(
@@ -177,8 +122,8 @@ def _salvaged(
                 last = own_checksum
     except RecordError as problem:
         damage = problem
-    held = RecordedRun(path=path, configuration=configuration, entries=tuple(entries), last_checksum=last)
-    return held, damage
+    recorded = RecordedRun(path=path, configuration=configuration, entries=tuple(entries), last_checksum=last)
+    return recorded, damage
 
 
 def _without_frame(entry: Entry) -> Entry:
@@ -194,13 +139,7 @@ def _without_frame(entry: Entry) -> Entry:
 
 
 def read_configuration(connection: sqlite3.Connection, path: Path) -> tuple[Configuration, int]:
-    """Configuration of the run, and its checksum.
-
-    Raises
-    ------
-    RecordError
-        If the file is no journal, or the row is damaged.
-    """
+    """Configuration of the run, and its checksum."""
     try:
         require_schema(connection)
     except RecordError as problem:
@@ -220,18 +159,8 @@ def read_configuration(connection: sqlite3.Connection, path: Path) -> tuple[Conf
 def iterate(connection: sqlite3.Connection, path: Path, *, first_checksum: int) -> Iterator[tuple[Entry, int]]:
     """Entries in order with their checksums, one at a time, up to the first that is damaged.
 
-    Parameters
-    ----------
-    connection, path
-        An open journal and its name.
-    first_checksum
-        Checksum of the configuration.
-
-    Raises
-    ------
-    RecordError
-        At the first row that is missing or damaged, or where the number of rows is not the number that was committed;
-        the rows before it have been yielded.
+    Raises `RecordError` at the first row that is missing or damaged, or where the number of rows is not the number that
+    was committed; the rows before it have been yielded.
     """
     number, previous, confirmation = 0, first_checksum, None
     # One row at a time: all frames together may not fit into memory.
@@ -243,7 +172,7 @@ def iterate(connection: sqlite3.Connection, path: Path, *, first_checksum: int) 
             confirmation = entry.event.sample
         previous = row.checksum
         yield entry, row.checksum
-    entries, last = counted(connection)
+    entries, last = stored_tail(connection)
     if (entries, last) != (number, previous):
         raise RecordError(
             f"{path}: {entries} entries were committed, and {number} are there; the end of the journal is damaged"

@@ -47,12 +47,8 @@ class Row(msgspec.Struct, frozen=True, array_like=True):
 def checksum(previous: int, *parts: bytes | memoryview) -> int:
     """CRC-32 over a row and the checksum of the row before it.
 
-    Parameters
-    ----------
-    previous
-        Checksum of the row before; 0 for the configuration.
-    parts
-        The columns as bytes; each is preceded by its length.
+    ``previous``: checksum of the row before; 0 for the configuration. ``parts``: the columns as bytes; each is preceded
+    by its length.
     """
     running = zlib.crc32(previous.to_bytes(4, "little"))
     for part in parts:
@@ -65,14 +61,7 @@ def checksum(previous: int, *parts: bytes | memoryview) -> int:
 def row_checksum(previous: int, row: Row, samples: bytes | memoryview | None) -> int:
     """Checksum that a row should have.
 
-    Parameters
-    ----------
-    previous
-        Checksum of the row before.
-    row
-        The row; its checksum column is ignored.
-    samples
-        Its blob.
+    ``previous``: checksum of the row before. ``row``: its checksum column is ignored.
     """
     # float.hex, because a decimal text could round; CRC-32 detects accidents, not forgery.
     text = (str(row.number), row.kind, row.written, row.clock_s.hex(), row.body, row.checkpoint or "")
@@ -116,7 +105,7 @@ def _transact(connection: sqlite3.Connection, *statements: tuple[str, tuple[obje
         raise
 
 
-def counted(connection: sqlite3.Connection) -> tuple[int, int]:
+def stored_tail(connection: sqlite3.Connection) -> tuple[int, int]:
     """Number of entries that were committed, and the checksum of the last one."""
     entries, last = connection.execute("SELECT entries, last_checksum FROM run").fetchone()
     return entries, last
@@ -125,10 +114,7 @@ def counted(connection: sqlite3.Connection) -> tuple[int, int]:
 def require_schema(connection: sqlite3.Connection) -> None:
     """Refuse a file that is not a journal, or was written by a newer version.
 
-    Raises
-    ------
-    RecordError
-        If it is either; no content has been read by then.
+    Raises `RecordError` if it is either; no content has been read by then.
     """
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     if application != APPLICATION_ID:

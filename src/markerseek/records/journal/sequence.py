@@ -19,30 +19,20 @@ _TURN = Interval(low_deg=-360.0, high_deg=360.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunState:
-    """State of a run.
-
-    Attributes
-    ----------
-    state
-        Finished with an answer, ended by a fault, or open: it was stopped or it died, and can be resumed.
-    acquisitions
-        Acquisitions with light that the policy received, or will receive.
-    fault
-        What ended it; None unless it was a fault.
-    """
+    """State of a run."""
 
     state: Literal["finished", "fault", "open"]
+    """Finished with an answer, ended by a fault, or open: it was stopped or it died, and can be resumed."""
     acquisitions: int
+    """Acquisitions with light that the policy received, or will receive."""
     fault: str | None
+    """None unless it was a fault."""
 
 
 def run_state(entries: Iterable[Entry]) -> RunState:
     """State of the run of these entries.
 
-    Parameters
-    ----------
-    entries
-        All of them, in order.
+    ``entries``: all of them, in order.
     """
     state: Literal["finished", "fault", "open"] = "open"
     acquisitions = 0
@@ -73,10 +63,7 @@ _STEPS: dict[type, tuple[type, ...]] = {
 def order_faults(entries: Sequence[Entry]) -> list[tuple[int, str]]:
     """Entries that are out of order: number and reason of each.
 
-    Parameters
-    ----------
-    entries
-        All of a journal, in order.
+    ``entries``: all of a journal, in order.
     """
     faults: list[tuple[int, str]] = []
     step: type | None = None
@@ -133,12 +120,8 @@ def _fault_of_step(event: JournalEvent, step: type | None, asked: Asked | None) 
 def angle_faults(configuration: Configuration, entries: Iterable[Entry]) -> list[tuple[int, str]]:
     """Entries with an angle outside the limits of their run: number (0: the configuration) and reason of each.
 
-    Parameters
-    ----------
-    configuration
-        What the run was begun with; acquisitions with light lie in its search range.
-    entries
-        Its entries, in order.
+    ``configuration``: what the run was begun with; acquisitions with light lie in its search range. ``entries``: its
+    entries, in order.
     """
     search, start_deg = configuration.facts.search, configuration.plan.start_deg
     # A stage asked for the end of its range can stop slightly outside it.

@@ -23,45 +23,34 @@ from markerseek.records.journal.connection import (
 )
 from markerseek.records.journal.encoding import encode, json_values
 from markerseek.records.journal.events import Entry, Interrupted, JournalEvent
-from markerseek.records.journal.presence import Presence, copied
+from markerseek.records.journal.file_identity import FileIdentity, copied
 from markerseek.records.journal.reader import RecordedRun, read_journal
-from markerseek.records.journal.schema import Row, add_row, counted, create_tables, row_checksum
+from markerseek.records.journal.schema import Row, add_row, create_tables, row_checksum, stored_tail
 from markerseek.records.journal.sequence import angle_faults
 
 
 class Journal:
-    """The journal of one run, open for writing; made by `create` or `reopen`.
+    """The journal of one run, open for writing; made by `create` or `reopen`."""
 
-    Attributes
-    ----------
-    path
-        Its file.
-    configuration
-        What the run was begun with.
-    """
-
-    def __init__(self, held: RecordedRun, connection: sqlite3.Connection) -> None:
-        self.path = held.path
-        self.configuration = held.configuration
+    def __init__(self, recorded: RecordedRun, connection: sqlite3.Connection) -> None:
+        self.path = recorded.path
+        self.configuration = recorded.configuration
         self._connection = connection
         self._open = True
-        self._presence = Presence(held.path)
-        self._number = len(held.entries)
-        self._checksum = held.last_checksum
+        self._file_identity = FileIdentity(recorded.path)
+        self._number = len(recorded.entries)
+        self._checksum = recorded.last_checksum
         self._uncertain: tuple[Row, JournalEvent, memoryview | None] | None = None
         self._watcher: Callable[[Row, memoryview | None], None] | None = None
         self._lost: RecordError | None = None
-        self._last = held.entries[-1].event if held.entries else None
-        self._clock_s = held.entries[-1].clock_s if held.entries else 0.0
+        self._last = recorded.entries[-1].event if recorded.entries else None
+        self._clock_s = recorded.entries[-1].clock_s if recorded.entries else 0.0
 
     @classmethod
     def create(cls, path: Path, configuration: Configuration) -> Self:
         """New journal, with the configuration committed.
 
-        Raises
-        ------
-        RecordError
-            If the file exists or cannot be written; nothing is left behind.
+        Raises `RecordError` if the file exists or cannot be written; nothing is left behind.
         """
         as_json = msgspec.json.encode(json_values(configuration, what="the configuration"))
         try:
@@ -89,23 +78,16 @@ class Journal:
                 # The name of a new file is durable only when its folder has been flushed.
                 sync_folder(path.parent)
                 undo.pop_all()
-        held = RecordedRun(path=path, configuration=configuration, entries=(), last_checksum=first)
-        return cls(held, connection)
+        recorded = RecordedRun(path=path, configuration=configuration, entries=(), last_checksum=first)
+        return cls(recorded, connection)
 
     @classmethod
     def reopen(cls, path: Path) -> tuple[Self, RecordedRun]:
-        """Open the journal of a run to continue it; returns it and its entries so far.
-
-        Raises
-        ------
-        RecordError
-            If the file cannot be read to its end or written, holds an angle outside its limits, or another program has
-            it open.
-        """
+        """Open the journal of a run to continue it; returns it and its entries so far."""
         path = resolve_link(path)
         # Read from a copy first: the unfinished commit is undone in the file itself only if the copy is undamaged.
-        held = read_journal(path)
-        for number, reason in angle_faults(held.configuration, held.entries):
+        recorded = read_journal(path)
+        for number, reason in angle_faults(recorded.configuration, recorded.entries):
             raise RecordError(
                 f"{path}: entry {number}: {reason}; the journal is damaged or foreign, begin a new search"
             )
@@ -115,29 +97,18 @@ class Journal:
             connection.execute("BEGIN EXCLUSIVE")
             connection.execute("UPDATE run SET entries = entries")
             connection.execute("ROLLBACK")
-            if counted(connection) != (len(held.entries), held.last_checksum):
+            if stored_tail(connection) != (len(recorded.entries), recorded.last_checksum):
                 raise RecordError(f"{path}: another markerseek wrote it meanwhile; look at it, then resume it")
-            journal = cls(held, connection)
+            journal = cls(recorded, connection)
             undo.pop_all()
-        return journal, held
+        return journal, recorded
 
     def commit(self, event: JournalEvent, *, clock_s: float, checkpoint: bytes | None = None) -> Entry:
         """Write an event to disk; once this returns, it survives the death of the process.
 
-        Parameters
-        ----------
-        event
-            What happened.
-        clock_s
-            The rig's clock in seconds.
-        checkpoint
-            State of the simulated world after it, as JSON; None where there is none.
-
-        Raises
-        ------
-        RecordError
-            If it cannot be written; earlier entries are not changed. Or if the file was deleted or replaced: it is
-            then copied to a new file, which the message names, and `path` is changed to it.
+        ``checkpoint``: state of the simulated world after it, as JSON. Raises `RecordError` if it cannot be written;
+        earlier entries are not changed. Or if the file was deleted or replaced: it is then copied to a new file, which
+        the message names, and `path` is changed to it.
         """
         if self._lost is not None:
             raise self._lost
@@ -162,7 +133,7 @@ class Journal:
         with as_record_error(self.path, verb="written"):
             if self._connection.in_transaction:
                 self._connection.execute("ROLLBACK")
-            committed = counted(self._connection) == (row.number, row.checksum)
+            committed = stored_tail(self._connection) == (row.number, row.checksum)
         if committed:
             self._note(row, event, samples)
         self._uncertain = None
@@ -170,7 +141,7 @@ class Journal:
     def _require_present(self) -> None:
         """Copy the journal to a new file and raise a `RecordError` if it was deleted or replaced."""
         with as_record_error(self.path, verb="written"):
-            loss = self._presence.loss()
+            loss = self._file_identity.loss()
         if loss is None:
             return
         finding = f"{self.path}: {loss} was removed or replaced while the run was written"
@@ -192,44 +163,20 @@ class Journal:
     def watch(self, watcher: Callable[[Row, memoryview | None], None]) -> None:
         """Hand the row and the samples of each event to a watcher from now on, after its commit.
 
-        Parameters
-        ----------
-        watcher
-            It must return at once, and raise nothing.
+        ``watcher``: it must return at once, and raise nothing.
         """
         self._watcher = watcher
 
     def interrupt(self, reason: str) -> None:
         """Record that the run was interrupted, once the rig has been stopped; does nothing if it is over.
 
-        Parameters
-        ----------
-        reason
-            What stopped it.
-
-        Raises
-        ------
-        RecordError
-            If it cannot be written.
+        Raises `RecordError` if it cannot be written.
         """
         if not isinstance(self.last, Finished | Failed | Interrupted | None):
             self.commit(Interrupted(reason=reason), clock_s=self._clock_s)
 
     def fail(self, error: Exception, *, clock_s: float) -> None:
-        """Record the error that ended the run; does nothing if it is over or has failed already.
-
-        Parameters
-        ----------
-        error
-            What ended it.
-        clock_s
-            The run's clock in seconds.
-
-        Raises
-        ------
-        RecordError
-            If it cannot be written.
-        """
+        """Record the error that ended the run; does nothing if it is over or has failed already."""
         if not isinstance(self.last, Finished | Failed):
             self.commit(Failed(error=error), clock_s=clock_s)
 
@@ -242,10 +189,8 @@ class Journal:
     def close(self) -> None:
         """Release the file; allowed twice.
 
-        Raises
-        ------
-        RecordError
-            If SQLite cannot close it; committed entries are in the file. Or if the file was deleted, as in `commit`.
+        Raises `RecordError` if SQLite cannot close it; committed entries are in the file. Or if the file was deleted,
+        as in `commit`.
         """
         if not self._open:
             return

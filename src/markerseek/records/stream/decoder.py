@@ -13,61 +13,42 @@ from markerseek.records.journal.encoding import decode
 from markerseek.records.journal.events import JournalEvent
 from markerseek.records.stream.lines import VERSION, EventLine
 
-MOST_LINE_BYTES = 1 << 22
+MAX_LINE_BYTES = 1 << 22
 """Longest line: the configuration with the angles of a recorded scan has some hundred kilobytes."""
 
-MOST_FRAME_BYTES = 1 << 26
+MAX_FRAME_BYTES = 1 << 26
 """Largest frame."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamHead:
-    """The run begins.
-
-    Attributes
-    ----------
-    configuration
-        Plan of the search, facts of the rig, versions.
-    frames
-        Whether frames are sent.
-    """
+    """The run begins."""
 
     configuration: Configuration
+    """Plan of the search, facts of the rig, versions."""
     frames: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamEvent:
-    """One event, which is committed to the journal where the run keeps one.
-
-    Attributes
-    ----------
-    number, written, clock_s, event
-        As in an entry of a journal. The event has its frame only if its data were sent.
-    header
-        Header of its frame, also where the data were not sent; None where it has no frame.
-    lost_lines, lost_frames
-        What was lost just before, because this program read too slowly.
-    """
+    """One event, which is committed to the journal where the run keeps one."""
 
     number: int
     written: str
     clock_s: float
     event: JournalEvent
+    """``number``, ``written``, ``clock_s`` and ``event``: as in an entry of a journal. The event has its frame only if
+    its data were sent."""
     header: FrameHeader | None
+    """Header of its frame, also where the data were not sent; None where it has no frame."""
     lost_lines: int
     lost_frames: int
+    """``lost_lines`` and ``lost_frames``: what was lost just before, because this program read too slowly."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamEnd:
-    """The run is over, or was stopped; without this its process was killed.
-
-    Attributes
-    ----------
-    lost_lines, lost_frames
-        As in `StreamEvent`.
-    """
+    """The run is over, or was stopped; without this its process was killed."""
 
     lost_lines: int = 0
     lost_frames: int = 0
@@ -89,15 +70,7 @@ class StreamDecoder:
     def feed(self, data: bytes) -> list[StreamItem]:
         """Everything that is complete with these bytes.
 
-        Parameters
-        ----------
-        data
-            The next bytes of the stream, cut anywhere.
-
-        Raises
-        ------
-        RecordError
-            If they are no stream of events, or of a newer version.
+        ``data``: the next bytes of the stream, cut anywhere.
         """
         self._bytes += data
         items: list[StreamItem] = []
@@ -109,8 +82,8 @@ class StreamDecoder:
         if self._line is None:
             end = self._bytes.find(b"\n")
             if end < 0:
-                if len(self._bytes) > MOST_LINE_BYTES:
-                    raise RecordError(f"stream: a line of more than {MOST_LINE_BYTES} bytes; this is no event stream")
+                if len(self._bytes) > MAX_LINE_BYTES:
+                    raise RecordError(f"stream: a line of more than {MAX_LINE_BYTES} bytes; this is no event stream")
                 return None
             text = bytes(self._bytes[:end])
             del self._bytes[: end + 1]
@@ -129,8 +102,8 @@ class StreamDecoder:
             self._line = msgspec.json.decode(text, type=EventLine)
         except (msgspec.MsgspecError, ValueError, RecursionError) as problem:
             raise RecordError(f"stream: a line cannot be read: {problem}") from problem
-        if not 0 <= self._line.frame_bytes <= MOST_FRAME_BYTES:
-            raise RecordError(f"stream: a frame of {self._line.frame_bytes} bytes, at most {MOST_FRAME_BYTES} expected")
+        if not 0 <= self._line.frame_bytes <= MAX_FRAME_BYTES:
+            raise RecordError(f"stream: a frame of {self._line.frame_bytes} bytes, at most {MAX_FRAME_BYTES} expected")
         return None
 
     def _head(self, text: bytes) -> StreamHead:

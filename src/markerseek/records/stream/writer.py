@@ -39,20 +39,8 @@ class EventStream:
     A regular file receives everything. A pipe whose reader is slow loses whole frames first, then whole lines; the next
     line says how many. If the reader is gone or the disk is full, the stream ends with a warning and the run goes on.
 
-    Parameters
-    ----------
-    path
-        A new file; or a FIFO, a terminal or ``/dev/fd/N``, which must exist. A FIFO needs no reader: what fits into it
-        waits for one.
-    configuration
-        The run's.
-    frames
-        Whether the ADC counts of each frame follow its line.
-
-    Raises
-    ------
-    RecordError
-        If it cannot be opened, or the file exists.
+    ``path``: a new file; or a FIFO, a terminal or ``/dev/fd/N``, which must exist. A FIFO needs no reader: what fits
+    into it waits for one. ``frames``: whether the ADC counts of each frame follow its line.
     """
 
     def __init__(self, path: Path, configuration: Configuration, *, frames: bool = False) -> None:
@@ -75,20 +63,8 @@ class EventStream:
         known = json_values(configuration, what="the configuration")
         self._write(encoded({"stream": VERSION, "frames": frames, "configuration": known}))
 
-    def fileno(self) -> int:
-        """Its file descriptor, to be polled for the end of its reader."""
-        return self._file.fileno()
-
     def add(self, event: JournalEvent, *, clock_s: float) -> None:
-        """Send an event of a run that keeps no journal.
-
-        Parameters
-        ----------
-        event
-            What happened.
-        clock_s
-            The rig's clock in seconds.
-        """
+        """Send an event of a run that keeps no journal."""
         self._number += 1
         try:
             held = encode(event)
@@ -100,25 +76,14 @@ class EventStream:
         self.put(row, held.samples)
 
     def repeat(self, entries: Iterable[Entry]) -> None:
-        """Send the entries of a journal that is resumed, without their frames.
-
-        Parameters
-        ----------
-        entries
-            All entries so far.
-        """
+        """Send the entries of a journal that is resumed, without their frames."""
         for entry in entries:
             self.put(encode(entry.event).row(entry.number, clock_s=entry.clock_s, written=entry.written), None)
 
     def put(self, row: Row, samples: bytes | memoryview | None) -> None:
         """Send the row of an event, once it is committed; returns at once in any case.
 
-        Parameters
-        ----------
-        row
-            The row of a journal.
-        samples
-            ADC counts of its frame; None where it has none, or none is to be sent.
+        ``samples``: ADC counts of its frame; None where it has none, or none is to be sent.
         """
         if self._file.closed:
             return

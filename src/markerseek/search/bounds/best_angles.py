@@ -1,4 +1,4 @@
-"""The angles with the smallest bound for a marker whose place is known: no search can do better."""
+"""The angles with the smallest bound for a marker at a known angle: no search can do better."""
 
 from __future__ import annotations
 
@@ -23,18 +23,12 @@ STEP_DEG = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BestAngles:
-    """The best angles and their bound.
-
-    Attributes
-    ----------
-    angles_deg
-        Angles, rising, in degrees; the same angle may occur several times.
-    bound_deg
-        Least standard deviation of the marker's angle, in degrees.
-    """
+    """The best angles and their bound."""
 
     angles_deg: tuple[float, ...]
+    """Angles, rising; the same angle may occur several times."""
     bound_deg: float
+    """Least standard deviation of the marker's angle."""
 
 
 def best_angles(
@@ -51,26 +45,6 @@ def best_angles(
     """Return the best angles for a marker by coordinate exchange (Meyer and Nachtsheim, Technometrics 37, 60 (1995)).
 
     Each angle in turn moves to where the bound is least, until a round changes nothing.
-
-    Parameters
-    ----------
-    curve, marker_deg
-        The marker.
-    noise
-        Noise of the intensities.
-    acquisitions
-        Number of angles.
-    limits
-        Range in which they lie.
-    unknown, prior
-        As for `angle_bound_deg`.
-    step_deg
-        Step of the candidate angles, in degrees.
-
-    Raises
-    ------
-    ConfigError
-        If ``acquisitions`` is less than 1 or the step is not positive.
     """
     if acquisitions < 1:
         raise ConfigError(f"best angles: acquisitions is {acquisitions}, at least 1 is needed")

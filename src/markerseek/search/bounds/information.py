@@ -35,18 +35,12 @@ _SINGULAR = 1e12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IntensityNoise:
-    """Noise of the receiver and jitter of the laser.
-
-    Attributes
-    ----------
-    snr
-        Amplitude A over σ, the noise of one quadrature: 100 is a peak SNR of 40 dB.
-    jitter
-        Relative standard deviation j of the pulse energy from one acquisition to the next.
-    """
+    """Noise of the receiver and jitter of the laser."""
 
     snr: float
+    """Amplitude A over σ, the noise of one quadrature: 100 is a peak SNR of 40 dB."""
     jitter: float = 0.0
+    """Relative standard deviation j of the pulse energy from one acquisition to the next."""
 
     def __post_init__(self) -> None:
         if not 0 < self.snr < math.inf:
@@ -57,25 +51,16 @@ class IntensityNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prior:
-    """Standard deviations of the prior; infinite for no prior knowledge.
-
-    Attributes
-    ----------
-    angle_deg
-        Of the angle in degrees.
-    log_amplitude, log_width
-        Of the natural logarithms of amplitude and width.
-    tail
-        Of the exponent's relative change ε.
-    floor
-        Of the floor, over σ.
-    """
+    """Standard deviations of the prior; infinite for no prior knowledge."""
 
     angle_deg: float = math.inf
     log_amplitude: float = math.inf
     log_width: float = math.inf
+    """``log_amplitude`` and ``log_width``: of the natural logarithms of amplitude and width."""
     tail: float = math.inf
+    """Of the exponent's relative change ε."""
     floor: float = math.inf
+    """Of the floor, over σ."""
 
     def __post_init__(self) -> None:
         for name, deviation in asdict(self).items():
@@ -115,12 +100,7 @@ class SampledCurve:
 
     Beyond the last point the curve is constant.
 
-    Parameters
-    ----------
-    off_deg
-        Angles t from 0 upwards, rising, in degrees.
-    height
-        S at these angles, positive, shape (points,).
+    ``off_deg``: angles t from 0 upwards, rising. ``height``: S at these angles, positive.
     """
 
     def __init__(self, off_deg: Float64[np.ndarray, " points"], height: Float64[np.ndarray, " points"]) -> None:
@@ -151,19 +131,7 @@ class SampledCurve:
 def sample_information(
     curve: SlopedCurve, angle_deg: Float64[np.ndarray, " angles"], *, marker_deg: float, noise: IntensityNoise
 ) -> Float64[np.ndarray, "angles 5 5"]:
-    """Return the information of one sample at each angle, on the angle in degrees and on `NUISANCES`.
-
-    Parameters
-    ----------
-    curve
-        The marker's curve.
-    angle_deg
-        Angles of the samples, in degrees.
-    marker_deg
-        Where the marker is, in degrees.
-    noise
-        Noise and jitter.
-    """
+    """Return the information of one sample at each angle, on the angle in degrees and on `NUISANCES`."""
     off_deg = angle_deg - marker_deg
     snr = noise.snr
     height, slope = curve.value(off_deg), curve.slope(off_deg)
@@ -191,15 +159,8 @@ def angle_bound_deg(
 ) -> Float64[np.ndarray, "*batch"]:
     """Return the least standard deviation of the angle that such information allows, in degrees.
 
-    Parameters
-    ----------
-    information
-        Sum over the samples taken (`sample_information`).
-    unknown
-        The unknown nuisances.
-    prior
-        Prior (Van Trees' Bayesian bound); None: no prior, and the bound is infinite where the samples do not determine
-        all unknowns.
+    ``information``: sum over the samples taken (`sample_information`). ``prior``: prior (Van Trees' Bayesian bound);
+    None: no prior, and the bound is infinite where the samples do not determine all unknowns.
     """
     total = information if prior is None else information + prior.information()
     kept = [0] + [1 + NUISANCES.index(name) for name in unknown]

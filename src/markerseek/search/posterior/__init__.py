@@ -2,5 +2,7 @@
 
 from markerseek.search.posterior.belief import Belief, Choice
 from markerseek.search.posterior.policy import CUES, TARGET_SIGMA_DEG, Posterior
+from markerseek.search.posterior.steadiness import energy_spread
+from markerseek.search.posterior.survey import USUAL_OTHERS
 
-__all__ = ["CUES", "TARGET_SIGMA_DEG", "Belief", "Choice", "Posterior"]
+__all__ = ["CUES", "TARGET_SIGMA_DEG", "USUAL_OTHERS", "Belief", "Choice", "Posterior", "energy_spread"]

@@ -12,7 +12,7 @@ from markerseek.core import Bool, Float32, Float64, Int32, Int64
 DROPPED_BELOW = 30.0
 """Log-likelihood below the largest from which a row of the grid is dropped: three outliers could not bring it back."""
 
-LEAST = np.float32(-18.0)
+MIN_LOG_WEIGHT = np.float32(-18.0)
 """Ln of a cell's weight over the largest from which it counts."""
 
 _PER_OCTAVE, _OCTAVE, _BIAS = np.float32(1 / math.log(2)), np.float32(math.log(2)), np.float32(127)
@@ -109,11 +109,12 @@ def _survey(
     alive: Bool[np.ndarray, "angles shapes"],
     log_angle: Float64[np.ndarray, " angles"],
     log_shape: Float64[np.ndarray, " shapes"],
+    power: float,
     tops: Float64[np.ndarray, "angles shapes"],
 ) -> float:
     """Fill in the largest of each row, and drop the rows far below it; return the largest of all."""
     angles, shapes, amplitudes = cube.shape
-    # The prior of the angle is part of what is compared with `LEAST` in `weigh`, not of what drops a row.
+    # The prior of the angle is part of what is compared with `MIN_LOG_WEIGHT` in `weigh`, not of what drops a row.
     tops[:] = -math.inf
     largest, best = -math.inf, -math.inf
     for k in range(angles):
@@ -124,9 +125,9 @@ def _survey(
             top = cells[0]
             for a in range(amplitudes):
                 top = max(top, cells[a])
-            tops[k, j] = log_angle[k] + log_shape[j] + top
+            tops[k, j] = log_angle[k] + log_shape[j] + power * top
             largest = max(largest, tops[k, j])
-            best = max(best, top + log_shape[j])
+            best = max(best, power * top + log_shape[j])
     # Without the prior of the angle, which the moments of arrival still change.
     for k in range(angles):
         for j in range(shapes):
@@ -142,20 +143,20 @@ def exponential(
     bits: Int32[np.ndarray, " cells"],
     out: Float32[np.ndarray, " cells"],
 ) -> None:
-    """Exp(log), and 0 from `LEAST` down, in vector registers: to 1e-5.
+    """Exp(log), and 0 from `MIN_LOG_WEIGHT` down, in vector registers: to 1e-5.
 
     2 to a whole power is written as the bits of ``out``, and Taylor's series of the rest, within ln 2 / 2 of 0, is
     multiplied on. 4 to 6 times as fast as Numba's np.exp, which is scalar in single precision, and as fast as NumPy's,
     which a kernel cannot call (`benchmarks.kernels`).
     """
     for a in range(log.size):
-        value = max(log[a], LEAST)
+        value = max(log[a], MIN_LOG_WEIGHT)
         power = np.int32(value * _PER_OCTAVE + _BIAS + _HALF)
         rest = value - (np.float32(power) - _BIAS) * _OCTAVE
         bits[a] = power << np.int32(23)
         series[a] = _ONE + rest * (_ONE + rest * (_HALF + rest * (_SIXTH + rest * (_24TH + rest * _120TH))))
     for a in range(log.size):
-        out[a] *= series[a] if log[a] > LEAST else np.float32(0)
+        out[a] *= series[a] if log[a] > MIN_LOG_WEIGHT else np.float32(0)
 
 
 @compiled
@@ -164,18 +165,19 @@ def weigh(
     alive: Bool[np.ndarray, "angles shapes"],
     log_angle: Float64[np.ndarray, " angles"],
     log_shape: Float64[np.ndarray, " shapes"],
+    power: float,
     weight: Float32[np.ndarray, "angles shapes amplitudes"],
     by_angle: Float64[np.ndarray, " angles"],
     by_shape: Float64[np.ndarray, " shapes"],
     by_amplitude: Float64[np.ndarray, " amplitudes"],
 ) -> float:
-    """Fill in the weights and their marginals; return ln of the largest before scaling.
+    """Fill in weights and marginals, of the likelihood to a ``power``; return ln of the largest before scaling.
 
     Rows that are `DROPPED_BELOW` below the largest, the prior of the angle left out, are dropped for good.
     """
     angles, shapes, amplitudes = cube.shape
     tops = np.empty((angles, shapes))
-    largest = _survey(cube, alive, log_angle, log_shape, tops)
+    largest = _survey(cube, alive, log_angle, log_shape, power, tops)
     by_angle[:] = 0
     by_shape[:] = 0
     by_amplitude[:] = 0
@@ -184,13 +186,14 @@ def weigh(
     share = np.empty((shapes, amplitudes), np.float32)
     bits = share.reshape(-1).view(np.int32)
     counted = np.empty(shapes, np.int64)
+    known_power = np.float32(power)
     for k in range(angles):
         count = 0
         for j in range(shapes):
-            if tops[k, j] - largest >= LEAST:
+            if tops[k, j] - largest >= MIN_LOG_WEIGHT:
                 base, cells, row = np.float32(log_angle[k] + log_shape[j] - largest), cube[k, j], log[count]
                 for a in range(amplitudes):
-                    row[a] = cells[a] + base
+                    row[a] = known_power * cells[a] + base
                 counted[count] = j
                 count += 1
             else:

@@ -28,9 +28,7 @@ import numpy as np
 from markerseek._compiled import compiled
 from markerseek.core import Float64, Sample
 from markerseek.search.posterior.likelihood import CLEAR_SNR, Scale
-
-FACE_RADIUS_M = 10e-3
-"""Middle of the distances R of the face from the axis in the physics table, in metres."""
+from markerseek.search.tolerance import FACE_RADIUS_M
 
 SOUND_SPEED_M_S = 1525.0
 """Middle of its speeds of sound."""
@@ -62,21 +60,13 @@ _ITERATIONS = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArrivalMoments:
-    """Moments of arrival of the samples that are the marker's.
-
-    Attributes
-    ----------
-    measured_deg
-        Angles in degrees.
-    moments_s
-        Centroid and standard deviation of the energy in time, in seconds.
-    snr
-        Intensities over σ.
-    """
+    """Moments of arrival of the samples that are the marker's."""
 
     measured_deg: Float64[np.ndarray, " samples"]
     moments_s: Float64[np.ndarray, "samples 2"]
+    """Centroid and standard deviation of the energy in time."""
     snr: Float64[np.ndarray, " samples"]
+    """Intensities over σ."""
 
     def log_likelihood(
         self, angles_deg: Float64[np.ndarray, " angles"], *, knots: int
@@ -89,14 +79,9 @@ class ArrivalMoments:
 
 
 def moments_of(lit: Sequence[Sample], scale: Scale) -> ArrivalMoments | None:
-    """Return the moments of the samples that are clear of the noise and at the marker's place; None of fewer than two.
+    """Return the moments of the samples that are clear of the noise and at the marker's place.
 
-    Parameters
-    ----------
-    lit
-        Samples with the laser on.
-    scale
-        What they are measured by.
+    None of fewer than two.
     """
     sigma, marker_m = scale.sigma, scale.marker_m
     rows = [
@@ -142,14 +127,9 @@ def log_likelihood(
 ) -> Float64[np.ndarray, " angles"]:
     """Return ln of the likelihood of (5) and (6) for each angle of the marker, the nuisance parameters integrated out.
 
-    Parameters
-    ----------
-    angles_deg
-        Angles of the marker that are considered, in degrees.
-    measured_deg, moments_s
-        Angles in degrees, and centroid and standard deviation in seconds, of samples whose peak is the marker's.
-    snr
-        Their intensities over σ.
+    ``angles_deg``: angles of the marker that are considered. ``measured_deg``, ``moments_s``: angles in degrees, and
+    centroid and standard deviation in seconds, of samples whose peak is the marker's. ``snr``: their intensities over
+    σ.
     """
     # Times count from the strongest sample's, so that the prior of τ₀ is about 0.
     reference_s = float(moments_s[np.argmax(snr), 0])

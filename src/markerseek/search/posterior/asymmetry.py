@@ -33,15 +33,14 @@ from typing import NamedTuple
 import numpy as np
 
 from markerseek.core import Float64, Sample
-from markerseek.search.posterior.arrival import FACE_RADIUS_M
+from markerseek.search.tolerance import FACE_RADIUS_M
 
 PRIOR = 0.3
 """Prior probability of an asymmetric marker."""
 
-SHIFT_M, INCOHERENT_SHIFT_M, SCATTER_SHIFT_M = 0.085e-3, 0.23e-3, 2.35e-3
-"""a₀, a₁ and a₂ in metres: 1.2 times the most likely ones of 1,039 simulated spots in four tissues, so that 95 % of
-them are covered: tissues differ by more than C, s and w tell. Without s and w the logarithm of the likelihood is 56
-lower."""
+SHIFT_M, INCOHERENT_SHIFT_M, SCATTER_SHIFT_M = 0.085e-3, 0.08e-3, 2.5e-3
+"""a₀, a₁ and a₂ in metres: so much larger than the most likely ones of 240 simulated spots in four tissues that the
+intervals of whole searches cover (decision 52)."""
 
 USUAL_WIDTH_M = 5e-3
 """Width of a curve, as a length at the marker, to which `SHIFT_M` refers."""
@@ -72,32 +71,20 @@ OUTLIERS = 0.03
 
 
 class MeanCoherence(NamedTuple):
-    """The coherence C at the best focus, over the samples of one source.
-
-    Attributes
-    ----------
-    mean
-        Its mean.
-    sigma
-        Standard deviation of the mean if the source is a point.
-    scatter
-        Its standard deviation from sample to sample.
-    """
+    """The coherence C at the best focus, over the samples of one source."""
 
     mean: float
     sigma: float
+    """Standard deviation of the mean if the source is a point."""
     scatter: float
+    """Its standard deviation from sample to sample."""
 
 
 def mean_coherence(lit: Sequence[Sample], *, sigma: float) -> MeanCoherence | None:
     """Mean and scatter of C over the samples; None where it is not known.
 
-    Parameters
-    ----------
-    lit
-        Samples with the laser on, as they are at the marker's place.
-    sigma
-        Noise of one quadrature, in the intensity's unit.
+    ``lit``: samples with the laser on, as they are at the marker's place. ``sigma``: noise of one quadrature, in the
+    intensity's unit.
     """
     known = [
         (sample.reading.focused_coherence, math.hypot(POINT_SIGMA, NOISE_SIGMA * sigma / sample.reading.intensity))
@@ -122,12 +109,7 @@ def mean_coherence(lit: Sequence[Sample], *, sigma: float) -> MeanCoherence | No
 def asymmetry_probability(coherence: MeanCoherence | None, *, width_m: float) -> float:
     """Return u of (10).
 
-    Parameters
-    ----------
-    coherence
-        From `mean_coherence`.
-    width_m
-        Full width of the curve at half maximum, as a length at the marker, in metres.
+    ``width_m``: full width of the curve at half maximum, as a length at the marker.
     """
     if coherence is None:
         return PRIOR
@@ -145,13 +127,7 @@ def asymmetry_probability(coherence: MeanCoherence | None, *, width_m: float) ->
 
 
 def shift_scale_m(coherence: MeanCoherence | None, *, width_m: float) -> float:
-    """Scale a of the shift of a spot's curve, (10c), in metres.
-
-    Parameters
-    ----------
-    coherence, width_m
-        As for `asymmetry_probability`.
-    """
+    """Scale a of the shift of a spot's curve, (10c), in metres."""
     if coherence is None:
         return USUAL_SHIFT_M
     narrow_m = SHIFT_M + INCOHERENT_SHIFT_M * (1 - coherence.mean) + SCATTER_SHIFT_M * coherence.scatter
@@ -161,10 +137,7 @@ def shift_scale_m(coherence: MeanCoherence | None, *, width_m: float) -> float:
 def radius_m(depth_m: float | None) -> float:
     """Distance of the marker from the axis, in metres.
 
-    Parameters
-    ----------
-    depth_m
-        Its distance from the array's face in metres; None if unknown.
+    ``depth_m``: its distance from the array's face; None if unknown.
     """
     return USUAL_RADIUS_M if depth_m is None else FACE_RADIUS_M + depth_m
 
@@ -179,16 +152,9 @@ def shifted_density(
 ) -> Float64[np.ndarray, " angles"]:
     """Return the density of the marker's angle, (10), from the probabilities of the centre of its curve.
 
-    Parameters
-    ----------
-    angle_deg, share
-        Centres of the curve in degrees, evenly spaced, and the probability of each.
-    markers_deg
-        Angles of the marker at which the density is wanted, in degrees.
-    probability
-        u: probability that the marker is a spot.
-    scale_deg
-        Scale of the shift if it is, in degrees.
+    ``angle_deg``, ``share``: centres of the curve in degrees, evenly spaced, and the probability of each.
+    ``markers_deg``: angles of the marker at which the density is wanted. ``probability``: u: probability that the
+    marker is a spot. ``scale_deg``: scale of the shift if it is.
     """
     step_deg = float(angle_deg[1] - angle_deg[0])
     # The convolution of (10) is a sum over the grid of centres, a few hundred by some dozens.

@@ -17,43 +17,28 @@ BINS = 700
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Choice:
-    """Candidates for the next angle.
-
-    Attributes
-    ----------
-    angles_deg
-        The candidates in degrees, rising.
-    sigma_deg
-        Standard deviation of the marker's angle that a sample at each is expected to leave, in degrees (11).
-    """
+    """Candidates for the next angle."""
 
     angles_deg: Float64[np.ndarray, " candidates"]
+    """The candidates, rising."""
     sigma_deg: Float64[np.ndarray, " candidates"]
+    """Standard deviation of the marker's angle that a sample at each is expected to leave, in degrees (11)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Belief:
-    """Posterior of the loudest source's angle.
-
-    Attributes
-    ----------
-    angles_deg, probability
-        Middles of equal parts of the range in degrees, and the probability of each; what is missing to 1 lies beyond
-        the range.
-    mean_deg, sigma_deg
-        Mean and standard deviation in degrees.
-    interval95_deg
-        Interval that holds the angle with 95 % probability.
-    choice
-        Candidates for the next angle; None before anything is detected.
-    """
+    """Posterior of the loudest source's angle."""
 
     angles_deg: Float64[np.ndarray, " parts"]
     probability: Float64[np.ndarray, " parts"]
+    """``angles_deg`` and ``probability``: middles of equal parts of the range in degrees, and the probability of each;
+    what is missing to 1 lies beyond the range."""
     mean_deg: float
     sigma_deg: float
     interval95_deg: Interval
+    """Interval that holds the angle with 95 % probability."""
     choice: Choice | None
+    """Candidates for the next angle; None before anything is detected."""
 
 
 def belief_of(
@@ -66,12 +51,7 @@ def belief_of(
 ) -> Belief:
     """Return a posterior as a belief.
 
-    Parameters
-    ----------
-    posterior, shapes, limits, floor
-        As in `expected_sigmas_deg`.
-    detected
-        Whether anything is detected yet.
+    ``detected``: whether anything is detected yet.
     """
     choice = None
     if detected:

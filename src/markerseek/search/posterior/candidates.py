@@ -10,15 +10,15 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from markerseek.core import Interval, MarkerCurve, OtherSource, Sample
-from markerseek.search.evidence import FLAT_SHARE, missing_evidence
-from markerseek.search.floor import SearchNoise
+from markerseek.search.evidence import FLAT_SHARE, why_not_detected
+from markerseek.search.floor import SearchNoise, noise_factor
 from markerseek.search.posterior.angle_posterior import AnglePosterior
 from markerseek.search.posterior.humps import dip_deg
 from markerseek.search.posterior.inference import Inference
 from markerseek.search.posterior.shapes import Shapes
-from markerseek.search.posterior.sources import Source, at_most, samples_at, sources_of
+from markerseek.search.posterior.sources import Source, as_upper_limit, samples_at, sources_of
 
-MOST_OTHERS = 3
+MAX_OTHERS = 3
 """Most sources beside the loudest that get a posterior of their own, the strongest first."""
 
 RIVAL_DB = 6.0
@@ -31,12 +31,18 @@ LOUDER_SIGMAS = 2.0
 """Standard deviations of the ratio of two loudnesses by which one must exceed the other to be the louder."""
 
 
+SUSPECT_SHARE = 0.05
+"""Share of searches in which noise alone has a peak that is looked at again."""
+
+PLACE_SHARE = 0.01
+"""Probability with which noise at the place of a source passes for it in one frame, when it is looked at again."""
+
 Side: TypeAlias = Literal["both", "low", "high"]
 """Samples of one source: all at a place, or those on one side of a dip."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Group:
+class SourceSamples:
     """Samples of one source, as they are at its place; see `Candidate`."""
 
     source: Source | None
@@ -47,38 +53,27 @@ class Group:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Candidate:
-    """A source with its posterior.
-
-    Attributes
-    ----------
-    source
-        Its place; None where the samples have no positions: then all of them are of one source.
-    side
-        Which of two humps at that place it is, "both" where there is one.
-    samples
-        The samples with the laser on, as they are at its place.
-    missing
-        Why they are no evidence of a source; None if they are.
-    posterior
-        Posterior of its angle.
-    seen
-        Number of samples in which it exceeds the noise.
-    """
+    """A source with its posterior."""
 
     source: Source | None
+    """None where the samples have no positions: then all of them are of one source."""
     side: Side
+    """Which of two humps at that place it is, "both" where there is one."""
     samples: Sequence[Sample]
+    """The samples with the laser on, as they are at its place."""
     missing: str | None
+    """Why they are no evidence of a source; None if they are."""
     posterior: AnglePosterior
     seen: int
+    """Number of samples in which it exceeds the noise."""
 
     @property
-    def loudness(self) -> float:
+    def log_snr(self) -> float:
         """Ln of the intensity with the probe on it, over σ."""
         return float(np.mean(self.posterior.log_snr))
 
     @property
-    def placed(self) -> bool:
+    def has_positions(self) -> bool:
         """Whether its samples tell places apart."""
         return all(sample.reading.local_maxima is not None for sample in self.samples)
 
@@ -94,14 +89,19 @@ class Candidate:
 
     def relative_db(self, other: Candidate) -> float:
         """Loudness over that of another source, in dB."""
-        return 20 / math.log(10) * (self.loudness - other.loudness)
+        return 20 / math.log(10) * (self.log_snr - other.log_snr)
 
-    def may_exceed(self, other: Candidate, *, by_db: float, sigmas: float = LOUDER_SIGMAS) -> bool:
-        """Whether its loudness over the other's may exceed a ratio, in dB, within so many standard deviations of it."""
+    def may_be_stronger_than(self, other: Candidate, *, by_db: float, sigmas: float = LOUDER_SIGMAS) -> bool:
+        """Whether it may exceed another source by this ratio in dB, within so many standard deviations of the ratio."""
         spread = math.hypot(float(np.std(self.posterior.log_snr)), float(np.std(other.posterior.log_snr)))
         return self.relative_db(other) + sigmas * spread * 20 / math.log(10) > by_db
 
-    def beside(self, other: Candidate) -> OtherSource:
+    def louder_probability(self, other: Candidate) -> float:
+        """Probability that it is louder than another, from the standard deviations of both."""
+        spread = math.hypot(float(np.std(self.posterior.log_snr)), float(np.std(other.posterior.log_snr)))
+        return 0.5 * math.erfc((other.log_snr - self.log_snr) / (math.sqrt(2) * max(spread, 1e-9)))
+
+    def as_other_source(self, other: Candidate) -> OtherSource:
         """The source as an answer names it beside another."""
         place = self.source
         return OtherSource(
@@ -113,16 +113,38 @@ class Candidate:
         )
 
 
+def suspect_level(lit: Sequence[Sample], noise: SearchNoise) -> float:
+    """Intensity above which the largest peak of a frame is measured again, because it may be another source.
+
+    It is lower than the noise floor, which proves a source: noise has such a peak in one search of twenty, which takes
+    one acquisition more. 0 where the floor is unknown.
+    """
+    level = noise.level_or_zero
+    cells = [sample.reading.cells for sample in lit if sample.reading.local_maxima is not None]
+    if noise.sigma is None or len(cells) < len(lit) or None in cells:
+        return level
+    most = max(each for each in cells if each is not None)
+    return min(level, noise.sigma * noise_factor(cells=most, frames=len(lit), false_found=SUSPECT_SHARE))
+
+
 def _seen(at: Sequence[Sample], noise: SearchNoise) -> int:
-    return sum(sample.reading.intensity > (noise.floor.level or 0.0) for sample in at)
+    """Number of samples in which a source exceeds the noise; a place has fewer cells than an image, and less noise."""
+    level, sigma = noise.level_or_zero, noise.sigma or math.inf
+    levels = [
+        level
+        if sample.reading.local_maxima is None or sample.reading.cells is None
+        else min(level, sigma * noise_factor(cells=sample.reading.cells, frames=1, false_found=PLACE_SHARE))
+        for sample in at
+    ]
+    return sum(sample.reading.intensity > each for sample, each in zip(at, levels, strict=True))
 
 
 def _is_burst(own: Sequence[Sample], bounds: Sequence[Sample], place: Source, noise: SearchNoise) -> bool:
-    """Whether a place was loud once, and not beside that angle, where the narrowest curve is."""
+    """Whether a source was loud at one angle and not beside it, where even the narrowest curve would be."""
     # An upper bound says the same as a sample where it is below the noise floor.
-    measured = [*own, *(bound for bound in bounds if bound.reading.intensity <= (noise.floor.level or 0.0))]
+    measured = [*own, *(bound for bound in bounds if bound.reading.intensity <= noise.level_or_zero)]
     beside = sum(abs(sample.angle_deg - place.angle_deg) <= BESIDE_DEG for sample in measured)
-    return beside > 1 and _seen(own, noise) == 1
+    return beside > 1 and _seen(own, noise) <= 1
 
 
 def _is_background(at: Sequence[Sample]) -> bool:
@@ -134,14 +156,8 @@ def _is_background(at: Sequence[Sample]) -> bool:
 class Candidates:
     """The sources of one search; the inference of the strongest grows with the samples.
 
-    Parameters
-    ----------
-    limits, shapes, prior
-        As for `Inference`.
-    cues
-        Likewise; without "lateral" all samples are of one source.
-    single
-        Whether there is one source only, so that a dip does not divide the samples.
+    ``cues``: likewise; without "lateral" all samples are of one source. ``single``: whether there is one source only,
+    so that a dip does not divide the samples.
     """
 
     def __init__(
@@ -155,30 +171,27 @@ class Candidates:
         # Only that of the first is kept: what an answer computes of the others must not change what comes later.
         self._first = self._new()
 
-    def groups(self, lit: Sequence[Sample], noise: SearchNoise) -> list[Group]:
+    def groups(self, lit: Sequence[Sample], noise: SearchNoise) -> list[SourceSamples]:
         """Return the samples of each source, that of the strongest sample first.
 
-        Parameters
-        ----------
-        lit
-            Samples with the laser on, at least one.
-        noise
-            Noise of the search.
+        ``lit``: samples with the laser on, at least one.
         """
-        groups: list[Group] = []
+        groups: list[SourceSamples] = []
         if "lateral" in self._cues and noise.floor.level is not None:
-            sources = sources_of(lit, level=noise.floor.level)
+            sources = sources_of(lit, level=suspect_level(lit, noise))
             for source in sources:
                 own, bounds = samples_at(lit, sources, source)
                 if not _is_burst(own, bounds, source, noise):
-                    groups += self._divided(Group(source=source, side="both", samples=own, bounds=bounds), noise)
+                    groups += self._divided(
+                        SourceSamples(source=source, side="both", samples=own, bounds=bounds), noise
+                    )
         if not groups:
-            groups = self._divided(Group(source=None, side="both", samples=lit), noise)
+            groups = self._divided(SourceSamples(source=None, side="both", samples=lit), noise)
         return sorted(groups, key=lambda group: -_strongest(group.samples))
 
     def first(
         self,
-        groups: Sequence[Group],
+        groups: Sequence[SourceSamples],
         lit: Sequence[Sample],
         dark: Sequence[Sample],
         noise: SearchNoise,
@@ -187,30 +200,22 @@ class Candidates:
     ) -> Candidate:
         """Return the source of the strongest arrival that is evidence of one.
 
-        Parameters
-        ----------
-        groups
-            From `groups`.
-        lit, dark
-            Samples with the laser on, at least one, and off.
-        noise
-            Noise of the search.
-        particles
-            Markers to draw from its posterior.
+        ``lit``, ``dark``: samples with the laser on, at least one, and off. ``particles``: markers to draw from its
+        posterior.
         """
         for group in groups:
-            # A background that is the same at all angles may be louder than the marker, and is none.
-            if missing_evidence([*group.samples, *group.bounds], dark=dark, noise=noise) is None:
+            # A background that is the same at all angles may be louder than the marker.
+            if why_not_detected([*group.samples, *group.bounds], dark=dark, noise=noise) is None:
                 return _candidate(group, None, self._first, noise, particles)
         # Before a source exceeds the noise, and where there are no positions, all samples count together.
-        everything = Group(source=None, side="both", samples=lit)
-        missing = missing_evidence(lit, dark=dark, noise=noise)
+        everything = SourceSamples(source=None, side="both", samples=lit)
+        missing = why_not_detected(lit, dark=dark, noise=noise)
         return _candidate(everything, missing, self._first, noise, particles)
 
     def others(
         self,
         first: Candidate,
-        groups: Sequence[Group],
+        groups: Sequence[SourceSamples],
         dark: Sequence[Sample],
         noise: SearchNoise,
         *,
@@ -219,16 +224,7 @@ class Candidates:
     ) -> list[Candidate]:
         """Return the sources beside the first, that of the strongest arrival first.
 
-        Some may be none, as a burst that is seen in one frame: what is missing for them to be one is stated.
-
-        Parameters
-        ----------
-        first
-            From `first`.
-        groups, dark, noise, particles
-            As for `first`.
-        most
-            Most sources.
+        Candidates that may be no source, such as a burst in one frame, say what is missing.
         """
         found = []
         for group in groups:
@@ -238,7 +234,7 @@ class Candidates:
             )
             if counted or _is_background(group.samples):
                 continue
-            missing = missing_evidence([*group.samples, *group.bounds], dark=dark, noise=noise)
+            missing = why_not_detected([*group.samples, *group.bounds], dark=dark, noise=noise)
             if missing is None and _seen(group.samples, noise) < 2:
                 missing = "it was seen in one acquisition only"
             # Of a new inference each: what an answer computes of the others must not change what comes later.
@@ -247,22 +243,22 @@ class Candidates:
                 break
         return found
 
-    def _divided(self, group: Group, noise: SearchNoise) -> list[Group]:
+    def _divided(self, group: SourceSamples, noise: SearchNoise) -> list[SourceSamples]:
         """The group, or its two halves where a dip lies between two humps."""
         if self._single:
             return [group]
         sigma = noise.sigma or min(sample.reading.intensity for sample in group.samples) / 4
-        dip = dip_deg(group.samples, sigma=sigma, level=noise.floor.level or 0.0)
+        dip = dip_deg(group.samples, sigma=sigma, level=noise.level_or_zero)
         if dip is None:
             return [group]
         low = [sample for sample in group.samples if sample.angle_deg < dip]
         high = [sample for sample in group.samples if sample.angle_deg > dip]
-        middle = [at_most(sample) for sample in group.samples if sample.angle_deg == dip]
+        middle = [as_upper_limit(sample) for sample in group.samples if sample.angle_deg == dip]
         # Beyond the dip a curve is no higher than what was measured of both.
         middle += group.bounds
         return [
-            Group(source=group.source, side="low", samples=low, bounds=[*middle, *map(at_most, high)]),
-            Group(source=group.source, side="high", samples=high, bounds=[*middle, *map(at_most, low)]),
+            SourceSamples(source=group.source, side="low", samples=low, bounds=[*middle, *map(as_upper_limit, high)]),
+            SourceSamples(source=group.source, side="high", samples=high, bounds=[*middle, *map(as_upper_limit, low)]),
         ]
 
     def _new(self) -> Inference:
@@ -270,7 +266,7 @@ class Candidates:
 
 
 def _candidate(
-    group: Group, missing: str | None, inference: Inference, noise: SearchNoise, particles: int
+    group: SourceSamples, missing: str | None, inference: Inference, noise: SearchNoise, particles: int
 ) -> Candidate:
     return Candidate(
         source=group.source,

@@ -25,12 +25,8 @@ _TAIL, _KNEE = 1.2, 2.4
 def detection_distance_deg(*, level: float, peak: float, fwhm_deg: float) -> float:
     """Return the distance (12) at which the curve has fallen to the noise level, in degrees.
 
-    Parameters
-    ----------
-    level, peak
-        Largest intensity that noise reaches, and intensity with the probe on the marker; 0 < level < peak.
-    fwhm_deg
-        Full width at half maximum of the curve, in degrees.
+    ``level``, ``peak``: largest intensity that noise reaches, and intensity with the probe on the marker; 0 < level <
+    peak. ``fwhm_deg``: full width at half maximum of the curve.
     """
     ratio = _KNEE / _TAIL
     scaled = ((peak / level) ** ratio - 1) / (2**ratio - 1)
@@ -42,21 +38,9 @@ def acquisitions_needed(limits: Interval, *, level: float, peak: float, fwhm_deg
 
     Halfway between two of them the curve is still level/peak (12).
 
-    Parameters
-    ----------
-    limits
-        Range of the search.
-    level
-        Largest intensity that noise reaches, positive.
-    peak
-        Intensity with the probe on the marker, in the same unit.
-    fwhm_deg
-        Full width at half maximum of its curve, in degrees.
-
-    Raises
-    ------
-    ValueError
-        If the peak is not above the level: then no number would do.
+    ``level``: largest intensity that noise reaches, positive. ``peak``: intensity with the probe on the marker, in the
+    same unit. ``fwhm_deg``: full width at half maximum of its curve. Raises `ValueError` if the peak is not above the
+    level: then no number would do.
     """
     if not 0 < level < peak:
         raise ValueError(f"level {level} must be positive and below the peak {peak}; average more pulses")
@@ -67,14 +51,7 @@ def acquisitions_needed(limits: Interval, *, level: float, peak: float, fwhm_deg
 def missed_marker(lit: Sequence[Sample], noise: SearchNoise, limits: Interval) -> str:
     """Return which marker a search without a detection may have missed, and what would detect it; empty if none.
 
-    Parameters
-    ----------
-    lit
-        Samples with the laser on, at least one.
-    noise
-        Noise of the search.
-    limits
-        Range of the search.
+    ``lit``: samples with the laser on, at least one.
     """
     level = noise.floor.level
     if level is None or noise.sigma is None or max(sample.reading.intensity for sample in lit) > level:

@@ -23,14 +23,21 @@ LEVELS = np.array([math.log(level) if level > 0 else -math.inf for level, _ in M
 ERRORS = np.array([error for _, error in MODEL_ERROR])
 """Relative errors of `MODEL_ERROR`."""
 
-MOST_SHAPES = 32
+MAX_SHAPES = 32
 """Most shapes that a finer grid keeps."""
 
-LEAST_SHARE = 1e-4
+MIN_SHARE = 1e-4
 """Probability of a shape, over that of the likeliest, below which a finer grid drops it."""
 
 BLURS = (0.01, 0.04, 0.125)
 """Relative errors that the steps of a grid may add; few, so that the tables of a sample are found in the cache."""
+
+MAX_STRONG = 16
+"""Strong observations that count in full; the likelihood of more counts to the power of this over their number.
+
+The error of the curve's form is taken as each observation's own, but those that are beside one another share it: a
+hundred would make one cell of the grid certain, beside the marker.
+"""
 
 AMPLITUDES = 20
 """Amplitudes of a finer grid."""
@@ -38,62 +45,32 @@ AMPLITUDES = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Particles:
-    """Markers of equal weight drawn from a posterior.
-
-    Attributes
-    ----------
-    theta_deg
-        Angles in degrees.
-    member
-        Shapes, as indices into the family.
-    log_amplitude
-        ln of the amplitudes over the unit of the search.
-    """
+    """Markers of equal weight drawn from a posterior."""
 
     theta_deg: Float64[np.ndarray, " particles"]
     member: Int64[np.ndarray, " particles"]
+    """Shapes, as indices into the family."""
     log_amplitude: Float64[np.ndarray, " particles"]
+    """ln of the amplitudes over the unit of the search."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Marginals:
-    """Marginal probabilities on a grid, each adding up to 1, and markers drawn from it.
-
-    Attributes
-    ----------
-    angle, shape, amplitude
-        Marginal probabilities.
-    particles
-        Markers of equal weight.
-    """
+    """Marginal probabilities on a grid, each adding up to 1, and markers drawn from it."""
 
     angle: Float64[np.ndarray, " angles"]
     shape: Float64[np.ndarray, " shapes"]
     amplitude: Float64[np.ndarray, " amplitudes"]
+    """``angle``, ``shape`` and ``amplitude``: marginal probabilities."""
     particles: Particles
 
 
 class Grid:
     """Log-likelihood of the observations so far over angle, shape and ln amplitude.
 
-    Parameters
-    ----------
-    shapes
-        Family of curves.
-    angles_deg
-        Angles of the marker that are considered, in degrees.
-    members
-        Which curves of the family.
-    lowest
-        ln of the lowest amplitude, over the unit of the search.
-    phases
-        Step of ln amplitude, in steps of the table, `TABLE_STEP`.
-    amplitudes
-        Number of amplitudes.
-    blur
-        Relative error that the grid's own steps add to the model's.
-    loudness
-        Mean and standard deviation of ln amplitude in the prior; None: any is as probable.
+    ``angles_deg``: angles of the marker that are considered. ``members``: which curves of the family. ``lowest``: ln of
+    the lowest amplitude, over the unit of the search. ``phases``: step of ln amplitude, in steps of the table,
+    `TABLE_STEP`. ``blur``: relative error that the grid's own steps add to the model's.
     """
 
     def __init__(
@@ -106,7 +83,7 @@ class Grid:
         phases: int,
         amplitudes: int,
         blur: float,
-        loudness: tuple[float, float] | None = None,
+        log_amplitude_prior: tuple[float, float] | None = None,
     ) -> None:
         self.angles_deg = angles_deg
         self.members = members
@@ -119,17 +96,18 @@ class Grid:
         self._cube: Float32[np.ndarray, "angles shapes amplitudes"] = np.zeros(
             (angles_deg.size, members.size, amplitudes), np.float32
         )
-        if loudness is not None:
-            mean, sigma = loudness
+        if log_amplitude_prior is not None:
+            mean, sigma = log_amplitude_prior
             self._cube += (-((self.log_amplitude - mean) ** 2) / (2 * sigma**2)).astype(np.float32)
-        self._loudness = loudness
+        self._log_amplitude_prior = log_amplitude_prior
         self._weight = np.empty_like(self._cube)
+        self._strong = 0
         self._alive = np.ones((angles_deg.size, members.size), np.bool_)
 
     @property
-    def loudness(self) -> tuple[float, float] | None:
+    def log_amplitude_prior(self) -> tuple[float, float] | None:
         """Prior of ln amplitude, as given."""
-        return self._loudness
+        return self._log_amplitude_prior
 
     @property
     def step_amplitude(self) -> float:
@@ -138,6 +116,7 @@ class Grid:
 
     def add(self, observation: Observation) -> None:
         """Add the log-likelihood of one observation."""
+        self._strong += observation.strong
         tables = _tables(observation, self._errors, phases=self._phases, amplitudes=self.log_amplitude.size)
         _grid.add_sample(
             self._cube,
@@ -158,7 +137,8 @@ class Grid:
         weight = self._weight
         angle, shape, amplitude = (np.empty(size) for size in self._cube.shape)
         log_shape = self._shapes.log_prior[self.members]
-        _grid.weigh(self._cube, self._alive, log_angle, log_shape, weight, angle, shape, amplitude)
+        power = MAX_STRONG / max(self._strong, MAX_STRONG)
+        _grid.weigh(self._cube, self._alive, log_angle, log_shape, power, weight, angle, shape, amplitude)
         drawn = np.zeros((particles, 3), np.int64)
         cell = drawn[: _grid.draw(weight, angle, drawn)]
         markers = Particles(
@@ -193,22 +173,11 @@ def finer(
 ) -> Grid:
     """Return a grid about the mean of a coarser one, with the shapes and amplitudes that are still probable.
 
-    Parameters
-    ----------
-    shapes
-        Family of curves.
-    coarse, known
-        The coarser grid and its probabilities.
-    observations
-        All observations so far.
-    half_deg
-        Half the width of the new grid, in degrees.
-    angles
-        Number of angles, odd.
+    ``half_deg``: half the width of the new grid. ``angles``: number of angles, odd.
     """
     mean_deg = float(known.angle @ coarse.angles_deg)
-    likely = np.argsort(-known.shape, kind="stable")[:MOST_SHAPES]
-    members = np.sort(coarse.members[likely[known.shape[likely] > LEAST_SHARE * known.shape.max()]])
+    likely = np.argsort(-known.shape, kind="stable")[:MAX_SHAPES]
+    members = np.sort(coarse.members[likely[known.shape[likely] > MIN_SHARE * known.shape.max()]])
     centre = float(known.amplitude @ coarse.log_amplitude)
     # A coarse grid does not resolve less than about half of its step, which is added.
     sigma = math.sqrt(float(known.amplitude @ (coarse.log_amplitude - centre) ** 2)) + coarse.step_amplitude / 2
@@ -223,7 +192,7 @@ def finer(
         phases=phases,
         amplitudes=AMPLITUDES,
         blur=_blur(step_deg),
-        loudness=coarse.loudness,
+        log_amplitude_prior=coarse.log_amplitude_prior,
     )
     for observation in observations:
         grid.add(observation)

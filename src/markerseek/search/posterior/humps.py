@@ -5,8 +5,8 @@ laser's energy explain, there are two curves, and the samples are divided at the
 in the near field of an element has a dip of its own, a quarter deep at most (2): in a frame, which tells places apart,
 a dip must be deeper than that. In a file of intensities either is possible, and the answer is `Ambiguous`.
 
-A dip shows only if it was measured: `top_deg` and `beside_deg` name the angles at which that is still to be done, in
-the top of the curve, and beside a sample that is stronger than one nearer to its centre (`unmirrored`).
+A dip shows only if it was measured: `top_deg` and `gap_angle_deg` name the angles at which that is still to be done, in
+the top of the curve, and beside a sample that is stronger than one nearer to its centre (`asymmetric_sample`).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ DIP_SIGMAS, DOUBTFUL_DIP_SIGMAS = 3.0, 2.0
 SAMPLE_ERROR = 0.03
 """Relative error of one sample by itself, the laser's energy."""
 
-LEAST_DIP, NEAR_FIELD_DIP = 0.1, 0.35
+MIN_DIP, NEAR_FIELD_DIP = 0.1, 0.35
 """Least depth of a dip over the lower hump, for intensities alone, and for frames, where the near field is excluded."""
 
 ALIKE_DEG = 1.0
@@ -34,7 +34,7 @@ ALIKE_DEG = 1.0
 HUMPS_APART_DEG = 5.0
 """Least distance of two humps, in degrees: nearer ones are absorbers of one stained spot, which interfere."""
 
-UNMIRRORED_SHARE = 0.2
+ASYMMETRY_SHARE = 0.2
 """Least share of a sample's intensity by which one nearer to the centre must be weaker, on either side, for doubt."""
 
 TOP_SHARES = (-0.35, 0.0, 0.35)
@@ -47,25 +47,19 @@ TOP_REACH = 0.25
 def dip_deg(at: Sequence[Sample], *, sigma: float, level: float) -> float | None:
     """Return the angle of the deepest dip between two humps, in degrees; None without one.
 
-    Parameters
-    ----------
-    at
-        Samples at one place.
-    sigma
-        Noise of one intensity, in its unit.
-    level
-        Largest intensity that noise reaches; both humps must be above it.
+    ``sigma``: noise of one intensity, in its unit. ``level``: largest intensity that noise reaches; both humps must be
+    above it.
     """
     if len(at) < 3:
         return None
     order = sorted(at, key=lambda sample: sample.angle_deg)
     angle_deg = np.array([sample.angle_deg for sample in order])
     hump, bottom = _without_outliers(angle_deg, np.array([sample.reading.intensity for sample in order]))
-    placed = all(sample.reading.local_maxima is not None for sample in at)
+    has_positions = all(sample.reading.local_maxima is not None for sample in at)
     lower = np.minimum(np.maximum.accumulate(hump)[:-2], np.maximum.accumulate(hump[::-1])[::-1][2:])
     drop = lower - bottom[1:-1]
     least = np.maximum(
-        DIP_SIGMAS * np.hypot(1.5 * sigma, SAMPLE_ERROR * lower), (NEAR_FIELD_DIP if placed else LEAST_DIP) * lower
+        DIP_SIGMAS * np.hypot(1.5 * sigma, SAMPLE_ERROR * lower), (NEAR_FIELD_DIP if has_positions else MIN_DIP) * lower
     )
     # Where the humps are that a sample lies between.
     inner = np.arange(1, len(order) - 1)
@@ -93,14 +87,9 @@ def _without_outliers(
 
 
 def top_deg(posterior: AnglePosterior, measured_deg: Sequence[float]) -> float | None:
-    """Return an angle at which a dip in the top of the curve has still to be looked for; None if it would have shown.
+    """Return an angle in the top of the curve where a dip may still hide; None where samples would have shown it.
 
-    Parameters
-    ----------
-    posterior
-        Posterior of the source.
-    measured_deg
-        Angles measured so far, in degrees.
+    ``measured_deg``: angles measured so far.
     """
     for share in TOP_SHARES:
         angle_deg = posterior.mean_deg + share * posterior.fwhm_deg
@@ -110,30 +99,21 @@ def top_deg(posterior: AnglePosterior, measured_deg: Sequence[float]) -> float |
     return None
 
 
-def unmirrored(at: Sequence[Sample], *, centre_deg: float, sigma: float, level: float) -> Sample | None:
-    """Return the sample that exceeds most another one nearer to the centre of the curve; None if none does.
+def asymmetric_sample(at: Sequence[Sample], *, centre_deg: float, sigma: float, level: float) -> Sample | None:
+    """Return the sample that is stronger than one nearer to the centre, by the largest difference; None without one.
 
     A curve that is symmetric and falls from its centre has none: the sample is of another curve.
-
-    Parameters
-    ----------
-    at
-        Samples at one place.
-    centre_deg
-        Centre of their curve, in degrees.
-    sigma, level
-        As for `dip_deg`.
     """
     order = sorted(at, key=lambda sample: abs(sample.angle_deg - centre_deg))
     angle_deg = np.array([sample.angle_deg for sample in order])
     hump, bottom = _without_outliers(angle_deg, np.array([sample.reading.intensity for sample in order]))
     drop = hump - np.minimum.accumulate(bottom)
-    least = np.maximum(DOUBTFUL_DIP_SIGMAS * np.hypot(1.5 * sigma, SAMPLE_ERROR * hump), UNMIRRORED_SHARE * hump)
+    least = np.maximum(DOUBTFUL_DIP_SIGMAS * np.hypot(1.5 * sigma, SAMPLE_ERROR * hump), ASYMMETRY_SHARE * hump)
     excess = np.where((drop > least) & (hump > level), drop, 0.0)
     return order[int(np.argmax(excess))] if excess.any() else None
 
 
-def beside_deg(angle_deg: float, measured_deg: Sequence[float]) -> float | None:
+def gap_angle_deg(angle_deg: float, measured_deg: Sequence[float]) -> float | None:
     """Return the middle of the wider gap beside a measured angle, in degrees; None where both are narrow."""
     gaps = []
     for side in (-1.0, 1.0):

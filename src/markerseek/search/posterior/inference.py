@@ -28,13 +28,16 @@ from markerseek.search.posterior.asymmetry import (
 )
 from markerseek.search.posterior.grid import Grid, Marginals, Particles, finer
 from markerseek.search.posterior.likelihood import Observation, Scale, scale_of
-from markerseek.search.posterior.prior import loudness_of, shapes_with
+from markerseek.search.posterior.prior import log_amplitude_prior, shapes_with
 from markerseek.search.posterior.shapes import Shapes
 from markerseek.search.posterior.symmetry import (
-    LEAST_STRONG,
+    MIN_STRONG,
+    USUAL_SAMPLE_ERROR,
+    grouped,
     hypotheses_of,
-    strong_observations,
+    median_of,
     symmetric_log_likelihood,
+    with_energies,
 )
 
 BEYOND_STEPS = 12
@@ -53,15 +56,25 @@ FINE_KNOTS = 17
 """Angles of a finer grid at which the likelihood of the moments of arrival is computed."""
 
 SYMMETRY_ANGLES = (13, 25)
-"""Angles at which the symmetric likelihood is computed: at first, and about the mean of that."""
+"""Angles at which the symmetric likelihood is computed: while they become narrower, and at last."""
 
-SYMMETRY_STEP, MOST_SYMMETRY_ANGLES = 0.02, 151
+SYMMETRY_STEP, MAX_SYMMETRY_ANGLES = 0.02, 151
 """Their step over the full width at half maximum where they are spread wider than that, and their largest number."""
 
-SYMMETRY_SHAPES = 8
+SYMMETRY_SHAPES = 6
 """Shapes with which it is computed, the most probable."""
 
-LEAST_SHARE = 0.01
+MAX_TURNS = 6
+"""How often they are computed at most."""
+
+NARROWER = 2.5
+"""Ratio of two of their spreads from which they are computed again before the last time; a posterior within one step
+makes the next spread, of two steps to either side, three times as narrow."""
+
+EDGE_SHARE = 0.01
+"""Probability at an end of these angles, over that of the most probable, from which they are spread twice as wide."""
+
+MIN_SHARE = 0.01
 """Probability of a hypothesis, over that of the most probable, below which it is dropped in between."""
 
 SHIFT_SCALES = 6.0
@@ -73,40 +86,28 @@ HALF_WIDTH_SIGMAS = 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Centre:
-    """The posterior of the centre of the curve.
-
-    Attributes
-    ----------
-    angles_deg, share
-        Angles in degrees, evenly spaced, and the probability of each; they add up to 1.
-    particles
-        Markers drawn from it.
-    fwhm_deg
-        Mean of the curve's full width at half maximum, in degrees.
-    strong
-        Observations to which a symmetric curve was fitted; none if too few are strong.
-    """
+    """The posterior of the centre of the curve."""
 
     angles_deg: Float64[np.ndarray, " angles"]
-    share: Float64[np.ndarray, " angles"]
+    probability: Float64[np.ndarray, " angles"]
+    """``angles_deg`` and ``probability``: angles in degrees, evenly spaced, and the probability of each; they add up to
+    1."""
     particles: Particles
     fwhm_deg: float
-    strong: Sequence[Observation]
+    """Mean of the curve's full width at half maximum."""
+    strong: Sequence[Sequence[Observation]]
+    """Groups of observations to which a symmetric curve was fitted; none if too few are strong."""
+    log_gain: float | None
+    """None where it is the curve of the peak."""
+    sample_error: float
+    """Mean of the relative error of one sample by itself, the laser's energy."""
 
 
 class Inference:
     """The posterior of one search, with the coarse grid that grows with its samples.
 
-    Parameters
-    ----------
-    limits
-        Range of the search.
-    shapes
-        Family of curves.
-    cues
-        Which of "intensity", "arrival" and "lateral" count.
-    prior
-        What is known of the curve before the first sample; None: what the physics table says.
+    ``cues``: which of "intensity", "arrival" and "lateral" count. ``prior``: what is known of the curve before the
+    first sample; None: what the physics table says.
     """
 
     def __init__(
@@ -128,19 +129,12 @@ class Inference:
         self._added: list[tuple[float, float, int | None]] = []
 
     def posterior(self, lit: Sequence[Sample], noise: SearchNoise, *, particles: int) -> AnglePosterior:
-        """Return the posterior of all samples, of which only the new ones are added to the coarse grid.
+        """Return the posterior of all samples; only the new ones are added to the coarse grid.
 
         The grid is computed again where an earlier sample reads otherwise than before, for it was taken of a place that
         is known better now.
 
-        Parameters
-        ----------
-        lit
-            Samples with the laser on, at least one.
-        noise
-            Noise of the search.
-        particles
-            Markers to draw.
+        ``lit``: samples with the laser on, at least one. ``particles``: markers to draw.
         """
         coarse = self._coarse(lit, noise)
         moments = moments_of(lit, self._scale) if "arrival" in self._cues else None
@@ -149,23 +143,27 @@ class Inference:
         finer_prior = partial(self._log_prior_and_moments, moments=moments, knots=FINE_KNOTS)
         observations = self._observations if "intensity" in self._cues else []
         centre = refine(self._shapes, coarse, known, observations, finer_prior, particles=particles)
-        angle_deg, share = self._with_asymmetry(lit, centre, moments)
+        angle_deg, probability = self._with_asymmetry(lit, centre, moments)
         scale = self._scale
         log_unit = math.log(scale.unit) - math.log(scale.sigma)
+        medians = [median_of(group) for group in centre.strong]
         return AnglePosterior(
             angle_deg=angle_deg,
-            share=share,
+            probability=probability,
             coarse_deg=self._coarse_deg,
-            coarse_share=known.angle,
+            coarse_probability=known.angle,
             sigma=scale.sigma,
             theta_deg=centre.particles.theta_deg,
             member=centre.particles.member,
             log_snr=centre.particles.log_amplitude + log_unit,
-            strong_deg=np.array([each.angle_deg for each in centre.strong]),
-            strong_log_snr=np.array([each.log_intensity for each in centre.strong]) + log_unit,
+            strong_deg=np.array([each.angle_deg for each in medians]),
+            strong_log_snr=np.array([each.log_intensity for each in medians]) + log_unit,
+            strong_samples=np.array([len(group) for group in centre.strong], dtype=np.int64),
+            energy_gain=None if centre.log_gain is None else math.exp(centre.log_gain),
+            sample_error=centre.sample_error,
             fwhm_deg=centre.fwhm_deg,
             marker_m=scale.marker_m,
-            centre_sigma_deg=mean_and_sigma(centre.angles_deg, centre.share)[1],
+            centre_sigma_deg=mean_and_sigma(centre.angles_deg, centre.probability)[1],
         )
 
     def _coarse(self, lit: Sequence[Sample], noise: SearchNoise) -> Grid:
@@ -178,6 +176,7 @@ class Inference:
         if self._grid is None or not same or scale.replaces(self._scale, stated=stated):
             self._scale = scale
             self._observations = []
+            prior = None if self._prior is None else log_amplitude_prior(self._prior, unit=scale.unit)
             self._grid = Grid(
                 shapes=self._shapes,
                 angles_deg=self._coarse_deg,
@@ -187,7 +186,7 @@ class Inference:
                 phases=15,
                 amplitudes=18,
                 blur=0.125,
-                loudness=None if self._prior is None else loudness_of(self._prior, unit=self._scale.unit),
+                log_amplitude_prior=prior,
             )
         for sample in lit[len(self._observations) :]:
             observation = self._scale.observation(sample, use_lateral="lateral" in self._cues)
@@ -209,7 +208,7 @@ class Inference:
         self, lit: Sequence[Sample], centre: Centre, moments: ArrivalMoments | None
     ) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, " angles"]]:
         """Angles of the marker and their probabilities (10), from those of the centre of its curve."""
-        angle_deg, share = centre.angles_deg, centre.share
+        angle_deg, probability = centre.angles_deg, centre.probability
         strongest = max(lit, key=lambda sample: sample.reading.intensity).reading
         coherence = mean_coherence(lit, sigma=self._scale.sigma)
         from_axis_m = radius_m(strongest.depth_m)
@@ -218,8 +217,8 @@ class Inference:
         step_deg = float(angle_deg[1] - angle_deg[0])
         # A grid that does not resolve the shift is wide enough already.
         if "intensity" not in self._cues or step_deg > scale_deg:
-            return angle_deg, share
-        mean_deg = float(share @ angle_deg)
+            return angle_deg, probability
+        mean_deg = float(probability @ angle_deg)
         half_deg = max(SHIFT_SCALES * scale_deg, (angle_deg[-1] - angle_deg[0]) / 2)
         angles_deg = mean_deg + np.linspace(-half_deg, half_deg, 2 * math.ceil(half_deg / step_deg) + 1)
         log_moments = np.zeros_like(angles_deg)
@@ -228,11 +227,11 @@ class Inference:
             # the centre's posterior and multiplied on again at the marker's angle.
             log_moments = moments.log_likelihood(angles_deg, knots=2 * FINE_KNOTS)
             log_moments -= log_moments.max()
-            share = share * np.exp(np.minimum(-np.interp(angle_deg, angles_deg, log_moments), 30.0))
-            share = share / share.sum()
+            probability = probability * np.exp(np.minimum(-np.interp(angle_deg, angles_deg, log_moments), 30.0))
+            probability = probability / probability.sum()
         density = shifted_density(
             angle_deg,
-            share,
+            probability,
             angles_deg,
             probability=asymmetry_probability(coherence, width_m=width_m),
             scale_deg=scale_deg,
@@ -252,22 +251,12 @@ def refine(
 ) -> Centre:
     """Return the posterior of the centre of the curve, in steps as fine as it is narrow.
 
-    Parameters
-    ----------
-    shapes
-        Family of curves.
-    coarse, known
-        The coarse grid and its probabilities.
-    observations
-        All observations; none if the intensities do not count: then the grid stays coarse.
-    log_prior
-        Gives ln of the prior of angles, the likelihoods of other cues included.
-    particles
-        Markers to draw.
+    ``observations``: all observations; none if the intensities do not count: then the grid stays coarse. ``log_prior``:
+    gives ln of the prior of angles, the likelihoods of other cues included. ``particles``: markers to draw.
     """
     grid, best = coarse, known
-    strong = strong_observations(observations)
-    symmetric = len(strong) >= LEAST_STRONG
+    samples = grouped(observations, fwhm_deg=float(known.shape @ shapes.fwhm_deg[coarse.members]))
+    symmetric = sum(map(len, samples.strong)) >= MIN_STRONG
     # One refinement is enough before the symmetric likelihood, which has its own angles.
     for _ in range(1 if symmetric else 2):
         half_deg = _half_width_deg(grid.angles_deg, best.angle)
@@ -277,36 +266,70 @@ def refine(
             break
         if grid is not coarse and step_deg <= 0.25 * half_deg / HALF_WIDTH_SIGMAS:
             break
-        grid = finer(shapes, grid, best, observations, half_deg=half_deg, angles=FINE_ANGLES)
+        grid = finer(
+            shapes,
+            grid,
+            best,
+            [*map(median_of, samples.strong), *samples.others],
+            half_deg=half_deg,
+            angles=FINE_ANGLES,
+        )
         best = grid.marginals(log_prior(grid.angles_deg), particles=particles)
     fwhm_deg = float(best.shape @ shapes.fwhm_deg[grid.members])
     if grid is coarse or not symmetric:
         return Centre(
-            angles_deg=grid.angles_deg, share=best.angle, particles=best.particles, fwhm_deg=fwhm_deg, strong=[]
+            angles_deg=grid.angles_deg,
+            probability=best.angle,
+            particles=best.particles,
+            fwhm_deg=fwhm_deg,
+            strong=[],
+            log_gain=None,
+            sample_error=USUAL_SAMPLE_ERROR,
         )
+    samples, log_gain = with_energies(samples)
     # The template's error is g now: few shapes are enough, the Gaussian process makes up for the others.
     members = grid.members[np.sort(np.argsort(-best.shape, kind="stable")[:SYMMETRY_SHAPES])]
-    remaining = hypotheses_of(shapes, members)
-    angles_deg, share = grid.angles_deg, best.angle
+    angles_deg, probability = grid.angles_deg, best.angle
+    hypotheses = hypotheses_of(shapes, members)
     # A posterior wider than the curve may have a narrow mode beside a wide one, and coarse angles would step over it.
-    step_deg = SYMMETRY_STEP * float(shapes.fwhm_deg[members].min())
-    for usual in SYMMETRY_ANGLES:
-        hypotheses = remaining
-        half_deg = _half_width_deg(angles_deg, share)
-        count = usual if half_deg <= fwhm_deg else min(math.ceil(2 * half_deg / step_deg), MOST_SYMMETRY_ANGLES)
-        angles_deg = float(share @ angles_deg) + np.linspace(-half_deg, half_deg, count)
-        log_p, log_amplitude = symmetric_log_likelihood(shapes, hypotheses, observations, angles_deg)
+    least_step_deg = SYMMETRY_STEP * float(shapes.fwhm_deg[members].min())
+    half_deg = _half_width_deg(angles_deg, probability)
+    former_deg = math.inf
+    for turn in range(MAX_TURNS):
+        # With all angles at last, and without a blur.
+        last = turn == MAX_TURNS - 1 or former_deg / NARROWER < half_deg <= former_deg
+        count = SYMMETRY_ANGLES[last]
+        if half_deg > fwhm_deg:
+            count = min(math.ceil(2 * half_deg / least_step_deg), MAX_SYMMETRY_ANGLES)
+        angles_deg = float(probability @ angles_deg) + np.linspace(-half_deg, half_deg, count)
+        blur_deg = 0.0 if last else float(angles_deg[1] - angles_deg[0])
+        log_p, log_amplitude = symmetric_log_likelihood(shapes, hypotheses, samples, angles_deg, blur_deg=blur_deg)
         log_p += hypotheses.log_prior + log_prior(angles_deg)[:, None]
         weight = np.exp(log_p - log_p.max())
-        share = weight.sum(axis=1) / weight.sum()
+        probability = weight.sum(axis=1) / weight.sum()
+        if last:
+            break
+        former_deg = half_deg
+        # Many samples of a curve that is not of the family make a grid too certain, beside the marker.
+        beside = max(probability[0], probability[-1]) > EDGE_SHARE * probability.max()
+        half_deg = 2 * half_deg if beside else _half_width_deg(angles_deg, probability)
+        # What comes next costs in proportion to the hypotheses that are left.
         by_hypothesis = weight.sum(axis=0)
-        # The second, finer pass costs in proportion to the hypotheses that are left.
-        remaining = hypotheses.kept(np.flatnonzero(by_hypothesis > LEAST_SHARE * by_hypothesis.max()))
+        hypotheses = hypotheses.kept(np.flatnonzero(by_hypothesis > MIN_SHARE * by_hypothesis.max()))
+    sample_error = float(weight.sum(axis=0) @ hypotheses.sample_error / weight.sum())
     row, column = _drawn(weight, particles)
     drawn = Particles(
         theta_deg=angles_deg[row], member=hypotheses.member[column], log_amplitude=log_amplitude[row, column]
     )
-    return Centre(angles_deg=angles_deg, share=share, particles=drawn, fwhm_deg=fwhm_deg, strong=strong)
+    return Centre(
+        angles_deg=angles_deg,
+        probability=probability,
+        particles=drawn,
+        fwhm_deg=fwhm_deg,
+        strong=samples.strong,
+        log_gain=log_gain,
+        sample_error=sample_error,
+    )
 
 
 def _drawn(
@@ -319,7 +342,7 @@ def _drawn(
     return row, column
 
 
-def _half_width_deg(angles_deg: Float64[np.ndarray, " angles"], share: Float64[np.ndarray, " angles"]) -> float:
+def _half_width_deg(angles_deg: Float64[np.ndarray, " angles"], probability: Float64[np.ndarray, " angles"]) -> float:
     """Half the width of the next finer grid, in degrees."""
     step_deg = float(angles_deg[1] - angles_deg[0])
-    return max(HALF_WIDTH_SIGMAS * mean_and_sigma(angles_deg, share)[1], 2 * step_deg)
+    return max(HALF_WIDTH_SIGMAS * mean_and_sigma(angles_deg, probability)[1], 2 * step_deg)

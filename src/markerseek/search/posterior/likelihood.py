@@ -21,8 +21,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from markerseek.core import LEAST_INTENSITY, Float64, Sample
-from markerseek.search.floor import MOST_CELLS, SearchNoise
+from markerseek.core import MIN_INTENSITY, Float64, Sample
+from markerseek.search.floor import MAX_CELLS, SearchNoise
 from markerseek.search.posterior import _grid
 
 TABLE_LOW, TABLE_HIGH, TABLE_STEP = -6.0, 3.0, 0.02
@@ -45,7 +45,7 @@ LATERAL_SIGMA_M = 0.5e-3
 IMAGE_WIDTH_M = 55e-3
 """Width of the image, over which the peaks of noise are uniform, in metres."""
 
-LEAST_LATERAL_RATIO = 0.02
+MIN_LATERAL_RATIO = 0.02
 """Smallest g: a peak at another lateral position costs a marker at most a factor of 50."""
 
 PEAK_NOISE = 0.8
@@ -53,55 +53,53 @@ PEAK_NOISE = 0.8
 than each of them. The medians of 40 simulated markers, each measured 25 times at its angle, were 0.52, 0.63, 0.74, 0.81
 and 0.92 with peaks of 5.6, 7.5, 11, 32 and 100σ."""
 
+STRONG_SNR = 8.0
+"""Intensity over σ from which ln y is normal."""
+
+DEEP, DEEP_ERROR = 0.08, 0.01
+"""Share of the strongest intensity below which the form of a curve is unknown, and by what share of it: the tails of
+edge waves, of an exponential and of a Gaussian are orders of magnitude apart, and where little noise shows them, many
+samples, which would outvote those of the top."""
+
 CLEAR_SNR = 6.0
 """Intensity over σ from which a peak's lateral position and arrival are the marker's."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:
-    """One sample with the laser on, in the terms of the likelihood.
-
-    Attributes
-    ----------
-    angle_deg
-        Angle reached, in degrees.
-    log_intensity
-        ln of the intensity over the unit of the search.
-    noise
-        Standard deviation σ of one quadrature over the intensity.
-    cells
-        Number M of independent envelope cells.
-    lateral_ratio
-        g of the peak's lateral position, `lateral_ratio`.
-    """
+    """One sample with the laser on, in the terms of the likelihood."""
 
     angle_deg: float
     log_intensity: float
+    """ln of the intensity over the unit of the search."""
     noise: float
+    """Standard deviation σ of one quadrature over the intensity."""
     cells: int
+    """Number M of independent envelope cells."""
     lateral_ratio: float
+    """g of the peak's lateral position, `lateral_ratio`."""
+    spot: tuple[float, float] | None = None
+    """ln of the amplitude of the spot's energy over the unit of the search, and the standard deviation that noise gives
+    it; None where it is not known."""
+
+    @property
+    def strong(self) -> bool:
+        """Whether it is the marker's, and its ln y normal."""
+        return self.noise <= 1 / STRONG_SNR and self.lateral_ratio >= 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scale:
-    """What all samples of a search are measured by.
-
-    Attributes
-    ----------
-    unit
-        Largest intensity so far.
-    sigma
-        Noise of samples whose reading does not state it.
-    marker_m
-        Lateral position of the marker in metres; None while no sample is clear of the noise.
-    cells
-        Envelope cells of samples whose reading does not state them.
-    """
+    """What all samples of a search are measured by."""
 
     unit: float
+    """Largest intensity so far."""
     sigma: float
+    """Noise of samples whose reading does not state it."""
     marker_m: float | None
+    """Lateral position of the marker; None while no sample is clear of the noise."""
     cells: int
+    """Envelope cells of samples whose reading does not state them."""
 
     def replaces(self, former: Scale, *, stated: bool) -> bool:
         """Whether a grid of the former scale must be computed again; ``stated``: all readings state noise and cells."""
@@ -119,14 +117,20 @@ class Scale:
         sigma = reading.noise_sigma if reading.noise_sigma is not None and reading.noise_sigma > 0 else self.sigma
         # An intensity of 0 has no logarithm; a hundredth of σ is as improbable.
         intensity = max(reading.intensity, 0.01 * sigma)
+        cells = reading.cells or self.cells
+        if intensity < DEEP * self.unit and sigma < DEEP_ERROR * self.unit:
+            sigma, cells = DEEP_ERROR * self.unit, 1
         # Where the image is looked up at a known place, few cells say what g says, and say it better.
         anywhere = use_lateral and reading.local_maxima is None
         return Observation(
             angle_deg=sample.angle_deg,
             log_intensity=math.log(intensity) - math.log(self.unit),
             noise=sigma / intensity,
-            cells=reading.cells or self.cells,
+            cells=cells,
             lateral_ratio=lateral_ratio(reading.lateral_m, marker_m=self.marker_m) if anywhere else 1.0,
+            spot=None
+            if reading.spot is None
+            else (math.log(reading.spot.amplitude) - math.log(self.unit), reading.spot.relative_sigma),
         )
 
 
@@ -140,12 +144,12 @@ def scale_of(lit: Sequence[Sample], noise: SearchNoise) -> Scale:
     largest = strongest.reading.intensity
     smallest = min(sample.reading.intensity for sample in lit)
     # The tails of a computed curve underflow, and have no ratio to one another.
-    unit = largest if largest > LEAST_INTENSITY else 1.0
+    unit = largest if largest > MIN_INTENSITY else 1.0
     # Never 0, for intensities are divided by it.
     sigma = max(noise.sigma or smallest / 4, 1e-4 * unit)
     # A peak below this may be noise, whose lateral position says nothing.
-    clear = largest > max(CLEAR_SNR * sigma, noise.floor.level or 0.0)
-    most = math.log(MOST_CELLS)
+    clear = largest > max(CLEAR_SNR * sigma, noise.level_or_zero)
+    most = math.log(MAX_CELLS)
     return Scale(
         unit=unit,
         sigma=sigma,
@@ -157,18 +161,13 @@ def scale_of(lit: Sequence[Sample], noise: SearchNoise) -> Scale:
 def lateral_ratio(lateral_m: float | None, *, marker_m: float | None) -> float:
     """Return g: the density of a peak's lateral position for the marker over that for noise; 1 where unknown.
 
-    Parameters
-    ----------
-    lateral_m
-        Lateral position of the peak in metres.
-    marker_m
-        Lateral position of the marker in metres.
+    ``lateral_m``: lateral position of the peak. ``marker_m``: lateral position of the marker.
     """
     if lateral_m is None or marker_m is None:
         return 1.0
     away = (lateral_m - marker_m) / LATERAL_SIGMA_M
     ratio = IMAGE_WIDTH_M / (LATERAL_SIGMA_M * math.sqrt(2 * math.pi)) * math.exp(-(away**2) / 2)
-    return max(ratio, LEAST_LATERAL_RATIO)
+    return max(ratio, MIN_LATERAL_RATIO)
 
 
 @lru_cache(maxsize=512)
@@ -177,16 +176,8 @@ def log_tables(
 ) -> Float64[np.ndarray, "errors entries"]:
     """Return ln p(y|μ)·y of (3) over ln(μ/y) from `TABLE_LOW` to `TABLE_HIGH`, one row for each model error.
 
-    Parameters
-    ----------
-    noise
-        σ/y, positive.
-    cells
-        Number M of independent cells.
-    errors
-        Relative errors ε of the model.
-    ratio
-        g of `lateral_ratio`.
+    ``noise``: σ/y, positive. ``cells``: number M of independent cells. ``errors``: relative errors ε of the model.
+    ``ratio``: g of `lateral_ratio`.
     """
     # exp(−y²/2σ²) underflows beyond 700, and log1p needs a value above −1.
     rayleigh = math.exp(-min(1 / (2 * noise**2), 700.0))

@@ -6,6 +6,7 @@ from markers drawn from the posterior, and the best candidate is the next angle.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -15,13 +16,27 @@ from scipy.special import ndtr
 from markerseek.core import Float64, Interval
 from markerseek.search.posterior._symmetry import expected_variance
 from markerseek.search.posterior.angle_posterior import AnglePosterior
+from markerseek.search.posterior.likelihood import DEEP_ERROR
 from markerseek.search.posterior.shapes import STEP_DEG, Shapes
 from markerseek.search.posterior.symmetry import (
     CORRELATION_LENGTH,
-    SAMPLE_ERRORS,
+    MAX_GROUPS,
     TEMPLATE_LOG_LEVELS,
     TEMPLATE_SIGMAS,
 )
+
+MIN_GAIN = 0.02
+"""Share by which a sample must be expected to reduce the standard deviation; else samples are spread evenly."""
+
+FLANKS = 0.8
+"""How far to either side of the marker that is, over the full width at half maximum."""
+
+MIRRORED = 0.03
+"""Distance from its mirror image within which a place has one, over that width."""
+
+ONE_SIDED, MIN_GAP = 1.6, 0.12
+"""Part of both flanks, of 2, below which the range holds too little of one; the least gap that is filled then, over
+that width."""
 
 PLAN = (1, 4, 6, 0, 3, 7, 2, 5)
 """Planned angles, each in the middle of an equal part of the range: evenly spread after eight, as eight acquisitions
@@ -30,17 +45,14 @@ miss the fewest markers, and nearly so after three."""
 DETECTION_ANGLES = 71
 """Candidate angles, evenly spread over the range, while no marker is detected."""
 
-LEAST_APART_DEG = 0.4
+MIN_APART_DEG = 0.4
 """Least distance of such an angle from those measured, in degrees."""
 
 DETECTION_TRAVEL_DEG = 300.0
 """Travel that must double the probability of detection to be worth it, in degrees."""
 
-TRAVEL_DEG = 150.0
-"""Travel that must halve the remaining uncertainty to be worth it, roughly, in degrees."""
-
-_SAMPLE_ERROR = sum(error * share for error, share in SAMPLE_ERRORS)
-"""Mean relative error of one sample by itself, before any sample says more."""
+TRAVEL_DEG = 75.0
+"""Travel that costs as much as an acquisition, in degrees."""
 
 
 def planned_deg(measured_deg: Sequence[float], *, limits: Interval, descending: bool) -> float:
@@ -49,14 +61,7 @@ def planned_deg(measured_deg: Sequence[float], *, limits: Interval, descending: 
     First those of `PLAN`, then the middle of the largest gap; a gap at an end of the range counts twice and is closed
     by the end itself.
 
-    Parameters
-    ----------
-    measured_deg
-        Angles reached so far, in degrees.
-    limits
-        Range of the search.
-    descending
-        Whether to begin at the high end.
+    ``measured_deg``: angles reached so far. ``descending``: whether to begin at the high end.
     """
     count = len(measured_deg)
     if count < len(PLAN):
@@ -78,22 +83,12 @@ def most_detectable_deg(
     All samples so far were below that level, but not all alike: the probability is large in a wide gap, and also where
     the largest peak of a frame was higher than noise usually is.
 
-    Parameters
-    ----------
-    posterior
-        The posterior, with many markers drawn.
-    shapes
-        Family of curves.
-    measured_deg
-        Angles reached so far, the last one last, in degrees.
-    limits
-        Range of the search.
-    level
-        Largest intensity that noise reaches, over σ.
+    ``posterior``: the posterior, with many markers drawn. ``measured_deg``: angles reached so far, the last one last.
+    ``level``: largest intensity that noise reaches, over σ.
     """
     candidates = np.linspace(limits.low_deg, limits.high_deg, DETECTION_ANGLES)
     apart = np.abs(candidates[:, None] - np.array(measured_deg)).min(axis=1)
-    candidates = candidates[apart >= min(LEAST_APART_DEG, apart.max())]
+    candidates = candidates[apart >= min(MIN_APART_DEG, apart.max())]
     away = np.abs(candidates[:, None] - posterior.theta_deg) / STEP_DEG
     place = np.minimum(np.rint(away).astype(np.int64), shapes.log_curve.shape[1] - 1)
     height = np.exp(np.minimum(posterior.log_snr + shapes.log_curve[posterior.member, place], 50.0))
@@ -112,16 +107,43 @@ def most_informative_deg(
     It may be one that was measured before: beside an end of the range a second sample is often worth more than a new
     angle.
 
-    Parameters
-    ----------
-    posterior, shapes, limits, floor
-        As in `expected_sigmas_deg`.
-    from_deg
-        Where the probe is, in degrees.
+    ``from_deg``: where the probe is.
     """
     candidates, sigma_deg = expected_sigmas_deg(posterior, shapes, limits=limits, floor=floor)
+    # What a sample gains over one that tells least, for its cost. Their product would stay forever where a sample
+    # tells nothing and needs no travel.
+    gain = np.log(sigma_deg.max() / sigma_deg)
+    if gain.max() < MIN_GAIN and posterior.strong_deg.size:
+        return _evenly_deg(posterior, limits=limits)
     travel = np.abs(candidates - from_deg)
-    return float(candidates[np.argmin(sigma_deg * (1 + travel / TRAVEL_DEG))])
+    return float(candidates[np.argmax(gain / (1 + travel / TRAVEL_DEG))])
+
+
+def _evenly_deg(posterior: AnglePosterior, *, limits: Interval) -> float:
+    """Angle in degrees where many samples about the top of the curve are the most even on both flanks.
+
+    First the mirror image of a place that has none; beside an end of the range the middle of the widest gap; then the
+    place with the fewest samples, for a place that is measured again is a group that exists, and groups are few.
+    """
+    centre_deg, width_deg = posterior.mean_deg, posterior.fwhm_deg
+    near = np.abs(posterior.strong_deg - centre_deg) <= FLANKS * width_deg
+    if not near.any():
+        return limits.nearest(centre_deg)
+    places_deg = posterior.strong_deg[near]
+    if posterior.strong_deg.size < MAX_GROUPS:
+        ends_deg = [limits.nearest(centre_deg + side * FLANKS * width_deg) for side in (-1, 1)]
+        between = np.unique([*places_deg.tolist(), *ends_deg])
+        gap = int(np.argmax(np.diff(between)))
+        one_sided = ends_deg[1] - ends_deg[0] < ONE_SIDED * FLANKS * width_deg
+        if one_sided and between[gap + 1] - between[gap] > MIN_GAP * width_deg:
+            return float(between[gap] + between[gap + 1]) / 2
+        mirrored = 2 * centre_deg - places_deg
+        mirrored = mirrored[(mirrored >= limits.low_deg) & (mirrored <= limits.high_deg)]
+        if mirrored.size:
+            alone_deg = np.abs(mirrored[:, None] - places_deg).min(axis=1)
+            if alone_deg.max() > MIRRORED * width_deg:
+                return float(mirrored[np.argmax(alone_deg)])
+    return limits.nearest(float(places_deg[np.argmin(posterior.strong_samples[near])]))
 
 
 def expected_sigmas_deg(
@@ -135,33 +157,27 @@ def expected_sigmas_deg(
 
         E[var θ] = mean over j of var_k(θ_k; w_jk),        w_jk = (1 + d_jk²/8)⁻⁴ ≈ exp(−d_jk²/2).              (11)
 
-    Parameters
-    ----------
-    posterior
-        The posterior.
-    shapes
-        Family of curves.
-    limits
-        Range of the search.
-    floor
-        Intensity that noise usually reaches by itself, over σ.
+    ``floor``: intensity that noise usually reaches by itself, over σ.
     """
     candidates = _candidates(posterior, limits=limits)
     variance = np.empty(candidates.size)
+    # Noise below the error of deep tails is no more use than that: a sample there would be expected to tell much, tell
+    # nothing, and be taken for ever.
+    quiet = max(0.0, float(posterior.log_snr.mean()) + math.log(DEEP_ERROR))
     expected_variance(
         candidates,
         posterior.theta_deg,
         posterior.member,
         shapes.log_curve,
-        posterior.log_snr,
+        posterior.log_snr - quiet,
         STEP_DEG,
         floor,
         posterior.strong_deg,
-        posterior.strong_log_snr,
+        posterior.strong_log_snr - quiet,
         CORRELATION_LENGTH * shapes.fwhm_deg,
         TEMPLATE_LOG_LEVELS,
         TEMPLATE_SIGMAS,
-        _SAMPLE_ERROR,
+        posterior.sample_error,
         variance,
     )
     return candidates, np.sqrt(variance + 1e-6)

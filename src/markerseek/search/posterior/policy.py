@@ -16,28 +16,43 @@ from markerseek.core import (
     NotFound,
     Sample,
     SearchError,
+    Tolerance,
     Unsure,
 )
-from markerseek.search.checked import SIGMA_LIMIT_DEG
 from markerseek.search.evidence import UNKNOWN_RATIO
 from markerseek.search.floor import SearchNoise, noise_of
 from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
-from markerseek.search.posterior.answer import SearchState, answer_of, ranked, rivals_of, unresolved
+from markerseek.search.posterior.answer import SearchState, answer_of, ranked, rivals_of, unresolved_rival
 from markerseek.search.posterior.belief import Belief, belief_of
-from markerseek.search.posterior.candidates import BESIDE_DEG, MOST_OTHERS, Candidate, Candidates, Group
-from markerseek.search.posterior.humps import beside_deg, top_deg, unmirrored
+from markerseek.search.posterior.candidates import BESIDE_DEG, MAX_OTHERS, Candidate, Candidates, SourceSamples
+from markerseek.search.posterior.humps import asymmetric_sample, gap_angle_deg, top_deg
 from markerseek.search.posterior.loading import loaded_family
 from markerseek.search.posterior.next_angle import PLAN, most_detectable_deg, most_informative_deg, planned_deg
-from markerseek.search.posterior.predictive import DOUBT_SIGMAS, misfit_of, unexplained, weaker_than_predicted
-from markerseek.search.posterior.survey import SURVEY_TARGET, SURVEYED, Survey, survey_of
+from markerseek.search.posterior.predictive import (
+    DOUBT_SIGMAS,
+    discrepant_sample,
+    predictive_check,
+    weaker_than_predicted,
+)
+from markerseek.search.posterior.survey import (
+    STATED,
+    SURE,
+    SURVEY_UNTIL,
+    USUAL_OTHERS,
+    WORTH,
+    Survey,
+    hidden_probability,
+    survey_of,
+)
+from markerseek.search.tolerance import KNOWN_SIGMA_DEG, marker_radius_m
 
 CUES = frozenset({"intensity", "arrival", "lateral"})
 """Parts of a reading that can be used."""
 
-TARGET_SIGMA_DEG = 0.1
+TARGET_SIGMA_DEG = 0.2
 """Standard deviation at which a search ends unless another is given, in degrees."""
 
-LEAST_ACQUISITIONS = 4
+MIN_ACQUISITIONS = 4
 """Acquisitions before which a search does not end for a small standard deviation."""
 
 SURVEY_RESERVE = 6
@@ -49,8 +64,15 @@ OFTEN = 8
 PARTICLES, UNDETECTED_PARTICLES = 48, 4000
 """Markers that are drawn from the posterior to choose the next angle: once one is detected, and before."""
 
+TOLERATED_SIGMAS = 3.0
+"""Standard deviations of the centre that the tolerance must hold before a search ends: with them its 95 % interval, at
+1.96, lies well within."""
+
 FLOOR_SNR = 4.2
 """Largest of some ten thousand Rayleigh cells over σ, as it usually comes out."""
+
+
+_USUAL = Tolerance()
 
 
 class Posterior(SearchPolicy):
@@ -63,16 +85,18 @@ class Posterior(SearchPolicy):
     acquisitions
         Most acquisitions.
     target_sigma_deg
-        The search ends once the centre of the curve is known to this standard deviation, in degrees, and the marker is
-        found; 0: only with the last acquisition.
+        The search ends once the centre of the curve is known to this standard deviation, in degrees, well enough for
+        the tolerance too, and the marker is found; 0: only with the last acquisition.
     start_deg
         Present angle of the probe, in degrees; the search begins at the nearer end. None: at the low end.
     cues
         Which of `CUES` are used: "intensity", "arrival", "lateral" (places in the image).
-    single
-        Whether there is one source only: the search then looks for no other, and ends earlier.
+    others
+        Prior probability that there is another source as loud; 0: the search looks for no other, and ends earlier.
     prior
         Width and height of the curve of a former marker on this rig; None if there was none.
+    tolerance
+        How well the angle of a `Found` must be known.
 
     Raises
     ------
@@ -90,8 +114,9 @@ class Posterior(SearchPolicy):
         target_sigma_deg: float = TARGET_SIGMA_DEG,
         start_deg: float | None = None,
         cues: Iterable[str] = CUES,
-        single: bool = False,
+        others: float = USUAL_OTHERS,
         prior: MarkerCurve | None = None,
+        tolerance: Tolerance = _USUAL,
     ) -> None:
         super().__init__()
         check_acquisitions(acquisitions, least=2, method=self.name)
@@ -104,18 +129,21 @@ class Posterior(SearchPolicy):
         chosen = frozenset(cues)
         if not chosen or not chosen <= CUES:
             raise ConfigError(f"posterior: cues are {sorted(chosen)}, choose at least one of {sorted(CUES)}")
+        if not 0 <= others < 1:
+            raise ConfigError(f"posterior: others is {others}, it must be a probability from 0 to below 1")
         self._shapes = loaded_family()
         self._limits = limits
         self._budget = acquisitions
         self._target_deg = target_sigma_deg
         self._descending = start_deg is not None and start_deg > limits.centre_deg
-        self._single = single
-        self._candidates = Candidates(limits=limits, shapes=self._shapes, cues=chosen, single=single, prior=prior)
+        self._others, self._single = others, others == 0
+        self._tolerance = tolerance
+        self._candidates = Candidates(limits=limits, shapes=self._shapes, cues=chosen, single=others == 0, prior=prior)
         self._asked = 0
         self._confirmation_taken = False
-        self._unconfirmed: str | None = None
+        self._confirmation_failure: str | None = None
         self._cached_noise: SearchNoise | None = None
-        self._cached_groups: list[Group] = []
+        self._cached_groups: list[SourceSamples] = []
         self._cached_first: Candidate | None = None
         self._cached: SearchState | None = None
 
@@ -130,7 +158,7 @@ class Posterior(SearchPolicy):
         super().tell(sample)
         if not sample.dark:
             self._asked += 1
-            self._confirmation_taken, self._unconfirmed = False, None
+            self._confirmation_taken, self._confirmation_failure = False, None
         self._cached_noise = self._cached_first = self._cached = None
 
     def confirm(self, sample: Sample) -> None:
@@ -148,7 +176,7 @@ class Posterior(SearchPolicy):
         if not isinstance(self.estimate(), Found):
             raise SearchError("posterior: nothing is found that a sample could confirm; tell it as any other")
         first = self._first()
-        self._confirmation_taken, self._unconfirmed = True, weaker_than_predicted(first, sample, self._shapes)
+        self._confirmation_taken, self._confirmation_failure = True, weaker_than_predicted(first, sample, self._shapes)
         self._lit.append(sample)
         self._next = None
         self._cached_noise = self._cached_first = self._cached = None
@@ -158,7 +186,13 @@ class Posterior(SearchPolicy):
         if not self._lit:
             return NotFound(mean_deg=self._limits.centre_deg, reason="nothing has been measured yet")
         return answer_of(
-            self._lit, self._state(), limits=self._limits, single=self._single, weaker_than_predicted=self._unconfirmed
+            self._lit,
+            self._state(),
+            limits=self._limits,
+            others=self._others,
+            spent=self._asked >= min(self._budget, SURVEY_UNTIL),
+            tolerance=self._tolerance,
+            weaker_than_predicted=self._confirmation_failure,
         )
 
     @property
@@ -195,21 +229,23 @@ class Posterior(SearchPolicy):
             sources = [first]
             if self._detected():
                 others = self._candidates.others(
-                    first, self._cached_groups, self._dark, noise, particles=PARTICLES, most=MOST_OTHERS
+                    first, self._cached_groups, self._dark, noise, particles=PARTICLES, most=MAX_OTHERS
                 )
                 sources = ranked([first, *others])
+            measured_deg = self._measured_deg()
+            rival = None if self._single else unresolved_rival(sources, measured_deg, limits=self._limits)
             self._cached = SearchState(
                 noise=noise,
                 sources=sources,
                 survey=self._survey(sources[0], noise),
-                misfit=misfit_of(sources[0], self._shapes),
-                unresolved=None if self._single else unresolved(sources, self._measured_deg(), limits=self._limits),
+                misfit=predictive_check(sources[0], self._shapes),
+                unresolved_rival=rival,
             )
         return self._cached
 
     def _survey(self, source: Candidate, noise: SearchNoise) -> Survey | None:
-        """What may still hide beside a source; None while its angle is not known and there is time to find it."""
-        if source.missing is not None or self._comes_first(source):
+        """What may still hide beside a source."""
+        if source.missing is not None or self._single:
             return None
         return survey_of(source, self._shapes, self._lit, noise, limits=self._limits)
 
@@ -219,7 +255,7 @@ class Posterior(SearchPolicy):
         if not self._lit or not self._detected():
             return self._detection_deg()
         first = self._first()
-        if len(self._lit) < LEAST_ACQUISITIONS or self._comes_first(first):
+        if len(self._lit) < MIN_ACQUISITIONS or self._comes_first(first):
             return self._informative_deg(first)
         return self._remaining_deg()
 
@@ -227,13 +263,15 @@ class Posterior(SearchPolicy):
         """Whether the angle of a source has to be known better before others are looked for."""
         # One beyond an end may never be known well enough, however often it is measured, and another may be the marker.
         patience = self._single or source.seen < OFTEN or self._budget - self._asked > SURVEY_RESERVE
-        return source.posterior.centre_sigma_deg > SIGMA_LIMIT_DEG and patience
+        return source.posterior.centre_sigma_deg > KNOWN_SIGMA_DEG and patience
 
     def _remaining_deg(self) -> float | None:
-        """Next angle once that of the strongest source is known, in degrees; None if nothing remains to be done."""
+        """Next angle once the strongest source is known, in degrees; None if the search is done."""
         state = self._state()
         first = state.sources[0]
-        imprecise = first.posterior.centre_sigma_deg > self._target_deg
+        tolerated_deg = self._tolerance.half_width_deg(marker_radius_m(first.samples))
+        target_deg = min(self._target_deg, tolerated_deg / TOLERATED_SIGMAS)
+        imprecise = first.posterior.centre_sigma_deg > target_deg
         if not self._single:
             angle_deg = self._other_source_deg(state, imprecise=imprecise)
             if angle_deg is not None:
@@ -243,51 +281,59 @@ class Posterior(SearchPolicy):
         answer = self.estimate()
         # More samples cannot help where the centre is known far better than the marker beside it.
         done = isinstance(answer, Found) or (isinstance(answer, Ambiguous) and bool(rivals_of(state.sources)))
-        narrow = isinstance(answer, Unsure) and first.posterior.centre_sigma_deg <= self._target_deg / 2
-        if done or (narrow and self._unconfirmed is None):
+        narrow = isinstance(answer, Unsure) and first.posterior.centre_sigma_deg <= target_deg / 2
+        if done or (narrow and self._confirmation_failure is None):
             return None
         return self._informative_deg(first)
 
     def _other_source_deg(self, state: SearchState, *, imprecise: bool) -> float | None:
-        """Angle at which another source has still to be looked for, in degrees; None if at none."""
+        """Next angle to look for another source, in degrees; None if none is left."""
         first, measured_deg = state.sources[0], self._measured_deg()
-        if state.unresolved is not None:
-            return self._another_look_deg(*state.unresolved)
+        if state.unresolved_rival is not None:
+            return self._another_look_deg(*state.unresolved_rival)
         doubtful_deg = self._doubtful_deg(first)
         # Another source comes before more precision, for it may be the marker. The survey comes after it, for the
         # amplitude and width that it assumes are known better then.
         if doubtful_deg is not None or (imprecise and self._budget - self._asked > SURVEY_RESERVE):
             return doubtful_deg
-        # A confirmation changes the amplitude by a little; it does not begin the survey again.
-        wanted = SURVEYED if self._confirmation_taken else SURVEY_TARGET
-        if state.survey is not None and state.survey.share < wanted:
+        if state.survey is not None and self._is_surveyed_further(state.survey):
             return state.survey.next_deg
-        if first.placed:
+        if first.has_positions:
             return None
         # Intensities alone do not tell two sources apart that are near one another.
         wanted_deg = top_deg(first.posterior, measured_deg)
         return wanted_deg if wanted_deg is not None and wanted_deg in self._limits else None
 
+    def _is_surveyed_further(self, survey: Survey) -> bool:
+        """Whether another source may still be the marker, and an acquisition would say enough of it."""
+        probability = hidden_probability(survey, others=self._others)
+        if self._asked >= SURVEY_UNTIL:
+            return probability > STATED
+        if probability > SURE:
+            return True
+        # A confirmation changes the amplitude by a little; it does not begin the survey again.
+        return not self._confirmation_taken and self._others * survey.gain > WORTH
+
     def _doubtful_deg(self, source: Candidate) -> float | None:
-        """Angle at which the curve of a source has still to be tested, in degrees; None if at none."""
+        """Next angle to test the curve of a source, in degrees; None if none is left."""
         measured_deg = self._measured_deg()
         centre_deg = source.posterior.mean_deg
-        doubtful = unexplained(source, self._shapes, sigmas=DOUBT_SIGMAS)
+        doubtful = discrepant_sample(source, self._shapes, sigmas=DOUBT_SIGMAS)
         if doubtful is not None:
             # Between a second hump and the first lies a dip.
             between_deg = (doubtful.angle_deg + centre_deg) / 2
             if between_deg in self._limits and min(abs(each - between_deg) for each in measured_deg) > BESIDE_DEG:
                 return between_deg
-        if source.placed:
+        if source.has_positions:
             return None
         noise = self._noise()
-        hump = unmirrored(
-            source.samples, centre_deg=centre_deg, sigma=noise.sigma or 0.0, level=noise.floor.level or 0.0
+        hump = asymmetric_sample(
+            source.samples, centre_deg=centre_deg, sigma=noise.sigma_or_zero, level=noise.level_or_zero
         )
-        return None if hump is None else beside_deg(hump.angle_deg, measured_deg)
+        return None if hump is None else gap_angle_deg(hump.angle_deg, measured_deg)
 
     def _another_look_deg(self, source: Candidate, hidden_deg: float | None) -> float:
-        """Next angle for a source other than the loudest, whose top may be hidden at an angle, in degrees."""
+        """Next angle for a source other than the loudest, in degrees; its top may be hidden."""
         top_deg = max(source.samples, key=lambda sample: sample.reading.intensity).angle_deg
         beside = sum(abs(angle_deg - top_deg) <= BESIDE_DEG for angle_deg in self._measured_deg())
         if beside > 1 or (source.source is not None and source.seen > 1):

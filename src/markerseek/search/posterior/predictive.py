@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from markerseek.core import Float64, Sample
-from markerseek.search.floor import MOST_CELLS
+from markerseek.search.floor import MAX_CELLS
 from markerseek.search.posterior.angle_posterior import AnglePosterior
 from markerseek.search.posterior.candidates import Candidate
 from markerseek.search.posterior.shapes import STEP_DEG, Shapes
@@ -35,61 +35,46 @@ LASER_ERROR = 0.04
 def predicted(
     posterior: AnglePosterior, shapes: Shapes, angles_deg: Float64[np.ndarray, " angles"]
 ) -> Float64[np.ndarray, "particles angles"]:
-    """Return ln of the intensity over σ that each marker drawn from a posterior has at angles of the probe.
-
-    Parameters
-    ----------
-    posterior
-        The posterior.
-    shapes
-        Family of curves.
-    angles_deg
-        Angles of the probe, in degrees.
-    """
+    """Return ln of the intensity over σ that each marker drawn from a posterior has at angles of the probe."""
     steps = np.rint(np.abs(angles_deg - posterior.theta_deg[:, None]) / STEP_DEG).astype(np.int64)
     away = np.minimum(steps, shapes.log_curve.shape[1] - 1)
     return np.asarray(posterior.log_snr[:, None] + shapes.log_curve[posterior.member[:, None], away])
 
 
+def height_of(sample: Sample, posterior: AnglePosterior) -> float:
+    """Return the height of a sample on the curve of a source: of a strong one by its energy, else its intensity."""
+    spot = sample.reading.spot
+    if spot is None or posterior.energy_gain is None:
+        return sample.reading.intensity
+    return posterior.energy_gain * spot.amplitude
+
+
 def weaker_than_predicted(source: Candidate, confirmation: Sample, shapes: Shapes) -> str | None:
     """Return why an acquisition at the angle of a source does not confirm it, with both numbers; None if it does.
 
-    Parameters
-    ----------
-    source
-        The source, with its posterior before that acquisition.
-    confirmation
-        The acquisition.
-    shapes
-        Family of curves.
+    ``source``: the source, with its posterior before that acquisition.
     """
     here = confirmation
     if source.source is not None:
         own, bounds = samples_at([confirmation], [source.source], source.source)
         (here,) = own or bounds
     height, spread = _prediction(source.posterior, shapes, [here])
-    if here.reading.intensity >= height[0] - PREDICTION_SIGMAS * spread[0]:
+    measured = height_of(here, source.posterior)
+    if measured >= height[0] - PREDICTION_SIGMAS * spread[0]:
         return None
     return (
-        f"the acquisition at the angle found has an intensity of {here.reading.intensity:.4g}, {height[0]:.4g} ± "
+        f"the acquisition at the angle found has an intensity of {measured:.4g}, {height[0]:.4g} ± "
         f"{spread[0]:.2g} was predicted; search again, and check laser, receiver and probe"
     )
 
 
-def unexplained(source: Candidate, shapes: Shapes, *, sigmas: float) -> Sample | None:
-    """Return the sample that the curve of a source explains least, if it does not; None if it explains all.
+def discrepant_sample(source: Candidate, shapes: Shapes, *, sigmas: float) -> Sample | None:
+    """Return the sample that fits the curve of a source worst; None if the curve explains all samples.
 
-    Parameters
-    ----------
-    source
-        The source, with its posterior.
-    shapes
-        Family of curves.
-    sigmas
-        Standard deviations of the prediction that are allowed.
+    ``sigmas``: standard deviations of the prediction that are allowed.
     """
     height, spread = _prediction(source.posterior, shapes, source.samples)
-    measured = np.array([sample.reading.intensity for sample in source.samples])
+    measured = np.array([height_of(sample, source.posterior) for sample in source.samples])
     away = np.abs(measured - height) / spread
     # The family has no nulls, but the tails of a real curve do: what is missing there is no second hump.
     away[(measured < height) & (height < TAIL_SHARE * height.max())] = 0.0
@@ -97,23 +82,16 @@ def unexplained(source: Candidate, shapes: Shapes, *, sigmas: float) -> Sample |
     return source.samples[worst] if away[worst] > sigmas else None
 
 
-def misfit_of(source: Candidate, shapes: Shapes) -> str | None:
-    """Return why the curve of a source does not explain its samples, in words; None if it does.
-
-    Parameters
-    ----------
-    source
-        The source, with its posterior.
-    shapes
-        Family of curves.
-    """
-    sample = unexplained(source, shapes, sigmas=MISFIT_SIGMAS)
+def predictive_check(source: Candidate, shapes: Shapes) -> str | None:
+    """Return why the curve of a source does not explain its samples, in words; None if it does."""
+    sample = discrepant_sample(source, shapes, sigmas=MISFIT_SIGMAS)
     if sample is None:
         return None
     height, spread = _prediction(source.posterior, shapes, [sample])
+    measured = height_of(sample, source.posterior)
     return (
-        f"one curve does not explain the sample at {sample.angle_deg:.2f} deg: its intensity is "
-        f"{sample.reading.intensity:.4g}, {height[0]:.4g} ± {spread[0]:.2g} was predicted; there may be two sources"
+        f"one curve does not explain the sample at {sample.angle_deg:.2f} deg: its intensity is {measured:.4g}, "
+        f"{height[0]:.4g} ± {spread[0]:.2g} was predicted; there may be two sources"
     )
 
 
@@ -127,7 +105,7 @@ def _prediction(
     error = np.interp(fallen, -TEMPLATE_LOG_LEVELS, TEMPLATE_SIGMAS)
     signal = np.exp(np.minimum(mean, 50.0))
     # A weak sample is as high as noise is by itself.
-    noise = np.array([math.sqrt(2 * math.log(max(2, sample.reading.cells or MOST_CELLS))) for sample in samples])
+    noise = np.array([math.sqrt(2 * math.log(max(2, sample.reading.cells or MAX_CELLS))) for sample in samples])
     height = np.hypot(signal, noise)
     spread = np.sqrt((signal * log_height.std(axis=0)) ** 2 + (error**2 + LASER_ERROR**2) * height**2 + 1)
     return posterior.sigma * height, posterior.sigma * spread

@@ -25,12 +25,7 @@ UNLIKE_SHARE = 0.1
 def shapes_with(shapes: Shapes, prior: MarkerCurve) -> Shapes:
     """Return the family of curves with the prior that a former marker gives.
 
-    Parameters
-    ----------
-    shapes
-        The family, with its usual prior.
-    prior
-        The former marker.
+    ``shapes``: the family, with its usual prior.
     """
     usual = np.exp(shapes.log_prior)
     alike = usual * np.exp(-((np.log(shapes.fwhm_deg / prior.fwhm_deg) / LOG_WIDTH_SIGMA) ** 2) / 2)
@@ -38,6 +33,6 @@ def shapes_with(shapes: Shapes, prior: MarkerCurve) -> Shapes:
     return replace(shapes, log_prior=np.log(share))
 
 
-def loudness_of(prior: MarkerCurve, *, unit: float) -> tuple[float, float]:
+def log_amplitude_prior(prior: MarkerCurve, *, unit: float) -> tuple[float, float]:
     """Return mean and standard deviation of ln A over a unit of intensity."""
     return math.log(prior.peak / unit), LOG_PEAK_SIGMA

@@ -57,21 +57,14 @@ REACH_DEG = 100.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shapes:
-    """Curves of the family, tabulated over the distance from the marker.
-
-    Attributes
-    ----------
-    log_curve
-        ln S at distances of `STEP_DEG`, shape (shapes, distances).
-    fwhm_deg
-        Full width at half maximum of each, in degrees.
-    log_prior
-        ln of the prior probability of each.
-    """
+    """Curves of the family, tabulated over the distance from the marker."""
 
     log_curve: Float64[np.ndarray, "shapes distances"]
+    """ln S at distances of `STEP_DEG`."""
     fwhm_deg: Float64[np.ndarray, " shapes"]
+    """Full width at half maximum of each."""
     log_prior: Float64[np.ndarray, " shapes"]
+    """ln of the prior probability of each."""
 
 
 def log_curve(
@@ -79,14 +72,8 @@ def log_curve(
 ) -> Float64[np.ndarray, " distances"]:
     """Return ln S of (1) at distances from the marker.
 
-    Parameters
-    ----------
-    distance_deg
-        Distances t in degrees, of either sign.
-    fwhm_deg
-        Full width at half maximum F, in degrees.
-    tail, knee
-        Exponents p and q; p infinite is the Gaussian.
+    ``distance_deg``: distances t, of either sign. ``fwhm_deg``: full width at half maximum F. ``tail``, ``knee``:
+    exponents p and q; p infinite is the Gaussian.
     """
     scaled = 2 * np.abs(distance_deg) / fwhm_deg
     if math.isinf(tail):
@@ -99,14 +86,8 @@ def log_humps(
 ) -> Float64[np.ndarray, " distances"]:
     """Return ln S of (2) at distances from the marker, for a marker in the near field of an element.
 
-    Parameters
-    ----------
-    distance_deg
-        Distances t in degrees, of either sign.
-    fwhm_deg
-        Distance between the outermost angles at which S is half of S(0), in degrees.
-    fresnel_number
-        Fresnel number n at the centre of the band.
+    ``distance_deg``: distances t, of either sign. ``fwhm_deg``: distance between the outermost angles at which S is
+    half of S(0). ``fresnel_number``: fresnel number n at the centre of the band.
     """
     across, log, half = _humps(fresnel_number)
     return np.asarray(np.interp(2 * np.abs(distance_deg) / fwhm_deg * half, across, log))

@@ -42,25 +42,16 @@ COVERED_M = 3.5e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source:
-    """A place in the image from which sound came.
-
-    Attributes
-    ----------
-    lateral_m, depth_m
-        Place of its strongest arrival, in metres.
-    angle_deg
-        Angle of the probe at which that arrived, in degrees.
-    intensity
-        Its envelope.
-    reach_m
-        Largest distance of its other arrivals along the array, in metres.
-    """
+    """A source of sound, at one position in the image."""
 
     lateral_m: float
     depth_m: float
+    """``lateral_m`` and ``depth_m``: place of its strongest arrival."""
     angle_deg: float
+    """Angle of the probe at which that arrived."""
     intensity: float
     reach_m: float = POINT_M
+    """Largest distance of its other arrivals along the array."""
 
     def distance_m(self, arrival: Arrival, *, angle_deg: float) -> float:
         """Distance of an arrival at this angle of the probe, moveout apart, in metres; infinite if it is too far."""
@@ -68,18 +59,18 @@ class Source:
         return math.hypot(aside_m, off_m) if aside_m <= self.reach_m and off_m <= DEEP_M else math.inf
 
     def covered_by(self, arrival: Arrival, *, angle_deg: float) -> bool:
-        """Whether another source's arrival lies in the blocks of an image in which this one is looked up."""
+        """Whether another source's arrival lies in the image blocks where this one is looked up."""
         return max(self._away_m(arrival, angle_deg)) <= COVERED_M
 
     def with_part(self, other: Source) -> Source | None:
-        """The spot of which both are parts, nearly at one place and strongest at about the same angle; else None."""
+        """The spot that holds both, nearly at one position and strongest at about the same angle; else None."""
         # The absorbers of a stained spot outshine one another from angle to angle.
-        if not self.same_place(other) or abs(other.angle_deg - self.angle_deg) > SPOT_DEG:
+        if not self.same_position(other) or abs(other.angle_deg - self.angle_deg) > SPOT_DEG:
             return None
         return replace(self, reach_m=max(self.reach_m, abs(other.lateral_m - self.lateral_m) + NEAR_M))
 
-    def same_place(self, other: Source) -> bool:
-        """Whether two sources are at the place of one spot."""
+    def same_position(self, other: Source) -> bool:
+        """Whether two sources are near enough to be one spot."""
         return abs(self.lateral_m - other.lateral_m) <= SPOT_M and abs(self.depth_m - other.depth_m) <= DEEP_M
 
     def moveout_m(self, angle_deg: float) -> float:
@@ -99,12 +90,7 @@ class Source:
 def sources_of(lit: Sequence[Sample], *, level: float) -> tuple[Source, ...]:
     """Return the sources of all samples, the one with the strongest arrival first.
 
-    Parameters
-    ----------
-    lit
-        Samples with the laser on.
-    level
-        Largest intensity that noise reaches anywhere in an image; weaker arrivals are not joined.
+    ``level``: largest intensity that noise reaches anywhere in an image; weaker arrivals are not joined.
     """
     arrived = [
         (arrival, sample.angle_deg)
@@ -135,17 +121,10 @@ def sources_of(lit: Sequence[Sample], *, level: float) -> tuple[Source, ...]:
 def samples_at(lit: Sequence[Sample], sources: Sequence[Source], source: Source) -> tuple[list[Sample], list[Sample]]:
     """Return the samples as they are at the place of one source, and those that say only how loud it is at most.
 
-    The former hold its strongest arrival, or the image at its place; the latter (`at_most`) are those in which another
-    source covers the place, and readings of which only the largest peak is known, which is elsewhere.
+    The former hold its strongest arrival, or the image at its place. The latter (`as_upper_limit`) are samples in which
+    another source covers the place, and readings with nothing but their largest peak, which is elsewhere.
 
-    Parameters
-    ----------
-    lit
-        Samples with the laser on.
-    sources
-        All sources; an arrival is of the nearest.
-    source
-        One of them.
+    ``sources``: an arrival is of the nearest.
     """
     own: list[Sample] = []
     bounds: list[Sample] = []
@@ -176,27 +155,29 @@ def _sample_at(sample: Sample, sources: Sequence[Source], source: Source) -> tup
             within_m=NEAR_M,
         )
     if looked_up is None:
-        return at_most(sample), False
+        return as_upper_limit(sample), False
     intensity, cells = looked_up
-    looked_at = _nowhere(sample, intensity=intensity, noise_sigma=reading.noise_sigma, cells=cells)
+    looked_at = _without_position(sample, intensity=intensity, noise_sigma=reading.noise_sigma, cells=cells)
     if any(source.covered_by(arrival, angle_deg=angle_deg) for arrival in elsewhere):
-        return at_most(looked_at), False
+        return as_upper_limit(looked_at), False
     return looked_at, True
 
 
-def at_most(sample: Sample) -> Sample:
-    """Return a sample that says only that a source is no louder than this: all of it may be of another source.
+def as_upper_limit(sample: Sample) -> Sample:
+    """Return the sample as an upper limit: the source is no louder, because all of it may be of another source.
 
     Another source is as noise of which the largest cell is that loud (3).
     """
     reading = sample.reading
     cells = max(2, reading.cells or FEWEST_CELLS)
-    noise_sigma = max(reading.noise_sigma or 0.0, reading.intensity / math.sqrt(2 * math.log(cells)))
-    return _nowhere(sample, intensity=reading.intensity, noise_sigma=noise_sigma, cells=cells)
+    noise_sigma = reading.intensity / math.sqrt(2 * math.log(cells))
+    if reading.noise_sigma is not None:
+        noise_sigma = max(reading.noise_sigma, noise_sigma)
+    return _without_position(sample, intensity=reading.intensity, noise_sigma=noise_sigma, cells=cells)
 
 
-def _nowhere(sample: Sample, *, intensity: float, noise_sigma: float | None, cells: int) -> Sample:
-    """A sample of this intensity of which the place in the image is not known."""
+def _without_position(sample: Sample, *, intensity: float, noise_sigma: float | None, cells: int) -> Sample:
+    """A sample of this intensity without a position in the image."""
     reading = replace(
         sample.reading,
         intensity=intensity,
@@ -209,6 +190,7 @@ def _nowhere(sample: Sample, *, intensity: float, noise_sigma: float | None, cel
         spread_s=None,
         coherence=None,
         focused_coherence=None,
+        spot=None,
     )
     return replace(sample, reading=reading, frame=None)
 
@@ -219,13 +201,13 @@ def _arrivals(reading: Reading) -> Iterator[Arrival]:
     if reading.lateral_m is None or reading.depth_m is None:
         return
     if not any(arrival.intensity >= reading.intensity for arrival in reading.arrivals):
-        # Sound that is focused with a wrong speed, or with few elements, is not: `missing_evidence` tests it.
+        # Sound that is focused with a wrong speed, or with few elements, is not: `why_not_detected` tests it.
         yield Arrival(
             lateral_m=reading.lateral_m,
             depth_m=reading.depth_m,
-            arrival_s=reading.arrival_s or 0.0,
+            arrival_s=0.0 if reading.arrival_s is None else reading.arrival_s,
             intensity=reading.intensity,
-            coherence=reading.coherence or 0.0,
+            coherence=0.0 if reading.coherence is None else reading.coherence,
         )
 
 
@@ -257,9 +239,10 @@ def _of_arrival(reading: Reading, arrival: Arrival, source: Source, *, angle_deg
         lateral_m=arrival.lateral_m,
         depth_m=arrival.depth_m,
         arrival_s=arrival.arrival_s,
-        # The moments and the focus are those of the largest peak of the image.
+        # The moments, the focus and the energy are those of the largest peak of the image.
         centroid_s=reading.centroid_s if largest else None,
         spread_s=reading.spread_s if largest else None,
         coherence=arrival.coherence,
         focused_coherence=reading.focused_coherence if largest else None,
+        spot=reading.spot if largest else None,
     )

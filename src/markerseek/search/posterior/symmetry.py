@@ -5,7 +5,7 @@ that hides the angle. But the curve of a point is symmetric, whatever its form: 
 marker is the same on either side, and nearly the same at a distance a little larger. So
 
     ln y_i = ln A + ln S(t_i) + g(|t_i|) + e_i,                                                                (7)
-    cov(g, g') = s·s'/(1 + (|t| − |t'|)²/(2 (ℓF)²)),                                                           (8)
+    cov(g, g') ∝ s·s'·(k(|t| − |t'|) + k(|t| + |t'|)),      k(d) = 1/(1 + d²/(2 (ℓF)²)),                     (8)
 
 with g a Gaussian process over |t| whose standard deviation s grows towards the tails (Rasmussen and Williams, Gaussian
 Processes for Machine Learning, 2006, 2.7: the amplitude under a flat prior; 4.19: the rational quadratic kernel), and e
@@ -13,13 +13,14 @@ a sample's own error: noise, and the laser's energy. Any one sample may be an ou
 others (5.10 to 5.12 there), which costs nothing more. Samples too weak for a normal ln y, and those from another
 lateral position, count by their table (3) as before.
 
-It is computed about the angle that a finer grid has found, and replaces the grid's answer (`inference`).
+It is computed about the angle that a finer grid has found, and replaces the grid's answer (`inference`). Of strong
+samples y is the root of the spot's energy (`Reading.spot`) where that is known, else the peak.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,41 +37,54 @@ from markerseek.search.posterior.likelihood import (
     Observation,
     log_tables,
 )
-from markerseek.search.posterior.shapes import STEP_DEG, Shapes
+from markerseek.search.posterior.shapes import STEP_DEG, WIDTHS_DEG, Shapes
 
 TEMPLATE_LOG_LEVELS, TEMPLATE_SIGMAS = np.log([1.0, 0.6, 0.3, 0.05]), np.array([0.035, 0.12, 0.27, 0.35])
 """Standard deviation s of g where ln S has these levels, downwards; linear in between."""
 
+MIN_FOR_OUTLIERS, OUTLIER_SIGMAS = 5, 6.0
+"""Samples of a group from which those are left out that differ from its median by more than so many standard
+deviations."""
+
 CORRELATION_LENGTH = 0.2
 """Distance ℓ over which g is correlated, over the full width at half maximum."""
 
-SAMPLE_ERRORS: tuple[tuple[float, float], ...] = ((0.01, 0.7), (0.03, 0.22), (0.1, 0.08))
+SAMPLE_ERRORS: tuple[tuple[float, float], ...] = (
+    (0.003, 0.3),
+    (0.01, 0.27),
+    (0.025, 0.23),
+    (0.05, 0.12),
+    (0.09, 0.08),
+)
 """Relative errors e of one sample by itself, the laser's energy, and the prior probability of each."""
 
-STRONG_SNR = 8.0
-"""Intensity over σ from which ln y is normal."""
+USUAL_SAMPLE_ERROR = sum(error * share for error, share in SAMPLE_ERRORS)
+"""Their mean, before any sample says more."""
 
-LEAST_STRONG, MOST_STRONG = 3, 16
-"""Strong samples that are needed, and the most that are used, the strongest first."""
+LOG_WIDTH_STEP = 3 * float(np.log(WIDTHS_DEG[1] / WIDTHS_DEG[0]))
+"""Step of ln F between the shapes that are considered, every third of the family: each stands for those in between."""
+
+MIN_STRONG = 3
+"""Strong samples that are needed."""
+
+MAX_GROUPS = 24
+"""Most groups of strong samples that count by (7), the strongest: the matrix of (8) is as large."""
+
+GROUP_WIDTHS = 0.01, 0.02, 0.04
+"""Width of a group over the full width at half maximum: the first with which there are no more groups than that, or the
+last. In wider ones the curve's own bend looked like an unsteady laser."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Hypotheses:
-    """Hypotheses about the curve: a shape, and the relative error of one sample by itself.
-
-    Attributes
-    ----------
-    member
-        Shapes, as indices into the family; each may stand with several errors.
-    sample_error
-        Relative error of one sample by itself.
-    log_prior
-        ln of the prior probability.
-    """
+    """Hypotheses about the curve: a shape, and the relative error of one sample by itself."""
 
     member: Int64[np.ndarray, " hypotheses"]
+    """Shapes, as indices into the family; each may stand with several errors."""
     sample_error: Float64[np.ndarray, " hypotheses"]
+    """Relative error of one sample by itself."""
     log_prior: Float64[np.ndarray, " hypotheses"]
+    """ln of the prior probability."""
 
     def kept(self, which: Int64[np.ndarray, " kept"]) -> Hypotheses:
         """Only those of these indices."""
@@ -81,39 +95,115 @@ class Hypotheses:
 
 def hypotheses_of(shapes: Shapes, members: Int64[np.ndarray, " members"]) -> Hypotheses:
     """Return these shapes, each with all of `SAMPLE_ERRORS`."""
-    sample_error, share = np.repeat(np.array(SAMPLE_ERRORS), members.size, axis=0).T
-    member = np.tile(members, len(SAMPLE_ERRORS))
+    sample_error, share = np.tile(np.array(SAMPLE_ERRORS), (members.size, 1)).T
+    member = np.repeat(members, len(SAMPLE_ERRORS))
     return Hypotheses(member=member, sample_error=sample_error, log_prior=shapes.log_prior[member] + np.log(share))
 
 
-def strong_observations(observations: Sequence[Observation]) -> list[Observation]:
-    """Return the strong observations at the marker's lateral position, strongest first, `MOST_STRONG` at most."""
-    order = sorted(observations, key=lambda observation: observation.noise)
-    return [each for each in order if each.noise <= 1 / STRONG_SNR and each.lateral_ratio >= 1][:MOST_STRONG]
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Grouped:
+    """Observations of a search, the strong ones in groups of about one angle.
+
+    The template's error is the same for all of a group: a hundred samples beside one another do not average it.
+    """
+
+    strong: Sequence[Sequence[Observation]]
+    """Groups of strong observations, the strongest first, `MAX_GROUPS` at most."""
+    others: Sequence[Observation]
+    """All other observations: weak ones, those from another lateral position, and of each further group its median."""
+
+
+def median_of(group: Sequence[Observation]) -> Observation:
+    """One observation for a group: its median angle and intensity, with the noise of its mean."""
+    if len(group) == 1:
+        return group[0]
+    # A median, for one outlier among several must not move them.
+    return replace(
+        group[0],
+        angle_deg=float(np.median([each.angle_deg for each in group])),
+        log_intensity=float(np.median([each.log_intensity for each in group])),
+        noise=sum(each.noise**-2 for each in group) ** -0.5,
+    )
+
+
+def _without_outliers(group: list[Observation]) -> list[Observation]:
+    """A group without the samples far from its median: (9) holds one outlier of all samples, and many hold several."""
+    if len(group) < MIN_FOR_OUTLIERS:
+        return group
+    values = np.array([each.log_intensity for each in group])
+    away = np.abs(values - np.median(values))
+    usual = np.hypot(1.4826 * np.median(away), [each.noise for each in group])
+    return [each for each, far in zip(group, away > OUTLIER_SIGMAS * usual, strict=True) if not far]
+
+
+def grouped(observations: Sequence[Observation], *, fwhm_deg: float) -> Grouped:
+    """Return the observations, the strong ones in groups.
+
+    ``fwhm_deg``: full width of the curve at half maximum.
+    """
+    strong: list[Observation] = []
+    others: list[Observation] = []
+    for each in sorted(observations, key=lambda observation: observation.angle_deg):
+        (strong if each.strong else others).append(each)
+    groups: list[list[Observation]] = []
+    for width in GROUP_WIDTHS:
+        groups = []
+        for each in strong:
+            if groups and each.angle_deg - groups[-1][0].angle_deg <= width * fwhm_deg:
+                groups[-1].append(each)
+            else:
+                groups.append([each])
+        if len(groups) <= MAX_GROUPS:
+            break
+    groups = [_without_outliers(group) for group in groups]
+    groups.sort(key=lambda group: -float(np.median([each.log_intensity for each in group])))
+    return Grouped(strong=groups[:MAX_GROUPS], others=[*others, *map(median_of, groups[MAX_GROUPS:])])
+
+
+def with_energies(samples: Grouped) -> tuple[Grouped, float | None]:
+    """Return the observations with the spot's energy in the strong ones, and ln of the factor that it has got.
+
+    The peak of a stained spot is speckle, and that of a point has a cell's noise: their energy is steadier. The factor
+    makes it as high as the peak at the top of the curve. A strong observation of which it is not known counts as a weak
+    one. Where too few are known, all keep their peaks, and the factor is None.
+    """
+    known = [(each, *each.spot) for group in samples.strong for each in group if each.spot is not None]
+    if len(known) < MIN_STRONG:
+        return samples, None
+    weight = np.exp(4 * np.array([each.log_intensity for each, _, _ in known]))
+    away = np.array([each.log_intensity - log_amplitude for each, log_amplitude, _ in known])
+    log_gain = float(weight @ away / weight.sum())
+    strong: list[list[Observation]] = []
+    others = list(samples.others)
+    for group in samples.strong:
+        # What (7) takes as noise is `PEAK_NOISE` of an observation's, for a peak.
+        energies = [
+            replace(each, log_intensity=each.spot[0] + log_gain, noise=each.spot[1] / PEAK_NOISE)
+            for each in group
+            if each.spot is not None
+        ]
+        if energies:
+            strong.append(energies)
+        others += [each for each in group if each.spot is None]
+    return Grouped(strong=strong, others=others), log_gain
 
 
 def symmetric_log_likelihood(
     shapes: Shapes,
     hypotheses: Hypotheses,
-    observations: Sequence[Observation],
+    observations: Grouped,
     angles_deg: Float64[np.ndarray, " angles"],
+    *,
+    blur_deg: float = 0.0,
 ) -> tuple[Float64[np.ndarray, "angles hypotheses"], Float64[np.ndarray, "angles hypotheses"]]:
     """Return ln p of all observations for each angle and hypothesis, and the ln amplitude that goes with it.
 
-    Parameters
-    ----------
-    shapes
-        Family of curves.
-    hypotheses
-        Shapes and errors that are considered.
-    observations
-        All observations, at least `LEAST_STRONG` of them strong.
-    angles_deg
-        Angles of the marker that are considered, in degrees.
+    ``hypotheses``: shapes and errors that are considered. ``angles_deg``: angles of the marker that are considered.
+    ``blur_deg``: width about each angle over which the likelihood is averaged, to first order: with coarse steps of the
+    angle a narrow maximum is then not stepped over.
     """
-    strong = strong_observations(observations)
-    # By identity: two observations of one angle may be equal.
-    weak = [each for each in observations if not any(each is other for other in strong)]
+    strong = [each for group in observations.strong for each in group]
+    weak = observations.others
     errors = tuple(ERRORS.tolist())
     tables = np.empty((len(weak), ERRORS.size, TABLE_SIZE))
     for row, each in zip(tables, weak, strict=True):
@@ -126,9 +216,12 @@ def symmetric_log_likelihood(
         shapes.log_curve,
         shapes.fwhm_deg,
         STEP_DEG,
-        np.array([each.angle_deg for each in strong + weak]),
-        np.array([each.log_intensity for each in strong + weak]),
+        blur_deg,
+        LOG_WIDTH_STEP,
+        np.array([each.angle_deg for each in (*strong, *weak)]),
+        np.array([each.log_intensity for each in (*strong, *weak)]),
         PEAK_NOISE * np.array([each.noise for each in strong]),
+        np.repeat(np.arange(len(observations.strong)), [len(group) for group in observations.strong]),
         hypotheses.sample_error,
         TEMPLATE_LOG_LEVELS,
         TEMPLATE_SIGMAS,

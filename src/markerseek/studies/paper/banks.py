@@ -46,13 +46,7 @@ larger than the steps of the converter."""
 
 
 def grid(rng: np.random.Generator) -> list[MarkerSettings]:
-    """Positions 1 to 9, row by row along x, each a marker in the frame of the probe.
-
-    Parameters
-    ----------
-    rng
-        Source of the roughness.
-    """
+    """Positions 1 to 9, row by row along x, each a marker in the frame of the probe."""
     markers = []
     for y in (-1, 0, 1):
         for x in (-1, 0, 1):
@@ -71,28 +65,19 @@ def grid(rng: np.random.Generator) -> list[MarkerSettings]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OfflineBank:
-    """A bank on disk, and where its marker is.
-
-    Attributes
-    ----------
-    path
-        CSV, HDF5 file or folder.
-    material, position
-        What was scanned, and at which of the nine positions, counted from 1.
-    peak_snr_db
-        Noise of a simulated bank; None for a user's own.
-    reference_deg
-        Angle that counts as true, in degrees; None: that of the bank's largest intensity.
-    probe
-        Preset of the imaging chain for a bank of channel data; None: the bank's own, or the first of all.
-    """
+    """A bank on disk, and where its marker is."""
 
     path: Path
+    """CSV, HDF5 file or folder."""
     material: str
     position: int
+    """``material`` and ``position``: what was scanned, and at which of the nine positions, counted from 1."""
     peak_snr_db: float | None
+    """Noise of a simulated bank; None for a user's own."""
     reference_deg: float | None
+    """Angle that counts as true; None: that of the bank's largest intensity."""
     probe: str | None = None
+    """Preset of the imaging chain for a bank of channel data; None: the bank's own, or the first of all."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,17 +96,7 @@ def simulated_banks(folder: Path, options: RunOptions) -> list[OfflineBank]:
     The same positions and spots are scanned under each noise. With fewer markers than the paper's, fewer positions are
     scanned, in coarser steps.
 
-    Parameters
-    ----------
-    folder
-        Where the CSV files go.
-    options
-        What may be used.
-
-    Raises
-    ------
-    RecordError
-        If a file cannot be written.
+    ``folder``: where the CSV files go.
     """
     step_deg = STEP_DEG if options.share >= 0.5 else 5 * STEP_DEG
     scans = []
@@ -174,21 +149,7 @@ def as_intensities(bank: OfflineBank, folder: Path, options: RunOptions) -> Offl
 
     Intensities are interpolated between two angles, as in section 2.5; channel data cannot be.
 
-    Parameters
-    ----------
-    bank
-        Any bank.
-    folder
-        Where the CSV of the intensities goes.
-    options
-        What may be used.
-
-    Raises
-    ------
-    RecordError
-        If the bank cannot be read, or the CSV not be written.
-    ConfigError
-        If the preset is unknown.
+    ``folder``: where the CSV of the intensities goes.
     """
     frames = read_bank(bank.path)
     if not isinstance(frames, FrameBank):

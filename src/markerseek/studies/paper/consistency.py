@@ -77,21 +77,13 @@ Their order is that of the random numbers of the resamples."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Combination:
-    """One combination of width and noise.
-
-    Attributes
-    ----------
-    condition
-        Width and noise.
-    ours
-        Mean error in degrees for each number, by its key.
-    consistent
-        Whether the paper's number is consistent with it.
-    """
+    """One combination of width and noise."""
 
     condition: Condition
     ours: dict[str, float]
+    """Mean error in degrees for each number, by its key."""
     consistent: dict[str, bool]
+    """Whether the paper's number is consistent with it."""
 
     def share(self, family: str | None) -> tuple[int, int]:
         """Numbers of a family that are consistent, and how many there are; None: of all."""
@@ -170,16 +162,8 @@ def is_consistent(
 ) -> bool:
     """Whether the paper's mean of n searches, rounded to two decimal places, is consistent with these errors.
 
-    Parameters
-    ----------
-    paper
-        The paper's mean in degrees.
-    errors
-        Errors of our searches in degrees.
-    searches
-        Number n of searches that the paper made.
-    rng
-        Source of the resamples.
+    ``paper``: the paper's mean in degrees. ``errors``: errors of our searches in degrees. ``searches``: number n of
+    searches that the paper made.
     """
     # Both means have a sampling error. Resamples of 1/(1/n + 1/m) searches have the variance of their difference.
     count = max(1, round(1 / (1 / searches + 1 / errors.size)))

@@ -37,17 +37,10 @@ from markerseek.studies.worlds import Draw, draw_trial, intensity_curve, study_r
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Condition:
-    """Width of the intensity curve, as the radius of the absorber, and noise.
-
-    Attributes
-    ----------
-    source_radius_m
-        Radius of the Gaussian absorber in metres.
-    peak_snr_db
-        Peak SNR in dB.
-    """
+    """Width of the intensity curve, as the radius of the absorber, and noise."""
 
     source_radius_m: float
+    """Radius of the Gaussian absorber."""
     peak_snr_db: float
 
     @property
@@ -76,13 +69,7 @@ USUAL = Condition(source_radius_m=0.15e-3, peak_snr_db=40.0)
 
 @lru_cache(maxsize=32)
 def fwhm_deg(source_radius_m: float) -> float:
-    """Full width at half maximum of the noise-free curve of an absorber of that radius, in degrees.
-
-    Parameters
-    ----------
-    source_radius_m
-        Radius in metres.
-    """
+    """Full width at half maximum of the noise-free curve of an absorber of that radius, in degrees."""
     settings = Condition(source_radius_m=source_radius_m, peak_snr_db=40.0).settings
     curve, _ = intensity_curve(CurveSettings(), settings, seed=0)
     if curve is None:
@@ -104,18 +91,8 @@ def study_of(
 ) -> Study:
     """Study of TS and GSS at 28 acquisitions and of full scans of WA, all as published, on the curves of one condition.
 
-    Parameters
-    ----------
-    condition
-        Width and noise.
-    seed, trials
-        Seed and number of markers.
-    sweeps
-        Acquisitions of the full scans of WA.
-    marker_deg
-        Angle of the marker in degrees; None draws it for each trial.
-    early
-        Whether WA also runs as online: 5° steps, and an early end once the peak is passed.
+    ``sweeps``: acquisitions of the full scans of WA. ``marker_deg``: None draws it for each trial. ``early``: whether
+    WA also runs as online: 5° steps, and an early end once the peak is passed.
     """
     most = max(BRACKET_ACQUISITIONS)
     settings = condition.settings
@@ -148,16 +125,7 @@ def over_trials(
 ) -> list[list[MarkerAnswers]]:
     """Answers for the marker of each trial of each study.
 
-    Parameters
-    ----------
-    studies
-        Of `study_of`.
-    options
-        What may be used.
-    stage
-        What is done, in words.
-    part
-        Trials that a process is given at once.
+    ``part``: trials that a process is given at once.
     """
     trials = [(study, trial) for study in studies for trial in range(study.trials)]
     results = iter(options.each(answers_of_trial, trials, stage=stage, part=part))

@@ -66,41 +66,26 @@ _PART = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FaultCase:
-    """One case of the table of failures.
-
-    Attributes
-    ----------
-    words
-        What goes wrong.
-    condition
-        Curve and noise.
-    present
-        Whether there is a marker.
-    receiver
-        Fault of the receiver; None for none.
-    one_frame
-        Whether the receiver's fault holds for a single acquisition, one of the first 14, which differs from run to run.
-    shift_deg, fading
-        See `ChangingCurve`.
-    frames
-        Whether it runs on frames of channel data instead of the curve.
-    peak_counts, bursts
-        Settings of a run on frames; None: the usual ones.
-    observable
-        Whether the evidence is in what the devices send; None without a fault.
-    """
+    """One case of the table of failures."""
 
     words: str
+    """What goes wrong."""
     condition: Condition = WIDE
     present: bool = True
+    """Whether there is a marker."""
     receiver: Fault | None = None
     one_frame: bool = False
+    """Whether the receiver's fault holds for a single acquisition, one of the first 14, which differs from run to
+    run."""
     shift_deg: float = 0.0
     fading: float = 1.0
     frames: bool = False
+    """Whether it runs on frames of channel data instead of the curve."""
     peak_counts: float | None = None
     bursts: Bursts | None = None
+    """``peak_counts`` and ``bursts``: settings of a run on frames; None: the usual ones."""
     observable: bool | None = True
+    """Whether the evidence is in what the devices send; None without a fault."""
 
 
 _NAN = RECEIVER_FAULTS["NaN"]
@@ -142,24 +127,15 @@ CASES: dict[str, FaultCase] = {
 
 @dataclass(slots=True, kw_only=True)
 class ChangingCurve:
-    """A curve that moves, or fades, from one acquisition to the next.
-
-    Attributes
-    ----------
-    inner
-        The curve at first.
-    shift_deg
-        Angle by which the marker moves after `MOVED_AFTER` acquisitions, in degrees.
-    fading
-        Factor on the intensity from each acquisition to the next; 1 does not fade.
-    acquisitions
-        Acquisitions so far.
-    """
+    """A curve that moves, or fades, from one acquisition to the next."""
 
     inner: IntensityCurve
     shift_deg: float = 0.0
+    """Angle by which the marker moves after `MOVED_AFTER` acquisitions."""
     fading: float = 1.0
+    """Factor on the intensity from each acquisition to the next; 1 does not fade."""
     acquisitions: int = 0
+    """Acquisitions so far."""
 
     def peaks(self, off_plane_deg: float) -> Sequence[float]:
         """Heights of the peaks now; see `markerseek.sim.IntensityCurve`."""
@@ -184,19 +160,7 @@ class FaultRun:
 def draw_runs(
     case: str, count: int, rng: np.random.Generator, *, searches: tuple[Search, ...] = SEARCHES
 ) -> list[FaultRun]:
-    """Draw the runs of a case.
-
-    Parameters
-    ----------
-    case
-        Its name in `CASES`.
-    count
-        Number of markers.
-    rng
-        Source of markers and seeds.
-    searches
-        Searches for each marker.
-    """
+    """Draw the runs of a case."""
     markers_deg = rng.uniform(-MARKERS_DEG, MARKERS_DEG, count)
     return [
         FaultRun(
@@ -211,15 +175,7 @@ def draw_runs(
 
 
 def outcomes_of(runs: Sequence[FaultRun], options: RunOptions) -> Outcomes:
-    """Outcomes of all searches of the runs, in their order.
-
-    Parameters
-    ----------
-    runs
-        Of `draw_runs`.
-    options
-        What may be used.
-    """
+    """Outcomes of all searches of the runs, in their order."""
     outcomes: Outcomes = {}
     for run, errors_deg in zip(runs, options.each(_errors_deg, runs, stage="failures", part=_PART), strict=True):
         for (rules, method), error_deg in zip(run.searches, errors_deg, strict=True):

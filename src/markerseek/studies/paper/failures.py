@@ -20,10 +20,12 @@ from markerseek.studies.paper.options import PAPER_MARKERS, RunOptions
 from markerseek.studies.paper.printed import SENSITIVE_DEG
 from markerseek.studies.paper.section import Cell, Section, Table
 from markerseek.studies.statistics import Share, clopper_pearson
-from markerseek.studies.summary import CLAIM_DEG
 
 RUNS, FRAMED_RUNS = 120, 30
 """Markers of each case, and of one from frames, for as many markers as the paper has."""
+
+CLOSE_DEG = 1.0
+"""Error up to which an angle is close, in degrees: about 1 mm at the marker."""
 
 
 def failures(options: RunOptions) -> Section:
@@ -62,7 +64,7 @@ def _table(outcomes: Outcomes) -> Table:
     rows: list[dict[str, Cell]] = []
     for (case, rules, method), errors_deg in outcomes.items():
         claimed_deg = [error_deg for error_deg in errors_deg if error_deg is not None]
-        off, close = share_off(errors_deg), share_off(errors_deg, limit_deg=CLAIM_DEG)
+        off, close = share_off(errors_deg), share_off(errors_deg, limit_deg=CLOSE_DEG)
         low, high = off.interval95 or (None, None)
         rows.append(
             {
@@ -90,12 +92,7 @@ def _table(outcomes: Outcomes) -> Table:
 def share_off(errors_deg: Sequence[float | None], *, limit_deg: float = SENSITIVE_DEG) -> Share:
     """Return the share of runs that claim an angle with an error above the limit.
 
-    Parameters
-    ----------
-    errors_deg
-        Error of each run in degrees; None where no angle was claimed.
-    limit_deg
-        Largest error that does not count, in degrees.
+    ``errors_deg``: None where no angle was claimed. ``limit_deg``: largest error that does not count.
     """
     off = sum(error_deg is not None and abs(error_deg) > limit_deg for error_deg in errors_deg)
     return Share.of(off, len(errors_deg))

@@ -59,7 +59,7 @@ POSTERIOR_SHARE = 0.2
 
 POSTERIOR_COUNTS = (8, 16, 28)
 """N of the posterior that stand beside the paper's numbers."""
-_ALL_OF_THE_POSTERIOR = PolicySettings(method="posterior", acquisitions=28, early_end=False, single=True)
+_ALL_OF_THE_POSTERIOR = PolicySettings(method="posterior", acquisitions=28, early_end=False, others=0.0)
 
 _METHOD = (
     "Markers spread evenly over ±35°, the published searches, full scans of WA, threshold 0.2. The intensity curve is "

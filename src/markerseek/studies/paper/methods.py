@@ -77,19 +77,9 @@ def policy_of(
 ) -> Policy:
     """Policy of a method: published ones always answer, the posterior knows that there is one source, as they assume.
 
-    Parameters
-    ----------
-    name
-        The method.
-    acquisitions
-        Number N of acquisitions, all of them made unless it may end early.
-    limits
-        Range to search.
-    start_deg
-        Angle of the probe in degrees, for the posterior.
-    early_end
-        Whether WA ends once the peak is recorded and passed, as it does online, or the posterior once the angle is
-        known well enough.
+    ``acquisitions``: number N of acquisitions, all of them made unless it may end early. ``start_deg``: angle of the
+    probe, for the posterior. ``early_end``: whether WA ends once the peak is recorded and passed, as it does online, or
+    the posterior once the angle is known well enough.
     """
     return build(
         BUILT[name],
@@ -98,21 +88,16 @@ def policy_of(
         as_published=name != "posterior",
         start_deg=start_deg,
         early_end=early_end,
-        single=name == "posterior",
+        others=0.0 if name == "posterior" else None,
     )
 
 
-class OnEncoderCounts:
+class QuantisedPolicy:
     """A policy whose angles are rounded to the encoder counts of the motor.
 
     Section 2.5 gives offline searches the numerical precision of the motor, by interpolating the bank.
 
-    Parameters
-    ----------
-    policy
-        The policy.
-    limits
-        Range of the bank; an angle that rounding would move out of it is not rounded.
+    ``limits``: range of the bank; an angle that rounding would move out of it is not rounded.
     """
 
     def __init__(self, policy: Policy, *, limits: Interval) -> None:
@@ -138,7 +123,7 @@ class OnEncoderCounts:
         return self._policy.estimate()
 
 
-class Searched(NamedTuple):
+class SearchTrace(NamedTuple):
     """One search: its samples in order, its end, and its answers after some numbers of acquisitions.
 
     ``frames`` counts all that were taken, dark frames and confirmations included.
@@ -152,27 +137,15 @@ class Searched(NamedTuple):
 
 def searched(
     policy: Policy, scanner: Scanner, *, stay: bool = True, dark_frames: int = 0, counts: Collection[int] = ()
-) -> Searched:
+) -> SearchTrace:
     """Run a search on a rig.
 
     The angles of a bracket search, and of a posterior without an early end, do not depend on its length: its answers on
     the way are those of shorter searches.
 
-    Parameters
-    ----------
-    policy, scanner
-        The policy, and the scanner of its rig.
-    stay
-        Whether to leave out the last move to the angle found, and the confirmation there.
-    dark_frames
-        Acquisitions without laser before the first.
-    counts
-        Numbers of acquisitions after which the answer is kept.
-
-    Raises
-    ------
-    MarkerseekError
-        Whatever ended the run.
+    ``stay``: whether to leave out the last move to the angle found, and the confirmation there. ``dark_frames``:
+    acquisitions without laser before the first. ``counts``: numbers of acquisitions after which the answer is kept.
+    Raises `MarkerseekError` whatever ended the run.
     """
     samples: list[Sample] = []
     answers: dict[int, Estimate] = {}
@@ -189,7 +162,7 @@ def searched(
         elif isinstance(event, Finished):
             if event.acquisitions in counts:
                 answers[event.acquisitions] = event.estimate
-            return Searched(samples, event, answers, frames)
+            return SearchTrace(samples, event, answers, frames)
     raise SearchError("the run ended without an answer")
 
 
@@ -199,14 +172,7 @@ def noise_free_track(name: PaperMethod, marker_deg: float, *, acquisitions: int)
     They follow from the marker's angle alone: of two angles the one nearer to the marker is the stronger, on every
     symmetric unimodal curve.
 
-    Parameters
-    ----------
-    name
-        The method; a full scan for WA.
-    marker_deg
-        Angle of the marker in degrees.
-    acquisitions
-        Number N of acquisitions.
+    ``name``: a full scan for WA.
     """
     policy = policy_of(name, acquisitions=acquisitions)
     track: list[float] = []
@@ -221,15 +187,7 @@ def noise_free_track(name: PaperMethod, marker_deg: float, *, acquisitions: int)
 def unguarded_acquisition(
     stage: Stage, laser: Laser, receiver: Receiver, reader: Reader, *, pulses: int
 ) -> Callable[[float], float]:
-    """Function that returns the intensity at an angle as a program without a guard does: move, fire, read.
-
-    Parameters
-    ----------
-    stage, laser, receiver, reader
-        Parts of the rig.
-    pulses
-        Pulses of one acquisition.
-    """
+    """Function that returns the intensity at an angle as a program without a guard does: move, fire, read."""
     permits = Permits(FiringLimits())
 
     def acquire(angle_deg: float) -> float:
@@ -253,12 +211,7 @@ def unguarded_answer(name: PaperMethod, acquire: Callable[[float], float]) -> fl
 
     TS and GSS make 28 acquisitions, WA the 5° steps and the early end of the online analysis.
 
-    Parameters
-    ----------
-    name
-        The method.
-    acquire
-        Intensity at an angle in degrees.
+    ``acquire``: intensity at an angle in degrees.
     """
     if name == "WA":
         return _average(acquire)

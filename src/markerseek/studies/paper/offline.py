@@ -19,7 +19,7 @@ from markerseek.studies.paper.methods import (
     PAPER_METHODS,
     TABLE_ACQUISITIONS,
     AnyMethod,
-    OnEncoderCounts,
+    QuantisedPolicy,
     policy_of,
     searched,
 )
@@ -68,19 +68,7 @@ _SEARCHES = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OfflineSearch:
-    """One search on one bank.
-
-    Attributes
-    ----------
-    bank
-        The bank.
-    method, acquisitions
-        The method, and the number of its acquisitions.
-    estimate
-        Its answer.
-    reference_deg, maximum_deg
-        Angle that counts as true, and that of the bank's largest intensity, in degrees.
-    """
+    """One search on one bank."""
 
     bank: OfflineBank
     method: AnyMethod
@@ -88,6 +76,7 @@ class OfflineSearch:
     estimate: Estimate
     reference_deg: float
     maximum_deg: float
+    """``reference_deg`` and ``maximum_deg``: angle that counts as true, and that of the bank's largest intensity."""
 
     @property
     def answer(self) -> Answer:
@@ -96,20 +85,7 @@ class OfflineSearch:
 
 
 def offline_searches(banks: Sequence[OfflineBank], options: RunOptions) -> list[OfflineSearch]:
-    """Searches with every method and every number of acquisitions of Fig. 6 on each bank.
-
-    Parameters
-    ----------
-    banks
-        Banks on disk.
-    options
-        What may be used.
-
-    Raises
-    ------
-    RecordError
-        If a bank cannot be read.
-    """
+    """Searches with every method and every number of acquisitions of Fig. 6 on each bank."""
     return [search for found in options.each(_searches, banks, stage="offline searches") for search in found]
 
 
@@ -127,7 +103,7 @@ def _searches(bank: OfflineBank) -> list[OfflineSearch]:
     searches = []
     for name, counts in runs:
         policy = policy_of(name, acquisitions=max(counts), limits=limits, start_deg=limits.low_deg)
-        found = searched(OnEncoderCounts(policy, limits=limits), rig.scanner, counts=counts)
+        found = searched(QuantisedPolicy(policy, limits=limits), rig.scanner, counts=counts)
         searches += [
             OfflineSearch(
                 bank=bank,

@@ -68,34 +68,25 @@ METHOD = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OnlineSearch:
-    """One search on the rig.
-
-    Attributes
-    ----------
-    method, peak_snr_db, repeat, position
-        Method, noise and place: the position is counted from 1, the repeat from 0.
-    truth_deg
-        Angle of the marker in degrees.
-    track_deg
-        Angles reached, one for each acquisition, in degrees.
-    estimates
-        Answers by number of acquisitions; of WA and ours the last only.
-    travel_deg
-        Rotation from −35° to the angle found, in degrees.
-    elapsed_s, acquiring_s
-        Virtual time from the first move to the end, and the part of it that acquisitions took, in seconds.
-    """
+    """One search on the rig."""
 
     method: OnlineMethod
     peak_snr_db: float
     repeat: int
     position: int
+    """``method``, ``peak_snr_db``, ``repeat`` and ``position``: method, noise and place: the position is counted from
+    1, the repeat from 0."""
     truth_deg: float
     track_deg: tuple[float, ...]
+    """Angles reached, one for each acquisition."""
     estimates: dict[int, Estimate]
+    """Answers by number of acquisitions; of WA and ours the last only."""
     travel_deg: float
+    """Rotation from −35° to the angle found."""
     elapsed_s: float
     acquiring_s: float
+    """``elapsed_s`` and ``acquiring_s``: virtual time from the first move to the end, and the part of it that
+    acquisitions took."""
 
     @property
     def table_acquisitions(self) -> int:
@@ -126,11 +117,6 @@ def online_searches(options: RunOptions) -> list[OnlineSearch]:
     """Searches of TS, GSS (28 acquisitions), WA (5° steps, early end) and ours at the nine positions under each noise.
 
     The markers are the same for all methods and noises. With fewer markers than the paper's there are fewer repeats.
-
-    Parameters
-    ----------
-    options
-        What may be used.
     """
     jobs = []
     for repeat in range(max(1, round(REPEATS * options.share))):

@@ -23,22 +23,11 @@ def _ignore(_stage: str, _done: int, _total: int) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunOptions:
-    """What a reproduction may use.
-
-    Attributes
-    ----------
-    seed
-        Seed of everything that is drawn.
-    markers
-        Markers of the Monte Carlo studies. Fewer than the paper's 1000 also reduce repeats and frames in proportion.
-    workers
-        Processes.
-    progress
-        Receives the progress.
-    """
+    """What a reproduction may use."""
 
     seed: int = 1
     markers: int = PAPER_MARKERS
+    """Markers of the Monte Carlo studies. Fewer than the paper's 1000 also reduce repeats and frames in proportion."""
     workers: int = 1
     progress: Progress = _ignore
 
@@ -58,16 +47,8 @@ class RunOptions:
     def each(self, function: Callable[[Job], Done], jobs: Sequence[Job], *, stage: str, part: int = 1) -> list[Done]:
         """Results of a function on many jobs, in their order, whatever the number of processes.
 
-        Parameters
-        ----------
-        function
-            A function of a module, which other processes can import.
-        jobs
-            Its arguments, one after another.
-        stage
-            What is done, in words.
-        part
-            Jobs that a process is given at once.
+        ``function``: a function of a module, which other processes can import. ``jobs``: its arguments, one after
+        another. ``part``: jobs that a process is given at once.
         """
         parts = [jobs[first : first + part] for first in range(0, len(jobs), part)]
         # Results come as they are ready, and are sorted: tables must not depend on the number of processes.

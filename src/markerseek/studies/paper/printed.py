@@ -20,34 +20,21 @@ MATERIALS = ("Bovine Liver", "Bovine Muscle", "Chicken Breast", "Plastisol Phant
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperNumber:
-    """One number of the paper.
-
-    Attributes
-    ----------
-    key
-        Name by which the code refers to it.
-    place
-        Where in the paper it is.
-    quantity
-        What it is.
-    value, sd
-        The number, and what the paper prints after ±; None where it prints nothing.
-    unit
-        Unit of both.
-    limitation
-        Why it cannot be reproduced, or not fully; None where nothing is known against it.
-    note
-        What else is known of it; None where nothing is.
-    """
+    """One number of the paper."""
 
     key: str
+    """Name by which the code refers to it."""
     place: str
+    """Where in the paper it is."""
     quantity: str
     value: float
     sd: float | None
+    """``value`` and ``sd``: the number, and what the paper prints after ±; None where it prints nothing."""
     unit: str
     limitation: str | None
+    """Why it cannot be reproduced, or not fully; None where nothing is known against it."""
     note: str | None
+    """What else is known of it; None where nothing is."""
 
     def __str__(self) -> str:
         sd = "" if self.sd is None else f" ± {self.sd:g}"
@@ -82,13 +69,7 @@ PAPER_NUMBERS = _read()
 
 
 def paper_number(key: str) -> PaperNumber:
-    """Return a number of the paper by its key.
-
-    Raises
-    ------
-    ConfigError
-        If there is none.
-    """
+    """Return a number of the paper by its key."""
     if key not in PAPER_NUMBERS:
         raise ConfigError(f"printed: {key!r} is not a number of the paper; the keys are: {', '.join(PAPER_NUMBERS)}")
     return PAPER_NUMBERS[key]

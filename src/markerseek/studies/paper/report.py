@@ -18,13 +18,7 @@ REPORT = "report.html"
 
 
 def write_section(section: Section, folder: Path) -> list[Path]:
-    """Write the tables and the picture of a section, and return their paths.
-
-    Raises
-    ------
-    ConfigError
-        If a file cannot be written.
-    """
+    """Write the tables and the picture of a section, and return their paths."""
     for table in _tables(section):
         _write_csv(table, folder / f"{table.name}.csv")
     if section.draw is not None:
@@ -45,23 +39,8 @@ def write_report(
 ) -> Path:
     """Write the page of all sections, and return its path.
 
-    Parameters
-    ----------
-    sections
-        In the order of the page.
-    folder
-        Where `write_section` put their files.
-    options
-        What they used.
-    durations_s
-        How long each took, in seconds; empty if not measured.
-    own_bank
-        The user's bank from which they were made; None for simulated ones.
-
-    Raises
-    ------
-    ConfigError
-        If the file cannot be written.
+    ``sections``: in the order of the page. ``folder``: where `write_section` put their files. ``durations_s``: how long
+    each took; empty if not measured. ``own_bank``: the user's bank from which they were made; None for simulated ones.
     """
     if own_bank is not None:
         note = f"Searches on your own bank {own_bank}, with the intensities that it holds."

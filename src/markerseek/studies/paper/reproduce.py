@@ -26,14 +26,7 @@ OFFLINE = ("fig6", "table1")
 class Reproduction:
     """Makes the sections of the report, one by one.
 
-    Parameters
-    ----------
-    options
-        What may be used.
-    folder
-        Where banks are written.
-    own_bank
-        A user's bank instead of the simulated ones; None for those.
+    ``folder``: where banks are written. ``own_bank``: a user's bank instead of the simulated ones; None for those.
     """
 
     def __init__(self, *, options: RunOptions, folder: Path, own_bank: OfflineBank | None = None) -> None:
@@ -73,10 +66,7 @@ class Reproduction:
     def sections(self, names: Sequence[str]) -> Iterator[Section]:
         """Sections of these names, in this order.
 
-        Raises
-        ------
-        ConfigError
-            If a name is unknown, or cannot be made from a user's own bank; nothing is made then.
+        Raises `ConfigError` if a name is unknown, or cannot be made from a user's own bank; nothing is made then.
         """
         makers = self.makers
         for name in names:

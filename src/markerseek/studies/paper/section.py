@@ -21,24 +21,15 @@ Cell: TypeAlias = str | int | float | None
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """Rows under named columns, as they go into a CSV and into the report.
-
-    Attributes
-    ----------
-    name
-        Stem of the CSV.
-    caption
-        What it holds.
-    rows
-        The cells of each row by the names of their columns, which have units; the same columns in each.
-    shown
-        Whether the report prints it; a long one is a file only.
-    """
+    """Rows under named columns, as they go into a CSV and into the report."""
 
     name: str
+    """Stem of the CSV."""
     caption: str
     rows: tuple[dict[str, Cell], ...]
+    """The cells of each row by the names of their columns, which have units; the same columns in each."""
     shown: bool = True
+    """Whether the report prints it; a long one is a file only."""
 
     def __post_init__(self) -> None:
         for number, row in enumerate(self.rows, start=1):
@@ -72,31 +63,21 @@ class Answer:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
-    """Summary of the errors of many searches.
-
-    Attributes
-    ----------
-    count
-        Number of searches.
-    mean_deg, sd_deg
-        Mean and standard deviation of the absolute error in degrees; the latter is None for one search.
-    half_deg
-        Half the width of the 95 % interval of the mean in degrees; None for one search.
-    failed
-        Share of searches with an error beyond `SENSITIVE_DEG`, whether they claim their angle or not.
-    unclaimed
-        Share of searches that claim no angle: not found, at bound, ambiguous or unsure.
-    claimed_failed
-        Share of searches that claim an angle with an error beyond `SENSITIVE_DEG`.
-    """
+    """Summary of the errors of many searches."""
 
     count: int
     mean_deg: float
     sd_deg: float | None
+    """``mean_deg`` and ``sd_deg``: mean and standard deviation of the absolute error; the latter is None for one
+    search."""
     half_deg: float | None
+    """Half the width of the 95 % interval of the mean; None for one search."""
     failed: float
+    """Share of searches with an error beyond `SENSITIVE_DEG`, whether they claim their angle or not."""
     unclaimed: float
+    """Share of searches that claim no angle: not found, at bound, ambiguous or unsure."""
     claimed_failed: float
+    """Share of searches that claim an angle with an error beyond `SENSITIVE_DEG`."""
 
     @property
     def cells(self) -> dict[str, Cell]:
@@ -113,7 +94,7 @@ class Errors:
 
 
 def errors_of(errors_deg: Iterable[float]) -> Errors:
-    """Summary of the absolute errors of one search or more, in degrees, each of which claims its angle."""
+    """Summary of the absolute errors of searches that claim their angle, in degrees."""
     return summary_of(Answer(error_deg=error_deg) for error_deg in errors_deg)
 
 
@@ -139,31 +120,20 @@ def summary_of(answers: Iterable[Answer]) -> Errors:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """A number of the paper and ours; or, of the posterior, ours alone.
-
-    Attributes
-    ----------
-    paper
-        The paper's; of the posterior what is counted, in words.
-    ours, sd
-        Ours, and its standard deviation.
-    half
-        Half the width of the 95 % interval of ours; None where there is none.
-    failed
-        Share of our searches with an error beyond `SENSITIVE_DEG`; None where it is no mean of errors.
-    unclaimed
-        Share of our searches that claim no angle; None where it is no mean of errors.
-    condition
-        Condition of ours, such as the noise; empty where there is only one.
-    """
+    """A number of the paper and ours; or, of the posterior, ours alone."""
 
     paper: PaperNumber | OwnNumber
+    """The paper's; of the posterior what is counted, in words."""
     ours: float
     sd: float | None = None
     half: float | None = None
+    """Half the width of the 95 % interval of ours."""
     failed: float | None = None
+    """Share of our searches with an error beyond `SENSITIVE_DEG`; None where it is no mean of errors."""
     unclaimed: float | None = None
+    """Share of our searches that claim no angle; None where it is no mean of errors."""
     condition: str = ""
+    """Condition of ours, such as the noise; empty where there is only one."""
 
     @property
     def difference(self) -> float | None:
@@ -186,31 +156,18 @@ def compared(number: str | OwnNumber, ours: Errors, *, condition: str = "") -> C
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Section:
-    """One figure or table, reproduced.
-
-    Attributes
-    ----------
-    name
-        Its name on the command line, and the stem of the picture's files.
-    title
-        Its heading.
-    method
-        What was done, in paragraphs.
-    comparisons
-        The paper's numbers beside ours, and those of the posterior.
-    tables
-        See the class.
-    draw, alt
-        Makes the picture, and what it shows, in words; None where there is no picture.
-    remarks
-        Sentences about the results and their limits.
-    """
+    """One figure or table, reproduced."""
 
     name: str
+    """Its name on the command line, and the stem of the picture's files."""
     title: str
     method: tuple[str, ...]
+    """What was done, in paragraphs."""
     comparisons: tuple[Comparison, ...] = ()
+    """The paper's numbers beside ours, and those of the posterior."""
     tables: tuple[Table, ...] = ()
     draw: Callable[[], Figure] | None = None
     alt: str = ""
+    """``draw`` and ``alt``: makes the picture, and what it shows, in words; None where there is no picture."""
     remarks: tuple[str, ...] = ()
+    """Sentences about the results and their limits."""

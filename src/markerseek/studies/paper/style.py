@@ -21,21 +21,13 @@ MARKS: dict[AnyMethod, str] = {"TS": "o", "GSS": "s", "WA": "^", "posterior": "D
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Panel:
-    """One panel of the figure.
-
-    Attributes
-    ----------
-    title
-        Its title.
-    errors
-        Ours, by method and number of acquisitions.
-    printed_deg
-        Mean errors that the paper prints, likewise, in degrees.
-    """
+    """One panel of the figure."""
 
     title: str
     errors: Mapping[tuple[AnyMethod, int], Errors]
+    """Ours, by method and number of acquisitions."""
     printed_deg: Mapping[tuple[PaperMethod, int], float] = field(default_factory=dict)
+    """Mean errors that the paper prints, likewise."""
 
 
 def errors_figure(
@@ -49,18 +41,8 @@ def errors_figure(
 ) -> Figure:
     """Figure of the mean error over the number of acquisitions, with the 95 % interval of the mean.
 
-    Parameters
-    ----------
-    panels
-        The panels, row by row.
-    heading
-        Heading of the figure.
-    columns, panel_in
-        As for `markerseek.pictures.panel_grid`.
-    printed
-        What the legend calls the paper's numbers, which are open marks.
-    average_deg
-        The paper's mean error of WA over all N, in degrees, as a line; None draws none.
+    ``printed``: what the legend calls the paper's numbers, which are open marks. ``average_deg``: the paper's mean
+    error of WA over all N, as a line; None draws none.
     """
     figure, grid = panel_grid(
         [panel.title for panel in panels],

@@ -34,12 +34,7 @@ def shortest_order(track_deg: Sequence[float], *, start_deg: float) -> list[floa
     A search cannot travel so, because it would have to know the later pairs; it is the lower limit of the travel of
     every search that measures these pairs.
 
-    Parameters
-    ----------
-    track_deg
-        Angles of a bracket search in degrees, two for each iteration.
-    start_deg
-        Where the probe is at first, in degrees.
+    ``track_deg``: angles of a bracket search, two for each iteration. ``start_deg``: where the probe is at first.
     """
     ways: list[tuple[float, list[float]]] = [(0.0, [start_deg])]
     for left_deg, right_deg in zip(track_deg[::2], track_deg[1::2], strict=True):
@@ -64,12 +59,7 @@ def rotation_s(track_deg: Sequence[float], *, motion: StageMotion) -> float:
 
     A move downwards goes beyond its target and comes back from below, as `markerseek.sim.SimulatedStage` does.
 
-    Parameters
-    ----------
-    track_deg
-        Angles in degrees, beginning with that of the probe.
-    motion
-        How the stage moves.
+    ``track_deg``: angles, beginning with that of the probe.
     """
     total_s = 0.0
     for here_deg, there_deg in itertools.pairwise(track_deg):

@@ -17,7 +17,7 @@ import numpy as np
 from markerseek.core import SearchPlan
 from markerseek.files import replace_file
 from markerseek.rigs import draw_scene, simulated
-from markerseek.runs import new_session, plan_on
+from markerseek.runs import REGISTRATION_TOLERANCE, new_session, plan_on
 from markerseek.sim import SimulatedSettings, tissue_named
 
 KEPT = "marker_errors.csv"
@@ -27,52 +27,41 @@ SEARCHES = {
     "plastisol-phantom": range(1, 301),
     "liver": range(1, 81),
     "chicken-breast": range(1, 51),
+    "muscle": range(1, 81),
+    "muscle-icg": range(1, 51),
 }
 """Materials and seeds of these searches."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MarkerError:
-    """One search: what its marker's position was off by, and what the search said.
-
-    Attributes
-    ----------
-    tissue, seed
-        Material and seed of the search, at the rig's default settings (40 dB).
-    acquisitions
-        Acquisitions of the search.
-    angle_m, lateral_m, depth_m
-        Errors along the turn, along the axis, and away from the axis, in metres. The truth is the centroid of the
-        absorbed energy.
-    angle_sigma_m, lateral_sigma_m, depth_sigma_m
-        Standard deviations that the result gives, in metres.
-    """
+    """One search: what its marker's position was off by, and what the search said."""
 
     tissue: str
     seed: int
+    """``tissue`` and ``seed``: material and seed of the search, at the rig's default settings (40 dB)."""
     acquisitions: int
     angle_m: float
     lateral_m: float
     depth_m: float
+    """``angle_m``, ``lateral_m`` and ``depth_m``: errors along the turn, along the axis, and away from the axis. The
+    truth is the centroid of the absorbed energy."""
     angle_sigma_m: float
     lateral_sigma_m: float
     depth_sigma_m: float
+    """``angle_sigma_m``, ``lateral_sigma_m`` and ``depth_sigma_m``: standard deviations that the result gives."""
 
 
 def search_errors(tissue: str, seeds: Sequence[int]) -> Iterator[MarkerError]:
-    """Search once for each seed on the simulated rig; searches that find no marker are left out.
+    """Search once for each seed on the simulated rig; a search that does not know its source is left out.
 
-    Parameters
-    ----------
-    tissue
-        Simulated material.
-    seeds
-        Seeds of the rigs.
+    ``tissue``: simulated material.
     """
     settings = SimulatedSettings(tissue=tissue)
     for seed in seeds:
         rig = simulated(seed=seed, settings=settings)
-        session = new_session(rig, plan_on(rig, SearchPlan(method="posterior", start_deg=rig.stage.angle_deg)))
+        plan = SearchPlan(method="posterior", start_deg=rig.stage.angle_deg, tolerance=REGISTRATION_TOLERANCE)
+        session = new_session(rig, plan_on(rig, plan))
         with closing(session.events()) as events:
             for _ in events:
                 pass

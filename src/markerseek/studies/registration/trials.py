@@ -11,17 +11,17 @@ import numpy as np
 
 from markerseek.core import ConfigError, Float64, MarkerPosition, is_whole, require_range
 from markerseek.geometry import Registration, RigidTransform, register_points, triangulate
-from markerseek.runs import GRID_STEP_M, MARKER_PLACES, TARGET_DEPTH_M
+from markerseek.runs import FOCAL_LENGTH, GRID_STEP_M, MARKER_PLACES, TARGET_DEPTH_M, camera_shared_m, trus_shared_m
 from markerseek.sim import camera_above, endoscope
 from markerseek.studies.registration.marker_errors import MarkerError
 
 DISTANCE_FROM_AXIS_M, FACE_RADIUS_M = 60e-3, 10e-3
 """Distances of the grid of markers, and of the array's face, from the axis of the probe."""
 
-MOST_TILT_DEG = 15.0
+MAX_TILT_DEG = 15.0
 """The camera's line of sight is off the normal of the grid by at most this angle, in degrees."""
 
-LEAST_SIGMA_PX = 0.01
+MIN_SIGMA_PX = 0.01
 """Least standard deviation that is assumed of a pixel."""
 
 Source = Literal["angle", "lateral and depth", "spot", "calibration"]
@@ -32,51 +32,39 @@ SOURCES: tuple[Source, ...] = get_args(Source)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conditions:
-    """Conditions of a registration.
-
-    Attributes
-    ----------
-    camera_m
-        Distance of the camera from the middle of the markers, in metres.
-    markers
-        Number of markers: 3, 4, 6 or 9 places of the grid.
-    relief_m
-        Range of the heights of the tissue, peak to peak, in metres.
-    frames
-        Camera frames for each spot.
-    spot_sigma_px, calibration_sigma_px
-        Standard deviations of the spot in one frame, and of the calibration at a point of the image, in pixels.
-    common_calibration
-        Whether the error of the calibration is the same at all points of an image, a shift; else it differs.
-    base_m
-        Distance between the two cameras in metres.
-    focal_px
-        Focal length in pixels.
-    focal_error
-        Relative error of the focal length that the calibration gives.
-    angle_factor
-        Factor of the errors of the angle.
-    sound_speed_error
-        Relative error of the sound speed with which the markers are imaged; it is common to all, and in no sigma.
-    sources
-        The sources of error that act; the assumed sigmas stay those of all.
-    refined
-        As in `markerseek.geometry.register_points`.
-    """
+    """Conditions of a registration."""
 
     camera_m: float = 0.1
+    """Distance of the camera from the middle of the markers."""
     markers: int = 9
+    """Number of markers: 3, 4, 6 or 9 places of the grid."""
     relief_m: float = 5e-3
+    """Range of the heights of the tissue, peak to peak."""
     frames: int = 25
+    """Camera frames for each spot."""
     spot_sigma_px: float = 0.3
     calibration_sigma_px: float = 0.2
+    """``spot_sigma_px`` and ``calibration_sigma_px``: standard deviations of the spot in one frame, and of the
+    calibration at a point of the image."""
     common_calibration: bool = False
+    """Whether the error of the calibration is the same at all points of an image, a shift; else it differs."""
     base_m: float = 5e-3
+    """Distance between the two cameras."""
     focal_px: float = 1100.0
+    """Focal length."""
     focal_error: float = 0.0
+    """Relative error of the focal length that the calibration gives."""
     angle_factor: float = 1.0
+    """Factor of the errors of the angle."""
     sound_speed_error: float = 0.0
+    """Relative error of the sound speed with which the markers are imaged."""
     sources: tuple[Source, ...] = SOURCES
+    """The sources of error that act; the assumed sigmas stay those of all."""
+    shared_errors: float = 0.0
+    """Factor of the errors that all points share: each is drawn once a registration, from the prior that the
+    registration assumes of it."""
+    shared_assumed: bool = True
+    """Whether the registration takes these errors for unknowns; else for 0."""
     refined: bool = True
 
     def __post_init__(self) -> None:
@@ -92,35 +80,29 @@ class Conditions:
             ("focal_error", -0.1, 0.1, ""),
             ("angle_factor", 0.0, 100.0, ""),
             ("sound_speed_error", -0.1, 0.1, ""),
+            ("shared_errors", 0.0, 100.0, ""),
         ):
             require_range(name, getattr(self, name), low=low, high=high, unit=unit)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trial:
-    """One registration: errors at the fiducials and at the target, and what was expected there, in metres."""
+    """One registration: errors at the fiducials and at the target, and what was expected there, in metres.
+
+    ``probability`` is that of residuals as large or larger, if the sigmas are right.
+    """
 
     fre_m: float
     tre_m: float
     expected_tre_m: float
+    expected_tre95_m: float
+    probability: float
 
 
 def registrations(
     conditions: Conditions, errors: Sequence[MarkerError], *, count: int, rng: np.random.Generator
 ) -> list[Trial]:
-    """Register as often as asked, each time with another scene.
-
-    Parameters
-    ----------
-    conditions
-        What holds for all of them.
-    errors
-        Searches from which the errors of the markers are drawn.
-    count
-        Number of registrations.
-    rng
-        Source of randomness.
-    """
+    """Register as often as asked, each time with another scene."""
     return [_trial(conditions, errors, rng) for _ in range(count)]
 
 
@@ -132,12 +114,20 @@ def _trial(conditions: Conditions, errors: Sequence[MarkerError], rng: np.random
         np.array([0.0, 0.0, DISTANCE_FROM_AXIS_M]),
         distance_m=conditions.camera_m,
         roll_deg=rng.uniform(0, 360),
-        tilt_deg=rng.uniform(-MOST_TILT_DEG, MOST_TILT_DEG),
+        tilt_deg=rng.uniform(-MAX_TILT_DEG, MAX_TILT_DEG),
     )
     found = _register(points_m, true, conditions, errors, rng)
     target_m = points_m.mean(axis=0) - [0, 0, TARGET_DEPTH_M]
     off_m = found.transform.apply(true.inverse().apply(target_m)) - target_m
-    return Trial(fre_m=found.fre_m, tre_m=float(np.linalg.norm(off_m)), expected_tre_m=found.errors.tre_m(target_m))
+    # Horn's form does not minimise chi squared, by whose root the expected error is scaled.
+    expected = found if conditions.refined else found.errors
+    return Trial(
+        fre_m=found.fre_m,
+        tre_m=float(np.linalg.norm(off_m)),
+        expected_tre_m=expected.tre_m(target_m),
+        expected_tre95_m=expected.tre95_m(target_m),
+        probability=found.probability,
+    )
 
 
 def _register(
@@ -151,18 +141,24 @@ def _register(
     markers = [_marker(point, errors[int(rng.integers(len(errors)))], conditions) for point in points_m.tolist()]
     cameras = endoscope(focal_px=conditions.focal_px, base_m=conditions.base_m)
     mean_sigma_px = conditions.spot_sigma_px / math.sqrt(conditions.frames)
+    common = conditions.shared_errors * rng.standard_normal(8)
     left, right = (
-        exact + _pixel_errors(len(points_m), mean_sigma_px, conditions, rng)
-        for exact in cameras.project(true.inverse().apply(points_m))
+        exact + _pixel_errors(len(points_m), mean_sigma_px, conditions, rng) + conditions.calibration_sigma_px * shift
+        for exact, shift in zip(cameras.project(true.inverse().apply(points_m)), (common[:2], common[2:4]), strict=True)
     )
-    sigma_px = max(math.hypot(mean_sigma_px, conditions.calibration_sigma_px), LEAST_SIGMA_PX)
-    assumed = endoscope(focal_px=conditions.focal_px * (1 + conditions.focal_error), base_m=conditions.base_m)
+    sigma_px = max(math.hypot(mean_sigma_px, conditions.calibration_sigma_px), MIN_SIGMA_PX)
+    focal_px = conditions.focal_px * (1 + conditions.focal_error + FOCAL_LENGTH * common[4])
+    assumed = endoscope(focal_px=focal_px, base_m=conditions.base_m)
     seen = triangulate(left, right, assumed, sigma_px=sigma_px)
+    trus_m = np.array([found for found, _ in markers])
+    camera_shared = camera_shared_m(seen, left, right, assumed, calibration_sigma_px=conditions.calibration_sigma_px)
     return register_points(
         seen.points_m,
-        np.array([found for found, _ in markers]),
+        trus_m + trus_shared_m(points_m) @ common[5:],
         source_covariances_m2=seen.covariances_m2,
         target_covariances_m2=np.array([covariance for _, covariance in markers]),
+        source_shared_m=camera_shared if conditions.shared_assumed else None,
+        target_shared_m=trus_shared_m(trus_m) if conditions.shared_assumed else None,
         refined=conditions.refined,
     )
 

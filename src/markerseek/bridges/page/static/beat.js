@@ -2,6 +2,8 @@
 // the server refuses those of a page that shows old things. STOP goes its own way, by a plain request.
 
 const SILENT_MS = 1000;
+// A page that hangs takes a request and never answers it.
+const STOP_MS = 1000;
 
 export default {
   template: `<div v-show="silent_s > 0 || undelivered" class="ms-silent" role="alert">
@@ -35,10 +37,11 @@ export default {
     },
     async stop() {
       try {
-        const answer = await fetch("/stop", { method: "POST", keepalive: true });
+        const signal = AbortSignal.timeout(STOP_MS);
+        const answer = await fetch("/stop", { method: "POST", keepalive: true, signal });
         this.undelivered = answer.ok ? "" : `refused with status ${answer.status}`;
-      } catch {
-        this.undelivered = "nothing answers";
+      } catch (problem) {
+        this.undelivered = problem.name === "TimeoutError" ? "no answer within 1 s" : "nothing answers";
       }
     },
     key(event) {

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from markerseek.core import MOST_INTENSITY, Float64, RecordError
+from markerseek.core import MAX_INTENSITY, Float64, RecordError
 from markerseek.records.banks.bank import BankFacts, require_angles
 from markerseek.records.banks.ipasc import fields
 from markerseek.records.banks.ipasc.rows import row_sum
@@ -21,49 +21,37 @@ from markerseek.records.untrusted_hdf5 import UntrustedHdf5
 TOLERANCE = 0.01
 """Largest distance of an element from its place in the row, in pitches."""
 
-_MOST_ANGLES = 1_000_000
+_MAX_ANGLES = 1_000_000
 # In digits: int() of a longer text takes time with the square of its length.
 _LONGEST_SEED = 100
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Columns:
-    """Columns of the measurements that were taken, in the order of the angles.
-
-    Attributes
-    ----------
-    room
-        Rows of the file, filled or not.
-    rows
-        Row in the file of each measurement.
-    angles_deg, intensities, pulses, started_s
-        As in `FrameBank`; a missing intensity or time is NaN, missing pulses are 1.
-    row_sums
-        Checksum of each row, already verified; empty where the file has none.
-    """
+    """Columns of the measurements that were taken, in the order of the angles."""
 
     room: int
+    """Rows of the file, filled or not."""
     rows: tuple[int, ...]
+    """Row in the file of each measurement."""
     angles_deg: tuple[float, ...]
     intensities: tuple[float, ...]
     pulses: tuple[int, ...]
     started_s: tuple[float, ...]
+    """``angles_deg``, ``intensities``, ``pulses`` and ``started_s``: a missing intensity or time is NaN, missing pulses
+    are 1."""
     row_sums: tuple[int, ...]
+    """Checksum of each row, already verified; empty where the file has none."""
 
 
 def read_columns(path: Path, file: UntrustedHdf5, *, ours: bool) -> Columns:
     """Columns of a bank that has ``trus_angle_deg``; rows that were never filled are skipped.
 
-    Raises
-    ------
-    RecordError
-        If no search can work with the angles, an intensity cannot be one, or a checksum differs.
-    ValueError
-        If a field does not hold what it should.
+    Raises `ValueError` if a field does not hold what it should.
     """
     angles = file.numbers(fields.ANGLES)
-    if angles.size > _MOST_ANGLES:
-        raise RecordError(f"{path}: it has room for {angles.size} angles, at most {_MOST_ANGLES} are expected")
+    if angles.size > _MAX_ANGLES:
+        raise RecordError(f"{path}: it has room for {angles.size} angles, at most {_MAX_ANGLES} are expected")
     # The writer writes the angle last, so that a row with an angle is complete.
     taken = np.flatnonzero(np.isfinite(angles))
     order = taken[np.argsort(angles[taken], kind="stable")]
@@ -88,10 +76,7 @@ def read_columns(path: Path, file: UntrustedHdf5, *, ours: bool) -> Columns:
 def sums_of(file: UntrustedHdf5, name: str, rows: Sequence[int], *, room: int | None) -> tuple[int, ...]:
     """Checksums of some rows; empty where the file has none.
 
-    Raises
-    ------
-    ValueError
-        If there are fewer, or not as many as there is room for, where that is given.
+    Raises `ValueError` if there are fewer, or not as many as there is room for, where that is given.
     """
     if not file.has(name):
         return ()
@@ -125,8 +110,8 @@ def _intensities(path: Path, file: UntrustedHdf5, count: int) -> Float64[np.ndar
     # NaN is allowed: a frame can be stored before its intensity is known.
     if not (values[np.isfinite(values)] >= 0).all():
         raise RecordError(f"{path}: an intensity is negative; the file is damaged: scan again")
-    if (values[np.isfinite(values)] > MOST_INTENSITY).any():
-        raise RecordError(f"{path}: an intensity is above {MOST_INTENSITY:g}; the file is damaged: scan again")
+    if (values[np.isfinite(values)] > MAX_INTENSITY).any():
+        raise RecordError(f"{path}: an intensity is above {MAX_INTENSITY:g}; the file is damaged: scan again")
     return np.where(np.isfinite(values), values, np.nan)
 
 
@@ -142,10 +127,7 @@ def _one_each(file: UntrustedHdf5, name: str, count: int, *, otherwise: float) -
 def read_facts(file: UntrustedHdf5, *, ours: bool, pitch_m: float | None) -> BankFacts:
     """Metadata of a bank; times of a bank of another program count from 1970.
 
-    Raises
-    ------
-    ValueError
-        If a field does not hold what it should.
+    Raises `ValueError` if a field does not hold what it should.
     """
     return BankFacts(
         description=file.text(fields.DESCRIPTION) or "",
@@ -199,29 +181,16 @@ def _first(file: UntrustedHdf5, name: str) -> float | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ElementRow:
-    """A straight row of equally spaced elements.
-
-    Attributes
-    ----------
-    pitch_m
-        Distance from one element to the next, in metres; None where the file does not say where they are.
-    falling
-        Whether the x1 coordinate falls from the first element in the file to the last.
-    """
+    """A straight row of equally spaced elements."""
 
     pitch_m: float | None
+    """Distance from one element to the next; None where the file does not say where they are."""
     falling: bool
+    """Whether the x1 coordinate falls from the first element in the file to the last."""
 
 
 def element_row(path: Path, file: UntrustedHdf5, *, elements: int) -> ElementRow:
-    """Pitch and direction of the array, from the positions of all its elements.
-
-    Raises
-    ------
-    RecordError
-        If the elements are not a straight, equally spaced row along x1 within `TOLERANCE`, or are not as many as the
-        channels.
-    """
+    """Pitch and direction of the array, from the positions of all its elements."""
     names = [f"{fields.DETECTORS}/{each}/detector_position" for each in file.names(fields.DETECTORS)]
     present = [file.has(name) for name in names]
     if not any(present):

@@ -55,22 +55,15 @@ DEVICE_IDENTIFIERS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """Size of a bank's file.
-
-    Attributes
-    ----------
-    angles, dark_frames
-        Measurements with the laser and without.
-    shape
-        Channels and samples of a frame; zeros where there are intensities only.
-    sampling_hz
-        Sampling frequency of the frames in Hz; None where it is not known.
-    """
+    """Size of a bank's file."""
 
     angles: int
     dark_frames: int
+    """``angles`` and ``dark_frames``: measurements with the laser and without."""
     shape: tuple[int, int]
+    """Channels and samples of a frame; zeros where there are intensities only."""
     sampling_hz: float | None
+    """Sampling frequency of the frames; None where it is not known."""
 
     @property
     def frame_bytes(self) -> int:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def make_file(path: Path, layout: fields.Layout, facts: BankFacts) -> None:
-    """Write an empty bank of full size, in which only numbers change afterwards."""
+    """Write an empty bank of full size; afterwards only its numbers change."""
     import h5py
 
     pacfish = fields.pacfish_package()

@@ -24,28 +24,18 @@ _LARGEST_BYTES = 1 << 42
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IpascBank(FrameBank):
-    """Frames in an IPASC HDF5 file.
-
-    Attributes
-    ----------
-    path
-        Path of the file.
-    file
-        The open file.
-    columns
-        What the file says of each angle, with its row; ``pulses`` are 1 where it does not.
-    falling
-        Whether the elements are in reverse order in the file.
-    frame_sums, dark_sums
-        Checksums of the counts at each angle, and of the dark frames; empty where there are none.
-    """
+    """Frames in an IPASC HDF5 file."""
 
     path: Path
     file: UntrustedHdf5 = field(repr=False, compare=False)
     columns: Columns = field(repr=False)
+    """What the file says of each angle, with its row; ``pulses`` are 1 where it does not."""
     falling: bool = False
+    """Whether the elements are in reverse order in the file."""
     frame_sums: tuple[int, ...] = field(repr=False, default=())
     dark_sums: tuple[int, ...] = field(repr=False, default=())
+    """``frame_sums`` and ``dark_sums``: checksums of the counts at each angle, and of the dark frames; empty where
+    there are none."""
 
     @property
     def planned(self) -> int:
@@ -55,10 +45,7 @@ class IpascBank(FrameBank):
     def frame(self, index: int) -> ChannelFrame:
         """Channel data of one angle, from the disk.
 
-        Raises
-        ------
-        RecordError
-            If they cannot be read, or are not ADC counts.
+        Raises `RecordError` if they cannot be read, or are not ADC counts.
         """
         angle_deg, row = self.angles_deg[index], self.columns.rows[index]
         samples = self._samples(
@@ -117,13 +104,6 @@ def read_ipasc(path: Path) -> IntensityBank | IpascBank:
 
     Rows that a scan did not fill are skipped. A file without ``markerseek_bank_version`` was written by another
     program, and is read if it has the angles.
-
-    Raises
-    ------
-    RecordError
-        If it is damaged, of a newer version, or not a bank.
-    MissingExtraError
-        If h5py is not installed.
     """
     with as_read_error(path):
         require_input(path, most_bytes=_LARGEST_BYTES)

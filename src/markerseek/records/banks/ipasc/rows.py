@@ -17,19 +17,14 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import ChannelFrame, Float64, Int16, RecordError, Sample
-from markerseek.records.banks.bank import MOST_DEG
+from markerseek.records.banks.bank import MAX_DEG
 from markerseek.records.banks.ipasc import fields
 
 
 def probe_pose(angle_deg: float, *, first_deg: float, face_radius_m: float) -> Float64[np.ndarray, " 6"]:
     """Position of the array's centre in metres, then its rotation in radians about x1, x2 and x3.
 
-    Parameters
-    ----------
-    angle_deg, first_deg
-        Angle of the measurement and of the first one, in degrees.
-    face_radius_m
-        Distance of the array's face from the axis of rotation in metres.
+    ``face_radius_m``: distance of the array's face from the axis of rotation.
     """
     turned = math.radians(angle_deg - first_deg)
     # 1 - cos in a form that keeps small angles exact.
@@ -52,30 +47,17 @@ def frame_sum(samples: Int16[np.ndarray, "channels samples"], *, after: int = 0)
 def require_keepable(path: Path, sample: Sample, *, layout: fields.Layout | None, angles_deg: Container[float]) -> None:
     """Refuse an acquisition that a bank cannot hold.
 
-    Parameters
-    ----------
-    path
-        The bank, for the message.
-    sample
-        The acquisition.
-    layout
-        Layout of the file; None before the first acquisition.
-    angles_deg
-        Angles written so far, in degrees.
-
-    Raises
-    ------
-    RecordError
-        If it differs in shape or rate from those before, or has an angle or intensity that no bank can hold.
+    ``path``: the bank, for the message. ``layout``: None before the first acquisition. ``angles_deg``: angles written
+    so far.
     """
     if layout is not None:
         _require_same(path, sample, layout)
     if sample.dark:
         return
-    if not abs(sample.angle_deg) <= MOST_DEG:
+    if not abs(sample.angle_deg) <= MAX_DEG:
         raise RecordError(
-            f"{path}: the angle is {sample.angle_deg:g} deg, it must be finite and within one turn, -{MOST_DEG:g} to "
-            f"{MOST_DEG:g} deg; leave that acquisition out"
+            f"{path}: the angle is {sample.angle_deg:g} deg, it must be finite and within one turn, -{MAX_DEG:g} to "
+            f"{MAX_DEG:g} deg; leave that acquisition out"
         )
     if sample.angle_deg in angles_deg:
         raise RecordError(f"{path}: the angle {sample.angle_deg:g} deg appears twice; keep one of them")

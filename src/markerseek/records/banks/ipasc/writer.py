@@ -33,17 +33,7 @@ _ROOM_BYTES = 1 << 20
 
 
 def require_new_bank(path: Path) -> None:
-    """Refuse a path where no bank can be written, before anything is measured.
-
-    Raises
-    ------
-    ConfigError
-        If the suffix is another than .hdf5 and .h5.
-    RecordError
-        If there is a file already, or no folder for it.
-    MissingExtraError
-        If h5py or pacfish is not installed.
-    """
+    """Refuse a path where no bank can be written, before anything is measured."""
     require_h5py()
     fields.pacfish_package()
     if path.suffix.lower() not in HDF5_SUFFIXES:
@@ -54,28 +44,9 @@ def require_new_bank(path: Path) -> None:
 class BankWriter:
     """A bank that grows by one acquisition at a time; a context manager that closes it.
 
-    Parameters
-    ----------
-    path
-        Where to write; the suffix is .hdf5 or .h5.
-    angles
-        Most acquisitions with the laser that will come.
-    dark_frames
-        Most acquisitions without.
-    facts
-        Metadata of the bank.
-    whole_as
-        Final name of the file, given by `whole_bank` when it is complete; until then it is not flushed after each
-        acquisition. None: it has its name from the first acquisition on.
-
-    Raises
-    ------
-    ConfigError
-        If the name has another suffix.
-    RecordError
-        If there is a file already.
-    MissingExtraError
-        If h5py or pacfish is not installed.
+    ``path``: where to write; the suffix is .hdf5 or .h5. ``angles``: most acquisitions with the laser that will come.
+    ``dark_frames``: most acquisitions without. ``whole_as``: final name of the file, given by `whole_bank` when it is
+    complete; until then it is not flushed after each acquisition. None: it has its name from the first acquisition on.
     """
 
     def __init__(
@@ -97,14 +68,7 @@ class BankWriter:
         return len(self._angles_deg)
 
     def add(self, sample: Sample) -> None:
-        """Write one acquisition, dark or not; when this returns, it is on the disk.
-
-        Raises
-        ------
-        RecordError
-            If it cannot be written, or the bank could not be read again: its shape or rate differs from those before,
-            it exceeds the number announced, or no bank can hold its angle or intensity. Nothing is written then.
-        """
+        """Write one acquisition, dark or not; when this returns, it is on the disk."""
         frame = sample.frame if isinstance(sample.frame, ChannelFrame) else None
         if sample.dark and frame is None:
             return
@@ -242,20 +206,7 @@ class BankWriter:
 
 @contextmanager
 def whole_bank(path: Path, *, angles: int, dark_frames: int = 0, facts: BankFacts) -> Iterator[BankWriter]:
-    """A writer of a bank that is renamed when the block ends with everything announced, and deleted if not.
-
-    Parameters
-    ----------
-    path, angles, dark_frames, facts
-        As of `BankWriter`.
-
-    Raises
-    ------
-    RecordError
-        If there is a file already, it cannot be written, or less came than was announced.
-    ConfigError, MissingExtraError
-        As of `BankWriter`.
-    """
+    """A writer of a bank that is renamed when the block ends with everything announced, and deleted if not."""
     require_new_bank(path)
     inside = False
     try:

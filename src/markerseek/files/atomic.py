@@ -17,13 +17,7 @@ from markerseek.core import RecordError
 
 
 def require_new(path: Path) -> None:
-    """Refuse a path that exists already, or whose folder does not.
-
-    Raises
-    ------
-    RecordError
-        If the path exists, or its folder does not.
-    """
+    """Refuse a path that exists already, or whose folder does not."""
     if path.exists() or path.is_symlink():
         raise _exists_error(path)
     if path.parent.is_file():
@@ -34,13 +28,7 @@ def require_new(path: Path) -> None:
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Path]:
-    """`create_atomically` with the path checked first, and every failure of the disk as a `RecordError`.
-
-    Raises
-    ------
-    RecordError
-        If there is a file already, or it cannot be written.
-    """
+    """`create_atomically` with the path checked first, and every failure of the disk as a `RecordError`."""
     require_new(path)
     try:
         with create_atomically(path) as part:
@@ -55,12 +43,7 @@ def new_file(path: Path) -> Iterator[Path]:
 def create_atomically(path: Path) -> Iterator[Path]:
     """A temporary path beside `path`; the file written there is renamed when the block succeeds, and deleted if not.
 
-    Raises
-    ------
-    RecordError
-        If a file of that name exists by then; it is not changed.
-    OSError
-        If the file cannot be made or named.
+    Raises `OSError` if the file cannot be made or named.
     """
     with _written(path, _name_new) as part:
         yield part
@@ -70,12 +53,7 @@ def create_atomically(path: Path) -> Iterator[Path]:
 def replace_file(path: Path) -> Iterator[Path]:
     """A temporary path as in `create_atomically`; an existing file of that name is replaced in one step.
 
-    Raises
-    ------
-    RecordError
-        If the name is a symbolic link, a pipe or a device, which may lead to a file of another user.
-    OSError
-        If the file cannot be made or named.
+    Raises `OSError` if the file cannot be made or named.
     """
     if path.is_symlink() or (path.exists() and not path.is_file() and not path.is_dir()):
         raise RecordError(

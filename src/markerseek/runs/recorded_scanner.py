@@ -15,13 +15,7 @@ from markerseek.scan import AnyScanner
 
 
 class ReplayedClock:
-    """Clock with the times of the journal's entries, then of a live clock.
-
-    Parameters
-    ----------
-    now_s
-        Time of the first entry in seconds.
-    """
+    """Clock with the times of the journal's entries, then of a live clock."""
 
     def __init__(self, now_s: float) -> None:
         self._entry_s = now_s
@@ -33,13 +27,7 @@ class ReplayedClock:
         return self._entry_s if self._live is None else self._live.now_s() + self._ahead_s
 
     def wait(self, duration_s: float) -> None:
-        """Always an error: nothing waits while entries are replayed.
-
-        Raises
-        ------
-        ConfigError
-            Always.
-        """
+        """Always an error: nothing waits while entries are repeated."""
         raise ConfigError(f"a wait of {duration_s} s while a journal is replayed; only a rig can wait")
 
     def show(self, now_s: float) -> None:
@@ -49,37 +37,19 @@ class ReplayedClock:
     def switch_to(self, live: Clock, *, same: bool) -> None:
         """Use a live clock from now on.
 
-        Parameters
-        ----------
-        live
-            The clock.
-        same
-            Whether it was put back to the time at which the run stopped; else it is offset so that it continues from
-            there.
+        ``same``: whether it was put back to the time at which the run stopped; else it is offset so that it continues
+        from there.
         """
         if self._live is None:
             self._live = live
             self._ahead_s = 0.0 if same else self._entry_s - live.now_s()
 
 
-class ReplayedScanner:
+class RecordedScanner:
     """Returns the recorded samples and refusals in order; then measures with a live scanner, if there is one.
 
-    Parameters
-    ----------
-    entries
-        Entries of a run, beginning with `Started`.
-    limits
-        Limits of the run.
-    live
-        Scanner for further measurements; None if there are none.
-    same_clock
-        Whether the live clock was set back to the time at which the run stopped.
-
-    Raises
-    ------
-    RecordError
-        If the entries do not begin with `Started`.
+    ``entries``: entries of a run, beginning with `Started`. ``same_clock``: whether the live clock was set back to the
+    time at which the run stopped.
     """
 
     def __init__(
@@ -123,25 +93,12 @@ class ReplayedScanner:
     def measure(self, angle_deg: float) -> Sample:
         """The next sample of the journal, or one of the rig.
 
-        Raises
-        ------
-        AcquisitionError
-            If the frame was refused, then or now.
-        DeviceError
-            As `Scanner.measure`.
+        Raises `AcquisitionError` if the frame was refused, then or now.
         """
         return self._next() or self._rig().measure(angle_deg)
 
     def measure_dark(self) -> Sample:
-        """The next sample of the journal, or one of the rig with the laser kept off.
-
-        Raises
-        ------
-        AcquisitionError
-            If the frame was refused, then or now.
-        DeviceError
-            As `Scanner.measure_dark`.
-        """
+        """The next sample of the journal, or one of the rig with the laser kept off."""
         return self._next() or self._rig().measure_dark()
 
     @property
@@ -150,13 +107,7 @@ class ReplayedScanner:
         return self._refused_frame if self._active is None else self._active.refused_frame
 
     def switch_to_rig(self) -> None:
-        """Continue with the clock of the rig, and measure with the rig once the entries are used up.
-
-        Raises
-        ------
-        RecordError
-            If there is no rig.
-        """
+        """Continue with the clock of the rig, and measure with the rig once the entries are used up."""
         self._active = self._live
         self._clock.switch_to(self._rig().clock, same=self._same_clock)
 

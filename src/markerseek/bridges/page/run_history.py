@@ -11,7 +11,7 @@ import numpy as np
 
 from markerseek.bridges.page.belief import PolicyMirror
 from markerseek.bridges.page.picture import Picture, picture_of
-from markerseek.bridges.page.state import ShownRun, Snapshot
+from markerseek.bridges.page.state import Snapshot, SnapshotBuilder
 from markerseek.core import NO_HEADER, PAPER_RANGE, ChannelFrame, Measured, RFFrame, SearchPlan
 from markerseek.records.journal import Configuration, JournalEvent, RecordedRun
 from markerseek.runs import rebuild_image_reader
@@ -19,27 +19,22 @@ from markerseek.signals import PRESET_NAMES, ImageReader, probe_preset
 from markerseek.sim import StageMotion
 
 
-class WatchedRun:
-    """A run that is watched; one thread adds events, others read.
+class RunHistory:
+    """The snapshots and images of one run; one thread adds events, others read.
 
-    Parameters
-    ----------
-    configuration
-        Plan and rig of the run.
-    believes
-        As in `ShownRun`.
+    ``configuration``: plan and rig of the run.
     """
 
-    def __init__(self, configuration: Configuration, *, believes: bool = True) -> None:
+    def __init__(self, configuration: Configuration, *, has_policy: bool = True) -> None:
         self.configuration = configuration
-        self._state = ShownRun(configuration, believes=believes)
+        self._state = SnapshotBuilder(configuration, has_policy=has_policy)
         # Only ever appended to, so that another thread may read it at any time.
         self.snapshots: list[Snapshot] = [self._state.snapshot]
         self.pictures: dict[int, Picture] = {}
         self._imaging = rebuild_image_reader(configuration)
         recipe: dict[str, Any] = msgspec.json.decode(configuration.recipe) or {}
         self._motion, self._pace, self.pulse_j = _rig_settings(recipe, replayed=configuration.facts.kind == "replayed")
-        self.name = _name(configuration.plan if believes else None, seed=recipe.get("seed"))
+        self.name = _name(configuration.plan if has_policy else None, seed=recipe.get("seed"))
 
     def add(
         self,
@@ -52,18 +47,8 @@ class WatchedRun:
     ) -> None:
         """Take one more event.
 
-        Parameters
-        ----------
-        event
-            The event.
-        clock_s
-            The rig's clock in seconds.
-        pulses
-            Pulses of its frame where the frame itself was not sent; None: those of the frame.
-        lost
-            Events that were lost just before.
-        on_change
-            Called once the event can be shown, and again once its image can.
+        ``pulses``: pulses of its frame where the frame itself was not sent; None: those of the frame. ``lost``: events
+        that were lost just before. ``on_change``: called once the event can be shown, and again once its image can.
         """
         self.snapshots.append(self._state.add(event, clock_s=clock_s, pulses=pulses, lost=lost))
         on_change()
@@ -122,16 +107,16 @@ def warm_up() -> None:
     gc.set_threshold(700)
 
 
-def watched_journal(held: RecordedRun) -> WatchedRun:
+def watched_journal(recorded: RecordedRun) -> RunHistory:
     """A recorded run from its beginning to its end."""
-    run = WatchedRun(held.configuration)
-    for entry in held.entries:
+    run = RunHistory(recorded.configuration)
+    for entry in recorded.entries:
         run.add(entry.event, clock_s=entry.clock_s)
     return run
 
 
 def _name(plan: SearchPlan | None, *, seed: int | None) -> str:
-    """What is run: method, form and seed, which the fields of a viewer need not show; no plan: a person decides."""
+    """Name of the run: method, form and seed; without a plan a person decides."""
     parts = ["by hand"] if plan is None else [plan.method, *(["as published"] if plan.as_published else [])]
     return ", ".join(parts if seed is None else [*parts, f"seed {seed}"])
 

@@ -1,4 +1,4 @@
-"""Tells the pages of all viewers that something has happened, so that none of them waits for its timer."""
+"""Signals a change to the pages of all viewers, so that none of them waits for its timer."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import weakref
 from contextlib import suppress
 
 
-class News:
+class ChangeSignal:
     """One event of asyncio for each viewer, all set together."""
 
     def __init__(self) -> None:

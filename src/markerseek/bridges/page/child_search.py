@@ -1,4 +1,4 @@
-"""A command that runs as a child and is watched: its events become a `WatchedRun`, its end an outcome."""
+"""A command that runs as a child and is watched: its events become a `RunHistory`, its end an outcome."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Literal, Protocol, TypeAlias
 
 from markerseek.bridges.child import Outcome
-from markerseek.bridges.page.watched import WatchedRun
+from markerseek.bridges.page.run_history import RunHistory
 from markerseek.core import MarkerseekError, Measured
 from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead, StreamItem
 
 Status: TypeAlias = Literal["starting", "running", "stopping", "ended"]
 
-MOST_WAITING = 16
+MAX_WAITING = 16
 """Events that may wait with their frames, of half a megabyte each; more wait without, and have no image."""
 
 
@@ -41,21 +41,12 @@ Launch: TypeAlias = Callable[[Sequence[str]], Child]
 """Starts a command."""
 
 
-class LiveRun:
+class ChildSearch:
     """One child, followed by a thread of its own until it ends.
 
-    Parameters
-    ----------
-    launch
-        Starts the command.
-    arguments
-        Its arguments.
-    journal
-        The journal that it keeps, for `resume`; None where it keeps none.
-    before
-        The run that it continues, whose images are kept; None where it continues none.
-    on_change
-        Called by a thread of the run whenever there is something new to show.
+    ``journal``: the journal that it keeps, for `resume`; None where it keeps none. ``before``: the run that it
+    continues, whose images are kept; None where it continues none. ``on_change``: called by a thread of the run
+    whenever there is something new to show.
     """
 
     def __init__(
@@ -64,12 +55,12 @@ class LiveRun:
         arguments: Sequence[str],
         *,
         journal: Path | None = None,
-        before: WatchedRun | None = None,
+        before: RunHistory | None = None,
         on_change: Callable[[], None] = lambda: None,
     ) -> None:
         self.arguments = tuple(arguments)
         self.journal = journal
-        self.run: WatchedRun | None = None
+        self.run: RunHistory | None = None
         self.outcome: Outcome | None = None
         self.lost = 0
         self._before = before
@@ -93,7 +84,7 @@ class LiveRun:
         return "running" if self.run is not None else "starting"
 
     @property
-    def last_run(self) -> WatchedRun | None:
+    def last_run(self) -> RunHistory | None:
         """What is known of the run: also what was known before it was continued, until that has begun."""
         return self._before if self.run is None else self.run
 
@@ -162,7 +153,7 @@ class LiveRun:
 
     @contextmanager
     def _stopped_by_failure(self, what: str) -> Iterator[None]:
-        """Whatever goes wrong in it stops the search, which nobody would see any more, and has a sentence."""
+        """Stop the search on any error in this block, with a sentence, because nobody would see the search any more."""
         whole = False
         try:
             yield
@@ -180,13 +171,13 @@ class LiveRun:
             return item
         sample = item.event.sample
         # The confirmation is the image that everybody looks at in the end.
-        if item.event.role == "confirmation" or (not sample.dark and self._arrived.qsize() < MOST_WAITING):
+        if item.event.role == "confirmation" or (not sample.dark and self._arrived.qsize() < MAX_WAITING):
             return item
         return replace(item, event=replace(item.event, sample=replace(sample, frame=None)))
 
     def _take(self, item: StreamItem) -> None:
         if isinstance(item, StreamHead):
-            run = WatchedRun(item.configuration)
+            run = RunHistory(item.configuration)
             if self._before is not None:
                 # A run that is continued repeats its events without their frames.
                 run.pictures.update(self._before.pictures)

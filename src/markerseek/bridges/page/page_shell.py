@@ -38,20 +38,13 @@ _STYLE = (Path(__file__).parent / "static" / "page.css").read_text(encoding="utf
 _PAGES = {"/": "search", "/race": "race", "/turn": "your turn", "/replay": "replay"}
 
 
-class Frame:
-    """Top of a page, and its one timer.
-
-    Parameters
-    ----------
-    searches
-        What all viewers share.
-    path
-        Path of this page.
-    """
+class PageShell:
+    """Top of a page, and its one timer."""
 
     def __init__(self, searches: PageSearches, path: str) -> None:
         self.searches = searches
-        self._news = searches.news.subscribe()
+        self.viewer = f"a browser at {ui.context.client.ip}"
+        self._changed = searches.changes.subscribe()
         # Numbers and times of the beats; the first tick sends one, so that a page that has just connected may be used.
         self._beats: deque[tuple[int, float]] = deque([(0, -math.inf)], maxlen=64)
         self._update: Callable[[], None] = lambda: None
@@ -99,24 +92,19 @@ class Frame:
         if time.monotonic() - sent_s >= BEAT_S:
             self._beats.append((beat + 1, time.monotonic()))
             self._beat.strike(beat + 1)
-        is_news = self._news.is_set()
-        self._news.clear()
+        has_changed = self._changed.is_set()
+        self._changed.clear()
         self._update()
-        if is_news:
+        if has_changed:
             # Events may come faster than anybody can see them.
             await asyncio.sleep(TICK_S)
         with suppress(TimeoutError):
-            await asyncio.wait_for(self._news.wait(), TICK_S)
+            await asyncio.wait_for(self._changed.wait(), TICK_S)
 
     def on_click(self, element: ui.element, handler: Callable[[], None]) -> None:
         """Run a command at a click, unless the page that was clicked on shows old things.
 
-        Parameters
-        ----------
-        element
-            The button.
-        handler
-            The command; its errors are shown.
+        ``handler``: the command; its errors are shown.
         """
 
         def checked(event: GenericEventArguments) -> None:
@@ -127,7 +115,7 @@ class Frame:
                 handler()
             except (MarkerseekError, OSError) as problem:
                 ui.notify(str(problem), type="negative", multi_line=True)
-            self._news.set()
+            self._changed.set()
 
         element.classes("ms-command")
         element.on("click", checked, js_handler="() => emit(window.markerseekBeat)")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.settings import PageSettings
-from markerseek.bridges.page.watched import WatchedRun
 from markerseek.core import Asked, Measured, SearchError, SearchPlan, Started
 from markerseek.rigs import simulated
 from markerseek.runs import new_session
@@ -14,21 +14,15 @@ from markerseek.sim import SimulatedSettings, changed_settings
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Score:
-    """How a person did.
-
-    Attributes
-    ----------
-    named_deg, truth_deg
-        The angle that was named, and the marker's, in degrees; None where there is none.
-    acquisitions, travel_deg, elapsed_s
-        As in `Snapshot`; the time on the rig's clock.
-    """
+    """How a person did."""
 
     named_deg: float
     truth_deg: float | None
+    """``named_deg`` and ``truth_deg``: the angle that was named, and the marker's."""
     acquisitions: int
     travel_deg: float
     elapsed_s: float
+    """``acquisitions``, ``travel_deg`` and ``elapsed_s``: the time on the rig's clock."""
 
     @property
     def error_deg(self) -> float | None:
@@ -36,15 +30,10 @@ class Score:
         return None if self.truth_deg is None else abs(self.named_deg - self.truth_deg)
 
 
-class Turn:
+class ManualSearch:
     """One search by hand.
 
-    Parameters
-    ----------
-    base
-        Settings of the simulated rig.
-    chosen
-        Seed, tissue, noise and receiver; method and speed do not matter.
+    ``chosen``: seed, tissue, noise and receiver; method and speed do not matter.
     """
 
     def __init__(self, base: SimulatedSettings, chosen: PageSettings) -> None:
@@ -53,17 +42,14 @@ class Turn:
         self.chosen = chosen
         # The plan names a method because every plan does; no policy decides here.
         session = new_session(self.rig, SearchPlan(method="exhaustive", stay=True))
-        self.run = WatchedRun(session.configuration, believes=False)
+        self.run = RunHistory(session.configuration, has_policy=False)
         self._add(Started(start_deg=self.rig.scanner.angle_deg, limits=self.rig.limits.search))
         self._count = 0
 
     def measure(self, angle_deg: float) -> None:
         """Turn the probe to an angle in degrees, fire, and acquire.
 
-        Raises
-        ------
-        LimitError
-            If it is outside the search range.
+        Raises `LimitError` if it is outside the search range.
         """
         self.rig.limits.require_search(angle_deg)
         self._count += 1
@@ -74,10 +60,7 @@ class Turn:
     def name(self, angle_deg: float) -> Score:
         """Name the angle of the marker in degrees, and learn how far off it is.
 
-        Raises
-        ------
-        SearchError
-            If nothing has been measured.
+        Raises `SearchError` if nothing has been measured.
         """
         if self._count == 0:
             raise SearchError("measure at least once before you name an angle")

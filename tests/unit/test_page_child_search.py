@@ -12,7 +12,7 @@ import pytest
 
 from markerseek import rigs
 from markerseek.bridges.child import Outcome
-from markerseek.bridges.page.live import MOST_WAITING, LiveRun
+from markerseek.bridges.page.child_search import MAX_WAITING, ChildSearch
 from markerseek.bridges.page.page_searches import PageRig, PageSearches
 from markerseek.bridges.page.search_page import status_text
 from markerseek.bridges.page.settings import PageSettings
@@ -22,6 +22,7 @@ from markerseek.rigs import read_rig_file
 from markerseek.runs import new_session, plan_on
 from markerseek.sim import GaussianCurve
 
+BROWSER = "a browser at 127.0.0.1"
 STOPPED = Outcome(exit_code=130, answer={"error": "stopped by SIGINT"})
 FOUND = Outcome(exit_code=0, answer={"answer": "found", "angle_deg": 1.0, "reason": None})
 
@@ -82,7 +83,7 @@ def test_events_become_snapshots(stream):
         begun.wait(30)
         return ScriptedChild(stream)
 
-    live = LiveRun(launch, ["search"], on_change=lambda: told.append(live.status))
+    live = ChildSearch(launch, ["search"], on_change=lambda: told.append(live.status))
     begun.set()
     assert live.join(30)
     assert (live.status, live.message) == ("ended", "found at 1.000 deg")
@@ -94,7 +95,7 @@ def test_events_become_snapshots(stream):
 
 def test_stop_ends_it(stream):
     child = ScriptedChild(stream[:5], endless=True)
-    live = LiveRun(lambda _: child, ["search"])
+    live = ChildSearch(lambda _: child, ["search"])
     live.stop()
     assert live.join(30)
     assert (live.status, live.message) == ("ended", "stopped by SIGINT")
@@ -107,7 +108,7 @@ def test_stop_before_the_child_is_there(stream):
         begun.wait(30)
         return child
 
-    live = LiveRun(launch, ["search"])
+    live = ChildSearch(launch, ["search"])
     live.stop()
     assert live.status == "stopping"
     begun.set()
@@ -119,14 +120,14 @@ def test_child_that_cannot_be_started():
     def launch(_):
         raise OSError("no processes left")
 
-    live = LiveRun(launch, ["search"])
+    live = ChildSearch(launch, ["search"])
     assert live.join(30)
     assert (live.status, live.message) == ("ended", "no processes left")
 
 
 def test_stream_that_cannot_be_read_stops_the_child(stream):
     child = ScriptedChild(stream[:5], error=RecordError("stream: no stream"))
-    live = LiveRun(lambda _: child, ["search"])
+    live = ChildSearch(lambda _: child, ["search"])
     assert live.join(30)
     assert (child.stopped.is_set(), live.message) == (True, "stream: no stream")
     # Nobody knows where the probe is that was on its way.
@@ -140,29 +141,29 @@ def test_search_that_cannot_be_shown_is_stopped(stream, monkeypatch):
     def broken(*_, **__):
         raise ZeroDivisionError
 
-    monkeypatch.setattr("markerseek.bridges.page.watched.WatchedRun.add", broken)
+    monkeypatch.setattr("markerseek.bridges.page.run_history.RunHistory.add", broken)
     child = ScriptedChild(stream[:5], endless=True)
-    live = LiveRun(lambda _: child, ["search"])
+    live = ChildSearch(lambda _: child, ["search"])
     assert live.join(30)
     assert (child.stopped.is_set(), live.message) == (True, "the page cannot show this search; it was stopped")
 
 
 def test_frames_that_wait_are_bounded(stream, monkeypatch):
     hold, frames = threading.Event(), []
-    monkeypatch.setattr(LiveRun, "_take", lambda _, item: (hold.wait(30), frames.append(item.event.sample.frame)))
+    monkeypatch.setattr(ChildSearch, "_take", lambda _, item: (hold.wait(30), frames.append(item.event.sample.frame)))
     lit = next(
         each
         for each in stream
         if isinstance(each, StreamEvent) and isinstance(each.event, Measured) and not each.event.sample.dark
     )
-    child = ScriptedChild([lit] * (3 * MOST_WAITING))
-    live = LiveRun(lambda _: child, ["search"])
+    child = ScriptedChild([lit] * (3 * MAX_WAITING))
+    live = ChildSearch(lambda _: child, ["search"])
     while not child.sent.empty():
         pass
     hold.set()
     assert live.join(30)
-    assert len(frames) == 3 * MOST_WAITING
-    assert MOST_WAITING <= sum(frame is not None for frame in frames) <= MOST_WAITING + 2
+    assert len(frames) == 3 * MAX_WAITING
+    assert MAX_WAITING <= sum(frame is not None for frame in frames) <= MAX_WAITING + 2
 
 
 def test_published_form_wins_no_race():
@@ -201,9 +202,9 @@ def searches(children, tmp_path, monkeypatch, **rig):
 
 def test_one_search_at_a_time(stream, tmp_path, monkeypatch):
     shared, asked = searches([ScriptedChild(stream[:5], endless=True)], tmp_path, monkeypatch)
-    shared.start(PageSettings(seed=4))
+    shared.start(PageSettings(seed=4), asked_by=BROWSER)
     for another in (
-        lambda: shared.start(PageSettings()),
+        lambda: shared.start(PageSettings(), asked_by=BROWSER),
         lambda: shared.start_race(PageSettings(), PageSettings()),
         lambda: shared.replay("x", PageSettings()),
         shared.go_on,
@@ -220,12 +221,14 @@ def test_rig_of_devices_is_never_armed_from_the_page(stream, tmp_path, monkeypat
     children = [ScriptedChild(stream[:5], endless=True)]
     settings = read_rig_file(Path("examples/rigs/bench.toml"))
     shared, asked = searches(children, tmp_path, monkeypatch, file=tmp_path / "rig.toml", settings=settings)
-    shared.start(PageSettings(seed=4, tissue="liver"))
+    shared.start(PageSettings(seed=4, tissue="liver"), asked_by=BROWSER)
     shared.search.journal.touch()
     shared.stop()
     assert shared.search.join(10)
     assert asked[0][:5] == ["search", "--rig", str(tmp_path / "rig.toml"), "--method", "posterior"]
     assert not {"--arm", "--reset-fault", "--seed", "--tissue"} & set(asked[0])
+    # For the question in the terminal.
+    assert asked[0][-1] == "--asked-by=a browser at 127.0.0.1"
     assert not shared.paused
     with pytest.raises(SearchError, match="resume it in the terminal"):
         shared.go_on()
@@ -259,14 +262,14 @@ def test_nothing_starts_after_the_end(tmp_path, monkeypatch):
     shared, asked = searches([], tmp_path, monkeypatch)
     shared.close()
     with pytest.raises(SearchError, match="is being closed"):
-        shared.start(PageSettings())
+        shared.start(PageSettings(), asked_by=BROWSER)
     assert asked == []
 
 
 def test_pause_while_a_search_goes_on_can_go_on_again(stream, tmp_path, monkeypatch):
     children = [ScriptedChild(stream[:5], endless=True), ScriptedChild(endless=True), ScriptedChild(stream)]
     shared, asked = searches(children, tmp_path, monkeypatch)
-    shared.start(PageSettings())
+    shared.start(PageSettings(), asked_by=BROWSER)
     while shared.search.run is None or len(shared.search.run.snapshots) < 3:
         time.sleep(0.01)
     shared.search.journal.touch()
@@ -283,7 +286,7 @@ def test_pause_while_a_search_goes_on_can_go_on_again(stream, tmp_path, monkeypa
 
 def test_search_whose_last_event_was_lost_has_ended(stream, tmp_path, monkeypatch):
     shared, _ = searches([ScriptedChild([*stream[:5], StreamEnd(lost_lines=4)])], tmp_path, monkeypatch)
-    shared.start(PageSettings())
+    shared.start(PageSettings(), asked_by=BROWSER)
     shared.search.journal.touch()
     assert shared.search.join(10)
     assert not shared.paused
@@ -295,7 +298,7 @@ def test_whatever_goes_wrong_has_a_sentence():
     def launch(_):
         raise RuntimeError("can't start new thread")
 
-    live = LiveRun(launch, [])
+    live = ChildSearch(launch, [])
     assert live.join(10)
     assert (live.failed, live.message) == (True, "the page cannot follow this search; it was stopped")
 
@@ -305,7 +308,7 @@ def test_child_that_does_not_stop_is_killed(stream, tmp_path, monkeypatch):
     child = ScriptedChild(stream[:5], endless=True)
     child.stop = lambda: None
     shared, _ = searches([child], tmp_path, monkeypatch)
-    shared.start(PageSettings())
+    shared.start(PageSettings(), asked_by=BROWSER)
     shared.close()
     assert child.stopped.is_set()
 

@@ -1,4 +1,4 @@
-"""Fast notice of the control process's death: a signal by Linux to its children, and real-time priority."""
+"""The death of the parent process as a signal of Linux to its child, and real-time priority for a thread."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def end_with_parent(number: signal.Signals) -> bool:
     return int(prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(number), 0, 0, 0)) == 0
 
 
-def hasten() -> None:
+def set_realtime_priority() -> None:
     """Give this thread real-time priority, where the user may (``ulimit -r``): for threads that do little."""
     # SCHED_RESET_ON_FORK: children must not inherit a priority that can starve the whole computer.
     with contextlib.suppress(AttributeError, OSError):

@@ -10,19 +10,16 @@ from markerseek.core import RecordError
 from markerseek.files import sync_folder
 from markerseek.records.journal.connection import rollback_file
 
-_MOST_COPIES = 100
+_MAX_COPIES = 100
 
 
-class Presence:
+class FileIdentity:
     """Device and inode of an open journal and of its rollback file.
 
     A deleted file stays readable and writable for the program that has it open, and is lost when that program ends; a
     lost rollback file is missing if the program dies in a commit.
 
-    Parameters
-    ----------
-    path
-        The journal, just opened.
+    ``path``: the journal, just opened.
     """
 
     def __init__(self, path: Path) -> None:
@@ -33,10 +30,7 @@ class Presence:
     def loss(self) -> str | None:
         """Name of the file that was deleted or replaced; None while both are those that were opened.
 
-        Raises
-        ------
-        OSError
-            If the file system does not answer.
+        Raises `OSError` if the file system does not answer.
         """
         if _identity(self._path) != self._file:
             return f"{self._path}"
@@ -50,21 +44,10 @@ class Presence:
 def copied(connection: sqlite3.Connection, path: Path) -> Path:
     """Copy of an open journal in a new file beside it.
 
-    Parameters
-    ----------
-    connection
-        To the journal.
-    path
-        Path of the journal before the loss.
-
-    Raises
-    ------
-    RecordError
-        If no such file can be made.
-    sqlite3.Error, OSError
-        If it cannot be written; nothing is left behind.
+    ``path``: path of the journal before the loss. Raises `RecordError` if no such file can be made. Raises
+    `sqlite3.Error` or `OSError` if it cannot be written; nothing is left behind.
     """
-    for number in range(1, _MOST_COPIES + 1):
+    for number in range(1, _MAX_COPIES + 1):
         copy = path.with_name(f"{path.stem}-rescued-{number}{path.suffix}")
         try:
             copy.open("xb").close()
@@ -80,7 +63,7 @@ def copied(connection: sqlite3.Connection, path: Path) -> Path:
             copy.unlink(missing_ok=True)
             raise
         return copy
-    raise RecordError(f"{path.parent} holds {_MOST_COPIES} rescued copies of it already; remove those not needed")
+    raise RecordError(f"{path.parent} holds {_MAX_COPIES} rescued copies of it already; remove those not needed")
 
 
 def _identity(path: Path) -> tuple[int, int] | None:

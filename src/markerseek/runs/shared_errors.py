@@ -1,0 +1,75 @@
+"""Errors that all points of a registration share: how far one standard deviation of each displaces a point.
+
+No residual shows them as noise, and no sigma of a point holds them, so that they are unknowns of the registration, each
+with a Gaussian prior of mean 0.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from markerseek.core import Float64
+from markerseek.geometry import StereoCameras, Triangulated
+
+SOUND_SPEED, FACE_RADIUS_M, ANGLE_ZERO_DEG, FOCAL_LENGTH = 0.01, 0.2e-3, 0.1, 0.005
+"""Standard deviations of the sound speed (relative), of the distance of the array's face from the axis (metres), of the
+angle at which the stage finds its zero again (degrees), and of the focal length (relative)."""
+
+USUAL_FACE_M = 10e-3
+"""Distance of the array's face from the axis, in metres, from which depth counts. A marker's position does not say it;
+2 mm more change the effect of 1 % of sound speed by 0.02 mm, a tenth of that of `FACE_RADIUS_M`."""
+
+
+class SharedError(NamedTuple):
+    """An error that all points share: its name, and its standard deviation in a unit."""
+
+    name: str
+    sigma: float
+    unit: str
+
+
+TRUS_ERRORS = (
+    SharedError("sound speed", 100 * SOUND_SPEED, "%"),
+    SharedError("face radius", 1e3 * FACE_RADIUS_M, "mm"),
+    SharedError("zero of the angle", ANGLE_ZERO_DEG, "deg"),
+)
+"""The errors of `trus_shared_m`, in its order."""
+
+FOCAL_ERROR = SharedError("focal length", 100 * FOCAL_LENGTH, "%")
+"""The first error of `camera_shared_m`; four shifts of the images follow where the pixels are known."""
+
+
+def trus_shared_m(trus_m: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3 3"]:
+    """Displacements of points in the TRUS frame, in metres, where a value of `TRUS_ERRORS` was assumed too large."""
+    x, _, z = trus_m.T
+    radius_m = np.maximum(np.hypot(x, z), 1e-9)
+    away = np.stack([x / radius_m, np.zeros_like(x), z / radius_m], axis=1)
+    turned_m = math.radians(ANGLE_ZERO_DEG) * np.stack([z, np.zeros_like(x), -x], axis=1)
+    deeper_m = SOUND_SPEED * (radius_m - USUAL_FACE_M)
+    return np.stack([deeper_m[:, None] * away, FACE_RADIUS_M * away, turned_m], axis=2)
+
+
+def camera_shared_m(
+    seen: Triangulated,
+    left_px: Float64[np.ndarray, "points 2"],
+    right_px: Float64[np.ndarray, "points 2"],
+    cameras: StereoCameras,
+    *,
+    calibration_sigma_px: float,
+) -> Float64[np.ndarray, "points 3 5"]:
+    """Displacements of triangulated points in the camera's frame, in metres.
+
+    First where the focal length was assumed too large, then where left x, left y, right x, right y are shifted.
+    """
+    # With a longer focal length, the same pixels are as near to the principal point as others are with the right one.
+    from_centre = np.concatenate([left_px - cameras.left.centre_px, right_px - cameras.right.centre_px], axis=1)
+    focal_m = -FOCAL_LENGTH * np.einsum("nij,nj->ni", seen.by_pixel_m, from_centre)
+    return np.concatenate([focal_m[:, :, None], calibration_sigma_px * seen.by_pixel_m], axis=2)
+
+
+def focal_shared_m(camera_m: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3 1"]:
+    """The same for points without known pixels: the focal length alone, which stretches a stereo pair's depth."""
+    return np.asarray((FOCAL_LENGTH * camera_m * [0, 0, 1])[:, :, None])

@@ -1,0 +1,113 @@
+"""Servo commands to a stage node in another process: a newer one replaces the older, and no clock keeps one alive."""
+
+from __future__ import annotations
+
+import shutil
+import struct
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from ros_processes import MARKERSEEK, Start
+
+pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
+
+from turning import Client
+
+from markerseek.ros import RosNode, topics
+
+HERE = Path(__file__).parent
+MAX_AFTER_DEG = 2.5
+
+
+@pytest.fixture
+def node() -> Iterator[RosNode]:
+    with RosNode("client") as made:
+        yield made
+
+
+@pytest.mark.real_time
+def test_item_3_a_newer_servo_command_replaces_the_one_that_is_carried_out(start: Start, node: RosNode) -> None:
+    start(*MARKERSEEK, "ros2", "sim", "--pace", "1")
+    client = Client(node)
+    client.servo(30.0, duration_s=0.7)
+    client.until(lambda: client.angle_deg > 1.0)
+    sent_s, from_deg = time.monotonic(), client.angle_deg
+    client.angles.clear()
+    client.servo(-20.0, duration_s=2.0)
+    # It turns back at once: today it went on to 30 degrees for 3.4 s.
+    assert max(angle for _heard_s, angle in client.angles) < from_deg + MAX_AFTER_DEG
+    assert client.angle_deg < from_deg - 5.0
+    turned_back_s = next(heard_s for heard_s, angle in client.angles if angle < from_deg - 0.5)
+    assert turned_back_s - sent_s < 1.0
+
+
+@pytest.mark.real_time
+def test_item_3_a_servo_command_further_on_does_not_stop_the_stage_in_between(start: Start, node: RosNode) -> None:
+    start(*MARKERSEEK, "ros2", "sim", "--pace", "1")
+    client = Client(node)
+    first_deg = client.angle_deg
+    # A client that streams its way, as those of CRTK do.
+    ends_s = time.monotonic() + 4.0
+    began_s = time.monotonic()
+    while (now_s := time.monotonic()) < ends_s:
+        client.send(topics.SERVO_JP, first_deg + 2.0 * (now_s - began_s))
+        client.wait(0.02)
+    client.rest()
+    assert client.angle_deg - first_deg > 4.0
+
+
+@pytest.mark.real_time
+@pytest.mark.parametrize("jump_s", [-30.0, 30.0])
+def test_item_4_no_jump_of_the_clock_keeps_a_servo_command_alive_or_the_node_mute(
+    start: Start, node: RosNode, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, jump_s: float
+) -> None:
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("needs a C compiler, to set the clock of one process")
+    shim, clock = tmp_path / "shifted_clock.so", tmp_path / "clock"
+    subprocess.run([compiler, "-shared", "-fPIC", "-o", shim, HERE / "shifted_clock.c"], check=True)
+    clock.write_bytes(struct.pack("d", 0.0))
+    with monkeypatch.context() as patched:
+        patched.setenv("LD_PRELOAD", str(shim))
+        patched.setenv("SHIFTED_CLOCK", str(clock))
+        start(*MARKERSEEK, "ros2", "sim", "--pace", "1")
+    client = Client(node)
+    from_deg = client.angle_deg
+    client.send(topics.SERVO_JP, 30.0 if from_deg < 0 else -30.0)
+    client.until(lambda: client.states[-1]["is_busy"])
+    with clock.open("r+b") as file:
+        file.write(struct.pack("d", jump_s))
+    client.clock_ahead_s = jump_s
+    client.rest()
+    turned_deg = abs(client.angle_deg - from_deg)
+    assert 0.0 < turned_deg <= MAX_AFTER_DEG
+    # It is neither mute nor deaf: an angle every 0.1 s, and the next command is carried out.
+    client.angles.clear()
+    client.wait(1.0)
+    assert len(client.angles) >= 5
+    target_deg = client.angle_deg + 1.0
+    client.go(target_deg)
+
+
+@pytest.mark.real_time
+@pytest.mark.parametrize("emulated", [False, True], ids=["simulated", "KDC101 emulator"])
+def test_item_12_the_angle_comes_at_least_twenty_times_a_second_while_the_stage_turns(
+    start: Start, node: RosNode, tmp_path: Path, emulated: bool
+) -> None:
+    if emulated:
+        emulator = start(*MARKERSEEK, "emulate", "bench", "--dir", tmp_path / "bench", wait=False)
+        next(line for line in emulator.stdout if "Ctrl-C ends it" in line)
+        start(*MARKERSEEK, "ros2", "stage", "--rig", tmp_path / "bench" / "rig.toml", "--arm")
+    else:
+        start(*MARKERSEEK, "ros2", "sim", "--pace", "1")
+    client = Client(node)
+    from_deg = client.angle_deg
+    target_deg = from_deg + 20.0 if from_deg < 0 else from_deg - 20.0
+    client.go(target_deg)
+    turning = [(heard_s, angle) for heard_s, angle in client.angles if 1 < abs(angle - from_deg) < 19]
+    assert (len(turning) - 1) / (turning[-1][0] - turning[0][0]) >= 20.0
+    # They are angles on its way, and not the last one again.
+    assert len({angle for _heard_s, angle in turning}) >= 10

@@ -1,0 +1,69 @@
+"""A client of a stage node in another process, which notes the angles that it hears and when."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+from markerseek.ros import RosNode, messages, topics
+
+JOINT, TEXT = "sensor_msgs/msg/JointState", "std_msgs/msg/String"
+
+
+class Client:
+    """Sends commands to a stage node, with the clock of that node, and notes what it publishes."""
+
+    def __init__(self, node: RosNode) -> None:
+        self.node = node
+        self.clock_ahead_s = 0.0
+        self.angles: list[tuple[float, float]] = []
+        self.states: list[dict[str, Any]] = []
+        node.advertise(topics.SERVO_JP, JOINT)
+        node.advertise(topics.MOVE_JP, JOINT)
+        node.subscribe(topics.MEASURED_JS, JOINT, self._on_angle)
+        node.subscribe(topics.STATE, TEXT, lambda message: self.states.append(json.loads(message.data)))
+        self.until(lambda: node.matched(topics.SERVO_JP) and bool(self.angles and self.states))
+
+    def _on_angle(self, message: Any) -> None:
+        self.angles.append((time.monotonic(), math.degrees(message.position[0])))
+
+    @property
+    def angle_deg(self) -> float:
+        return self.angles[-1][1]
+
+    def until(self, ended: Callable[[], bool], *, most_s: float = 20.0) -> None:
+        ends_s = time.monotonic() + most_s
+        while not ended():
+            assert time.monotonic() < ends_s, (self.angles[-1:], self.states[-1:])
+            self.node.spin(0.01)
+
+    def wait(self, duration_s: float) -> None:
+        ends_s = time.monotonic() + duration_s
+        self.until(lambda: time.monotonic() >= ends_s, most_s=duration_s + 1)
+
+    def send(self, topic: str, angle_deg: float) -> None:
+        time_s = self.node.now_s() + self.clock_ahead_s
+        self.node.publish(topic, messages.joint_state(self.node.kinds, time_s=time_s, angle_deg=angle_deg))
+
+    def go(self, angle_deg: float) -> None:
+        """Have it go to an angle; on a busy computer a command can be too old when it comes, and is sent again."""
+        ends_s = time.monotonic() + 20.0
+        while abs(self.angle_deg - angle_deg) > 0.01:
+            assert time.monotonic() < ends_s, (self.angles[-1:], self.states[-1:])
+            if not self.states[-1]["is_busy"]:
+                self.send(topics.MOVE_JP, angle_deg)
+            self.wait(0.2)
+
+    def servo(self, angle_deg: float, *, duration_s: float, every_s: float = 0.1) -> None:
+        ends_s = time.monotonic() + duration_s
+        while time.monotonic() < ends_s:
+            self.send(topics.SERVO_JP, angle_deg)
+            self.wait(every_s)
+
+    def rest(self) -> None:
+        """Wait until the stage says that it rests, twice: the first may be from before a command."""
+        self.states.clear()
+        self.until(lambda: [each["is_busy"] for each in self.states[-3:]] == [False] * 3)

@@ -1,0 +1,126 @@
+"""Where output goes and who may read it: closed and full standard output, rights of files, odd names, PYTHONPATH."""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from tests.emulated import markerseek
+
+Shell = Callable[..., tuple[int, str, str]]
+SEARCH = ("search", "--seed", "1", "--method", "weighted-average", "--acquisitions", "4", "--as-published")
+
+
+def ended(tmp_path: Path, redirected: str, *words: str) -> subprocess.CompletedProcess[str]:
+    """A search whose standard streams a shell has changed."""
+    command = markerseek(*SEARCH, "--journal", tmp_path / "run.journal", *words)
+    shell = ["sh", "-c", f'exec "$@" {redirected}', "sh", *command]
+    return subprocess.run(shell, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("words", [(), ("--json",)], ids=["text", "json"])
+def test_a_good_search_with_its_output_closed_ends_well(words: tuple[str, ...], tmp_path: Path, shell: Shell) -> None:
+    done = ended(tmp_path, ">&-", *words)
+    said = "" if words else f"journal: {tmp_path / 'run.journal'}\n"
+    assert (done.returncode, done.stderr) == (0, said)
+    # Nothing was printed into the file that would have got the number of standard output.
+    code, out, _ = shell("journal", "verify", tmp_path / "run.journal")
+    assert (code, "faults" not in out) == (0, True)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("words", [(), ("--json",)], ids=["text", "json"])
+def test_a_good_search_whose_output_is_full_says_so_in_one_sentence(words: tuple[str, ...], tmp_path: Path) -> None:
+    done = ended(tmp_path, ">/dev/full", *words)
+    assert done.returncode == 74
+    assert done.stderr == (
+        "error: the output cannot be written: No space left on device; a journal, if one is kept, holds the answer\n"
+    )
+    assert (tmp_path / "run.journal").exists()
+
+
+@pytest.mark.parametrize("words", [(), ("--json",)], ids=["text", "json"])
+def test_a_reader_that_goes_is_one_sentence(words: tuple[str, ...], tmp_path: Path) -> None:
+    command = markerseek(*SEARCH, "--journal", tmp_path / "run.journal", *words)
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writing)
+    assert (done.returncode, done.stderr.count("\n")) == (74, 1)
+    assert "the output cannot be written: Broken pipe" in done.stderr
+
+
+def test_a_search_whose_progress_nobody_reads_goes_on(tmp_path: Path) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    command = markerseek(*SEARCH, "--json", "--journal", tmp_path / "run.journal")
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=writing, text=True, check=False)
+    os.close(writing)
+    assert done.returncode == 0
+    assert json.loads(done.stdout)["answer"] == "found"
+
+
+def test_what_a_command_writes_can_be_read_by_its_owner_only(tmp_path: Path) -> None:
+    out = tmp_path / "pictures"
+    words = ("--journal", tmp_path / "run.journal", "--events", tmp_path / "run.events", "--plot", "--out", out)
+    before = os.umask(0o022)
+    try:
+        subprocess.run(markerseek(*SEARCH, *words), check=True, capture_output=True)
+    finally:
+        os.umask(before)
+    written = [tmp_path / "run.journal", tmp_path / "run.events", out / "search.png", out / "search.html"]
+    assert {each.name: stat.S_IMODE(each.stat().st_mode) for each in written} == dict.fromkeys(
+        (each.name for each in written), 0o600
+    )
+
+
+@pytest.mark.parametrize("length", [246, 247, 248, 255])
+def test_one_long_name_does_not_hide_the_other_journals(length: int, tmp_path: Path, shell: Shell) -> None:
+    folder = tmp_path / "journals"
+    folder.mkdir()
+    shell(*SEARCH, "--journal", folder / "good.journal")
+    (folder / ("x" * (length - 8) + ".journal")).write_bytes((folder / "good.journal").read_bytes())
+    code, out, _ = shell("journal", "list", folder, "--json")
+    listed = json.loads(out)["journals"]
+    assert code == 0
+    states = {Path(each["path"]).name[:4]: each["state"] for each in listed}
+    assert states["good"] == "finished"
+    assert states["xxxx"] in ("finished", "unreadable")
+    assert shell("journal", "prune", folder, "--keep", "0")[0] == 0
+
+
+def test_colons_in_a_path_are_printed_as_they_are(tmp_path: Path, shell: Shell) -> None:
+    path = tmp_path / "a:x:b:smile:.journal"
+    _, out, err = shell("journal", "verify", path)
+    assert "a:x:b:smile:.journal" in (out + err).replace("\n", "")
+    _, out, err = shell(*SEARCH, "--journal", path)
+    assert f"journal: {path}\n" in out + err
+    assert "a:x:b:smile:.journal" in shell("journal", "list", tmp_path)[1]
+
+
+LAB = ("typer", "rich", "msgspec", "numpy", "h5py", "json", "struct", "socket", "resource", "sqlite3")
+"""What is imported once the command has begun: what Python itself imports first is beyond it."""
+
+
+@pytest.mark.parametrize("path", ["{elsewhere}:", ":{elsewhere}", "{elsewhere}::{elsewhere}"])
+def test_an_empty_element_of_the_python_path_runs_nothing_of_the_current_folder(path: str, tmp_path: Path) -> None:
+    lab, elsewhere = tmp_path / "lab", tmp_path / "elsewhere"
+    lab.mkdir()
+    elsewhere.mkdir()
+    for name in LAB:
+        (lab / f"{name}.py").write_text(
+            f"open({str(tmp_path / 'imported-')!r} + __name__, 'w').close()\nraise OSError\n"
+        )
+    bank = Path(__file__).parents[1] / "unit" / "banks" / "bank.hdf5"
+    environment = os.environ | {"PYTHONPATH": path.format(elsewhere=elsewhere)}
+    # The second reads the bank in a child of its own, and refuses its frames.
+    for words, code in (((*SEARCH, "--no-journal"), 0), (("bank", "info", bank), 2)):
+        command = markerseek(*words)
+        done = subprocess.run(command, cwd=lab, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == code, done.stderr
+    assert [each.name for each in tmp_path.glob("imported-*")] == []
