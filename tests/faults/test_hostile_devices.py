@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from hostile_folders import STEP
 from markerseek.core import DeviceError, MoveError, NotConnectedError
 from markerseek.drivers.daq_folder import DaqFolder
-from markerseek.drivers.kdc101 import Kdc101DriverSettings, Kdc101Stage
+from markerseek.drivers.kdc101 import Kdc101Settings, Kdc101Stage
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.emulators import DirectPort
 from markerseek.emulators.kdc101 import Kdc101Emulator
@@ -111,9 +111,10 @@ def test_a_stage_too_far_from_home_for_any_target_to_be_encoded_is_refused(posit
     emulator = Kdc101Emulator(probe=SimpleNamespace(angle_deg=0.0))
     port = DirectPort(device=emulator, clock=clock)
     port.write(struct.pack("<HHBBHi", 0x0410, 6, 0x50 | 0x80, 0x01, apt.CHANNEL, position))
+    # By this zero the nearest turn is the next one, beyond 32 bits.
+    settings = Kdc101Settings(port="", zero_deg=-100.0 if position > 0 else 100.0)
     with pytest.raises(MoveError, match="more than a thousand turns"):
-        # By this zero the nearest turn is the next one, beyond 32 bits.
-        Kdc101Stage(port=port, clock=clock, settings=Kdc101DriverSettings(zero_deg=-100.0 if position > 0 else 100.0))
+        Kdc101Stage(port=port, clock=clock, settings=settings)
 
 
 def test_a_pipe_in_the_place_of_a_channel_file_is_not_waited_for(tmp_path: Path) -> None:

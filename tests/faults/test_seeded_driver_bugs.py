@@ -193,7 +193,7 @@ def acquired(waits: dict[int, Callable[[Path], None]]) -> Any:
         folder = Path(name)
         files(value=1)(folder)
         clock = Writer(folder, waits)
-        receiver = SonixDaqReceiver(settings=SonixDaqSettings(folder=folder, timeout_s=1.0), clock=clock)
+        receiver = SonixDaqReceiver(settings=SonixDaqSettings(folder=str(folder), timeout_s=1.0), clock=clock)
         try:
             receiver.arm(permit())
             return receiver.acquire(permit())
@@ -257,25 +257,25 @@ DRIVER_BUGS = {
         check=a_stage_that_only_says_it_is_there_is_refused,
     ),
     "a fall-back that is believed": Bug(
-        where="drivers._kdc101_course:Course.objection",
+        where="drivers._kdc101_move:Course.objection",
         old="if back > self._unsteady:",
         new="if back > 10_000:",
         check=an_encoder_that_falls_back_is_refused,
     ),
     "a fall-back against the wrong heading": Bug(
-        where="drivers._kdc101_course:Course.objection",
+        where="drivers._kdc101_move:Course.objection",
         old="self._heading * (self._farthest - reading.counts)",
         new="self._heading * (reading.counts - self._farthest)",
         check=the_stage_goes_where_it_is_sent,
     ),
     "the age of answers left out": Bug(
-        where="drivers._kdc101_course:Course._advances",
+        where="drivers._kdc101_move:Course._advances",
         old="third.asked_s - second.answered_s",
         new="third.answered_s - first.asked_s",
         check=a_stage_on_a_slow_line_is_believed,
     ),
     "a motor that may lose its speed at once": Bug(
-        where="drivers._kdc101_course:Course.objection",
+        where="drivers._kdc101_move:Course.objection",
         old="if low <= advance <= high:",
         new="if True:",
         check=an_encoder_that_loses_a_little_is_refused,

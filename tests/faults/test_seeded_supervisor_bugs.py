@@ -18,7 +18,8 @@ import msgspec
 import pytest
 
 from markerseek.core import ConfigError
-from markerseek.supervisor import Line, Supervisor
+from markerseek.files import Line
+from markerseek.supervisor import Supervisor
 from seeding import Bug, caught, seeded
 
 pytestmark = pytest.mark.real_time

@@ -15,7 +15,7 @@ from markerseek.cli import direction as direction_of
 from markerseek.cli import doctor
 from markerseek.cli.direction import verdict_of
 from markerseek.core import RigFacts
-from markerseek.drivers.kdc101 import Kdc101DriverSettings, Kdc101Stage
+from markerseek.drivers.kdc101 import Kdc101Settings, Kdc101Stage
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
 from markerseek.emulators import DirectPort
@@ -60,11 +60,13 @@ def emulated_rig(folder: Path, *, mirrored: bool, **stage: Any) -> Rig:
     imaging = image_reader(SETTINGS.probe.array, sampling_hz=SETTINGS.receiver.sampling_hz)
     devices = {
         "stage": Kdc101Stage(
-            port=DirectPort(device=bench.stage, clock=clock), clock=clock, settings=Kdc101DriverSettings(**stage)
+            port=DirectPort(device=bench.stage, clock=clock),
+            clock=clock,
+            settings=Kdc101Settings(**{"port": "", "zero_deg": 0.0} | stage),
         ),
         "laser": LaserBox(port=DirectPort(device=bench.laser_box, clock=clock), clock=clock, dark_triggers=4),
         "receiver": SonixDaqReceiver(
-            settings=SonixDaqSettings(folder=folder, timeout_s=3.0, dark_triggers=4), clock=clock
+            settings=SonixDaqSettings(folder=str(folder), timeout_s=3.0), clock=clock, dark_triggers=4
         ),
     }
     guard = Guard(limits=SETTINGS.limits, firing=FiringLimits(), admission=Admission())

@@ -8,7 +8,6 @@ import pytest
 
 from kdc101_bench import bench
 from markerseek.core import ConfigError, DeviceTimeoutError, Interval, LimitError, MoveError, NotConnectedError
-from markerseek.drivers.kdc101 import Kdc101DriverSettings
 from markerseek.wire import apt
 from markerseek.wire.apt_frames import AptFramer
 
@@ -87,4 +86,4 @@ def test_nobody_there() -> None:
 )
 def test_settings_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=next(iter(wrong))):
-        Kdc101DriverSettings(**wrong)
+        bench().stage(**wrong)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from markerseek.core import Clock, ConfigError, Laser, Receiver, RigFacts, Stage
-from markerseek.drivers import BenchProbe, BenchSettings, Ros2StageSettings, RosReceiver, SystemClock
+from markerseek.drivers import PARTS, BenchProbe, BenchSettings, Part, SystemClock, entry_of, is_emulated
 from markerseek.guard import Guard
-from markerseek.rigs.bench_devices import OpenDevices, acquisition_of, emulated, guard_of, lines_of, stage_of
+from markerseek.rigs.bench_devices import OpenDevices, guard_of
 from markerseek.rigs.recipe import BenchRecipe
 from markerseek.rigs.rig import Rig, fingerprint, with_probe
 from markerseek.rigs.simulated_devices import DARK_FRAMES
@@ -37,8 +37,8 @@ def bench(settings: BenchSettings) -> Rig:
 def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageReader) -> Rig:
     # Each wait of the control loop renews the supervisor's lease; a hung loop does not, and is stopped.
     clock = SystemClock(beat=devices.supervisor.beat if devices.supervisor else None)
-    stage, stage_name = stage_of(settings, devices, clock)
-    laser, receiver, acquisition_name = acquisition_of(settings, devices, clock)
+    stage, stage_name = devices.stage(clock)
+    laser, receiver, acquisition_name = devices.acquisition(clock)
     scanner = Scanner(
         stage=stage,
         laser=laser,
@@ -52,12 +52,14 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
     facts = RigFacts(
         kind="bench",
         description=f"{stage_name}, {acquisition_name}"
-        + ("" if settings.supervisor.enabled or not lines_of(settings) else ", WITHOUT a supervisor"),
+        + ("" if settings.supervisor.enabled or not settings.lines else ", WITHOUT a supervisor"),
         fingerprint=fingerprint(settings),
         search=settings.limits.search,
         face_radius_m=settings.probe.face_radius_m,
         # By what the devices answer and not by a key: a rig file may be copied from an emulated bench to a real one.
-        emulated=emulated(stage, laser, receiver),
+        emulated=tuple(
+            part for part, device in zip(PARTS, (stage, laser, receiver), strict=True) if is_emulated(device)
+        ),
     )
     return Rig(
         facts=with_probe(facts, imaging),
@@ -71,6 +73,8 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         closing_dark=True,
         recipe=BenchRecipe.of(settings),
         devices=devices,
+        bench=settings,
+        checks=devices.checks,
     )
 
 
@@ -108,9 +112,10 @@ def bench_part(
 
     ``beat``: called while a device works, at least every 20 ms; it may raise an exception, which ends the step.
     """
-    if isinstance(settings.stage if part == "stage" else settings.receiver, Ros2StageSettings | RosReceiver):
+    served: tuple[Part, ...] = ("stage",) if part == "stage" else ("laser", "receiver")
+    if any(entry_of(each, getattr(settings, each)).is_node for each in served):
         raise ConfigError(f"the {part} of this rig file is itself a ROS 2 node; name the rig file of its devices")
-    devices = OpenDevices(settings, names=("stage",) if part == "stage" else ("laser",))
+    devices = OpenDevices(settings, parts=served)
     try:
         supervisor = devices.supervisor
 
@@ -122,9 +127,9 @@ def bench_part(
         clock = SystemClock(beat=step)
         held: Stage | tuple[Laser, Receiver]
         if part == "stage":
-            held, description = stage_of(settings, devices, clock)
+            held, description = devices.stage(clock)
         else:
-            laser, receiver, description = acquisition_of(settings, devices, clock)
+            laser, receiver, description = devices.acquisition(clock)
             held = laser, receiver
         return BenchPart(part=held, guard=guard_of(settings), clock=clock, description=description, devices=devices)
     except BaseException:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from markerseek.core import ConfigError, require_range
-from markerseek.files import in_words, known_keys, read_toml
+from markerseek.files import read_toml, settings_from
 from markerseek.geometry import Camera, RigidTransform, StereoCameras
 
 
@@ -64,11 +63,9 @@ def read_stereo(path: Path) -> StereoSettings:
     """
     table = read_toml(path, what="stereo calibration")
     try:
-        settings = msgspec.convert(known_keys(table, StereoSettings), StereoSettings)
+        settings = settings_from(table, StereoSettings)
         # The base is checked with the pair.
         settings.cameras  # noqa: B018
-    except msgspec.ValidationError as problem:
-        raise ConfigError(f"{path}: {in_words(problem)}") from problem
     except ConfigError as problem:
         raise ConfigError(f"{path}: {problem}") from problem
     return settings

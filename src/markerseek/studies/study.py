@@ -25,7 +25,7 @@ import msgspec
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError
-from markerseek.files import in_words, require_choice, require_key
+from markerseek.files import require_key, setting_from
 from markerseek.sim import SimulatedSettings, hashable_values
 from markerseek.studies.policies import PolicySettings
 from markerseek.studies.scene import SceneSettings
@@ -232,12 +232,7 @@ def _changed(settings: T, path: Sequence[str], value: Value, *, whole: str) -> T
         if not dataclasses.is_dataclass(part):
             raise ConfigError(f"vary: {whole}: {name} has no settings of its own")
         return dataclasses.replace(settings, **{name: _changed(part, path[1:], value, whole=whole)})  # type: ignore[type-var]
-    hint = typing.get_type_hints(type(settings))[name]
-    require_choice(value, hint, name=f"vary: {whole}")
-    try:
-        fitting = msgspec.convert(value, hint)
-    except msgspec.ValidationError as problem:
-        raise ConfigError(in_words(problem, name=f"vary: {whole}")) from problem
+    fitting = setting_from(value, typing.get_type_hints(type(settings))[name], name=f"vary: {whole}")
     return dataclasses.replace(settings, **{name: fitting})  # type: ignore[type-var]
 
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-import msgspec
-
 from markerseek.core import ConfigError
-from markerseek.files import in_words, known_keys, read_toml
+from markerseek.files import read_toml, settings_from
 from markerseek.studies.policies import PolicySettings
 from markerseek.studies.study import Study
 
@@ -21,13 +19,9 @@ def read_study(path: Path) -> Study:
     """
     table = read_toml(path, what="study file")
     try:
-        # The check of keys does not look into lists of tables: each policy is checked by itself.
         policies = [expanded for entry in _tables(table.pop("policies", [])) for expanded in _policies(entry)]
         vary = [{"key": key, "values": values} for key, values in _flat(table.pop("vary", {}))]
-        settings = known_keys(table, Study)
-        return msgspec.convert({"name": path.stem, **settings, "policies": policies, "vary": vary}, Study)
-    except msgspec.ValidationError as problem:
-        raise ConfigError(f"{path}: {in_words(problem)}") from problem
+        return settings_from({"name": path.stem, **table, "policies": policies, "vary": vary}, Study)
     except ConfigError as problem:
         raise ConfigError(f"{path}: {problem}") from problem
 
@@ -38,11 +32,13 @@ def _tables(entries: object) -> list[dict[str, object]]:
     return entries
 
 
-def _policies(entry: dict[str, object]) -> list[dict[str, object]]:
-    """One table of a policy for each number of acquisitions."""
-    known = known_keys(entry, PolicySettings, prefix="policies.")
-    numbers = known.get("acquisitions")
-    return [{**known, "acquisitions": number} for number in (numbers if isinstance(numbers, list) else [numbers])]
+def _policies(entry: dict[str, object]) -> list[PolicySettings]:
+    """One policy for each number of acquisitions."""
+    numbers = entry.get("acquisitions", "none")
+    return [
+        settings_from({**entry, "acquisitions": number}, PolicySettings, name="policies")
+        for number in (numbers if isinstance(numbers, list) else [numbers])
+    ]
 
 
 def _flat(table: object, prefix: str = "") -> list[tuple[str, list[object]]]:
