@@ -12,7 +12,6 @@ import time
 from pathlib import Path
 
 import pytest
-from tests.emulated import emulation
 
 from markerseek import rigs
 from markerseek.bridges import ChildRun, Outcome, Searches, SearchOptions, SearchRequest
@@ -20,6 +19,7 @@ from markerseek.core import ConfigError, Measured, SearchError, SearchPlan
 from markerseek.records.journal import Interrupted, read_journal
 from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead, StreamItem
 from markerseek.runs import new_session, plan_on
+from tests.emulated import emulation
 
 SEED = 3
 

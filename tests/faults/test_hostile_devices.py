@@ -16,7 +16,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from hostile_folders import STEP
 from markerseek.core import DeviceError, MoveError, NotConnectedError
 from markerseek.drivers.daq_folder import DaqFolder
 from markerseek.drivers.kdc101 import Kdc101DriverSettings, Kdc101Stage
@@ -26,7 +25,8 @@ from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
 from markerseek.wire import apt, laserbox
 from markerseek.wire import sonixdaq as daq
-from wire_decoders import WIRES, ScriptedPort, wire_outcome
+from tests.faults.hostile_folders import STEP
+from tests.faults.wire_decoders import WIRES, ScriptedPort, wire_outcome
 
 CORPUS = Path(__file__).parent / "corpus"
 ON_LINES = sorted(set(WIRES) - {"sonixdaq"})

@@ -26,7 +26,7 @@ from markerseek.sim import VirtualClock
 from markerseek.wire import apt
 from markerseek.wire import sonixdaq as daq
 from markerseek.wire.apt_frames import AptFramer
-from seeding import Bug, caught
+from tests.faults.seeding import Bug, caught
 
 
 def stage_at(start_deg: float = 0.0) -> tuple[Kdc101Stage, Kdc101Emulator, SimpleNamespace, VirtualClock, DirectPort]:

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from page_browser import needs_browser
 
 from markerseek.bridges import page as page_package
 from markerseek.records.journal import Interrupted, read_journal
+from tests.page.page_browser import needs_browser
 
 pytestmark = [pytest.mark.real_time, needs_browser]
 

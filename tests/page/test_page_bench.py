@@ -10,10 +10,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from page_browser import needs_browser, open_tab, served
-from tests.emulated import fixed_bench
 
 from markerseek.records.journal import Interrupted, read_journal
+from tests.emulated import fixed_bench
+from tests.page.page_browser import needs_browser, open_tab, served
 
 pytestmark = [pytest.mark.real_time, needs_browser]
 

@@ -6,7 +6,8 @@ import json
 import re
 
 import pytest
-from page_browser import needs_browser, sync_api
+
+from tests.page.page_browser import needs_browser, sync_api
 
 pytestmark = [pytest.mark.real_time, needs_browser]
 

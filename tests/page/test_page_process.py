@@ -15,11 +15,11 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from page_browser import START, WAIT_MS, certified, needs_browser, open_tab, served, sync_api
 
 from markerseek.bridges.page.server import UNWATCHED_S, Address
 from markerseek.core import ConfigError
 from markerseek.records.journal import Interrupted, read_journal
+from tests.page.page_browser import START, WAIT_MS, certified, needs_browser, open_tab, served, sync_api
 
 pytestmark = pytest.mark.real_time
 

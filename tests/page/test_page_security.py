@@ -15,9 +15,9 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from page_browser import START, certified, served
 
 from markerseek.bridges.page.listener import MAX_UNPROVED, UNPROVED_S
+from tests.page.page_browser import START, certified, served
 
 pytestmark = pytest.mark.real_time
 

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from tests.emulated import emulation, fixed_bench, markerseek
 
 from markerseek.cli import doctor
 from markerseek.core import Measured, Permit
@@ -20,6 +19,7 @@ from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.serial_port import SerialPort
 from markerseek.records.banks.frames import load_frame
 from markerseek.records.journal import Checked, RecordedRun, read_journal
+from tests.emulated import emulation, fixed_bench, markerseek
 
 pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")

@@ -12,7 +12,6 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
-from changed_configuration import changed
 from markerseek import rigs
 from markerseek.core import ConfigError, Interval, RigFacts, SearchPlan
 from markerseek.drivers.settings import BenchLaser, BenchReceiver, BenchSettings, BenchStage
@@ -23,6 +22,7 @@ from markerseek.rigs.rig import fingerprint
 from markerseek.runs.rebuild import rebuild_rig
 from markerseek.runs.same_bench import differences_of_benches, require_same_measurement
 from markerseek.sim import SimulatedSettings
+from tests.unit.records.changed_configuration import changed
 
 Shell = Callable[..., tuple[int, str, str]]
 
