@@ -7,7 +7,7 @@ from pathlib import Path
 
 from markerseek.core import Measured, SearchPlan, Started
 from markerseek.records.journal import Journal
-from markerseek.runs.journalled import configuration_of
+from markerseek.runs import configuration_of
 from tests.unit.records.journal.every_kind_of_entry import METHOD, checkpoint, journal_events, rig
 
 configuration = configuration_of(

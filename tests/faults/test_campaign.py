@@ -13,8 +13,7 @@ import pytest
 
 from markerseek.core import Found, Interval
 from markerseek.guard import Guard, State
-from markerseek.sim.faults import FaultKind
-from markerseek.sim.receiver_faults import RECEIVER_FAULTS
+from markerseek.sim import RECEIVER_FAULTS, FaultKind
 
 pytest.importorskip("serial", reason="the supervisor's lines need the extra devices")
 

@@ -17,9 +17,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from markerseek.core import DeviceError, MoveError, NotConnectedError
+from markerseek.drivers import Kdc101DriverSettings, Kdc101Stage, LaserBox
 from markerseek.drivers.daq_folder import DaqFolder
-from markerseek.drivers.kdc101 import Kdc101DriverSettings, Kdc101Stage
-from markerseek.drivers.laserbox import LaserBox
 from markerseek.emulators import DirectPort
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock

@@ -17,7 +17,7 @@ import time
 import pytest
 
 from markerseek.core import FrameHeader, ReadingFrame
-from markerseek.drivers.clock import SystemClock
+from markerseek.drivers import SystemClock
 from markerseek.emulators import PtyLine
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.sim import Flash

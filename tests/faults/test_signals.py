@@ -24,8 +24,8 @@ import pytest
 
 from markerseek.cli.emulate import _rig_toml
 from markerseek.core import RecordError
-from markerseek.drivers.clock import SystemClock
-from markerseek.emulators.bench import EmulatedBench, serve
+from markerseek.drivers import SystemClock
+from markerseek.emulators import EmulatedBench, serve
 from markerseek.records.journal import RecordedRun, is_journal, read_journal
 from markerseek.sim import LaserSettings, MarkerSettings, ReceiverSettings, SimulatedSettings, StageMotion
 

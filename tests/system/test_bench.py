@@ -14,9 +14,7 @@ import pytest
 
 from markerseek.cli import doctor
 from markerseek.core import Measured, Permit
-from markerseek.drivers.clock import SystemClock
-from markerseek.drivers.laserbox import LaserBox
-from markerseek.drivers.serial_port import SerialPort
+from markerseek.drivers import LaserBox, SerialPort, SystemClock
 from markerseek.records.banks.frames import load_frame
 from markerseek.records.journal import Checked, RecordedRun, read_journal
 from tests.emulated import emulation, fixed_bench, markerseek

@@ -27,7 +27,7 @@ from markerseek.core import (
 )
 from markerseek.records.journal import Configuration, Interrupted, Journal, verify
 from markerseek.records.journal.events import JournalEvent
-from markerseek.runs.journalled import configuration_of
+from markerseek.runs import configuration_of
 from tests.unit.records.changed_configuration import changed
 
 Shell = Callable[..., tuple[int, str, str]]

@@ -8,7 +8,7 @@ import pytest
 from markerseek.acoustics import Absorber, AcousticModel, GaussianAbsorber, Medium, Probe, RectanglePulse
 from markerseek.calibration import apex_s, fit_moveout, require_peak
 from markerseek.core import ChannelFrame, FrameHeader, Reading, ReadingFrame, RecordError, Sample, SearchError
-from markerseek.runs.calibration_scan import calibrate
+from markerseek.runs import calibrate
 from markerseek.signals import ImageReader, probe_preset
 
 PRESET = probe_preset("BPL9-5/55")

@@ -10,8 +10,7 @@ import pytest
 from markerseek import rigs
 from markerseek.acoustics import Probe
 from markerseek.core import ChannelFrame, ConfigError
-from markerseek.rigs.scene import draw_scene
-from markerseek.rigs.spot import image_reader
+from markerseek.rigs import draw_scene, image_reader
 from markerseek.signals import ImageReader, beamformed_sigma
 from markerseek.signals.beamform import beamform, image_grid
 from markerseek.signals.filtering import band_pass, band_pass_taps

@@ -13,8 +13,7 @@ import pytest
 from scipy.optimize import golden
 
 from markerseek.core import Reading, Sample
-from markerseek.search import GOLDEN, TERNARY, BracketSearch, WeightedAverage, build
-from markerseek.search.average import weighted_average
+from markerseek.search import GOLDEN, TERNARY, BracketSearch, WeightedAverage, build, weighted_average
 
 MARKERS = 20_000
 

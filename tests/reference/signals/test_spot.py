@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from markerseek.core import ChannelFrame, SpotEnergy
-from markerseek.core.frame import NO_HEADER
+from markerseek.core import NO_HEADER, ChannelFrame, SpotEnergy
 from markerseek.rigs import draw_scene, image_reader
 from markerseek.signals import ImageReader, probe_preset
 from markerseek.signals.noise_gain import cell_pixels

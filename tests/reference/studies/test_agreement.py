@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.rigs.scene import draw_scene
+from markerseek.rigs import draw_scene
 from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 from markerseek.studies import Axis, CurveSettings, PolicySettings, Study, cells, intensity_curve, run_trial, summarise
 

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from markerseek.studies.statistics import Mean, Moments, Share, clopper_pearson
+from markerseek.studies import Mean, Share
+from markerseek.studies.statistics import Moments, clopper_pearson
 
 
 @given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=60), st.lists(st.integers(0, 60), max_size=5))

@@ -8,8 +8,7 @@ import sys
 import pytest
 from scipy.optimize import minimize_scalar
 
-from markerseek.adapters import ADAPTERS, build_adapter
-from markerseek.adapters.bounded_minimiser import BoundedMinimiser
+from markerseek.adapters import ADAPTERS, BoundedMinimiser, build_adapter
 from markerseek.core import ConfigError, Found, MissingExtraError, Policy, Reading, Sample, SearchError, Unsure
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from markerseek.cli.study_table import _mean, _rare
-from markerseek.studies.statistics import Mean, Share
+from markerseek.studies import Mean, Share
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from markerseek.core import Interval, NotConnectedError
-from markerseek.drivers.kdc101 import Kdc101DriverSettings, Kdc101Stage
-from markerseek.emulators import DirectPort
-from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
+from markerseek.drivers import Kdc101DriverSettings, Kdc101Stage
+from markerseek.emulators import DirectPort, EmulatedKdc101
+from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
-from markerseek.wire.apt_frames import CONTROLLER, TO_CONTROLLER, AptFramer
+from markerseek.wire import CONTROLLER, TO_CONTROLLER, AptFramer
 
 TRAVEL = Interval(low_deg=-36.5, high_deg=36.5)
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 from markerseek.core import FrameHeader, Permit, ReadingFrame
-from markerseek.drivers.laserbox import LaserBox
+from markerseek.drivers import LaserBox
 from markerseek.emulators import DirectPort
 from markerseek.emulators.laserbox import EmulatedLaserBox, LaserBoxFaults
 from markerseek.sim import Flash, VirtualClock

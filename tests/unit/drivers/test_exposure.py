@@ -7,8 +7,8 @@ import math
 import pytest
 
 from markerseek.core import ConfigError
-from markerseek.drivers.exposure import CAVEAT, correction_c_a, exposure_line, skin_limit_j_m2
-from markerseek.drivers.settings import BenchLaser
+from markerseek.drivers import BenchLaser, exposure_line
+from markerseek.drivers.exposure import CAVEAT, correction_c_a, skin_limit_j_m2
 
 NAN, INF = math.nan, math.inf
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from markerseek.core import ConfigError, Interval, LimitError
-from markerseek.drivers.kdc101 import Kdc101DriverSettings
+from markerseek.drivers import Kdc101DriverSettings
 from markerseek.wire import apt
 from tests.unit.drivers.kdc101_bench import bench
 

@@ -7,9 +7,8 @@ from typing import Any
 import pytest
 
 from markerseek.core import ConfigError, DeviceTimeoutError, Interval, LimitError, MoveError, NotConnectedError
-from markerseek.drivers.kdc101 import Kdc101DriverSettings
-from markerseek.wire import apt
-from markerseek.wire.apt_frames import AptFramer
+from markerseek.drivers import Kdc101DriverSettings
+from markerseek.wire import AptFramer, apt
 from tests.unit.drivers.kdc101_bench import bench
 
 

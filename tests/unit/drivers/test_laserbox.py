@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from markerseek.core import ConfigError, DeviceTimeoutError, LaserError, NotConnectedError
-from markerseek.drivers.laserbox import LaserBox
+from markerseek.drivers import LaserBox
 from markerseek.emulators import DirectPort
 from markerseek.sim import VirtualClock
 from markerseek.wire import laserbox as wire

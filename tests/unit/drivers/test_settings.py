@@ -11,16 +11,10 @@ from typing import Literal
 import pytest
 
 from markerseek.core import ConfigError, Interval
-from markerseek.drivers.settings import (
-    BenchLaser,
-    BenchProbe,
-    BenchReceiver,
-    BenchSettings,
-    BenchStage,
-    BenchSupervisor,
-)
+from markerseek.drivers import BenchLaser, BenchProbe, BenchReceiver, BenchSettings
+from markerseek.drivers.settings import BenchStage, BenchSupervisor
 from markerseek.guard import Limits
-from markerseek.rigs.rig_file import read_rig_file
+from markerseek.rigs import read_rig_file
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "rigs" / "bench.toml"
 

@@ -24,10 +24,9 @@ from markerseek.core import (
     NotConnectedError,
     Permit,
 )
-from markerseek.drivers.clock import SystemClock
+from markerseek.drivers import SonixDaqReceiver, SonixDaqSettings, SystemClock
 from markerseek.drivers.daq_folder import DaqFolder, numbered
 from markerseek.drivers.program import run_to_its_end
-from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
 from markerseek.emulators.bench import BenchClock
 from markerseek.emulators.sonixdaq import EmulatedSonixDaq
 from markerseek.records.banks.frames import load_frame

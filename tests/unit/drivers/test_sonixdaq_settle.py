@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from markerseek.core import AcquisitionError, DeviceTimeoutError, Permit
-from markerseek.drivers.clock import SystemClock
-from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
+from markerseek.drivers import SonixDaqReceiver, SonixDaqSettings, SystemClock
 from tests.unit.drivers.test_sonixdaq import Bench
 
 

@@ -12,14 +12,11 @@ import pytest
 
 from markerseek import rigs
 from markerseek.core import ConfigError, DeviceError, Found, LaserError, Measured, Policy
-from markerseek.drivers.clock import LONGEST_WAIT_S, SystemClock
-from markerseek.drivers.kdc101 import Kdc101Stage
-from markerseek.drivers.laserbox import LaserBox
-from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
-from markerseek.emulators import DirectPort, PtyLine
-from markerseek.emulators.bench import BenchClock, EmulatedBench, ServingClock, require_pace, serve
+from markerseek.drivers import LONGEST_WAIT_S, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings, SystemClock
+from markerseek.emulators import DirectPort, EmulatedBench, PtyLine, require_pace, serve
+from markerseek.emulators.bench import BenchClock, ServingClock
 from markerseek.guard import Admission, FiringLimits, Guard, State
-from markerseek.rigs.spot import image_reader
+from markerseek.rigs import image_reader
 from markerseek.scan import Scanner, run
 from markerseek.search import build
 from markerseek.sim import MarkerSettings, ReceiverSettings, SimulatedSettings, VirtualClock

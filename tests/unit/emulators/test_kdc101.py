@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from markerseek.core import ConfigError
+from markerseek.emulators import EmulatedKdc101
 from markerseek.emulators._prm1z8 import Motor
-from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
+from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import StageMotion
-from markerseek.wire import apt
-from markerseek.wire.apt_frames import AptFramer, AptMessage
+from markerseek.wire import AptFramer, AptMessage, apt
 
 HOME = bytes.fromhex("43 04 01 00 50 01")
 

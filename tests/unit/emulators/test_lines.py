@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from markerseek.core import ConfigError, NotConnectedError
-from markerseek.drivers.clock import SystemClock
-from markerseek.drivers.serial_port import SerialPort
+from markerseek.drivers import SerialPort, SystemClock
 from markerseek.emulators import DirectPort, PtyLine
 from markerseek.sim import VirtualClock
 

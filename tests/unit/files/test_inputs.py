@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 from markerseek.core import ConfigError, MarkerseekError, RecordError
-from markerseek.files import open_input, read_input, replace_file, require_input, require_new
-from markerseek.files.settings import read_toml
+from markerseek.files import open_input, read_input, read_toml, replace_file, require_input, require_new
 from markerseek.pictures import write_page
 from markerseek.records.banks import read_bank
 from markerseek.records.banks.arrays import read_arrays

@@ -11,9 +11,9 @@ import pytest
 
 from markerseek.core import ConfigError, RecordError
 from markerseek.records.banks import load_frame, read_arrays, read_bank
-from markerseek.rigs import read_rig_file
+from markerseek.rigs import chosen_probe, read_rig_file
 from markerseek.rigs.bench_rig import imaging_of
-from markerseek.rigs.probe_file import NEEDED, chosen_probe, read_probe_file
+from markerseek.rigs.probe_file import NEEDED, read_probe_file
 from markerseek.signals import ProbeKeys, probe_preset
 
 EXAMPLES = Path(__file__).parents[3] / "examples"

@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from markerseek.core import ConfigError
-from markerseek.rigs.rig_file import read_rig_file
+from markerseek.rigs import read_rig_file
 from markerseek.sim import SimulatedSettings
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "rigs"

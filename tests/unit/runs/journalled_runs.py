@@ -9,7 +9,8 @@ from markerseek import rigs
 from markerseek.core import AcquisitionError, Event, Frame, Policy, Reader, Reading, SearchPlan
 from markerseek.records.journal import Checked, Configuration, Journal, RecordedRun, Resuming
 from markerseek.rigs import Rig
-from markerseek.runs.journalled import configuration_of, journalled
+from markerseek.runs import configuration_of
+from markerseek.runs.journalled import journalled
 from markerseek.runs.resume import resumed
 from markerseek.search import build
 from markerseek.sim import GaussianCurve, NoiseSettings, SimulatedSettings

@@ -14,8 +14,9 @@ from markerseek import rigs
 from markerseek.core import ChannelFrame, Measured, RecordError, Sample, SearchPlan
 from markerseek.records.banks import IntensityBank
 from markerseek.records.journal import Journal, RecordedRun, read_journal
-from markerseek.runs.bank_of_journal import JournalBank, journal_bank
-from markerseek.runs.journalled import configuration_of, journalled
+from markerseek.runs import configuration_of, journal_bank
+from markerseek.runs.bank_of_journal import JournalBank
+from markerseek.runs.journalled import journalled
 from markerseek.search import build
 from tests.unit.runs.journalled_runs import begin
 

@@ -13,10 +13,8 @@ from markerseek import rigs
 from markerseek.core import ChannelFrame, Event, Frame, Measured, Policy, Reader, Reading, RecordError
 from markerseek.records.journal import Configuration, Entry, Journal, read_journal
 from markerseek.rigs import Rig
-from markerseek.runs.bank_scan import scan_bank
+from markerseek.runs import rebuild_policy, rebuild_reader, rebuild_rig, recompute_differences, scan_bank
 from markerseek.runs.journalled import journalled
-from markerseek.runs.rebuild import rebuild_policy, rebuild_reader, rebuild_rig
-from markerseek.runs.recompute import recompute_differences
 from markerseek.runs.resume import resumed
 from markerseek.search import build
 from markerseek.sim import SimulatedSettings

@@ -13,8 +13,8 @@ from markerseek.core import AcquisitionError, Measured, Policy, Reading
 from markerseek.guard import State
 from markerseek.records.journal import Checked, Configuration, Journal, Resuming, read_journal, run_state
 from markerseek.rigs import Rig
+from markerseek.runs import rebuild_policy
 from markerseek.runs.journalled import journalled
-from markerseek.runs.rebuild import rebuild_policy
 from markerseek.runs.recheck import change_of
 from markerseek.runs.resume import resumed
 from tests.unit.runs.journalled_runs import MARKER_DEG, begin, configured, live, resume_run, times_and_events

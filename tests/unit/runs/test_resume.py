@@ -12,9 +12,8 @@ import pytest
 from markerseek.core import Asked, DeviceError, Failed, Finished, Measured, MoveError, Permit, RecordError, Refused
 from markerseek.guard import State
 from markerseek.records.journal import Journal, read_journal, result_of, run_state, verify
+from markerseek.runs import next_angle, rebuild_reader, recompute_differences
 from markerseek.runs.journalled import journalled
-from markerseek.runs.rebuild import next_angle, rebuild_reader
-from markerseek.runs.recompute import recompute_differences
 from markerseek.runs.resume import resumed
 from markerseek.search import build
 from tests.unit.runs.journalled_runs import ACQUISITIONS, begin, live, resume_run, times_and_events

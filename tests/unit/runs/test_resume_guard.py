@@ -14,8 +14,8 @@ from markerseek.core import Frame, LimitError, Measured, Permit, Reader, Reading
 from markerseek.guard import FiringLimits
 from markerseek.records.journal import Journal, read_journal, verify
 from markerseek.rigs import Rig
+from markerseek.runs import rebuild_policy
 from markerseek.runs.journalled import journalled
-from markerseek.runs.rebuild import rebuild_policy
 from markerseek.runs.recheck import pulses_before
 from markerseek.runs.resume import resumed
 from markerseek.sim import GaussianCurve

@@ -12,7 +12,7 @@ from markerseek import rigs
 from markerseek.core import ConfigError, Finished, Measured, SearchError, SearchPlan
 from markerseek.guard import State
 from markerseek.records.journal import Journal, read_journal, result_of
-from markerseek.runs.session import Session, new_session, plan_on, resumed_session
+from markerseek.runs import Session, new_session, plan_on, resumed_session
 from markerseek.sim import GaussianCurve
 
 

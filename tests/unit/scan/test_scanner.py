@@ -22,9 +22,8 @@ from markerseek.core import (
 )
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
 from markerseek.records.journal import Journal, read_journal
-from markerseek.runs.journalled import configuration_of, journalled
-from markerseek.runs.rebuild import rebuild_policy, rebuild_reader
-from markerseek.runs.recompute import recompute_differences
+from markerseek.runs import configuration_of, rebuild_policy, rebuild_reader, recompute_differences
+from markerseek.runs.journalled import journalled
 from markerseek.scan import run
 from markerseek.search import build
 from markerseek.sim import GaussianCurve

@@ -10,11 +10,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from markerseek.core import ConfigError, Interval, Sample, SearchError
-from markerseek.search import Exhaustive, WeightedAverage, equal_steps, peak_passed
-from markerseek.search.average import average_sigma_deg, weighted_average
-from markerseek.search.curve import Curve, curve_of
+from markerseek.search import (
+    Curve,
+    Exhaustive,
+    WeightedAverage,
+    curve_of,
+    equal_steps,
+    peak_of,
+    peak_passed,
+    weighted_average,
+)
+from markerseek.search.average import average_sigma_deg
 from markerseek.search.parabola import fit_top
-from markerseek.search.peak import noise_limit_deg, peak_of
+from markerseek.search.peak import noise_limit_deg
 from tests.unit.core.damaged import damaged
 
 PAPER = Interval(low_deg=-35.0, high_deg=35.0)

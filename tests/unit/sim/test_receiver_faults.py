@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from markerseek.core import AcquisitionError, ChannelFrame, Frame, FrameHeader, Permit, ReadingFrame
-from markerseek.sim.receiver_faults import RECEIVER_FAULTS, FaultyReceiver
+from markerseek.sim import RECEIVER_FAULTS, FaultyReceiver
 from markerseek.studies.paper.failure_runs import CASES
 
 PERMIT = Permit(token="t", angle_deg=0.0, pulses=16, expires_s=math.inf)

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from markerseek.core import ConfigError, SearchError
-from markerseek.studies import read_study, run_row, run_study
-from markerseek.studies.table import read_rows
+from markerseek.studies import read_rows, read_study, run_row, run_study
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*the study imports the module:UserWarning")
 

@@ -18,8 +18,20 @@ import msgspec
 import pytest
 
 from markerseek.core import ConfigError, MissingExtraError, RecordError
-from markerseek.studies import Axis, CurveSettings, PolicySettings, Study, Summary, run_row, run_study, runner, workers
-from markerseek.studies.table import as_csv, chunks, columns, run_chunk, values_of
+from markerseek.studies import (
+    Axis,
+    CurveSettings,
+    PolicySettings,
+    Study,
+    Summary,
+    columns,
+    run_row,
+    run_study,
+    runner,
+    values_of,
+    workers,
+)
+from markerseek.studies.table import as_csv, chunks, run_chunk
 from markerseek.studies.workers import on_processes
 
 STUDY = Study(

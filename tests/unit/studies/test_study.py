@@ -20,14 +20,16 @@ from markerseek.studies import (
     Row,
     Study,
     cells,
+    columns,
     read_rows,
     read_study,
     run_row,
     run_trial,
     summarise,
+    values_of,
 )
 from markerseek.studies.summary import compared
-from markerseek.studies.table import as_csv, chunks, columns, run_chunk, values_of
+from markerseek.studies.table import as_csv, chunks, run_chunk
 from markerseek.studies.worlds import draw_trial
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "studies"

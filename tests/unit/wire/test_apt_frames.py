@@ -12,8 +12,8 @@ from thorlabs_apt_protocol import Unpacker
 from thorlabs_apt_protocol.parsing import id_to_func
 
 from markerseek.core import ConfigError, DeviceError
-from markerseek.wire import apt
-from markerseek.wire.apt_frames import CONTROLLER, TO_CONTROLLER, TO_HOST, AptFramer, AptMessage
+from markerseek.wire import CONTROLLER, TO_CONTROLLER, AptFramer, AptMessage, apt
+from markerseek.wire.apt_frames import TO_HOST
 
 # Captured from a TDC001 with a PRM1-Z8.
 VELOCITY = bytes.fromhex("13 04 0E 00 D0 01 01 00 00 00 00 00 93 00 00 00 5F 8D 06 00")

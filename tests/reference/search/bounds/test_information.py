@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from markerseek.core import ConfigError
-from markerseek.core.shapes import Float64
+from markerseek.core import ConfigError, Float64
 from markerseek.search.bounds import (
     NUISANCES,
     TABLE_PRIOR,

@@ -11,8 +11,7 @@ from scipy.optimize import brentq
 from scipy.stats import expon, halfnorm, norm, rice, uniform
 from scipy.stats import t as student
 
-from markerseek.acoustics import AcousticModel, GaussianAbsorber, Probe
-from markerseek.acoustics.absorber import Absorber
+from markerseek.acoustics import Absorber, AcousticModel, GaussianAbsorber, Probe
 from markerseek.core import Reading, Sample
 from markerseek.search.posterior._grid import MIN_LOG_WEIGHT, exponential
 from markerseek.search.posterior.arrival import SOUND_SPEED_M_S, off_plane, student_log_likelihood

@@ -11,11 +11,10 @@ from types import SimpleNamespace
 import pytest
 
 from markerseek import rigs
-from markerseek.bridges.child import Outcome
+from markerseek.bridges import Outcome
+from markerseek.bridges.page import PageRig, PageSearches, PageSettings
 from markerseek.bridges.page.child_search import MAX_WAITING, ChildSearch
-from markerseek.bridges.page.page_searches import PageRig, PageSearches
 from markerseek.bridges.page.search_page import status_text
-from markerseek.bridges.page.settings import PageSettings
 from markerseek.core import Measured, RecordError, SearchError, SearchPlan
 from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead
 from markerseek.rigs import read_rig_file

@@ -8,7 +8,8 @@ from urllib.parse import unquote
 
 import pytest
 
-from markerseek.bridges.page.security import BODY_BYTES, MESSAGES, PER_S, Access, SecurityLayer
+from markerseek.bridges.page import Access, SecurityLayer
+from markerseek.bridges.page.security import BODY_BYTES, MESSAGES, PER_S
 from markerseek.core import ConfigError
 
 TOKEN = "t0ken-of-sixteen-or-more"

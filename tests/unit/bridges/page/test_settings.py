@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from markerseek.bridges.page.settings import PageSettings
+from markerseek.bridges.page import PageSettings
 from markerseek.core import ConfigError
 from markerseek.rigs import simulated
 from markerseek.search import METHODS
