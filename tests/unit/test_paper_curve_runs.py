@@ -14,8 +14,7 @@ from markerseek.studies.paper import curve_runs
 from markerseek.studies.paper.curve_runs import Condition, answers_of_trial, study_of
 from markerseek.studies.paper.methods import searched
 from markerseek.studies.paper.section import Answer
-from markerseek.studies.settings import CurveSettings
-from markerseek.studies.study import cells
+from markerseek.studies.study import CurveSettings, cells
 from markerseek.studies.worlds import draw_trial, study_rig
 
 

@@ -14,9 +14,8 @@ from scipy import stats
 from markerseek.core import ConfigError
 from markerseek.sim import MarkerSettings, NoiseSettings, SimulatedSettings
 from markerseek.studies import PolicySettings, Row, Study, cells, read_rows, run_row, summarise, unknowns
-from markerseek.studies.bound import compare_with_bound, marker_curve, mean_bounds
-from markerseek.studies.bound_figure import error_figure
-from markerseek.studies.table import as_csv, columns, values_of
+from markerseek.studies.bound import compare_with_bound, error_figure, marker_curve, mean_bounds
+from markerseek.studies.runner import as_csv, columns, values_of
 from markerseek.studies.window import window_of
 from markerseek.studies.worlds import draw_trial, former_rig
 

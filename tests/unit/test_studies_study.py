@@ -26,8 +26,8 @@ from markerseek.studies import (
     run_trial,
     summarise,
 )
+from markerseek.studies.runner import as_csv, chunks, columns, run_chunk, values_of
 from markerseek.studies.summary import compared
-from markerseek.studies.table import as_csv, chunks, columns, run_chunk, values_of
 from markerseek.studies.worlds import draw_trial
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "studies"

@@ -22,7 +22,7 @@ from markerseek.studies.paper.fig5 import FITTED
 from markerseek.studies.paper.methods import ONLINE_STEPS, PAPER_METHODS, TABLE_ACQUISITIONS, PaperMethod
 from markerseek.studies.paper.options import PAPER_MARKERS, RunOptions
 from markerseek.studies.paper.printed import MATERIALS, paper_number
-from markerseek.studies.paper.section import Section, Table
+from markerseek.studies.paper.section import Section, make_section, make_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -178,92 +178,65 @@ def consistency(options: RunOptions) -> Section:
     """Map of the combinations of width and noise that are consistent with the paper's numbers."""
     combinations = _sweep(options)
     widths = len({each.condition.source_radius_m for each in combinations})
-    return Section(
-        name="consistency",
-        title="Consistency: which curve widths and noises give the paper's numbers",
-        method=(
-            (
-                f"The published searches on intensity curves of {widths} widths with {len(combinations) // widths} "
-                "noises: random markers for the simulation, the nine positions for offline and online. A number of the "
-                "paper is consistent with a combination if it lies within the central 95 % of the means that as many "
-                "searches as the paper made would have. The nine-position numbers have wide intervals; those of the "
-                "simulation, with 1000 searches, have narrow ones."
-            ),
-            "Not included: the two numbers after 2 acquisitions, which no curve gives, and those of single searches.",
-        ),
-        tables=(_map_table(combinations), _number_table(combinations)),
-        draw=partial(_draw, combinations),
-        alt="Maps over curve width and peak SNR of how many numbers of the paper are consistent",
-        remarks=_remarks(combinations),
-    )
-
-
-def _map_table(combinations: Sequence[Combination]) -> Table:
-    return Table(
-        name="consistency",
-        caption="Numbers that are consistent, by family",
-        rows=tuple(
-            {
-                "source_radius_mm": 1e3 * each.condition.source_radius_m,
-                "fwhm_deg": fwhm_deg(each.condition.source_radius_m),
-                "peak_snr_db": each.condition.peak_snr_db,
-                **{family or "all": "{} of {}".format(*each.share(family)) for family in (*FAMILIES, None)},
-                "misfit_of_fig5": each.misfit,
-            }
-            for each in combinations
-        ),
-        shown=False,
-    )
-
-
-def _number_table(combinations: Sequence[Combination]) -> Table:
-    return Table(
-        name="consistency_numbers",
-        caption="Every number in every combination",
-        rows=tuple(
-            {
-                "fwhm_deg": fwhm_deg(each.condition.source_radius_m),
-                "peak_snr_db": each.condition.peak_snr_db,
-                "number": key,
-                "paper_deg": paper_number(key).value,
-                "ours_deg": ours,
-                "consistent": "yes" if each.consistent[key] else "no",
-            }
-            for each in combinations
-            for key, ours in each.ours.items()
-        ),
-        shown=False,
-    )
-
-
-def _remarks(combinations: Sequence[Combination]) -> tuple[str, ...]:
-    remarks = []
-    for family in (*FAMILIES, None):
-        most, every = max(each.share(family) for each in combinations)
-        where = [each.condition.words for each in combinations if each.share(family)[0] == most]
-        what = f"the {family} numbers" if family is not None else "all of the paper's numbers at once"
-        if most == every:
-            shown = "; ".join(where[:6]) + ("; and more" if len(where) > 6 else "")
-            remarks.append(f"Consistent with {what}: {len(where)} of {len(combinations)} combinations ({shown}).")
-        else:
-            remarks.append(
-                f"No combination is consistent with {what}; the most is {most} of {every}, at {'; '.join(where[:3])}."
-            )
     nearest = min(combinations, key=lambda each: each.misfit)
-    numbers = ", ".join(
-        f"{check.key.removeprefix('fig5/')} {nearest.ours[check.key]:.3f}° for {paper_number(check.key).value:g}°"
-        for check in CHECKS
-        if check.family == "simulation"
-    )
-    remarks.append(
-        f"Nearest to Fig. 5, by the sum of squared logarithms of the ratios, is {nearest.condition.words} ({numbers}). "
-        + (
-            "Fig. 5 is drawn for it."
-            if nearest.condition == FITTED
-            else f"Fig. 5 is drawn for {FITTED.words}, the nearest with the usual seed and number of markers."
+    by_family = (
+        (
+            1e3 * each.condition.source_radius_m, fwhm_deg(each.condition.source_radius_m), each.condition.peak_snr_db,
+            *("{} of {}".format(*each.share(family)) for family in (*FAMILIES, None)), each.misfit,
         )
+        for each in combinations
+    )  # fmt: skip
+    by_number = (
+        (
+            fwhm_deg(each.condition.source_radius_m), each.condition.peak_snr_db, key, paper_number(key).value, ours,
+            "yes" if each.consistent[key] else "no",
+        )
+        for each in combinations
+        for key, ours in each.ours.items()
+    )  # fmt: skip
+    return make_section(
+        "consistency",
+        tables=(
+            make_table(
+                "consistency",
+                "Numbers that are consistent, by family",
+                "source_radius_mm fwhm_deg peak_snr_db simulation offline online all misfit_of_fig5",
+                by_family,
+                shown=False,
+            ),
+            make_table(
+                "consistency_numbers",
+                "Every number in every combination",
+                "fwhm_deg peak_snr_db number paper_deg ours_deg consistent",
+                by_number,
+                shown=False,
+            ),
+        ),
+        draw=partial(_draw, combinations),
+        remarks=tuple(_most(combinations, family) for family in (*FAMILIES, None)),
+        widths=widths,
+        noises=len(combinations) // widths,
+        nearest=nearest.condition.words,
+        numbers=", ".join(
+            f"{check.method} {nearest.ours[check.key]:.3f}° for {paper_number(check.key).value:g}°"
+            for check in CHECKS
+            if check.family == "simulation"
+        ),
+        drawn="it"
+        if nearest.condition == FITTED
+        else f"{FITTED.words}, the nearest with the usual seed and number of markers",
     )
-    return tuple(remarks)
+
+
+def _most(combinations: Sequence[Combination], family: str | None) -> str:
+    """Where most of the numbers of a family are consistent, in words."""
+    most, every = max(each.share(family) for each in combinations)
+    where = [each.condition.words for each in combinations if each.share(family)[0] == most]
+    what = f"the {family} numbers" if family is not None else "all of the paper's numbers at once"
+    if most < every:
+        return f"No combination is consistent with {what}; the most is {most} of {every}, at {'; '.join(where[:3])}."
+    shown = "; ".join(where[:6]) + ("; and more" if len(where) > 6 else "")
+    return f"Consistent with {what}: {len(where)} of {len(combinations)} combinations ({shown})."
 
 
 def _draw(combinations: Sequence[Combination]) -> Figure:

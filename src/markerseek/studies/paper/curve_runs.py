@@ -30,8 +30,7 @@ from markerseek.studies.paper.methods import (
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.section import Answer
 from markerseek.studies.policies import PolicySettings, build_policy
-from markerseek.studies.settings import CurveSettings
-from markerseek.studies.study import Cell, Study, cells
+from markerseek.studies.study import Cell, CurveSettings, Study, cells
 from markerseek.studies.worlds import Draw, draw_trial, intensity_curve, study_rig
 
 

@@ -11,7 +11,7 @@ from markerseek._version import __version__
 from markerseek.pictures import new_picture, png_data_uri, save_png, save_svg, write_page
 from markerseek.studies.paper.options import PAPER_MARKERS, RunOptions
 from markerseek.studies.paper.printed import PAPER_NUMBERS, PaperNumber
-from markerseek.studies.paper.section import Cell, Section, Table
+from markerseek.studies.paper.section import Cell, Section, Table, make_table
 
 REPORT = "report.html"
 """Name of the page."""
@@ -68,27 +68,18 @@ def write_report(
 
 def comparison_table(section: Section) -> Table:
     """The paper's numbers and ours, as a table of the section."""
-    return Table(
-        name=f"{section.name}_beside_the_paper",
-        caption="The paper's numbers beside ours",
-        rows=tuple(
-            {
-                "number": each.paper.quantity,
-                "place": each.paper.place,
-                "unit": each.paper.unit,
-                "condition": each.condition,
-                "paper": each.paper.value,
-                "paper_spread": each.paper.sd,
-                "ours": each.ours,
-                "ours_spread": each.sd,
-                "half_interval95": each.half,
-                "difference": each.difference,
-                "off": each.failed,
-                "without_claim": each.unclaimed,
-            }
+    return make_table(
+        f"{section.name}_beside_the_paper",
+        "The paper's numbers beside ours",
+        "number place unit condition paper paper_spread ours ours_spread half_interval95 difference off without_claim",
+        (
+            (
+                each.paper.quantity, each.paper.place, each.paper.unit, each.condition, each.paper.value, each.paper.sd,
+                each.ours, each.sd, each.half, each.difference, each.failed, each.unclaimed,
+            )
             for each in section.comparisons
         ),
-    )
+    )  # fmt: skip
 
 
 def shown(cell: Cell) -> str:
@@ -113,9 +104,7 @@ def _file_names(section: Section) -> list[str]:
 def _write_csv(table: Table, path: Path) -> None:
     with new_picture(path, what="table") as part, part.open("w", newline="", encoding="utf-8") as lines:
         # The default of the csv module is CRLF, on every system.
-        writer = csv.DictWriter(lines, table.columns, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(table.rows)
+        csv.writer(lines, lineterminator="\n").writerows([table.columns, *table.rows])
 
 
 def _reasons(section: Section) -> list[tuple[str, dict[str, list[str]]]]:

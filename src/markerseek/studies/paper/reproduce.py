@@ -13,8 +13,7 @@ from markerseek.studies.paper.failures import failures
 from markerseek.studies.paper.fig5 import fig5
 from markerseek.studies.paper.fig9 import fig9
 from markerseek.studies.paper.offline import OfflineSearch, fig6, offline_searches, table1
-from markerseek.studies.paper.online import OnlineSearch, online_searches, table2
-from markerseek.studies.paper.online_figures import fig7, fig8
+from markerseek.studies.paper.online import OnlineSearch, fig7, fig8, online_searches, table2
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.section import Section
 from markerseek.studies.paper.travel import travel
