@@ -6,8 +6,8 @@ data. The probe begins at −35°, and a search ends with a move to the angle fo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 from functools import partial
 from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
@@ -68,15 +68,25 @@ ENDS_BY_ITSELF: tuple[OnlineMethod, ...] = ("WA", "posterior", "posterior, surve
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OnlineSearch:
-    """One search on the rig."""
+class OnlineRun:
+    """What one search on the rig is given."""
 
     method: OnlineMethod
     peak_snr_db: float
     repeat: int
     position: int
-    """``method``, ``peak_snr_db``, ``repeat`` and ``position``: method, noise and place: the position is counted from
-    1, the repeat from 0."""
+    """``repeat`` and ``position``: of the nine places; the position is counted from 1, the repeat from 0."""
+    marker: MarkerSettings
+    seed: int
+    tissue: str = TISSUE
+    peak_counts: float | None = PEAK_COUNTS
+    """Height of the marker's signal in a channel; None: the usual one of the simulated rig."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OnlineSearch(OnlineRun):
+    """One search on the rig."""
+
     truth_deg: float
     track_deg: tuple[float, ...]
     """Angles reached, one for each acquisition."""
@@ -104,61 +114,52 @@ class OnlineSearch:
         return self.answer(self.table_acquisitions)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Job:
-    method: OnlineMethod
-    peak_snr_db: float
-    repeat: int
-    position: int
-    marker: MarkerSettings
-    seed: int
-
-
 def online_searches(options: RunOptions) -> list[OnlineSearch]:
-    """Searches of TS, GSS (28 acquisitions), WA (5° steps, early end) and ours at the nine positions under each noise.
+    """Searches of TS and GSS (28 acquisitions), WA (5° steps, early end) and ours at the nine positions, by noise."""
+    runs = [
+        OnlineRun(method=name, peak_snr_db=level_db, repeat=repeat, position=position, marker=marker, seed=seed)
+        for repeat, position, marker, seed in visits(options)
+        for level_db in LEVELS_DB
+        for name in _ORDER
+    ]
+    return options.each(search_online, runs, stage="online searches, from channel data")
 
-    The markers are the same for all methods and noises. With fewer markers than the paper's there are fewer repeats.
+
+def visits(options: RunOptions) -> Iterator[tuple[int, int, MarkerSettings, int]]:
+    """Repeat, position, marker and seed of each visit to a position, the same for all methods, noises and materials.
+
+    With fewer markers than the paper's there are fewer repeats.
     """
-    jobs = []
     for repeat in range(max(1, round(REPEATS * options.share))):
         seeds = np.random.SeedSequence([options.seed, 77, repeat])
         for position, marker in enumerate(grid(np.random.Generator(np.random.PCG64(seeds))), start=1):
-            # The seed depends on the place only: methods and noises are compared on the same random numbers.
-            seed = int(seeds.generate_state(1)[0]) + position
-            jobs += [
-                _Job(method=name, peak_snr_db=level_db, repeat=repeat, position=position, marker=marker, seed=seed)
-                for level_db in LEVELS_DB
-                for name in _ORDER
-            ]
-    return options.each(_search, jobs, stage="online searches, from channel data")
+            # The seed depends on the place only: all are compared on the same random numbers.
+            yield repeat, position, marker, int(seeds.generate_state(1)[0]) + position
 
 
-def _search(job: _Job) -> OnlineSearch:
+def search_online(given: OnlineRun) -> OnlineSearch:
+    """Run one search."""
     settings = SimulatedSettings(
-        tissue=TISSUE,
-        marker=job.marker,
-        noise=NoiseSettings(peak_snr_db=job.peak_snr_db),
-        receiver=ReceiverSettings(peak_counts=PEAK_COUNTS),
+        tissue=given.tissue,
+        marker=given.marker,
+        noise=NoiseSettings(peak_snr_db=given.peak_snr_db),
+        receiver=ReceiverSettings(peak_counts=given.peak_counts),
         start_deg=PAPER_RANGE.low_deg,
     )
-    rig = rigs.simulated(seed=job.seed, settings=settings)
+    rig = rigs.simulated(seed=given.seed, settings=settings)
     if rig.facts.truth_deg is None:
         raise SearchError("online: the rig has no marker, so that there is no error")
-    is_ours = job.method in get_args(Ours)
     found = searched(
-        _policy(job.method),
+        _policy(given.method),
         rig.scanner,
         stay=False,
-        dark_frames=rig.dark_frames if is_ours else 0,
-        counts=BRACKET_ACQUISITIONS if job.method in BRACKETS else (),
+        dark_frames=rig.dark_frames if given.method in get_args(Ours) else 0,
+        counts=BRACKET_ACQUISITIONS if given.method in BRACKETS else (),
     )
     samples, finished = found.samples, found.finished
     each_s = settings.receiver.readout_s + settings.laser.pulses / settings.laser.rate_hz
     return OnlineSearch(
-        method=job.method,
-        peak_snr_db=job.peak_snr_db,
-        repeat=job.repeat,
-        position=job.position,
+        **{each.name: getattr(given, each.name) for each in fields(given)},
         truth_deg=rig.facts.truth_deg,
         track_deg=tuple(sample.angle_deg for sample in samples),
         estimates=found.answers or {len(samples): finished.estimate},
