@@ -29,7 +29,7 @@ from markerseek.studies import (
     values_of,
 )
 from markerseek.studies.bound import marker_curve
-from markerseek.studies.table import as_csv
+from markerseek.studies.runner import as_csv
 from markerseek.studies.window import window_of
 from markerseek.studies.worlds import draw_trial, former_rig
 
