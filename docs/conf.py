@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import sys
+from contextlib import suppress
 from importlib import import_module
 from types import FunctionType
 
@@ -11,6 +13,8 @@ from docutils import nodes
 from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
+from sphinx.errors import PycodeError
+from sphinx.pycode import ModuleAnalyzer
 from typer.cli import get_docs_for_click
 
 import markerseek
@@ -25,7 +29,10 @@ exclude_patterns = ["_build"]
 # The theme is named here alone.
 html_theme = "furo"
 html_title = f"markerseek {version}"
+html_show_sourcelink = False
 nitpicky = True
+# `--seed` is no dash.
+smartquotes = False
 
 myst_heading_anchors = 4
 
@@ -62,8 +69,17 @@ def _names(package: str) -> str:
         elif isinstance(public, FunctionType):
             lines += [f".. autofunction:: {package}.{name}", ""]
         else:
-            lines += [f".. autodata:: {package}.{name}", "   :no-value:", ""]
+            lines += [f".. py:data:: {package}.{name}", "", f"   {_meaning(package, name)}", ""]
     return "\n".join(lines)
+
+
+def _meaning(package: str, name: str) -> str:
+    """The first sentence below a constant or an alias, wherever in the package it is defined."""
+    for module in [each for each in sys.modules if each.startswith(package)]:
+        with suppress(PycodeError):
+            if ("", name) in (found := ModuleAnalyzer.for_module(module).find_attr_docs()):
+                return " ".join(found["", name]).strip()
+    return ""
 
 
 def _by_public_name(
