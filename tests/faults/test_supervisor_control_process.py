@@ -18,7 +18,7 @@ import pytest
 from markerseek.files import Line
 from markerseek.supervisor import Supervisor
 from markerseek.supervisor.parent_death import end_with_parent
-from pseudo_terminals import SOON_S, STOP, Device, gone
+from tests.faults.pseudo_terminals import SOON_S, STOP, Device, gone
 
 pytestmark = pytest.mark.real_time
 serial = pytest.importorskip("serial")

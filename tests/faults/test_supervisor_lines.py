@@ -15,7 +15,7 @@ from markerseek.core import ConfigError, DeviceError, NotConnectedError
 from markerseek.files import Line
 from markerseek.supervisor import Supervisor
 from markerseek.supervisor.messages import MAX_BYTES, Kind, packed, packed_step, step_of, unpacked
-from pseudo_terminals import SOON_S, STOP, Device, gone
+from tests.faults.pseudo_terminals import SOON_S, STOP, Device, gone
 
 pytestmark = pytest.mark.real_time
 serial = pytest.importorskip("serial")

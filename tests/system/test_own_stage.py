@@ -12,9 +12,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from tests.emulated import markerseek
 
 from markerseek import rigs
+from tests.emulated import markerseek
 
 Shell = Callable[..., tuple[int, str, str]]
 

@@ -137,7 +137,9 @@ def _one_of(value: object, hints: tuple[typing.Any, ...], *, name: str, choose: 
     fitting = [hint for hint in hints if _holds(hint, value)]
     if not fitting:
         raise ConfigError(f"{name} is {_kind_of(value)}, it must be {' or '.join(map(_in_words, hints))}")
-    return setting_from(value, fitting[0], name=name, choose=choose)
+    # A whole number fits a float too, and would become one: the type that the value has comes first.
+    chosen = next((hint for hint in fitting if hint is type(value)), fitting[0])
+    return setting_from(value, chosen, name=name, choose=choose)
 
 
 def _holds(hint: typing.Any, value: object) -> bool:
