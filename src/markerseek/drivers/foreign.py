@@ -13,7 +13,7 @@ import inspect
 import sys
 import typing
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -35,6 +35,7 @@ from markerseek.core import (
     Receiver,
     Stage,
 )
+from markerseek.drivers._time_limit import time_limit
 from markerseek.drivers.entry import (
     DeviceSettings,
     Entry,
@@ -128,11 +129,17 @@ _OFFERED = {
 def _class_of(part: Part, settings: AnyForeign) -> type:
     name = f'{part}.driver = "{settings.driver}"'
     module_name, _, class_name = settings.driver.partition(":")
+    if not (class_name.isidentifier() and all(word.isidentifier() for word in module_name.split("."))):
+        raise ConfigError(
+            f'{name}: it must be "module:Class", as in "my_stage:Stage": the name of the file without its folder and '
+            ".py, a colon, and that of the class"
+        )
     if not settings.beside:
         raise ConfigError(f"{name}: a foreign driver is only imported for a rig file; name the rig file")
     file = Path(settings.beside) / f"{module_name}.py"
     try:
-        module = _from_file(module_name, str(file)) if file.is_file() else _installed(module_name, settings.beside)
+        with time_limit(f"importing {module_name}"):
+            module = _from_file(module_name, str(file)) if file.is_file() else _installed(module_name, settings.beside)
     except ModuleNotFoundError as problem:
         if problem.name is None or not f"{module_name}.".startswith(f"{problem.name}."):
             raise ConfigError(f"{name}: importing {module_name} failed: {problem}; install what it needs") from problem
@@ -143,11 +150,15 @@ def _class_of(part: Part, settings: AnyForeign) -> type:
     except MarkerseekError:
         raise
     # Code of the user: any error in it is reported under its name, and not as one of this program.
-    except Exception as problem:
+    except (Exception, SystemExit) as problem:
         raise ConfigError(f"{name}: importing {module_name} failed: {_described(problem)}; correct it") from problem
     made = getattr(module, class_name, None)
     if not isinstance(made, type):
-        there = [key for key, value in vars(module).items() if isinstance(value, type) and not key.startswith("_")]
+        there = [
+            key
+            for key, value in vars(module).items()
+            if isinstance(value, type) and value.__module__ == module.__name__ and not key.startswith("_")
+        ]
         raise ConfigError(
             f"{name}: {module_name} has no class {class_name}; its classes are: {', '.join(there) or 'none'}"
         )
@@ -214,7 +225,7 @@ def _line(part: Part, settings: AnyForeign) -> Line | None:
 
 def _arguments(part: Part, settings: AnyForeign, made: type, offered: Mapping[str, object]) -> dict[str, object]:
     """Keyword arguments of the class; `ConfigError` if a key is unknown, missing, or of another type."""
-    parameters = dict(inspect.signature(made).parameters)
+    parameters = _parameters(made, name=f'{part}.driver = "{settings.driver}"')
     takes_any = any(each.kind is inspect.Parameter.VAR_KEYWORD for each in parameters.values())
     named = {
         name: each for name, each in parameters.items() if each.kind not in (each.VAR_KEYWORD, each.VAR_POSITIONAL)
@@ -242,6 +253,23 @@ def _arguments(part: Part, settings: AnyForeign, made: type, offered: Mapping[st
         else:
             given[name] = offered[name]
     return given
+
+
+def _parameters(made: type, *, name: str) -> Mapping[str, inspect.Parameter]:
+    """Arguments of the class; `ConfigError` if one cannot be given by its name."""
+    try:
+        parameters = inspect.signature(made).parameters
+    except (ValueError, TypeError) as problem:
+        raise ConfigError(
+            f"{name}: the arguments of {made.__name__} are not known ({problem}); derive a class with an __init__"
+        ) from problem
+    nameless = [each.name for each in parameters.values() if each.kind is each.POSITIONAL_ONLY]
+    if nameless:
+        raise ConfigError(
+            f"{name}: {made.__name__} takes {', '.join(nameless)} by position only, and arguments are given by name; "
+            "take the / out of its __init__"
+        )
+    return parameters
 
 
 def _hints(made: type) -> dict[str, Any]:
@@ -304,7 +332,7 @@ class _Named(Generic[DeviceT]):
             self.dry_line = DryLine(opening.line)
             self._read_away(opening.clock)
             offered["line"] = self.dry_line
-        with self.errors(NotConnectedError):
+        with self.in_time("connecting"), self.errors(NotConnectedError):
             self.device: DeviceT = made(**_arguments(part, settings, made, offered))
 
     def _read_away(self, clock: Clock) -> None:
@@ -314,6 +342,10 @@ class _Named(Generic[DeviceT]):
         while clock.now_s() < ends_s and self.dry_line.read(4096, timeout_s=_QUIET_S):
             pass
 
+    def in_time(self, what: str) -> AbstractContextManager[None]:
+        """Raise `DeviceTimeoutError` if what is done with it takes too long; nothing moves and nothing fires."""
+        return time_limit(f"{self.driver}: {what}")
+
     @contextmanager
     def errors(self, kind: type[DeviceError]) -> Iterator[None]:
         """Give an error of the class its name."""
@@ -321,18 +353,20 @@ class _Named(Generic[DeviceT]):
             yield
         except MarkerseekError:
             raise
-        except Exception as problem:
+        except (Exception, SystemExit) as problem:
             raise kind(f"{self.driver}: {_described(problem)}; this is an error of that driver") from problem
 
     @property
     def emulated(self) -> bool:
         """Whether it says that it is an emulator."""
-        return bool(getattr(self.device, "emulated", False))
+        with self.errors(NotConnectedError):
+            return bool(getattr(self.device, "emulated", False))
 
     @property
     def description(self) -> str:
         """What it says of itself, after the name of its driver."""
-        says = getattr(self.device, "description", None)
+        with self.errors(NotConnectedError):
+            says = getattr(self.device, "description", None)
         return f"{self.driver} (foreign driver{f': {says}' if isinstance(says, str) else ''})"
 
 
@@ -342,7 +376,8 @@ class NamedStage(_Named[Stage]):
     @property
     def limits(self) -> Interval:
         """As of the class."""
-        return self.device.limits
+        with self.errors(MoveError):
+            return self.device.limits
 
     @property
     def angle_deg(self) -> float:
@@ -394,7 +429,7 @@ class NamedReceiver(_Named[Receiver]):
             return self.device.acquire(permit)
 
 
-def _described(problem: Exception) -> str:
+def _described(problem: BaseException) -> str:
     """An error as its class and message in one line."""
     return f"{type(problem).__name__}: {' '.join(str(problem).split())}"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import termios
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 from markerseek.core import ConfigError, NotConnectedError, needs_package, require_range
 
@@ -34,6 +34,14 @@ class Line:
         if not self.safe_command:
             raise ConfigError(f"line {self.name!r}: safe_command is empty; give the command that makes the device safe")
         require_range(f"line {self.name!r}: baud", self.baud, low=1200, high=4_000_000)
+        if not isinstance(self.baud, int):
+            raise ConfigError(f"line {self.name!r}: baud is {self.baud!r}, it must be a whole number")
+        if self.parity not in get_args(Parity):
+            raise ConfigError(
+                f"line {self.name!r}: parity is {self.parity!r}, it must be one of: {', '.join(get_args(Parity))}"
+            )
+        if not isinstance(self.rtscts, bool):
+            raise ConfigError(f"line {self.name!r}: rtscts is {self.rtscts!r}, it must be True or False")
 
 
 def open_serial(path: str, *, baud: int, parity: Parity, write_timeout_s: float, rtscts: bool = False) -> Any:

@@ -84,12 +84,13 @@ class OpenDevices:
         if not isinstance(device, NamedStage | NamedLaser | NamedReceiver):
             return
         dry = None if device.dry_line is None else device.dry_line.dry
-        if isinstance(device, NamedStage):
-            checks = check_stage(device.device, search=self._settings.limits.search, dry=dry)
-        elif isinstance(device, NamedLaser):
-            checks = check_laser(device.device, dry=dry)
-        else:
-            checks = check_receiver(device.device)
+        with device.in_time("trying it by the contract"):
+            if isinstance(device, NamedStage):
+                checks = check_stage(device.device, search=self._settings.limits.search, dry=dry)
+            elif isinstance(device, NamedLaser):
+                checks = check_laser(device.device, dry=dry)
+            else:
+                checks = check_receiver(device.device)
         broken = "; ".join(f"{each.rule} {each.problem}" for each in checks if each.problem)
         if broken:
             raise NotConnectedError(

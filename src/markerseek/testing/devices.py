@@ -40,6 +40,21 @@ def _require_call(method: Callable[..., object], *arguments: object) -> None:
         return
 
 
+MAX_RESOLUTION_DEG = 0.1
+"""Coarsest resolution of a stage: further from its target than this, the guard takes a move for a fault."""
+
+
+def is_resolution(value: object) -> bool:
+    """Whether it is a resolution that a stage can have, in degrees."""
+    return is_finite(value) and 0 < value <= MAX_RESOLUTION_DEG
+
+
+def _require_flag(device: object) -> None:
+    """Fail where it says something else of being an emulator than yes or no."""
+    says = getattr(device, "emulated", False)
+    assert isinstance(says, bool), f"emulated is {says!r}, it must be True or False"
+
+
 class StageContract:
     """Contract of a stage; a subclass makes one.
 
@@ -82,6 +97,11 @@ class StageContract:
         """It has angle_deg, limits, move_to(angle_deg) and stop()."""
         stage = self.make()
         assert isinstance(stage, Stage), "one of them is missing"
+        _require_flag(stage)
+        says = getattr(stage, "resolution_deg", MAX_RESOLUTION_DEG)
+        assert is_resolution(says), (
+            f"resolution_deg is {says!r}, it must be above 0 and at most {MAX_RESOLUTION_DEG} deg"
+        )
         _require_call(stage.move_to, 0.0)
         _require_call(stage.stop)
         assert isinstance(stage.limits, Interval), f"limits is {stage.limits!r}, not a markerseek.core.Interval"
@@ -164,6 +184,7 @@ class LaserContract:
         """It has fire(permit) and disarm()."""
         laser = self.make()
         assert isinstance(laser, Laser), "one of them is missing"
+        _require_flag(laser)
         _require_call(laser.fire, _permit("none"))
         _require_call(laser.disarm)
 
@@ -216,6 +237,7 @@ class ReceiverContract:
         """It has settle(), arm(permit) and acquire(permit)."""
         receiver = self.make_receiver()
         assert isinstance(receiver, Receiver), "one of them is missing"
+        _require_flag(receiver)
         _require_call(receiver.settle)
         _require_call(receiver.arm, _permit("none"))
         _require_call(receiver.acquire, _permit("none"))

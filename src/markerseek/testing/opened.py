@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from markerseek.core import Interval, Laser, Receiver, Stage
-from markerseek.testing.devices import LaserContract, ReceiverContract, StageContract
+from markerseek.testing.devices import MAX_RESOLUTION_DEG, LaserContract, ReceiverContract, StageContract, is_resolution
 
 Dry: TypeAlias = Callable[[], AbstractContextManager[None]]
 """Keeps what is written to the device from it, for the time of a block."""
@@ -36,7 +36,7 @@ def check_stage(stage: Stage, *, search: Interval, dry: Dry | None) -> tuple[Rul
     Parameters
     ----------
     stage
-        The stage; its ``resolution_deg`` is used where it has one, else 0.1 degrees.
+        The stage; its ``resolution_deg`` is used where it has one, else 0.1 degrees, which is also the most.
     search
         Angles that the rig will send it to.
     dry
@@ -44,13 +44,19 @@ def check_stage(stage: Stage, *, search: Interval, dry: Dry | None) -> tuple[Rul
     """
 
     class Opened(StageContract):
-        resolution_deg = float(getattr(stage, "resolution_deg", 0.1))
+        resolution_deg = _resolution_deg(stage)
         reaches = search
 
         def make(self) -> Stage:
             return stage
 
     return _checked(Opened(), StageContract.at_rest, StageContract.held_dry, dry)
+
+
+def _resolution_deg(stage: Stage) -> float:
+    """That of the stage; the usual where it says none, or none that is one, by which the first rule is broken."""
+    says = getattr(stage, "resolution_deg", None)
+    return float(says) if is_resolution(says) else MAX_RESOLUTION_DEG
 
 
 def check_laser(laser: Laser, *, dry: Dry | None) -> tuple[RuleCheck, ...]:
@@ -103,7 +109,7 @@ def _tried(contract: object, name: str, held: Dry) -> RuleCheck:
         with held():
             getattr(contract, name)()
     # Code of somebody else: whatever it raises, the rule was not kept.
-    except Exception as problem:  # noqa: BLE001
+    except (Exception, SystemExit) as problem:  # noqa: BLE001
         said = " ".join(str(problem).split()) or "it does not"
         broken = said if isinstance(problem, AssertionError) else f"{type(problem).__name__}: {said}"
         return RuleCheck(rule=_rule(contract, name), problem=f"({broken})")
