@@ -29,7 +29,7 @@ from markerseek.core import (
     require_range,
 )
 from markerseek.drivers._receivers import acquired_frame
-from markerseek.drivers.daq_folder import DaqFolder, FolderState, numbered
+from markerseek.drivers.daq_folder import DaqFolder, FolderState
 from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
 from markerseek.wire import sonixdaq as wire
 
@@ -189,8 +189,8 @@ class SonixDaqReceiver:
             state, now_s = self._folder.state(), self._clock.now_s()
             if state != seen:
                 seen, since_s = state, now_s
-            names = numbered([name for name, file in state.items() if before.get(name) != file])
-            complete = len(names) == wire.CHANNELS and all(self._folder.is_complete(name) for name in names.values())
+            names = self._folder.numbered(name for name, file in state.items() if before.get(name) != file)
+            complete = len(names) == wire.CHANNELS and self._folder.is_complete(names.values())
             if complete and now_s - since_s >= self._settings.stable_s:
                 return names, state
             if not now_s <= ends_s:

@@ -25,7 +25,7 @@ from markerseek.core import (
     Permit,
 )
 from markerseek.drivers import SonixDaqReceiver, SonixDaqSettings, SystemClock
-from markerseek.drivers.daq_folder import DaqFolder, numbered
+from markerseek.drivers.daq_folder import DaqFolder
 from markerseek.drivers.sonixdaq import run_to_its_end
 from markerseek.emulators.bench import BenchClock
 from markerseek.emulators.sonixdaq import EmulatedSonixDaq
@@ -112,7 +112,7 @@ def test_a_frame_carries_the_clock_of_the_rig(bench: Bench) -> None:
 
 def test_a_dark_frame_averages_as_many_triggers_as_the_box_gives(bench: Bench) -> None:
     assert bench.take(triggers=4, pulses=0).header.pulses == 0
-    with pytest.raises(AcquisitionError, match="holds 3 pulses, 4 were triggered"):
+    with pytest.raises(AcquisitionError, match="hold 3 pulses, 4 were triggered"):
         bench.take("b", triggers=3, pulses=0)
 
 
@@ -169,8 +169,8 @@ def test_an_acquisition_that_is_written_again_is_equal_to_the_last_count_for_cou
 
 
 def test_two_layouts_in_one_folder_are_not_mixed(bench: Bench) -> None:
-    with pytest.raises(AcquisitionError, match=r"CH003.daq and CH003-0000.daq are both new and both channel 3"):
-        numbered(["CH003.daq", "CH003-0000.daq"])
+    with pytest.raises(AcquisitionError, match=r"CH003.daq and CH003-0000.daq are both channel 3; .* one program"):
+        DaqFolder(bench.folder).numbered(["CH003.daq", "CH003-0000.daq"])
     bench.take()
     other = Bench(bench.folder, sdk=5)  # the former layout's files stay, and are old
     np.testing.assert_array_equal(other.take().samples, other.received[-1])
@@ -208,8 +208,8 @@ def test_hostile_files_are_a_device_error_or_a_frame(tmp_path: Path, hostile: di
         if number in hostile or not path.exists() or path.stat().st_size != len(sound):
             path.write_bytes(hostile.get(number, sound))
     folder = DaqFolder(tmp_path)
-    names = numbered(list(folder.state()))
-    complete = all(folder.is_complete(name) for name in names.values())
+    names = folder.numbered(folder.state())
+    complete = folder.is_complete(names.values())
     try:
         samples = folder.read(names, pulses=4)
     except DeviceError:

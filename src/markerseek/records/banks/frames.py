@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
-from markerseek.files import MIB, as_read_error, read_input
+from markerseek.files import MIB, as_read_error, channel_files, read_channels
 from markerseek.records.banks.bank import HDF5_SUFFIXES
 from markerseek.records.banks.counts import as_counts, scale_of
 from markerseek.records.journal import is_journal
@@ -27,9 +27,6 @@ MAT_PROBE = "L3-8"
 _FRAME, _COUNT = "AdcData_frame000", "SampleNum"
 _MAX_FRAME_BYTES = 256 * MIB
 """Largest file of one frame: 16 MiB of channel data, and whatever else was saved with them."""
-
-_MAX_CHANNEL_BYTES = 64 * MIB
-"""Largest file of one channel: 800 pulses of 40,000 samples."""
 
 
 def load_frame(
@@ -130,38 +127,7 @@ def _mat_frame(path: Path, arrays: Mapping[str, np.ndarray]) -> Int16[np.ndarray
 
 
 def _load_daq_folder(folder: Path) -> tuple[Int16[np.ndarray, "channels samples"], int]:
-    files = _daq_files(folder)
-    first, _ = _daq_file(files[0])
-    samples = np.empty((sonixdaq.CHANNELS, first.samples), np.int16)
-    for number, path in sorted(files.items()):
-        header, body = _daq_file(path)
-        # Files of two acquisitions would give a frame whose channels belong to different shots.
-        if header != first:
-            raise RecordError(
-                f"{path}: {header.frames} pulses of {header.samples} samples under a header of "
-                f"{header.length} bytes found, {first.frames} of {first.samples} under {first.length} expected as in "
-                f"{files[0].name}; the folder mixes acquisitions: acquire it again"
-            )
-        pulses = sonixdaq.decode_samples(body, header)
-        # The connector permutes the channels: file numbers are not element numbers.
-        # In float64: the sum of many int16 pulses overflows int16.
-        samples[sonixdaq.element_of_file(number)] = np.rint(pulses.mean(axis=0, dtype=np.float64))
-    return samples, first.frames
-
-
-def _daq_files(folder: Path) -> dict[int, Path]:
-    """Channel files by number, all 128 of them."""
-    files: dict[int, Path] = {}
-    for path in sorted(folder.iterdir()):
-        number = sonixdaq.file_number(path.name)
-        if number is None:
-            continue
-        if number in files:
-            raise RecordError(
-                f"{folder}: {files[number].name} and {path.name} are both channel {number}; "
-                "keep one acquisition per folder"
-            )
-        files[number] = path
+    files = channel_files(folder, sorted(path.name for path in folder.iterdir()))
     if len(files) != sonixdaq.CHANNELS:
         missing = next(number for number in range(sonixdaq.CHANNELS) if number not in files)
         raise RecordError(
@@ -169,18 +135,4 @@ def _daq_files(folder: Path) -> dict[int, Path]:
             f"missing is CH{missing:03d}: wait until the acquisition is complete, or acquire it again"
             + ("" if files else f"; if it holds a scan of many angles, see 'markerseek bank info {folder}'")
         )
-    return files
-
-
-def _daq_file(path: Path) -> tuple[sonixdaq.DaqHeader, bytes]:
-    data = read_input(path, most_bytes=_MAX_CHANNEL_BYTES)
-    try:
-        header = sonixdaq.decode_header(data[: sonixdaq.HEADER_BYTES], size=len(data), name=path.name)
-    except RecordError as error:
-        raise RecordError(f"{path.parent}: {error}") from error
-    if header.samples > sonixdaq.MAX_SAMPLES:
-        raise RecordError(
-            f"{path}: it holds {header.samples} samples of each pulse, at most {sonixdaq.MAX_SAMPLES} are read; "
-            "record a shorter time"
-        )
-    return header, data[header.length :]
+    return read_channels(files)
