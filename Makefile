@@ -79,8 +79,9 @@ endif
 
 setup: .venv/dev $(ROS_READY)  ## set up the environments of the tests
 
-docs: .venv/dev  ## run the examples of the documentation
-	$(BIN)/python -m pytest -q tests/system/test_examples.py
+docs: .venv/dev  ## make the documentation site in out/docs (warnings are errors), for reading offline
+	$(BIN)/python -m sphinx -W --keep-going -q -E -b html docs out/docs
+	@echo "open out/docs/index.html"
 
 figures: .venv/dev  ## draw the pictures of README and map
 	$(BIN)/markerseek search --seed 1 --no-journal --plot --out docs/figures
@@ -93,7 +94,7 @@ lock: .venv/dev  ## pin the versions again, after a change in pyproject.toml
 	$(COMPILE) --upgrade --extra plot --extra records --extra devices --extra igtl --extra page --extra vision -o requirements/run.txt pyproject.toml
 	$(BIN)/python requirements/without_tools.py requirements/run.txt
 	$(COMPILE) --extra plot -c requirements/run.txt -o requirements/demo.txt pyproject.toml
-	$(COMPILE) --extra plot --extra check --extra test --extra cluster --extra records --extra devices --extra igtl --extra page --extra vision --extra optimizers --extra faults -c requirements/run.txt -o requirements/dev.txt pyproject.toml
+	$(COMPILE) --extra plot --extra check --extra test --extra cluster --extra records --extra devices --extra igtl --extra page --extra vision --extra optimizers --extra docs --extra faults -c requirements/run.txt -o requirements/dev.txt pyproject.toml
 	$(COMPILE) --extra bench -c requirements/run.txt -o requirements/bench.txt pyproject.toml
 	$(filter-out --build-deps-for editable,$(COMPILE)) -c requirements/dev.txt -o requirements/peers.txt requirements/peers.in
 	$(filter-out --build-deps-for editable,$(COMPILE)) -c requirements/dev.txt -o requirements/ros2.txt requirements/ros2.in
