@@ -1,4 +1,5 @@
 from .clock import LONGEST_WAIT_S, SystemClock
+from .energy_meter import EnergyMeter, metered
 from .entry import PARTS, AnyEntry, DeviceSettings, LaserSettings, Part, ReceiverSettings, StageSettings, is_emulated
 from .exposure import exposure_line
 from .foreign import DryLine, NamedLaser, NamedReceiver, NamedStage
@@ -24,6 +25,7 @@ __all__ = [
     "BenchSupervisor",
     "DeviceSettings",
     "DryLine",
+    "EnergyMeter",
     "Kdc101Moves",
     "Kdc101Settings",
     "Kdc101Stage",
@@ -57,4 +59,5 @@ __all__ = [
     "entry_of",
     "exposure_line",
     "is_emulated",
+    "metered",
 ]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from markerseek.core import Clock, ConfigError, Laser, Receiver, RigFacts, Stage
-from markerseek.drivers import PARTS, BenchProbe, BenchSettings, Part, SystemClock, entry_of, is_emulated
+from markerseek.drivers import PARTS, BenchProbe, BenchSettings, Part, SystemClock, entry_of, is_emulated, metered
 from markerseek.guard import Guard
 from markerseek.rigs.bench_devices import OpenDevices, guard_of
 from markerseek.rigs.recipe import BenchRecipe
@@ -39,6 +39,9 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
     clock = SystemClock(beat=devices.supervisor.beat if devices.supervisor else None)
     stage, stage_name = devices.stage(clock)
     laser, receiver, acquisition_name = devices.acquisition(clock)
+    opened = zip(PARTS, (stage, laser, receiver), strict=True)
+    emulated = tuple(part for part, device in opened if is_emulated(device))
+    receiver = metered(settings.laser, laser, receiver, full_scale=imaging.preset.full_scale)
     scanner = Scanner(
         stage=stage,
         laser=laser,
@@ -57,9 +60,7 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         search=settings.limits.search,
         face_radius_m=settings.probe.face_radius_m,
         # By what the devices answer and not by a key: a rig file may be copied from an emulated bench to a real one.
-        emulated=tuple(
-            part for part, device in zip(PARTS, (stage, laser, receiver), strict=True) if is_emulated(device)
-        ),
+        emulated=emulated,
     )
     return Rig(
         facts=with_probe(facts, imaging),
@@ -130,7 +131,8 @@ def bench_part(
             held, description = devices.stage(clock)
         else:
             laser, receiver, description = devices.acquisition(clock)
-            held = laser, receiver
+            preset = imaging_of(settings.probe, sampling_hz=settings.receiver.sampling_hz).preset
+            held = laser, metered(settings.laser, laser, receiver, full_scale=preset.full_scale)
         return BenchPart(part=held, guard=guard_of(settings), clock=clock, description=description, devices=devices)
     except BaseException:
         devices.close()
