@@ -122,9 +122,9 @@ def test_a_pipe_in_the_place_of_a_channel_file_is_not_waited_for(tmp_path: Path)
     (tmp_path / "CH001.daq").mkdir()
     folder = DaqFolder(tmp_path)
     for name in ("CH000.daq", "CH001.daq"):
-        assert not folder.is_complete([name])
+        assert not folder.is_complete(name)
         with pytest.raises(DeviceError, match=r"not a regular file but a pipe|is a folder, and a file is expected"):
-            folder.read({int(name[2:5]): name}, pulses=4)
+            folder.read([name], pulses=4)
 
 
 def test_an_acquisition_of_gigabytes_is_refused_at_its_first_file(tmp_path: Path) -> None:
@@ -134,4 +134,4 @@ def test_an_acquisition_of_gigabytes_is_refused_at_its_first_file(tmp_path: Path
             file.write(struct.pack("<3i", number, 1, samples))
             file.truncate(12 + 2 * samples)
     with pytest.raises(DeviceError, match="16777216 samples of each pulse, at most 65536"):
-        DaqFolder(tmp_path).read({number: f"CH{number:03d}.daq" for number in range(daq.CHANNELS)}, pulses=1)
+        DaqFolder(tmp_path).read([f"CH{number:03d}.daq" for number in range(daq.CHANNELS)], pulses=1)

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+import sys
+from collections.abc import Collection
 from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
 
 from markerseek.core import AcquisitionError, Int16, NotConnectedError, RecordError
-from markerseek.files import channel_files, is_complete, read_channels
+from markerseek.files import MIB, open_input, read_input
 from markerseek.wire import sonixdaq as wire
+
+_MAX_BYTES = 64 * MIB
+"""Largest channel file that is read: 800 pulses of 40,000 samples."""
 
 FolderState: TypeAlias = dict[str, tuple[int, int, int]]
 """Channel files by name: time of the last change in ns, size in bytes, inode."""
@@ -44,28 +48,28 @@ class DaqFolder:
             raise self._unreadable(error) from error
         return state
 
-    def is_complete(self, names: Iterable[str]) -> bool:
-        """Whether all of these files have the size given by their headers."""
+    def is_complete(self, name: str) -> bool:
+        """Whether a file has the size given by its header."""
         try:
-            return all(is_complete(self._path / name) for name in names)
+            # Of any size: one that is too large is complete, and reading it says what is wrong with it.
+            with open_input(self._path / name, most_bytes=sys.maxsize) as file:
+                size = os.fstat(file.fileno()).st_size
+                wire.decode_header(file.read(wire.HEADER_BYTES), size=size, name=name)
+        except (RecordError, FileNotFoundError):
+            return False
         except OSError as error:
             raise self._unreadable(error) from error
+        return True
 
-    def numbered(self, names: Iterable[str]) -> dict[int, str]:
-        """Channel files by number; `AcquisitionError` if two new ones are of one channel."""
-        try:
-            return {number: path.name for number, path in channel_files(self._path, names).items()}
-        except RecordError as error:
-            raise AcquisitionError(f"sonixdaq: {error}") from error
-
-    def read(self, names: Mapping[int, str], *, pulses: int) -> Int16[np.ndarray, "channels samples"]:
+    def read(self, names: Collection[str], *, pulses: int) -> Int16[np.ndarray, "channels samples"]:
         """Samples of all channels by element, averaged over the pulses.
 
         ``pulses``: how many each must hold. Raises `AcquisitionError` if the files are not one acquisition of that many
         pulses.
         """
         try:
-            samples, found = read_channels({number: self._path / name for number, name in names.items()})
+            read = ((name, read_input(self._path / name, most_bytes=_MAX_BYTES)) for name in names)
+            samples, found = wire.averaged(read)
         except RecordError as error:
             raise AcquisitionError(f"sonixdaq: {error}") from error
         except FileNotFoundError as error:

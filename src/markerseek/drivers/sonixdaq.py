@@ -14,7 +14,7 @@ from __future__ import annotations
 import os
 import subprocess
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import ClassVar, Literal
 
@@ -26,6 +26,7 @@ from markerseek.core import (
     DeviceTimeoutError,
     NotConnectedError,
     Permit,
+    RecordError,
     require_range,
 )
 from markerseek.drivers._receivers import acquired_frame
@@ -180,8 +181,8 @@ class SonixDaqReceiver:
         """Number of triggers that the laser box sends under a permit."""
         return permit.pulses or self._dark_triggers
 
-    def _await_files(self, before: FolderState) -> tuple[dict[int, str], FolderState]:
-        """Names of the new files by number, once they are complete and unchanged, and the folder's state then."""
+    def _await_files(self, before: FolderState) -> tuple[list[str], FolderState]:
+        """Names of the new files, once they are complete and unchanged, and the folder's state then."""
         ends_s = self._clock.now_s() + self._settings.timeout_s
         seen, since_s = before, self._clock.now_s()
         while True:
@@ -189,8 +190,8 @@ class SonixDaqReceiver:
             state, now_s = self._folder.state(), self._clock.now_s()
             if state != seen:
                 seen, since_s = state, now_s
-            names = self._folder.numbered(name for name, file in state.items() if before.get(name) != file)
-            complete = len(names) == wire.CHANNELS and self._folder.is_complete(names.values())
+            names = _numbered(name for name, file in state.items() if before.get(name) != file)
+            complete = len(names) == wire.CHANNELS and all(map(self._folder.is_complete, names))
             if complete and now_s - since_s >= self._settings.stable_s:
                 return names, state
             if not now_s <= ends_s:
@@ -200,6 +201,14 @@ class SonixDaqReceiver:
                     "folder and free space, or raise timeout_s"
                 )
             self._clock.wait(_POLL_S)
+
+
+def _numbered(names: Iterable[str]) -> list[str]:
+    """Channel files by their number; `AcquisitionError` if two new ones are of one channel."""
+    try:
+        return [name for _, name in sorted(wire.by_number(names).items())]
+    except RecordError as error:
+        raise AcquisitionError(f"sonixdaq: new files: {error}") from error
 
 
 def run_to_its_end(command: Sequence[str], *, timeout_s: float, clock: Clock, what: str) -> None:

@@ -2,11 +2,10 @@
 
 `open_input` opens a file that a user names, once its kind and size are checked; `as_read_error` turns errors of reading
 into a sentence. `new_file` and `replace_file` write a file under a temporary name and rename it when it is
-complete; `create_atomically` is the step that `new_file` adds checks to. `read_channels` reads a SonixDAQ folder.
+complete; `create_atomically` is the step that `new_file` adds checks to.
 """
 
 from markerseek.files.atomic import create_atomically, new_file, replace_file, require_new, sync_folder
-from markerseek.files.channel_files import channel_files, is_complete, read_channels
 from markerseek.files.csv_rows import CsvRows, csv_rows
 from markerseek.files.inputs import MIB, as_read_error, open_input, read_input, require_input
 from markerseek.files.serial_line import SERIAL_ERRORS, Line, Parity, open_serial
@@ -19,15 +18,12 @@ __all__ = [
     "Line",
     "Parity",
     "as_read_error",
-    "channel_files",
     "create_atomically",
     "csv_rows",
-    "is_complete",
     "nearest_key",
     "new_file",
     "open_input",
     "open_serial",
-    "read_channels",
     "read_input",
     "read_toml",
     "replace_file",

@@ -26,7 +26,7 @@ from markerseek.core import (
 )
 from markerseek.drivers import SonixDaqReceiver, SonixDaqSettings, SystemClock
 from markerseek.drivers.daq_folder import DaqFolder
-from markerseek.drivers.sonixdaq import run_to_its_end
+from markerseek.drivers.sonixdaq import _numbered, run_to_its_end
 from markerseek.emulators.bench import BenchClock
 from markerseek.emulators.sonixdaq import EmulatedSonixDaq
 from markerseek.records.banks.frames import load_frame
@@ -170,7 +170,7 @@ def test_an_acquisition_that_is_written_again_is_equal_to_the_last_count_for_cou
 
 def test_two_layouts_in_one_folder_are_not_mixed(bench: Bench) -> None:
     with pytest.raises(AcquisitionError, match=r"CH003.daq and CH003-0000.daq are both channel 3; .* one program"):
-        DaqFolder(bench.folder).numbered(["CH003.daq", "CH003-0000.daq"])
+        _numbered(["CH003.daq", "CH003-0000.daq"])
     bench.take()
     other = Bench(bench.folder, sdk=5)  # the former layout's files stay, and are old
     np.testing.assert_array_equal(other.take().samples, other.received[-1])
@@ -208,8 +208,8 @@ def test_hostile_files_are_a_device_error_or_a_frame(tmp_path: Path, hostile: di
         if number in hostile or not path.exists() or path.stat().st_size != len(sound):
             path.write_bytes(hostile.get(number, sound))
     folder = DaqFolder(tmp_path)
-    names = folder.numbered(folder.state())
-    complete = folder.is_complete(names.values())
+    names = _numbered(folder.state())
+    complete = all(map(folder.is_complete, names))
     try:
         samples = folder.read(names, pulses=4)
     except DeviceError:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
-from markerseek.files import MIB, as_read_error, channel_files, read_channels
+from markerseek.files import MIB, as_read_error, read_input
 from markerseek.records.banks.bank import HDF5_SUFFIXES
 from markerseek.records.banks.counts import as_counts, scale_of
 from markerseek.records.journal import is_journal
@@ -27,6 +27,9 @@ MAT_PROBE = "L3-8"
 _FRAME, _COUNT = "AdcData_frame000", "SampleNum"
 _MAX_FRAME_BYTES = 256 * MIB
 """Largest file of one frame: 16 MiB of channel data, and whatever else was saved with them."""
+
+_MAX_CHANNEL_BYTES = 64 * MIB
+"""Largest file of one channel: 800 pulses of 40,000 samples."""
 
 
 def load_frame(
@@ -127,12 +130,16 @@ def _mat_frame(path: Path, arrays: Mapping[str, np.ndarray]) -> Int16[np.ndarray
 
 
 def _load_daq_folder(folder: Path) -> tuple[Int16[np.ndarray, "channels samples"], int]:
-    files = channel_files(folder, sorted(path.name for path in folder.iterdir()))
-    if len(files) != sonixdaq.CHANNELS:
-        missing = next(number for number in range(sonixdaq.CHANNELS) if number not in files)
-        raise RecordError(
-            f"{folder}: {len(files)} channel files (.daq) found, {sonixdaq.CHANNELS} expected; the first that is "
-            f"missing is CH{missing:03d}: wait until the acquisition is complete, or acquire it again"
-            + ("" if files else f"; if it holds a scan of many angles, see 'markerseek bank info {folder}'")
-        )
-    return read_channels(files)
+    try:
+        files = sonixdaq.by_number(sorted(path.name for path in folder.iterdir()))
+        if len(files) == sonixdaq.CHANNELS:
+            read = ((name, read_input(folder / name, most_bytes=_MAX_CHANNEL_BYTES)) for name in files.values())
+            return sonixdaq.averaged(read)
+    except RecordError as error:
+        raise RecordError(f"{folder}: {error}") from error
+    missing = next(number for number in range(sonixdaq.CHANNELS) if number not in files)
+    raise RecordError(
+        f"{folder}: {len(files)} channel files (.daq) found, {sonixdaq.CHANNELS} expected; the first that is "
+        f"missing is CH{missing:03d}: wait until the acquisition is complete, or acquire it again"
+        + ("" if files else f"; if it holds a scan of many angles, see 'markerseek bank info {folder}'")
+    )
