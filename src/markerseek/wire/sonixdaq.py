@@ -152,7 +152,9 @@ def averaged(files: Iterable[tuple[str, bytes]]) -> tuple[Int16[np.ndarray, "cha
                 "the folder mixes acquisitions: acquire it again"
             )
         if number is None or header.channel not in (None, number):
-            raise RecordError(f"{name}: channel {header.channel} is in its header; it was renamed: acquire it again")
+            raise RecordError(
+                f"{name}: channel {header.channel} is in its header; the files are out of order: acquire again"
+            )
         pulses = decode_samples(data[header.length :], header)
         # The connector permutes the channels: file numbers are not element numbers.
         # In float64: the sum of many int16 pulses overflows int16.
