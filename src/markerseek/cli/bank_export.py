@@ -12,7 +12,8 @@ from rich.markup import escape
 
 from markerseek import rigs, runs
 from markerseek.cli.options import AsJson, Columns, ProbeName, Unit, require_frames, table_format
-from markerseek.cli.terminal import announce_compilation, print_report, progress_bar, stderr, stdout
+from markerseek.cli.report import Output, Report, with_version
+from markerseek.cli.terminal import announce_compilation, progress_bar, stderr
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
@@ -70,10 +71,11 @@ def command(
     else:
         raise ConfigError(f"{source}: it holds intensities and no frames to make images of; export it as .mcap or .csv")
     count = len(bank.angles_deg)
-    if as_json:
-        print_report(path=str(to), angles=count, images=isinstance(bank, FrameBank) and kind != ".csv")
-    else:
-        stdout.print(f"{count} angles in {escape(str(to))}")
+    report = Report(
+        values=with_version(path=str(to), angles=count, images=isinstance(bank, FrameBank) and kind != ".csv"),
+        shown=[f"{count} angles in {escape(str(to))}"],
+    )
+    Output(as_json=as_json).show(report)
 
 
 def _write_log(to: Path, bank: IntensityBank | FrameBank, *, probe: str | None, face_radius_mm: float | None) -> None:

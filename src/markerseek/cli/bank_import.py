@@ -13,7 +13,8 @@ from rich.markup import escape
 from markerseek import rigs, runs
 from markerseek.cli.bank_scan import BModeNote
 from markerseek.cli.options import AsJson, Columns, ProbeName, Unit, require_frames, table_format
-from markerseek.cli.terminal import announce_compilation, print_report, progress_bar, scaled, stderr, stdout
+from markerseek.cli.report import Output, Report, with_version
+from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, stderr
 from markerseek.core import ConfigError
 from markerseek.files import as_read_error
 
@@ -98,12 +99,11 @@ def command(
             # Dark frames are not angles, so that samples are not counted.
             progress.update(progress.task_ids[0], completed=writer.taken)
     content = "frames of channel data" if frames else "intensities"
-    if as_json:
-        print_report(path=str(to), content=content, angles=count)
-    else:
-        stdout.print(f"{count} angles of {content} in {escape(str(to))}")
-        if not frames:
-            stdout.print("it holds intensities only, no channel data, which markerseek and pacfish read")
+    shown = [f"{count} angles of {content} in {escape(str(to))}"]
+    if not frames:
+        shown.append("it holds intensities only, no channel data, which markerseek and pacfish read")
+    report = Report(values=with_version(path=str(to), content=content, angles=count), shown=shown)
+    Output(as_json=as_json).show(report)
 
 
 def _read(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import asdict
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -11,17 +12,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
+from rich.table import Table
 
 from markerseek import rigs, runs
 from markerseek.cli.options import AsJson, Columns, Out, Unit, require_frames, table_format
-from markerseek.cli.terminal import (
-    announce_compilation,
-    picture_folder,
-    print_facts,
-    print_report,
-    save_picture,
-    stdout,
-)
+from markerseek.cli.report import Output, Report, drawn, facts, with_version
+from markerseek.cli.terminal import announce_compilation
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,7 +48,7 @@ def command(
     from markerseek.records.banks import read_bank, require_whole
     from markerseek.search import peak_of
 
-    folder = picture_folder(out, plot=plot)
+    output = Output.asked(as_json=as_json, plot=plot, out=out)
     held = rigs.with_probe_facts(read_bank(bank, table_format(columns, unit)), probe)
     require_frames(held, bank, probe=probe)
     # The stored intensities need no frame, and a damaged one must not pass for that reason.
@@ -61,22 +57,22 @@ def command(
     curve = runs.bank_curve(held, probe=probe)
     peak = peak_of(curve)
     dark = runs.dark_intensity(held, probe=probe)
-    if as_json:
-        _print_json(bank, held, peak, dark=dark)
-    else:
-        _print_facts(bank, held, peak, dark=dark, computed_with=probe)
-    if plot:
-        path = folder / f"{bank.stem if bank.is_file() else bank.name}.png"
-        save_picture(_figure(bank, held, curve, peak, dark=dark, probe=probe), path, as_json=as_json)
+    name = f"{bank.stem if bank.is_file() else bank.name}.png"
+    report = Report(
+        values=_values(bank, held, peak, dark=dark),
+        shown=_shown(bank, held, peak, dark=dark, computed_with=probe),
+        pictures={name: drawn(_figure, bank, held, curve, peak, dark=dark, probe=probe)},
+    )
+    output.show(report)
 
 
-def _print_json(path: Path, bank: IntensityBank | FrameBank, peak: Peak, *, dark: float | None) -> None:
-    """Print what is in a bank; the statistics of the peak have the names of bluesky: com, cen, fwhm, max."""
-    facts, angles = bank.facts, bank.angles_deg
-    print_report(
+def _values(path: Path, bank: IntensityBank | FrameBank, peak: Peak, *, dark: float | None) -> dict[str, object]:
+    """What is in a bank; the statistics of the peak have the names of bluesky: com, cen, fwhm, max."""
+    known, angles = bank.facts, bank.angles_deg
+    return with_version(
         path=str(path),
         content=_content(bank),
-        description=facts.description,
+        description=known.description,
         angles=len(angles),
         planned=bank.planned,
         first_deg=angles[0],
@@ -85,18 +81,18 @@ def _print_json(path: Path, bank: IntensityBank | FrameBank, peak: Peak, *, dark
         dark_frames=bank.dark_frames,
         dark_intensity=dark,
         **asdict(peak),
-        reference_deg=facts.reference_angle_deg,
-        probe=facts.probe,
-        sampling_hz=facts.sampling_hz,
-        sound_speed_m_s=facts.sound_speed_m_s,
-        pitch_m=facts.pitch_m,
-        wavelength_m=facts.wavelength_m,
-        pulse_energy_j=facts.pulse_energy_j,
-        face_radius_m=facts.face_radius_m,
+        reference_deg=known.reference_angle_deg,
+        probe=known.probe,
+        sampling_hz=known.sampling_hz,
+        sound_speed_m_s=known.sound_speed_m_s,
+        pitch_m=known.pitch_m,
+        wavelength_m=known.wavelength_m,
+        pulse_energy_j=known.pulse_energy_j,
+        face_radius_m=known.face_radius_m,
         began_unix_s=_began_unix_s(bank),
-        configuration=facts.configuration,
-        seed=facts.seed,
-        made_with=facts.made_with,
+        configuration=known.configuration,
+        seed=known.seed,
+        made_with=known.made_with,
     )
 
 
@@ -119,11 +115,11 @@ def _began_unix_s(bank: IntensityBank | FrameBank) -> float | None:
     return zero_s + min(known) if known and zero_s is not None else None
 
 
-def _print_facts(
+def _shown(
     path: Path, bank: IntensityBank | FrameBank, peak: Peak, *, dark: float | None, computed_with: str | None
-) -> None:
-    stdout.print(f"[bold]{escape(str(path))}[/]: {_content(bank)}")
-    facts, angles, began_unix_s = bank.facts, bank.angles_deg, _began_unix_s(bank)
+) -> Iterator[str | Table]:
+    yield f"[bold]{escape(str(path))}[/]: {_content(bank)}"
+    known, angles, began_unix_s = bank.facts, bank.angles_deg, _began_unix_s(bank)
     cut, dark_frames = "", None
     if bank.dark_frames:
         dark_frames = f"{bank.dark_frames}, the largest intensity is {dark or math.nan:.4g}"
@@ -133,7 +129,7 @@ def _print_facts(
             f"'markerseek bank import {path} whole.hdf5' leaves them off"
         )
     rows: list[tuple[str, str | None]] = [
-        ("scanned", facts.description or None),
+        ("scanned", known.description or None),
         ("began", None if began_unix_s is None else _date(began_unix_s)),
         ("angles", f"{len(angles)}{cut}"),
         ("range", f"{angles[0]:g}° to {angles[-1]:g}°, steps of at most {_largest_step_deg(bank):.3g}°"),
@@ -143,19 +139,19 @@ def _print_facts(
         ("com, centre of mass above half height", f"{peak.com_deg:.3f}°"),
         ("cen, middle at half height", _number(peak.cen_deg, "{:.3f}°")),
         ("fwhm, width at half height", _number(peak.fwhm_deg, "{:.3f}°")),
-        ("reference", _number(facts.reference_angle_deg, "{:.3f}°")),
-        ("probe", facts.probe),
-        ("sampling", _number(facts.sampling_hz, "{:g} MHz", 1e-6)),
-        ("speed of sound", _number(facts.sound_speed_m_s, "{:g} m/s")),
-        ("pitch", _number(facts.pitch_m, "{:.4g} mm", 1e3)),
-        ("face radius", _number(facts.face_radius_m, "{:.4g} mm", 1e3)),
-        ("wavelength", _number(facts.wavelength_m, "{:.4g} nm", 1e9)),
-        ("pulse energy", _number(facts.pulse_energy_j, "{:.4g} mJ", 1e3)),
-        ("made with", facts.made_with),
-        ("configuration", facts.configuration),
-        ("seed", None if facts.seed is None else str(facts.seed)),
+        ("reference", _number(known.reference_angle_deg, "{:.3f}°")),
+        ("probe", known.probe),
+        ("sampling", _number(known.sampling_hz, "{:g} MHz", 1e-6)),
+        ("speed of sound", _number(known.sound_speed_m_s, "{:g} m/s")),
+        ("pitch", _number(known.pitch_m, "{:.4g} mm", 1e3)),
+        ("face radius", _number(known.face_radius_m, "{:.4g} mm", 1e3)),
+        ("wavelength", _number(known.wavelength_m, "{:.4g} nm", 1e9)),
+        ("pulse energy", _number(known.pulse_energy_j, "{:.4g} mJ", 1e3)),
+        ("made with", known.made_with),
+        ("configuration", known.configuration),
+        ("seed", None if known.seed is None else str(known.seed)),
     ]
-    print_facts((name, value) for name, value in rows if value is not None)
+    yield facts(rows)
 
 
 def _date(unix_s: float) -> str:
@@ -176,16 +172,16 @@ def _figure(
     from markerseek.pictures import bank_figure
     from markerseek.records.banks import FrameBank
 
-    facts = bank.facts
+    known = bank.facts
     return bank_figure(
         bank.angles_deg,
         curve.intensity.tolist(),
-        title=f"{path.name}{': ' if facts.description else ''}{facts.description}",
+        title=f"{path.name}{': ' if known.description else ''}{known.description}",
         max_deg=peak.max_deg,
         com_deg=peak.com_deg,
         cen_deg=peak.cen_deg,
         fwhm_deg=peak.fwhm_deg,
-        reference_deg=facts.reference_angle_deg,
+        reference_deg=known.reference_angle_deg,
         dark_level=dark,
         image=runs.bank_image(bank, curve.strongest, probe=probe) if isinstance(bank, FrameBank) else None,
     )

@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from markerseek.cli.options import AsJson
-from markerseek.cli.terminal import one_line, print_report, progress_bar, stdout
+from markerseek.cli.report import Output, Report, with_version
+from markerseek.cli.terminal import one_line, progress_bar
 
 EXAMPLES = "Examples:\n\n  markerseek bank verify scan.hdf5\n\n  markerseek bank verify scan.hdf5 --json"
 
@@ -32,16 +33,16 @@ def command(
                 faults.append(fault)
             progress.advance(progress.task_ids[0])
     checksums = has_checksums(held)
-    if as_json:
-        print_report(ok=not faults, frames=frames, checksums=checksums, faults=faults)
+    sound = f"{frames - len(faults)} of {frames} frames"
+    if not frames:
+        found = f"{len(held.angles_deg)} angles with intensities can be read; there are no frames"
+    elif checksums:
+        found = f"{sound} are as they were written"
     else:
-        for fault in faults:
-            stdout.print(f"[red]wrong:[/] {one_line(fault)}")
-        sound = f"{frames - len(faults)} of {frames} frames"
-        if not frames:
-            stdout.print(f"{len(held.angles_deg)} angles with intensities can be read; there are no frames")
-        elif checksums:
-            stdout.print(f"{sound} are as they were written")
-        else:
-            stdout.print(f"{sound} can be read; the bank has no checksums, so a change would not show")
-    raise typer.Exit(DAMAGED if faults else 0)
+        found = f"{sound} can be read; the bank has no checksums, so a change would not show"
+    report = Report(
+        values=with_version(ok=not faults, frames=frames, checksums=checksums, faults=faults),
+        shown=[*(f"[red]wrong:[/] {one_line(fault)}" for fault in faults), found],
+        exit_code=DAMAGED if faults else 0,
+    )
+    Output(as_json=as_json).show(report)

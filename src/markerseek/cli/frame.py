@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
+from rich.table import Table
 
 from markerseek import rigs, signals
 from markerseek.cli.options import AsJson, Out
-from markerseek.cli.terminal import (
-    announce_compilation,
-    new_table,
-    picture_folder,
-    print_report,
-    save_picture,
-    stdout,
-)
+from markerseek.cli.report import Output, Report, drawn, table, with_version
+from markerseek.cli.terminal import announce_compilation
 from markerseek.core import AcquisitionError, BModeImage, ChannelFrame, ConfigError, PaImage, RecordError, RFFrame
 
 if TYPE_CHECKING:
@@ -72,16 +68,15 @@ def command(
     as_json: AsJson = False,
 ) -> None:
     """Find the sources in one frame of channel data, or say that there is none."""
-    from markerseek.cli.ultrasonix import b_mode_under, open_for_spare, show_ultrasonix
+    from markerseek.cli.ultrasonix import b_mode_under, open_for_spare, ultrasonix_report
     from markerseek.records.banks import MAT_PROBE, ULTRASONIX_SUFFIXES, load_frame
 
-    folder = picture_folder(out, plot=plot)
+    output = Output.asked(as_json=as_json, plot=plot, out=out)
     _require_spare(file, spare=spare, receive_focus_mm=receive_focus_mm)
     _require_over(over, over_pixel_mm, plot=plot)
     if file.suffix.lower() in ULTRASONIX_SUFFIXES and not spare:
         _require_none(probe=probe, min_depth_mm=min_depth_mm, max_depth_mm=max_depth_mm, over=over)
-        show_ultrasonix(file, number=number, plot=plot, out=folder, as_json=as_json)
-        return
+        output.show(ultrasonix_report(file, number=number))
     if number != 1 and not spare:
         raise ConfigError(f"--number is {number}, and only Ultrasonix files hold more than one frame; leave it out")
     # The public data set was recorded with one probe, which its files do not name.
@@ -109,15 +104,15 @@ def command(
         findings = reader.findings(frame)
     except AcquisitionError as problem:
         raise RecordError(f"{file}: {problem}") from problem
-    if as_json:
-        _print_json(findings, probe, method=reader.method)
-    else:
-        _print_table(findings, file, probe)
-    if plot:
-        path = folder / f"{file.stem if file.is_file() else file.name}.png"
-        title = f"{file.name}, probe {probe}, {reader.method}"
-        save_picture(_figure(findings, reader.picture(frame), under=under, title=title), path, as_json=as_json)
-    raise typer.Exit(0 if findings.found else 3)
+    title = f"{file.name}, probe {probe}, {reader.method}"
+    name = f"{file.stem if file.is_file() else file.name}.png"
+    report = Report(
+        values=_values(findings, probe, method=reader.method),
+        shown=_shown(findings, file, probe),
+        pictures={name: drawn(lambda: _figure(findings, reader.picture(frame), under=under, title=title))},
+        exit_code=0 if findings.found else 3,
+    )
+    output.show(report)
 
 
 def _require_spare(file: Path, *, spare: bool, receive_focus_mm: float | None) -> None:
@@ -152,10 +147,10 @@ def _depth_m(option: str, value_mm: float | None) -> float | None:
     return value_mm / 1e3
 
 
-def _print_json(findings: signals.FrameFindings, probe: str, *, method: str) -> None:
-    """Print the result of one frame; if no source was found, the position is that of the largest peak."""
+def _values(findings: signals.FrameFindings, probe: str, *, method: str) -> dict[str, object]:
+    """The result of one frame; if no source was found, the position is that of the largest peak."""
     strongest = findings.strongest
-    print_report(
+    return with_version(
         found=findings.found,
         reason=findings.reason,
         lateral_m=strongest.lateral_m,
@@ -175,27 +170,26 @@ def _print_json(findings: signals.FrameFindings, probe: str, *, method: str) -> 
     )
 
 
-def _print_table(findings: signals.FrameFindings, file: Path, probe: str) -> None:
+def _shown(findings: signals.FrameFindings, file: Path, probe: str) -> Iterator[str | Table]:
     answer = "[bold green]source found[/]" if findings.found else "[bold yellow]no source[/]"
-    stdout.print(f"{answer} in {escape(file.name)} (probe {probe}): {findings.reason}")
+    yield f"{answer} in {escape(file.name)} (probe {probe}): {findings.reason}"
     if findings.found:
-        headings = ("arrival", "lateral [mm]", "depth [mm]", "time [µs]", "intensity", "SNR [dB]", "coherence")
-        table = new_table(*headings)
-        for number, each in enumerate((findings.strongest, *findings.others), start=1):
-            table.add_row(
-                str(number),
-                f"{1e3 * each.lateral_m:.2f}",
-                f"{1e3 * each.depth_m:.2f}",
-                f"{1e6 * each.arrival_s:.2f}",
-                f"{each.intensity:.4g}",
-                "–" if (snr_db := findings.peak_snr_db(each)) is None else f"{snr_db:.1f}",
-                "–" if each.coherence is None else f"{each.coherence:.2f}",
-            )
-        stdout.print(table)
+        yield table(
+            {
+                "arrival": str(number),
+                "lateral [mm]": f"{1e3 * each.lateral_m:.2f}",
+                "depth [mm]": f"{1e3 * each.depth_m:.2f}",
+                "time [µs]": f"{1e6 * each.arrival_s:.2f}",
+                "intensity": f"{each.intensity:.4g}",
+                "SNR [dB]": "–" if (snr_db := findings.peak_snr_db(each)) is None else f"{snr_db:.1f}",
+                "coherence": "–" if each.coherence is None else f"{each.coherence:.2f}",
+            }
+            for number, each in enumerate((findings.strongest, *findings.others), start=1)
+        )
     if findings.saturated_channels:
-        stdout.print(f"[yellow]saturated:[/] {len(findings.saturated_channels)} channels where the strongest arrives")
+        yield f"[yellow]saturated:[/] {len(findings.saturated_channels)} channels where the strongest arrives"
     if findings.dead_channels:
-        stdout.print(f"[yellow]dead:[/] {len(findings.dead_channels)} channels without a signal")
+        yield f"[yellow]dead:[/] {len(findings.dead_channels)} channels without a signal"
 
 
 def _figure(findings: signals.FrameFindings, picture: PaImage, *, under: BModeImage | None, title: str) -> Figure:

@@ -27,7 +27,8 @@ from markerseek.cli.options import (
     table_format,
     tolerance_of,
 )
-from markerseek.cli.terminal import announce_compilation, picture_folder
+from markerseek.cli.report import Output
+from markerseek.cli.terminal import announce_compilation
 from markerseek.core import ConfigError, SearchPlan
 
 EXAMPLES = (
@@ -75,11 +76,11 @@ def command(
     recorded angles, as in the paper's offline analysis.
     """
     from markerseek.cli.session import run_new_session
-    from markerseek.cli.show_result import Output, conclude
+    from markerseek.cli.show_result import conclude
     from markerseek.records.banks import read_bank
     from markerseek.search import method_named
 
-    output = Output(name="replay", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
+    output = Output.asked(as_json=as_json, plot=plot, out=out)
     stream = StreamOptions(path=events, frames=event_frames, heartbeat=heartbeat)
     announce_compilation()
     table = table_format(columns, unit)
@@ -119,6 +120,7 @@ def command(
         session.recorder,
         session.configuration,
         output,
+        name="replay",
         imaging=assembled.imaging,
         policy=session.policy,
         journal=session.journal,

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
+from rich.markup import escape
+from rich.table import Table
 
 from markerseek import runs
 from markerseek.cli.event_stream import EventFrames, Events, Heartbeat, StreamOptions
@@ -26,8 +29,14 @@ from markerseek.cli.options import (
     others_of,
     tolerance_of,
 )
-from markerseek.cli.terminal import announce_compilation, picture_folder
-from markerseek.core import ConfigError, SearchPlan
+from markerseek.cli.report import Output, Report, drawn, table
+from markerseek.cli.terminal import announce_compilation
+from markerseek.core import ConfigError, SearchPlan, Tolerance
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from markerseek.records import SearchResult
 
 EXAMPLES = (
     "Examples:\n\n"
@@ -106,13 +115,12 @@ def command(
     as_json: AsJson = False,
 ) -> None:
     """Find the marker on a rig: rotate, fire, measure, decide; then rotate to it and confirm."""
-    from markerseek.cli.compare import compare as compare_methods
     from markerseek.cli.session import run_new_session
-    from markerseek.cli.show_result import Output, conclude
+    from markerseek.cli.show_result import conclude
     from markerseek.search import method_named
 
     # The folder for pictures is tested now: a search on tissue is not repeated for a picture.
-    output = Output(name="search", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
+    output = Output.asked(as_json=as_json, plot=plot, out=out)
     stream = StreamOptions(path=events, frames=event_frames, heartbeat=heartbeat)
     # An unknown method, and a tolerance that cannot be, are errors before devices are opened.
     method_named(method)
@@ -130,7 +138,7 @@ def command(
     if compare is not None:
         if journal is not None or method != "posterior":
             raise ConfigError("--compare names the methods and keeps no journals; leave --method and --journal out")
-        compare_methods(
+        _compare(
             compare,
             rig,
             options,
@@ -165,7 +173,100 @@ def command(
         session.recorder,
         session.configuration,
         output,
+        name="search",
         imaging=assembled.imaging,
         policy=session.policy,
         journal=session.journal,
     )
+
+
+def _compare(
+    methods: str,
+    rig: Path | None,
+    options: SimulationOptions,
+    output: Output,
+    *,
+    acquisitions: int | None,
+    as_published: bool,
+    stay: bool,
+    tolerance: Tolerance,
+) -> NoReturn:
+    """Search the same simulated world with each method, and print one table; ends with exit code 0 if all found it.
+
+    ``methods``: names of the methods, with commas between them.
+    """
+    from markerseek.cli.session import run_session
+    from markerseek.cli.show_result import FOUND, OTHER_ANSWER
+    from markerseek.search import method_named
+
+    names = [name.strip() for name in methods.split(",")]
+    for name in names:
+        method_named(name)
+    if len(names) < 2 or len(set(names)) < len(names):
+        raise ConfigError(f"--compare is {methods!r}, two or more different methods are needed: ternary,posterior")
+    announce_compilation()
+    sessions = []
+    for name in names:
+        # A new rig of the same seed, so that every method begins in the same world.
+        with open_rig(rig, options) as (assembled, start_deg):
+            if not assembled.simulated:
+                raise ConfigError(f"--compare is for a simulated rig, and {rig} is one of devices; leave it out")
+            plan = runs.plan_on(
+                assembled,
+                SearchPlan(
+                    method=name,
+                    acquisitions=acquisitions,
+                    as_published=as_published,
+                    start_deg=start_deg,
+                    stay=stay,
+                    tolerance=tolerance,
+                ),
+            )
+            session = runs.new_session(assembled, plan)
+            run_session(session, as_json=output.as_json)
+        sessions.append(session)
+    results = [session.result() for session in sessions]
+    title = f"{', '.join(names)} on a simulated rig: {sessions[0].configuration.facts.description}"
+    report = Report(
+        values=results,
+        shown=_compared(results, title),
+        pictures={"search.png": drawn(_figure, sessions, title)},
+        exit_code=FOUND if all(result.found for result in results) else OTHER_ANSWER,
+    )
+    output.show(report)
+
+
+def _compared(results: list[SearchResult], title: str) -> Iterator[str | Table]:
+    yield escape(title)
+    rows = (
+        {
+            "method": result.method,
+            "answer": result.answer,
+            "angle": f"{result.angle_deg:.3f}°",
+            "±": "–" if result.sigma_deg is None else f"{result.sigma_deg:.3f}°",
+            "error": "–" if result.error_deg is None else f"{result.error_deg:.3f}°",
+            "acquisitions": str(result.acquisitions),
+            "rotation": f"{result.travel_deg:.1f}°",
+        }
+        for result in results
+    )
+    yield table(rows, left=("method", "answer"), no_wrap=True)
+    if not all(result.found for result in results):
+        yield "[dim]only an answer of 'found' claims a marker at its angle[/]"
+
+
+def _figure(sessions: list[runs.Session], title: str) -> Figure:
+    from markerseek.pictures import ComparedSearch, comparison_figure
+
+    facts = sessions[0].configuration.facts
+    searches = [
+        ComparedSearch(
+            name=session.configuration.plan.method,
+            samples=session.recorder.samples,
+            estimate=session.recorder.finished.estimate,
+            start_deg=session.recorder.start_deg,
+        )
+        for session in sessions
+        if session.recorder.finished is not None
+    ]
+    return comparison_figure(searches, title=title, limits=facts.search, truth_deg=facts.truth_deg)

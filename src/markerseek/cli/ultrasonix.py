@@ -6,15 +6,17 @@ in lines of radio frequency only (SPARE).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.markup import escape
+from rich.table import Table
 
 from markerseek import signals
-from markerseek.cli.terminal import print_facts, print_report, save_picture, stdout
+from markerseek.cli.report import Report, drawn, facts, with_version
 from markerseek.core import (
     NO_HEADER,
     BModeImage,
@@ -32,38 +34,34 @@ if TYPE_CHECKING:
     from markerseek.records.banks import UltrasonixFile
 
 
-def show_ultrasonix(path: Path, *, number: int, plot: bool, out: Path, as_json: bool) -> None:
-    """Describe a file and one of its frames, and draw it.
+def ultrasonix_report(path: Path, *, number: int) -> Report:
+    """A file and one of its frames, described and drawn.
 
-    ``number``: number of the frame, counted from 1. ``plot``, ``out``: whether to draw it, and the folder for the
-    picture. ``as_json``: one object for programs instead of words for people.
+    ``number``: number of the frame, counted from 1.
     """
     from markerseek.records.banks import open_ultrasonix
 
     file = open_ultrasonix(path)
     header = file.header
     pixels: np.ndarray = file.b_mode(number - 1) if header.kind == "b-mode" else file.rf(number - 1)
-    if as_json:
-        print_report(
-            content=header.kind,
-            frames=header.frames,
-            frame=number,
-            width=header.width,
-            height=header.height,
-            probe_number=header.probe,
-            transmit_hz=header.transmit_hz,
-            # In B-mode files this field is not the rate of the pixels.
-            sampling_hz=header.sampling_hz if header.kind == "rf" else None,
-            frame_rate_hz=header.frame_rate_hz,
-            line_density=header.line_density,
-            numbered_frames=header.tagged,
-            smallest=int(pixels.min()),
-            largest=int(pixels.max()),
-        )
-    else:
-        _print(file, pixels, number=number)
-    if plot:
-        save_picture(_figure(file, pixels, number=number), out / f"{path.stem}.png", as_json=as_json)
+    values = with_version(
+        content=header.kind,
+        frames=header.frames,
+        frame=number,
+        width=header.width,
+        height=header.height,
+        probe_number=header.probe,
+        transmit_hz=header.transmit_hz,
+        # In B-mode files this field is not the rate of the pixels.
+        sampling_hz=header.sampling_hz if header.kind == "rf" else None,
+        frame_rate_hz=header.frame_rate_hz,
+        line_density=header.line_density,
+        numbered_frames=header.tagged,
+        smallest=int(pixels.min()),
+        largest=int(pixels.max()),
+    )
+    pictures = {f"{path.stem}.png": drawn(_figure, file, pixels, number=number)}
+    return Report(values=values, shown=_shown(file, pixels, number=number), pictures=pictures)
 
 
 def open_for_spare(
@@ -154,28 +152,25 @@ def b_mode_under(
     return BModeImage(pixels=pixels, geometry=geometry)
 
 
-def _print(file: UltrasonixFile, pixels: np.ndarray, *, number: int) -> None:
+def _shown(file: UltrasonixFile, pixels: np.ndarray, *, number: int) -> Iterator[str | Table]:
     header = file.header
     b_mode = header.kind == "b-mode"
     what = "B-mode images" if b_mode else "radio-frequency lines that the machine has beamformed"
-    stdout.print(
+    yield (
         f"[bold]{escape(file.path.name)}[/]: {what}; it holds no channel data, so no source is looked for"
         + ("" if b_mode else "; --spare looks for one")
     )
     size = f"{header.width} × {header.height} pixels" if b_mode else f"{header.width} lines of {header.height} samples"
-    rows = [
+    rows: list[tuple[str, str | None]] = [
         ("frames", f"{header.frames} of {size}" + (", numbered" if header.tagged else "")),
         ("frame rate", f"{header.frame_rate_hz} Hz"),
         ("transmitted", f"{header.transmit_hz / 1e6:g} MHz"),
-    ]
-    if not b_mode:
-        rows.append(("sampling", f"{header.sampling_hz / 1e6:g} MHz"))
-    rows += [
+        ("sampling", None if b_mode else f"{header.sampling_hz / 1e6:g} MHz"),
         ("lines over the probe", str(header.line_density)),
         ("probe number", str(header.probe)),
         (f"values of frame {number}", f"{int(pixels.min())} to {int(pixels.max())}"),
     ]
-    print_facts(rows)
+    yield facts(rows)
 
 
 def _figure(file: UltrasonixFile, pixels: np.ndarray, *, number: int) -> Figure:
