@@ -12,7 +12,16 @@ import warnings
 from dataclasses import dataclass
 
 from markerseek.adapters import ADAPTERS, build_adapter
-from markerseek.core import PAPER_RANGE, ConfigError, Interval, MarkerCurve, MarkerseekError, Policy, Tolerance
+from markerseek.core import (
+    PAPER_RANGE,
+    ConfigError,
+    Interval,
+    MarkerCurve,
+    MarkerseekError,
+    Policy,
+    PolicyPlan,
+    Tolerance,
+)
 from markerseek.search import METHODS, Method, build, check_acquisitions, method_named, refuse_posterior_settings
 
 
@@ -118,16 +127,18 @@ def build_policy(
             settings.method, limits=limits, acquisitions=settings.most, as_published=settings.as_published
         )
     return build(
-        settings.method,
+        PolicyPlan(
+            method=settings.method,
+            acquisitions=settings.acquisitions,
+            as_published=settings.as_published,
+            start_deg=start_deg,
+            early_end=settings.early_end,
+            others=settings.others,
+            prior=prior,
+            cues=settings.cues,
+            tolerance=settings.tolerance,
+        ),
         limits=limits,
-        acquisitions=settings.acquisitions,
-        as_published=settings.as_published,
-        start_deg=start_deg,
-        early_end=settings.early_end,
-        others=settings.others,
-        prior=prior,
-        cues=settings.cues,
-        tolerance=settings.tolerance,
     )
 
 
