@@ -9,7 +9,7 @@ import pytest
 
 from machine_rf import post_beamformed
 from markerseek.acoustics import Absorber, AcousticModel, Probe, RectanglePulse
-from markerseek.cli.ultrasonix import b_mode_under
+from markerseek.cli.frame import b_mode_under
 from markerseek.core import (
     BModeImage,
     ConfigError,
