@@ -111,7 +111,7 @@ def _made(section: Section, files: list[Path], duration_s: float) -> dict[str, o
     from markerseek.studies.paper import comparison_table
 
     compared = _errors_of_own_bank(section) or comparison_table(section)
-    numbers = [dict(row) for row in compared.rows]
+    numbers: list[dict[str, object]] = [dict(zip(compared.columns, row, strict=True)) for row in compared.rows]
     for number, each in zip(numbers, section.comparisons, strict=False):
         number["limitation"] = each.paper.limitation
     return {
@@ -142,8 +142,12 @@ def _errors_of_own_bank(section: Section) -> Table | None:
         return None
     errors = section.tables[0]
     # One search of each kind: no spread and no interval.
-    filled = [name for name in errors.columns if any(row[name] is not None for row in errors.rows)]
-    return replace(errors, rows=tuple({name: row[name] for name in filled} for row in errors.rows))
+    filled = [number for number in range(len(errors.columns)) if any(row[number] is not None for row in errors.rows)]
+    return replace(
+        errors,
+        columns=tuple(errors.columns[number] for number in filled),
+        rows=tuple(tuple(row[number] for number in filled) for row in errors.rows),
+    )
 
 
 def _shown(section: Section, duration_s: float) -> Iterator[str | Grid]:
@@ -165,8 +169,9 @@ def _shown(section: Section, duration_s: float) -> Iterator[str | Grid]:
         yield table(rows, left=("", "condition"))
     own = _errors_of_own_bank(section)
     if own is not None:
-        columns = {name: title for name, title in _SHOWN.items() if name in own.columns}
-        rows = ({title: shown(row[name]) for name, title in columns.items()} for row in own.rows)
+        chosen = [number for number, name in enumerate(own.columns) if name in _SHOWN]
+        titles = [_SHOWN[own.columns[number]] for number in chosen]
+        rows = (dict(zip(titles, (shown(row[number]) for number in chosen), strict=True)) for row in own.rows)
         yield table(rows, left=("method",))
     for remark in section.remarks:
         yield f"  {escape(remark)}"

@@ -83,13 +83,27 @@ def command(
         _end_stopped(folder, as_json=as_json)
     bounds = _bounds(settings, markers=bound) if bound is not None else []
     finished = [(settings, finish.summary), *(_finished(path) for path in beside or [])]
+    faults = _faults(settings, finish.summary)
+    more = {name: value for name, value in (("bound", bounds), ("faults", faults)) if value}
     report = Report(
-        values={**msgspec.to_builtins(finish.summary), "bound": bounds} if bounds else finish.summary,
+        values={**msgspec.to_builtins(finish.summary), **more} if more else finish.summary,
         shown=_shown(finish, bounds),
         pictures=_pictures(finished, markers=bound) if plot else {},
+        notes=tuple(
+            escape(f"error: {label}: all of its searches failed, the first one by: {fault}")
+            for label, fault in faults.items()
+        ),
         least_width=80,
+        exit_code=1 if faults else 0,
     )
     Output(as_json=as_json, folder=folder if plot else None).show(report)
+
+
+def _faults(study: studies.Study, summary: studies.Summary) -> dict[str, str]:
+    """Why a policy whose searches all failed has failed, by its label."""
+    worked = {policy.policy for policy in summary.policies if policy.answers["failed"].hits < policy.trials}
+    failed = [number for number in range(len(study.policies)) if number not in worked]
+    return {str(study.policies[number]): studies.fault_of(study, number) for number in failed}
 
 
 def _end_stopped(folder: Path, *, as_json: bool) -> NoReturn:
