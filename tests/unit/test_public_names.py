@@ -55,7 +55,7 @@ def test_all_names_are_listed_before_they_are_used() -> None:
 def test_a_range_is_any_two_numbers() -> None:
     for limits in ((-35, 35), [-35.0, 35.0], (np.float32(-35), np.int64(35)), Interval(low_deg=-35.0, high_deg=35.0)):
         policy = markerseek.build(
-            markerseek.PolicyPlan(method="ternary", acquisitions=np.int64(16), start_deg=np.float32(2)),
+            markerseek.PolicyPlan(method="ternary", acquisitions=16, start_deg=2),
             limits=limits,
         )
         assert (
