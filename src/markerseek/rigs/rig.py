@@ -10,7 +10,7 @@ from typing import Protocol, Self
 
 import msgspec
 
-from markerseek.core import Laser, Receiver, RigFacts, Stage
+from markerseek.core import Laser, Receiver, RigFacts, RunPlan, Stage
 from markerseek.drivers import BenchSettings
 from markerseek.guard import Limits
 from markerseek.records.banks import FrameBank, IntensityBank
@@ -73,6 +73,11 @@ class Rig:
     """Settings of a rig of devices, as its rig file has them; None of any other rig."""
     checks: Mapping[str, tuple[RuleCheck, ...]] = field(default_factory=dict)
     """Rules that foreign drivers were tried by when they were opened, by part and driver."""
+
+    @property
+    def run_plan(self) -> RunPlan:
+        """How a search begins and ends on it: with the dark frames that it can take and needs."""
+        return RunPlan(dark_frames=self.dark_frames, closing_dark=self.closing_dark)
 
     def arm(self, *, by: str) -> None:
         """Allow it to move and fire, in the name of a person who is present; a fault must be reset first."""
