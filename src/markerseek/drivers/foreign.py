@@ -24,6 +24,7 @@ from markerseek.core import (
     Clock,
     ConfigError,
     DeviceError,
+    DeviceTimeoutError,
     Frame,
     Interval,
     Laser,
@@ -147,6 +148,8 @@ def _class_of(part: Part, settings: AnyForeign) -> type:
             f"{name}: there is no file {file}, and no module {module_name} is installed; correct the name, or put the "
             "file beside the rig file"
         ) from problem
+    except DeviceTimeoutError as problem:
+        raise ConfigError(f"{name}: {problem}") from problem
     except MarkerseekError:
         raise
     # Code of the user: any error in it is reported under its name, and not as one of this program.

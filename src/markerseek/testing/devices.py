@@ -8,7 +8,7 @@ import inspect
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import ClassVar
+from typing import ClassVar, TypeGuard
 
 from markerseek.core import (
     AcquisitionError,
@@ -44,7 +44,7 @@ MAX_RESOLUTION_DEG = 0.1
 """Coarsest resolution of a stage: further from its target than this, the guard takes a move for a fault."""
 
 
-def is_resolution(value: object) -> bool:
+def is_resolution(value: object) -> TypeGuard[float]:
     """Whether it is a resolution that a stage can have, in degrees."""
     return is_finite(value) and 0 < value <= MAX_RESOLUTION_DEG
 

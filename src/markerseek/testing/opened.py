@@ -56,7 +56,7 @@ def check_stage(stage: Stage, *, search: Interval, dry: Dry | None) -> tuple[Rul
 def _resolution_deg(stage: Stage) -> float:
     """That of the stage; the usual where it says none, or none that is one, by which the first rule is broken."""
     says = getattr(stage, "resolution_deg", None)
-    return float(says) if is_resolution(says) else MAX_RESOLUTION_DEG
+    return says if is_resolution(says) else MAX_RESOLUTION_DEG
 
 
 def check_laser(laser: Laser, *, dry: Dry | None) -> tuple[RuleCheck, ...]:

@@ -18,6 +18,7 @@ from markerseek.sim import VirtualClock
 from markerseek.testing import check_laser, check_receiver, check_stage
 
 STAGE = """
+import time
 from markerseek.core import LimitError, ConfigError
 from helper_of_this_lab import SPEED
 
@@ -48,6 +49,11 @@ class Anything(Stage):
 class Nowhere(Stage):
     angle_deg = property(lambda self: float("nan"), lambda self, value: None)
 
+class Radians(Stage):
+    def move_to(self, angle_deg):
+        self.angle_deg = angle_deg * 3.14159265 / 180
+        return self.angle_deg
+
 class Broken(Stage):
     def __init__(self, **keys):
         raise ZeroDivisionError("a mistake\\nin two lines")
@@ -57,6 +63,27 @@ class NoStage:
 
 class Text(Stage):
     safe_command = "STOP"
+
+class Parity(Stage):
+    safe_command, parity = b"STOP\\n", "even"
+
+class ByPosition(Stage):
+    def __init__(self, travel, /): ...
+
+class Leaves(Stage):
+    def __init__(self):
+        raise SystemExit(3)
+
+class Hangs(Stage):
+    def __init__(self):
+        while True:
+            try:
+                time.sleep(5)
+            except Exception:
+                pass
+
+class HangsLater(Stage):
+    angle_deg = property(lambda self: time.sleep(60), lambda self, value: None)
 
 def made(): ...
 """
@@ -73,11 +100,14 @@ driver = "simulated"
 
 
 @pytest.fixture
-def rig(tmp_path: Path) -> Callable[..., Path]:
+def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
     """Writes a rig file that names a class of `STAGE`, which lies beside it."""
     (tmp_path / "lab_stage.py").write_text(STAGE)
     (tmp_path / "helper_of_this_lab.py").write_text("SPEED = 20.0\n")
     (tmp_path / "broken_stage.py").write_text("1 / 0\n")
+    (tmp_path / "leaving_stage.py").write_text("import sys\nsys.exit(3)\n")
+    (tmp_path / "hanging_stage.py").write_text("import time\ntime.sleep(60)\n")
+    monkeypatch.setattr("markerseek.drivers._time_limit.MAX_S", 0.3)
     (tmp_path / "needs_stage.py").write_text("import no_such_library_at_all\n")
 
     def written(driver: str = "lab_stage:Stage", keys: str = "zero_deg = 1") -> Path:
@@ -97,6 +127,17 @@ def read(path: Path) -> BenchSettings:
 @pytest.mark.parametrize(
     ("driver", "keys", "message"),
     [
+        (":Stage", "", 'it must be "module:Class", as in "my_stage:Stage": the name of the file without its folder'),
+        ("lab_stage:", "", 'it must be "module:Class"'),
+        ("../lab_stage:Stage", "", 'it must be "module:Class"'),
+        ("leaving_stage:Stage", "", "importing leaving_stage failed: SystemExit: 3; correct it"),
+        ("hanging_stage:Stage", "", r"importing hanging_stage takes longer than 0\.3 s; check the device"),
+        ("lab_stage:ByPosition", "", "ByPosition takes travel by position only"),
+        (
+            "lab_stage:Parity",
+            'port = "a"\nzero_deg = 0.0',
+            "'stage': parity is 'even', it must be one of: N, E, O",
+        ),
         ("no_stage:Stage", "", "there is no file .*/no_stage.py, and no module no_stage is installed"),
         ("lab_stage:Stag", "", "lab_stage has no class Stag; its classes are: .*Stage"),
         ("lab_stage:made", "", "lab_stage has no class made"),
@@ -150,6 +191,29 @@ def test_an_error_of_the_class_names_it(rig: Callable[..., Path]) -> None:
         NotConnectedError, match=r"lab_stage:Broken: ZeroDivisionError: a mistake in two lines; this is"
     ):
         bench(read(rig("lab_stage:Broken")))
+
+
+@pytest.mark.parametrize(
+    ("driver", "said"),
+    [
+        ("Leaves", "lab_stage:Leaves: SystemExit: 3; this is an error of that driver"),
+        ("Hangs", "lab_stage:Hangs: connecting takes longer than 0.3 s; check the device"),
+        ("HangsLater", "lab_stage:HangsLater: trying it by the contract takes longer than 0.3 s"),
+    ],
+)
+def test_a_class_that_leaves_or_hangs_is_named(rig: Callable[..., Path], driver: str, said: str) -> None:
+    keys = "zero_deg = 0.0" if driver == "HangsLater" else ""
+    with pytest.raises(DeviceError, match=said):
+        bench(read(rig(f"lab_stage:{driver}", keys)))
+
+
+def test_a_driver_of_another_unit_is_refused_at_its_first_move(rig: Callable[..., Path]) -> None:
+    """At rest at 0 nothing shows it; light is only permitted at an angle that was reached."""
+    with bench(read(rig("lab_stage:Radians"))) as opened:
+        opened.arm(by="a test")
+        with pytest.raises(DeviceError, match=r"sent to 20.000 deg and the probe is at 0\.349 deg"):
+            opened.scanner.measure(20.0)
+        assert opened.facts.emulated == ("laser", "receiver")
 
 
 def test_a_class_that_breaks_the_contract_is_not_armed(rig: Callable[..., Path]) -> None:
@@ -228,6 +292,8 @@ def test_a_stage_is_tried_without_a_move() -> None:
         ({"limits": (-36.5, 36.5)}, "not a markerseek.core.Interval"),
         ({"angle_deg": 40.0}, "angle_deg is 40.0 deg, outside"),
         ({"angle_deg": "0"}, "angle_deg is '0'"),
+        ({"emulated": "no"}, "emulated is 'no', it must be True or False"),
+        ({"resolution_deg": "fine"}, "resolution_deg is 'fine', it must be above 0 and at most 0.1 deg"),
         ({"stop": lambda now: None}, "cannot be called so: missing a required argument: 'now'"),
         ({"move_to": lambda: None}, "cannot be called so: too many positional arguments"),
     ],
