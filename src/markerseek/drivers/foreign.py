@@ -49,6 +49,9 @@ from markerseek.drivers.entry import (
 from markerseek.files import Line, nearest_key, setting_from
 from markerseek.wire import Port
 
+_NOT_REAL = ("markerseek.sim.", "markerseek.emulators.")
+"""Packages whose classes are no devices; by name, because drivers do not import them."""
+
 _QUIET_S, _ANSWERED_S = 0.2, 2.0
 """Silence of a device that ends the answer to a safe command, and longest time until then, in seconds."""
 
@@ -361,9 +364,10 @@ class _Named(Generic[DeviceT]):
 
     @property
     def emulated(self) -> bool:
-        """Whether it says that it is an emulator."""
+        """Whether it says that it is an emulator, or is a simulated or emulated device of ours, whatever it says."""
+        ours = any(each.__module__.startswith(_NOT_REAL) for each in type(self.device).__mro__)
         with self.errors(NotConnectedError):
-            return bool(getattr(self.device, "emulated", False))
+            return ours or bool(getattr(self.device, "emulated", False))
 
     @property
     def description(self) -> str:

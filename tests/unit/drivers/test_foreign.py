@@ -19,6 +19,8 @@ from markerseek.testing import check_laser, check_receiver, check_stage
 
 STAGE = """
 import time
+from types import SimpleNamespace
+from markerseek.sim import SimulatedStage, StageMotion
 from markerseek.core import LimitError, ConfigError
 from helper_of_this_lab import SPEED
 
@@ -69,6 +71,11 @@ class Parity(Stage):
 
 class ByPosition(Stage):
     def __init__(self, travel, /): ...
+
+class Derived(SimulatedStage):
+    emulated = False
+    def __init__(self, travel, clock):
+        super().__init__(world=SimpleNamespace(angle_deg=0.0), clock=clock, motion=StageMotion(), travel=travel)
 
 class Leaves(Stage):
     def __init__(self):
@@ -214,6 +221,11 @@ def test_a_driver_of_another_unit_is_refused_at_its_first_move(rig: Callable[...
         with pytest.raises(DeviceError, match=r"sent to 20.000 deg and the probe is at 0\.349 deg"):
             opened.scanner.measure(20.0)
         assert opened.facts.emulated == ("laser", "receiver")
+
+
+def test_a_simulated_device_that_says_it_is_real_is_named_as_emulated(rig: Callable[..., Path]) -> None:
+    with bench(read(rig("lab_stage:Derived", ""))) as opened:
+        assert opened.facts.emulated == ("stage", "laser", "receiver")
 
 
 def test_a_class_that_breaks_the_contract_is_not_armed(rig: Callable[..., Path]) -> None:
