@@ -8,16 +8,18 @@ import pytest
 
 from journal_checks import (
     a_changed_configuration_is_refused,
-    a_changed_row_is_refused,
+    a_changed_length_is_damage_and_no_torn_end,
+    a_changed_line_is_refused,
     a_commit_is_on_the_disk,
     a_deleted_journal_is_noticed,
-    a_foreign_rollback_journal_changes_nothing,
     a_journal_is_not_written_over,
-    a_lost_end_is_refused,
     a_newer_journal_is_refused,
     a_number_that_is_not_finite_is_refused,
+    a_second_writer_is_refused,
     a_signal_behind_a_commit_leaves_room_for_a_note,
+    a_torn_end_is_cut_off,
     changed_samples_are_refused,
+    entries_of_another_run_are_refused,
     every_row_is_read,
     what_is_handed_out_is_on_the_disk,
 )
@@ -32,34 +34,33 @@ JOURNAL_BUGS = {
     ),
     "a commit forgotten that a signal followed": Bug(
         where="records.journal.writer:Journal._settle",
-        old="if committed:",
+        old="if os.fstat(self._descriptor).st_size >= self._uncertain.end:",
         new="if False:",
         check=a_signal_behind_a_commit_leaves_room_for_a_note,
     ),
-    "a rollback journal undone in the file itself": Bug(
+    "a torn end written behind": Bug(
         where="records.journal.writer:Journal.reopen",
-        old="recorded = read_journal(path)",
-        new="connect(path, mode='rw').execute('SELECT 1 FROM run').connection.close()\n"
-        "    recorded = read_journal(path)",
-        check=a_foreign_rollback_journal_changes_nothing,
-    ),
-    "a lost end not looked for": Bug(
-        where="records.journal.reader:iterate",
-        old="if (entries, last) != (number, previous):",
-        new="if False:",
-        check=a_lost_end_is_refused,
+        old="os.ftruncate(descriptor, reader.end)",
+        new="reader.end = os.fstat(descriptor).st_size",
+        check=a_torn_end_is_cut_off,
     ),
     "a newer version read": Bug(
-        where="records.journal.schema:require_schema",
-        old="version > VERSION",
+        where="records.journal.lines:EntryReader._configuration",
+        old="first.journal > VERSION",
         new="False",
         check=a_newer_journal_is_refused,
     ),
     "a deleted file written on": Bug(
-        where="records.journal.file_identity:FileIdentity.loss",
-        old="if _identity(self._path) != self._file:",
-        new="if False:",
+        where="records.journal.writer:Journal._require_present",
+        old="status.st_nlink == 0",
+        new="False",
         check=a_deleted_journal_is_noticed,
+    ),
+    "no lock": Bug(
+        where="records.journal.file:open_for_writing",
+        old="lock(descriptor)",
+        new="pass",
+        check=a_second_writer_is_refused,
     ),
     "an event handed out before it is kept": Bug(
         where="runs.journalled:journalled",
@@ -67,40 +68,52 @@ JOURNAL_BUGS = {
         new="yield event\n            commit_event(event, clock, rig, journal)",
         check=what_is_handed_out_is_on_the_disk,
     ),
-    "a transaction that is not committed": Bug(
-        where="records.journal.schema:_transact",
-        old='connection.execute("COMMIT")',
-        new='connection.execute("COMMIT" if "INTO events" not in statements[0][0] else "ROLLBACK")',
+    "an entry that is not written": Bug(
+        where="records.journal.writer:Journal.commit",
+        old="_write(self._descriptor, data, at=self._tail.end)",
+        new="os.ftruncate(self._descriptor, self._tail.end + len(data))",
         check=a_commit_is_on_the_disk,
     ),
-    "a row's checksum not looked at": Bug(
-        where="records.journal.reader:_checked_row",
-        old="row_checksum(previous, row, samples) != row.checksum",
+    "a line's check sum not looked at": Bug(
+        where="records.journal.lines:EntryReader._next_line",
+        old="zlib.crc32(data[: rest_bytes + frame_bytes], check) != own",
         new="False",
-        check=a_changed_row_is_refused,
+        check=a_changed_line_is_refused,
     ),
-    "samples outside the checksum": Bug(
-        where="records.journal.schema:row_checksum",
-        old='samples or b""',
-        new='b""',
+    "samples outside the check sum": Bug(
+        where="records.journal.lines:EntryReader._next_line",
+        old="zlib.crc32(data[: rest_bytes + frame_bytes], check) != own",
+        new="frame_bytes == 0 and zlib.crc32(data[: rest_bytes + frame_bytes], check) != own",
         check=changed_samples_are_refused,
     ),
-    "the configuration's checksum not looked at": Bug(
-        where="records.journal.reader:read_configuration",
-        old="checksum(0, row[0].encode()) != row[1]",
-        new="False",
+    "the configuration's check sum not looked at": Bug(
+        where="records.journal.lines:EntryReader._next_line",
+        old="zlib.crc32(data[: rest_bytes + frame_bytes], check) != own",
+        new="number > 0 and zlib.crc32(data[: rest_bytes + frame_bytes], check) != own",
         check=a_changed_configuration_is_refused,
     ),
-    "a row skipped on reading": Bug(
-        where="records.journal.reader:iterate",
-        old="yield entry, row.checksum",
-        new="if number != 2:\n            yield entry, row.checksum",
+    "lengths without a check sum": Bug(
+        where="records.journal.lines:EntryReader._next_line",
+        old="zlib.crc32(prefix[:_LENGTHS_BYTES], self.checksum) != numbers[3]",
+        new="False",
+        check=a_changed_length_is_damage_and_no_torn_end,
+    ),
+    "lines that are no chain": Bug(
+        where="records.journal.lines:EntryReader._next_line",
+        old="zlib.crc32(prefix[:_LENGTHS_BYTES], self.checksum) != numbers[3]",
+        new="False",
+        check=entries_of_another_run_are_refused,
+    ),
+    "an entry skipped on reading": Bug(
+        where="records.journal.reader:salvage",
+        old="entries.append(entry if frames else _without_frame(entry))",
+        new="entries.append(entry) if entry.number != 2 else None",
         check=every_row_is_read,
     ),
     "a journal written over": Bug(
         where="records.journal.writer:Journal.create",
-        old='path.open("xb").close()',
-        new='path.open("wb").close()',
+        old="path.exists() or path.is_symlink()",
+        new="path.unlink(missing_ok=True)",
         check=a_journal_is_not_written_over,
     ),
 }

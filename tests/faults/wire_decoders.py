@@ -31,7 +31,6 @@ from markerseek.sim import VirtualClock
 from markerseek.wire import apt, igtl, laserbox
 from markerseek.wire.apt_frames import CONTROLLER, TO_CONTROLLER, AptFramer
 from markerseek.wire.port import Port
-from stream_decoders import read_stream, whole_stream
 
 PULSES = 4
 MAX_READS = 100_000
@@ -300,7 +299,6 @@ WIRES: dict[str, tuple[Callable[[], bytes], Callable[[bytes], None]]] = {
     "apt-messages": (_whole_messages, _read_messages),
     "laserbox-lines": (_whole_lines, _read_lines),
     "igtl": (_whole_igtl, _read_igtl),
-    "event-stream": (whole_stream, read_stream),
     "kdc101": (_whole_of(_use_stage, _stage), _scripted(_use_stage, _require_targets_inside)),
     "laserbox": (_whole_of(_use_laser_box, _box), _scripted(_use_laser_box, _require_permits_as_permitted)),
     "laserbox-signed": (_whole_unsigned, _scripted(_use_laser_box, _require_permits_as_permitted, dress=_signed)),

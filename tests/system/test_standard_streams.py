@@ -103,7 +103,7 @@ def test_colons_in_a_path_are_printed_as_they_are(tmp_path: Path, shell: Shell) 
     assert "a:x:b:smile:.journal" in shell("journal", "list", tmp_path)[1]
 
 
-LAB = ("typer", "rich", "msgspec", "numpy", "h5py", "json", "struct", "socket", "resource", "sqlite3")
+LAB = ("typer", "rich", "msgspec", "numpy", "h5py", "json", "struct", "socket", "resource")
 """What is imported once the command has begun: what Python itself imports first is beyond it."""
 
 

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from markerseek import runs
-from markerseek.cli.event_stream import EventFrames, Events, Heartbeat, StreamOptions
 from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig
 from markerseek.cli.options import (
     Acquisitions,
@@ -27,6 +26,7 @@ from markerseek.cli.options import (
     tolerance_of,
 )
 from markerseek.cli.terminal import announce_compilation, picture_folder
+from markerseek.cli.watched import Events, Heartbeat, WatchOptions
 from markerseek.core import ConfigError, SearchPlan
 
 EXAMPLES = (
@@ -92,7 +92,7 @@ def command(
     stay: Stay = False,
     journal: Annotated[
         Path | None,
-        typer.Option(help="Journal of the run, a new SQLite file; without it, one in the user's data folder."),
+        typer.Option(help="Journal of the run, a new file; without it, one in the user's data folder."),
     ] = None,
     no_journal: Annotated[
         bool, typer.Option("--no-journal", help="Keep no journal; the search cannot be resumed.")
@@ -100,7 +100,6 @@ def command(
     plot: Annotated[bool, typer.Option("--plot", help="Write search.png and search.html into --out.")] = False,
     out: Out = None,
     events: Events = None,
-    event_frames: EventFrames = False,
     heartbeat: Heartbeat = None,
     asked_by: Annotated[str | None, typer.Option(hidden=True, help="Who asked a bridge for this search.")] = None,
     as_json: AsJson = False,
@@ -113,7 +112,7 @@ def command(
 
     # The folder for pictures is tested now: a search on tissue is not repeated for a picture.
     output = Output(name="search", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
-    stream = StreamOptions(path=events, frames=event_frames, heartbeat=heartbeat)
+    watch = WatchOptions(events=events, heartbeat=heartbeat)
     # An unknown method, and a tolerance that cannot be, are errors before devices are opened.
     method_named(method)
     tolerance = tolerance_of(tolerance_mm, tolerance_deg)
@@ -159,7 +158,7 @@ def command(
         announce_compilation()
         arm_rig(assembled, file=rig, arm=arm, what="search", as_json=as_json, asked_by=asked_by)
         session = run_new_session(
-            session, as_json=as_json, journal=journal, keep=not no_journal, rig_file=rig, stream=stream
+            session, as_json=as_json, journal=journal, keep=not no_journal, rig_file=rig, watch=watch
         )
     conclude(
         session.recorder,

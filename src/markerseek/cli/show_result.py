@@ -161,7 +161,7 @@ def conclude(
         curves = {"limits": facts.search, "density": _density(policy), "recorded": recorded}
         for path in _draw(recorder, result, title, imaging, output.folder / output.name, **curves):
             print_path("picture", path, as_json=output.as_json)
-    if journal is not None and not output.as_json:
+    if journal is not None and journal.kept and not output.as_json:
         stderr.print(f"[dim]journal:[/] {escape(str(journal.path))}")
     raise typer.Exit(FOUND if result.found else OTHER_ANSWER)
 

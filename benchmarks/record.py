@@ -1,0 +1,164 @@
+"""Containers for the record of a run, in turn: ``python -m benchmarks.record [--commits N] [--folder FOLDER]``.
+
+SQLite, MCAP by its own library, and an append-only file are given the same encoded events, a small one and a frame of
+128 × 2080 counts in turn, each to be on the disk before the next (decision 53). MCAP closes a chunk for each event;
+otherwise its writer keeps events in memory, and they are lost with the process.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sqlite3
+import tempfile
+import time
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+from benchmarks import machine
+
+SHAPE = (128, 2080)
+BODY = b'{"role":"search","index":1,"angle_deg":-12.345678901234567,"belief":' + b"0.1234567," * 200 + b"null}"
+
+
+class Sqlite:
+    """Rollback journal that persists, exclusive lock, one transaction an event."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self._number = path, 0
+        self._connection = sqlite3.connect(path, isolation_level=None)
+        for pragma in ("page_size=16384", "locking_mode=EXCLUSIVE", "journal_mode=PERSIST", "synchronous=FULL"):
+            self._connection.execute(f"PRAGMA {pragma}")
+        self._connection.execute("CREATE TABLE events (number INTEGER PRIMARY KEY, body TEXT, crc INTEGER, blob BLOB)")
+        self._connection.execute("CREATE TABLE run (entries INTEGER, crc INTEGER)")
+        self._connection.execute("INSERT INTO run VALUES (0, 0)")
+
+    def commit(self, body: bytes, blob: memoryview | None) -> None:
+        """One event, on the disk."""
+        self._number += 1
+        crc = zlib.crc32(blob or b"", zlib.crc32(body))
+        self._connection.execute("BEGIN IMMEDIATE")
+        self._connection.execute("INSERT INTO events VALUES (?, ?, ?, ?)", (self._number, body.decode(), crc, blob))
+        self._connection.execute("UPDATE run SET entries = ?, crc = ?", (self._number, crc))
+        self._connection.execute("COMMIT")
+
+    def close(self) -> None:
+        """Release the file."""
+        self._connection.close()
+
+    def read(self) -> int:
+        """Number of events, each with its check sum compared."""
+        rows = sqlite3.connect(self.path).execute("SELECT body, crc, blob FROM events ORDER BY number")
+        return sum(zlib.crc32(blob or b"", zlib.crc32(body.encode())) == crc for body, crc, blob in rows)
+
+
+class Mcap:
+    """One closed chunk an event, with its check sum; the frame is a message of a channel of its own."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self._number = path, 0
+        self._file = path.open("wb")
+        self._writer = Writer(self._file, chunk_size=1, compression=CompressionType.NONE)
+        self._writer.start(library="markerseek")
+        schema = self._writer.register_schema("event", "jsonschema", b'{"type":"object"}')
+        self._events = self._writer.register_channel("event", "json", schema)
+        self._frames = self._writer.register_channel("frame", "", 0)
+
+    def commit(self, body: bytes, blob: memoryview | None) -> None:
+        """One event, on the disk."""
+        self._number += 1
+        now_ns = time.time_ns()
+        if blob is not None:
+            self._writer.add_message(self._frames, now_ns, bytes(blob), now_ns, self._number)
+        self._writer.add_message(self._events, now_ns, body, now_ns, self._number)
+        self._file.flush()
+        os.fdatasync(self._file.fileno())
+
+    def close(self) -> None:
+        """Write the summary."""
+        self._writer.finish()
+        self._file.close()
+
+    def read(self) -> int:
+        """Number of events; the library checks the sum of each chunk."""
+        with self.path.open("rb") as file:
+            messages = make_reader(file, validate_crcs=True).iter_messages(log_time_order=False)
+            return sum(channel.id == self._events for _, channel, _ in messages)
+
+
+class Lines:
+    """A line of JSON an event, its frame behind it, lengths and check sum in the line."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self._number, self._crc = path, 0, 0
+        self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
+
+    def commit(self, body: bytes, blob: memoryview | None) -> None:
+        """One event, on the disk."""
+        self._number += 1
+        frame = b"" if blob is None else blob
+        self._crc = zlib.crc32(frame, zlib.crc32(body, self._crc))
+        line = b'{"bytes":%9d,"frame":%9d,"crc":%10d,"event":%b}\n' % (len(body), len(frame), self._crc, body)
+        os.writev(self._file, (line, frame))
+        os.fdatasync(self._file)
+
+    def close(self) -> None:
+        """Release the file."""
+        os.close(self._file)
+
+    def read(self) -> int:
+        """Number of events, each with its check sum compared."""
+        count, crc = 0, 0
+        with self.path.open("rb") as file:
+            while head := file.read(len(b'{"bytes":123456789,"frame":123456789,"crc":1234567890,"event":')):
+                body = file.read(int(head[9:18]))
+                file.read(2)
+                crc = zlib.crc32(file.read(int(head[27:36])), zlib.crc32(body, crc))
+                count += crc == int(head[43:53])
+        return count
+
+
+def main() -> None:
+    """Measure in turn, and print one line for each container."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.record", description=__doc__)
+    parser.add_argument("--commits", type=int, default=300, help="frames that are committed (default 300)")
+    parser.add_argument("--folder", type=Path, help="on the disk to be measured (default: that for temporary files)")
+    arguments = parser.parse_args()
+    for name, value in machine.describe(cores=os.cpu_count() or 1).items():
+        print(f"- {name}: {value}")
+    frame = np.random.default_rng(1).integers(-2048, 2048, SHAPE).astype("<i2").data.cast("B")
+    with tempfile.TemporaryDirectory(dir=arguments.folder) as folder:
+        kinds = [kind(Path(folder) / kind.__name__) for kind in (Sqlite, Mcap, Lines)]
+        times: dict[tuple[str, str], list[float]] = {}
+        for _ in range(arguments.commits):
+            for name, blob in (("small", None), ("frame", frame)):
+                for each in kinds:
+                    took_ms = _took_ms(lambda each=each, blob=blob: each.commit(BODY, blob))
+                    times.setdefault((type(each).__name__, name), []).append(took_ms)
+        for each in kinds:
+            each.close()
+        print("\n| container | event | median | 99 of 100 | all within, ms | read all, ms | MB |")
+        print("| --- | --- | --- | --- | --- | --- | --- |")
+        for each in kinds:
+            for name in ("small", "frame"):
+                found = np.array(times[type(each).__name__, name])
+                shares = " | ".join(f"{value:.2f}" for value in np.quantile(found, (0.5, 0.99, 1)))
+                read_ms = _took_ms(each.read)
+                assert each.read() == 2 * arguments.commits
+                size = each.path.stat().st_size / 1e6
+                print(f"| {type(each).__name__} | {name} | {shares} | {read_ms:.0f} | {size:.1f} |")
+
+
+def _took_ms(work: Callable[[], object]) -> float:
+    began = time.perf_counter()
+    work()
+    return 1e3 * (time.perf_counter() - began)
+
+
+if __name__ == "__main__":
+    main()
