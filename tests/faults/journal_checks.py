@@ -10,12 +10,12 @@ from contextlib import closing
 from pathlib import Path
 from unittest import mock
 
-from journal_runs import configuration, died_in_commit, measured
 from markerseek import rigs
 from markerseek.core import Asked, Event, Interval, Measured, Reading, RecordError, Sample, Started
 from markerseek.records.journal import Journal, lines, read_journal
 from markerseek.runs.journalled import journalled
 from markerseek.search import build
+from tests.faults.journal_runs import configuration, died_in_commit, measured
 
 
 @contextlib.contextmanager

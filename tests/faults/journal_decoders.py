@@ -7,9 +7,9 @@ from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
-from journal_runs import configuration, died_in_commit, measured
 from markerseek.core import Asked, Interval, Started
 from markerseek.records.journal import Journal, follow, salvage, verify
+from tests.faults.journal_runs import configuration, died_in_commit, measured
 
 
 @lru_cache

@@ -1,17 +1,17 @@
 """Prints a table of bugs seeded into the package and whether the check of each detects it.
 
-A bug is one piece of source text replaced by another. ``python tests/faults/seeded_bugs.py`` prints the table.
+A bug is one piece of source text replaced by another. ``python -m tests.faults.seeded_bugs`` prints the table.
 """
 
 # ruff: noqa: T201 - a program, which prints
 
 from __future__ import annotations
 
-from seeding import table
-from test_seeded_driver_bugs import DRIVER_BUGS
-from test_seeded_guard_bugs import GUARD_BUGS
-from test_seeded_journal_bugs import JOURNAL_BUGS
-from test_seeded_supervisor_bugs import SEEDED, SUPERVISOR_BUGS
+from tests.faults.seeding import table
+from tests.faults.test_seeded_driver_bugs import DRIVER_BUGS
+from tests.faults.test_seeded_guard_bugs import GUARD_BUGS
+from tests.faults.test_seeded_journal_bugs import JOURNAL_BUGS
+from tests.faults.test_seeded_supervisor_bugs import SEEDED, SUPERVISOR_BUGS
 
 
 def main() -> None:

@@ -16,7 +16,7 @@ from markerseek.records.sandbox import Sandbox
 pytest.importorskip("serial", reason="needs the extra devices")
 pytest.importorskip("h5py", reason="needs the extra records")
 
-BANK = Path(__file__).parents[1] / "unit" / "banks" / "bank.hdf5"
+BANK = Path(__file__).parents[1] / "data" / "banks" / "bank.hdf5"
 NAMES = ("serial", "h5py", "msgspec", "numpy", "socket", "struct", "multiprocessing", "markerseek", "resource")
 """What the processes that we start import; a file of each name lies in the folder."""
 

@@ -7,12 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from delayed_lines import DelayedClock, DelayedPort, Delays
+from markerseek.drivers import Kdc101DriverSettings, Kdc101Stage
 from markerseek.drivers._apt_line import AptLine
-from markerseek.drivers.kdc101 import Kdc101DriverSettings, Kdc101Stage
-from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
+from markerseek.emulators import EmulatedKdc101
+from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
 from markerseek.wire import apt
+from tests.faults.delayed_lines import DelayedClock, DelayedPort, Delays
 
 MAX_S = (0.02, 0.05, 0.1)
 SPEEDS = (1.0, 2.0, 5.0, 10.0, 20.0, 25.0)

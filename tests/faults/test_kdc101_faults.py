@@ -16,12 +16,11 @@ from markerseek.core import (
     MoveError,
     NotConnectedError,
 )
-from markerseek.drivers.kdc101 import Kdc101Stage
-from markerseek.emulators import DirectPort
-from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
+from markerseek.drivers import Kdc101Stage
+from markerseek.emulators import DirectPort, EmulatedKdc101
+from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.emulators.stage_faults import STAGE_FAULTS
-from markerseek.sim import VirtualClock
-from markerseek.sim.faults import Fault, FaultKind
+from markerseek.sim import Fault, FaultKind, VirtualClock
 from markerseek.wire import apt
 
 PLAY_DEG = 0.1

@@ -15,18 +15,15 @@ import numpy as np
 import pytest
 
 from markerseek.core import DeviceError, MoveError, Permit
-from markerseek.drivers.kdc101 import Kdc101Stage
-from markerseek.drivers.laserbox import LaserBox
-from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
-from markerseek.emulators import DirectPort
-from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
+from markerseek.drivers import Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
+from markerseek.emulators import DirectPort, EmulatedKdc101
+from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.emulators.laserbox import EmulatedLaserBox, LaserBoxFaults
 from markerseek.emulators.stage_faults import STAGE_FAULTS
 from markerseek.sim import VirtualClock
-from markerseek.wire import apt
+from markerseek.wire import AptFramer, apt
 from markerseek.wire import sonixdaq as daq
-from markerseek.wire.apt_frames import AptFramer
-from seeding import Bug, caught
+from tests.faults.seeding import Bug, caught
 
 
 def stage_at(start_deg: float = 0.0) -> tuple[Kdc101Stage, Kdc101Emulator, SimpleNamespace, VirtualClock, DirectPort]:

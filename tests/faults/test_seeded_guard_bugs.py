@@ -8,11 +8,11 @@ from collections.abc import Callable
 
 import pytest
 
-from guarded_rig import Rig, Twice, armed, refused, scanner
 from markerseek.core import AcquisitionError, DeviceError, FrameHeader, LimitError, Measured, ReadingFrame
 from markerseek.guard import Lease, State
 from markerseek.scan import run
-from seeding import Bug, caught
+from tests.faults.guarded_rig import Rig, Twice, armed, refused, scanner
+from tests.faults.seeding import Bug, caught
 
 
 def nothing_moves_outside_the_search() -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from journal_checks import (
+from tests.faults.journal_checks import (
     a_changed_configuration_is_refused,
     a_changed_length_is_damage_and_no_torn_end,
     a_changed_line_is_refused,
@@ -23,7 +23,7 @@ from journal_checks import (
     every_row_is_read,
     what_is_handed_out_is_on_the_disk,
 )
-from seeding import Bug, caught
+from tests.faults.seeding import Bug, caught
 
 JOURNAL_BUGS = {
     "a noise of NaN written as not known": Bug(

@@ -13,18 +13,20 @@ import threading
 import time
 import tty
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import msgspec
 import pytest
 
 from markerseek.core import ConfigError
 from markerseek.supervisor import Line, Supervisor
-from seeding import Bug, caught, seeded
+from tests.faults.seeding import Bug, caught, seeded
 
 pytestmark = pytest.mark.real_time
 
 SAFE_COMMAND = b"DISARM\n"
 LEASE_S = 0.5
+ROOT = Path(__file__).parents[2]
 SOON_S = 3.0
 
 
@@ -67,8 +69,16 @@ def kept(far: Far) -> Iterator[subprocess.Popen[bytes]]:
     """A control process that holds and beats, and a supervisor with the bug that is seeded now, if any."""
     ours, theirs = socket.socketpair()
     orders = msgspec.json.encode({"lines": [far.line], "period_s": LEASE_S}).decode()
-    command = [sys.executable, __file__, "supervisor", SEEDED[-1] if SEEDED else "", str(theirs.fileno()), orders]
-    supervisor = subprocess.Popen(command, pass_fds=[theirs.fileno()])
+    command = [
+        sys.executable,
+        "-m",
+        "tests.faults.test_seeded_supervisor_bugs",
+        "supervisor",
+        SEEDED[-1] if SEEDED else "",
+        str(theirs.fileno()),
+        orders,
+    ]
+    supervisor = subprocess.Popen(command, cwd=ROOT, pass_fds=[theirs.fileno()])
     theirs.close()
     select.select([ours], [], [], 60)
     control = subprocess.Popen(

@@ -9,14 +9,14 @@ import sys
 from pathlib import Path
 
 import pytest
-from igtl_bridge import bridge
-from igtl_client import IgtlClient
 
 from markerseek.bridges import Recording, open_recording
 from markerseek.bridges.igtl import SearchService
 from markerseek.core import Measured
 from markerseek.records.journal import Entry
 from markerseek.wire import igtl
+from tests.igtl.igtl_bridge import bridge
+from tests.igtl.igtl_client import IgtlClient
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

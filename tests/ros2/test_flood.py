@@ -12,9 +12,8 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 
-from stage_bench import Bench
-
 from markerseek.ros import topics
+from tests.ros2.stage_bench import Bench
 
 HERE = Path(__file__).parent
 

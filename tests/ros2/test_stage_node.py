@@ -9,11 +9,10 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 
-from stage_bench import Bench
-
 from markerseek.bridges.ros2 import StepEnded
 from markerseek.guard import State
 from markerseek.ros import messages, topics
+from tests.ros2.stage_bench import Bench
 
 
 @pytest.fixture

@@ -11,15 +11,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from tests.emulated import emulation, fixed_bench, markerseek
 
 from markerseek.cli import doctor
 from markerseek.core import Measured, Permit
-from markerseek.drivers.clock import SystemClock
-from markerseek.drivers.laserbox import LaserBox
-from markerseek.drivers.serial_port import SerialPort
+from markerseek.drivers import LaserBox, SerialPort, SystemClock
 from markerseek.records.banks.frames import load_frame
 from markerseek.records.journal import Checked, RecordedRun, read_journal
+from tests.emulated import emulation, fixed_bench, markerseek
 
 pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")

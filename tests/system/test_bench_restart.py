@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+
 from tests.emulated import emulation, markerseek
 
 pytestmark = pytest.mark.real_time

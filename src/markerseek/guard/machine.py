@@ -83,7 +83,8 @@ class Guard:
 
     def arm(self, *, by: str) -> None:
         """DISARMED -> ARMED, in the name of a person; refused in FAULT and in mid-step."""
-        self._require("arm", State.DISARMED, State.ARMED, by=by)
+        _require_name(by)
+        self._require("arm", State.DISARMED, State.ARMED)
         self._state = State.ARMED
 
     def disarm(self) -> None:
@@ -100,7 +101,8 @@ class Guard:
 
     def reset(self, *, by: str) -> None:
         """FAULT -> DISARMED, in the name of a person who has looked at the rig."""
-        self._require("reset", State.FAULT, by=by)
+        _require_name(by)
+        self._require("reset", State.FAULT)
         self._state, self._fault = State.DISARMED, None
 
     def readback(self, angle_deg: float) -> float:
@@ -173,10 +175,8 @@ class Guard:
         self.fail(str(error))
         return error
 
-    def _require(self, step: str, *states: State, by: str = "software") -> None:
-        """Refuse a step in any other state, or, where a person must take it, without a name."""
-        if not (isinstance(by, str) and by.strip()):
-            raise ConfigError("guard: by is empty; name the person who arms or resets it")
+    def _require(self, step: str, *states: State) -> None:
+        """Refuse a step in any other state."""
         if self._state in states:
             return
         cure = f"a person must reset it after: {self._fault}" if self._fault else "arm it, and end each step first"
@@ -189,3 +189,9 @@ class Guard:
             raise self._failed(
                 MoveError(f"{what} {wanted_deg:.3f} deg and the probe is at {angle_deg:.3f} deg, {apart}")
             )
+
+
+def _require_name(by: str) -> None:
+    """Refuse a step that a person must take without the name of the person."""
+    if not (isinstance(by, str) and by.strip()):
+        raise ConfigError("guard: by is empty; name the person who arms or resets it")
