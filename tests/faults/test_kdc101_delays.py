@@ -25,18 +25,9 @@ def move_there(
 ) -> int:
     """Moves of one stage, drawn at random with all that holds it up; raises if a sound one is refused.
 
-    Parameters
-    ----------
-    number
-        Seed.
-    share
-        Share of the steps of relay and emulator that are held up; of the host's steps a tenth of it.
-    most_s
-        Longest time that a step is held up, in seconds; drawn where it is None.
-    begin_s
-        How long a stage may stand before it is taken to be stuck, in seconds.
-    targets
-        Where to go, one after the other.
+    ``share``: of the steps of relay and emulator that are held up; of the host's steps a tenth of it. ``most_s``:
+    longest time that a step is held up; drawn where it is None. ``begin_s``: how long a stage may stand before it is
+    taken to be stuck.
     """
     rng = np.random.Generator(np.random.PCG64(number))
     start_deg, *targets_deg = rng.uniform(-34, 34, 1 + targets).tolist()

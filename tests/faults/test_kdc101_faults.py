@@ -111,6 +111,15 @@ def test_a_fault_is_refused_by_name_and_does_no_harm(name: str, from_step: int) 
     require_harmless(outcome)
 
 
+@pytest.mark.parametrize(("amount", "words"), [(-0.5, "fell back by"), (-0.2, "its acceleration allows")])
+def test_an_encoder_that_loses_half_a_degree_fell_back_and_one_that_loses_less_slowed_down_too_soon(
+    amount: float, words: str
+) -> None:
+    outcome = tour(replace(STAGE_FAULTS["jump on its way"], amount=amount), targets=(20.0,))
+    assert isinstance(outcome.error, MoveError)
+    assert words in str(outcome.error)
+
+
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("share", [1e-3, 1e-2, 1e-1])
 @pytest.mark.parametrize("name", ["garbled answers", "garbled commands", "lost bytes"])

@@ -1,4 +1,4 @@
-"""Bugs seeded into the journal, each detected by its check; see `seeded_bugs`."""
+"""Bugs seeded into the journal, each detected by its check."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ def test_stop_in_mid_move(opened, page):
     watched.start()
     watched.wait_for(LOG, "acquisition 1 at")
     watched.tab.locator(".ms-stop").click()
-    watched.wait_for(STATUS, "^stopped by SIGINT")
+    watched.wait_for(STATUS, "^stopped by SIG")
     assert page.children() == []
     held = read_journal(page.journals()[-1])
     assert isinstance(held.entries[-1].event, Interrupted)
@@ -103,7 +103,7 @@ def test_pause_and_go_on_gives_the_same_result(opened, command_result):
     watched.start()
     watched.wait_for(LOG, "acquisition 3:")
     watched.press("Pause")
-    watched.wait_for(STATUS, "^stopped by SIGINT")
+    watched.wait_for(STATUS, "^stopped by SIG")
     watched.press("Go on")
     watched.wait_for(STATUS, "^found at ")
     assert json.loads(downloaded(watched, "report JSON")) == command_result("--seed", "4")

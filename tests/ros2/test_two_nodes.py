@@ -26,7 +26,8 @@ from tests.ros2.turning import Client
 
 TEXT = "std_msgs/msg/String"
 SEARCH = (*MARKERSEEK, "ros2", "search", "--method", "ternary", "--acquisitions", "5")
-NOTICED_S = 2.0
+NOTICED_S = 4.0
+"""2 s are promised; the others are for a busy computer."""
 
 
 @pytest.fixture

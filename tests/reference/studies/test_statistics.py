@@ -2,35 +2,21 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy import stats
 
 from markerseek.studies import Mean, Share
-from markerseek.studies.statistics import Moments, clopper_pearson
-
-
-@given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=60), st.lists(st.integers(0, 60), max_size=5))
-def test_merged_moments_are_those_of_the_whole_sample(values: list[float], cuts: list[int]) -> None:
-    edges = [0, *sorted(min(cut, len(values)) for cut in cuts), len(values)]
-    merged = Moments()
-    for low, high in itertools.pairwise(edges):
-        merged = merged.merged(Moments.of(values[low:high]))
-    assert merged.count == len(values)
-    assert merged.mean == pytest.approx(np.mean(values), abs=1e-9)
-    assert merged.sd == pytest.approx(np.std(values, ddof=1), abs=1e-6)
+from markerseek.studies.statistics import clopper_pearson
 
 
 @pytest.mark.parametrize("count", [2, 3, 30, 1000])
 def test_the_interval_of_a_mean_is_students(count: int) -> None:
     values = np.random.default_rng(count).exponential(size=count).tolist()
     expected = stats.t.interval(0.95, count - 1, loc=np.mean(values), scale=stats.sem(values))
-    mean = Mean.of(Moments.of(values))
+    mean = Mean.of(values)
     assert mean.interval95 == pytest.approx(expected)
     assert mean.sd == pytest.approx(stats.tstd(values))
 
@@ -43,8 +29,8 @@ def test_the_interval_of_a_share_is_the_exact_one(hits: int, count: int) -> None
 
 
 def test_too_few_values_have_no_interval_and_none_have_no_mean() -> None:
-    assert Mean.of(Moments()) == Mean(count=0, mean=None, interval95=None, sd=None)
-    assert Mean.of(Moments.of([2.0])) == Mean(count=1, mean=2.0, interval95=None, sd=None)
+    assert Mean.of([]) == Mean(count=0, mean=None, interval95=None, sd=None)
+    assert Mean.of([2.0]) == Mean(count=1, mean=2.0, interval95=None, sd=None)
     assert Share.of(0, 0) == Share(hits=0, count=0, share=None, interval95=None)
 
 
@@ -52,7 +38,7 @@ def test_the_interval_holds_the_true_mean_at_its_nominal_rate() -> None:
     rng = np.random.default_rng(5)
     held = 0
     for _ in range(600):
-        interval = Moments.of(rng.normal(3.0, 2.0, 12).tolist()).interval
+        interval = Mean.of(rng.normal(3.0, 2.0, 12).tolist()).interval95
         assert interval is not None
         held += interval[0] <= 3.0 <= interval[1]
     assert held / 600 == pytest.approx(0.95, abs=3 * math.sqrt(0.95 * 0.05 / 600))

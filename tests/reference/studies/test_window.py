@@ -11,8 +11,7 @@ from scipy import stats
 from markerseek.core import Reading
 from markerseek.sim import LaserSettings, NoiseSettings, SimulatedSettings
 from markerseek.studies import PolicySettings, Study, cells, run_row
-from markerseek.studies.window import noise_free, window_of
-from markerseek.studies.window_world import FLOOR_SCATTER
+from markerseek.studies.window import FLOOR_SCATTER, noise_free, window_of
 from markerseek.studies.worlds import draw_trial, study_rig
 
 COUNT = 24

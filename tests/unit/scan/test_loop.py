@@ -52,12 +52,13 @@ def test_every_acquisition_is_announced_before_anything_moves() -> None:
 
 
 def test_the_order_within_one_measurement() -> None:
-    bench = Bench()
+    bench = Bench(short_by_deg=0.0625)
     sample = scanner(bench).measure(12.0)
     assert bench.log == ["move 12", "arm", "fire 16"]
+    assert sample.angle_deg == 11.9375
     assert sample.frame is not None
     header = sample.frame.header
-    assert (header.commanded_deg, header.angle_before_deg, header.angle_after_deg) == (12.0, 12.0, 12.0)
+    assert (header.commanded_deg, header.angle_before_deg, header.angle_after_deg) == (12.0, 11.9375, 11.9375)
 
 
 def test_a_policy_gets_a_sample_only_after_the_event_was_handed_out() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from markerseek.core import AcquisitionError, ChannelFrame, Frame, FrameHeader, Permit, ReadingFrame
 from markerseek.sim import RECEIVER_FAULTS, FaultyReceiver
-from markerseek.studies.paper.failure_runs import CASES
+from markerseek.studies.paper.failures import CASES
 
 PERMIT = Permit(token="t", angle_deg=0.0, pulses=16, expires_s=math.inf)
 HEADER = FrameHeader(sequence=1, token="t", pulses=16, commanded_deg=0.0, started_s=0.0, ended_s=0.1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,8 @@ from markerseek.core import ConfigError, SearchError
 from markerseek.studies import read_rows, read_study, run_row, run_study
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*the study imports the module:UserWarning")
+
+Shell = Callable[..., tuple[int, str, str]]
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 
@@ -37,6 +41,10 @@ class Numpys(WeightedAverage):
 class Failing(WeightedAverage):
     def _next_deg(self):
         return {}["no angle"]
+
+class Outside(WeightedAverage):
+    def _next_deg(self):
+        return 80.0
 
 def made(*, limits, acquisitions):
     return WeightedAverage(limits=limits, acquisitions=acquisitions)
@@ -112,8 +120,24 @@ def test_a_study_says_what_it_imports_before_it_does(folder: Path) -> None:
 
 def test_an_error_of_the_policy_is_reported_under_its_name(folder: Path) -> None:
     study = read_study(study_of(folder, "mine_of_this_test:Failing"))
-    with pytest.raises(SearchError, match="mine_of_this_test:Failing: the policy failed: KeyError: 'no angle'"):
+    with pytest.raises(SearchError) as failed:
         run_row(study, 0)
+    said, *_, own = str(failed.value).splitlines()
+    assert said == "mine_of_this_test:Failing: the policy failed: KeyError: 'no angle'"
+    assert "mine_of_this_test.py, line " in own
+    assert ", in _next_deg:" in own
+
+
+def test_a_policy_of_which_every_search_fails_ends_the_command_with_the_reason(folder: Path, shell: Shell) -> None:
+    study, out = study_of(folder, "mine_of_this_test:Outside"), folder / "out"
+    for _ in ("run", "read"):
+        code, text, err = shell("study", study, "--out", out, "--workers", 1)
+        assert code == 1
+        assert "rows:" in text
+        assert "mine_of_this_test:Outside, 9: all of its searches failed, the first one by: LimitError: angle 80" in err
+    code, text, _ = shell("study", study, "--out", out, "--json")
+    assert code == 1
+    assert list(json.loads(text)["faults"]) == ["mine_of_this_test:Outside, 9"]
 
 
 def test_the_policy_of_the_examples_finds_markers(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -31,7 +31,7 @@ from markerseek.studies import (
     values_of,
     workers,
 )
-from markerseek.studies.table import as_csv, chunks, run_chunk
+from markerseek.studies.runner import as_csv, chunks, run_chunk
 from markerseek.studies.workers import on_processes
 
 STUDY = Study(
@@ -90,25 +90,26 @@ def test_a_study_that_ends_in_the_middle_is_continued_and_nothing_is_computed_tw
 ) -> None:
     computed: list[range] = []
 
-    def mortal(compute: Compute, pieces: Iterator[range], *, workers: int) -> Iterator[tuple[int, bytes]]:
+    def mortal(compute: Compute, pieces: Iterator[range], *, workers: int) -> Iterator[bytes]:
         for count, piece in enumerate(pieces):
             if count == after:
                 raise KilledError
             computed.append(piece)
-            yield count, compute(piece)
+            yield compute(piece)
 
     assert len(list(chunks(STUDY))) == 3
     monkeypatch.setattr(runner, "on_processes", mortal)
     with pytest.raises(KilledError):
         run_study(STUDY, tmp_path)
-    (tmp_path / "parts" / ".00000002.csv.0123abcd.part").write_bytes(b"half a li")
-    (tmp_path / ".rows.csv.0123abcd.part").write_bytes(b"half a table")
+    with (tmp_path / "rows.part.csv").open("ab") as table:
+        table.write(whole["rows.csv"].splitlines(keepends=True)[1 + 250 * after][:-5])
+    (tmp_path / ".summary.json.0123abcd.part").write_bytes(b"half a summary")
     assert "rows.csv" not in files(tmp_path)
 
-    def counted(compute: Compute, pieces: Iterator[range], *, workers: int) -> Iterator[tuple[int, bytes]]:
-        for count, piece in enumerate(pieces):
+    def counted(compute: Compute, pieces: Iterator[range], *, workers: int) -> Iterator[bytes]:
+        for piece in pieces:
             computed.append(piece)
-            yield count, compute(piece)
+            yield compute(piece)
 
     monkeypatch.setattr(runner, "on_processes", counted)
     run_study(STUDY, tmp_path)
@@ -117,11 +118,23 @@ def test_a_study_that_ends_in_the_middle_is_continued_and_nothing_is_computed_tw
     assert sorted(path.name for path in tmp_path.iterdir()) == [".lock", "rows.csv", "study.json", "summary.json"]
 
 
-@pytest.mark.parametrize("step", ["_join", "summarise", "shutil.rmtree"])
+def test_a_table_torn_anywhere_is_continued_from_its_last_whole_trial(whole: dict[str, bytes], tmp_path: Path) -> None:
+    study = dataclasses.replace(STUDY, trials=3)
+    run_study(study, tmp_path, workers=1)
+    table = (tmp_path / "rows.csv").read_bytes()
+    step = len(table) // 60
+    for kept in [*range(0, len(table), step), len(table)]:
+        (tmp_path / "rows.csv").unlink()
+        (tmp_path / "rows.part.csv").write_bytes(table[:kept] + b"\0" * (kept % 3))
+        run_study(study, tmp_path, workers=1)
+        assert (tmp_path / "rows.csv").read_bytes() == table
+
+
+@pytest.mark.parametrize("step", ["sync_folder", "summarise", "_read"])
 def test_a_study_that_ends_while_it_is_put_together_is_put_together_again(
     whole: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
-    def killed(*_arguments: object) -> None:
+    def killed(*_arguments: object, **_named: object) -> None:
         raise KilledError
 
     with monkeypatch.context() as patched:
@@ -162,9 +175,9 @@ def test_a_changed_study_or_another_version_is_refused_and_the_folder_left_as_it
 def test_lines_of_a_worker_with_another_version_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     other = dataclasses.replace(STUDY, seed=2)
 
-    def elsewhere(compute: Compute, pieces: Iterator[range], *, workers: int) -> Iterator[tuple[int, bytes]]:
-        for count, piece in enumerate(pieces):
-            yield count, run_chunk(other, piece)
+    def elsewhere(compute: Compute, pieces: Iterator[range], *, workers: int) -> Iterator[bytes]:
+        for piece in pieces:
+            yield run_chunk(other, piece)
 
     monkeypatch.setattr(runner, "on_processes", elsewhere)
     with pytest.raises(ConfigError, match="another version of markerseek"):

@@ -28,8 +28,8 @@ from markerseek.studies import (
     summarise,
     values_of,
 )
+from markerseek.studies.runner import as_csv, chunks, run_chunk
 from markerseek.studies.summary import compared
-from markerseek.studies.table import as_csv, chunks, run_chunk
 from markerseek.studies.worlds import draw_trial
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "studies"
