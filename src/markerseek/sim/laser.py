@@ -54,18 +54,31 @@ class SimulatedLaser:
         if permit.pulses > 0:
             # One flash for the whole train, at its beginning: a frame is the average of its pulses.
             self._world.flash(pulses=permit.pulses, at_s=self._clock.now_s())
-            self._vary()
+            vary_last_flash(
+                self._world,
+                spread=self._energy_spread,
+                drift_per_min=self._energy_drift_per_min,
+                now_s=self._clock.now_s(),
+                rng=self._rng,
+            )
         self._clock.wait(permit.pulses / self._rate_hz)
         return permit.pulses
 
-    def _vary(self) -> None:
-        """Give the last flash the energy that the laser has now."""
-        log_energy = self._energy_drift_per_min * self._clock.now_s() / 60
-        if self._rng is not None and self._energy_spread > 0:
-            log_energy += self._energy_spread * float(self._rng.standard_normal())
-        if log_energy != 0:
-            flash = self._world.flashes[-1]
-            self._world.flashes[-1] = replace(flash, energy=flash.energy * math.exp(log_energy))
-
     def disarm(self) -> None:
         """Nothing to do: this laser holds no permit between two calls of `fire`."""
+
+
+def vary_last_flash(
+    world: SimulatedWorld, *, spread: float, drift_per_min: float, now_s: float, rng: np.random.Generator | None
+) -> None:
+    """Give the last flash of a world the energy that a laser has now.
+
+    ``spread``: standard deviation of ln energy from one acquisition to the next. ``drift_per_min``: change of ln energy
+    in a minute.
+    """
+    log_energy = drift_per_min * now_s / 60
+    if rng is not None and spread > 0:
+        log_energy += spread * float(rng.standard_normal())
+    if log_energy != 0:
+        flash = world.flashes[-1]
+        world.flashes[-1] = replace(flash, energy=flash.energy * math.exp(log_energy))
