@@ -1,8 +1,8 @@
 """Containers for the record of a run, in turn: ``python -m benchmarks.record [--commits N] [--folder FOLDER]``.
 
-SQLite, MCAP by its own library, and an append-only file are given the same encoded events, a small one and a frame of
-128 × 2080 counts in turn, each to be on the disk before the next (decision 53). MCAP closes a chunk for each event;
-otherwise its writer keeps events in memory, and they are lost with the process.
+SQLite, MCAP by its own library, and the journal are given events, a small one with a belief and a frame of 128 × 2080
+counts in turn, each to be on the disk before the next (decision 53). MCAP closes a chunk for each event; otherwise its
+writer keeps events in memory, and they are lost with the process.
 """
 
 from __future__ import annotations
@@ -16,14 +16,23 @@ import zlib
 from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from benchmarks import machine
+from benchmarks.journal import SHAPE, begun_with, measured_event
+from markerseek.core import AngleBelief, Asked, NotFound
+from markerseek.records.journal import Journal, read_journal
 
-SHAPE = (128, 2080)
-BODY = b'{"role":"search","index":1,"angle_deg":-12.345678901234567,"belief":' + b"0.1234567," * 200 + b"null}"
+ANGLES_DEG = tuple(each / 10 for each in range(-50, 50))
+BELIEF = AngleBelief(
+    estimate=NotFound(mean_deg=0.0, reason="nothing is above the noise"),
+    angles_deg=ANGLES_DEG,
+    density_per_deg=tuple(abs(each) / 25 for each in ANGLES_DEG),
+)
+BODY = msgspec.json.encode(msgspec.to_builtins(Asked(role="search", index=1, angle_deg=-12.3456789, belief=BELIEF)))
 
 
 class Sqlite:
@@ -92,35 +101,29 @@ class Mcap:
 
 
 class Lines:
-    """A line of JSON an event, its frame behind it, lengths and check sum in the line."""
+    """The journal as it is; the time of encoding the event is counted here, and not in the others."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self._number, self._crc = path, 0, 0
-        self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
+        self.path, self._number = path, 0
+        self._checkpoint, configuration = begun_with()
+        self._journal = Journal.create(path, configuration)
 
-    def commit(self, body: bytes, blob: memoryview | None) -> None:
+    def commit(self, _: bytes, blob: memoryview | None) -> None:
         """One event, on the disk."""
-        self._number += 1
-        frame = b"" if blob is None else blob
-        self._crc = zlib.crc32(frame, zlib.crc32(body, self._crc))
-        line = b'{"bytes":%9d,"frame":%9d,"crc":%10d,"event":%b}\n' % (len(body), len(frame), self._crc, body)
-        os.writev(self._file, (line, frame))
-        os.fdatasync(self._file)
+        self._number += blob is not None
+        if blob is None:
+            self._journal.commit(Asked(role="search", index=self._number, angle_deg=1.0, belief=BELIEF), clock_s=1.0)
+        else:
+            samples = np.frombuffer(blob, "<i2").reshape(SHAPE)
+            self._journal.commit(measured_event(self._number, samples), clock_s=1.0, checkpoint=self._checkpoint)
 
     def close(self) -> None:
         """Release the file."""
-        os.close(self._file)
+        self._journal.close()
 
     def read(self) -> int:
-        """Number of events, each with its check sum compared."""
-        count, crc = 0, 0
-        with self.path.open("rb") as file:
-            while head := file.read(len(b'{"bytes":123456789,"frame":123456789,"crc":1234567890,"event":')):
-                body = file.read(int(head[9:18]))
-                file.read(2)
-                crc = zlib.crc32(file.read(int(head[27:36])), zlib.crc32(body, crc))
-                count += crc == int(head[43:53])
-        return count
+        """Number of events, each with its check sum compared, and decoded."""
+        return len(read_journal(self.path, frames=False).entries)
 
 
 def main() -> None:
