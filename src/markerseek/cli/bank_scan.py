@@ -12,8 +12,9 @@ from rich.markup import escape
 from markerseek import rigs, runs
 from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig
 from markerseek.cli.options import Arm, AsJson, RigFile
+from markerseek.cli.report import Output, Report, with_version
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
-from markerseek.cli.terminal import announce_compilation, print_report, progress_bar, scaled, show_event, stderr, stdout
+from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_event, stderr
 from markerseek.cli.watched import Events, Heartbeat, WatchOptions
 from markerseek.core import ChannelFrame, MarkerseekError, Measured, Refused, RFFrame, Sample
 
@@ -111,20 +112,19 @@ def command(
         if stopped is not None:
             end_stopped(stopped, as_json=as_json, kept=out if taken else None)
     facts = assembled.facts
-    if as_json:
-        print_report(
-            path=str(out),
-            rig=facts.description,
-            angles=taken,
-            dark_frames=dark,
-            refused=refused,
-            simulated=assembled.simulated,
-            emulated=facts.emulated,
-            seed=facts.seed,
-            configuration=facts.fingerprint,
-        )
-    else:
-        stdout.print(f"{taken} angles and {dark} dark frames of a {facts.rig_name} in {escape(str(out))}")
+    values = with_version(
+        path=str(out),
+        rig=facts.description,
+        angles=taken,
+        dark_frames=dark,
+        refused=refused,
+        simulated=assembled.simulated,
+        emulated=facts.emulated,
+        seed=facts.seed,
+        configuration=facts.fingerprint,
+    )
+    shown = [f"{taken} angles and {dark} dark frames of a {facts.rig_name} in {escape(str(out))}"]
+    Output(as_json=as_json).show(Report(values=values, shown=shown))
 
 
 def _followed(rig: rigs.Rig, watch: WatchOptions, *, step_deg: float) -> AbstractContextManager[Journal | None]:

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
 
 from markerseek import rigs, runs, signals
 from markerseek.cli.direction import steadiness
 from markerseek.cli.options import AsJson, ProbeName
-from markerseek.cli.terminal import announce_compilation, new_table, print_report, progress_bar, stdout
+from markerseek.cli.report import Output, Report, table, with_version
+from markerseek.cli.terminal import announce_compilation, progress_bar
 from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, RecordError, Sample, SearchError, require_range
 
 if TYPE_CHECKING:
@@ -91,19 +94,16 @@ def command(
     known = {"zero_deg": zero, "noise_sigma": found.noise_sigma}
     numbers: dict[str, Fitted] = {name: known.get(name) or getattr(geometry, name) for name in NUMBERS}
     rig_toml = _rig_toml(numbers, direction) + _laser_toml(pickup_us, usual_energy)
-    if as_json:
+    values = with_version(
         # The interval of a `Fitted` is computed.
-        values = {name: asdict(value) | {"interval95": value.interval95} for name, value in numbers.items()}
-        print_report(
-            **values,
-            misfit=geometry.misfit,
-            energy_spread=found.energy_spread,
-            frames=found.frames,
-            waves=found.waves,
-            rig_toml=rig_toml,
-        )
-    else:
-        _print_table(found, numbers, rig_toml)
+        **{name: asdict(value) | {"interval95": value.interval95} for name, value in numbers.items()},
+        misfit=geometry.misfit,
+        energy_spread=found.energy_spread,
+        frames=found.frames,
+        waves=found.waves,
+        rig_toml=rig_toml,
+    )
+    Output(as_json=as_json).show(Report(values=values, shown=_shown(found, numbers, rig_toml)))
 
 
 def _samples(bank: Path, scan: FrameBank, preset: signals.ProbePreset) -> list[Sample]:
@@ -159,19 +159,22 @@ face_radius_m = {numbers["face_radius_m"].value:.5f}
 """
 
 
-def _print_table(found: runs.Calibration, numbers: dict[str, Fitted], rig_toml: str) -> None:
-    table = new_table("", "value", "95 % interval", "", left=("",))
-    for name, number in numbers.items():
-        title, scale, unit = NUMBERS[name]
-        low, high = (scale * end for end in number.interval95)
-        # Two significant digits of the standard deviation.
-        digits = max(0, min(4, 1 - math.floor(math.log10(max(scale * number.sigma, 1e-9)))))
-        table.add_row(
-            f"[dim]{title}[/]", f"{scale * number.value:.{digits}f}", f"{low:.{digits}f} to {high:.{digits}f}", unit
-        )
-    stdout.print(table)
-    stdout.print(
+def _shown(found: runs.Calibration, numbers: dict[str, Fitted], rig_toml: str) -> Iterator[str | Table]:
+    yield table((_row(*NUMBERS[name], number) for name, number in numbers.items()), left=("", " "))
+    yield (
         f"[dim]{found.waves} of {found.frames} angles had a wave clear enough to be used; the residual of the fit is "
         f"{found.geometry.misfit:.1%} of their height; {steadiness(found.energy_spread)}[/]\n\nFor rig.toml:\n"
     )
-    stdout.print(escape(rig_toml))
+    yield escape(rig_toml)
+
+
+def _row(title: str, scale: float, unit: str, number: Fitted) -> dict[str, str | Text]:
+    low, high = (scale * end for end in number.interval95)
+    # Two significant digits of the standard deviation.
+    digits = max(0, min(4, 1 - math.floor(math.log10(max(scale * number.sigma, 1e-9)))))
+    return {
+        "": Text(title, style="dim"),
+        "value": f"{scale * number.value:.{digits}f}",
+        "95 % interval": f"{low:.{digits}f} to {high:.{digits}f}",
+        " ": unit,
+    }

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
@@ -37,18 +37,31 @@ _LINE_BYTES = 4096
 class SimulationOptions:
     """Options of a simulated rig, which are an error for a rig of devices; None leaves the rig file's value."""
 
-    seed: int | None = None
-    """None: 1."""
-    tissue: str | None = None
-    """Name of a simulated material."""
-    pace: float = 0.0
-    """Real seconds per virtual second."""
-    no_marker: bool = False
-    marker_deg: float | None = None
-    second_marker_deg: float | None = None
-    snr_db: float | None = None
-    readout_s: float | None = None
-    """Time to read one acquisition."""
+    tissue: Annotated[
+        str | None, typer.Option(help="Simulated material, instead of the rig's; an unknown name lists them all.")
+    ] = None
+    no_marker: Annotated[bool, typer.Option("--no-marker", help="Simulate noise and clutter alone.")] = False
+    marker_deg: Annotated[
+        float | None, typer.Option(help="Angle of the simulated marker, in degrees.", show_default="drawn at random")
+    ] = None
+    second_marker_deg: Annotated[
+        float | None, typer.Option(help="Angle of a second simulated marker, as strong, elsewhere along the array.")
+    ] = None
+    snr_db: Annotated[
+        float | None,
+        typer.Option(help="Peak SNR of the simulated image with the probe on the marker, in dB.", show_default="40"),
+    ] = None
+    readout_s: Annotated[
+        float | None,
+        typer.Option(
+            help="Seconds to read one acquisition of a simulated rig, instead of the rig's.", show_default="10"
+        ),
+    ] = None
+    seed: Annotated[
+        int | None,
+        typer.Option(min=0, help="Seed of the simulation: the same seed gives the same search.", show_default="1"),
+    ] = None
+    pace: Annotated[float, typer.Option(help="Real seconds per virtual second: 0 does not wait, 1 is real time.")] = 0
 
     def __post_init__(self) -> None:
         if self.no_marker and (self.marker_deg, self.second_marker_deg) != (None, None):

@@ -11,7 +11,8 @@ from rich.markup import escape
 from markerseek import drivers, rigs, runs
 from markerseek.cli.open_rig import NOT_ARMED, confirmed, person, print_permissions
 from markerseek.cli.options import AsJson, Out
-from markerseek.cli.terminal import announce_compilation, picture_folder, print_json, print_warning, stdout
+from markerseek.cli.report import Output
+from markerseek.cli.terminal import announce_compilation, print_json, print_warning, stdout
 from markerseek.cli.watched import Heartbeat, WatchOptions
 from markerseek.core import ConfigError
 
@@ -49,10 +50,10 @@ def command(
     from the journal. For devices, --rig is needed: limits, budgets and start_command are taken from the rig file, never
     from the journal, and differences between the two are printed. If the run is over, its result is printed.
     """
-    from markerseek.cli.show_result import Output, conclude
+    from markerseek.cli.show_result import conclude
     from markerseek.records.journal import read_journal, result_of, run_state
 
-    output = Output(name="resume", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
+    output = Output.asked(as_json=as_json, plot=plot, out=out)
     watch = WatchOptions(heartbeat=heartbeat)
     # Frames are needed for the picture only, and have half a megabyte each.
     recorded = read_journal(journal, frames=plot)
@@ -75,7 +76,7 @@ def command(
             raise typer.Exit(NOT_ARMED)
         session = _resume(journal, rig, bench, reset_fault=reset_fault, as_json=as_json, watch=watch)
         recorder, imaging, policy = session.recorder, session.rig.imaging, session.policy
-    conclude(recorder, recorded.configuration, output, imaging=imaging, policy=policy)
+    conclude(recorder, recorded.configuration, output, name="resume", imaging=imaging, policy=policy)
 
 
 def _bench_named(recorded: RecordedRun, rig: Path | None, *, arm: bool) -> drivers.BenchSettings | None:

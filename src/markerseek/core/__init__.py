@@ -41,7 +41,7 @@ from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerPosition, marker_position
 from markerseek.core.marker_curve import MarkerCurve
 from markerseek.core.permit import Permit
-from markerseek.core.plan import SearchPlan, Tolerance
+from markerseek.core.plan import PolicyPlan, RunPlan, SearchPlan, Tolerance
 from markerseek.core.protocols import Clock, ConfirmablePolicy, Laser, Policy, Reader, Receiver, Stage
 from markerseek.core.reading import (
     MAX_ACQUISITIONS,
@@ -109,6 +109,7 @@ __all__ = [
     "PaImage",
     "Permit",
     "Policy",
+    "PolicyPlan",
     "RFFrame",
     "Reader",
     "Reading",
@@ -120,6 +121,7 @@ __all__ = [
     "RigFacts",
     "RigKind",
     "Role",
+    "RunPlan",
     "Sample",
     "SaturationError",
     "ScanGeometry",

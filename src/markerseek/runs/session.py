@@ -10,10 +10,11 @@ from markerseek.core import Event, Policy, SearchPlan
 from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal, RecordedRun
 from markerseek.rigs import Rig
-from markerseek.runs.journalled import configuration_of, journalled, run_plan
+from markerseek.runs.journalled import configuration_of, journalled
 from markerseek.runs.rebuild import rebuild_policy
 from markerseek.runs.resume import resumed
-from markerseek.search import most_acquisitions, policy_for
+from markerseek.scan import run
+from markerseek.search import build, most_acquisitions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,7 +49,7 @@ class Session:
 
     def _run(self) -> Generator[Event, None, None]:
         if self.journal is None:
-            return run_plan(self.policy, self.rig.scanner, self.configuration.plan)
+            return run(self.policy, self.rig.scanner, self.configuration.plan)
         if self.recorded is None:
             return journalled(self.policy, self.rig, self.journal)
         return resumed(self.policy, self.rig, self.journal, self.recorded, by=self.by, reset_fault=self.reset_fault)
@@ -76,7 +77,7 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
 
 def new_session(rig: Rig, plan: SearchPlan) -> Session:
     """A new search, without a journal yet; nothing moves before `Session.events` is iterated."""
-    policy = policy_for(plan, limits=rig.limits.search)
+    policy = build(plan, limits=rig.limits.search)
     return Session(policy=policy, rig=rig, configuration=configuration_of(rig, plan))
 
 

@@ -16,7 +16,6 @@ from markerseek.search.methods import (
     build,
     method_named,
     most_acquisitions,
-    policy_for,
     refuse_posterior_settings,
 )
 from markerseek.search.peak import Peak, peak_of
@@ -53,7 +52,6 @@ __all__ = [
     "noise_of",
     "peak_of",
     "peak_passed",
-    "policy_for",
     "refuse_posterior_settings",
     "weighted_average",
 ]

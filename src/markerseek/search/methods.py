@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import SupportsFloat, SupportsIndex
+from typing import SupportsFloat
 
-from markerseek.core import PAPER_RANGE, ConfigError, Interval, MarkerCurve, Policy, SearchPlan, Tolerance, as_interval
+from markerseek.core import PAPER_RANGE, ConfigError, Interval, Policy, PolicyPlan, as_interval
 from markerseek.search.average import THRESHOLD
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
 from markerseek.search.checked import CheckedPolicy
@@ -88,47 +88,15 @@ def method_named(name: str) -> Method:
     raise ConfigError(f"method: {name!r} is unknown; {hint}methods are {', '.join(names)}")
 
 
-def build(
-    method: str,
-    *,
-    limits: Interval | Sequence[SupportsFloat] = PAPER_RANGE,
-    acquisitions: SupportsIndex | float | None = None,
-    as_published: bool = False,
-    start_deg: SupportsFloat | None = None,
-    early_end: bool = True,
-    others: float | None = None,
-    prior: MarkerCurve | None = None,
-    cues: Iterable[str] | None = None,
-    tolerance: Tolerance | None = None,
-) -> Policy:
+def build(plan: PolicyPlan | str, *, limits: Interval | Sequence[SupportsFloat] = PAPER_RANGE) -> Policy:
     """Return a policy for one search.
 
     Parameters
     ----------
-    method
-        Name of the method, one of `METHODS`.
+    plan
+        How it searches; the name of a method stands for its plan with all defaults.
     limits
         Range to search: an interval, or its two ends in degrees, as in ``(-35, 35)``.
-    acquisitions
-        Most acquisitions, a whole number; None: the method's own. An odd number is reduced by one where two are made
-        per iteration.
-    as_published
-        The bare method of the paper, which always answers `Found` and begins at the low end; else the checked form.
-    start_deg
-        Present angle of the probe, in degrees: checked sweeps and the manual search begin at the nearer end.
-        None: at the low end.
-    early_end
-        Whether a weighted average ends once its peak is recorded and passed, and a posterior once its angle is known
-        well enough; the other methods have no early end.
-    others
-        Prior probability that there is another source as loud, for a posterior; 0: it looks for none, and ends earlier.
-        None: 0.05.
-    prior
-        Intensity curve of a former marker on this rig, from which a posterior begins; None if there was none.
-    cues
-        Features of a reading that a posterior uses, as for `markerseek.search.posterior.Posterior`; None: all.
-    tolerance
-        How well the angle of a `Found` must be known; None: to 1 mm at the marker, or 1° where its radius is not known.
 
     Raises
     ------
@@ -136,13 +104,15 @@ def build(
         If the method is unknown, the number of acquisitions does not fit it, a posterior is requested as published, a
         form that it does not have, or ``others``, a prior or cues are given to another method.
     """
-    chosen = method_named(method)
-    number = chosen.acquisitions if acquisitions is None else acquisitions
+    if isinstance(plan, str):
+        plan = PolicyPlan(method=plan)
+    chosen = method_named(plan.method)
+    number = chosen.acquisitions if plan.acquisitions is None else plan.acquisitions
     number = check_acquisitions(number, least=chosen.least, method=chosen.name)
     searched = as_interval(limits, name="limits")
-    stands_deg = None if start_deg is None else float(start_deg)
+    start_deg = None if plan.start_deg is None else float(plan.start_deg)
     if chosen.name == "posterior":
-        if as_published:
+        if plan.as_published:
             raise ConfigError(
                 "posterior: it is markerseek's own and was not published; leave out as_published, or name a method of "
                 "the paper, for instance weighted-average"
@@ -153,20 +123,22 @@ def build(
         return Posterior(
             limits=searched,
             acquisitions=number,
-            start_deg=stands_deg,
-            target_sigma_deg=TARGET_SIGMA_DEG if early_end else 0.0,
-            cues=CUES if cues is None else cues,
-            others=USUAL_OTHERS if others is None else others,
-            prior=prior,
-            tolerance=tolerance or Tolerance(),
+            start_deg=start_deg,
+            target_sigma_deg=TARGET_SIGMA_DEG if plan.early_end else 0.0,
+            cues=CUES if plan.cues is None else plan.cues,
+            others=USUAL_OTHERS if plan.others is None else plan.others,
+            prior=plan.prior,
+            tolerance=plan.tolerance,
         )
-    refuse_posterior_settings(chosen.name, others=others, prior=prior, cues=cues)
-    ends_early = early_end and chosen.name == "weighted-average"
-    inner = _MAKERS[chosen.name](searched, number, None if as_published else stands_deg, ends_early and as_published)
-    if as_published:
+    refuse_posterior_settings(chosen.name, others=plan.others, prior=plan.prior, cues=plan.cues)
+    ends_early = plan.early_end and chosen.name == "weighted-average"
+    inner = _MAKERS[chosen.name](
+        searched, number, None if plan.as_published else start_deg, ends_early and plan.as_published
+    )
+    if plan.as_published:
         return inner
     return CheckedPolicy(
-        inner, limits=searched, early_threshold=THRESHOLD if ends_early else None, tolerance=tolerance or Tolerance()
+        inner, limits=searched, early_threshold=THRESHOLD if ends_early else None, tolerance=plan.tolerance
     )
 
 
@@ -180,22 +152,7 @@ def refuse_posterior_settings(method: str, **settings: object) -> None:
             raise ConfigError(f"{method}: {name} is given, but only the posterior has this setting; leave it out")
 
 
-def policy_for(plan: SearchPlan, *, limits: Interval) -> Policy:
-    """Return the policy of a plan."""
-    return build(
-        plan.method,
-        limits=limits,
-        acquisitions=plan.acquisitions,
-        as_published=plan.as_published,
-        start_deg=plan.start_deg,
-        early_end=plan.early_end,
-        others=plan.others,
-        prior=plan.prior,
-        tolerance=plan.tolerance,
-    )
-
-
-def most_acquisitions(plan: SearchPlan) -> int:
+def most_acquisitions(plan: PolicyPlan) -> int:
     """Return the most acquisitions of a plan: its own number, or that of its method."""
     return plan.acquisitions or method_named(plan.method).acquisitions
 

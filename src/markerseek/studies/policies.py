@@ -15,7 +15,16 @@ from pathlib import Path
 
 import markerseek
 from markerseek.adapters import ADAPTERS, build_adapter
-from markerseek.core import PAPER_RANGE, ConfigError, Interval, MarkerCurve, MarkerseekError, Policy, Tolerance
+from markerseek.core import (
+    PAPER_RANGE,
+    ConfigError,
+    Interval,
+    MarkerCurve,
+    MarkerseekError,
+    Policy,
+    PolicyPlan,
+    Tolerance,
+)
 from markerseek.search import METHODS, Method, build, check_acquisitions, method_named, refuse_posterior_settings
 
 
@@ -121,16 +130,18 @@ def build_policy(
             settings.method, limits=limits, acquisitions=settings.most, as_published=settings.as_published
         )
     return build(
-        settings.method,
+        PolicyPlan(
+            method=settings.method,
+            acquisitions=settings.acquisitions,
+            as_published=settings.as_published,
+            start_deg=start_deg,
+            early_end=settings.early_end,
+            others=settings.others,
+            prior=prior,
+            cues=settings.cues,
+            tolerance=settings.tolerance,
+        ),
         limits=limits,
-        acquisitions=settings.acquisitions,
-        as_published=settings.as_published,
-        start_deg=start_deg,
-        early_end=settings.early_end,
-        others=settings.others,
-        prior=prior,
-        cues=settings.cues,
-        tolerance=settings.tolerance,
     )
 
 

@@ -48,6 +48,7 @@ from markerseek.core import (
     NotFound,
     OtherSource,
     PaImage,
+    PolicyPlan,
     Refused,
     RigFacts,
     ScanGeometry,
@@ -58,7 +59,7 @@ from markerseek.records import answer_name
 from markerseek.records.journal import Interrupted, Resuming
 from markerseek.runs import new_session, plan_on
 from markerseek.runs.beliefs import Beliefs
-from markerseek.search import METHODS, BracketSearch, build, policy_for
+from markerseek.search import METHODS, BracketSearch, build
 from markerseek.sim import GaussianCurve, MarkerSettings, ReceiverSettings, SimulatedSettings
 
 NAMES = [method.name for method in METHODS]
@@ -96,7 +97,7 @@ def test_last_snapshot_is_the_result(method, as_published):
 @pytest.mark.parametrize("method", NAMES)
 def test_the_belief_of_an_event_is_that_of_the_policy_when_it_asked(method):
     session, events = finished_run(method)
-    policy = policy_for(session.configuration.plan, limits=session.configuration.facts.search)
+    policy = build(session.configuration.plan, limits=session.configuration.facts.search)
     for event, _ in events:
         if isinstance(event, Asked) and event.belief is not None and event.role == "search":
             assert event.belief.estimate == policy.estimate()
@@ -119,7 +120,7 @@ def test_density_of_the_posterior():
 
 def test_bracket_is_that_of_the_published_search():
     session, events = finished_run("golden-section")
-    published = build("golden-section", as_published=True)
+    published = build(PolicyPlan(method="golden-section", as_published=True))
     assert isinstance(published, BracketSearch)
     for (event, _), snapshot in zip(events, shown(session, events), strict=True):
         if isinstance(event, Measured) and event.role == "search":

@@ -118,7 +118,7 @@ def _energies(file: UntrustedHdf5, count: int, *, ours: bool) -> Float64[np.ndar
     known = joules[np.isfinite(joules)]
     if joules.size != count or known.size == 0 or np.ptp(known) == 0:
         return np.full(count, np.nan)
-    return joules / known.mean()
+    return joules / float(known.mean())
 
 
 def _joules(file: UntrustedHdf5) -> Float64[np.ndarray, " values"]:
