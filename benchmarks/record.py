@@ -61,13 +61,13 @@ class Sqlite:
         self._connection.close()
 
     def read(self) -> int:
-        """Number of events, each with its check sum compared."""
+        """Number of events, each with its checksum compared."""
         rows = sqlite3.connect(self.path).execute("SELECT body, crc, blob FROM events ORDER BY number")
         return sum(zlib.crc32(blob or b"", zlib.crc32(body.encode())) == crc for body, crc, blob in rows)
 
 
 class Mcap:
-    """One closed chunk an event, with its check sum; the frame is a message of a channel of its own."""
+    """One closed chunk an event, with its checksum; the frame is a message of a channel of its own."""
 
     def __init__(self, path: Path) -> None:
         self.path, self._number = path, 0
@@ -122,7 +122,7 @@ class Lines:
         self._journal.close()
 
     def read(self) -> int:
-        """Number of events, each with its check sum compared, and decoded."""
+        """Number of events, each with its checksum compared, and decoded."""
         return len(read_journal(self.path, frames=False).entries)
 
 

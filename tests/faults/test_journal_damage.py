@@ -105,7 +105,7 @@ def test_every_flipped_bit_of_a_frame_is_noticed(closed: Path, tmp_path: Path) -
         held, damage = salvage(path)
         assert len(held.entries) == 12
         assert damage is not None
-        assert "entry 13: it does not agree with its check sum" in str(damage)
+        assert "entry 13: it does not agree with its checksum" in str(damage)
 
 
 @pytest.mark.parametrize(("name", "whole", "read"), JOURNALS.values(), ids=JOURNALS.keys())

@@ -74,25 +74,25 @@ JOURNAL_BUGS = {
         new="os.ftruncate(self._descriptor, self._tail.end + len(data))",
         check=a_commit_is_on_the_disk,
     ),
-    "a line's check sum not looked at": Bug(
+    "a line's checksum not looked at": Bug(
         where="records.journal.lines:EntryReader._next_line",
         old="zlib.crc32(data[: rest_bytes + frame_bytes], check) != own",
         new="False",
         check=a_changed_line_is_refused,
     ),
-    "samples outside the check sum": Bug(
+    "samples outside the checksum": Bug(
         where="records.journal.lines:EntryReader._next_line",
         old="zlib.crc32(data[: rest_bytes + frame_bytes], check) != own",
         new="frame_bytes == 0 and zlib.crc32(data[: rest_bytes + frame_bytes], check) != own",
         check=changed_samples_are_refused,
     ),
-    "the configuration's check sum not looked at": Bug(
+    "the configuration's checksum not looked at": Bug(
         where="records.journal.lines:EntryReader._next_line",
         old="zlib.crc32(data[: rest_bytes + frame_bytes], check) != own",
         new="number > 0 and zlib.crc32(data[: rest_bytes + frame_bytes], check) != own",
         check=a_changed_configuration_is_refused,
     ),
-    "lengths without a check sum": Bug(
+    "lengths without a checksum": Bug(
         where="records.journal.lines:EntryReader._next_line",
         old="zlib.crc32(prefix[:_LENGTHS_BYTES], self.checksum) != numbers[3]",
         new="False",

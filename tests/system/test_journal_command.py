@@ -214,7 +214,7 @@ def test_a_damaged_journal_is_shown_as_far_as_it_is_whole(shell: Shell, tmp_path
     code, out, err = shell("journal", "show", path)
     assert code == 2
     assert "measured: dark 1" in out
-    assert "does not agree with its check sum" in err.replace("\n", " ")
+    assert "does not agree with its checksum" in err.replace("\n", " ")
     code, out, _ = shell("journal", "verify", path)
     assert (code, "wrong:" in out) == (1, True)
     code, _, err = shell("resume", path, "--arm")

@@ -1,7 +1,7 @@
 """The lines of a journal: one JSON line an entry, and behind it the raw samples of its frame.
 
 A line begins with five numbers of fixed width: its number, the bytes of the rest of the line, those of the frame behind
-it, and two check sums. The rest has the keys ``kind``, ``written``, ``clock_s``, ``body`` and ``checkpoint``; line 0
+it, and two checksums. The rest has the keys ``kind``, ``written``, ``clock_s``, ``body`` and ``checkpoint``; line 0
 has ``journal``, the version of this format, and ``configuration``. A frame is followed by a line feed.
 
 ``check`` is the CRC-32 of the first three numbers, ``crc`` that of the rest and the frame; each goes on from the sum
@@ -53,7 +53,7 @@ class _Line(msgspec.Struct, frozen=True):
 
 
 def first_line(configuration: Configuration) -> tuple[bytes, int]:
-    """Line 0 and its check sum."""
+    """Line 0 and its checksum."""
     as_json = msgspec.json.encode(json_values(configuration, what="the configuration"))
     try:
         # msgspec checks value ranges only on decoding, and a written journal must be readable.
@@ -66,7 +66,7 @@ def first_line(configuration: Configuration) -> tuple[bytes, int]:
 
 
 def entry_line(entry: Entry, *, previous: int) -> tuple[bytes, int]:
-    """Bytes of an entry, and its check sum; `RecordError` if JSON cannot hold it exactly."""
+    """Bytes of an entry, and its checksum; `RecordError` if JSON cannot hold it exactly."""
     encoded = encode(entry.event)
     line = _Line(
         kind=encoded.kind,
@@ -103,7 +103,7 @@ class EntryReader:
         self.end = 0
         """Bytes of the entries that have been read."""
         self.checksum = 0
-        """Check sum of the last of them."""
+        """Checksum of the last of them."""
         self.descriptor = descriptor
         self._number = 0
         self._confirmation: Sample | None = None
@@ -158,7 +158,7 @@ class EntryReader:
                 )
             configuration = msgspec.json.decode(first.configuration, type=Configuration)
         except (msgspec.MsgspecError, ValueError, RecursionError) as problem:
-            # Its check sum agrees, so that it is not damaged.
+            # Its checksum agrees, so that it is not damaged.
             raise RecordError(
                 f"{self.path}: the configuration cannot be read: {problem}; another version of markerseek wrote it: "
                 "use that one"
@@ -167,13 +167,13 @@ class EntryReader:
         return configuration
 
     def _next_line(self) -> tuple[bytes, bytes] | None:
-        """Rest of the next line and its frame, once both agree with their check sums; None where they are missing."""
+        """Rest of the next line and its frame, once both agree with their checksums; None where they are missing."""
         prefix = os.pread(self.descriptor, PREFIX_BYTES, self.end)
         if len(prefix) < PREFIX_BYTES or (prefix.endswith(b"\0") and self._is_unwritten(self.end + PREFIX_BYTES)):
             return None
         numbers = _numbers(prefix)
         if numbers is None or zlib.crc32(prefix[:_LENGTHS_BYTES], self.checksum) != numbers[3]:
-            self._require_changed(prefix, "the lengths do not agree with their check sum")
+            self._require_changed(prefix, "the lengths do not agree with their checksum")
             return None
         number, rest_bytes, frame_bytes, check, own = numbers
         if number != self._number:
@@ -186,7 +186,7 @@ class EntryReader:
         if len(data) < size or (data.endswith(b"\0") and self._is_unwritten(self.end + PREFIX_BYTES + size)):
             return None
         if zlib.crc32(data[: rest_bytes + frame_bytes], check) != own or data[-1:] != b"\n":
-            self._require_changed(prefix, "it does not agree with its check sum")
+            self._require_changed(prefix, "it does not agree with its checksum")
             return None
         self.end += PREFIX_BYTES + size
         self.checksum = own

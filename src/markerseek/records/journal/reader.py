@@ -44,7 +44,7 @@ class JournalCheck(msgspec.Struct, frozen=True, kw_only=True):
     """Result of a check."""
 
     entries: int
-    """Number of entries that can be read and agree with their check sums, from the first on."""
+    """Number of entries that can be read and agree with their checksums, from the first on."""
     faults: list[str]
     """What is wrong, in words; empty for a whole journal."""
 
@@ -85,7 +85,7 @@ def salvage(
 
 
 def verify(path: Path) -> JournalCheck:
-    """Check a journal: check sums, order of the events, and angles."""
+    """Check a journal: checksums, order of the events, and angles."""
     recorded, damage = salvage(path, frames=False)
     wrong = [*order_faults(recorded.entries), *angle_faults(recorded.configuration, recorded.entries)]
     faults = [] if damage is None else [str(damage)]

@@ -29,7 +29,7 @@ from markerseek.records.journal.sequence import angle_faults
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Tail:
-    """Last entry of the file, the bytes up to its end, and its check sum."""
+    """Last entry of the file, the bytes up to its end, and its checksum."""
 
     entry: Entry | None
     end: int

@@ -73,7 +73,7 @@ def test_a_dead_run_is_read_without_being_touched(tmp_path: Path) -> None:
 
 
 def checked(rest: bytes, *, rest_bytes: int | None = None) -> bytes:
-    """A line 0 with check sums that agree, as a foreign program may write it, whatever its lengths say."""
+    """A line 0 with checksums that agree, as a foreign program may write it, whatever its lengths say."""
     lengths = b'{"number":%8d,"bytes":%9d,"frame_bytes":%9d,' % (0, rest_bytes or len(rest), 0)
     check = zlib.crc32(lengths)
     return lengths + b'"check":%10d,"crc":%10d,' % (check, zlib.crc32(rest, check)) + rest

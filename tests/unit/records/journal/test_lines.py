@@ -111,7 +111,7 @@ def test_a_damaged_journal_is_not_continued_and_not_changed(whole: bytes, ends: 
     flipped = bytearray(whole)
     flipped[(ends[3] + ends[4]) // 2] ^= 4
     path.write_bytes(flipped)
-    with pytest.raises(RecordError, match="entry 4: it does not agree with its check sum; it is damaged"):
+    with pytest.raises(RecordError, match="entry 4: it does not agree with its checksum; it is damaged"):
         Journal.reopen(path)
     assert path.read_bytes() == flipped
     assert summary(path).state == "damaged"

@@ -75,7 +75,7 @@ def test_the_rig_of_a_journal_is_built_again() -> None:
 
 
 def of_version(path: Path, version: int) -> None:
-    """A journal whose first line says so, with the check sums that it then has."""
+    """A journal whose first line says so, with the checksums that it then has."""
     line, _ = lines.first_line(configuration())
     held = line[lines.PREFIX_BYTES :].replace(b'"journal":1,', b'"journal":%d,' % version).rstrip()
     path.write_bytes(lines._chained(0, b"{" + held, b"", previous=0)[0])
