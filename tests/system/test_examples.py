@@ -20,7 +20,9 @@ import typer
 from markerseek.cli.app import app
 from markerseek.core import ConfigError
 from markerseek.drivers import bench_settings_from
+from markerseek.records.journal import read_journal
 from markerseek.sim import EndoscopeSettings, spot_images
+from tests.unit.records.journal.synthetic_journals import counts, whole_run
 
 ROOT = Path(__file__).parents[2]
 
@@ -78,6 +80,19 @@ def test_the_python_that_finds_a_laser_spot_runs(capsys: pytest.CaptureFixture[s
     exec(compile(block, "register-the-robot.md", "exec"), given)
     x_px, y_px, sigma_px = map(float, capsys.readouterr().out.split())
     assert np.hypot(x_px - 150, y_px - 100) < max(5 * sigma_px, 0.5)
+
+
+def test_the_python_that_reads_a_journal_reads_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole_run(tmp_path / "run.journal", acquisitions=3, counts_of=lambda index: counts(seed=index))
+    monkeypatch.chdir(tmp_path)
+    (block,) = blocks(ROOT / "docs" / "reference" / "journal-format.md", "python")
+    exec(compile(block, "journal-format.md", "exec"), {})
+    printed = [tuple(map(float, line.split())) for line in capsys.readouterr().out.splitlines()]
+    samples = [each.event.sample for each in read_journal(Path("run.journal")).entries if hasattr(each.event, "sample")]
+    assert printed == [(each.angle_deg, each.reading.intensity, each.frame.samples.std()) for each in samples]
+    assert len(printed) == 3
 
 
 def test_no_other_python_of_the_pages_is_left_unread() -> None:

@@ -1,7 +1,10 @@
-"""``markerseek journal``: lists, prints, checks and recomputes the journals of runs."""
+"""``markerseek journal``: lists, prints, follows, checks and recomputes the journals of runs."""
 
 from __future__ import annotations
 
+import sys
+import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,10 +22,13 @@ if TYPE_CHECKING:
 
 
 app = typer.Typer(
-    name="journal", help="List, print, check, recompute and remove the journals of runs.", no_args_is_help=True
+    name="journal", help="List, print, follow, check, recompute and remove the journals of runs.", no_args_is_help=True
 )
 app.command(name="list", epilog=journal_folder.LIST_EXAMPLES)(journal_folder.list_journals)
 app.command(epilog=journal_folder.PRUNE_EXAMPLES)(journal_folder.prune)
+
+_POLL_S = 0.02
+"""Time between two looks for a new entry, in seconds."""
 
 _File = Annotated[Path, typer.Argument(help="Journal of a run.")]
 
@@ -53,9 +59,28 @@ def show(journal: _File, as_json: AsJson = False) -> None:
         raise typer.Exit(damage.exit_code)
 
 
+@app.command(
+    epilog="Examples:\n\n  markerseek journal follow run.journal\n\n"
+    "  markerseek journal follow run.journal | jq 'select(.kind == \"measured\").body.sample.reading.intensity'"
+)
+def follow(journal: _File) -> None:
+    """Print each entry as a JSON line as soon as it is written, to the end of the run; the first has its configuration.
+
+    A search never waits for it, and it loses no entry however slowly its lines are read.
+    """
+    from markerseek.records.journal import Configuration
+    from markerseek.records.journal import follow as follow_journal
+
+    wait = partial(time.sleep, _POLL_S)  # noqa: TID251  a file is followed in real time
+    for item in follow_journal(journal, wait=wait):
+        known = {"configuration": item.flat()} if isinstance(item, Configuration) else _as_object(item)
+        sys.stdout.buffer.write(msgspec.json.encode(known).replace(b"\n", b" ") + b"\n")
+        sys.stdout.buffer.flush()
+
+
 @app.command(epilog="Example:\n\n  markerseek journal verify run.journal")
 def verify(journal: _File, as_json: AsJson = False) -> None:
-    """Check pages, checksums and the order of the entries; exit code 1 if anything is wrong."""
+    """Check the checksums and the order of all entries; exit code 1 if anything is wrong."""
     from markerseek.records.journal import verify as verify_journal
 
     finding = verify_journal(journal)

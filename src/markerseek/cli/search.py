@@ -12,11 +12,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import runs
-from markerseek.cli.event_stream import EventFrames, Events, Heartbeat, StreamOptions
 from markerseek.cli.open_rig import NO_OPTIONS, SimulationOptions, arm_rig, open_rig
 from markerseek.cli.options import Arm, AsJson, Out, PlanOptions, RigFile, Stay, with_values
 from markerseek.cli.report import Output, Report, drawn, table
 from markerseek.cli.terminal import announce_compilation
+from markerseek.cli.watched import Events, Heartbeat, WatchOptions
 from markerseek.core import ConfigError, MarkerCurve
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def command(
     stay: Stay = False,
     journal: Annotated[
         Path | None,
-        typer.Option(help="Journal of the run, a new SQLite file; without it, one in the user's data folder."),
+        typer.Option(help="Journal of the run, a new file; without it, one in the user's data folder."),
     ] = None,
     no_journal: Annotated[
         bool, typer.Option("--no-journal", help="Keep no journal; the search cannot be resumed.")
@@ -65,7 +65,6 @@ def command(
     plot: Annotated[bool, typer.Option("--plot", help="Write search.png and search.html into --out.")] = False,
     out: Out = None,
     events: Events = None,
-    event_frames: EventFrames = False,
     heartbeat: Heartbeat = None,
     asked_by: Annotated[str | None, typer.Option(hidden=True, help="Who asked a bridge for this search.")] = None,
     as_json: AsJson = False,
@@ -77,7 +76,7 @@ def command(
 
     # The folder for pictures is tested now: a search on tissue is not repeated for a picture.
     output = Output.asked(as_json=as_json, plot=plot, out=out)
-    stream = StreamOptions(path=events, frames=event_frames, heartbeat=heartbeat)
+    watch = WatchOptions(events=events, heartbeat=heartbeat)
     # An unknown method is an error before devices are opened.
     method_named(options.method)
     curve = None if prior is None else runs.former_curve(prior)
@@ -91,7 +90,7 @@ def command(
         announce_compilation()
         arm_rig(assembled, file=rig, arm=arm, what="search", as_json=as_json, asked_by=asked_by)
         session = run_new_session(
-            session, as_json=as_json, journal=journal, keep=not no_journal, rig_file=rig, stream=stream
+            session, as_json=as_json, journal=journal, keep=not no_journal, rig_file=rig, watch=watch
         )
     conclude(
         session.recorder,

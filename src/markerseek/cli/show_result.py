@@ -150,7 +150,7 @@ def conclude(
         values=result,
         shown=_shown(result, title),
         pictures=pictures,
-        notes=() if journal is None else (file_line("journal", journal.path),),
+        notes=() if journal is None or not journal.kept else (file_line("journal", journal.path),),
         exit_code=FOUND if result.found else OTHER_ANSWER,
     )
     output.show(report)

@@ -2,6 +2,7 @@
 
 from markerseek.core.array import LinearArray
 from markerseek.core.arrival import Arrival, LocalMaxima, SpotEnergy
+from markerseek.core.belief import AngleBelief
 from markerseek.core.checks import is_finite, is_whole, require_range
 from markerseek.core.errors import (
     AcquisitionError,
@@ -61,6 +62,7 @@ __all__ = [
     "PAPER_RANGE",
     "AcquisitionError",
     "Ambiguous",
+    "AngleBelief",
     "Arrival",
     "Asked",
     "AtBound",

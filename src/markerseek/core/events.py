@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
+from markerseek.core.belief import AngleBelief
 from markerseek.core.estimate import Estimate
 from markerseek.core.frame import Frame
 from markerseek.core.interval import Interval
@@ -36,11 +37,15 @@ class Asked:
         As in `Measured`.
     angle_deg
         Angle that the stage is sent to, in degrees; for a dark frame, the present one.
+    belief
+        What the policy believed when it asked; None before the first acquisition with light, and in a run without a
+        record.
     """
 
     role: Role
     index: int
     angle_deg: float
+    belief: AngleBelief | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,6 +102,8 @@ class Finished:
         Sum of all rotations by the stage's readback, in degrees.
     elapsed_s
         Time on the rig's clock from `Started`, in seconds.
+    belief
+        As in `Asked`.
     """
 
     estimate: Estimate
@@ -104,6 +111,7 @@ class Finished:
     acquisitions: int
     travel_deg: float
     elapsed_s: float
+    belief: AngleBelief | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,10 +8,9 @@ from dataclasses import dataclass, field, replace
 
 from markerseek.core import Event, Policy, SearchPlan
 from markerseek.records import Recorder, SearchResult
-from markerseek.records.journal import Configuration, Interrupted, Journal, RecordedRun
-from markerseek.records.stream import EventStream
+from markerseek.records.journal import Configuration, Journal, RecordedRun
 from markerseek.rigs import Rig
-from markerseek.runs.journalled import configuration_of, journalled, streamed
+from markerseek.runs.journalled import configuration_of, journalled
 from markerseek.runs.rebuild import rebuild_policy
 from markerseek.runs.resume import resumed
 from markerseek.scan import run
@@ -33,8 +32,6 @@ class Session:
     reset_fault: bool = False
     """``by`` and ``reset_fault``: for a resumed run: who arms the rig, and whether that person has inspected it after a
     fault."""
-    stream: EventStream | None = None
-    """Receives each event after its commit, for programs that watch."""
     recorder: Recorder = field(default_factory=Recorder)
     """Collects the samples and the answer for the result."""
 
@@ -52,22 +49,15 @@ class Session:
 
     def _run(self) -> Generator[Event, None, None]:
         if self.journal is None:
-            events = run(self.policy, self.rig.scanner, self.configuration.plan)
-            return events if self.stream is None else streamed(events, self.stream, self.rig.scanner.clock)
-        if self.stream is not None:
-            if self.recorded is not None:
-                self.stream.repeat(self.recorded.entries)
-            self.journal.watch(self.stream.put)
+            return run(self.policy, self.rig.scanner, self.configuration.plan)
         if self.recorded is None:
             return journalled(self.policy, self.rig, self.journal)
         return resumed(self.policy, self.rig, self.journal, self.recorded, by=self.by, reset_fault=self.reset_fault)
 
     def interrupt(self, reason: str) -> None:
-        """`Journal.interrupt`, or, where no journal is kept, the same event to the stream."""
+        """`Journal.interrupt`, where a journal is kept."""
         if self.journal is not None:
             self.journal.interrupt(reason)
-        elif self.stream is not None and self.recorder.finished is None:
-            self.stream.add(Interrupted(reason=reason), clock_s=self.rig.scanner.clock.now_s())
 
     @property
     def most_acquisitions(self) -> int:

@@ -1,4 +1,4 @@
-"""Options of the commands that are run by other programs: the stream of events to them, and their heartbeat."""
+"""Options of the commands that are run by other programs: the file that they follow, and their heartbeat."""
 
 from __future__ import annotations
 
@@ -11,22 +11,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import Annotated, TypeAlias
 
 import typer
 
 from markerseek.core import ConfigError
 
-if TYPE_CHECKING:
-    from markerseek.records.journal import Configuration
-    from markerseek.records.stream import EventStream
-
 Events: TypeAlias = Annotated[
     Path | None,
-    typer.Option(help="Send each event as a JSON line to a new file, a FIFO or /dev/fd/N; never waits for the reader."),
-]
-EventFrames: TypeAlias = Annotated[
-    bool, typer.Option("--event-frames", help="Send the channel data too, as a block behind the line of their event.")
+    typer.Option(
+        help="Write the events of a run without a journal to this new file, for programs that follow it; see "
+        "'markerseek journal follow'."
+    ),
 ]
 Heartbeat: TypeAlias = Annotated[
     Path | None,
@@ -40,29 +36,15 @@ SILENT_S = 4.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StreamOptions:
+class WatchOptions:
     """Values of these options."""
 
-    path: Path | None = None
-    frames: bool = False
+    events: Path | None = None
     heartbeat: Path | None = None
 
     def __post_init__(self) -> None:
-        if self.frames and self.path is None:
-            raise ConfigError("--event-frames says how events are sent, and none are; add --events, or leave it out")
         if self.heartbeat is not None and not self.heartbeat.is_fifo():
             raise ConfigError(f"--heartbeat {self.heartbeat}: it is no pipe; name one that is open, /dev/fd/N")
-
-    @contextmanager
-    def opened(self, configuration: Configuration) -> Iterator[EventStream | None]:
-        """The stream of a run, closed at the end; None where none is wanted; `RecordError` if it cannot be opened."""
-        if self.path is None:
-            yield None
-            return
-        from markerseek.records.stream import EventStream
-
-        with EventStream(self.path, configuration, frames=self.frames) as stream:
-            yield stream
 
     @contextmanager
     def stopping(self) -> Iterator[None]:
