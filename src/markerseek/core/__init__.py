@@ -41,7 +41,16 @@ from markerseek.core.marker import MarkerPosition, marker_position
 from markerseek.core.marker_curve import MarkerCurve
 from markerseek.core.permit import Permit
 from markerseek.core.plan import SearchPlan, Tolerance
-from markerseek.core.protocols import Clock, ConfirmablePolicy, Laser, Policy, Reader, Receiver, Stage
+from markerseek.core.protocols import (
+    Clock,
+    ConfirmablePolicy,
+    Laser,
+    Policy,
+    Reader,
+    Receiver,
+    Stage,
+    SweepingPolicy,
+)
 from markerseek.core.reading import (
     MAX_ACQUISITIONS,
     MAX_ARRIVALS,
@@ -51,11 +60,13 @@ from markerseek.core.reading import (
     Sample,
 )
 from markerseek.core.shapes import Bool, Complex128, Float32, Float64, Int16, Int32, Int64, UInt8
+from markerseek.core.sweep import MAX_SWEEP_PULSES, Sweep, SweepTiming, fastest_sweep_deg_s
 
 __all__ = [
     "MAX_ACQUISITIONS",
     "MAX_ARRIVALS",
     "MAX_INTENSITY",
+    "MAX_SWEEP_PULSES",
     "MIN_INTENSITY",
     "NO_HEADER",
     "PAPER_RANGE",
@@ -126,10 +137,14 @@ __all__ = [
     "SpotEnergy",
     "Stage",
     "Started",
+    "Sweep",
+    "SweepTiming",
+    "SweepingPolicy",
     "Tolerance",
     "UInt8",
     "Unsure",
     "as_interval",
+    "fastest_sweep_deg_s",
     "is_finite",
     "is_whole",
     "marker_position",

@@ -12,6 +12,7 @@ from markerseek.core.estimate import Estimate
 from markerseek.core.frame import Frame
 from markerseek.core.interval import Interval
 from markerseek.core.reading import Sample
+from markerseek.core.sweep import Sweep
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,19 +29,22 @@ Role: TypeAlias = Literal["dark", "search", "confirmation"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
-    """One acquisition is about to be made: a move to an angle, then a permit to fire there.
+    """One acquisition is about to be made: a move to an angle, then a permit to fire there; or a sweep.
 
     Attributes
     ----------
     role, index
-        As in `Measured`.
+        As in `Measured`; for a sweep, of its first sample.
     angle_deg
-        Angle that the stage is sent to, in degrees; for a dark frame, the present one.
+        Angle that the stage is sent to, in degrees; for a dark frame, the present one; for a sweep, its end.
+    sweep
+        The sweep, of which a `Measured` follows for each pulse; None for one acquisition at an angle.
     """
 
     role: Role
     index: int
     angle_deg: float
+    sweep: Sweep | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

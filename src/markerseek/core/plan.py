@@ -71,6 +71,8 @@ class SearchPlan:
         Acquisitions without laser before the first.
     stay
         Whether the last move and the confirmation are left out.
+    sweep_speed_deg_s
+        Speed of the sweeps of which the search consists, in degrees per second; None stops for each acquisition.
     closing_dark
         Whether it ends with an acquisition without laser.
     tolerance
@@ -92,6 +94,7 @@ class SearchPlan:
     prior: MarkerCurve | None = None
     dark_frames: int = 0
     stay: bool = False
+    sweep_speed_deg_s: float | None = None
     closing_dark: bool = False
     tolerance: Tolerance = field(default_factory=Tolerance)
 
@@ -107,5 +110,9 @@ class SearchPlan:
             raise ConfigError(f"others is {self.others}, it must be a probability from 0 to below 1")
         if self.start_deg is not None and not is_finite(self.start_deg):
             raise ConfigError(f"start_deg is {self.start_deg} deg, it must be a finite number")
+        if self.sweep_speed_deg_s is not None and not (
+            is_finite(self.sweep_speed_deg_s) and self.sweep_speed_deg_s > 0
+        ):
+            raise ConfigError(f"sweep_speed_deg_s is {self.sweep_speed_deg_s} deg/s, it must be a positive number")
         if not (is_whole(self.dark_frames) and 0 <= self.dark_frames <= MAX_DARK_FRAMES):
             raise ConfigError(f"dark_frames is {self.dark_frames}, it must lie between 0 and {MAX_DARK_FRAMES}")

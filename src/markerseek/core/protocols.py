@@ -13,6 +13,7 @@ from markerseek.core.frame import Frame
 from markerseek.core.interval import Interval
 from markerseek.core.permit import Permit
 from markerseek.core.reading import Reading, Sample
+from markerseek.core.sweep import Sweep
 
 
 @runtime_checkable
@@ -21,6 +22,24 @@ class Policy(Protocol):
 
     def ask(self) -> float | None:
         """Next angle in degrees, or None when the search is over; asking twice changes nothing."""
+
+    def tell(self, sample: Sample) -> None:
+        """Receive one sample; its angle is the one reached."""
+
+    def estimate(self) -> Estimate:
+        """Present answer; allowed at any time, also before the first sample."""
+
+
+@runtime_checkable
+class SweepingPolicy(Protocol):
+    """A policy that may ask for a sweep instead of an angle; every `Policy` is one that never does.
+
+    During a sweep it is told each sample as it comes. The sweep goes on while `ask` returns an equal `Sweep`; anything
+    else ends it: the light first, then the probe brakes.
+    """
+
+    def ask(self) -> float | Sweep | None:
+        """Next angle in degrees or next sweep, or None when the search is over; asking twice changes nothing."""
 
     def tell(self, sample: Sample) -> None:
         """Receive one sample; its angle is the one reached."""

@@ -1,0 +1,94 @@
+"""A sweep (fly-scan): the probe turns at a constant speed while the laser fires, and each pulse gives one frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from markerseek.core.checks import is_finite, is_whole, require_range
+from markerseek.core.errors import ConfigError
+
+MAX_SWEEP_PULSES = 20_000
+"""Most pulses of one sweep: 1,000 Hz over 73 deg at 4 deg/s."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sweep:
+    """One turn of the probe in light, from where it is to an angle.
+
+    Attributes
+    ----------
+    to_deg
+        Angle at which the sweep ends unless it is ended before, in degrees.
+    speed_deg_s
+        Speed between run-up and braking, in degrees per second, positive in either direction.
+    spacing_deg
+        Least angle between two pulses in degrees; 0 uses every pulse of the laser.
+
+    Raises
+    ------
+    ConfigError
+        If a number is not finite, the speed is not positive, or the spacing is negative.
+    """
+
+    to_deg: float
+    speed_deg_s: float
+    spacing_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not is_finite(self.to_deg):
+            raise ConfigError(f"sweep: to_deg is {self.to_deg} deg, it must be a finite number")
+        require_range("sweep: speed_deg_s", self.speed_deg_s, low=0, high=360, unit="deg/s", open_low=True)
+        require_range("sweep: spacing_deg", self.spacing_deg, low=0, high=360, unit="deg")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepTiming:
+    """What a sample of a sweep shares with the other samples of its sweep.
+
+    Its true angle is ``angle_deg + speed_deg_s * delay + play + e``. The delay is the same in all samples of all sweeps
+    of a run, the play is the same in all samples of one sweep, and e differs from sample to sample.
+
+    Attributes
+    ----------
+    number
+        Number of the sweep in its run, counted from 1.
+    speed_deg_s
+        Speed of the probe at the pulse in degrees per second, negative where the angle falls.
+    delay_sigma_s
+        Standard deviation of the unknown delay between pulse and angle, in seconds; 0 where the stage triggers the
+        laser by its position.
+    play_sigma_deg
+        Standard deviation of the unknown play between encoder and probe, in degrees; 0 where the stage turns in the
+        direction in which it approaches the angle of a single acquisition.
+
+    Raises
+    ------
+    ConfigError
+        If a number cannot be used.
+    """
+
+    number: int
+    speed_deg_s: float
+    delay_sigma_s: float = 0.0
+    play_sigma_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (is_whole(self.number) and self.number >= 1):
+            raise ConfigError(f"sweep timing: number is {self.number}, it must be a whole number of at least 1")
+        if not is_finite(self.speed_deg_s):
+            raise ConfigError(f"sweep timing: speed_deg_s is {self.speed_deg_s} deg/s, it must be a finite number")
+        require_range("sweep timing: delay_sigma_s", self.delay_sigma_s, low=0, high=1, unit="s")
+        require_range("sweep timing: play_sigma_deg", self.play_sigma_deg, low=0, high=10, unit="deg")
+
+
+def fastest_sweep_deg_s(acceleration_deg_s2: float, *, ahead_deg: float = 5.0, renewed_s: float = 0.15) -> float:
+    """Largest speed in degrees per second of a stage whose targets are at most some degrees ahead.
+
+    The target is renewed in time if v²/2a + T·v <= A: the stage must never begin to brake before the next target comes.
+    T is the time from one renewal to the next, 0.1 s, and 0.05 s for a late one.
+
+    ``acceleration_deg_s2``: a. ``ahead_deg``: A. ``renewed_s``: T.
+    """
+    slope = acceleration_deg_s2 * renewed_s
+    return math.sqrt(slope**2 + 2 * acceleration_deg_s2 * ahead_deg) - slope
