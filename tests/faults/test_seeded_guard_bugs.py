@@ -189,18 +189,18 @@ GUARD_BUGS = {
         check=nothing_fires_while_the_probe_moves,
     ),
     "< for != in the pulses fired": Bug(
-        where="guard.machine:Guard.end_fire",
-        old="fired != self._firing",
-        new="fired < self._firing",
+        where="guard.machine:Guard._require_fired",
+        old="least <= fired <= self._firing",
+        new="least <= fired",
         check=more_pulses_than_permitted_are_a_fault,
     ),
     "a dose that is not counted": Bug(
-        where="guard.permits:Permits.issue", old="self._pulses += pulses", new="pass", check=the_session_has_a_dose
+        where="guard.permits:Permits._charge", old="self._pulses += pulses", new="pass", check=the_session_has_a_dose
     ),
     "arming leaves FAULT": Bug(
         where="guard.machine:Guard.arm",
-        old="State.DISARMED, State.ARMED, ",
-        new="State.DISARMED, State.ARMED, State.FAULT, ",
+        old="State.DISARMED, State.ARMED)",
+        new="State.DISARMED, State.ARMED, State.FAULT)",
         check=only_a_person_leaves_fault,
     ),
     "a device's error swallowed by the state": Bug(

@@ -39,7 +39,7 @@ from markerseek.core.image import BModeImage, PaImage, ScanGeometry
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerPosition, marker_position
 from markerseek.core.marker_curve import MarkerCurve
-from markerseek.core.permit import Permit
+from markerseek.core.permit import SWEEP_READING_S, Permit, SweepPermit
 from markerseek.core.plan import SearchPlan, Tolerance
 from markerseek.core.protocols import (
     Clock,
@@ -60,16 +60,17 @@ from markerseek.core.reading import (
     Sample,
 )
 from markerseek.core.shapes import Bool, Complex128, Float32, Float64, Int16, Int32, Int64, UInt8
-from markerseek.core.sweep import MAX_SWEEP_PULSES, Sweep, SweepTiming, fastest_sweep_deg_s
+from markerseek.core.sweep import MAX_AHEAD_DEG, Sweep, SweepTiming, fastest_sweep_deg_s
 
 __all__ = [
     "MAX_ACQUISITIONS",
+    "MAX_AHEAD_DEG",
     "MAX_ARRIVALS",
     "MAX_INTENSITY",
-    "MAX_SWEEP_PULSES",
     "MIN_INTENSITY",
     "NO_HEADER",
     "PAPER_RANGE",
+    "SWEEP_READING_S",
     "AcquisitionError",
     "Ambiguous",
     "Arrival",
@@ -138,6 +139,7 @@ __all__ = [
     "Stage",
     "Started",
     "Sweep",
+    "SweepPermit",
     "SweepTiming",
     "SweepingPolicy",
     "Tolerance",

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 
 from markerseek.core.checks import is_finite, is_whole, require_range
 from markerseek.core.errors import ConfigError
-
-MAX_SWEEP_PULSES = 20_000
-"""Most pulses of one sweep: 1,000 Hz over 73 deg at 4 deg/s."""
+from markerseek.core.permit import SWEEP_READING_S
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,13 +80,15 @@ class SweepTiming:
         require_range("sweep timing: play_sigma_deg", self.play_sigma_deg, low=0, high=10, unit="deg")
 
 
-def fastest_sweep_deg_s(acceleration_deg_s2: float, *, ahead_deg: float = 5.0, renewed_s: float = 0.15) -> float:
-    """Largest speed in degrees per second of a stage whose targets are at most some degrees ahead.
+MAX_AHEAD_DEG = 5.0
+"""Most that a target lies ahead of a stage that turns: so far it turns on at most if the host dies."""
 
-    The target is renewed in time if v²/2a + T·v <= A: the stage must never begin to brake before the next target comes.
-    T is the time from one renewal to the next, 0.1 s, and 0.05 s for a late one.
 
-    ``acceleration_deg_s2``: a. ``ahead_deg``: A. ``renewed_s``: T.
+def fastest_sweep_deg_s(acceleration_deg_s2: float) -> float:
+    """Largest speed of a sweep in degrees per second, for a stage of this acceleration.
+
+    v²/2a + T·v <= `MAX_AHEAD_DEG`: the stage must not begin to brake before it gets its next target, which comes after
+    T = `SWEEP_READING_S` at the latest.
     """
-    slope = acceleration_deg_s2 * renewed_s
-    return math.sqrt(slope**2 + 2 * acceleration_deg_s2 * ahead_deg) - slope
+    slope = acceleration_deg_s2 * SWEEP_READING_S
+    return math.sqrt(slope**2 + 2 * acceleration_deg_s2 * MAX_AHEAD_DEG) - slope
