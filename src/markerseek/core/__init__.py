@@ -49,7 +49,10 @@ from markerseek.core.protocols import (
     Reader,
     Receiver,
     Stage,
+    SweepingLaser,
     SweepingPolicy,
+    SweepingReceiver,
+    SweepingStage,
 )
 from markerseek.core.reading import (
     MAX_ACQUISITIONS,
@@ -60,7 +63,7 @@ from markerseek.core.reading import (
     Sample,
 )
 from markerseek.core.shapes import Bool, Complex128, Float32, Float64, Int16, Int32, Int64, UInt8
-from markerseek.core.sweep import MAX_AHEAD_DEG, Sweep, SweepTiming, fastest_sweep_deg_s
+from markerseek.core.sweep import MAX_AHEAD_DEG, Pulse, StageReading, Sweep, SweepTiming, fastest_sweep_deg_s
 
 __all__ = [
     "MAX_ACQUISITIONS",
@@ -119,6 +122,7 @@ __all__ = [
     "PaImage",
     "Permit",
     "Policy",
+    "Pulse",
     "RFFrame",
     "Reader",
     "Reading",
@@ -137,11 +141,15 @@ __all__ = [
     "SearchPlan",
     "SpotEnergy",
     "Stage",
+    "StageReading",
     "Started",
     "Sweep",
     "SweepPermit",
     "SweepTiming",
+    "SweepingLaser",
     "SweepingPolicy",
+    "SweepingReceiver",
+    "SweepingStage",
     "Tolerance",
     "UInt8",
     "Unsure",

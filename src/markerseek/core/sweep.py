@@ -12,7 +12,7 @@ from markerseek.core.permit import SWEEP_READING_S
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sweep:
-    """One turn of the probe in light, from where it is to an angle.
+    """One turn of the probe in light.
 
     Attributes
     ----------
@@ -22,6 +22,8 @@ class Sweep:
         Speed between run-up and braking, in degrees per second, positive in either direction.
     spacing_deg
         Least angle between two pulses in degrees; 0 uses every pulse of the laser.
+    from_deg
+        Angle at which it begins, to which the probe is moved without light; None: where the probe is.
 
     Raises
     ------
@@ -32,10 +34,13 @@ class Sweep:
     to_deg: float
     speed_deg_s: float
     spacing_deg: float = 0.0
+    from_deg: float | None = None
 
     def __post_init__(self) -> None:
-        if not is_finite(self.to_deg):
-            raise ConfigError(f"sweep: to_deg is {self.to_deg} deg, it must be a finite number")
+        for name in ("to_deg", "from_deg"):
+            angle_deg = getattr(self, name)
+            if not is_finite(angle_deg) and not (angle_deg is None and name == "from_deg"):
+                raise ConfigError(f"sweep: {name} is {angle_deg} deg, it must be a finite number")
         require_range("sweep: speed_deg_s", self.speed_deg_s, low=0, high=360, unit="deg/s", open_low=True)
         require_range("sweep: spacing_deg", self.spacing_deg, low=0, high=360, unit="deg")
 
@@ -78,6 +83,44 @@ class SweepTiming:
             raise ConfigError(f"sweep timing: speed_deg_s is {self.speed_deg_s} deg/s, it must be a finite number")
         require_range("sweep timing: delay_sigma_s", self.delay_sigma_s, low=0, high=1, unit="s")
         require_range("sweep timing: play_sigma_deg", self.play_sigma_deg, low=0, high=10, unit="deg")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageReading:
+    """Where a stage was that turns, read between two moments of the rig's clock.
+
+    Attributes
+    ----------
+    angle_deg
+        Readback in degrees.
+    asked_s, answered_s
+        When it was asked for and when it came, in seconds; it is of a moment in between.
+    """
+
+    angle_deg: float
+    asked_s: float
+    answered_s: float
+
+    @property
+    def at_s(self) -> float:
+        """Middle between question and answer, in seconds."""
+        return (self.asked_s + self.answered_s) / 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pulse:
+    """One pulse of a sweep, as the laser or its trigger box stamped it.
+
+    Attributes
+    ----------
+    at_s
+        When it was fired, on the rig's clock in seconds.
+    sigma_s
+        Standard deviation of that, independent from pulse to pulse, in seconds.
+    """
+
+    at_s: float
+    sigma_s: float = 0.0
 
 
 MAX_AHEAD_DEG = 5.0

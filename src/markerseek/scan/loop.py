@@ -7,6 +7,7 @@ a journal or a test can watch it; closing it stops the stage and takes the laser
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
+from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -23,13 +24,14 @@ from markerseek.core import (
     Found,
     Frame,
     Measured,
-    Policy,
     Refused,
     Role,
     Sample,
     SaturationError,
     SearchError,
     Started,
+    Sweep,
+    SweepingPolicy,
 )
 from markerseek.guard import Guard, Limits, State
 from markerseek.scan.confirmation import apply_confirmation
@@ -64,6 +66,9 @@ class AnyScanner(Protocol):
     def measure_dark(self) -> Sample:
         """One acquisition at the present angle, with the laser off."""
 
+    def sweep(self, sweep: Sweep) -> Generator[Sample | Refused, None, None]:
+        """The samples of one sweep, or why the frame of a pulse was refused."""
+
     def stop(self) -> None:
         """Disarm the guard and the laser, then stop the stage; allowed twice."""
 
@@ -84,7 +89,7 @@ _RUN_LIMITS = RunLimits()
 
 
 def run(
-    policy: Policy,
+    policy: SweepingPolicy,
     scanner: AnyScanner,
     *,
     dark_frames: int = 0,
@@ -134,15 +139,25 @@ def run(
         for index in range(1, dark_frames + 1):
             dark = yield from _dark(scanner, index, place_deg, limits.attempts)
             policy.tell(dark)
-        acquisitions, confirmations = 0, 0
+        # Steps: a sweep of many acquisitions is one of them.
+        steps, acquisitions, confirmations = 0, 0, 0
         confirmation: Sample | None = None
         searching = True
         while searching:
             # The caller owns the loop (ask and tell): all that is measured is yielded, journalled and limited here.
-            while (asked_deg := policy.ask()) is not None:
-                _require_budget(acquisitions, scanner.clock.now_s() - began_s, limits)
+            while (asked := policy.ask()) is not None:
+                _require_budget(steps, scanner.clock.now_s() - began_s, limits)
+                steps += 1
+                if isinstance(asked, Sweep):
+                    swept = yield from _swept(scanner, policy, asked, acquisitions + 1, place_deg, limits.attempts)
+                    for sample in swept:
+                        travel_deg += abs(sample.angle_deg - place_deg)
+                        place_deg = sample.angle_deg
+                    lit += swept
+                    acquisitions += len(swept)
+                    continue
                 acquisitions += 1
-                sample = yield from _measured(scanner, "search", acquisitions, asked_deg, limits.attempts)
+                sample = yield from _measured(scanner, "search", acquisitions, asked, limits.attempts)
                 # Without its frame: 128 channels of some thousand samples each, over hundreds of acquisitions.
                 lit.append(replace(sample, frame=None))
                 travel_deg += abs(sample.angle_deg - place_deg)
@@ -200,6 +215,42 @@ def _measured(
     sample = yield from _admitted(scanner, lambda: scanner.measure(angle_deg), angle_deg, attempts)
     yield Measured(role=role, index=index, sample=sample)
     return sample
+
+
+def _swept(
+    scanner: AnyScanner, policy: SweepingPolicy, sweep: Sweep, first: int, place_deg: float, attempts: int
+) -> Generator[Event, None, list[Sample]]:
+    """A sweep, of which the policy is told each sample as it comes; it may end it early. Without their frames."""
+    scanner.limits.require_search(sweep.to_deg)
+    yield Asked(role="search", index=first, angle_deg=sweep.to_deg, sweep=sweep)
+    samples: list[Sample] = []
+    again = sweep
+    for attempt in range(1, attempts + 1):
+        try:
+            with closing(scanner.sweep(again)) as outcomes:
+                for outcome in outcomes:
+                    if isinstance(outcome, Refused):
+                        yield outcome
+                        continue
+                    yield Measured(role="search", index=first + len(samples), sample=outcome)
+                    samples.append(replace(outcome, frame=None))
+                    policy.tell(outcome)
+                    # A sweep that is over, because it is read out at its end, is told as a whole.
+                    asked = policy.ask()
+                    if asked is None or (asked != sweep and scanner.guard.state is State.SWEEPING):
+                        break
+        except SaturationError:
+            raise
+        except AcquisitionError as refusal:
+            # A policy cannot forget: if some samples of a sweep were told, it cannot be refused whole any more.
+            if samples or scanner.guard.state is State.FAULT or attempt == attempts:
+                scanner.guard.fail(str(refusal))
+                raise
+            yield Refused(angle_deg=sweep.to_deg, reason=str(refusal))
+            again = replace(sweep, from_deg=place_deg if sweep.from_deg is None else sweep.from_deg)
+        else:
+            return samples
+    raise ConfigError(f"run limits: attempts is {attempts}, at least 1 is needed")
 
 
 def _admitted(
