@@ -54,7 +54,7 @@ kills: .venv/dev  ## kill 4,700 searches and scans with -9 and go on with each (
 	$(BIN)/python -m tests.faults.kills --kills 900 --seed 1 --workers 3 --out docs/explanation/kills.txt
 
 mutants: .venv/dev  ## change the safety kernel in every small way, and see that its tests notice
-	$(BIN)/python tests/faults/mutants.py
+	$(BIN)/python -m tests.faults.mutants
 
 peers: .venv-peers/ready  ## have other people's programs open our files and drive our emulators
 	.venv-peers/bin/python -m pytest -q --confcutdir=tests/peers tests/peers

@@ -23,12 +23,11 @@ from datetime import datetime
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from tests.page.page_browser import Served, Watched, browsing, open_tab, served
-
 from benchmarks.loop_times import PACE, described, own_times_s
 from markerseek.bridges.page.state import SnapshotBuilder
 from markerseek.core import Failed
 from markerseek.records.journal import read_journal
+from tests.page.page_browser import Served, Watched, browsing, open_tab, served
 
 # The log is another element for each search, so that the whole page is watched.
 WATCH_LOG = """() => {

@@ -31,7 +31,7 @@ import sys, time
 from pathlib import Path
 from itertools import islice
 from markerseek.studies import read_study
-from markerseek.studies.table import chunks, run_chunk
+from markerseek.studies.runner import chunks, run_chunk
 study = read_study(Path(sys.argv[1]))
 pieces = list(islice(chunks(study), int(sys.argv[2])))
 run_chunk(study, pieces[0])

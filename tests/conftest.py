@@ -18,9 +18,6 @@ import hypothesis
 import jaxtyping
 import pytest
 
-# Helpers that several folders of tests share are modules of `tests`, also where pytest is not started by python -m.
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 PURE = ("core", "search", "signals", "acoustics", "calibration", "geometry", "vision")
 
 # A program started with signals ignored (by nohup, or in the background) would hand that on to those that tests strike.

@@ -29,21 +29,12 @@ def markerseek(*words: object) -> list[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Emulation:
-    """Emulated devices that run.
-
-    Attributes
-    ----------
-    process
-        Their process; a line on its standard input triggers an acquisition where there is no laser box.
-    folder
-        Their folder, with `rig`.
-    said
-        What the command has printed before they were ready.
-    """
+    """Emulated devices that run; a line on standard input triggers an acquisition where there is no laser box."""
 
     process: subprocess.Popen[str]
     folder: Path
     said: str
+    """What the command has printed before they were ready."""
 
     @property
     def rig(self) -> Path:
@@ -68,17 +59,7 @@ class Emulation:
 def emulation(
     folder: Path, *options: object, seed: int = 1, device: str = "bench", pace: float = 0.01
 ) -> Iterator[Emulation]:
-    """Emulated devices in `folder`, in a world with one marker; killed at the end if they still run.
-
-    Parameters
-    ----------
-    folder
-        Folder of the test; the devices are in ``bench`` there.
-    options
-        Further options of ``markerseek emulate``.
-    seed, device, pace
-        As of that command.
-    """
+    """Emulated devices in ``folder / "bench"``, in a world with one marker; killed at the end if they still run."""
     world, bench = folder / "world.toml", folder / "bench"
     world.write_text(WORLD)
     process = subprocess.Popen(

@@ -42,7 +42,7 @@ class TestScikitOptimize(FewCurves):
         pytest.importorskip("skopt")
 
     def make(self, limits: Interval) -> Policy:
-        from markerseek.adapters.scikit_optimize import ScikitOptimize
+        from markerseek.adapters import ScikitOptimize
 
         # its model is fitted once it has received as many samples as its first design has
         policy = ScikitOptimize(limits=limits, acquisitions=3)

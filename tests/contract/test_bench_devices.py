@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from markerseek.core import DeviceTimeoutError, Laser, LaserError, NotConnectedError, Permit, Receiver
-from markerseek.drivers.laserbox import LaserBox
+from markerseek.drivers import LaserBox, SonixDaqReceiver, SonixDaqSettings
 from markerseek.drivers.picolas import PicolasLaser
-from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
-from markerseek.emulators import DirectPort
-from markerseek.emulators.bench import BenchClock, EmulatedBench
+from markerseek.emulators import DirectPort, EmulatedBench
+from markerseek.emulators.bench import BenchClock
 from markerseek.sim import ReceiverSettings, SimulatedSettings, VirtualClock
 from markerseek.testing import LaserContract, ReceiverContract
 

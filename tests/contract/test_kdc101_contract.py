@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import pytest
 
 from markerseek.core import Stage
-from markerseek.drivers.kdc101 import Kdc101DriverSettings, Kdc101Stage
-from markerseek.emulators import DirectPort
-from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
+from markerseek.drivers import Kdc101DriverSettings, Kdc101Stage
+from markerseek.emulators import DirectPort, EmulatedKdc101
+from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
 from markerseek.testing import StageContract
 

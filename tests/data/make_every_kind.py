@@ -5,10 +5,10 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from every_kind_of_entry import METHOD, checkpoint, journal_events, rig
 from markerseek.core import Measured, SearchPlan, Started
 from markerseek.records.journal import Journal
-from markerseek.runs.journalled import configuration_of
+from markerseek.runs import configuration_of
+from tests.unit.records.journal.every_kind_of_entry import METHOD, checkpoint, journal_events, rig
 
 configuration = configuration_of(
     rig(), SearchPlan(method=METHOD, acquisitions=3, as_published=True, start_deg=-0.1, dark_frames=1, stay=False)

@@ -14,17 +14,7 @@ _TICK_S = 2e-3
 
 
 class Delays:
-    """How long a process is held up: mostly not at all, else by any time up to a longest one.
-
-    Parameters
-    ----------
-    rng
-        Source of randomness.
-    share
-        Share of its steps at which it is held up.
-    most_s
-        Longest time that it is held up, in seconds.
-    """
+    """How long a process is held up: at a share of its steps, by any time up to a longest one."""
 
     def __init__(self, *, rng: np.random.Generator, share: float, most_s: float) -> None:
         self._rng = rng
@@ -52,17 +42,7 @@ class DelayedClock(VirtualClock):
 
 
 class DelayedPort:
-    """A line with a relay to a device that is served by a process of its own, as `PtyLine` serves it.
-
-    Parameters
-    ----------
-    device
-        The emulator.
-    clock
-        Time of the host.
-    delays
-        Of the relay, both ways, and of the process that serves the device.
-    """
+    """A line with a relay to a device that a process of its own serves, as `PtyLine` does; both are held up."""
 
     def __init__(self, *, device: ByteDevice, clock: VirtualClock, delays: Delays) -> None:
         self._device = device

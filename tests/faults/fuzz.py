@@ -1,4 +1,4 @@
-"""Coverage-guided fuzzing of one decoder by atheris: ``python tests/faults/fuzz.py mat CORPUS -max_total_time=300``.
+"""Coverage-guided fuzzing of one decoder by atheris: ``python -m tests.faults.fuzz mat CORPUS -max_total_time=300``.
 
 Its findings are minimised by hand and put into ``tests/faults/corpus``, where `test_hostile_files` and
 `test_hostile_devices` read them.
@@ -14,9 +14,7 @@ from pathlib import Path
 import atheris
 
 with atheris.instrument_imports(include=["markerseek", "thorlabs_apt_protocol", "zipfile", "csv"]):
-    import decoders
-    import journal_decoders
-    import wire_decoders
+    from tests.faults import decoders, journal_decoders, wire_decoders
 
 _FILES = decoders.IN_THIS_PROCESS | journal_decoders.JOURNALS
 

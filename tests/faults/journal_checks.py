@@ -11,7 +11,6 @@ from contextlib import closing
 from pathlib import Path
 from unittest import mock
 
-from journal_runs import configuration, died_in_commit, measured
 from markerseek import rigs
 from markerseek.core import Asked, Event, Interval, Measured, Reading, RecordError, Sample, Started
 from markerseek.records.journal import Journal, read_journal
@@ -19,6 +18,7 @@ from markerseek.records.journal.connection import rollback_file
 from markerseek.records.journal.schema import VERSION
 from markerseek.runs.journalled import journalled
 from markerseek.search import build
+from tests.faults.journal_runs import configuration, died_in_commit, measured
 
 
 @contextlib.contextmanager

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
-from journal_runs import configuration, died_in_commit, measured
 from markerseek.core import Asked, Interval, Started
 from markerseek.records.journal import Journal, salvage, verify
 from markerseek.records.journal.connection import rollback_file
+from tests.faults.journal_runs import configuration, died_in_commit, measured
 
 
 @lru_cache

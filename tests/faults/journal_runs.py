@@ -23,7 +23,7 @@ from markerseek.core import (
     Started,
 )
 from markerseek.records.journal import Configuration, Journal, read_journal
-from markerseek.runs.journalled import configuration_of
+from markerseek.runs import configuration_of
 
 RANGE = Interval(low_deg=-35.0, high_deg=35.0)
 

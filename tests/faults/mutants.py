@@ -1,6 +1,6 @@
 """Mutation test of the safety kernel: mutmut's mutants, each run against the kernel's own tests.
 
-``python tests/faults/mutants.py`` works in a folder of its own, prints the mutants that no test of ``test_guard_*.py``
+``python -m tests.faults.mutants`` works in a folder of its own, prints the mutants that no test of ``tests/unit/guard``
 noticed, and exits 1 if there is one.
 """
 
@@ -24,12 +24,11 @@ def main() -> int:
         folder = Path(name)
         shutil.copytree(ROOT / "src", folder / "src", ignore=shutil.ignore_patterns("__pycache__"))
         shutil.copy(ROOT / "pyproject.toml", folder)
-        (folder / "tests" / "unit").mkdir(parents=True)
+        # The kernel's own tests, and what tests share.
+        others = shutil.ignore_patterns("__pycache__", "test_*.py")
+        shutil.copytree(ROOT / "tests" / "unit", folder / "tests" / "unit", ignore=others)
+        shutil.copytree(ROOT / "tests" / "unit" / "guard", folder / "tests" / "unit" / "guard", dirs_exist_ok=True)
         shutil.copy(ROOT / "tests" / "conftest.py", folder / "tests")
-        for path in (ROOT / "tests" / "unit").glob("*.py"):
-            # The kernel's own tests, and what tests share.
-            if path.name.startswith("test_guard_") or not path.name.startswith("test_"):
-                shutil.copy(path, folder / "tests" / "unit")
         done = subprocess.run(
             [*MUTMUT, "run", "--max-children", "2"], cwd=folder, capture_output=True, text=True, check=False
         )

@@ -5,9 +5,9 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from journal_runs import configuration, measured
 from markerseek.core import Asked, DeviceError, Interval, RecordError, Started
 from markerseek.records.stream import EventStream, StreamDecoder, StreamItem
+from tests.faults.journal_runs import configuration, measured
 
 
 def whole_stream() -> bytes:

@@ -13,20 +13,19 @@ import pytest
 
 from markerseek.core import Found, Interval
 from markerseek.guard import Guard, State
-from markerseek.sim.faults import FaultKind
-from markerseek.sim.receiver_faults import RECEIVER_FAULTS
+from markerseek.sim import RECEIVER_FAULTS, FaultKind
 
 pytest.importorskip("serial", reason="the supervisor's lines need the extra devices")
 
-from campaign import runs as campaign_runs  # type: ignore[import-not-found, unused-ignore]
-from campaign.checker import check  # type: ignore[import-not-found, unused-ignore]
-from campaign.chunks import frames, readings  # type: ignore[import-not-found, unused-ignore]
-from campaign.held_lines import HeldLines  # type: ignore[import-not-found, unused-ignore]
-from campaign.points import enumerate_points  # type: ignore[import-not-found, unused-ignore]
-from campaign.report import byte_keys, observable_keys, promises  # type: ignore[import-not-found, unused-ignore]
-from campaign.tally import upper95  # type: ignore[import-not-found, unused-ignore]
-from campaign.vocabulary import FAULTS  # type: ignore[import-not-found, unused-ignore]
-from unchecked import unchecked  # type: ignore[import-not-found, unused-ignore]
+from tests.faults.campaign import runs as campaign_runs  # type: ignore[import-not-found, unused-ignore]
+from tests.faults.campaign.checker import check  # type: ignore[import-not-found, unused-ignore]
+from tests.faults.campaign.chunks import frames, readings  # type: ignore[import-not-found, unused-ignore]
+from tests.faults.campaign.held_lines import HeldLines  # type: ignore[import-not-found, unused-ignore]
+from tests.faults.campaign.points import enumerate_points  # type: ignore[import-not-found, unused-ignore]
+from tests.faults.campaign.report import byte_keys, observable_keys, promises  # type: ignore[import-not-found, unused-ignore]
+from tests.faults.campaign.tally import upper95  # type: ignore[import-not-found, unused-ignore]
+from tests.faults.campaign.vocabulary import FAULTS  # type: ignore[import-not-found, unused-ignore]
+from tests.faults.unchecked import unchecked  # type: ignore[import-not-found, unused-ignore]
 
 RUNS, FRAMES = 2000, 50
 

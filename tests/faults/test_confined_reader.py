@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from hostile_readers import attempts
 from markerseek.records.sandbox import Sandbox
+from tests.faults.hostile_readers import attempts
 
 pytestmark = pytest.mark.skipif(
     sys.platform != "linux" or ctypes.CDLL(None).syscall(444, None, ctypes.c_size_t(0), 1) < 1,
@@ -22,7 +22,7 @@ MAY = {"reads its file", "imports a library"}
 WITHOUT = """
 import sys
 from pathlib import Path
-from hostile_readers import attempts
+from tests.faults.hostile_readers import attempts
 print(sum(bool(each[0]) for each in attempts(Path(sys.argv[1])).values()))
 """
 
@@ -30,7 +30,7 @@ print(sum(bool(each[0]) for each in attempts(Path(sys.argv[1])).values()))
 @pytest.fixture
 def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
     """A file of the user, and a foreign one that is after it."""
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
     secret, foreign = tmp_path / "own" / "thesis.tex", tmp_path / "foreign.mat"
     secret.parent.mkdir()
     secret.write_text("four years\n")

@@ -16,7 +16,7 @@ from markerseek.records.sandbox import Sandbox
 pytest.importorskip("serial", reason="needs the extra devices")
 pytest.importorskip("h5py", reason="needs the extra records")
 
-BANK = Path(__file__).parents[1] / "unit" / "banks" / "bank.hdf5"
+BANK = Path(__file__).parents[1] / "data" / "banks" / "bank.hdf5"
 NAMES = ("serial", "h5py", "msgspec", "numpy", "socket", "struct", "multiprocessing", "markerseek", "resource")
 """What the processes that we start import; a file of each name lies in the folder."""
 
@@ -38,7 +38,7 @@ print("done")
 WORKERS = """
 from markerseek.studies.workers import on_processes
 if __name__ == "__main__":
-    assert sorted(on_processes(abs, [-1, -2, -3], workers=2)) == [(0, 1), (1, 2), (2, 3)]
+    assert list(on_processes(abs, [-1, -2, -3], workers=2)) == [1, 2, 3]
     print("done")
 """
 

@@ -16,17 +16,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from hostile_folders import STEP
 from markerseek.core import DeviceError, MoveError, NotConnectedError
+from markerseek.drivers import Kdc101DriverSettings, Kdc101Stage, LaserBox
 from markerseek.drivers.daq_folder import DaqFolder
-from markerseek.drivers.kdc101 import Kdc101DriverSettings, Kdc101Stage
-from markerseek.drivers.laserbox import LaserBox
 from markerseek.emulators import DirectPort
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
 from markerseek.wire import apt, laserbox
 from markerseek.wire import sonixdaq as daq
-from wire_decoders import WIRES, ScriptedPort, wire_outcome
+from tests.faults.hostile_folders import STEP
+from tests.faults.wire_decoders import WIRES, ScriptedPort, wire_outcome
 
 CORPUS = Path(__file__).parent / "corpus"
 ON_LINES = sorted(set(WIRES) - {"sonixdaq"})

@@ -22,12 +22,12 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from decoders import DECODERS, IN_THIS_PROCESS, outcome, zip_bomb
 from markerseek.core import MissingExtraError, RecordError
 from markerseek.records.banks import read_bank
 from markerseek.records.banks.ipasc.reading import read_probed
 from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_arrays import arrays_in
+from tests.faults.decoders import DECODERS, IN_THIS_PROCESS, outcome, zip_bomb
 
 CORPUS = Path(__file__).parent / "corpus"
 HDF5 = ("hdf5", "mat73")

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from decoders import outcome
-from journal_decoders import JOURNALS
-from journal_runs import RANGE, commit, configuration, measured
 from markerseek.core import ChannelFrame, Measured, RecordError, Started
 from markerseek.records.journal import Journal, read_journal, salvage, verify
 from markerseek.records.journal.connection import rollback_file
+from tests.faults.decoders import outcome
+from tests.faults.journal_decoders import JOURNALS
+from tests.faults.journal_runs import RANGE, commit, configuration, measured
 
 
 @pytest.fixture(scope="module")

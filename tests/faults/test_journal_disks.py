@@ -14,7 +14,6 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from journal_runs import RANGE, commit, configuration, died_in_commit, fill, require_all
 from markerseek import rigs
 from markerseek.core import Policy, RecordError, Started
 from markerseek.guard import State
@@ -24,6 +23,7 @@ from markerseek.runs.journalled import journalled
 from markerseek.runs.resume import resumed
 from markerseek.search import build
 from markerseek.sim import GaussianCurve
+from tests.faults.journal_runs import RANGE, commit, configuration, died_in_commit, fill, require_all
 
 NOBODY = 65534
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from journal_runs import RANGE, commit, configuration, measured
-from kills.tracing import around, can_trace, killed_at_write
 from markerseek.core import Asked, Started
 from markerseek.records.journal import Journal, read_journal, verify
+from tests.faults.journal_runs import RANGE, commit, configuration, measured
+from tests.faults.kills.tracing import around, can_trace, killed_at_write
 
 pytestmark = pytest.mark.skipif(not can_trace(), reason="needs ptrace on Linux, x86-64")
 

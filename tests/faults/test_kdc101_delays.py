@@ -7,12 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from delayed_lines import DelayedClock, DelayedPort, Delays
+from markerseek.drivers import Kdc101DriverSettings, Kdc101Stage
 from markerseek.drivers._apt_line import AptLine
-from markerseek.drivers.kdc101 import Kdc101DriverSettings, Kdc101Stage
-from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
+from markerseek.emulators import EmulatedKdc101
+from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
 from markerseek.wire import apt
+from tests.faults.delayed_lines import DelayedClock, DelayedPort, Delays
 
 MAX_S = (0.02, 0.05, 0.1)
 SPEEDS = (1.0, 2.0, 5.0, 10.0, 20.0, 25.0)
@@ -24,18 +25,9 @@ def move_there(
 ) -> int:
     """Moves of one stage, drawn at random with all that holds it up; raises if a sound one is refused.
 
-    Parameters
-    ----------
-    number
-        Seed.
-    share
-        Share of the steps of relay and emulator that are held up; of the host's steps a tenth of it.
-    most_s
-        Longest time that a step is held up, in seconds; drawn where it is None.
-    begin_s
-        How long a stage may stand before it is taken to be stuck, in seconds.
-    targets
-        Where to go, one after the other.
+    ``share``: of the steps of relay and emulator that are held up; of the host's steps a tenth of it. ``most_s``:
+    longest time that a step is held up; drawn where it is None. ``begin_s``: how long a stage may stand before it is
+    taken to be stuck.
     """
     rng = np.random.Generator(np.random.PCG64(number))
     start_deg, *targets_deg = rng.uniform(-34, 34, 1 + targets).tolist()

@@ -16,12 +16,11 @@ from markerseek.core import (
     MoveError,
     NotConnectedError,
 )
-from markerseek.drivers.kdc101 import Kdc101Stage
-from markerseek.emulators import DirectPort
-from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
+from markerseek.drivers import Kdc101Stage
+from markerseek.emulators import DirectPort, EmulatedKdc101
+from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.emulators.stage_faults import STAGE_FAULTS
-from markerseek.sim import VirtualClock
-from markerseek.sim.faults import Fault, FaultKind
+from markerseek.sim import Fault, FaultKind, VirtualClock
 from markerseek.wire import apt
 
 PLAY_DEG = 0.1
@@ -110,6 +109,15 @@ def test_a_fault_is_refused_by_name_and_does_no_harm(name: str, from_step: int) 
     assert outcome.error.args[0]
     assert any(word in str(outcome.error) for word in words.split("|"))
     require_harmless(outcome)
+
+
+@pytest.mark.parametrize(("amount", "words"), [(-0.5, "fell back by"), (-0.2, "its acceleration allows")])
+def test_an_encoder_that_loses_half_a_degree_fell_back_and_one_that_loses_less_slowed_down_too_soon(
+    amount: float, words: str
+) -> None:
+    outcome = tour(replace(STAGE_FAULTS["jump on its way"], amount=amount), targets=(20.0,))
+    assert isinstance(outcome.error, MoveError)
+    assert words in str(outcome.error)
 
 
 @pytest.mark.parametrize("seed", range(3))

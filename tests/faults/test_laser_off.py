@@ -1,7 +1,7 @@
 """The laser goes dark when the search dies or hangs: real processes and signals, the truth comes from the emulated box.
 
 How soon is measured by hand, on a quiet machine: the real command by `python -m tests.faults.laser_off --kills 100`, a
-bare control process by `python tests/faults/test_laser_off.py 100`. As a test it must only be far sooner than the
+bare control process by `python -m tests.faults.test_laser_off 100`. As a test it must only be far sooner than the
 pulses would end.
 """
 
@@ -16,12 +16,12 @@ import time
 
 import pytest
 
-import laser_off
 from markerseek.core import FrameHeader, ReadingFrame
-from markerseek.drivers.clock import SystemClock
+from markerseek.drivers import SystemClock
 from markerseek.emulators import PtyLine
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.sim import Flash
+from tests.faults import laser_off
 
 pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")

@@ -12,8 +12,8 @@ import pytest
 
 pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
 
-from campaign.restarts import DAQS, DEATHS, lines, restarts  # type: ignore[import-not-found, unused-ignore]
-from unchecked import unchecked  # type: ignore[import-not-found, unused-ignore]
+from tests.faults.campaign.restarts import DAQS, DEATHS, lines, restarts  # type: ignore[import-not-found, unused-ignore]
+from tests.faults.unchecked import unchecked  # type: ignore[import-not-found, unused-ignore]
 
 
 @pytest.mark.parametrize("death", DEATHS)

@@ -1,4 +1,4 @@
-"""Bugs seeded into the journal, each detected by its check; see `seeded_bugs`."""
+"""Bugs seeded into the journal, each detected by its check."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from journal_checks import (
+from tests.faults.journal_checks import (
     a_changed_configuration_is_refused,
     a_changed_row_is_refused,
     a_commit_is_on_the_disk,
@@ -21,7 +21,7 @@ from journal_checks import (
     every_row_is_read,
     what_is_handed_out_is_on_the_disk,
 )
-from seeding import Bug, caught
+from tests.faults.seeding import Bug, caught
 
 JOURNAL_BUGS = {
     "a noise of NaN written as not known": Bug(

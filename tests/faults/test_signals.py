@@ -1,6 +1,6 @@
 """A search on emulated devices, sent a signal in each phase: laser off, stage in limits, journal whole.
 
-The devices' truth is in this process, the search in another. ``python tests/faults/test_signals.py 20`` sends each
+The devices' truth is in this process, the search in another. ``python -m tests.faults.test_signals 20`` sends each
 signal in each phase 20 times, on a quiet machine, and prints the times to the last pulse and to rest.
 """
 
@@ -24,8 +24,8 @@ import pytest
 
 from markerseek.cli.emulate import _rig_toml
 from markerseek.core import RecordError
-from markerseek.drivers.clock import SystemClock
-from markerseek.emulators.bench import EmulatedBench, serve
+from markerseek.drivers import SystemClock
+from markerseek.emulators import EmulatedBench, serve
 from markerseek.records.journal import RecordedRun, is_journal, read_journal
 from markerseek.sim import LaserSettings, MarkerSettings, ReceiverSettings, SimulatedSettings, StageMotion
 

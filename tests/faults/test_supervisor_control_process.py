@@ -17,7 +17,7 @@ import pytest
 
 from markerseek.supervisor import Line, Supervisor
 from markerseek.supervisor.parent_death import end_with_parent
-from pseudo_terminals import SOON_S, STOP, Device, gone
+from tests.faults.pseudo_terminals import SOON_S, STOP, Device, gone
 
 pytestmark = pytest.mark.real_time
 serial = pytest.importorskip("serial")

@@ -14,7 +14,7 @@ import pytest
 from markerseek.core import ConfigError, DeviceError, NotConnectedError
 from markerseek.supervisor import Line, Supervisor
 from markerseek.supervisor.messages import MAX_BYTES, Kind, packed, packed_step, step_of, unpacked
-from pseudo_terminals import SOON_S, STOP, Device, gone
+from tests.faults.pseudo_terminals import SOON_S, STOP, Device, gone
 
 pytestmark = pytest.mark.real_time
 serial = pytest.importorskip("serial")

@@ -17,21 +17,17 @@ from typing import Any
 import numpy as np
 from pyigtl.messages import CRC64
 
-from hostile_folders import FolderClock, whole_folder
 from markerseek.bridges.igtl.commands import is_command, read_request, search_request
 from markerseek.core import Clock, ConfigError, DeviceError, LaserError, Permit
-from markerseek.drivers.kdc101 import Kdc101Stage
-from markerseek.drivers.laserbox import LaserBox
+from markerseek.drivers import Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
 from markerseek.drivers.picolas import PicolasLaser
-from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
 from markerseek.emulators import DirectPort
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.sim import VirtualClock
-from markerseek.wire import apt, igtl, laserbox
-from markerseek.wire.apt_frames import CONTROLLER, TO_CONTROLLER, AptFramer
-from markerseek.wire.port import Port
-from stream_decoders import read_stream, whole_stream
+from markerseek.wire import CONTROLLER, TO_CONTROLLER, AptFramer, Port, apt, igtl, laserbox
+from tests.faults.hostile_folders import FolderClock, whole_folder
+from tests.faults.stream_decoders import read_stream, whole_stream
 
 PULSES = 4
 MAX_READS = 100_000

@@ -1,14 +1,11 @@
-"""Helpers of these tests are modules beside them; each test has a data folder of its own."""
+"""Each test has a data folder of its own; one address of this computer that others could reach."""
 
 from __future__ import annotations
 
 import socket
-import sys
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 
 @pytest.fixture(autouse=True)

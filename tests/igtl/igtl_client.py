@@ -20,13 +20,8 @@ LONGEST_S = 120.0
 class IgtlClient:
     """Connects; reads and writes whole messages.
 
-    Parameters
-    ----------
-    port
-        Of the server, on this computer.
-    reads_ahead
-        Whether a thread takes what comes at once, as other people's clients do: the server drops who does not for 2 s,
-        which a test on a busy machine may need to look at one message.
+    Where it ``reads_ahead``, a thread takes what comes at once, as other people's clients do: the server drops who does
+    not for 2 s, which a test on a busy machine may need to look at one message.
     """
 
     def __init__(self, port: int, *, reads_ahead: bool = True) -> None:

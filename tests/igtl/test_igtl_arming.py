@@ -8,10 +8,10 @@ import subprocess
 import sys
 
 import pytest
-from igtl_client import IgtlClient
-from tests.emulated import emulation
 
 from markerseek.wire import igtl
+from tests.emulated import emulation
+from tests.igtl.igtl_client import IgtlClient
 
 pytestmark = pytest.mark.real_time
 

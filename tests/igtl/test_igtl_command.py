@@ -17,13 +17,13 @@ import msgspec
 import numpy as np
 import pyigtl
 import pytest
-from igtl_bridge import bridge, compiled_peer
-from igtl_client import LONGEST_S, IgtlClient
-from tests.emulated import emulation
 
 from markerseek.records.exports import probe_to_probe_home
 from markerseek.runs import point_pairs, register_pairs
 from markerseek.wire import igtl
+from tests.emulated import emulation
+from tests.igtl.igtl_bridge import bridge, compiled_peer
+from tests.igtl.igtl_client import LONGEST_S, IgtlClient
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 START = '<Command Name="StartSearch" Seed="3" Method="golden-section" Acquisitions="6" />'

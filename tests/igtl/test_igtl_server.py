@@ -11,12 +11,12 @@ from contextlib import ExitStack, contextmanager
 
 import numpy as np
 import pytest
-from igtl_client import LONGEST_S, IgtlClient
 
 from markerseek.bridges.igtl import CommandAnswer, IgtlServer, Request, Stream, plain_address
 from markerseek.bridges.igtl.peer import LOOPBACK, Peer
 from markerseek.core import ConfigError
 from markerseek.wire import igtl
+from tests.igtl.igtl_client import LONGEST_S, IgtlClient
 
 
 class Served:

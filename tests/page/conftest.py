@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import json
-import sys
-from pathlib import Path
 
 import pytest
 
 BANK = "examples/simulated_scan.csv"
 
-sys.path.insert(0, str(Path(__file__).parent))
-
 
 @pytest.fixture(scope="session")
 def browser():
-    from page_browser import browsing
+    from tests.page.page_browser import browsing
 
     with browsing() as found:
         yield found
@@ -24,7 +20,7 @@ def browser():
 @pytest.fixture(scope="session")
 def page(tmp_path_factory):
     """One page for all tests that do not end it, with a bank to be replayed."""
-    from page_browser import served
+    from tests.page.page_browser import served
 
     with served(tmp_path_factory.mktemp("data"), BANK) as found:
         yield found
@@ -39,7 +35,7 @@ def command_result(shell):
 @pytest.fixture
 def opened(browser, page):
     """A function that opens a tab; nothing may go wrong in any of them."""
-    from page_browser import open_tab
+    from tests.page.page_browser import open_tab
 
     tabs = []
 

@@ -22,8 +22,17 @@ CHROMIUM = os.environ.get("MARKERSEEK_CHROMIUM") or shutil.which("chromium") or 
 WAIT_MS = 60_000
 """Longest wait for anything: a busy machine is no fault."""
 
+LOST_MS = 20_000
+"""After that a press had no effect: the page had gone stale, because the machine was busy."""
+
 START = "from markerseek.cli import main; main()"
 """The program, as it is started."""
+
+COLOURS = """canvas => { const c = canvas.getContext('2d');
+    const d = c.getImageData(0, 0, canvas.width, canvas.height).data; const seen = new Set();
+    for (let i = 0; i < d.length; i += 4) seen.add(d[i] << 16 | d[i + 1] << 8 | d[i + 2]);
+    return seen.size; }"""
+"""How many different colours a canvas has, as a function of the browser."""
 
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt-get install chromium")
 
@@ -120,6 +129,11 @@ class Watched:
     def wait_for(self, css: str, pattern: str, timeout_ms: float = WAIT_MS) -> None:
         sync_api.expect(self.tab.locator(css)).to_have_text(re.compile(pattern), timeout=timeout_ms)
 
+    def wait_for_colours(self, css: str, *, more_than: int) -> None:
+        """Wait until a canvas has more different colours: an empty one has few, without any error."""
+        script = f"([css, least]) => ({COLOURS})(document.querySelector(css)) > least"
+        self.tab.wait_for_function(script, arg=[css, more_than])
+
     def search(self, name: str = "Start") -> None:
         """Start a search and wait until it is over."""
         start = self.tab.get_by_role("button", name=name, exact=True)
@@ -133,7 +147,7 @@ class Watched:
             sync_api.expect(start).to_be_enabled(timeout=WAIT_MS)
             start.click(timeout=WAIT_MS)
             try:
-                sync_api.expect(start).to_be_disabled(timeout=5000)
+                sync_api.expect(start).to_be_disabled(timeout=LOST_MS)
             except AssertionError:
                 continue
             return

@@ -26,15 +26,7 @@ LONGEST_S = 300.0
 
 
 class Viewer:
-    """One tab's worth of the page.
-
-    Parameters
-    ----------
-    link
-        Link of the page with its token.
-    query
-        Settings in the link.
-    """
+    """One tab's worth of the page, which its link opens with its token, and with settings in the link."""
 
     def __init__(self, link: str, **query: object) -> None:
         place = urlsplit(link)
@@ -115,17 +107,7 @@ def _is_start(element: dict[str, Any]) -> bool:
 
 
 async def watch(link: str, *, starts: bool, **query: object) -> dict[str, Any]:
-    """Watch one search from its start to its end.
-
-    Parameters
-    ----------
-    link
-        Link of the page with its token.
-    starts
-        Whether this viewer presses Start; another waits for a search that one starts.
-    query
-        Settings in the link.
-    """
+    """Watch one search from its start to its end; a viewer that does not start it waits until another has."""
     viewer = Viewer(link, **query)
     await viewer.connect()
     if starts:

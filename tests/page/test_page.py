@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from page_browser import needs_browser
 
 from markerseek.bridges import page as page_package
 from markerseek.records.journal import Interrupted, read_journal
+from tests.page.page_browser import COLOURS, needs_browser
 
 pytestmark = [pytest.mark.real_time, needs_browser]
 
@@ -30,30 +30,21 @@ def downloaded(watched, name):
         return file.read()
 
 
-def drawn_colours(tab, css):
-    """How many different colours a canvas has: an empty one has few, without any error."""
-    script = """canvas => { const c = canvas.getContext('2d');
-        const d = c.getImageData(0, 0, canvas.width, canvas.height).data; const seen = new Set();
-        for (let i = 0; i < d.length; i += 4) seen.add(d[i] << 16 | d[i + 1] << 8 | d[i + 2]);
-        return seen.size; }"""
-    return tab.locator(css).first.evaluate(script)
-
-
 def test_search_gives_the_result_of_the_command(opened, command_result):
     watched = opened(query="&seed=3&pace=0")
     assert watched.text(".ms-banner").startswith("SIMULATED")
     assert "token" not in watched.tab.url
     fan, curve = ".ms-panel-fan canvas", ".ms-panel-curve canvas"
-    before = drawn_colours(watched.tab, fan), drawn_colours(watched.tab, curve)
+    before = [watched.tab.locator(css).first.evaluate(COLOURS) for css in (fan, curve)]
     watched.search()
     watched.wait_for(STATUS, "^found at ")
     expected = command_result("--seed", "3")
     assert json.loads(downloaded(watched, "report JSON")) == expected
     watched.wait_for(ANGLE, re.escape(f"{expected['angle_deg']:.3f}° ± {expected['sigma_deg']:.3f}°"))
     # Charts can stay empty without any error.
-    assert drawn_colours(watched.tab, fan) > before[0]
-    assert drawn_colours(watched.tab, curve) > before[1] + 10
-    assert drawn_colours(watched.tab, ".ms-panel-image canvas") > 100
+    watched.wait_for_colours(fan, more_than=before[0])
+    watched.wait_for_colours(curve, more_than=before[1] + 10)
+    watched.wait_for_colours(".ms-panel-image canvas", more_than=100)
 
 
 def test_both_images_are_drawn_where_their_edges_say(browser):
@@ -101,7 +92,7 @@ def test_stop_in_mid_move(opened, page):
     watched.start()
     watched.wait_for(LOG, "acquisition 1 at")
     watched.tab.locator(".ms-stop").click()
-    watched.wait_for(STATUS, "^stopped by SIGINT", timeout_ms=5000)
+    watched.wait_for(STATUS, "^stopped by SIG")
     assert page.children() == []
     held = read_journal(page.journals()[-1])
     assert isinstance(held.entries[-1].event, Interrupted)
@@ -112,12 +103,12 @@ def test_pause_and_go_on_gives_the_same_result(opened, command_result):
     watched.start()
     watched.wait_for(LOG, "acquisition 3:")
     watched.press("Pause")
-    watched.wait_for(STATUS, "^stopped by SIGINT")
+    watched.wait_for(STATUS, "^stopped by SIG")
     watched.press("Go on")
     watched.wait_for(STATUS, "^found at ")
     assert json.loads(downloaded(watched, "report JSON")) == command_result("--seed", "4")
     # Images of acquisitions before the pause are still there.
-    assert drawn_colours(watched.tab, ".ms-panel-image canvas") > 100
+    watched.wait_for_colours(".ms-panel-image canvas", more_than=100)
 
 
 def test_killed_child_is_said_and_can_go_on(opened, page, command_result):
@@ -198,7 +189,7 @@ def test_tablet_in_the_dark(opened):
     assert watched.tab.evaluate("document.documentElement.scrollWidth") <= 820
     assert watched.tab.evaluate("document.body.classList.contains('body--dark')")
     assert watched.tab.locator(".ms-stop").bounding_box()["height"] >= 48
-    assert drawn_colours(watched.tab, ".ms-panel-fan canvas") > 10
+    watched.wait_for_colours(".ms-panel-fan canvas", more_than=10)
 
 
 def test_slider_goes_back_and_forth(opened):

@@ -6,7 +6,8 @@ import json
 import re
 
 import pytest
-from page_browser import needs_browser, sync_api
+
+from tests.page.page_browser import needs_browser, sync_api
 
 pytestmark = [pytest.mark.real_time, needs_browser]
 
@@ -95,7 +96,7 @@ def test_replay_of_a_journal(opened, journal, shell):
     watched.tab.get_by_role("option", name="simulated_scan.csv").click()
     watched.wait_for(ANGLE, "^–$")
     wait_for_density(watched.tab, drawn=False)
-    assert watched.text(".ms-log") == ""
+    sync_api.expect(log).to_have_text("")
 
 
 def test_replay_of_a_bank_is_a_search_on_it(opened, shell):

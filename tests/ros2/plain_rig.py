@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import sys
 
-from number_stage import NumberStage
-from simulated_acquisition import acquisition_of, armed_guard
-
 from markerseek import rigs
 from markerseek.ros import RosNode
+from tests.ros2.number_stage import NumberStage
+from tests.ros2.simulated_acquisition import acquisition_of, armed_guard
 
 
 def main() -> None:

@@ -14,8 +14,6 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 
 import rclpy
-from number_stage import NumberStage
-from simulated_acquisition import acquisition_of, armed_guard
 
 from markerseek import rigs
 from markerseek.bridges.ros2 import StageNode
@@ -23,6 +21,8 @@ from markerseek.core import Laser, Receiver, Stage
 from markerseek.drivers import Ros2Acquisition, Ros2Stage, Ros2StageSettings, RosReceiver, SystemClock
 from markerseek.ros import RosNode, topics
 from markerseek.testing import LaserContract, ReceiverContract, StageContract
+from tests.ros2.number_stage import NumberStage
+from tests.ros2.simulated_acquisition import acquisition_of, armed_guard
 
 
 class _OverRos:

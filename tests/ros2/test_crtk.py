@@ -16,15 +16,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from ros_processes import MARKERSEEK, Start, answer_of
+
+from tests.ros2.ros_processes import MARKERSEEK, Start, answer_of
 
 pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
-
-from turning import Client
 
 from markerseek.core import Interval, MoveError
 from markerseek.drivers import Ros2Stage, Ros2StageSettings, SystemClock
 from markerseek.ros import RosNode, topics
+from tests.ros2.turning import Client
 
 HERE = Path(__file__).parent
 needs_messages = pytest.mark.skipif(find_spec("crtk_msgs") is None, reason="needs crtk_msgs: PyPI does not have it")

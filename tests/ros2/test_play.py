@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from ros_processes import MARKERSEEK, Start, answer_of
+
+from tests.ros2.ros_processes import MARKERSEEK, Start, answer_of
 
 pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 

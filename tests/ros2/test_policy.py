@@ -13,8 +13,6 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 
-from simulated_acquisition import acquisition_of, armed_guard
-
 from markerseek import rigs
 from markerseek.bridges import Searches, SearchOptions, SearchRequest
 from markerseek.bridges.ros2 import SearchNode, StageNode, publish_registration
@@ -22,6 +20,7 @@ from markerseek.drivers import Ros2Acquisition, Ros2Stage, Ros2StageSettings, Ro
 from markerseek.geometry import RigidTransform
 from markerseek.ros import RosNode, topics
 from markerseek.runs import KnownRegistration
+from tests.ros2.simulated_acquisition import acquisition_of, armed_guard
 
 CRTK = {topics.OPERATING_STATE, topics.STATE_COMMAND, topics.ERROR, topics.WARNING}
 POLICY = Path(__file__).parents[2] / "examples" / "ros2-policy.xml"

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from ros_processes import MARKERSEEK, Start, answer_of, sockets_of
+
+from tests.ros2.ros_processes import MARKERSEEK, Start, answer_of, sockets_of
 
 pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 
@@ -68,7 +69,7 @@ def test_a_search_on_simulated_nodes_in_another_process(start: Start, tmp_path: 
 def test_a_search_on_a_stage_of_plain_numbers(start: Start, tmp_path: Path, alone: dict[str, Any]) -> None:
     assert len((HERE / "number_stage.py").read_text().splitlines()) < 45
     (tmp_path / "rig.toml").write_text(PLAIN_RIG)
-    start(sys.executable, HERE / "plain_rig.py", SEED)
+    start(sys.executable, "-m", "tests.ros2.plain_rig", SEED)
     code, answer = answer_of("search", "--rig", tmp_path / "rig.toml", "--arm", "--json", "--no-journal")
     assert code == 0, answer
     require_same(answer, alone)

@@ -10,13 +10,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from ros_processes import MARKERSEEK, Start
+
+from tests.ros2.ros_processes import MARKERSEEK, Start
 
 pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 
-from turning import Client
-
 from markerseek.ros import RosNode, topics
+from tests.ros2.turning import Client
 
 HERE = Path(__file__).parent
 MAX_AFTER_DEG = 2.5

@@ -1,13 +1,10 @@
-"""The data folder of the system tests, and what they borrow from the unit tests."""
+"""The data folder of the system tests, and the one sandbox that they share."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
 
 
 @pytest.fixture(autouse=True)

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterator
 
 import pytest
+
 from tests.emulated import emulation, markerseek
 
 pytestmark = pytest.mark.real_time

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+
 from tests.emulated import emulation, markerseek
 
 pytestmark = pytest.mark.real_time
@@ -32,7 +33,7 @@ def test_a_search_after_a_death_in_mid_acquisition_names_stale_files_and_finds_t
         before = watched.stat().st_ino
         wait_for(lambda: watched.stat().st_ino != before, first)
         first.send_signal(number)
-        first.communicate(timeout=20)
+        first.communicate(timeout=60)
         ended = subprocess.run(
             markerseek("search", "--rig", rig, *SEARCH), capture_output=True, text=True, timeout=240, check=False
         )

@@ -12,7 +12,7 @@ import pytest
 from markerseek.core import ChannelFrame, SearchPlan
 from markerseek.records.journal import Journal
 from markerseek.rigs import simulated
-from markerseek.runs.journalled import configuration_of
+from markerseek.runs import configuration_of
 from markerseek.sim import MarkerSettings, SimulatedSettings
 
 Shell = Callable[..., tuple[int, str, str]]

@@ -15,15 +15,11 @@ from markerseek.cli import direction as direction_of
 from markerseek.cli import doctor
 from markerseek.cli.direction import verdict_of
 from markerseek.core import RigFacts
-from markerseek.drivers.kdc101 import Kdc101DriverSettings, Kdc101Stage
-from markerseek.drivers.laserbox import LaserBox
-from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
-from markerseek.emulators import DirectPort
-from markerseek.emulators.bench import BenchClock, EmulatedBench
-from markerseek.emulators.kdc101 import EmulatedKdc101
+from markerseek.drivers import Kdc101DriverSettings, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
+from markerseek.emulators import DirectPort, EmulatedBench, EmulatedKdc101
+from markerseek.emulators.bench import BenchClock
 from markerseek.guard import Admission, FiringLimits, Guard
-from markerseek.rigs import Rig
-from markerseek.rigs.spot import image_reader
+from markerseek.rigs import Rig, image_reader
 from markerseek.scan import Scanner
 from markerseek.sim import LaserSettings, MarkerSettings, ReceiverSettings, SimulatedSettings
 

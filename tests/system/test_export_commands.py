@@ -13,7 +13,7 @@ from mcap_ros2.decoder import DecoderFactory
 from markerseek import rigs
 from markerseek.core import ChannelFrame, Measured
 from markerseek.records.banks import FrameBank, read_bank
-from markerseek.runs.bank_scan import scan_bank
+from markerseek.runs import scan_bank
 
 
 @pytest.fixture(scope="module")

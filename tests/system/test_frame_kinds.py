@@ -131,7 +131,7 @@ def test_b_mode_images_beside_channel_data_are_kept_replayed_and_drawn(shell, tm
 
 @pytest.mark.parametrize("receive_focus_m", [None, 40e-3])
 def test_the_simulated_machine_beamforms_as_it_is_written_out(receive_focus_m):
-    from machine_rf import post_beamformed as written_out
+    from tests.unit.signals.machine_rf import post_beamformed as written_out
 
     world = simulated(seed=2).stage._world
     assert isinstance(world, World)

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from changed_configuration import changed
 from markerseek import rigs
 from markerseek.cli.terminal import printable
 from markerseek.core import (
@@ -28,7 +27,8 @@ from markerseek.core import (
 )
 from markerseek.records.journal import Configuration, Interrupted, Journal, verify
 from markerseek.records.journal.events import JournalEvent
-from markerseek.runs.journalled import configuration_of
+from markerseek.runs import configuration_of
+from tests.unit.records.changed_configuration import changed
 
 Shell = Callable[..., tuple[int, str, str]]
 

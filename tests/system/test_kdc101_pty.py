@@ -8,9 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from markerseek.drivers.clock import SystemClock
-from markerseek.drivers.kdc101 import Kdc101DriverSettings, Kdc101Stage
-from markerseek.drivers.serial_port import SerialPort
+from markerseek.drivers import Kdc101DriverSettings, Kdc101Stage, SerialPort, SystemClock
 
 pytestmark = pytest.mark.real_time
 

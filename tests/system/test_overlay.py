@@ -7,7 +7,6 @@ import struct
 import numpy as np
 import pytest
 
-from machine_rf import post_beamformed
 from markerseek.acoustics import Absorber, AcousticModel, Probe, RectanglePulse
 from markerseek.cli.ultrasonix import b_mode_under
 from markerseek.core import (
@@ -24,6 +23,7 @@ from markerseek.pictures import overlay_figure
 from markerseek.signals import SpareReader, probe_preset
 from markerseek.sim import BModeSettings, BModeWorld
 from markerseek.vision import brightest_blob, find_tip
+from tests.unit.signals.machine_rf import post_beamformed
 
 DEPTH_M, LATERAL_M = 36e-3, 4e-3
 SAMPLES = 2080

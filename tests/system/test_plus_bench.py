@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
 from tests.emulated import emulation
 
 pytestmark = pytest.mark.real_time

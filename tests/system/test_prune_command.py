@@ -14,7 +14,7 @@ import pytest
 from markerseek.core import SearchPlan
 from markerseek.records.journal import Journal
 from markerseek.rigs import simulated
-from markerseek.runs.journalled import configuration_of
+from markerseek.runs import configuration_of
 
 Shell = Callable[..., tuple[int, str, str]]
 

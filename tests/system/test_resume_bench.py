@@ -12,17 +12,17 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
-from changed_configuration import changed
 from markerseek import rigs
 from markerseek.core import ConfigError, Interval, RigFacts, SearchPlan
-from markerseek.drivers.settings import BenchLaser, BenchReceiver, BenchSettings, BenchStage
+from markerseek.drivers import BenchLaser, BenchReceiver, BenchSettings
+from markerseek.drivers.settings import BenchStage
 from markerseek.guard import FiringLimits, Limits
 from markerseek.records.journal import Configuration, Journal
-from markerseek.rigs.recipe import BenchRecipe, SimulatedRecipe
-from markerseek.rigs.rig import fingerprint
-from markerseek.runs.rebuild import rebuild_rig
-from markerseek.runs.same_bench import differences_of_benches, require_same_measurement
+from markerseek.rigs import BenchRecipe, SimulatedRecipe, fingerprint
+from markerseek.runs import rebuild_rig, require_same_measurement
+from markerseek.runs.same_bench import differences_of_benches
 from markerseek.sim import SimulatedSettings
+from tests.unit.records.changed_configuration import changed
 
 Shell = Callable[..., tuple[int, str, str]]
 

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from markerseek.rigs import simulated
-from markerseek.rigs.scene import draw_scene
+from markerseek.rigs import draw_scene, simulated
 from markerseek.sim import MarkerSettings, SimulatedSettings
 
 Shell = Callable[..., tuple[int, str, str]]

@@ -8,9 +8,9 @@ import struct
 import numpy as np
 import pytest
 
-from machine_rf import post_beamformed
 from markerseek.acoustics import Absorber, AcousticModel, RectanglePulse
 from markerseek.core import LinearArray
+from tests.unit.signals.machine_rf import post_beamformed
 
 ELEMENT_M = LinearArray().lateral_m
 

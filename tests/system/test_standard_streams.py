@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
 from tests.emulated import markerseek
 
 Shell = Callable[..., tuple[int, str, str]]
@@ -116,7 +117,7 @@ def test_an_empty_element_of_the_python_path_runs_nothing_of_the_current_folder(
         (lab / f"{name}.py").write_text(
             f"open({str(tmp_path / 'imported-')!r} + __name__, 'w').close()\nraise OSError\n"
         )
-    bank = Path(__file__).parents[1] / "unit" / "banks" / "bank.hdf5"
+    bank = Path(__file__).parents[1] / "data" / "banks" / "bank.hdf5"
     environment = os.environ | {"PYTHONPATH": path.format(elsewhere=elsewhere)}
     # The second reads the bank in a child of its own, and refuses its frames.
     for words, code in (((*SEARCH, "--no-journal"), 0), (("bank", "info", bank), 2)):

@@ -10,7 +10,7 @@ from beartype.roar import BeartypeCallHintViolation
 from jaxtyping import TypeCheckError
 
 from markerseek.core import Interval
-from markerseek.search.average import weighted_average
+from markerseek.search import weighted_average
 from markerseek.search.floor import noise_factor
 
 

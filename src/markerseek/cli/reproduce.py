@@ -117,7 +117,7 @@ def _made(section: Section, files: list[Path], duration_s: float) -> dict[str, o
     from markerseek.studies.paper import comparison_table
 
     table = _errors_of_own_bank(section) or comparison_table(section)
-    numbers = [dict(row) for row in table.rows]
+    numbers: list[dict[str, object]] = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
     for number, each in zip(numbers, section.comparisons, strict=False):
         number["limitation"] = each.paper.limitation
     return {
@@ -148,8 +148,12 @@ def _errors_of_own_bank(section: Section) -> Table | None:
         return None
     errors = section.tables[0]
     # One search of each kind: no spread and no interval.
-    filled = [name for name in errors.columns if any(row[name] is not None for row in errors.rows)]
-    return replace(errors, rows=tuple({name: row[name] for name in filled} for row in errors.rows))
+    filled = [number for number in range(len(errors.columns)) if any(row[number] is not None for row in errors.rows)]
+    return replace(
+        errors,
+        columns=tuple(errors.columns[number] for number in filled),
+        rows=tuple(tuple(row[number] for number in filled) for row in errors.rows),
+    )
 
 
 def _print(section: Section, duration_s: float) -> None:
@@ -172,11 +176,11 @@ def _print(section: Section, duration_s: float) -> None:
         stdout.print(table)
     own = _errors_of_own_bank(section)
     if own is not None:
-        names = [name for name in own.columns if name in _SHOWN]
-        titles = [_SHOWN[name] for name in names]
+        chosen = [number for number, name in enumerate(own.columns) if name in _SHOWN]
+        titles = [_SHOWN[own.columns[number]] for number in chosen]
         table = new_table(*titles, left=titles[:1])
         for row in own.rows:
-            table.add_row(*(escape(shown(row[name])) for name in names))
+            table.add_row(*(escape(shown(row[number])) for number in chosen))
         stdout.print(table)
     for remark in section.remarks:
         stdout.print(f"  {escape(remark)}")

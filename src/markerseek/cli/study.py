@@ -77,8 +77,10 @@ def command(
     bounds = _bounds(settings, markers=bound) if bound is not None else []
     finished = [(settings, finish.summary), *(_finished(path) for path in beside or [])]
     pictures = _draw(folder / "error", finished, markers=bound) if plot else ()
+    faults = _faults(settings, finish.summary)
     if as_json:
-        print_json({**msgspec.to_builtins(finish.summary), "bound": bounds} if bounds else finish.summary)
+        more = {name: value for name, value in (("bound", bounds), ("faults", faults)) if value}
+        print_json({**msgspec.to_builtins(finish.summary), **more} if more else finish.summary)
     else:
         show_summary(finish.summary)
         if bounds:
@@ -87,6 +89,17 @@ def command(
         print_path("summary", finish.rows.with_name("summary.json"))
     for path in pictures:
         print_path("picture", path, as_json=as_json)
+    for label, fault in faults.items():
+        stderr.print(f"error: {label}: all of its searches failed, the first one by: {fault}", markup=False)
+    if faults:
+        raise typer.Exit(1)
+
+
+def _faults(study: studies.Study, summary: studies.Summary) -> dict[str, str]:
+    """Why a policy whose searches all failed has failed, by its label."""
+    worked = {policy.policy for policy in summary.policies if policy.answers["failed"].hits < policy.trials}
+    failed = [number for number in range(len(study.policies)) if number not in worked]
+    return {str(study.policies[number]): studies.fault_of(study, number) for number in failed}
 
 
 def _end_stopped(folder: Path, *, as_json: bool) -> NoReturn:

@@ -16,7 +16,7 @@ def best_rotation(
     target_m: Float64[np.ndarray, "points 3"],
     weights: Float64[np.ndarray, " points"],
 ) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, " 3"]]:
-    """Rotation R and translation t, in metres, that minimise Σ w |R p + t − q|².
+    """Rotation R and translation t, in metres, that minimise Σ w ‖R p + t − q‖².
 
     ``source_m``, ``target_m``: the points p and q, at least three that are not on a line (`register_points` checks
     that). ``weights``: weight of each point, positive.

@@ -62,7 +62,7 @@ def average_sigma_deg(curve: Curve, *, step_deg: float, noise_sigma: float, thre
 
     Over curves of 3–17° (FWHM), tails as 1/|t| to 1/|t|^2.5, 30 and 40 dB, 15 to 71 samples and markers anywhere in the
     range, ±1.96 standard deviations hold the marker in 94 to 99 % of searches (Monte Carlo of 1,000 each;
-    ``tests/reference/test_search_coverage.py`` keeps it above 93 %).
+    ``tests/reference/search/test_checked.py`` keeps it above 93 %).
 
     ``step_deg``: step θd of the sweep. ``noise_sigma``: standard deviation σ of one intensity, in its unit; 0 for none.
     ``threshold``: share τ of the largest sample.

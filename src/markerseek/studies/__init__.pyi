@@ -1,16 +1,12 @@
-from .bound import BoundComparison, compare_with_bound, mean_bounds
-from .bound_figure import error_figure
+from .bound import BoundComparison, compare_with_bound, error_figure, mean_bounds
 from .policies import PolicySettings
-from .runner import FinishedStudy, run_study
+from .runner import FinishedStudy, columns, read_rows, run_study, values_of
 from .scene import ClutterAround, Repeats, SceneSettings, SecondSource
-from .settings import Axis, CellWorld, CurveSettings
 from .statistics import Mean, Share
-from .study import Cell, Study, cells
-from .study_file import read_study
+from .study import Axis, Cell, CellWorld, CurveSettings, Study, cells, read_study
 from .summary import FAILURE_DEG, Difference, PolicySummary, Summary, TwoSources, summarise
-from .table import columns, read_rows, values_of
 from .tracking import Track, track
-from .trial import Row, run_row, run_trial
+from .trial import Row, fault_of, run_row, run_trial
 from .workers import default_workers
 from .worlds import intensity_curve
 
@@ -41,6 +37,7 @@ __all__ = [
     "compare_with_bound",
     "default_workers",
     "error_figure",
+    "fault_of",
     "intensity_curve",
     "mean_bounds",
     "read_rows",

@@ -8,9 +8,12 @@ that it must be installed or lie in a folder of PYTHONPATH.
 from __future__ import annotations
 
 import importlib
+import traceback
 import warnings
 from dataclasses import dataclass
+from pathlib import Path
 
+import markerseek
 from markerseek.adapters import ADAPTERS, build_adapter
 from markerseek.core import PAPER_RANGE, ConfigError, Interval, MarkerCurve, MarkerseekError, Policy, Tolerance
 from markerseek.search import METHODS, Method, build, check_acquisitions, method_named, refuse_posterior_settings
@@ -149,14 +152,14 @@ def _build_own(method: str, *, limits: Interval, acquisitions: int) -> Policy:
         raise ConfigError(f"{method}: {problem}; name a class or a function of that module") from problem
     # Code of the user: any error in it is reported under its name, and not as one of this program.
     except Exception as problem:
-        raise ConfigError(f"{method}: importing it failed: {described(problem)}") from problem
+        raise ConfigError(f"{method}: importing it failed: {described(problem)}{own_lines(problem)}") from problem
     try:
         policy = maker(limits=limits, acquisitions=acquisitions)
     except MarkerseekError:
         raise
     except Exception as problem:
         raise ConfigError(
-            f"{method}: calling it with limits and acquisitions failed: {described(problem)}"
+            f"{method}: calling it with limits and acquisitions failed: {described(problem)}{own_lines(problem)}"
         ) from problem
     if not isinstance(policy, Policy):
         raise ConfigError(f"{method}: it made {policy!r:.80}, which has not all of ask, tell and estimate")
@@ -166,3 +169,13 @@ def _build_own(method: str, *, limits: Interval, acquisitions: int) -> Policy:
 def described(problem: Exception) -> str:
     """An error as its class and message in one line."""
     return f"{type(problem).__name__}: {' '.join(str(problem).split())}"
+
+
+def own_lines(problem: Exception) -> str:
+    """The lines of an error's traceback that are not this package's, the last one last, each on a line of its own."""
+    package = Path(markerseek.__file__).parent
+    return "".join(
+        f"\n  {frame.filename}, line {frame.lineno}, in {frame.name}: {frame.line}"
+        for frame in traceback.extract_tb(problem.__traceback__)
+        if package not in Path(frame.filename).parents
+    )

@@ -1,37 +1,47 @@
 """Runs a study into a folder. A study that was interrupted is continued by the same command.
 
-The folder holds ``study.json``, the study that it belongs to; ``parts/``, the lines of each finished chunk; and at the
-end, instead of the parts, ``rows.csv`` and ``summary.json``. Each file is written completely or not at all. The files
-of a continued study are those of an uninterrupted one, byte for byte.
+The folder holds ``study.json``, the study that it belongs to; ``rows.part.csv``, to which rows are added in their
+order; and at the end, instead of it, ``rows.csv``, and ``summary.json``. The files of a continued study are those of an
+uninterrupted one, byte for byte.
+
+In the table numbers have all digits, so that reading gives the same numbers and equal rows are equal bytes. An empty
+field is a missing value.
 """
 
 from __future__ import annotations
 
+import csv
+import io
 import os
-import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain
 from pathlib import Path
-from typing import TypeVar
+from typing import IO, TypeVar
 
 import msgspec
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError, RecordError
-from markerseek.files import MIB, read_input
-from markerseek.studies.study import Study
+from markerseek.files import MIB, open_input, read_input, replace_file, sync_folder
+from markerseek.studies.study import Study, Value, cells
 from markerseek.studies.summary import Summary, summarise
-from markerseek.studies.table import as_csv, chunks, columns, read_rows, run_chunk, write_whole
+from markerseek.studies.trial import Row, run_trial
 from markerseek.studies.workers import default_workers, on_cluster, on_processes
 
-ROWS, SUMMARY, STUDY, PARTS = "rows.csv", "summary.json", "study.json", "parts"
+STUDY, PART, ROWS, SUMMARY = "study.json", "rows.part.csv", "rows.csv", "summary.json"
 """Names in a study's folder."""
 
-_MAX_BYTES = 256 * MIB
-"""Largest file beside the table that is read."""
+COLUMNS = tuple(name for name in Row.__struct_fields__ if name != "settings")
+"""Columns of every table; the varied settings of the study follow, by their keys."""
+
+_MAX_TABLE_BYTES, _MAX_JSON_BYTES = 1 << 40, 256 * MIB
+"""Largest table that is read, line by line, and largest file beside it."""
+
+_CHUNK_ROWS = {"curves": 250, "readings": 64, "frames": 16}
+"""Rows of a chunk, about: at most a second of work, so that little is lost when a study is interrupted, and no worker
+waits long for the last one."""
 
 Kind = TypeVar("Kind")
 
@@ -59,7 +69,7 @@ def run_study(
     finished rows after each chunk.
     """
     try:
-        (folder / PARTS).mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise RecordError(
             f"{folder}: the folder cannot be made ({problem.strerror}); name one that can be written, with --out"
@@ -67,15 +77,13 @@ def run_study(
     with _alone(folder):
         _claim(folder, study)
         if not (folder / ROWS).exists():
-            _run_chunks(study, folder / PARTS, workers=workers, scheduler=scheduler, progress=progress)
-            _join(study, folder)
+            _add_rows(study, folder / PART, workers=workers, scheduler=scheduler, progress=progress)
+            (folder / PART).replace(folder / ROWS)
+            sync_folder(folder)
         if progress is not None:
             progress(study.rows)
         if not (folder / SUMMARY).exists():
-            summary = summarise(study, read_rows(folder / ROWS, study))
-            write_whole(folder / SUMMARY, _json(summary))
-        # Last: however a run ends before this line, parts or table are there to continue from.
-        shutil.rmtree(folder / PARTS)
+            _write_json(folder / SUMMARY, summarise(study, read_rows(folder / ROWS, study)))
         summary = _read(folder / SUMMARY, Summary, cure="; delete it, and it is computed again")
         return FinishedStudy(rows=folder / ROWS, summary=summary)
 
@@ -83,14 +91,21 @@ def run_study(
 def _read(path: Path, kind: type[Kind], *, cure: str = "") -> Kind:
     """Content of a JSON file."""
     try:
-        return msgspec.json.decode(read_input(path, most_bytes=_MAX_BYTES), type=kind)
+        return msgspec.json.decode(read_input(path, most_bytes=_MAX_JSON_BYTES), type=kind)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as problem:
         raise RecordError(f"{path}: it cannot be read: {problem}{cure}") from problem
 
 
+def _write_json(path: Path, value: object) -> None:
+    try:
+        with replace_file(path) as unfinished:
+            unfinished.write_bytes(msgspec.json.format(msgspec.json.encode(value), indent=1) + b"\n")
+    except OSError as problem:
+        raise RecordError(f"{path}: it cannot be written: {problem.strerror}") from problem
+
+
 def _claim(folder: Path, study: Study) -> None:
     """Record the study of the folder, or refuse the folder of another; remove files that were not finished."""
-    claim = {"hash": study.digest, "version": __version__, "study": msgspec.to_builtins(study)}
     path = folder / STUDY
     if path.exists():
         found = _read(path, dict)
@@ -102,52 +117,83 @@ def _claim(folder: Path, study: Study) -> None:
                 "choose another folder, or remove this one"
             )
     else:
-        write_whole(path, _json(claim))
-    for unfinished in [*folder.glob(".*.part"), *(folder / PARTS).glob(".*.part")]:
+        _write_json(path, {"hash": study.digest, "version": __version__, "study": msgspec.to_builtins(study)})
+    for unfinished in folder.glob(".*.part"):
         unfinished.unlink()
 
 
-def _json(value: object) -> list[bytes]:
-    return [msgspec.json.format(msgspec.json.encode(value), indent=1), b"\n"]
-
-
-def _run_chunks(
+def _add_rows(
     study: Study,
-    parts: Path,
+    path: Path,
     *,
     workers: int | None,
     scheduler: str | None,
     progress: Callable[[int], None] | None,
 ) -> None:
-    """Compute the chunks whose parts are missing, and write each as it is ready."""
-    left = [trials for trials in chunks(study) if not _part(parts, trials).exists()]
-    done = study.rows - sum(map(len, left)) * len(study.policies)
-    if scheduler is not None:
-        computed: Iterator[tuple[int, bytes]] = on_cluster(run_chunk, study, left, address=scheduler)
-    else:
-        count = default_workers() if workers is None else workers
-        computed = on_processes(partial(run_chunk, study), left, workers=count)
-    # Closed at Ctrl-C too: the processes would otherwise continue their jobs.
-    with closing(computed):  # type: ignore[type-var]
-        for number, lines in computed:
-            # The hash of a study contains the version of the package that computed it.
-            if not lines.startswith(study.digest.encode()):
-                raise ConfigError("a worker has another version of markerseek than this process; install the same one")
-            write_whole(_part(parts, left[number]), [lines])
-            done += len(left[number]) * len(study.policies)
-            if progress is not None:
-                progress(done)
+    """Compute the rows that an unfinished table lacks, and add each chunk as it is ready."""
+    with _opened(path) as table:
+        done = _whole_trials(table, study)
+        left = chunks(study, first=done)
+        if scheduler is not None:
+            computed: Iterator[bytes] = on_cluster(run_chunk, study, left, address=scheduler)
+        else:
+            count = default_workers() if workers is None else workers
+            computed = on_processes(partial(run_chunk, study), left, workers=count)
+        # Closed at Ctrl-C too: the processes would otherwise continue their jobs.
+        with closing(computed):  # type: ignore[type-var]
+            for lines in computed:
+                # The hash of a study contains the version of the package that computed it.
+                if not lines.startswith(study.digest.encode()):
+                    raise ConfigError(
+                        "a worker has another version of markerseek than this process; install the same one"
+                    )
+                _append(table, lines, path)
+                done += lines.count(b"\n") // len(study.policies)
+                if progress is not None:
+                    progress(done * len(study.policies))
 
 
-def _join(study: Study, folder: Path) -> None:
-    """Write the table from its parts."""
-    parts = (read_input(_part(folder / PARTS, trials), most_bytes=_MAX_BYTES) for trials in chunks(study))
-    write_whole(folder / ROWS, chain([as_csv([columns(study)])], parts))
+def _whole_trials(table: IO[bytes], study: Study) -> int:
+    """Number of whole trials in an unfinished table; what a kill has left behind them is cut off."""
+    head = as_csv([columns(study)])
+    table.seek(0)
+    end = trials = 0
+    if table.readline() == head:
+        end = place = len(head)
+        for number, line in enumerate(table):
+            if not (line.startswith(f"{study.digest},{number},".encode()) and line.endswith(b"\n")):
+                break
+            place += len(line)
+            if (number + 1) % len(study.policies) == 0:
+                end, trials = place, trials + 1
+    table.seek(end)
+    table.truncate()
+    if end == 0:
+        table.write(head)
+    return trials
 
 
-def _part(parts: Path, trials: range) -> Path:
-    """Path of a part. Its name holds its trials, so that a part of chunks of another size is not mistaken for it."""
-    return parts / f"{trials.start:09d}-{trials.stop - 1:09d}.csv"
+def _append(table: IO[bytes], lines: bytes, path: Path) -> None:
+    """Add lines to a table, and have them on the disk."""
+    try:
+        table.write(lines)
+        table.flush()
+        os.fsync(table.fileno())
+    except OSError as problem:
+        raise RecordError(f"{path}: it cannot be written: {problem.strerror}") from problem
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[IO[bytes]]:
+    """A file of the study's folder, to be read and written; made if it is not there."""
+    # Never a link, which would have another file opened, nor a pipe, which would wait for its reader.
+    flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    try:
+        file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | flags, 0o666), "r+b")
+    except OSError as problem:
+        raise RecordError(f"{path}: it cannot be opened: {problem.strerror or problem}; delete it") from problem
+    with file:
+        yield file
 
 
 @contextmanager
@@ -158,14 +204,83 @@ def _alone(folder: Path) -> Iterator[None]:
     except ImportError:  # Windows: without the lock, two runs of one study do the work twice and write the same files
         yield
         return
-    try:
-        # A lock is never a link, which would have another file opened, nor a pipe, which would wait for its reader.
-        descriptor = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
-    except OSError as problem:
-        raise RecordError(f"{folder / '.lock'}: it cannot be opened: {problem.strerror}; delete it") from problem
-    with os.fdopen(descriptor, "r+b", buffering=0) as lock:
+    with _opened(folder / ".lock") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as problem:
             raise RecordError(f"{folder}: another process is running this study; wait for it") from problem
         yield
+
+
+def columns(study: Study) -> tuple[str, ...]:
+    """Names of the columns of a study's table."""
+    return COLUMNS + tuple(axis.key for axis in study.vary)
+
+
+def as_csv(lines: Iterable[Sequence[object]]) -> bytes:
+    """Lines of a table, each a sequence of values."""
+    text = io.StringIO()
+    # The default of the csv module is CRLF, on every system.
+    csv.writer(text, lineterminator="\n").writerows([[_field(value) for value in line] for line in lines])
+    return text.getvalue().encode("utf-8")
+
+
+def values_of(row: Row) -> tuple[object, ...]:
+    """Values of a row in the order of `columns`."""
+    return tuple(getattr(row, name) for name in COLUMNS) + tuple(value for _, value in row.settings)
+
+
+def chunks(study: Study, *, first: int = 0) -> Iterator[range]:
+    """Trials of each chunk from the first on, counted through all cells."""
+    trials = range(first, len(cells(study)) * study.trials)
+    # Whole trials: the policies of a trial share its window and its curve, which are cached.
+    size = max(1, _CHUNK_ROWS[study.level] // len(study.policies))
+    return (trials[start : start + size] for start in range(0, len(trials), size))
+
+
+def run_chunk(study: Study, trials: range) -> bytes:
+    """Lines of the rows of some trials in the table, the same in any process."""
+    everything = cells(study)
+    rows = (
+        run_trial(study, everything[place // study.trials], place % study.trials, policy)
+        for place in trials
+        for policy in range(len(study.policies))
+    )
+    return as_csv(values_of(row) for row in rows)
+
+
+def read_rows(path: Path, study: Study) -> Iterator[Row]:
+    """Rows of a table, one after another."""
+    try:
+        with (
+            open_input(path, most_bytes=_MAX_TABLE_BYTES) as file,
+            io.TextIOWrapper(file, newline="", encoding="utf-8") as lines,
+        ):
+            reader = csv.reader(lines)
+            if tuple(next(reader, ())) != columns(study):
+                raise RecordError(f"{path}: its columns are not those of the study {study.name}")
+            by_cell = [cell.varied for cell in cells(study)]
+            for line in reader:
+                yield _row(line, by_cell)
+    except (OSError, UnicodeDecodeError) as problem:
+        raise RecordError(f"{path}: the table cannot be read: {problem}") from problem
+    except (ValueError, IndexError, msgspec.ValidationError) as problem:
+        raise RecordError(f"{path}: it is not a study's table: {problem}") from problem
+
+
+def _field(value: object) -> object:
+    if isinstance(value, tuple):
+        return " ".join(repr(part) for part in value)
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    # `repr` has as many digits as are needed to read the same double.
+    return repr(value) if isinstance(value, float) else value
+
+
+def _row(line: list[str], by_cell: list[tuple[tuple[str, Value], ...]]) -> Row:
+    named = dict(zip(COLUMNS, line[: len(COLUMNS)], strict=True))
+    values = {name: text or None for name, text in named.items()}
+    marks_deg = [float(part) for part in named["marks_deg"].split()]
+    # The settings of the cell are taken from the study: read as text, a value would lose its type.
+    settings = by_cell[int(named["cell"])]
+    return msgspec.convert({**values, "marks_deg": marks_deg, "settings": settings}, Row, strict=False)

@@ -1,8 +1,4 @@
-"""Means, shares and their 95 % intervals: Student's t for a mean, Clopper and Pearson (1934) for a share.
-
-`Moments` are merged with the formula of T. F. Chan, G. H. Golub and R. J. LeVeque (1979), so that memory does not grow
-with the sample.
-"""
+"""Means, shares and their 95 % intervals: Student's t for a mean, Clopper and Pearson (1934) for a share."""
 
 from __future__ import annotations
 
@@ -17,50 +13,6 @@ CONFIDENCE = 0.95
 """Probability that an interval covers the true value."""
 
 
-class Moments(msgspec.Struct, frozen=True, kw_only=True):
-    """Number, mean and sum of squared differences from the mean of a sample."""
-
-    count: int = 0
-    mean: float = 0.0
-    squares: float = 0.0
-
-    @classmethod
-    def of(cls, values: Sequence[float]) -> Moments:
-        """Moments of these values."""
-        if not values:
-            return cls()
-        # Two passes: with the sum of squares alone, digits would cancel.
-        mean = float(np.mean(values))
-        return cls(count=len(values), mean=mean, squares=float(np.sum((np.asarray(values) - mean) ** 2)))
-
-    def merged(self, other: Moments) -> Moments:
-        """Moments of both samples together."""
-        count = self.count + other.count
-        if count == 0:
-            return self
-        # Difference of the means, not sums of squares: those of large samples would cancel.
-        apart = other.mean - self.mean
-        return Moments(
-            count=count,
-            mean=self.mean + apart * other.count / count,
-            squares=self.squares + other.squares + apart**2 * self.count * other.count / count,
-        )
-
-    @property
-    def sd(self) -> float | None:
-        """Standard deviation of a value, with n − 1; None for fewer than two."""
-        return math.sqrt(self.squares / (self.count - 1)) if self.count > 1 else None
-
-    @property
-    def interval(self) -> tuple[float, float] | None:
-        """Interval of the mean, by Student's t; None for fewer than two."""
-        if self.sd is None:
-            return None
-        # The quantile itself: `scipy.stats.t` gives the same and takes 0.4 s to import.
-        half = float(stdtrit(self.count - 1, (1 + CONFIDENCE) / 2)) * self.sd / math.sqrt(self.count)
-        return self.mean - half, self.mean + half
-
-
 class Mean(msgspec.Struct, frozen=True, kw_only=True):
     """A mean with its 95 % interval, and the standard deviation of one value; None where there are too few."""
 
@@ -70,10 +22,21 @@ class Mean(msgspec.Struct, frozen=True, kw_only=True):
     sd: float | None
 
     @classmethod
-    def of(cls, moments: Moments) -> Mean:
-        """Mean of a sample with these moments."""
-        mean = moments.mean if moments.count else None
-        return cls(count=moments.count, mean=mean, interval95=moments.interval, sd=moments.sd)
+    def of(cls, values: Sequence[float]) -> Mean:
+        """Mean of a sample."""
+        count = len(values)
+        mean = float(np.mean(values)) if count else None
+        if mean is None or count < 2:
+            return cls(count=count, mean=mean, interval95=None, sd=None)
+        sd = float(np.std(values, ddof=1))
+        # The quantile itself: `scipy.stats.t` gives the same and takes 0.4 s to import.
+        half = float(stdtrit(count - 1, (1 + CONFIDENCE) / 2)) * sd / math.sqrt(count)
+        return cls(count=count, mean=mean, interval95=(mean - half, mean + half), sd=sd)
+
+    @property
+    def half(self) -> float | None:
+        """Half the width of the interval; None for fewer than two values."""
+        return None if self.interval95 is None else (self.interval95[1] - self.interval95[0]) / 2
 
 
 class Share(msgspec.Struct, frozen=True, kw_only=True):

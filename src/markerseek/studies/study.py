@@ -1,4 +1,4 @@
-"""A study: policies, simulated worlds, number of trials, and seed.
+"""A study: policies, simulated worlds, number of trials, and seed; read from a TOML file by `read_study`.
 
 A world is a simulated rig with its intensity curve. ``vary`` lists settings with several values; every combination of
 them is a cell of the study. The rows of its table are in a fixed order: by cell, then by trial, then by policy.
@@ -15,27 +15,77 @@ import hashlib
 import itertools
 import math
 import typing
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from operator import attrgetter
-from typing import Literal
+from pathlib import Path
+from typing import Literal, TypeAlias
 
 import msgspec
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError
-from markerseek.files import in_words, require_choice, require_key
-from markerseek.sim import SimulatedSettings, hashable_values
+from markerseek.files import in_words, known_keys, read_toml, require_choice, require_key
+from markerseek.sim import PowerCurve, SimulatedSettings, hashable_values
 from markerseek.studies.policies import PolicySettings
 from markerseek.studies.scene import SceneSettings
-from markerseek.studies.settings import Axis, CellWorld, CurveSettings, Value
 
 VERSION = 1
 """Version of the form of a study."""
 
 MAX_POLICIES, MAX_CELLS, MAX_ROWS = 1000, 10_000, 10**9
 """Most policies, combinations of varied settings, and rows of the table, of one study."""
+
+
+Value: TypeAlias = str | float | int | bool | None
+"""A setting that can be varied."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CurveSettings:
+    """Source of the intensities at the level "curves"; at the other levels they come from the acoustics."""
+
+    family: Literal["acoustic", "gaussian", "sech", "power"] = "acoustic"
+    """The acoustics of the rig, or a closed form (`markerseek.sim.curves`)."""
+    fwhm_deg: float = 10.0
+    power: float = 1.0
+    """``fwhm_deg`` and ``power``: full width at half maximum in degrees and exponent of the tails, for the closed
+    forms."""
+    draws: int = 4
+    """Number of spots of a tissue that are drawn, each with its curve; a trial takes one of them."""
+    noise_stated: bool = True
+    """Whether each intensity comes with its noise and cells, after dark frames; otherwise it is as in a CSV."""
+
+    def __post_init__(self) -> None:
+        # The closed forms know their own bounds.
+        PowerCurve(fwhm_deg=self.fwhm_deg, power=self.power)
+        if not 1 <= self.draws <= 1000:
+            raise ConfigError(f"curve: draws is {self.draws}, it must lie between 1 and 1000")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Axis:
+    """A setting that takes several values."""
+
+    key: str
+    """Its dotted name, as in ``rig.noise.peak_snr_db`` or ``curve.fwhm_deg``."""
+    values: tuple[Value, ...]
+
+    def __post_init__(self) -> None:
+        if not self.values:
+            raise ConfigError(f"vary: {self.key} has no values; give at least one, or leave it out")
+        if len(set(self.values)) < len(self.values):
+            raise ConfigError(f"vary: {self.key} names a value twice: {list(self.values)}; the cells would be the same")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CellWorld:
+    """All settings of one cell."""
+
+    curve: CurveSettings
+    rig: SimulatedSettings
+    scene: SceneSettings = field(default_factory=SceneSettings)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,7 +99,7 @@ class Study:
     """Searches of each policy in each cell."""
     level: Literal["curves", "readings", "frames"] = "curves"
     """From intensity curves; from simulated channel data (hundreds of times slower); or from readings of channel data
-    that are cut to where the marker is (`markerseek.studies.window_world`)."""
+    that are cut to where the marker is (`markerseek.studies.window`)."""
     drawn: Literal["marker", "everything"] = "marker"
     """What is drawn in each trial besides noise: the marker's angle and place, or everything that is unknown in the
     physics table (`markerseek.studies.unknowns`), which needs readings or frames."""
@@ -148,16 +198,13 @@ def cells(study: Study) -> tuple[Cell, ...]:
         if study.drawn == "everything":
             _require_default(world.rig, tissues=study.level == "frames")
         # Of the settings without the version and the index: a cell keeps its markers when others are added.
-        digest = int.from_bytes(_hashed(_of_the_first_version(world)).digest()[:8], "big")
+        digest = int.from_bytes(_hashed(_hashable(world)).digest()[:8], "big")
         made.append(Cell(index=index, varied=varied, world=world, digest=digest))
     return tuple(made)
 
 
-def _of_the_first_version(world: CellWorld) -> dict[str, typing.Any]:
-    """Settings of a world as the first version had them, so that its trials keep their seeds, and so their markers.
-
-    A setting that came later counts only where it is used.
-    """
+def _hashable(world: CellWorld) -> dict[str, typing.Any]:
+    """Settings of a world for the seed of its trials: without an empty scene, and without stated noise."""
     settings: dict[str, typing.Any] = msgspec.to_builtins(world) | {"rig": hashable_values(world.rig)}
     if world.scene == SceneSettings():
         del settings["scene"]
@@ -244,3 +291,50 @@ def _changed(settings: T, path: Sequence[str], value: Value, *, whole: str) -> T
 def _hashed(value: object) -> hashlib._Hash:
     # Keys sorted: the order of fields in a class must not change the hash, and with it the markers.
     return hashlib.sha256(msgspec.json.encode(value, order="deterministic"))
+
+
+def read_study(path: Path) -> Study:
+    """Study of a TOML file.
+
+    Its keys are the fields of `Study`. ``[vary]`` has lists under dotted keys; a list as ``acquisitions`` of a policy
+    makes one policy of each number; the word ``"none"`` is the value None.
+    """
+    table = read_toml(path, what="study file")
+    try:
+        # The check of keys does not look into lists of tables: each policy is checked by itself.
+        policies = [expanded for entry in _tables(table.pop("policies", [])) for expanded in _policies(entry)]
+        vary = [{"key": key, "values": values} for key, values in _flat(table.pop("vary", {}))]
+        settings = known_keys(table, Study)
+        return msgspec.convert({"name": path.stem, **settings, "policies": policies, "vary": vary}, Study)
+    except msgspec.ValidationError as problem:
+        raise ConfigError(f"{path}: {in_words(problem)}") from problem
+    except ConfigError as problem:
+        raise ConfigError(f"{path}: {problem}") from problem
+
+
+def _tables(entries: object) -> list[dict[str, object]]:
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        raise ConfigError("policies must be tables, each headed [[policies]]")
+    return entries
+
+
+def _policies(entry: dict[str, object]) -> list[dict[str, object]]:
+    """One table of a policy for each number of acquisitions."""
+    known = known_keys(entry, PolicySettings, prefix="policies.")
+    numbers = known.get("acquisitions")
+    return [{**known, "acquisitions": number} for number in (numbers if isinstance(numbers, list) else [numbers])]
+
+
+def _flat(table: object, prefix: str = "") -> list[tuple[str, list[object]]]:
+    """Dotted keys of nested tables, with their lists."""
+    if not isinstance(table, Mapping):
+        raise ConfigError("vary must be a table of lists, headed [vary]")
+    found: list[tuple[str, list[object]]] = []
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            found += _flat(value, f"{prefix}{key}.")
+        elif isinstance(value, list):
+            found.append((f"{prefix}{key}", [None if entry == "none" else entry for entry in value]))
+        else:
+            raise ConfigError(f"vary: {prefix}{key} is {value!r}, a list of values is needed")
+    return found

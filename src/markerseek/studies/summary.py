@@ -4,22 +4,21 @@ There are two sets of figures. Of the searches that answer `Found`: error, and f
 `FAILURE_DEG` or something found without a marker. Of every search with a marker, whatever its answer: error of
 ``mean_deg``, shares off by more than `FAILURE_DEG`, not found, missed (the answer "not found"), and found but off by
 more than `CLAIM_TOLERANCES` times the tolerance (promise P10); and how often a 95 % interval covers the truth (P11).
-Counts and moments are added up row by row: memory does not grow with the table.
+The table is in the order of the cells, and one cell is held in memory.
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter, defaultdict
-from collections.abc import Iterable
-from itertools import combinations, groupby, islice
+from collections.abc import Callable, Iterable, Sequence
+from itertools import combinations, groupby
 
 import msgspec
+import numpy as np
 
 from markerseek.studies.policies import PolicySettings
-from markerseek.studies.settings import Value
-from markerseek.studies.statistics import Mean, Moments, Share
-from markerseek.studies.study import Cell, Study, cells
+from markerseek.studies.statistics import Mean, Share
+from markerseek.studies.study import Cell, Study, Value, cells
 from markerseek.studies.trial import ANSWERS, Row
 
 FAILURE_DEG = 4.33
@@ -30,9 +29,6 @@ CLAIM_TOLERANCES = 2.0
 
 ALL_PAIRS = 6
 """Most policies of which every pair is compared; with more, pairs with the same number of acquisitions."""
-
-_BLOCK = 4096
-"""Rows, at least, whose moments are computed together: NumPy is slow on a few values, and memory must not grow."""
 
 
 class TwoSources(msgspec.Struct, frozen=True, kw_only=True):
@@ -112,30 +108,15 @@ def summarise(study: Study, rows: Iterable[Row]) -> Summary:
 
     ``rows``: in the order of the table: a trial's policies one after another.
     """
-    pairs = compared(study.policies)
     policies: list[PolicySummary] = []
     differences: list[Difference] = []
-    # Whole trials, so that all policies of a trial are in one block.
-    block_rows = -(-_BLOCK // len(study.policies)) * len(study.policies)
-    count = 0
-    # The table is in the order of the cells, so that a cell is finished before the next begins.
     for index, of_cell in groupby(rows, key=lambda row: row.cell):
-        tallies = [_Tally(len(study.marks)) for _ in study.policies]
-        apart = [Moments() for _ in pairs]
-        while block := list(islice(of_cell, block_rows)):
-            by_policy: defaultdict[int, list[Row]] = defaultdict(list)
-            for row in block:
-                by_policy[row.policy].append(row)
-            for policy, tally in enumerate(tallies):
-                tally.add(by_policy[policy])
-            # Of the same trials: their common noise cancels, and the interval is narrower than that of two means.
-            apart = [
-                moments.merged(Moments.of(_apart(by_policy[one], by_policy[other])))
-                for moments, (one, other) in zip(apart, pairs, strict=True)
-            ]
-            count += len(block)
+        by_policy: list[list[Row]] = [[] for _ in study.policies]
+        for row in of_cell:
+            by_policy[row.policy].append(row)
         policies += [
-            tally.summary(cells(study)[index], policy, study.policies[policy]) for policy, tally in enumerate(tallies)
+            _summary(cells(study)[index], number, settings, by_policy[number], marks=len(study.marks))
+            for number, settings in enumerate(study.policies)
         ]
         differences += [
             Difference(
@@ -143,15 +124,16 @@ def summarise(study: Study, rows: Iterable[Row]) -> Summary:
                 policy=one,
                 other=other,
                 labels=(str(study.policies[one]), str(study.policies[other])),
-                error_deg=Mean.of(moments),
+                # Of the same trials: their common noise cancels, and the interval is narrower than that of two means.
+                error_deg=Mean.of(_apart(by_policy[one], by_policy[other])),
             )
-            for moments, (one, other) in zip(apart, pairs, strict=True)
+            for one, other in compared(study.policies)
         ]
     return Summary(
         study=study.digest,
         name=study.name,
         level=study.level,
-        rows=count,
+        rows=sum(policy.trials for policy in policies),
         failure_deg=FAILURE_DEG,
         policies=policies,
         differences=differences,
@@ -172,108 +154,87 @@ def _apart(one: list[Row], other: list[Row]) -> list[float]:
     return [a - b for a, b in errors if a is not None and b is not None]
 
 
-class _Tally:
-    """Counts and moments of one policy in one cell, added up row by row."""
-
-    def __init__(self, marks: int) -> None:
-        self._marks = range(marks)
-        self._counts: Counter[str] = Counter()
-        self._answers = dict.fromkeys(ANSWERS, 0)
-        self._moments: defaultdict[str | int, Moments] = defaultdict(Moments)
-
-    def add(self, rows: list[Row]) -> None:
-        """Add some rows."""
-        errors = [row.error_deg for row in rows if row.error_deg is not None]
-        values: dict[str | int, list[float]] = {
-            "found error": [error for row in rows if (error := _found_error(row)) is not None],
-            "error": errors,
-            "square": [error**2 for error in errors],
-            "acquisitions": [float(row.acquisitions) for row in rows if row.acquisitions is not None],
-            "travel": [row.travel_deg for row in rows if row.travel_deg is not None],
-            "elapsed": [row.elapsed_s for row in rows if row.elapsed_s is not None],
-        }
-        for mark in self._marks:
-            # A search that a device ended has no answers at the marks.
-            values[mark] = [
-                abs(row.marks_deg[mark] - row.truth_deg) for row in rows if row.truth_deg is not None and row.marks_deg
-            ]
-        for name, numbers in values.items():
-            self._moments[name] = self._moments[name].merged(Moments.of(numbers))
-        for row in rows:
-            self._answers[row.answer] += 1
-            self._counts.update(trials=1, failed=_failed(row), refused=row.refused)
-            self._count(row)
-
-    def _count(self, row: Row) -> None:
-        found = row.answer == "found"
-        if row.truth_deg is None:
-            self._counts.update(no_marker=1, false_found=found)
-            return
-        if row.second_deg is not None:
-            stronger = row.answer == "ambiguous" or (found and row.nearest == "stronger")
-            self._counts.update(two=1, stronger=stronger, named=row.other_deg is not None)
-            self._counts.update({f"found {row.nearest}": found})
+def _summary(cell: Cell, number: int, settings: PolicySettings, rows: Sequence[Row], *, marks: int) -> PolicySummary:
+    """Summary of one policy in one cell."""
+    marked = [row for row in rows if row.truth_deg is not None]
+    errors_deg = _known(row.error_deg for row in rows)
+    return PolicySummary(
+        cell=cell.index,
+        settings=dict(cell.varied),
+        policy=number,
+        label=str(settings),
+        method=settings.method,
+        acquisitions_most=settings.most,
+        as_published=settings.as_published,
+        early_end=settings.early_end,
+        trials=len(rows),
+        error_deg=Mean.of(_known(_found_error(row) for row in rows)),
+        failures=_share((row for row in rows if row.answer == "found"), _failed),
+        any_error_deg=Mean.of(errors_deg),
+        rmse_deg=math.sqrt(float(np.mean(np.square(errors_deg)))) if errors_deg else None,
         # A search that a device ended has no error: it is off, and nothing was claimed.
-        error_deg = math.inf if row.error_deg is None else row.error_deg
-        self._counts.update(
-            marker=1,
-            off=not error_deg <= FAILURE_DEG,
-            not_found=not found,
-            missed=row.answer == "not found",
-            wrong=found and not error_deg <= CLAIM_TOLERANCES * row.tolerance_deg,
-        )
-        if row.low_deg is not None and row.high_deg is not None:
-            self._counts.update(intervals=1, covered=row.low_deg <= row.truth_deg <= row.high_deg)
+        off=_share(marked, lambda row: _is_off(row, FAILURE_DEG)),
+        not_found=_share(marked, lambda row: row.answer != "found"),
+        missed=_share(marked, lambda row: row.answer == "not found"),
+        wrong_claims=_share(
+            marked, lambda row: row.answer == "found" and _is_off(row, CLAIM_TOLERANCES * row.tolerance_deg)
+        ),
+        covered=_share((row for row in marked if row.low_deg is not None), _covers),
+        false_found=_share((row for row in rows if row.truth_deg is None), lambda row: row.answer == "found"),
+        # A search that a device ended has no answers at the marks.
+        marks_deg=[
+            Mean.of([abs(row.marks_deg[mark] - (row.truth_deg or 0.0)) for row in marked if row.marks_deg])
+            for mark in range(marks)
+        ],
+        answers={answer: _share(rows, lambda row, answer=answer: row.answer == answer) for answer in ANSWERS},  # type: ignore[misc]
+        acquisitions=Mean.of(_known(row.acquisitions for row in rows)),
+        travel_deg=Mean.of(_known(row.travel_deg for row in rows)),
+        elapsed_s=Mean.of(_known(row.elapsed_s for row in rows)),
+        refused=sum(row.refused for row in rows),
+        two_sources=_two_sources([row for row in marked if row.second_deg is not None]),
+    )
 
-    def summary(self, cell: Cell, policy: int, settings: PolicySettings) -> PolicySummary:
-        """Return the summary of all rows so far."""
-        counts = self._counts
 
-        def mean(name: str | int) -> Mean:
-            return Mean.of(self._moments[name])
+def _two_sources(rows: Sequence[Row]) -> TwoSources | None:
+    def found_at(row: Row, source: str) -> bool:
+        return row.answer == "found" and row.nearest == source
 
-        mean_square = mean("square").mean
-        return PolicySummary(
-            cell=cell.index,
-            settings=dict(cell.varied),
-            policy=policy,
-            label=str(settings),
-            method=settings.method,
-            acquisitions_most=settings.most,
-            as_published=settings.as_published,
-            early_end=settings.early_end,
-            trials=counts["trials"],
-            error_deg=mean("found error"),
-            failures=Share.of(counts["failed"], self._answers["found"]),
-            any_error_deg=mean("error"),
-            rmse_deg=None if mean_square is None else math.sqrt(mean_square),
-            off=Share.of(counts["off"], counts["marker"]),
-            not_found=Share.of(counts["not_found"], counts["marker"]),
-            missed=Share.of(counts["missed"], counts["marker"]),
-            wrong_claims=Share.of(counts["wrong"], counts["marker"]),
-            covered=Share.of(counts["covered"], counts["intervals"]),
-            false_found=Share.of(counts["false_found"], counts["no_marker"]),
-            marks_deg=[mean(mark) for mark in self._marks],
-            answers={answer: Share.of(hits, counts["trials"]) for answer, hits in self._answers.items()},
-            acquisitions=mean("acquisitions"),
-            travel_deg=mean("travel"),
-            elapsed_s=mean("elapsed"),
-            refused=counts["refused"],
-            two_sources=None
-            if counts["two"] == 0
-            else TwoSources(
-                stronger=Share.of(counts["stronger"], counts["two"]),
-                weaker=Share.of(counts["found weaker"], counts["two"]),
-                between=Share.of(counts["found between"], counts["two"]),
-                named=Share.of(counts["named"], counts["two"]),
-            ),
-        )
+    if not rows:
+        return None
+    return TwoSources(
+        stronger=_share(rows, lambda row: row.answer == "ambiguous" or found_at(row, "stronger")),
+        weaker=_share(rows, lambda row: found_at(row, "weaker")),
+        between=_share(rows, lambda row: found_at(row, "between")),
+        named=_share(rows, lambda row: row.other_deg is not None),
+    )
+
+
+def _share(rows: Iterable[Row], holds: Callable[[Row], bool]) -> Share:
+    """Share of the rows for which something holds."""
+    held = [holds(row) for row in rows]
+    return Share.of(sum(held), len(held))
+
+
+def _known(values: Iterable[float | None]) -> list[float]:
+    """The values that are known."""
+    return [value for value in values if value is not None]
+
+
+def _is_off(row: Row, limit_deg: float) -> bool:
+    """Whether the error is beyond a limit, or unknown."""
+    # Not ">": an error of NaN must count as a failure.
+    return row.error_deg is None or not row.error_deg <= limit_deg
+
+
+def _covers(row: Row) -> bool:
+    """Whether the 95 % interval holds the truth."""
+    low_deg, truth_deg, high_deg = row.low_deg, row.truth_deg, row.high_deg
+    return low_deg is not None and truth_deg is not None and high_deg is not None and low_deg <= truth_deg <= high_deg
 
 
 def _failed(row: Row) -> bool:
     """Whether a search found something wrong: too far from the marker, or without a marker."""
-    # Not ">": an error of NaN must count as a failure.
-    return row.answer == "found" and (row.error_deg is None or not row.error_deg <= FAILURE_DEG)
+    return row.answer == "found" and _is_off(row, FAILURE_DEG)
 
 
 def _found_error(row: Row) -> float | None:

@@ -24,9 +24,8 @@ from markerseek.core import (
 )
 from markerseek.records import answer_name
 from markerseek.scan import run
-from markerseek.studies.policies import PolicySettings, build_policy, described, is_own
-from markerseek.studies.settings import Value
-from markerseek.studies.study import Cell, Study, cells
+from markerseek.studies.policies import PolicySettings, build_policy, described, is_own, own_lines
+from markerseek.studies.study import Cell, Study, Value, cells
 from markerseek.studies.worlds import Draw, draw_trial, former_rig, study_rig
 
 ANSWERS = ("found", "not found", "ambiguous", "at bound", "unsure", "failed")
@@ -94,7 +93,11 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
     draw = draw_trial(study, cell, trial)
     rig = study_rig(study, cell, draw)
     prior = former_curve(study, cell, trial, settings)
-    finished, refused, marks_deg = _search(study, settings, rig, prior=prior)
+    try:
+        finished, refused, marks_deg = _search(study, settings, rig, prior=prior)
+    # Simulated faults are part of a study. Other errors are errors of its settings, and end it.
+    except DeviceError:
+        finished, refused, marks_deg = None, 0, ()
     estimate = finished.estimate if finished is not None else None
     interval = estimate.interval95_deg if isinstance(estimate, Found | Unsure) else None
     # float(): a user's own policy may answer in NumPy's numbers, which no table holds.
@@ -145,8 +148,11 @@ def former_curve(study: Study, cell: Cell, trial: int, settings: PolicySettings)
     """Return the curve of the former marker of a trial, by a search for it; None if none is asked for, or found."""
     if not settings.prior:
         return None
-    finished, _, _ = _search(study, settings, former_rig(study, cell, trial))
-    return finished.estimate.curve if finished is not None and isinstance(finished.estimate, Found) else None
+    try:
+        finished, _, _ = _search(study, settings, former_rig(study, cell, trial))
+    except DeviceError:
+        return None
+    return finished.estimate.curve if isinstance(finished.estimate, Found) else None
 
 
 class TwoAngles(NamedTuple):
@@ -187,12 +193,23 @@ def run_row(study: Study, row: int) -> Row:
     return run_trial(study, cells(study)[cell], trial, policy)
 
 
+def fault_of(study: Study, policy: int) -> str:
+    """Return in words the fault that ends the first search of a policy, which is run again; empty if none ends it."""
+    cell = cells(study)[0]
+    rig = study_rig(study, cell, draw_trial(study, cell, 0))
+    try:
+        _search(study, study.policies[policy], rig, prior=former_curve(study, cell, 0, study.policies[policy]))
+    except DeviceError as problem:
+        return described(problem)
+    return ""
+
+
 def _search(
     study: Study, settings: PolicySettings, rig: rigs.Rig, *, prior: MarkerCurve | None = None
-) -> tuple[Finished | None, int, tuple[float, ...]]:
-    """End of a search (None after a fault of a device), number of refused frames, and answers at the marks."""
+) -> tuple[Finished, int, tuple[float, ...]]:
+    """End of a search, number of refused frames, and answers at the marks; `DeviceError` if a device ended it."""
     policy = build_policy(settings, limits=rig.limits.search, start_deg=rig.stage.angle_deg, prior=prior)
-    finished, refused = None, 0
+    refused = 0
     marks_deg: list[float] = []
     dark_frames = 0 if settings.as_published else rig.dark_frames
     try:
@@ -203,15 +220,13 @@ def _search(
             elif isinstance(event, Asked) and event.role == "search" and event.index - 1 in study.marks:
                 marks_deg.append(float(policy.estimate().mean_deg))
             elif isinstance(event, Finished):
-                finished = event
                 # A search that ended before a mark has its final answer there.
                 missing = len(study.marks) - len(marks_deg)
-                marks_deg += [float(event.estimate.mean_deg)] * missing
-    # Simulated faults are part of a study. Other errors are errors of its settings, and end it.
-    except DeviceError:
-        return None, refused, ()
+                return event, refused, (*marks_deg, *[float(event.estimate.mean_deg)] * missing)
     except Exception as problem:
         if isinstance(problem, MarkerseekError) or not is_own(settings.method):
             raise
-        raise SearchError(f"{settings.method}: the policy failed: {described(problem)}") from problem
-    return finished, refused, tuple(marks_deg)
+        raise SearchError(
+            f"{settings.method}: the policy failed: {described(problem)}{own_lines(problem)}"
+        ) from problem
+    raise SearchError("the run ended without an answer")

@@ -1,7 +1,7 @@
 """Jobs on processes of this machine or on a Dask cluster: chunks of a study, parts of a reproduction.
 
-At most a few jobs for each worker are under way, so that memory does not grow with their number. Dask is an extra, and
-imported here only.
+Results come in the order of the jobs. A few jobs for each worker are under way at a time: memory does not grow with
+their number. Dask is an extra, and imported here only.
 """
 
 from __future__ import annotations
@@ -11,18 +11,18 @@ import multiprocessing
 import os
 import signal
 import threading
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
+from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
-from itertools import islice
 from typing import TypeVar
 
 from markerseek.core import ConfigError, MarkerseekError, needs_package
 
-_AHEAD, _AHEAD_ON_CLUSTER = 2, 3
-"""Jobs under way for each worker, and for each thread of a cluster: one at work, the others waiting."""
+_AHEAD = 8
+"""Jobs under way for each worker: the next ones go on while one that takes long is waited for."""
 
 _TIMEOUT_S = 20
 """Longest time in which a cluster answers, in seconds."""
@@ -38,16 +38,16 @@ def default_workers() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, workers: int) -> Iterator[tuple[int, Done]]:
-    """Index and result of each job, as it is ready; closing the iterator ends the processes.
+def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, workers: int) -> Iterator[Done]:
+    """Result of each job, in their order; closing the iterator ends the processes.
 
-    ``function``: a function of a module, or `functools.partial` of one, which other processes can import. ``jobs``: its
-    arguments, one after another. ``workers``: number of processes; 1 computes in this one.
+    ``function``: a function of a module, or `functools.partial` of one, which other processes can import. ``workers``:
+    number of processes; 1 computes in this one.
     """
     if workers < 1:
         raise ConfigError(f"workers is {workers}, at least 1 is needed")
     if workers == 1:
-        yield from enumerate(map(function, jobs))
+        yield from map(function, jobs)
         return
     # The command that starts a worker would import from the current folder, before it takes over our own path.
     before = os.environ.get("PYTHONSAFEPATH")
@@ -56,7 +56,7 @@ def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, worker
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(max_workers=workers, mp_context=context, initializer=_begin)
     try:
-        yield from _as_ready(partial(_submit, pool, function), jobs, ahead=_AHEAD * workers)
+        yield from _in_order(partial(_submit, pool, function), jobs, ahead=_AHEAD * workers)
     except BrokenProcessPool as problem:
         raise MarkerseekError(
             "a worker process was ended from outside, perhaps for lack of memory; run the same command again with "
@@ -101,23 +101,21 @@ def _interrupt_later() -> Iterator[None]:
             signal.raise_signal(signal.SIGINT)
 
 
-def _as_ready(submit: Callable[[Job], Future[Done]], jobs: Iterable[Job], *, ahead: int) -> Iterator[tuple[int, Done]]:
-    """Index and result of each submitted job, as it is ready; at most `ahead` are under way, to bound the memory."""
-    waiting = enumerate(jobs)
-    under_way = {submit(job): number for number, job in islice(waiting, ahead)}
+def _in_order(submit: Callable[[Job], Future[Done]], jobs: Iterable[Job], *, ahead: int) -> Iterator[Done]:
+    """Result of each submitted job, in their order; at most `ahead` are under way."""
+    under_way: deque[Future[Done]] = deque()
+    for job in jobs:
+        under_way.append(submit(job))
+        if len(under_way) >= ahead:
+            yield under_way.popleft().result()
     while under_way:
-        ready, _ = wait(under_way, return_when=FIRST_COMPLETED)
-        for future in ready:
-            done = under_way.pop(future)
-            # Submitted before the result is used: no worker waits for the caller.
-            under_way.update((submit(job), number) for number, job in islice(waiting, 1))
-            yield done, future.result()
+        yield under_way.popleft().result()
 
 
 def on_cluster(
     function: Callable[[Shared, Job], Done], shared: Shared, jobs: Iterable[Job], *, address: str
-) -> Iterator[tuple[int, Done]]:
-    """Index and result of each job, as it is ready; closing the iterator cancels the rest.
+) -> Iterator[Done]:
+    """Result of each job, in their order; closing the iterator cancels the rest.
 
     ``function``: a function of a module; the workers need the same version of this package. ``shared``, ``jobs``: its
     first argument, which is the same for all, and its second ones, one after another.
@@ -136,7 +134,7 @@ def on_cluster(
         submit = partial(client.get_executor(pure=False).submit, function, everywhere)
         threads = sum(client.nthreads().values()) or 1
         try:
-            yield from _as_ready(submit, jobs, ahead=_AHEAD_ON_CLUSTER * threads)
+            yield from _in_order(submit, jobs, ahead=_AHEAD * threads)
         except (distributed.KilledWorker, distributed.comm.CommClosedError, CancelledError) as problem:
             raise MarkerseekError(f"the cluster failed: {problem}; run the same command again to continue") from problem
 

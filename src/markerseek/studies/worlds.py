@@ -37,11 +37,9 @@ from markerseek.sim import (
     tissue_named,
 )
 from markerseek.studies.scene import DrawnScene, draw_extra_sources
-from markerseek.studies.settings import CurveSettings
-from markerseek.studies.study import Cell, Study
+from markerseek.studies.study import Cell, CurveSettings, Study
 from markerseek.studies.unknowns import MARKER_RADIUS_M, Unknowns, draw_unknowns
-from markerseek.studies.window import window_of
-from markerseek.studies.window_world import PrecomputedReader, WindowWorld
+from markerseek.studies.window import PrecomputedReader, WindowWorld, window_of
 
 _LARGEST_COUNTS = 2000.0
 """Largest count in a channel, of all sources and `_NOISE_SIGMAS` of noise; full scale is 2047."""

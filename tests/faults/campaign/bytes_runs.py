@@ -17,27 +17,24 @@ from markerseek.core import (
     Failed,
     Finished,
     Found,
+    Int16,
     MarkerseekError,
     Measured,
     Refused,
     RigFacts,
     SearchPlan,
 )
-from markerseek.core.shapes import Int16
-from markerseek.drivers.kdc101 import Kdc101Stage
-from markerseek.drivers.laserbox import LaserBox
-from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
-from markerseek.emulators import DirectPort
-from markerseek.emulators.bench import BenchClock, EmulatedBench
+from markerseek.drivers import Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
+from markerseek.emulators import DirectPort, EmulatedBench
+from markerseek.emulators.bench import BenchClock
 from markerseek.emulators.laserbox import Pulse
 from markerseek.emulators.stage_faults import STAGE_FAULTS
 from markerseek.guard import Admission, FiringLimits, Guard, State
 from markerseek.records.journal import Journal, read_journal
-from markerseek.rigs import Rig
+from markerseek.rigs import Rig, image_reader
 from markerseek.rigs.bench_devices import DARK_ALARM
-from markerseek.rigs.spot import image_reader
-from markerseek.runs.journalled import configuration_of, journalled
-from markerseek.runs.session import plan_on
+from markerseek.runs import configuration_of, plan_on
+from markerseek.runs.journalled import journalled
 from markerseek.scan import RunLimits, Scanner
 from markerseek.search import build
 from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings

@@ -15,15 +15,15 @@ import numpy as np
 from rich.progress import Progress
 
 from markerseek.studies.paper import RunOptions
-from markerseek.studies.paper.failure_runs import (
+from markerseek.studies.paper.failures import (
     CASES,
     METHODS,
     MOVED_AFTER,
     FaultRun,
     draw_runs,
     outcomes_of,
+    share_off,
 )
-from markerseek.studies.paper.failures import share_off
 from markerseek.studies.paper.methods import AnyMethod
 
 from .commit import commit_made_from

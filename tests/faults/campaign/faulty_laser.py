@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from markerseek.core import DeviceTimeoutError, LaserError, Permit
-from markerseek.sim import SimulatedLaser, VirtualClock
-from markerseek.sim.faults import Fault
+from markerseek.sim import Fault, SimulatedLaser, VirtualClock
 
 from .faulty import ANSWER_S, SLOWER, Faulty
 from .world import WatchedWorld

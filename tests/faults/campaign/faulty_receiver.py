@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from markerseek.core import AcquisitionError, ChannelFrame, Frame, Permit, Reader, Reading, ReadingFrame
-from markerseek.sim import SimulatedReceiver, VirtualClock
-from markerseek.sim.faults import Fault
+from markerseek.sim import Fault, SimulatedReceiver, VirtualClock
 
 from .faulty import SLOWER, Faulty
 

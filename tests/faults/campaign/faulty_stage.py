@@ -8,8 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from markerseek.core import DeviceTimeoutError, Interval, MoveError
-from markerseek.sim import SimulatedStage, StageMotion, VirtualClock
-from markerseek.sim.faults import Fault
+from markerseek.sim import Fault, SimulatedStage, StageMotion, VirtualClock
 
 from .faulty import ANSWER_S, SLOWER, Faulty
 from .world import WatchedWorld

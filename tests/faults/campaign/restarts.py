@@ -19,17 +19,13 @@ from unittest import mock
 import msgspec
 import numpy as np
 
-from markerseek.core import ChannelFrame, Event, Finished, Found, MarkerseekError, Measured, Permit, Refused
-from markerseek.core.shapes import Int16
-from markerseek.drivers import sonixdaq
-from markerseek.drivers.kdc101 import Kdc101Stage
-from markerseek.drivers.laserbox import LaserBox
-from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
-from markerseek.emulators import DirectPort
-from markerseek.emulators.bench import BenchClock, EmulatedBench
+from markerseek.core import ChannelFrame, Event, Finished, Found, Int16, MarkerseekError, Measured, Permit, Refused
+from markerseek.drivers import Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings, sonixdaq
+from markerseek.emulators import DirectPort, EmulatedBench
+from markerseek.emulators.bench import BenchClock
 from markerseek.guard import Admission, FiringLimits, Guard
+from markerseek.rigs import image_reader
 from markerseek.rigs.bench_devices import DARK_ALARM
-from markerseek.rigs.spot import image_reader
 from markerseek.scan import Scanner, run
 from markerseek.search import build
 from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings

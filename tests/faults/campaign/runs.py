@@ -17,12 +17,14 @@ from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
 from markerseek.records.journal import Configuration, Journal, RecordedRun, read_journal
 from markerseek.rigs import Rig
 from markerseek.rigs.bench_devices import DARK_ALARM
-from markerseek.runs.journalled import configuration_of, journalled
+from markerseek.runs import configuration_of
+from markerseek.runs.journalled import journalled
 from markerseek.scan import RunLimits, Scanner
 from markerseek.search import build
 from markerseek.signals import IntensityReader
 from markerseek.sim import (
     CurveWorld,
+    Fault,
     GaussianCurve,
     IntensityCurve,
     LaserSettings,
@@ -35,7 +37,6 @@ from markerseek.sim import (
     SimulatedStage,
     VirtualClock,
 )
-from markerseek.sim.faults import Fault
 
 from .faulty_laser import FaultyLaser
 from .faulty_receiver import FaultyReceiver

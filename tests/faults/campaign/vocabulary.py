@@ -11,8 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from markerseek.sim.faults import DeviceName, Fault, FaultKind
-from markerseek.sim.receiver_faults import RECEIVER_FAULTS
+from markerseek.sim import RECEIVER_FAULTS, Fault, FaultKind
+from markerseek.sim.faults import DeviceName
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,10 +16,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.emulated import emulation
-
 from markerseek.core import Asked, Measured, Refused
 from markerseek.records.journal import Checked, RecordedRun, read_journal, run_state
+from tests.emulated import emulation
 
 from .ground import begun, own_entries
 from .problems import watched

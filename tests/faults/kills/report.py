@@ -10,6 +10,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+
 from tests.faults.campaign.tally import upper95
 
 from .tally import Row, Tally

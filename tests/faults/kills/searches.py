@@ -21,8 +21,8 @@ from markerseek.core import AcquisitionError, Frame, LinearArray, Policy, Reader
 from markerseek.records.banks import read_bank
 from markerseek.records.journal import Configuration, Journal
 from markerseek.rigs import Rig
-from markerseek.runs.bank_scan import scan_bank
-from markerseek.runs.journalled import configuration_of, journalled
+from markerseek.runs import configuration_of, scan_bank
+from markerseek.runs.journalled import journalled
 from markerseek.runs.resume import resumed
 from markerseek.search import build
 from markerseek.sim import GaussianCurve, ReceiverSettings, SimulatedSettings

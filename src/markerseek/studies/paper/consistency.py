@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -17,12 +16,12 @@ import numpy as np
 from markerseek.core import Float64
 from markerseek.pictures import new_figure
 from markerseek.studies.paper.banks import grid
-from markerseek.studies.paper.curve_runs import Condition, MarkerAnswers, answers_of_trial, fwhm_deg, study_of
+from markerseek.studies.paper.curve_runs import Condition, answers_of_trial, study_of
 from markerseek.studies.paper.fig5 import FITTED
 from markerseek.studies.paper.methods import ONLINE_STEPS, PAPER_METHODS, TABLE_ACQUISITIONS, PaperMethod
 from markerseek.studies.paper.options import PAPER_MARKERS, RunOptions
 from markerseek.studies.paper.printed import MATERIALS, paper_number
-from markerseek.studies.paper.section import Section, Table
+from markerseek.studies.paper.section import Cell, Section, make_section, make_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,7 +38,8 @@ SWEEPS = (8, 12, 16, 22, 28)
 RESAMPLES = 400
 """Resamples of the bootstrap."""
 
-FAMILIES = ("simulation", "offline", "online")
+FAMILIES = ("simulation", "offline", "online", None)
+"""Kinds of the paper's numbers; None: all of them."""
 
 
 class Check(NamedTuple):
@@ -49,11 +49,6 @@ class Check(NamedTuple):
     family: str
     method: PaperMethod
     acquisitions: tuple[int, ...]
-
-    @property
-    def searches(self) -> int:
-        """Searches that the paper made: random markers in the simulation, nine positions otherwise."""
-        return PAPER_MARKERS if self.family == "simulation" else 9
 
 
 CHECKS = (
@@ -74,16 +69,15 @@ CHECKS = (
 """Numbers that each combination is compared with: mean errors, without those of single searches and without counts.
 Their order is that of the random numbers of the resamples."""
 
+FIG5 = tuple(check.key for check in CHECKS if check.family == "simulation")
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Combination:
-    """One combination of width and noise."""
+
+class Combination(NamedTuple):
+    """One combination of width and noise: for each number our mean error in degrees, and whether it is consistent."""
 
     condition: Condition
     ours: dict[str, float]
-    """Mean error in degrees for each number, by its key."""
     consistent: dict[str, bool]
-    """Whether the paper's number is consistent with it."""
 
     def share(self, family: str | None) -> tuple[int, int]:
         """Numbers of a family that are consistent, and how many there are; None: of all."""
@@ -93,27 +87,9 @@ class Combination:
     @property
     def misfit(self) -> float:
         """Sum of the squared logarithms of ours over the paper's, for the three numbers of Fig. 5."""
-        return sum(
-            # An error may be 0 with little noise, and has no logarithm then.
-            math.log(max(self.ours[check.key], 1e-6) / paper_number(check.key).value) ** 2
-            for check in CHECKS
-            if check.family == "simulation"
-        )
-
-
-def _sweep(options: RunOptions) -> list[Combination]:
-    """All combinations, width by width."""
-    whole = options.share > 0.2
-    combinations = partial(
-        _combinations,
-        levels_db=LEVELS_DB if whole else LEVELS_DB[::2],
-        trials=max(10, round(60 * options.share)),
-        repeats=max(1, round(3 * options.share)),
-        seed=options.seed,
-    )
-    # A job for each width, whose curve is computed once and cached in the process for all noises.
-    parts = options.each(combinations, RADII_M if whole else RADII_M[::3], stage="consistency, curves")
-    return [combination for part in parts for combination in part]
+        # An error may be 0 with little noise, and has no logarithm then.
+        logs = (math.log(max(self.ours[key], 1e-6) / paper_number(key).value) for key in FIG5)
+        return sum(log**2 for log in logs)
 
 
 def _combinations(
@@ -128,33 +104,19 @@ def _combinations(
         condition = Condition(source_radius_m=source_radius_m, peak_snr_db=level_db)
         study = study_of(condition, seed=seed, trials=trials, sweeps=SWEEPS)
         random = [answers_of_trial((study, trial)) for trial in range(trials)]
-        at_positions: list[MarkerAnswers] = []
-        for marker_deg in positions_deg:
-            study = study_of(
-                condition, seed=seed, trials=1, sweeps=(TABLE_ACQUISITIONS,), marker_deg=marker_deg, early=True
-            )
-            at_positions.append(answers_of_trial((study, 0)))
-        combinations.append(_combination(condition, random, at_positions, rng))
+        offline = partial(study_of, condition, seed=seed, trials=1, sweeps=(TABLE_ACQUISITIONS,), early=True)
+        at_positions = [answers_of_trial((offline(marker_deg=marker_deg), 0)) for marker_deg in positions_deg]
+        ours, consistent = {}, {}
+        for key, family, method, counts in CHECKS:
+            # The number of WA in Fig. 5 is a mean over N; all others have one N.
+            found = random if family == "simulation" else at_positions
+            errors = np.array([np.mean([each[method, count].error_deg for count in counts]) for each in found])
+            ours[key] = float(errors.mean())
+            # The paper's searches: random markers in the simulation, nine positions otherwise.
+            searches = PAPER_MARKERS if family == "simulation" else 9
+            consistent[key] = is_consistent(paper_number(key).value, errors, searches=searches, rng=rng)
+        combinations.append(Combination(condition, ours, consistent))
     return combinations
-
-
-def _combination(
-    condition: Condition,
-    random: Sequence[MarkerAnswers],
-    at_positions: Sequence[MarkerAnswers],
-    rng: np.random.Generator,
-) -> Combination:
-    ours: dict[str, float] = {}
-    consistent: dict[str, bool] = {}
-    for check in CHECKS:
-        # The simulation has random markers; offline and online have the nine positions.
-        found = random if check.family == "simulation" else at_positions
-        # The number of WA in Fig. 5 is a mean over N; all others have one N.
-        keys = [(check.method, count) for count in check.acquisitions]
-        errors = np.array([np.mean([each[key].error_deg for key in keys]) for each in found])
-        ours[check.key] = float(errors.mean())
-        consistent[check.key] = is_consistent(paper_number(check.key).value, errors, searches=check.searches, rng=rng)
-    return Combination(condition=condition, ours=ours, consistent=consistent)
 
 
 def is_consistent(
@@ -176,113 +138,78 @@ def is_consistent(
 
 def consistency(options: RunOptions) -> Section:
     """Map of the combinations of width and noise that are consistent with the paper's numbers."""
-    combinations = _sweep(options)
-    widths = len({each.condition.source_radius_m for each in combinations})
-    return Section(
-        name="consistency",
-        title="Consistency: which curve widths and noises give the paper's numbers",
-        method=(
-            (
-                f"The published searches on intensity curves of {widths} widths with {len(combinations) // widths} "
-                "noises: random markers for the simulation, the nine positions for offline and online. A number of the "
-                "paper is consistent with a combination if it lies within the central 95 % of the means that as many "
-                "searches as the paper made would have. The nine-position numbers have wide intervals; those of the "
-                "simulation, with 1000 searches, have narrow ones."
-            ),
-            "Not included: the two numbers after 2 acquisitions, which no curve gives, and those of single searches.",
-        ),
-        tables=(_map_table(combinations), _number_table(combinations)),
-        draw=partial(_draw, combinations),
-        alt="Maps over curve width and peak SNR of how many numbers of the paper are consistent",
-        remarks=_remarks(combinations),
+    whole = options.share > 0.2
+    of_width = partial(
+        _combinations,
+        levels_db=LEVELS_DB if whole else LEVELS_DB[::2],
+        trials=max(10, round(60 * options.share)),
+        repeats=max(1, round(3 * options.share)),
+        seed=options.seed,
     )
-
-
-def _map_table(combinations: Sequence[Combination]) -> Table:
-    return Table(
-        name="consistency",
-        caption="Numbers that are consistent, by family",
-        rows=tuple(
-            {
-                "source_radius_mm": 1e3 * each.condition.source_radius_m,
-                "fwhm_deg": fwhm_deg(each.condition.source_radius_m),
-                "peak_snr_db": each.condition.peak_snr_db,
-                **{family or "all": "{} of {}".format(*each.share(family)) for family in (*FAMILIES, None)},
-                "misfit_of_fig5": each.misfit,
-            }
-            for each in combinations
-        ),
-        shown=False,
-    )
-
-
-def _number_table(combinations: Sequence[Combination]) -> Table:
-    return Table(
-        name="consistency_numbers",
-        caption="Every number in every combination",
-        rows=tuple(
-            {
-                "fwhm_deg": fwhm_deg(each.condition.source_radius_m),
-                "peak_snr_db": each.condition.peak_snr_db,
-                "number": key,
-                "paper_deg": paper_number(key).value,
-                "ours_deg": ours,
-                "consistent": "yes" if each.consistent[key] else "no",
-            }
-            for each in combinations
-            for key, ours in each.ours.items()
-        ),
-        shown=False,
-    )
-
-
-def _remarks(combinations: Sequence[Combination]) -> tuple[str, ...]:
-    remarks = []
-    for family in (*FAMILIES, None):
-        most, every = max(each.share(family) for each in combinations)
-        where = [each.condition.words for each in combinations if each.share(family)[0] == most]
-        what = f"the {family} numbers" if family is not None else "all of the paper's numbers at once"
-        if most == every:
-            shown = "; ".join(where[:6]) + ("; and more" if len(where) > 6 else "")
-            remarks.append(f"Consistent with {what}: {len(where)} of {len(combinations)} combinations ({shown}).")
-        else:
-            remarks.append(
-                f"No combination is consistent with {what}; the most is {most} of {every}, at {'; '.join(where[:3])}."
-            )
+    # A job for each width, whose curve is computed once and cached in the process for all noises.
+    parts = options.each(of_width, RADII_M if whole else RADII_M[::3], stage="consistency, curves")
+    combinations = [combination for part in parts for combination in part]
     nearest = min(combinations, key=lambda each: each.misfit)
-    numbers = ", ".join(
-        f"{check.key.removeprefix('fig5/')} {nearest.ours[check.key]:.3f}° for {paper_number(check.key).value:g}°"
-        for check in CHECKS
-        if check.family == "simulation"
+    places = {each.condition: (each.condition.fwhm_deg, each.condition.peak_snr_db) for each in combinations}
+    by_family: list[tuple[Cell, ...]] = []
+    for each in combinations:
+        shares: list[Cell] = ["{} of {}".format(*each.share(family)) for family in FAMILIES]
+        by_family.append((1e3 * each.condition.source_radius_m, *places[each.condition], *shares, each.misfit))
+    by_number = (
+        (*places[each.condition], key, paper_number(key).value, ours, "yes" if each.consistent[key] else "no")
+        for each in combinations
+        for key, ours in each.ours.items()
     )
-    remarks.append(
-        f"Nearest to Fig. 5, by the sum of squared logarithms of the ratios, is {nearest.condition.words} ({numbers}). "
-        + (
-            "Fig. 5 is drawn for it."
-            if nearest.condition == FITTED
-            else f"Fig. 5 is drawn for {FITTED.words}, the nearest with the usual seed and number of markers."
-        )
+    columns = "source_radius_mm fwhm_deg peak_snr_db simulation offline online all misfit_of_fig5"
+    numbers = "fwhm_deg peak_snr_db number paper_deg ours_deg consistent"
+    return make_section(
+        "consistency",
+        tables=(
+            make_table("consistency", "Numbers that are consistent, by family", columns, by_family, shown=False),
+            make_table("consistency_numbers", "Every number in every combination", numbers, by_number, shown=False),
+        ),
+        draw=partial(_draw, combinations),
+        remarks=tuple(_most(combinations, family) for family in FAMILIES),
+        widths=len(parts),
+        noises=len(parts[0]),
+        nearest=nearest.condition.words,
+        numbers=", ".join(
+            f"{key.removeprefix('fig5/')} {nearest.ours[key]:.3f}° for {paper_number(key).value:g}°" for key in FIG5
+        ),
+        drawn="it"
+        if nearest.condition == FITTED
+        else f"{FITTED.words}, the nearest with the usual seed and number of markers",
     )
-    return tuple(remarks)
+
+
+def _most(combinations: Sequence[Combination], family: str | None) -> str:
+    """Where most of the numbers of a family are consistent, in words."""
+    most, every = max(each.share(family) for each in combinations)
+    where = [each.condition.words for each in combinations if each.share(family)[0] == most]
+    what = f"the {family} numbers" if family is not None else "all of the paper's numbers at once"
+    if most < every:
+        return f"No combination is consistent with {what}; the most is {most} of {every}, at {'; '.join(where[:3])}."
+    shown = "; ".join(where[:6]) + ("; and more" if len(where) > 6 else "")
+    return f"Consistent with {what}: {len(where)} of {len(combinations)} combinations ({shown})."
 
 
 def _draw(combinations: Sequence[Combination]) -> Figure:
     """One map for each family, and one for all numbers: the count in each cell, its share as the colour."""
-    radii = list(dict.fromkeys(each.condition.source_radius_m for each in combinations))
+    widths = list(dict.fromkeys(each.condition.fwhm_deg for each in combinations))
     levels = list(dict.fromkeys(each.condition.peak_snr_db for each in combinations))
-    cells = {(each.condition.source_radius_m, each.condition.peak_snr_db): each for each in combinations}
-    wide_in, high_in = 0.62 * len(radii) + 1.2, 0.42 * len(levels) + 1.0
+    cells = {(each.condition.fwhm_deg, each.condition.peak_snr_db): each for each in combinations}
+    wide_in, high_in = 0.62 * len(widths) + 1.2, 0.42 * len(levels) + 1.0
     figure = new_figure(
         width_in=2 * wide_in,
         height_in=2 * high_in + 0.5,
         heading="Numbers of the paper that a curve width and a noise are consistent with",
     )
-    for axes, family in zip(figure.subplots(2, 2).flat, (*FAMILIES, None), strict=True):
-        counts = np.array([[cells[radius, level].share(family)[0] for radius in radii] for level in levels])
+    for axes, family in zip(figure.subplots(2, 2).flat, FAMILIES, strict=True):
+        counts = np.array([[cells[width, level].share(family)[0] for width in widths] for level in levels])
         every = combinations[0].share(family)[1]
         axes.imshow(counts / every, origin="lower", cmap="Blues", vmin=0, vmax=1, aspect="auto")
         axes.set_title(f"{family or 'all'}: numbers consistent, of {every}", fontsize=10)
-        axes.set_xticks(range(len(radii)), [f"{fwhm_deg(radius):.1f}" for radius in radii])
+        axes.set_xticks(range(len(widths)), [f"{width:.1f}" for width in widths])
         axes.set_yticks(range(len(levels)), [f"{level:g}" for level in levels])
         axes.set_xlabel("FWHM of the curve [deg]")
         axes.set_ylabel("peak SNR [dB]")

@@ -30,8 +30,7 @@ from markerseek.studies.paper.methods import (
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.section import Answer
 from markerseek.studies.policies import PolicySettings, build_policy
-from markerseek.studies.settings import CurveSettings
-from markerseek.studies.study import Cell, Study, cells
+from markerseek.studies.study import Cell, CurveSettings, Study, cells
 from markerseek.studies.worlds import Draw, draw_trial, intensity_curve, study_rig
 
 
@@ -58,9 +57,14 @@ class Condition:
         )
 
     @property
+    def fwhm_deg(self) -> float:
+        """Full width at half maximum of the noise-free curve."""
+        return _fwhm_deg(self.source_radius_m)
+
+    @property
     def words(self) -> str:
         """Width and noise in words."""
-        return f"FWHM {fwhm_deg(self.source_radius_m):.1f}°, {self.peak_snr_db:g} dB"
+        return f"FWHM {self.fwhm_deg:.1f}°, {self.peak_snr_db:g} dB"
 
 
 USUAL = Condition(source_radius_m=0.15e-3, peak_snr_db=40.0)
@@ -68,8 +72,7 @@ USUAL = Condition(source_radius_m=0.15e-3, peak_snr_db=40.0)
 
 
 @lru_cache(maxsize=32)
-def fwhm_deg(source_radius_m: float) -> float:
-    """Full width at half maximum of the noise-free curve of an absorber of that radius, in degrees."""
+def _fwhm_deg(source_radius_m: float) -> float:
     settings = Condition(source_radius_m=source_radius_m, peak_snr_db=40.0).settings
     curve, _ = intensity_curve(CurveSettings(), settings, seed=0)
     if curve is None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
@@ -16,8 +15,7 @@ from markerseek.pictures import TipImage, tip_figure
 from markerseek.sim import BModeSettings, BModeWorld
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.printed import paper_number
-from markerseek.studies.paper.section import Comparison, Section, Table
-from markerseek.studies.statistics import Moments
+from markerseek.studies.paper.section import Comparison, Section, make_section, make_table
 from markerseek.vision import SensitiveRange, sensitive_range
 
 if TYPE_CHECKING:
@@ -65,36 +63,62 @@ def fig9(options: RunOptions) -> Section:
     for each in series:
         # 0 where the tip was not seen at all.
         halves.setdefault(each.tip, []).append(each.found.half_deg or 0.0)
-    moments = {tip: Moments.of(halves_deg) for tip, halves_deg in halves.items()}
-    return Section(
-        name="fig9",
-        title="Fig. 9: sensitive range of the tool tip",
-        method=(
-            (
-                f"Simulated B-mode images of a tool tip that is pressed on tissue over a gel pad, at three positions "
-                f"2 cm apart, in steps of 1° from the reference to {STEPS - 1}° beyond it. Speckle and tip change with "
-                "the angle as the two-way elevation response of the array's element does (5 mm high, focus at 30 mm)."
-            ),
-            (
-                "As in the paper: GrabCut, the connected region, its centroid, the grey value there. The tip has "
-                "disappeared when, in two images running, the region has fewer than 20 pixels or the centroid is no "
-                "brighter than the mean of the tissue beside it plus three standard deviations. That rule is ours: "
-                "the paper does not say when its tip had disappeared."
-            ),
-        ),
+    means = {tip: float(np.mean(halves_deg)) for tip, halves_deg in halves.items()}
+    paper, (tip_m, tip_db) = paper_number("sensitive"), _SHOWN
+    nearest = min(means, key=lambda tip: abs(means[tip] - paper.value))
+    ranges = (
+        (
+            1e3 * each.tip[0], each.tip[1], 1e3 * PLACES_M[each.place], each.found.half_deg, each.found.full_deg,
+            "yes" if each.found.open_above else "no",
+        )
+        for each in series
+    )  # fmt: skip
+    curves = (
+        (
+            1e3 * PLACES_M[each.place], frame.angle_deg, frame.tip.intensity, frame.tip.level, frame.tip.area_px,
+            "yes" if frame.tip.visible else "no",
+        )
+        for each in shown
+        for frame in each.found.frames
+        if frame.tip is not None
+    )  # fmt: skip
+    return make_section(
+        "fig9",
         comparisons=tuple(
             Comparison(
-                paper=paper_number("sensitive"),
-                ours=of_tip.mean,
-                sd=of_tip.sd,
-                condition=f"tip of {1e3 * tip_m:g} mm, {tip_db:g} dB over the tissue",
+                paper=paper,
+                ours=means[tip],
+                sd=float(np.std(halves_deg, ddof=1)),
+                condition=f"tip of {1e3 * tip[0]:g} mm, {tip[1]:g} dB over the tissue",
             )
-            for (tip_m, tip_db), of_tip in moments.items()
+            for tip, halves_deg in halves.items()
         ),
-        tables=(_range_table(series), _curve_table(shown)),
+        tables=(
+            make_table(
+                "fig9_ranges",
+                "Half of the sensitive range at each position",
+                "tip_mm tip_over_tissue_db x_mm half_range_deg full_range_deg at_least",
+                ranges,
+            ),
+            make_table(
+                "fig9",
+                "Grey value of the tip over the angle from the reference",
+                "x_mm angle_deg grey_value must_exceed region_px seen",
+                curves,
+                shown=False,
+            ),
+        ),
         draw=partial(_draw, shown[len(PLACES_M) // 2]),
-        alt="Strip of simulated B-mode images with the tip circled, and its grey value over the angle",
-        remarks=_remarks({tip: of_tip.mean for tip, of_tip in moments.items()}),
+        last=STEPS - 1,
+        tip_mm=1e3 * tip_m,
+        tip_db=tip_db,
+        ours=means[_SHOWN],
+        paper=str(paper),
+        least=min(means.values()),
+        most=max(means.values()),
+        nearest_mm=1e3 * nearest[0],
+        nearest_db=nearest[1],
+        nearest=means[nearest],
     )
 
 
@@ -124,63 +148,6 @@ def _series(job: tuple[Tip, int], *, seed: int) -> _Series:
         [float(step) for step in range(STEPS)], images, pixel_m=(settings.pixel_m, settings.pixel_m)
     )
     return _Series(tip=tip, place=place, images=images, found=found)
-
-
-def _range_table(series: Sequence[_Series]) -> Table:
-    return Table(
-        name="fig9_ranges",
-        caption="Half of the sensitive range at each position",
-        rows=tuple(
-            {
-                "tip_mm": 1e3 * each.tip[0],
-                "tip_over_tissue_db": each.tip[1],
-                "x_mm": 1e3 * PLACES_M[each.place],
-                "half_range_deg": each.found.half_deg,
-                "full_range_deg": each.found.full_deg,
-                "at_least": "yes" if each.found.open_above else "no",
-            }
-            for each in series
-        ),
-    )
-
-
-def _curve_table(shown: Sequence[_Series]) -> Table:
-    return Table(
-        name="fig9",
-        caption="Grey value of the tip over the angle from the reference",
-        rows=tuple(
-            {
-                "x_mm": 1e3 * PLACES_M[each.place],
-                "angle_deg": frame.angle_deg,
-                "grey_value": frame.tip.intensity,
-                "must_exceed": frame.tip.level,
-                "region_px": frame.tip.area_px,
-                "seen": "yes" if frame.tip.visible else "no",
-            }
-            for each in shown
-            for frame in each.found.frames
-            if frame.tip is not None
-        ),
-        shown=False,
-    )
-
-
-def _remarks(means: Mapping[Tip, float]) -> tuple[str, ...]:
-    paper = paper_number("sensitive")
-    nearest = min(means, key=lambda key: abs(means[key] - paper.value))
-    tip_m, tip_db = _SHOWN
-    return (
-        (
-            f"With the values assumed beforehand, a tip of {1e3 * tip_m:g} mm with an echo {tip_db:g} dB over the "
-            f"tissue, half of the range is {means[_SHOWN]:.2f}°; the paper has {paper}. Nothing was adjusted."
-        ),
-        (
-            f"It grows with size and echo of the tip, from {min(means.values()):.2f}° to {max(means.values()):.2f}° "
-            f"here; nearest to the paper is a tip of {1e3 * nearest[0]:g} mm at {nearest[1]:g} dB, with "
-            f"{means[nearest]:.2f}°."
-        ),
-        "The picture shows the middle position; the paper's Fig. 9 has no numbers for its curve.",
-    )
 
 
 def _draw(series: _Series) -> Figure:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
@@ -26,6 +26,7 @@ from markerseek.studies.paper.methods import (
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.printed import MATERIALS, OwnNumber, paper_number
 from markerseek.studies.paper.section import (
+    ERRORS,
     Answer,
     Cell,
     Comparison,
@@ -34,36 +35,15 @@ from markerseek.studies.paper.section import (
     Table,
     compared,
     errors_of,
+    errors_table,
+    make_section,
+    make_table,
     summary_of,
 )
 from markerseek.studies.paper.style import Panel, errors_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_SIMULATED = (
-    (
-        "Each bank is a scan of ±35° in 0.5° steps on the simulated rig: channel data, noise, beamforming, envelope. "
-        "The materials are simulated stand-ins with properties of our choice, not measured: nine positions of a rough "
-        "3 × 3 grid of 20 mm for each material, one for the stained muscle. The reference is the true angle."
-    ),
-    (
-        "Every bank was made at a peak SNR of 40 dB, the default of the simulated rig, and at 60 dB. Our numbers at "
-        "both are compared with the paper's."
-    ),
-)
-_SEARCHES = (
-    (
-        "TS, GSS and WA are the published ones. All run on the bank through the same loop as on a rig, at angles "
-        "rounded to the motor's encoder counts, with linear interpolation between recorded angles. WA makes full scans "
-        "and omits samples below 0.2 of the largest."
-    ),
-    (
-        "The posterior is markerseek's own search, and not in the paper. It makes exactly N acquisitions, has "
-        "intensities only, as the others, and knows that there is one source, as they assume. Its mean error is that "
-        "of all its answers; those without a claim are not found, at bound, ambiguous or unsure."
-    ),
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,48 +101,34 @@ def _searches(bank: OfflineBank) -> list[OfflineSearch]:
 _Group: TypeAlias = tuple[str, float | None, AnyMethod, int]
 """Material, peak SNR, method, number of acquisitions."""
 
-
-def _named(group: _Group) -> dict[str, Cell]:
-    return dict(zip(("material", "peak_snr_db", "method", "acquisitions"), group, strict=True))
+_COLUMNS = "material peak_snr_db method acquisitions"
 
 
 def fig6(searches: Sequence[OfflineSearch]) -> Section:
     """Fig. 6: mean error over the number of acquisitions, one panel for each material."""
     errors = {group: summary_of(each.answer for each in found) for group, found in _groups(searches).items()}
-    return Section(
-        name="fig6",
-        title="Fig. 6: offline analysis, mean error over the number of acquisitions",
-        method=_method(searches),
-        comparisons=_worst_after_28(errors) if _is_simulated(searches) else (),
+    rows = (
+        (
+            each.bank.path.name, each.bank.position, each.method, each.acquisitions, each.estimate.mean_deg,
+            each.reference_deg, each.maximum_deg, each.answer.error_deg, "yes" if each.answer.claimed else "no",
+        )
+        for each in searches
+    )  # fmt: skip
+    return _section(
+        "fig6",
+        searches,
+        comparisons=_worst_after_28(errors),
         tables=(
-            Table(
-                name="fig6",
-                caption="Errors of the offline searches",
-                rows=tuple({**_named(group), **each.cells} for group, each in errors.items()),
-                shown=False,
-            ),
-            Table(
-                name="fig6_searches",
-                caption="Every offline search",
-                rows=tuple(
-                    {
-                        "bank": each.bank.path.name,
-                        "position": each.bank.position,
-                        "method": each.method,
-                        "acquisitions": each.acquisitions,
-                        "angle_deg": each.estimate.mean_deg,
-                        "reference_deg": each.reference_deg,
-                        "bank_maximum_deg": each.maximum_deg,
-                        "error_deg": each.answer.error_deg,
-                        "claimed": "yes" if each.answer.claimed else "no",
-                    }
-                    for each in searches
-                ),
+            errors_table("fig6", "Errors of the offline searches", _COLUMNS, errors),
+            make_table(
+                "fig6_searches",
+                "Every offline search",
+                "bank position method acquisitions angle_deg reference_deg bank_maximum_deg error_deg claimed",
+                rows,
                 shown=False,
             ),
         ),
         draw=partial(_draw, errors),
-        alt="Mean error over the number of acquisitions for TS, GSS, WA and the posterior, one panel for each material",
     )
 
 
@@ -170,57 +136,64 @@ def table1(searches: Sequence[OfflineSearch]) -> Section:
     """Table 1: errors after 16 acquisitions."""
     groups = {group: found for group, found in _groups(searches).items() if group[3] == TABLE_ACQUISITIONS}
     errors = {group: summary_of(each.answer for each in found) for group, found in groups.items()}
-    rows = []
+    rows: list[tuple[Cell, ...]] = []
     for group, found in groups.items():
         from_maximum = errors_of(abs(each.estimate.mean_deg - each.maximum_deg) for each in found)
-        rows.append(
-            {
-                **_named(group),
-                **errors[group].cells,
-                "mean_from_maximum_deg": from_maximum.mean_deg,
-                "spread_from_maximum_deg": from_maximum.sd_deg,
-            }
+        rows.append((*group, *errors[group].cells, from_maximum.mean_deg, from_maximum.sd_deg))
+    after = f"after {TABLE_ACQUISITIONS} acquisitions, mean error"
+    comparisons = (
+        compared(
+            OwnNumber(quantity=f"posterior (ours) on {material} {after}")
+            if name == "posterior"
+            else f"table1/{name}/{material}",
+            each,
+            condition=f"{level_db:g} dB",
         )
-    # A user's own bank is of another material, to which none of the paper's numbers belongs.
-    comparisons = [
-        compared(_number(name, material), errors[material, level_db, name, 16], condition=f"{level_db:g} dB")
-        for material in MATERIALS
-        for name in ALL_METHODS
-        for level_db in _levels(groups)
-        if _is_simulated(searches)
-    ]
-    return Section(
-        name="table1",
-        title=f"Table 1: offline analysis after {TABLE_ACQUISITIONS} acquisitions",
-        method=_method(searches),
+        # Of each material by method, then by noise.
+        for (material, level_db, name, _), each in sorted(errors.items(), key=lambda item: _place_in_table1(item[0]))
+        if level_db is not None
+    )
+    return _section(
+        "table1",
+        searches,
         comparisons=tuple(comparisons),
         tables=(
-            Table(
-                name="table1",
-                caption="Errors from the reference, and from the largest intensity of the bank itself",
-                rows=tuple(rows),
+            make_table(
+                "table1",
+                "Errors from the reference, and from the largest intensity of the bank itself",
+                f"{_COLUMNS} {ERRORS} mean_from_maximum_deg spread_from_maximum_deg",
+                rows,
             ),
         ),
     )
 
 
-def _number(name: AnyMethod, material: str) -> str | OwnNumber:
-    """Key of the number of Table 1, or of the posterior its name."""
-    if name != "posterior":
-        return f"table1/{name}/{material}"
-    return OwnNumber(quantity=f"posterior (ours) on {material} after {TABLE_ACQUISITIONS} acquisitions, mean error")
+def _place_in_table1(group: _Group) -> tuple[int, int, float]:
+    material, level_db, name, _ = group
+    return MATERIALS.index(material), ALL_METHODS.index(name), level_db or 0.0
 
 
-def _is_simulated(searches: Sequence[OfflineSearch]) -> bool:
-    return searches[0].bank.peak_snr_db is not None
-
-
-def _method(searches: Sequence[OfflineSearch]) -> tuple[str, ...]:
-    if _is_simulated(searches):
-        return (*_SIMULATED, *_SEARCHES)
+def _section(
+    name: str,
+    searches: Sequence[OfflineSearch],
+    *,
+    comparisons: tuple[Comparison, ...],
+    tables: tuple[Table, ...],
+    draw: Callable[[], Figure] | None = None,
+) -> Section:
+    """Section with the text on the banks; a user's own is of another material, to which no number belongs."""
     bank = searches[0].bank
-    reference = "given" if bank.reference_deg is not None else "the angle of the bank's largest intensity"
-    return (f"The bank is the user's own, {bank.path}; the reference angle is {reference}.", *_SEARCHES)
+    own = bank.peak_snr_db is None
+    return make_section(
+        name,
+        method=("offline, own" if own else "offline, simulated", "offline"),
+        comparisons=() if own else comparisons,
+        tables=tables,
+        draw=draw,
+        bank=bank.path,
+        reference="given" if bank.reference_deg is not None else "the angle of the bank's largest intensity",
+        acquisitions=TABLE_ACQUISITIONS,
+    )
 
 
 def _groups(searches: Sequence[OfflineSearch]) -> dict[_Group, list[OfflineSearch]]:
@@ -231,15 +204,11 @@ def _groups(searches: Sequence[OfflineSearch]) -> dict[_Group, list[OfflineSearc
     return groups
 
 
-def _levels(groups: Iterable[_Group]) -> list[float | None]:
-    return list(dict.fromkeys(level_db for _, level_db, _, _ in groups))
-
-
 def _worst_after_28(errors: dict[_Group, Errors]) -> tuple[Comparison, ...]:
     """The conclusion's "below 0.5° on all materials": the largest mean error of TS, of GSS, and of the posterior."""
     ours = OwnNumber(quantity="posterior (ours) on every material after 28 acquisitions, mean error: at most")
     comparisons = []
-    for level_db in _levels(errors):
+    for level_db in dict.fromkeys(level_db for _, level_db, _, _ in errors if level_db is not None):
         for name in (*BRACKETS, "posterior"):
             found = [each for (_, *group), each in errors.items() if group == [level_db, name, 28]]
             worst = max(found, key=lambda each: each.mean_deg)

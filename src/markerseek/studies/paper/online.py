@@ -1,4 +1,4 @@
-"""The online analysis (section 2.5 C) and Table 2: the searches drive the simulated rig, in virtual time.
+"""The online analysis (section 2.5 C): the searches drive the simulated rig, in virtual time. Table 2, Fig. 7 and 8.
 
 Stage motion, play, pulses, noise and averaging are those of the simulated rig; each acquisition is a frame of channel
 data. The probe begins at −35°, and a search ends with a move to the angle found.
@@ -6,14 +6,16 @@ data. The probe begins at −35°, and a search ends with a move to the angle fo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from functools import partial
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from markerseek import rigs
 from markerseek.core import PAPER_RANGE, Estimate, Policy, SearchError
+from markerseek.pictures import panel_grid, shared_legend
 from markerseek.search import build
 from markerseek.sim import MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 from markerseek.studies.paper.banks import LEVELS_DB, PEAK_COUNTS, grid
@@ -29,7 +31,24 @@ from markerseek.studies.paper.methods import (
 )
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.printed import OwnNumber, paper_number
-from markerseek.studies.paper.section import Answer, Cell, Comparison, Section, Table, compared, errors_of, summary_of
+from markerseek.studies.paper.section import (
+    ERRORS,
+    Answer,
+    Cell,
+    Comparison,
+    Errors,
+    Section,
+    compared,
+    errors_of,
+    errors_table,
+    make_section,
+    make_table,
+    summary_of,
+)
+from markerseek.studies.paper.style import COLOURS, MARKS, Panel, errors_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 REPEATS = 4
 """Times that the nine positions are visited, each time with another grid, other spots and other noise."""
@@ -38,7 +57,7 @@ TISSUE = "plastisol-phantom"
 """The simulated stand-in for the phantom of the online analysis."""
 
 Ours: TypeAlias = Literal["posterior", "posterior, 16", "posterior, survey"]
-"""The posterior in three forms; see `_FORMS`."""
+"""The posterior in three forms; `prose.md` says which."""
 
 OnlineMethod: TypeAlias = PaperMethod | Ours
 
@@ -47,35 +66,27 @@ _ORDER: tuple[OnlineMethod, ...] = (*PAPER_METHODS, *get_args(Ours))
 ENDS_BY_ITSELF: tuple[OnlineMethod, ...] = ("WA", "posterior", "posterior, survey")
 """Methods whose number of acquisitions is a result."""
 
-_FORMS = (
-    "The posterior is markerseek's own search, and not in the paper. It takes three dark frames first, and is shown in "
-    'three forms: "posterior" ends by itself after at most 16 acquisitions, "posterior, 16" makes exactly 16; both '
-    'know that there is one source, as the paper\'s searches assume. "posterior, survey", the default of `markerseek '
-    "search`, does not know it, and also makes sure that no other source as strong lies in the range. Their mean error "
-    "is that of all their answers; those without a claim are not found, at bound, ambiguous or unsure."
-)
-
-METHOD = (
-    (
-        "The searches drive the simulated rig in virtual time, from −35°: stage with its encoder, play and approach "
-        "from below, laser pulses with jitter, 16 of them averaged, frames of 128 channels with noise, beamforming. "
-        "The phantom is a simulated stand-in. TS and GSS make 28 acquisitions; the answers of shorter searches are "
-        "those of the same run, because the angles of a bracket search do not depend on its length. WA steps by 5° and "
-        "ends once the peak is recorded and passed. The reference is the true angle."
-    ),
-)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OnlineSearch:
-    """One search on the rig."""
+class OnlineRun:
+    """What one search on the rig is given."""
 
     method: OnlineMethod
     peak_snr_db: float
     repeat: int
     position: int
-    """``method``, ``peak_snr_db``, ``repeat`` and ``position``: method, noise and place: the position is counted from
-    1, the repeat from 0."""
+    """``repeat`` and ``position``: of the nine places; the position is counted from 1, the repeat from 0."""
+    marker: MarkerSettings
+    seed: int
+    tissue: str = TISSUE
+    peak_counts: float | None = PEAK_COUNTS
+    """Height of the marker's signal in a channel; None: the usual one of the simulated rig."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OnlineSearch(OnlineRun):
+    """One search on the rig."""
+
     truth_deg: float
     track_deg: tuple[float, ...]
     """Angles reached, one for each acquisition."""
@@ -103,61 +114,52 @@ class OnlineSearch:
         return self.answer(self.table_acquisitions)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Job:
-    method: OnlineMethod
-    peak_snr_db: float
-    repeat: int
-    position: int
-    marker: MarkerSettings
-    seed: int
-
-
 def online_searches(options: RunOptions) -> list[OnlineSearch]:
-    """Searches of TS, GSS (28 acquisitions), WA (5° steps, early end) and ours at the nine positions under each noise.
+    """Searches of TS and GSS (28 acquisitions), WA (5° steps, early end) and ours at the nine positions, by noise."""
+    runs = [
+        OnlineRun(method=name, peak_snr_db=level_db, repeat=repeat, position=position, marker=marker, seed=seed)
+        for repeat, position, marker, seed in visits(options)
+        for level_db in LEVELS_DB
+        for name in _ORDER
+    ]
+    return options.each(search_online, runs, stage="online searches, from channel data")
 
-    The markers are the same for all methods and noises. With fewer markers than the paper's there are fewer repeats.
+
+def visits(options: RunOptions) -> Iterator[tuple[int, int, MarkerSettings, int]]:
+    """Repeat, position, marker and seed of each visit to a position, the same for all methods, noises and materials.
+
+    With fewer markers than the paper's there are fewer repeats.
     """
-    jobs = []
     for repeat in range(max(1, round(REPEATS * options.share))):
         seeds = np.random.SeedSequence([options.seed, 77, repeat])
         for position, marker in enumerate(grid(np.random.Generator(np.random.PCG64(seeds))), start=1):
-            # The seed depends on the place only: methods and noises are compared on the same random numbers.
-            seed = int(seeds.generate_state(1)[0]) + position
-            jobs += [
-                _Job(method=name, peak_snr_db=level_db, repeat=repeat, position=position, marker=marker, seed=seed)
-                for level_db in LEVELS_DB
-                for name in _ORDER
-            ]
-    return options.each(_search, jobs, stage="online searches, from channel data")
+            # The seed depends on the place only: all are compared on the same random numbers.
+            yield repeat, position, marker, int(seeds.generate_state(1)[0]) + position
 
 
-def _search(job: _Job) -> OnlineSearch:
+def search_online(given: OnlineRun) -> OnlineSearch:
+    """Run one search."""
     settings = SimulatedSettings(
-        tissue=TISSUE,
-        marker=job.marker,
-        noise=NoiseSettings(peak_snr_db=job.peak_snr_db),
-        receiver=ReceiverSettings(peak_counts=PEAK_COUNTS),
+        tissue=given.tissue,
+        marker=given.marker,
+        noise=NoiseSettings(peak_snr_db=given.peak_snr_db),
+        receiver=ReceiverSettings(peak_counts=given.peak_counts),
         start_deg=PAPER_RANGE.low_deg,
     )
-    rig = rigs.simulated(seed=job.seed, settings=settings)
+    rig = rigs.simulated(seed=given.seed, settings=settings)
     if rig.facts.truth_deg is None:
         raise SearchError("online: the rig has no marker, so that there is no error")
-    is_ours = job.method in get_args(Ours)
     found = searched(
-        _policy(job.method),
+        _policy(given.method),
         rig.scanner,
         stay=False,
-        dark_frames=rig.dark_frames if is_ours else 0,
-        counts=BRACKET_ACQUISITIONS if job.method in BRACKETS else (),
+        dark_frames=rig.dark_frames if given.method in get_args(Ours) else 0,
+        counts=BRACKET_ACQUISITIONS if given.method in BRACKETS else (),
     )
     samples, finished = found.samples, found.finished
     each_s = settings.receiver.readout_s + settings.laser.pulses / settings.laser.rate_hz
     return OnlineSearch(
-        method=job.method,
-        peak_snr_db=job.peak_snr_db,
-        repeat=job.repeat,
-        position=job.position,
+        **{each.name: getattr(given, each.name) for each in fields(given)},
         truth_deg=rig.facts.truth_deg,
         track_deg=tuple(sample.angle_deg for sample in samples),
         estimates=found.answers or {len(samples): finished.estimate},
@@ -189,59 +191,146 @@ def levels_of(searches: Sequence[OnlineSearch]) -> list[float]:
 def table2(searches: Sequence[OnlineSearch]) -> Section:
     """Table 2: errors of WA with its early end, and of TS and GSS after 16 acquisitions."""
     comparisons: list[Comparison] = []
-    rows: list[dict[str, Cell]] = []
+    rows: list[tuple[Cell, ...]] = []
     for level_db in levels_of(searches):
         for name in _ORDER:
             found = [search for search in searches if (search.method, search.peak_snr_db) == (name, level_db)]
             errors = summary_of(search.table_answer for search in found)
             counts = errors_of(float(search.table_acquisitions) for search in found)
-            rows.append({"method": name, "peak_snr_db": level_db, "acquisitions": counts.mean_deg, **errors.cells})
-            condition = f"{level_db:g} dB"
+            rows.append((name, level_db, counts.mean_deg, *errors.cells))
+            ours, condition = f"{name} (ours) online", f"{level_db:g} dB"
             is_ours = name in get_args(Ours)
-            number = OwnNumber(quantity=f"{name} (ours) online, mean error") if is_ours else f"table2/{name}"
+            number = OwnNumber(quantity=f"{ours}, mean error") if is_ours else f"table2/{name}"
             comparisons.append(compared(number, errors, condition=condition))
             if name in ENDS_BY_ITSELF:
+                ended = OwnNumber(quantity=f"{ours}, acquisitions until it ended", unit="acquisitions")
                 comparisons.append(
                     Comparison(
-                        paper=OwnNumber(
-                            quantity=f"{name} (ours) online, acquisitions until it ended", unit="acquisitions"
-                        )
-                        if is_ours
-                        else paper_number(f"table2/{name}/N"),
+                        paper=ended if is_ours else paper_number(f"table2/{name}/N"),
                         ours=counts.mean_deg,
                         sd=counts.sd_deg,
                         half=counts.half_deg,
                         condition=condition,
                     )
                 )
-    return Section(
-        name="table2",
-        title="Table 2: online analysis",
-        method=(*METHOD, _FORMS),
+    every = (
+        (
+            each.method, each.peak_snr_db, each.repeat, each.position, each.truth_deg, each.table_acquisitions,
+            each.estimates[each.table_acquisitions].mean_deg, each.table_answer.error_deg, each.travel_deg,
+            each.elapsed_s, each.acquiring_s, "yes" if each.table_answer.claimed else "no",
+        )
+        for each in searches
+    )  # fmt: skip
+    return make_section(
+        "table2",
+        method=("online",),
         comparisons=tuple(comparisons),
         tables=(
-            Table(name="table2", caption="Errors of the online searches", rows=tuple(rows)),
-            Table(
-                name="table2_searches",
-                caption="Every online search",
-                rows=tuple(
-                    {
-                        "method": each.method,
-                        "peak_snr_db": each.peak_snr_db,
-                        "repeat": each.repeat,
-                        "position": each.position,
-                        "truth_deg": each.truth_deg,
-                        "acquisitions": each.table_acquisitions,
-                        "answer_deg": each.estimates[each.table_acquisitions].mean_deg,
-                        "error_deg": each.table_answer.error_deg,
-                        "travel_of_whole_run_deg": each.travel_deg,
-                        "elapsed_s": each.elapsed_s,
-                        "acquiring_s": each.acquiring_s,
-                        "claimed": "yes" if each.table_answer.claimed else "no",
-                    }
-                    for each in searches
-                ),
+            make_table("table2", "Errors of the online searches", f"method peak_snr_db acquisitions {ERRORS}", rows),
+            make_table(
+                "table2_searches",
+                "Every online search",
+                "method peak_snr_db repeat position truth_deg acquisitions answer_deg error_deg "
+                "travel_of_whole_run_deg elapsed_s acquiring_s claimed",
+                every,
                 shown=False,
             ),
         ),
     )
+
+
+_ByGroup: TypeAlias = dict[tuple[float, PaperMethod, int], Errors]
+"""Errors by peak SNR, method and number of acquisitions."""
+
+
+def fig7(searches: Sequence[OnlineSearch]) -> Section:
+    """Fig. 7: mean error of TS and GSS over the number of acquisitions."""
+    errors: _ByGroup = {
+        (level_db, name, count): summary_of(
+            each.answer(count) for each in searches if (each.method, each.peak_snr_db) == (name, level_db)
+        )
+        for level_db in levels_of(searches)
+        for name in BRACKETS
+        for count in BRACKET_ACQUISITIONS
+    }
+    return make_section(
+        "fig7",
+        method=("online",),
+        comparisons=tuple(
+            compared(f"fig7/{name}/{count}", errors[level_db, name, count], condition=f"{level_db:g} dB")
+            for count in (2, 28)
+            for name in BRACKETS
+            for level_db in levels_of(searches)
+        ),
+        tables=(errors_table("fig7", "Errors of TS and GSS online", "peak_snr_db method acquisitions", errors),),
+        draw=partial(_draw_errors, errors),
+    )
+
+
+def _draw_errors(errors: _ByGroup) -> Figure:
+    printed_deg = {
+        (name, count): paper_number(key).value
+        for name in BRACKETS
+        for count, key in ((2, f"fig7/{name}/2"), (TABLE_ACQUISITIONS, f"table2/{name}"), (28, f"fig7/{name}/28"))
+    }
+    return errors_figure(
+        [
+            Panel(
+                title=f"simulated rig, {level_db:g} dB",
+                errors={group[1:]: each for group, each in errors.items() if group[0] == level_db},
+                printed_deg=printed_deg,
+            )
+            for level_db in dict.fromkeys(level_db for level_db, _, _ in errors)
+        ],
+        heading="Online searches on the simulated rig",
+        columns=2,
+        panel_in=(5.0, 3.6),
+    )
+
+
+def fig8(searches: Sequence[OnlineSearch]) -> Section:
+    """Fig. 8: angle of the probe at each acquisition of TS and GSS, one panel for each position."""
+    # The lowest noise: the tracks then show the rule of the method, not chance.
+    level_db = max(levels_of(searches))
+    first = [each for each in searches if each.repeat == 0 and each.method in BRACKETS and each.peak_snr_db == level_db]
+    rows = (
+        (search.position, search.method, number, angle_deg, search.truth_deg)
+        for search in first
+        for number, angle_deg in enumerate(search.track_deg, start=1)
+    )
+    columns = "position method acquisition angle_deg truth_deg"
+    return make_section(
+        "fig8",
+        method=("online",),
+        tables=(make_table("fig8", "Angles reached", columns, rows, shown=False),),
+        draw=partial(_draw_tracks, first),
+        level=level_db,
+    )
+
+
+def _draw_tracks(searches: Sequence[OnlineSearch]) -> Figure:
+    truths_deg = {each.position: each.truth_deg for each in searches}
+    tracks_deg = {(each.position, each.method): each.track_deg for each in searches}
+    figure, panels = panel_grid(
+        [f"position {position}, marker at {truth_deg:.1f}°" for position, truth_deg in truths_deg.items()],
+        heading="Track of the probe on the simulated rig",
+        x_label="acquisition",
+        y_label="probe angle [deg]",
+        columns=3,
+        panel_in=(3.7, 3.0),
+    )
+    for axes, (position, truth_deg) in zip(panels, truths_deg.items(), strict=True):
+        axes.axhline(truth_deg, color="#e08a1e", linestyle="--", linewidth=1.2, label="marker (truth)")
+        for name in BRACKETS:
+            track_deg = tracks_deg[position, name]
+            axes.plot(
+                range(1, len(track_deg) + 1),
+                track_deg,
+                label=name,
+                color=COLOURS[name],
+                marker=MARKS[name],
+                markersize=3.5,
+                linewidth=1.2,
+            )
+    shared_legend(figure)
+    return figure

@@ -51,13 +51,12 @@ class RunOptions:
         another. ``part``: jobs that a process is given at once.
         """
         parts = [jobs[first : first + part] for first in range(0, len(jobs), part)]
-        # Results come as they are ready, and are sorted: tables must not depend on the number of processes.
-        results: dict[int, list[Done]] = {}
+        results: list[Done] = []
         self.progress(stage, 0, len(jobs))
-        for number, done in on_processes(partial(_all, function), parts, workers=min(self.workers, max(1, len(parts)))):
-            results[number] = done
-            self.progress(stage, sum(map(len, results.values())), len(jobs))
-        return [result for number in range(len(parts)) for result in results[number]]
+        for done in on_processes(partial(_all, function), parts, workers=min(self.workers, max(1, len(parts)))):
+            results += done
+            self.progress(stage, len(results), len(jobs))
+        return results
 
 
 def _all(function: Callable[[Job], Done], jobs: Sequence[Job]) -> list[Done]:

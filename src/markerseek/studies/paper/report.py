@@ -1,17 +1,91 @@
-"""Sections as files: a CSV for each table, PNG and SVG of the picture, and one HTML page with all of them."""
+"""All figures and tables by name, and their files: CSV, PNG and SVG, and one HTML page with all of them.
+
+What several of them share is computed once.
+"""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
 from itertools import zip_longest
 from pathlib import Path
 
 from markerseek._version import __version__
+from markerseek.core import ConfigError
 from markerseek.pictures import new_picture, png_data_uri, save_png, save_svg, write_page
+from markerseek.studies.paper.banks import OfflineBank, as_intensities, simulated_banks
+from markerseek.studies.paper.consistency import consistency
+from markerseek.studies.paper.failures import failures
+from markerseek.studies.paper.fig5 import fig5
+from markerseek.studies.paper.fig9 import fig9
+from markerseek.studies.paper.offline import OfflineSearch, fig6, offline_searches, table1
+from markerseek.studies.paper.online import OnlineSearch, fig7, fig8, online_searches, table2
 from markerseek.studies.paper.options import PAPER_MARKERS, RunOptions
 from markerseek.studies.paper.printed import PAPER_NUMBERS, PaperNumber
-from markerseek.studies.paper.section import Cell, Section, Table
+from markerseek.studies.paper.section import Cell, Section, Table, make_table
+from markerseek.studies.paper.tissues import tissues
+from markerseek.studies.paper.travel import travel
+
+OFFLINE = ("fig6", "table1")
+"""What can be made from a user's own bank."""
+
+
+class Reproduction:
+    """Makes the sections of the report, one by one.
+
+    ``folder``: where banks are written. ``own_bank``: a user's bank instead of the simulated ones; None for those.
+    """
+
+    def __init__(self, *, options: RunOptions, folder: Path, own_bank: OfflineBank | None = None) -> None:
+        self._options = options
+        self._folder = folder
+        self._own_bank = own_bank
+
+    @cached_property
+    def _offline(self) -> list[OfflineSearch]:
+        own, folder, options = self._own_bank, self._folder / "banks", self._options
+        banks = simulated_banks(folder, options) if own is None else [as_intensities(own, folder, options)]
+        return offline_searches(banks, options)
+
+    @cached_property
+    def _online(self) -> list[OnlineSearch]:
+        return online_searches(self._options)
+
+    @property
+    def makers(self) -> dict[str, Callable[[], Section]]:
+        """Functions that make the sections, by name, in the order of the report.
+
+        Each function of a section gets what it may use (`RunOptions`), or the searches that several sections share.
+        """
+        return {
+            "fig5": lambda: fig5(self._options),
+            "fig6": lambda: fig6(self._offline),
+            "table1": lambda: table1(self._offline),
+            "table2": lambda: table2(self._online),
+            "tissues": lambda: tissues(self._options),
+            "fig7": lambda: fig7(self._online),
+            "fig8": lambda: fig8(self._online),
+            "fig9": lambda: fig9(self._options),
+            "travel": lambda: travel(self._options),
+            "consistency": lambda: consistency(self._options),
+            "failures": lambda: failures(self._options),
+        }
+
+    def sections(self, names: Sequence[str]) -> Iterator[Section]:
+        """Sections of these names, in this order.
+
+        Raises `ConfigError` if a name is unknown, or cannot be made from a user's own bank; nothing is made then.
+        """
+        makers = self.makers
+        for name in names:
+            if name not in makers:
+                raise ConfigError(f"reproduce: {name!r} is unknown; there are: {', '.join(makers)}, all")
+            if self._own_bank is not None and name not in OFFLINE:
+                raise ConfigError(f"reproduce: {name} uses no bank; give --bank with {' or '.join(OFFLINE)}")
+        # Not `yield`: the names are checked at the call, before the first section takes its minutes.
+        return (makers[name]() for name in names)
+
 
 REPORT = "report.html"
 """Name of the page."""
@@ -68,27 +142,18 @@ def write_report(
 
 def comparison_table(section: Section) -> Table:
     """The paper's numbers and ours, as a table of the section."""
-    return Table(
-        name=f"{section.name}_beside_the_paper",
-        caption="The paper's numbers beside ours",
-        rows=tuple(
-            {
-                "number": each.paper.quantity,
-                "place": each.paper.place,
-                "unit": each.paper.unit,
-                "condition": each.condition,
-                "paper": each.paper.value,
-                "paper_spread": each.paper.sd,
-                "ours": each.ours,
-                "ours_spread": each.sd,
-                "half_interval95": each.half,
-                "difference": each.difference,
-                "off": each.failed,
-                "without_claim": each.unclaimed,
-            }
+    return make_table(
+        f"{section.name}_beside_the_paper",
+        "The paper's numbers beside ours",
+        "number place unit condition paper paper_spread ours ours_spread half_interval95 difference off without_claim",
+        (
+            (
+                each.paper.quantity, each.paper.place, each.paper.unit, each.condition, each.paper.value, each.paper.sd,
+                each.ours, each.sd, each.half, each.difference, each.failed, each.unclaimed,
+            )
             for each in section.comparisons
         ),
-    )
+    )  # fmt: skip
 
 
 def shown(cell: Cell) -> str:
@@ -113,9 +178,7 @@ def _file_names(section: Section) -> list[str]:
 def _write_csv(table: Table, path: Path) -> None:
     with new_picture(path, what="table") as part, part.open("w", newline="", encoding="utf-8") as lines:
         # The default of the csv module is CRLF, on every system.
-        writer = csv.DictWriter(lines, table.columns, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(table.rows)
+        csv.writer(lines, lineterminator="\n").writerows([table.columns, *table.rows])
 
 
 def _reasons(section: Section) -> list[tuple[str, dict[str, list[str]]]]:

@@ -1,16 +1,23 @@
-"""What the reproduction of one figure or table consists of: text, tables, comparisons with the paper, a picture."""
+"""What the reproduction of one figure or table consists of: text, tables, comparisons with the paper, a picture.
+
+The text is in `prose.md`, where a section has its name and title as a heading, then paragraphs, the words for its
+picture as an image, and remarks. Results stand in it as fields of `str.format`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import re
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from functools import cache
+from importlib import resources
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from markerseek.core import ConfigError, Estimate, Found
 from markerseek.studies.paper.printed import SENSITIVE_DEG, OwnNumber, PaperNumber, paper_number
-from markerseek.studies.statistics import Moments
+from markerseek.studies.statistics import Mean
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,26 +33,19 @@ class Table:
     name: str
     """Stem of the CSV."""
     caption: str
-    rows: tuple[dict[str, Cell], ...]
-    """The cells of each row by the names of their columns, which have units; the same columns in each."""
+    columns: tuple[str, ...]
+    """Names of the columns, with their units."""
+    rows: tuple[tuple[Cell, ...], ...]
     shown: bool = True
     """Whether the report prints it; a long one is a file only."""
 
-    def __post_init__(self) -> None:
-        for number, row in enumerate(self.rows, start=1):
-            if tuple(row) != self.columns:
-                here, first = ", ".join(row), ", ".join(self.columns)
-                raise ConfigError(f"table {self.name}: row {number} has the columns {here}, row 1 has {first}")
 
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Names of the columns."""
-        return tuple(self.rows[0]) if self.rows else ()
-
-    @property
-    def lines(self) -> tuple[tuple[Cell, ...], ...]:
-        """The cells of each row, without their names."""
-        return tuple(tuple(row.values()) for row in self.rows)
+def make_table(name: str, caption: str, columns: str, rows: Iterable[tuple[Cell, ...]], *, shown: bool = True) -> Table:
+    """Return a table; ``columns``: their names, separated by spaces."""
+    names, lines = tuple(columns.split()), tuple(rows)
+    if any(len(line) != len(names) for line in lines):
+        raise ConfigError(f"table {name}: a row has not the {len(names)} columns {columns}")
+    return Table(name=name, caption=caption, columns=names, rows=lines, shown=shown)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,17 +80,18 @@ class Errors:
     """Share of searches that claim an angle with an error beyond `SENSITIVE_DEG`."""
 
     @property
-    def cells(self) -> dict[str, Cell]:
-        """The summary as cells of a table."""
-        return {
-            "searches": self.count,
-            "mean_error_deg": self.mean_deg,
-            "spread_deg": self.sd_deg,
-            "half_interval95_deg": self.half_deg,
-            "share_off_by_more_than_4.33_deg": self.failed,
-            "share_without_a_claim": self.unclaimed,
-            "claimed_and_off_by_more_than_4.33_deg": self.claimed_failed,
-        }
+    def cells(self) -> tuple[Cell, ...]:
+        """The summary as cells of a table, under `ERRORS`."""
+        return (
+            self.count, self.mean_deg, self.sd_deg, self.half_deg, self.failed, self.unclaimed, self.claimed_failed
+        )  # fmt: skip
+
+
+ERRORS = (
+    "searches mean_error_deg spread_deg half_interval95_deg share_off_by_more_than_4.33_deg share_without_a_claim "
+    "claimed_and_off_by_more_than_4.33_deg"
+)
+"""Columns of `Errors.cells`."""
 
 
 def errors_of(errors_deg: Iterable[float]) -> Errors:
@@ -105,17 +106,22 @@ def summary_of(answers: Iterable[Answer]) -> Errors:
     if errors.size == 0:
         raise ConfigError("errors: there is no search to summarise; run at least one")
     claimed = np.array([each.claimed for each in of_all])
-    moments = Moments.of(errors.tolist())
-    interval = moments.interval
+    mean = Mean.of(errors.tolist())
     return Errors(
-        count=moments.count,
-        mean_deg=moments.mean,
-        sd_deg=moments.sd,
-        half_deg=None if interval is None else (interval[1] - interval[0]) / 2,
+        count=mean.count,
+        mean_deg=float(np.mean(errors)),
+        sd_deg=mean.sd,
+        half_deg=mean.half,
         failed=float(np.mean(errors > SENSITIVE_DEG)),
         unclaimed=float(np.mean(~claimed)),
         claimed_failed=float(np.mean(claimed & (errors > SENSITIVE_DEG))),
     )
+
+
+def errors_table(name: str, caption: str, columns: str, errors: Mapping[tuple[Any, ...], Errors]) -> Table:
+    """Table of the errors of groups of searches, whose names go into the first columns."""
+    rows = ((*group, *each.cells) for group, each in errors.items())
+    return make_table(name, caption, f"{columns} {ERRORS}", rows, shown=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -171,3 +177,62 @@ class Section:
     """``draw`` and ``alt``: makes the picture, and what it shows, in words; None where there is no picture."""
     remarks: tuple[str, ...] = ()
     """Sentences about the results and their limits."""
+
+
+def make_section(
+    name: str,
+    *,
+    method: tuple[str, ...] = (),
+    comparisons: tuple[Comparison, ...] = (),
+    tables: tuple[Table, ...] = (),
+    draw: Callable[[], Figure] | None = None,
+    remarks: tuple[str, ...] = (),
+    **results: object,
+) -> Section:
+    """Return a section with its text.
+
+    ``method``: headings whose paragraphs come first. ``remarks``: sentences before those of the text. ``results``: what
+    stands in the text.
+    """
+    text = _prose()[name]
+    paragraphs = (paragraph for heading in (*method, name) for paragraph in _prose()[heading].paragraphs)
+    return Section(
+        name=name,
+        title=text.title.format(**results),
+        method=tuple(paragraph.format(**results) for paragraph in paragraphs),
+        comparisons=comparisons,
+        tables=tables,
+        draw=draw,
+        alt=text.alt,
+        remarks=(*remarks, *(remark.format(**results) for remark in text.remarks)),
+    )
+
+
+class _Text(NamedTuple):
+    title: str
+    paragraphs: tuple[str, ...]
+    alt: str
+    remarks: tuple[str, ...]
+
+
+@cache
+def _prose() -> dict[str, _Text]:
+    """The text of each section by its name."""
+    text = resources.files(__package__).joinpath("prose.md").read_text(encoding="utf-8")
+    found = {}
+    for part in re.split(r"^# ", text, flags=re.MULTILINE)[1:]:
+        heading, _, rest = part.partition("\n")
+        name, _, title = heading.partition(": ")
+        method, _, remarks = rest.partition("## Remarks")
+        picture = re.search(r"!\[(.*?)\]", method, flags=re.DOTALL)
+        found[name] = _Text(
+            title=title,
+            paragraphs=_paragraphs(re.sub(r"!\[.*?\]\(.*?\)", "", method, flags=re.DOTALL)),
+            alt="" if picture is None else " ".join(picture[1].split()),
+            remarks=_paragraphs(remarks),
+        )
+    return found
+
+
+def _paragraphs(text: str) -> tuple[str, ...]:
+    return tuple(" ".join(paragraph.split()) for paragraph in text.split("\n\n") if paragraph.strip())

@@ -5,9 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -17,15 +16,16 @@ from markerseek.sim import LaserSettings, ReceiverSettings, StageMotion
 from markerseek.studies.paper.methods import BRACKETS, PAPER_METHODS, TABLE_ACQUISITIONS, PaperMethod, noise_free_track
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.printed import paper_number
-from markerseek.studies.paper.section import Cell, Comparison, Section, Table
+from markerseek.studies.paper.section import Cell, Comparison, Section, Table, make_section, make_table
 from markerseek.studies.paper.style import COLOURS
-from markerseek.studies.statistics import Moments
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FASTEST = StageMotion(speed_deg_s=25.0, acceleration_deg_s2=25.0)
 """The stage at the limits of its data sheet."""
+
+AS_PRINTED, FROM_FIRST, FROM_LOW_END = "as printed", "from the first angle", "from -35 deg"
 
 
 def shortest_order(track_deg: Sequence[float], *, start_deg: float) -> list[float]:
@@ -70,16 +70,32 @@ def rotation_s(track_deg: Sequence[float], *, motion: StageMotion) -> float:
     return total_s
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Way:
+class _Spread(NamedTuple):
+    """Mean of many values, their standard deviation, and half the 95 % interval of the mean, which is normal."""
+
+    mean: float
+    sd: float
+    half: float
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> _Spread:
+        sd = float(np.std(values, ddof=1))
+        return cls(float(np.mean(values)), sd, 1.96 * sd / math.sqrt(len(values)))
+
+
+class _Way(NamedTuple):
     """One way to count: a method, an order within each pair, and a start."""
 
     name: PaperMethod
     order: str
     start: str
-    travel: Moments
-    rotation: Moments
-    fastest: Moments
+    travel: _Spread
+    rotation: _Spread
+    fastest: _Spread
+
+    def compared(self, key: str, ours: _Spread, condition: str) -> Comparison:
+        """A number of the paper beside ours."""
+        return Comparison(paper=paper_number(key), ours=ours.mean, sd=ours.sd, half=ours.half, condition=condition)
 
 
 def travel(options: RunOptions) -> Section:
@@ -89,146 +105,83 @@ def travel(options: RunOptions) -> Section:
     options.progress("travel", 0, len(PAPER_METHODS))
     ways: list[_Way] = []
     for number, name in enumerate(PAPER_METHODS, start=1):
-        tracks = [noise_free_track(name, float(at), acquisitions=TABLE_ACQUISITIONS)[0] for at in markers_deg]
-        ways += _ways(name, tracks)
+        ways += _ways(name, [noise_free_track(name, at, acquisitions=TABLE_ACQUISITIONS)[0] for at in markers_deg])
         options.progress("travel", number, len(PAPER_METHODS))
-    return Section(
-        name="travel",
-        title=f"Rotation travel and time of {TABLE_ACQUISITIONS} acquisitions",
-        method=(
-            (
-                f"{options.markers} markers spread evenly over ±35°, without noise: the angles of the acquisitions "
-                "then follow from the marker's angle alone, on every symmetric unimodal curve. Time of rotation is "
-                "that of a stage with a trapezoidal speed that comes to rest at each angle and approaches it from "
-                "below: at 10°/s and 10°/s², the defaults, and at 25°/s and 25°/s², the largest of its data sheet."
-            ),
-        ),
-        comparisons=_comparisons(ways),
+    brackets = [way for way in ways if way.name in BRACKETS]
+    comparisons = [
+        way.compared(f"travel/{way.name}", way.travel, f"{way.name}, {way.order}, {way.start}") for way in brackets
+    ]
+    for way in brackets:
+        if (way.order, way.start) == (AS_PRINTED, FROM_FIRST):
+            # The shorter of the paper's two times is that of its shorter travel.
+            key = "travel/high" if way.name == "TS" else "travel/low"
+            comparisons.append(way.compared(key, way.rotation, f"{way.name}, 10°/s"))
+            comparisons.append(way.compared(key, way.fastest, f"{way.name}, 25°/s"))
+    shortest = {name: min(way.travel.mean for way in ways if way.name == name) for name in BRACKETS}
+    ts, gss, speed = paper_number("travel/TS").value, paper_number("travel/GSS").value, FASTEST.speed_deg_s
+    return make_section(
+        "travel",
+        comparisons=tuple(comparisons),
         tables=(_travel_table(ways), _time_table(ways)),
-        draw=partial(_draw, ways),
-        alt="Rotation travel of each method beside the paper's numbers",
-        remarks=_remarks(ways),
+        draw=partial(_draw, brackets),
+        acquisitions=TABLE_ACQUISITIONS,
+        markers=options.markers,
+        shortest=shortest,
+        paper={"TS": ts, "GSS": gss},
+        speed=speed,
+        seconds={"TS": ts / speed, "GSS": gss / speed},
     )
 
 
 def _ways(name: PaperMethod, tracks: Sequence[list[float]]) -> list[_Way]:
     low_deg = PAPER_RANGE.low_deg
-    orders: dict[str, Callable[[list[float]], list[float]]] = {"as printed": lambda track: track}
+    orders: dict[str, Callable[[list[float]], list[float]]] = {AS_PRINTED: list}
     if name in BRACKETS:
         # WA has no pairs: its sweep is the shortest way already.
         orders["shortest order"] = partial(shortest_order, start_deg=low_deg)
     ways = []
     for order, ordered in orders.items():
-        for start, before in {"from the first angle": [], "from -35 deg": [low_deg]}.items():
+        for start, before in {FROM_FIRST: [], FROM_LOW_END: [low_deg]}.items():
             whole = [[*before, *ordered(track)] for track in tracks]
-            ways.append(
-                _Way(
-                    name=name,
-                    order=order,
-                    start=start,
-                    travel=Moments.of([travel_deg(track) for track in whole]),
-                    rotation=Moments.of([rotation_s(track, motion=StageMotion()) for track in whole]),
-                    fastest=Moments.of([rotation_s(track, motion=FASTEST) for track in whole]),
+            spreads = (
+                _Spread.of([measure(track) for track in whole])
+                for measure in (
+                    travel_deg,
+                    partial(rotation_s, motion=StageMotion()),
+                    partial(rotation_s, motion=FASTEST),
                 )
             )
+            ways.append(_Way(name, order, start, *spreads))
     return ways
 
 
-def _half(moments: Moments) -> float:
-    """Half the 95 % interval of the mean, which is normal for this many values."""
-    return 1.96 * (moments.sd or 0.0) / math.sqrt(moments.count)
-
-
-def _compared(key: str, moments: Moments, condition: str) -> Comparison:
-    return Comparison(
-        paper=paper_number(key), ours=moments.mean, sd=moments.sd, half=_half(moments), condition=condition
-    )
-
-
-def _comparisons(ways: Sequence[_Way]) -> tuple[Comparison, ...]:
-    bracket = [way for way in ways if way.name in BRACKETS]
-    comparisons = [
-        _compared(f"travel/{way.name}", way.travel, f"{way.name}, {way.order}, {way.start}") for way in bracket
-    ]
-    for way in bracket:
-        if (way.order, way.start) == ("as printed", "from the first angle"):
-            # The shorter of the paper's two times is that of its shorter travel.
-            key = "travel/high" if way.name == "TS" else "travel/low"
-            comparisons.append(_compared(key, way.rotation, f"{way.name}, 10°/s"))
-            comparisons.append(_compared(key, way.fastest, f"{way.name}, 25°/s"))
-    return tuple(comparisons)
-
-
 def _travel_table(ways: Sequence[_Way]) -> Table:
-    return Table(
-        name="travel",
-        caption="Rotation travel and time of rotation",
-        rows=tuple(
-            {
-                "method": way.name,
-                "order": way.order,
-                "counted": way.start,
-                "travel_deg": way.travel.mean,
-                "spread_deg": way.travel.sd,
-                "half_interval95_deg": _half(way.travel),
-                "rotation_at_10_deg_s_s": way.rotation.mean,
-                "rotation_at_25_deg_s_s": way.fastest.mean,
-            }
-            for way in ways
-        ),
+    return make_table(
+        "travel",
+        "Rotation travel and time of rotation",
+        "method order counted travel_deg spread_deg half_interval95_deg rotation_at_10_deg_s_s rotation_at_25_deg_s_s",
+        ((way.name, way.order, way.start, *way.travel, way.rotation.mean, way.fastest.mean) for way in ways),
     )
 
 
 def _time_table(ways: Sequence[_Way]) -> Table:
     """Whole searches from −35°, with acquisitions read as files and in real time, beside manual search."""
     laser = LaserSettings()
-    # The pulses take the same time with both kinds of reading.
-    pulses_s = laser.pulses / laser.rate_hz
-    readings = {"SonixDAQ files": ReceiverSettings().readout_s, "real time": 0.0}
-    rows: list[dict[str, Cell]] = []
+    rows: list[tuple[Cell, ...]] = []
     for way in ways:
-        if (way.order, way.start) == ("as printed", "from -35 deg"):
-            for kind, readout_s in readings.items():
-                acquiring_s = TABLE_ACQUISITIONS * (readout_s + pulses_s)
-                rows.append(
-                    {
-                        "method": way.name,
-                        "acquisition": kind,
-                        "rotation_s": way.rotation.mean,
-                        "acquiring_s": acquiring_s,
-                        "total_s": way.rotation.mean + acquiring_s,
-                    }
-                )
-    for key in ("manual/low", "manual/high", "manual/registration"):
-        number = paper_number(key)
-        rows.append({**dict.fromkeys(rows[0]), "method": f"paper: {number.quantity}", "total_s": number.value})
-    return Table(
-        name="travel_time",
-        caption=f"Time of a whole search of {TABLE_ACQUISITIONS} acquisitions from -35 deg at 10 deg/s, 16 pulses at "
+        if (way.order, way.start) == (AS_PRINTED, FROM_LOW_END):
+            for kind, readout_s in {"SonixDAQ files": ReceiverSettings().readout_s, "real time": 0.0}.items():
+                # The pulses take the same time with both kinds of reading.
+                acquiring_s = TABLE_ACQUISITIONS * (readout_s + laser.pulses / laser.rate_hz)
+                rows.append((way.name, kind, way.rotation.mean, acquiring_s, way.rotation.mean + acquiring_s))
+    manual = map(paper_number, ("manual/low", "manual/high", "manual/registration"))
+    rows += [(f"paper: {number.quantity}", None, None, None, number.value) for number in manual]
+    return make_table(
+        "travel_time",
+        f"Time of a whole search of {TABLE_ACQUISITIONS} acquisitions from -35 deg at 10 deg/s, 16 pulses at "
         "100 Hz each, beside the paper's manual search",
-        rows=tuple(rows),
-    )
-
-
-def _remarks(ways: Sequence[_Way]) -> tuple[str, ...]:
-    shortest = {name: min(way.travel.mean for way in ways if way.name == name) for name in BRACKETS}
-    ts, gss = paper_number("travel/TS").value, paper_number("travel/GSS").value
-    speed = FASTEST.speed_deg_s
-    return (
-        (
-            f"The paper's travel, {ts:g}° and {gss:g}°, cannot be reproduced. Even if the order within each pair were "
-            f"chosen for the shortest way, TS would turn by {shortest['TS']:.0f}° and GSS by {shortest['GSS']:.0f}° on "
-            "average."
-        ),
-        (
-            f"Its 1 to 2 s are the times for {ts:g}° and {gss:g}° at {speed:g}°/s without a single stop: "
-            f"{ts / speed:.1f} s and {gss / speed:.1f} s. A stage that stops for each of 16 acquisitions takes longer."
-        ),
-        (
-            "The advantage over manual search does not depend on it: with acquisitions in real time a whole search "
-            "takes far less than 2 to 3 min. With files of 10 s each, reading takes nearly all of the time, as the "
-            "paper says."
-        ),
+        "method acquisition rotation_s acquiring_s total_s",
+        rows,
     )
 
 
@@ -246,7 +199,7 @@ def _draw(ways: Sequence[_Way]) -> Figure:
         axes.bar(
             range(1, len(here) + 1),
             [way.travel.mean for way in here],
-            yerr=[_half(way.travel) for way in here],
+            yerr=[way.travel.half for way in here],
             label=f"{name}, ours",
             color=COLOURS[name],
             ecolor="#444444",

@@ -1,0 +1,182 @@
+"""Calibration against closed-form wave fronts and simulated scans of a point source."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from markerseek.acoustics import Absorber, AcousticModel, GaussianAbsorber, Medium, Probe, RectanglePulse
+from markerseek.calibration import apex_s, fit_moveout, require_peak
+from markerseek.core import ChannelFrame, FrameHeader, Reading, ReadingFrame, RecordError, Sample, SearchError
+from markerseek.runs import calibrate
+from markerseek.signals import ImageReader, probe_preset
+
+PRESET = probe_preset("BPL9-5/55")
+ELEMENT_M = PRESET.array.lateral_m
+HEADER = FrameHeader(sequence=0, token="", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+
+
+def fronts(*, speed: float, distance_m: float, late_s: float, jitter_s: float, frames: int = 8) -> list[np.ndarray]:
+    rng = np.random.default_rng(7)
+    front = late_s + np.hypot(ELEMENT_M - 4e-3, distance_m) / speed
+    return [front + jitter_s * rng.standard_normal(len(front)) for _ in range(frames)]
+
+
+@pytest.mark.parametrize("speed", [1450.0, 1540.0, 1600.0])
+def test_an_exact_wave_front_gives_its_speed_and_range(speed: float) -> None:
+    moveout = fit_moveout(fronts(speed=speed, distance_m=0.05, late_s=3e-7, jitter_s=0.0), ELEMENT_M)
+    assert moveout.sound_speed_m_s == pytest.approx(speed, rel=1e-6)
+    assert moveout.range_m == pytest.approx(0.05, rel=1e-5)
+    assert moveout.lateral_m == pytest.approx(4e-3, abs=1e-7)
+
+
+def test_the_scatter_of_the_frames_is_the_error_of_the_speed() -> None:
+    errors, sigmas = [], []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        front = np.hypot(ELEMENT_M - 4e-3, 0.05) / 1500.0
+        moveout = fit_moveout([front + 2e-9 * rng.standard_normal(len(front)) for _ in range(8)], ELEMENT_M)
+        errors.append(moveout.sound_speed_m_s - 1500.0)
+        sigmas.append(np.sqrt(moveout.covariance[0, 0]))
+    assert np.std(errors) == pytest.approx(np.sqrt(np.mean(np.square(sigmas))), rel=0.5)
+
+
+def test_the_apex_is_the_arrival_above_the_point_also_further_away() -> None:
+    moveout = fit_moveout(fronts(speed=1500.0, distance_m=0.05, late_s=0.0, jitter_s=0.0), ELEMENT_M)
+    arrival = 2e-7 + np.hypot(ELEMENT_M - 4e-3, 0.052) / 1500.0
+    arrival[90:] = np.nan
+    found = apex_s(arrival, ELEMENT_M, moveout, plane_s=2e-7 + 0.05 / 1500.0)
+    assert found == pytest.approx(2e-7 + 0.052 / 1500.0, abs=2e-9)
+
+
+def test_a_front_that_bends_as_in_steel_is_refused() -> None:
+    with pytest.raises(SearchError, match="2600 m/s, and tissue has 1300 to 1800"):
+        fit_moveout(fronts(speed=2600.0, distance_m=0.05, late_s=0.0, jitter_s=0.0), ELEMENT_M)
+
+
+def scan(*, speed: float, face_m: float, height_m: float, late_s: float, source_deg: float, seed: int) -> list[Sample]:
+    """Samples of a simulated scan over a small absorber, at about 40 dB."""
+    rng = np.random.default_rng(seed)
+    model = AcousticModel(
+        probe=Probe(face_radius_m=face_m, element_height_m=height_m),
+        medium=Medium(sound_speed_m_s=speed),
+        laser=RectanglePulse(duration_s=200e-9),
+        trigger_offset_s=late_s,
+    )
+    source = GaussianAbsorber(radius_m=0.15e-3)
+    absorber = Absorber(source=source, strength=1.0, radius_m=0.06, angle_deg=source_deg, lateral_m=-6e-3)
+    scale = 600 / np.abs(model.channel_data([absorber], angle_deg=source_deg)).max()
+    reader = ImageReader(PRESET)
+    samples = []
+    for angle_deg in np.arange(-12.0, 12.1, 1.0):
+        scan_of = scale * model.channel_data([absorber], angle_deg=float(angle_deg))
+        counts = np.rint(scan_of + 20 * rng.standard_normal(scan_of.shape)).astype(np.int16)
+        frame = ChannelFrame(header=HEADER, samples=counts, sampling_hz=40e6)
+        samples.append(Sample(angle_deg=float(angle_deg), reading=reader.read(frame), frame=frame))
+    return samples
+
+
+@pytest.mark.parametrize(
+    ("speed", "face_m", "height_m", "late_s", "source_deg"),
+    [(1480.0, 10e-3, 5e-3, 0.6e-6, 1.3), (1560.0, 12e-3, 4e-3, -0.4e-6, -2.6)],
+)
+def test_a_simulated_scan_gives_its_truth_within_the_intervals(
+    speed: float, face_m: float, height_m: float, late_s: float, source_deg: float
+) -> None:
+    samples = scan(speed=speed, face_m=face_m, height_m=height_m, late_s=late_s, source_deg=source_deg, seed=3)
+    found = calibrate(samples, PRESET)
+    geometry = found.geometry
+    for value, truth, most in (
+        (geometry.source_deg, source_deg, 0.05),
+        (geometry.face_radius_m, face_m, 0.6e-3),
+        (geometry.sound_speed_m_s, speed, 6.0),
+        (geometry.trigger_offset_s, late_s, 0.3e-6),
+    ):
+        assert abs(value.value - truth) < 3 * value.sigma
+        assert abs(value.value - truth) < most
+        assert value.sigma < most
+    # The waves say little of the speed: it is not known better than from the wave fronts.
+    assert geometry.sound_speed_m_s.sigma > 0.5
+    assert geometry.misfit < 0.1
+    assert 8 <= found.waves <= found.frames == len(samples)
+
+
+def scan_of(intensities: list[float], *, saturated: float = 0.0) -> list[Sample]:
+    """Samples at -8, -7 ... deg with these intensities, over noise of 20 counts."""
+    return [
+        Sample(
+            angle_deg=float(index - 8),
+            reading=Reading(intensity=intensity, noise_sigma=20.0, saturated_fraction=saturated),
+            frame=None,
+        )
+        for index, intensity in enumerate(intensities)
+    ]
+
+
+PEAK = [30.0, 60.0, 200.0, 600.0, 1500.0, 700.0, 250.0, 80.0, 40.0]
+
+
+@pytest.mark.parametrize(
+    ("samples", "said"),
+    [
+        (scan_of(PEAK[2:]), r"7 angles are too few .* at least 8 .*; scan one small source"),
+        (scan_of([500.0] * 9), r"the intensity is 500 at every one of 9 angles"),
+        (
+            scan_of([each / 15 for each in PEAK]),
+            r"at -4 deg, is 5 times the noise, more than 8 are needed; check laser",
+        ),
+        (scan_of([each / 30 for each in PEAK]), r"no source at any angle"),
+        (scan_of(sorted(PEAK)), r"strongest at 0 deg, at an end of the scan from -8 to 0 deg; scan further"),
+        (scan_of(sorted(PEAK, reverse=True)), r"strongest at -8 deg, at an end of the scan from -8 to 0 deg"),
+        (scan_of([*PEAK[3:], 20.0, 20.0]), r"strongest at -7 deg, at an end"),
+        (scan_of(PEAK, saturated=0.3), r"30% of the channels are saturated at -4 deg, at most 5% may be.*; reduce the"),
+    ],
+)
+def test_a_scan_that_calibrates_nothing_is_refused_by_its_intensities(samples: list[Sample], said: str) -> None:
+    with pytest.raises(SearchError, match=said):
+        require_peak(samples, saturated_limit=0.05)
+
+
+@pytest.mark.parametrize("noise", [2.0, 20.0])
+def test_frames_without_the_delays_off_the_plane_are_refused(noise: float) -> None:
+    """One frame, scaled with the angle: the fit alone would return a face radius of 3 to 6 mm for a true one of 10."""
+    samples = scan(speed=1500.0, face_m=10e-3, height_m=5e-3, late_s=0.3e-6, source_deg=0.4, seed=3)
+    strongest = max(samples, key=lambda sample: sample.reading.intensity).frame
+    assert isinstance(strongest, ChannelFrame)
+    rng = np.random.default_rng(1)
+    copied = []
+    for angle_deg in (sample.angle_deg for sample in samples):
+        height = np.exp(-(((angle_deg - 0.4) / 5) ** 2))
+        counts = np.rint(height * strongest.samples + noise * rng.standard_normal(strongest.samples.shape))
+        frame = ChannelFrame(header=HEADER, samples=counts.astype(np.int16), sampling_hz=40e6)
+        copied.append(Sample(angle_deg=angle_deg, reading=ImageReader(PRESET).read(frame), frame=frame))
+    with pytest.raises(SearchError, match="these frames do not hold the delays from which face radius and trigger"):
+        calibrate(copied, PRESET)
+
+
+@pytest.mark.parametrize("face_m", [4e-3, 6e-3])
+def test_a_probe_near_its_axis_still_calibrates(face_m: float) -> None:
+    samples = scan(speed=1500.0, face_m=face_m, height_m=5e-3, late_s=0.3e-6, source_deg=0.4, seed=4)
+    assert calibrate(samples, PRESET).geometry.face_radius_m.value == pytest.approx(face_m, abs=0.3e-3)
+
+
+def test_a_scan_over_a_peak_is_let_through() -> None:
+    require_peak(scan_of(PEAK, saturated=0.04), saturated_limit=0.05)
+
+
+def test_noise_alone_calibrates_nothing() -> None:
+    rng = np.random.default_rng(1)
+    reader = ImageReader(PRESET)
+    noise = [np.rint(20 * rng.standard_normal((128, 2080))).astype(np.int16) for _ in range(9)]
+    frames = [ChannelFrame(header=HEADER, samples=counts, sampling_hz=40e6) for counts in noise]
+    with pytest.raises(SearchError, match="no source at any angle"):
+        calibrate([Sample(angle_deg=float(k), reading=reader.read(f), frame=f) for k, f in enumerate(frames)], PRESET)
+
+
+def test_intensities_alone_calibrate_nothing() -> None:
+    frame = ReadingFrame(header=HEADER, intensity=1.0)
+    reading = ImageReader(PRESET).read(
+        ChannelFrame(header=HEADER, samples=np.ones((128, 2080), np.int16), sampling_hz=40e6)
+    )
+    with pytest.raises(RecordError, match="channel data"):
+        calibrate([Sample(angle_deg=0.0, reading=reading, frame=frame)], PRESET)

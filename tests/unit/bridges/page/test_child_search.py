@@ -1,0 +1,331 @@
+"""A child that is followed: its events, its end, STOP at any time, and streams that cannot be shown."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from markerseek import rigs
+from markerseek.bridges import Outcome
+from markerseek.bridges.page import PageRig, PageSearches, PageSettings
+from markerseek.bridges.page.child_search import MAX_WAITING, ChildSearch
+from markerseek.bridges.page.search_page import status_text
+from markerseek.core import Measured, RecordError, SearchError, SearchPlan
+from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead
+from markerseek.rigs import read_rig_file
+from markerseek.runs import new_session, plan_on
+from markerseek.sim import GaussianCurve
+
+BROWSER = "a browser at 127.0.0.1"
+STOPPED = Outcome(exit_code=130, answer={"error": "stopped by SIGINT"})
+FOUND = Outcome(exit_code=0, answer={"answer": "found", "angle_deg": 1.0, "reason": None})
+
+
+class ScriptedChild:
+    """Sends what it is given; `stop` ends it."""
+
+    def __init__(self, items=(), *, endless=False, error=None):
+        self.sent = queue.SimpleQueue()
+        for item in items:
+            self.sent.put(item)
+        if not endless:
+            self.sent.put(None)
+        self.error, self.stopped = error, threading.Event()
+
+    def items(self):
+        while (item := self.sent.get()) is not None:
+            yield item
+        if self.error is not None:
+            raise self.error
+
+    def stop(self):
+        self.stopped.set()
+        self.sent.put(None)
+
+    kill = stop
+
+    def outcome(self):
+        return STOPPED if self.stopped.is_set() else FOUND
+
+
+@pytest.fixture(scope="module")
+def stream():
+    """The stream of a short search."""
+    rig = rigs.of_intensities(seed=2, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=3.0)
+    session = new_session(rig, plan_on(rig, SearchPlan(method="ternary", acquisitions=8, start_deg=0.0)))
+    items = [StreamHead(configuration=session.configuration, frames=True)]
+    for number, event in enumerate(session.events(), start=1):
+        frame = event.sample.frame if isinstance(event, Measured) else None
+        items.append(
+            StreamEvent(
+                number=number,
+                written="",
+                clock_s=rig.scanner.clock.now_s(),
+                event=event,
+                header=None if frame is None else frame.header,
+                lost_lines=0,
+                lost_frames=0,
+            )
+        )
+    return [*items, StreamEnd(lost_lines=0, lost_frames=0)]
+
+
+def test_events_become_snapshots(stream):
+    told, begun = [], threading.Event()
+
+    def launch(_):
+        begun.wait(30)
+        return ScriptedChild(stream)
+
+    live = ChildSearch(launch, ["search"], on_change=lambda: told.append(live.status))
+    begun.set()
+    assert live.join(30)
+    assert (live.status, live.message) == ("ended", "found at 1.000 deg")
+    # Of the head, of each event, and of the end: no viewer has to wait for a timer.
+    assert (len(told), told[-1]) == (len(stream), "ended")
+    assert len(live.run.snapshots) == len(stream) - 1
+    assert live.run.snapshots[-1].phase == "finished"
+
+
+def test_stop_ends_it(stream):
+    child = ScriptedChild(stream[:5], endless=True)
+    live = ChildSearch(lambda _: child, ["search"])
+    live.stop()
+    assert live.join(30)
+    assert (live.status, live.message) == ("ended", "stopped by SIGINT")
+
+
+def test_stop_before_the_child_is_there(stream):
+    begun, child = threading.Event(), ScriptedChild(stream[:5], endless=True)
+
+    def launch(_):
+        begun.wait(30)
+        return child
+
+    live = ChildSearch(launch, ["search"])
+    live.stop()
+    assert live.status == "stopping"
+    begun.set()
+    assert live.join(30)
+    assert child.stopped.is_set()
+
+
+def test_child_that_cannot_be_started():
+    def launch(_):
+        raise OSError("no processes left")
+
+    live = ChildSearch(launch, ["search"])
+    assert live.join(30)
+    assert (live.status, live.message) == ("ended", "no processes left")
+
+
+def test_stream_that_cannot_be_read_stops_the_child(stream):
+    child = ScriptedChild(stream[:5], error=RecordError("stream: no stream"))
+    live = ChildSearch(lambda _: child, ["search"])
+    assert live.join(30)
+    assert (child.stopped.is_set(), live.message) == (True, "stream: no stream")
+    # Nobody knows where the probe is that was on its way.
+    last = live.run.snapshots[-1]
+    assert (last.phase, last.target_deg, last.line) == ("stopped", None, "stream: no stream")
+
+
+# The thread's own error is printed, as that of any thread.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_search_that_cannot_be_shown_is_stopped(stream, monkeypatch):
+    def broken(*_, **__):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("markerseek.bridges.page.run_history.RunHistory.add", broken)
+    child = ScriptedChild(stream[:5], endless=True)
+    live = ChildSearch(lambda _: child, ["search"])
+    assert live.join(30)
+    assert (child.stopped.is_set(), live.message) == (True, "the page cannot show this search; it was stopped")
+
+
+def test_frames_that_wait_are_bounded(stream, monkeypatch):
+    hold, frames = threading.Event(), []
+    monkeypatch.setattr(ChildSearch, "_take", lambda _, item: (hold.wait(30), frames.append(item.event.sample.frame)))
+    lit = next(
+        each
+        for each in stream
+        if isinstance(each, StreamEvent) and isinstance(each.event, Measured) and not each.event.sample.dark
+    )
+    child = ScriptedChild([lit] * (3 * MAX_WAITING))
+    live = ChildSearch(lambda _: child, ["search"])
+    while not child.sent.empty():
+        pass
+    hold.set()
+    assert live.join(30)
+    assert len(frames) == 3 * MAX_WAITING
+    assert MAX_WAITING <= sum(frame is not None for frame in frames) <= MAX_WAITING + 2
+
+
+def test_published_form_wins_no_race():
+    verdict = pytest.importorskip("markerseek.bridges.page.race_page", reason="needs the extra page").verdict
+
+    def racer(method, elapsed_s, *, as_published=False):
+        plan = SearchPlan(method=method, as_published=as_published)
+        run = SimpleNamespace(
+            configuration=SimpleNamespace(plan=plan), snapshots=[SimpleNamespace(elapsed_s=elapsed_s)]
+        )
+        return SimpleNamespace(status="ended", run=run, outcome=FOUND)
+
+    slow, quick = racer("posterior", 90.0), racer("ternary", 60.0)
+    published = racer("ternary", 30.0, as_published=True)
+    assert verdict((slow, quick)) == "ternary is first, after 60 s (virtual)"
+    assert verdict((slow, published)) == "posterior is first, after 90 s (virtual)"
+    assert verdict((published, published)) == "nothing is claimed"
+    stopped = SimpleNamespace(status="ended", run=slow.run, outcome=STOPPED)
+    assert verdict((slow, stopped)) == "no result: stopped, or ended by a fault"
+    nothing = SimpleNamespace(
+        status="ended", run=slow.run, outcome=Outcome(exit_code=3, answer={"answer": "not found"})
+    )
+    assert verdict((nothing, nothing)) == "no marker was found"
+
+
+def searches(children, tmp_path, monkeypatch, **rig):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    asked = []
+
+    def launch(arguments):
+        asked.append(list(arguments))
+        return children.pop(0)
+
+    return PageSearches(launch, PageRig(**rig)), asked
+
+
+def test_one_search_at_a_time(stream, tmp_path, monkeypatch):
+    shared, asked = searches([ScriptedChild(stream[:5], endless=True)], tmp_path, monkeypatch)
+    shared.start(PageSettings(seed=4), asked_by=BROWSER)
+    for another in (
+        lambda: shared.start(PageSettings(), asked_by=BROWSER),
+        lambda: shared.start_race(PageSettings(), PageSettings()),
+        lambda: shared.replay("x", PageSettings()),
+        shared.go_on,
+    ):
+        with pytest.raises(SearchError, match="a search runs"):
+            another()
+    shared.close()
+    assert not shared.busy
+    assert len(asked) == 1
+    assert asked[0][:6] == ["search", "--method", "posterior", "--seed", "4", "--pace"]
+
+
+def test_rig_of_devices_is_never_armed_from_the_page(stream, tmp_path, monkeypatch):
+    children = [ScriptedChild(stream[:5], endless=True)]
+    settings = read_rig_file(Path("examples/rigs/bench.toml"))
+    shared, asked = searches(children, tmp_path, monkeypatch, file=tmp_path / "rig.toml", settings=settings)
+    shared.start(PageSettings(seed=4, tissue="liver"), asked_by=BROWSER)
+    shared.search.journal.touch()
+    shared.stop()
+    assert shared.search.join(10)
+    assert asked[0][:5] == ["search", "--rig", str(tmp_path / "rig.toml"), "--method", "posterior"]
+    assert not {"--arm", "--reset-fault", "--seed", "--tissue"} & set(asked[0])
+    # For the question in the terminal.
+    assert asked[0][-1] == "--asked-by=a browser at 127.0.0.1"
+    assert not shared.paused
+    with pytest.raises(SearchError, match="resume it in the terminal"):
+        shared.go_on()
+    with pytest.raises(SearchError, match="simulated"):
+        shared.start_race(PageSettings(), PageSettings())
+
+
+def test_stop_while_a_race_starts_stops_both(stream, tmp_path, monkeypatch):
+    """STOP comes when the racers run already and the page does not yet know them."""
+    children = [ScriptedChild(stream[:5], endless=True) for _ in range(2)]
+    shared, _ = searches(list(children), tmp_path, monkeypatch)
+    pressed = []
+    live = shared._live
+
+    def slowly(*arguments, **options):
+        run = live(*arguments, **options)
+        pressed.append(threading.Thread(target=shared.stop))
+        pressed[-1].start()
+        time.sleep(0.05)
+        return run
+
+    monkeypatch.setattr(shared, "_live", slowly)
+    shared.start_race(PageSettings(), PageSettings())
+    for each in pressed:
+        each.join()
+    assert all(each.join(10) for each in shared.race)
+    assert all(each.stopped.is_set() for each in children)
+
+
+def test_nothing_starts_after_the_end(tmp_path, monkeypatch):
+    shared, asked = searches([], tmp_path, monkeypatch)
+    shared.close()
+    with pytest.raises(SearchError, match="is being closed"):
+        shared.start(PageSettings(), asked_by=BROWSER)
+    assert asked == []
+
+
+def test_pause_while_a_search_goes_on_can_go_on_again(stream, tmp_path, monkeypatch):
+    children = [ScriptedChild(stream[:5], endless=True), ScriptedChild(endless=True), ScriptedChild(stream)]
+    shared, asked = searches(children, tmp_path, monkeypatch)
+    shared.start(PageSettings(), asked_by=BROWSER)
+    while shared.search.run is None or len(shared.search.run.snapshots) < 3:
+        time.sleep(0.01)
+    shared.search.journal.touch()
+    for going_on in (True, True, False):
+        if going_on:
+            shared.stop()
+        assert shared.search.join(10)
+        assert shared.paused is going_on
+        if going_on:
+            # The second is stopped before it has sent anything.
+            shared.go_on()
+    assert [each[0] for each in asked] == ["search", "resume", "resume"]
+
+
+def test_search_whose_last_event_was_lost_has_ended(stream, tmp_path, monkeypatch):
+    shared, _ = searches([ScriptedChild([*stream[:5], StreamEnd(lost_lines=4)])], tmp_path, monkeypatch)
+    shared.start(PageSettings(), asked_by=BROWSER)
+    shared.search.journal.touch()
+    assert shared.search.join(10)
+    assert not shared.paused
+    assert "4 events were lost" in status_text(shared.search, simulated=True)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_whatever_goes_wrong_has_a_sentence():
+    def launch(_):
+        raise RuntimeError("can't start new thread")
+
+    live = ChildSearch(launch, [])
+    assert live.join(10)
+    assert (live.failed, live.message) == (True, "the page cannot follow this search; it was stopped")
+
+
+def test_child_that_does_not_stop_is_killed(stream, tmp_path, monkeypatch):
+    monkeypatch.setattr("markerseek.bridges.page.page_searches.END_S", 0.1)
+    child = ScriptedChild(stream[:5], endless=True)
+    child.stop = lambda: None
+    shared, _ = searches([child], tmp_path, monkeypatch)
+    shared.start(PageSettings(), asked_by=BROWSER)
+    shared.close()
+    assert child.stopped.is_set()
+
+
+def test_recordings_of_one_name_are_told_apart(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    named = [tmp_path / "a" / "run.journal", tmp_path / "b" / "run.journal"]
+    kept = tmp_path / "markerseek" / "journals" / "run.journal"
+    kept.parent.mkdir(parents=True)
+    kept.touch()
+    shared = PageSearches(lambda _: ScriptedChild(), PageRig(), named)
+    assert list(shared.recordings().values()) == [*named, kept]
+    assert next(iter(shared.recordings())) == "run.journal"
+
+
+def test_only_named_recordings_are_replayed(tmp_path, monkeypatch):
+    shared, asked = searches([], tmp_path, monkeypatch)
+    for name in ("/etc/passwd", "../../etc/passwd", "scan.hdf5"):
+        with pytest.raises(SearchError, match="no such recording"):
+            shared.replay(name, PageSettings())
+    assert asked == []

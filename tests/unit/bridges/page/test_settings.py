@@ -1,0 +1,93 @@
+"""Settings of the page: a link holds them all, and what a search would refuse is refused at once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from urllib.parse import parse_qsl
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from markerseek.bridges.page import PageSettings
+from markerseek.core import ConfigError
+from markerseek.rigs import simulated
+from markerseek.search import METHODS
+from markerseek.sim import TISSUES, SimulatedSettings, changed_settings
+
+settings = st.builds(
+    PageSettings,
+    method=st.sampled_from([each.name for each in METHODS]),
+    acquisitions=st.none() | st.integers(20, 200),
+    tissue=st.none() | st.sampled_from(list(TISSUES)),
+    snr_db=st.none() | st.integers(-20, 100).map(float),
+    readout_s=st.none() | st.sampled_from([0.0, 0.1, 10.0]),
+    seed=st.integers(0, 2**63 - 1),
+    pace=st.floats(0.0, 100.0),
+)
+
+
+@given(settings)
+def test_link_holds_all_settings(chosen):
+    assert PageSettings.of_query(dict(parse_qsl(chosen.query()))) == chosen
+
+
+def test_usual_settings_need_no_query():
+    assert PageSettings().query() == ""
+    assert PageSettings.of_query({}) == PageSettings()
+
+
+@pytest.mark.parametrize(
+    ("query", "message"),
+    [
+        ({"method": "magic"}, "'magic' is unknown"),
+        ({"seed": "-1"}, "seed is -1"),
+        ({"seed": "one"}, "^link: seed is 'one', which cannot be read; correct it, or leave it out$"),
+        ({"snr_db": ""}, "^link: snr_db is '', which cannot be read"),
+        ({"acquisitions": "1"}, "at least 2"),
+        ({"acquisitions": "1e9"}, "acquisitions"),
+        ({"tissue": "jelly"}, "tissue 'jelly' is unknown"),
+        ({"snr_db": "nan"}, "peak_snr_db is nan"),
+        ({"snr_db": "101"}, "peak_snr_db is 101"),
+        ({"readout_s": "inf"}, "readout_s is inf"),
+        ({"pace": "nan"}, "pace is nan"),
+        ({"pace": "101"}, "pace is 101"),
+        ({"as_published": "1"}, "was not published"),
+        ({"rig": "/etc/passwd"}, "'rig' is no setting"),
+        ({"journal": "x"}, "'journal' is no setting"),
+    ],
+)
+def test_link_that_cannot_be_used_is_refused(query, message):
+    with pytest.raises(ConfigError, match=message):
+        PageSettings.of_query(query)
+
+
+def test_arguments_are_those_of_the_command():
+    chosen = PageSettings(method="ternary", acquisitions=16, as_published=True, tissue="liver", seed=3, pace=0.0)
+    method = ["--method", "ternary", "--acquisitions", "16", "--as-published"]
+    assert chosen.arguments(simulated=True) == [*method, "--seed", "3", "--pace", "0", "--tissue", "liver"]
+    # A rig of devices has no seed, tissue or pace.
+    assert chosen.arguments(simulated=False) == method
+
+
+def test_numbers_are_handed_on_without_a_loss():
+    given = PageSettings(snr_db=23.4567891, pace=0.0123456789).arguments(simulated=True)
+    assert given[-4:] == ["--pace", "0.0123456789", "--snr-db", "23.4567891"]
+
+
+def test_change_is_checked():
+    assert replace(PageSettings(), seed=5).seed == 5
+    with pytest.raises(ConfigError, match="seed is"):
+        replace(PageSettings(), seed=0.5)
+
+
+def test_simulated_rig_has_the_noise_and_the_receiver_that_were_asked_for():
+    usual = SimulatedSettings()
+    assert changed_settings(usual) == usual
+    changed = changed_settings(usual, tissue="liver", snr_db=30.0, readout_s=0.1)
+    assert (changed.tissue, changed.noise.peak_snr_db, changed.receiver.readout_s) == ("liver", 30.0, 0.1)
+    rigs = [simulated(seed=1, settings=each, marker_deg=0.0) for each in (usual, changed_settings(usual, snr_db=20.0))]
+    readings = [each.scanner.measure(0.0).reading for each in rigs]
+    # The gain differs, because marker and noise must fit into the converter; 20 dB less is a tenth of the ratio.
+    ratios = [each.intensity / each.noise_sigma for each in readings]
+    assert ratios[0] / ratios[1] == pytest.approx(10, rel=0.2)

@@ -1,0 +1,106 @@
+"""What a search shows on ROS 2 of an acquisition, with the classes of messages of rosbags and without a network."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags", reason="needs the extra records")
+from rosbags.typesys import Stores, get_typestore
+
+from markerseek import rigs
+from markerseek.bridges.ros2.sample_topics import SampleTopics
+from markerseek.core import Measured, SearchPlan
+from markerseek.records.banks import BankFacts
+from markerseek.records.exports import Series, write_mcap
+from markerseek.records.stream import StreamHead
+from markerseek.ros import topics
+from markerseek.runs import configuration_of
+from markerseek.sim import ReceiverSettings, SimulatedSettings
+from tests.unit.records.exports.exported import messages, on_topic
+
+
+class Node:
+    """Keeps what is published."""
+
+    kinds = get_typestore(Stores.ROS2_JAZZY).types
+
+    def __init__(self):
+        self.sent = {}
+
+    def now_s(self):
+        return 1.0
+
+    def advertise(self, topic, kind, **how):
+        pass
+
+    def publish(self, topic, message):
+        self.sent.setdefault(topic, []).append(message)
+
+
+def published(rig, event, *, publishes_angle=True):
+    """What is published of one acquisition of a rig."""
+    node = Node()
+    shown = SampleTopics(node=node, publishes_angle=publishes_angle)
+    shown.begin(StreamHead(configuration=configuration_of(rig, SearchPlan(method="ternary")), frames=True))
+    shown.publish(event)
+    return node.sent
+
+
+def test_item_12_a_sample_is_the_same_live_and_in_an_exported_log(tmp_path):
+    rig = rigs.simulated(seed=1)
+    sample = rig.scanner.measure(5.0)
+    (live,) = published(rig, Measured(role="search", index=1, sample=sample))[topics.SAMPLE]
+    image = rig.imaging.picture(sample.frame)
+    series = Series(
+        angles_deg=(sample.angle_deg,),
+        times_s=(1.0,),
+        clock="rig",
+        order=(0,),
+        intensities=(sample.reading.intensity,),
+        pulses=(sample.frame.header.pulses,),
+        facts=BankFacts(),
+    )
+    write_mcap(tmp_path / "a.mcap", iter([image]), series=series, brightest=1.0)
+    (recorded,) = on_topic(messages(tmp_path / "a.mcap"), topics.SAMPLE)
+    assert json.loads(recorded.data) == json.loads(live.data)
+    assert set(json.loads(live.data)["images"]) == {"trus_image"}
+
+
+def test_the_turn_of_the_probe_is_told_by_its_stage_node_where_there_is_one():
+    rig = rigs.simulated(seed=1)
+    event = Measured(role="search", index=1, sample=rig.scanner.measure(5.0))
+    for publishes_angle, told in ((True, ["trus_probe", "trus_image"]), (False, ["trus_image"])):
+        sent = published(rig, event, publishes_angle=publishes_angle)
+        assert [each.child_frame_id for each in sent[topics.FRAMES][0].transforms] == told
+        assert (topics.MEASURED_JS in sent) == publishes_angle
+
+
+def test_b_mode_beside_channel_data_is_shown_in_a_frame_of_its_own():
+    rig = rigs.simulated(seed=1, settings=SimulatedSettings(receiver=ReceiverSettings(b_mode=True)))
+    sample = rig.scanner.measure(5.0)
+    sent = published(rig, Measured(role="search", index=1, sample=sample))
+    (image,), (picture,) = sent[topics.BMODE], sent[topics.PICTURE]
+    assert (image.header.frame_id, picture.header.frame_id) == ("trus_bmode", "trus_image")
+    b_mode = sample.frame.b_mode
+    np.testing.assert_array_equal(image.data.reshape(image.height, image.width), b_mode.pixels)
+    # One message with each transform once: tf2 complains of a transform that comes twice with one stamp.
+    (frames,) = sent[topics.FRAMES]
+    assert [each.child_frame_id for each in frames.transforms] == ["trus_probe", "trus_image", "trus_bmode"]
+    for each, geometry in zip(
+        frames.transforms[1:], (rig.imaging.picture(sample.frame).geometry, b_mode.geometry), strict=True
+    ):
+        place = each.transform.translation
+        expected = (0.0, geometry.first_lateral_m, rig.facts.face_radius_m + geometry.first_depth_m)
+        assert (place.x, place.y, place.z) == pytest.approx(expected, abs=1e-9)
+    # A subscriber puts any pixel in its place: the frame is that of the first, the sample says how far apart they are.
+    (said,) = sent[topics.SAMPLE]
+    image, geometry = rig.imaging.picture(sample.frame), json.loads(said.data)["images"]
+    row, column = np.unravel_index(image.envelope.argmax(), image.envelope.shape)
+    place = frames.transforms[1].transform.translation
+    across_m = place.y + column * geometry["trus_image"]["lateral_spacing_m"]
+    deep_m = place.z - rig.facts.face_radius_m + row * geometry["trus_image"]["depth_spacing_m"]
+    assert (across_m, deep_m) == pytest.approx((image.lateral_m[column], image.depth_m[row]), abs=1e-9)
+    assert geometry["trus_bmode"]["depth_spacing_m"] == b_mode.geometry.depth_step_m

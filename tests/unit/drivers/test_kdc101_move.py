@@ -1,0 +1,144 @@
+"""Moves of the stage's driver: target, side of approach, speed, and never outside its travel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from markerseek.drivers._approach import DOWN, UP, plan_approach
+from markerseek.drivers._kdc101_move import MoveRules
+from markerseek.emulators._prm1z8 import Motor
+from markerseek.sim import StageMotion
+from tests.unit.drivers.kdc101_bench import TRAVEL, bench
+
+
+def test_it_never_homes_and_never_jogs() -> None:
+    rig = bench()
+    stage = rig.stage()
+    for target in (-35.0, 35.0, -36.4, 0.0):
+        stage.move_to(target)
+    stage.stop()
+    assert set(rig.port.said) == {0x0012, 0x0005, 0x0490, 0x0413, 0x0414, 0x043A, 0x043B, 0x0423, 0x0424} | {
+        0x0450,
+        0x0451,
+        0x0453,
+        0x0465,
+    }
+
+
+@pytest.mark.parametrize(("zero_deg", "turns"), [(0.0, 1), (0.0, -1), (340.0, 0), (-350.0, 2)])
+def test_it_does_not_turn_the_long_way_round(zero_deg: float, turns: int) -> None:
+    rig = bench(zero_deg=zero_deg, turns=turns, start_deg=-20.0)
+    stage = rig.stage(zero_deg=zero_deg)
+    assert stage.angle_deg == pytest.approx(-20.0, abs=1e-3)
+    for target in (-35.0, 35.0, -35.0):
+        assert stage.move_to(target) == pytest.approx(target, abs=1e-3)
+        assert rig.probe.angle_deg == pytest.approx(target, abs=1e-3)
+    low, high = rig.emulator.truth_range_deg
+    assert low in TRAVEL
+    assert high in TRAVEL
+
+
+def test_play_falls_on_the_same_side_always() -> None:
+    rig = bench(play_deg=0.4)
+    stage = rig.stage()
+    rng = np.random.Generator(np.random.PCG64(5))
+    for target in [*rng.uniform(-35, 35, 12).tolist(), 10.0, 10.2, 10.1, 10.1]:
+        reached = stage.move_to(target)
+        assert not stage.approach_reversed
+        assert rig.probe.angle_deg == pytest.approx(reached, abs=1e-9)
+
+
+def test_an_approach_that_had_to_be_reversed_is_marked() -> None:
+    rig = bench(play_deg=0.4)
+    stage = rig.stage()
+    reached = stage.move_to(-36.2)
+    assert stage.approach_reversed
+    assert rig.probe.angle_deg == pytest.approx(reached + 0.4, abs=1e-9)
+    reached = stage.move_to(-35.4)
+    assert not stage.approach_reversed
+    assert rig.probe.angle_deg == pytest.approx(reached, abs=1e-9)
+
+
+@given(
+    target=st.floats(-36.5, 36.5),
+    here=st.floats(-36.5, 36.5),
+    pushed=st.sampled_from([UP, DOWN, None]),
+    usual=st.sampled_from([UP, DOWN]),
+)
+def test_the_last_way_takes_up_the_play_and_stays_inside(
+    target: float, here: float, pushed: int | None, usual: int
+) -> None:
+    plan = plan_approach(target, here_deg=here, pushed=pushed, usual=usual, room_deg=1.0, travel=TRAVEL, same_deg=5e-4)
+    assert all(stop in TRAVEL for stop in plan.stops_deg)
+    places = (here, *plan.stops_deg)
+    if plan.stops_deg:
+        assert plan.stops_deg[-1] == target
+        last = plan.direction * (places[-1] - places[-2])
+        assert last >= 0
+        assert last >= 1.0 - 1e-12 or (pushed == plan.direction and len(places) == 2)
+    else:
+        assert abs(target - here) <= 5e-4
+        assert pushed == plan.direction
+    assert plan.reversed == (plan.direction != usual)
+    assert plan.reversed == (target - usual * 1.0 not in TRAVEL)
+
+
+def test_a_renewed_target_costs_little_time_and_is_never_far_ahead() -> None:
+    rig = bench(start_deg=-35.0)
+    stage = rig.stage(approach_deg=0.5)
+    stage.move_to(-34.0)
+    moves, began_s = rig.emulator.moves, rig.clock.now_s()
+    stage.move_to(35.0)
+    took_s = rig.clock.now_s() - began_s
+    single_s = StageMotion(speed_deg_s=10.0, acceleration_deg_s2=10.0).duration_s(69.0)
+    assert rig.emulator.moves == moves + 1  # it stood nowhere in between
+    assert single_s < took_s < single_s + 0.6
+    assert rig.emulator.largest_lead_deg <= 5.0
+
+
+def test_unsolicited_updates_do_no_harm() -> None:
+    rig = bench(talking=True)
+    rig.let_be(0.35)
+    stage = rig.stage()
+    assert stage.move_to(7.0) == pytest.approx(7.0, abs=1e-3)
+
+
+@given(speed=st.floats(0.1, 25), acceleration=st.floats(0.1, 25), duration_s=st.floats(0, 20))
+def test_no_motor_of_its_speed_and_acceleration_gets_further(
+    speed: float, acceleration: float, duration_s: float
+) -> None:
+    """Against the emulated motor, whose speed is integrated phase by phase."""
+    rules = MoveRules(
+        low=-(10**9), high=10**9, speed=speed, acceleration=acceleration,
+        lead=1, renew_s=0.1, arrival=1, unexpected=1, begin_s=0.5,
+    )  # fmt: skip
+    motor = Motor(angle_deg=0.0, target_deg=1e6, top_speed_deg_s=speed, acceleration_deg_s2=acceleration)
+    motor.advance(duration_s)
+    assert rules.reach(duration_s) == pytest.approx(1.25 * motor.angle_deg, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("speed_deg_s", "acceleration_deg_s2"), [(0.1, 0.1024), (25.0, 25.0), (25.0, 0.1024), (1.0, 10.0)]
+)
+def test_a_sound_stage_is_never_too_fast_however_it_is_set(speed_deg_s: float, acceleration_deg_s2: float) -> None:
+    """An acceleration of 0.1024 is rounded to a word that is a third more."""
+    rig = bench()
+    stage = rig.stage(speed_deg_s=speed_deg_s, acceleration_deg_s2=acceleration_deg_s2, arrival_deg=0.001)
+    for target in (-1.0, 1.0, 1.02, 1.3):
+        assert stage.move_to(target) == pytest.approx(target, abs=1e-3)
+
+
+@settings(max_examples=15, deadline=None)
+@given(targets=st.lists(st.floats(-36.5, 36.5), min_size=1, max_size=4), start=st.floats(-36.0, 36.0))
+def test_wherever_it_goes_it_arrives_and_stays_inside(targets: list[float], start: float) -> None:
+    rig = bench(start_deg=start, play_deg=0.0)
+    stage = rig.stage()
+    for target in targets:
+        assert stage.move_to(target) == pytest.approx(target, abs=1e-3)
+    low, high = rig.emulator.truth_range_deg
+    assert low >= TRAVEL.low_deg
+    assert high <= TRAVEL.high_deg
+    assert rig.emulator.largest_lead_deg <= 5.0

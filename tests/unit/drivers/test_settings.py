@@ -1,0 +1,145 @@
+"""Rig files of kind "bench": settings as written, and an error for missing required ones."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+from markerseek.core import ConfigError, Interval
+from markerseek.drivers import BenchLaser, BenchProbe, BenchReceiver, BenchSettings
+from markerseek.drivers.settings import BenchStage, BenchSupervisor
+from markerseek.guard import Limits
+from markerseek.rigs import read_rig_file
+
+EXAMPLE = Path(__file__).parents[3] / "examples" / "rigs" / "bench.toml"
+
+MINIMAL = '[stage]\nport = "/dev/a"\nzero_deg = 12.5\n[laser]\nport = "/dev/b"\n[receiver]\nfolder = "daq"\n'
+
+
+def read(folder: Path, text: str) -> BenchSettings:
+    path = folder / "rig.toml"
+    path.write_text(text, encoding="utf-8")
+    settings = read_rig_file(path)
+    assert isinstance(settings, BenchSettings)
+    return settings
+
+
+def every_key(settings: object, prefix: str = "") -> set[str]:
+    keys: set[str] = set()
+    for field in fields(settings):  # type: ignore[arg-type]
+        value = getattr(settings, field.name)
+        keys |= every_key(value, f"{prefix}{field.name}.") if is_dataclass(value) else {prefix + field.name}
+    return keys
+
+
+def keys_of(table: dict[str, object], prefix: str = "") -> set[str]:
+    keys: set[str] = set()
+    for key, value in table.items():
+        keys |= keys_of(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key}
+    return keys
+
+
+def test_the_commented_example_names_every_key_and_holds_the_defaults() -> None:
+    settings = read_rig_file(EXAMPLE)
+    assert isinstance(settings, BenchSettings)
+    assert keys_of(tomllib.loads(EXAMPLE.read_text(encoding="utf-8"))) == every_key(settings) | {"kind"}
+    assert settings == BenchSettings(
+        stage=BenchStage(port="/dev/ttyUSB0", zero_deg=0.0),
+        laser=BenchLaser(port="/dev/ttyACM0"),
+        receiver=BenchReceiver(folder=str(EXAMPLE.parent / "daq")),
+    )
+
+
+def test_the_required_settings_suffice_and_folders_lie_beside_the_file(tmp_path: Path) -> None:
+    settings = read(tmp_path, 'kind = "bench"\n' + MINIMAL)
+    assert settings.stage.zero_deg == 12.5
+    assert settings.receiver.folder == str(tmp_path / "daq")
+    assert settings.supervisor.enabled
+    other = read(tmp_path, 'kind = "bench"\n' + MINIMAL.replace('"daq"', '"/data/daq"\nstart_command = ["go", "now"]'))
+    assert (other.receiver.folder, other.receiver.start_command) == ("/data/daq", ("go", "now"))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (MINIMAL.replace("zero_deg = 12.5\n", ""), "the key stage.zero_deg is missing"),
+        (MINIMAL.replace('port = "/dev/b"\n', ""), "the key laser.port is missing"),
+        ('[stage]\nport = "a"\nzero_deg = 0.0\n', "the key laser is missing"),
+        (MINIMAL + "foldr = 1\n", "key receiver.foldr is unknown; did you mean receiver.folder"),
+        (MINIMAL + "[supervisor]\nenabeld = false\n", "key supervisor.enabeld is unknown; did you mean"),
+        (MINIMAL + "[supervisor]\nlease_s = 0\n", "lease_s is 0.0 s"),
+        (MINIMAL + "[limits.search]\nlow_deg = 35.0\nhigh_deg = -35.0\n", "low end must lie below the high end"),
+        (MINIMAL + "[limits.search]\nlow_deg = nan\nhigh_deg = 35.0\n", "must be finite"),
+        (MINIMAL + "[firing]\npulses_per_permit = 15\n", "pulses is 16, firing.pulses_per_permit is 15"),
+        (
+            MINIMAL.replace('port = "/dev/b"', 'port = "/dev/b"\ndriver = "lamp"'),
+            "it must be one of: laserbox, picolas",
+        ),
+        (MINIMAL.replace('port = "/dev/b"', 'port = "/dev/b"\nrate_hz = nan'), "rate_hz is nan"),
+        (
+            MINIMAL.replace("zero_deg = 12.5", "zero_deg = 12.5\nspeed_deg_s = 99.0"),
+            r"speed_deg_s is 99.0 deg/s, it must lie in \[0.1, 25\] deg/s",
+        ),
+        (MINIMAL + "timeout_s = 0.0\n", r"timeout_s is 0.0 s, it must lie in \(0, 600\] s"),
+        (MINIMAL + "stable_s = nan\n", "stable_s is nan s"),
+        (MINIMAL + 'start_command = "rm -rf /"\n', 'start_command is text, it must be a list or "none"'),
+        (MINIMAL + 'tissue = "liver"\n', "key receiver.tissue is unknown"),
+        ('tissue = "liver"\n' + MINIMAL, "key tissue is unknown"),
+    ],
+)
+def test_a_file_with_a_fault_is_refused_with_file_key_and_cure(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message) as caught:
+        read(tmp_path, 'kind = "bench"\n' + text)
+    assert "rig.toml" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "change"),
+    [
+        (BenchLaser, {"port": "a", "pulses": 0}),
+        (BenchLaser, {"port": "a", "rate_hz": math.inf}),
+        (BenchReceiver, {"noise_ratio": 1.0}),
+        (BenchReceiver, {"noise_ratio": math.nan}),
+        (BenchProbe, {"face_radius_m": 0.0}),
+        (BenchProbe, {"face_radius_m": math.nan}),
+        (BenchProbe, {"sound_speed_m_s": 1.54}),
+        (BenchProbe, {"trigger_offset_s": math.nan}),
+        (BenchSupervisor, {"lease_s": math.nan}),
+        (BenchSupervisor, {"lease_s": 2.0}),
+    ],
+)
+def test_values_out_of_range_are_refused(kind: type, change: dict[str, object]) -> None:
+    with pytest.raises(ConfigError, match=next(name for name in change if name != "port")):
+        kind(**{"folder": "a"} | change if kind is BenchReceiver else change)
+
+
+def test_a_picolas_driver_needs_the_supervisor() -> None:
+    with pytest.raises(ConfigError, match="a PicoLAS driver has no lease of its own; keep it enabled"):
+        BenchSettings(
+            stage=BenchStage(port="a", zero_deg=0.0),
+            laser=BenchLaser(port="b", driver="picolas"),
+            receiver=BenchReceiver(folder="c"),
+            supervisor=BenchSupervisor(enabled=False),
+        )
+
+
+@pytest.mark.parametrize(("side", "low_deg", "high_deg"), [("below", -35.6, 35.0), ("above", -35.0, 35.6)])
+def test_a_search_that_could_not_be_approached_from_one_side_is_refused(
+    side: Literal["below", "above"], low_deg: float, high_deg: float
+) -> None:
+    def settings(limits: Limits) -> BenchSettings:
+        return BenchSettings(
+            stage=BenchStage(port="a", zero_deg=0.0, approach_from=side),
+            laser=BenchLaser(port="b"),
+            receiver=BenchReceiver(folder="c"),
+            limits=limits,
+        )
+
+    settings(Limits(search=Interval(low_deg=-35.5, high_deg=35.5)))
+    with pytest.raises(ConfigError, match=f"from {side} the stage must start at .*36.6 deg, outside the travel range"):
+        settings(Limits(search=Interval(low_deg=low_deg, high_deg=high_deg)))

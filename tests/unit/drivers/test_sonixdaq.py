@@ -1,0 +1,261 @@
+"""The SonixDAQ's driver and the folder writer in virtual time: which files count as an acquisition."""
+
+from __future__ import annotations
+
+import math
+import os
+import struct
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from markerseek.acoustics import AcousticModel, Noise
+from markerseek.core import (
+    AcquisitionError,
+    ChannelFrame,
+    ConfigError,
+    DeviceError,
+    DeviceTimeoutError,
+    NotConnectedError,
+    Permit,
+)
+from markerseek.drivers import SonixDaqReceiver, SonixDaqSettings, SystemClock
+from markerseek.drivers.daq_folder import DaqFolder, numbered
+from markerseek.drivers.program import run_to_its_end
+from markerseek.emulators.bench import BenchClock
+from markerseek.emulators.sonixdaq import EmulatedSonixDaq
+from markerseek.records.banks.frames import load_frame
+from markerseek.sim import World
+from markerseek.wire import sonixdaq as wire
+
+
+class Bench:
+    """A folder, who writes it, and who watches it."""
+
+    def __init__(self, folder: Path, *, sdk: int = 6, readout_s: float = 1.0, timeout_s: float = 5.0) -> None:
+        self.world = World(
+            model=AcousticModel(samples=64),
+            absorbers=(),
+            noise=Noise(white_sigma=300.0),
+            energy_jitter=0.0,
+            start_deg=0.0,
+            rng=np.random.default_rng(1),
+        )
+        self.received: list[np.ndarray] = []
+        world_frame = self.world.frame
+
+        def frame(flash, *, header):  # type: ignore[no-untyped-def]
+            made = world_frame(flash, header=header)
+            self.received.append(made.samples)
+            return made
+
+        self.world.frame = frame  # type: ignore[method-assign]
+        self.folder = folder
+        self.clock = BenchClock()
+        self.daq = EmulatedSonixDaq(
+            world=self.world,
+            folder=folder,
+            rng=np.random.default_rng(2),
+            readout_s=readout_s,
+            sdk=6 if sdk == 6 else 5,
+        )
+        self.clock.lead(self.daq.advance)
+        watched = SonixDaqSettings(folder=folder, dark_triggers=4, timeout_s=timeout_s)
+        self.receiver = SonixDaqReceiver(settings=watched, clock=self.clock)
+
+    def take(self, token: str = "a", *, triggers: int = 4, pulses: int = 4) -> ChannelFrame:
+        permit = Permit(token=token, angle_deg=1.5, pulses=pulses, expires_s=math.inf)
+        self.receiver.arm(permit)
+        self.daq.trigger(triggers)
+        return self.receiver.acquire(permit)
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Bench:
+    return Bench(tmp_path / "daq")
+
+
+@pytest.mark.parametrize("sdk", [5, 6])
+@pytest.mark.parametrize("triggers", [1, 4, 5])
+def test_a_frame_is_the_world_s_count_for_count_in_both_layouts(tmp_path: Path, sdk: int, triggers: int) -> None:
+    bench = Bench(tmp_path, sdk=sdk)
+    for number in range(3):
+        frame = bench.take(f"permit {number}", triggers=triggers, pulses=triggers)
+        np.testing.assert_array_equal(frame.samples, bench.received[-1])
+        assert (frame.header.sequence, frame.header.token, frame.header.pulses) == (
+            number + 1,
+            f"permit {number}",
+            triggers,
+        )
+    # the reader of recorded folders is another program
+    np.testing.assert_array_equal(load_frame(tmp_path).samples, bench.received[-1])
+
+
+def test_the_pulses_in_the_files_differ_and_only_their_average_is_the_frame(bench: Bench) -> None:
+    frame = bench.take()
+    path = bench.folder / "CH000.daq"
+    pulses = np.frombuffer(path.read_bytes()[12:], "<i2").reshape(4, 64)
+    assert np.ptp(pulses, axis=0).max() > 4
+    np.testing.assert_array_equal(np.rint(pulses.mean(axis=0)), frame.samples[0])
+
+
+def test_a_frame_carries_the_clock_of_the_rig(bench: Bench) -> None:
+    frame = bench.take()
+    assert frame.header.started_s < frame.header.ended_s == bench.clock.now_s()
+    assert frame.header.ended_s - frame.header.started_s == pytest.approx(1.2, abs=0.15)  # readout and rest
+
+
+def test_a_dark_frame_averages_as_many_triggers_as_the_box_gives(bench: Bench) -> None:
+    assert bench.take(triggers=4, pulses=0).header.pulses == 0
+    with pytest.raises(AcquisitionError, match="holds 3 pulses, 4 were triggered"):
+        bench.take("b", triggers=3, pulses=0)
+
+
+def test_nothing_written_and_half_written_end_in_time_with_what_is_missing(bench: Bench) -> None:
+    bench.daq.faults.off = True
+    with pytest.raises(DeviceTimeoutError, match="after 5 s 0 of 128 channel files"):
+        bench.take("off")
+    bench.daq.faults.off = False
+    bench.daq.faults.files = 100
+    with pytest.raises(DeviceTimeoutError, match=r"after 5 s 101 of 128 channel files .* not all are complete"):
+        bench.take("partial")
+
+
+def test_a_file_that_stays_half_written_is_not_taken(bench: Bench) -> None:
+    bench.daq.faults.files = 127
+    with pytest.raises(DeviceTimeoutError, match=r"128 of 128 channel files .* are new and not all are complete"):
+        bench.take()
+
+
+def test_a_slow_device_is_waited_for_and_a_too_slow_one_is_not(tmp_path: Path) -> None:
+    slow = Bench(tmp_path / "slow", readout_s=4.5)
+    np.testing.assert_array_equal(slow.take().samples, slow.received[-1])
+    slow.daq.faults.delay_s = 2.0
+    with pytest.raises(DeviceTimeoutError, match="check trigger, folder and free space, or raise timeout_s"):
+        slow.take("b")
+    # the late files come in the end, and are no answer to what is asked next
+    slow.daq.faults.delay_s = 0.0
+    with pytest.raises(AcquisitionError, match="change although nothing was triggered"):
+        slow.receiver.arm(Permit(token="c", angle_deg=0, pulses=4, expires_s=math.inf))
+
+
+def test_old_files_are_no_frame_whatever_their_date(bench: Bench) -> None:
+    bench.take("first")
+    for path in bench.folder.iterdir():
+        os.utime(path, (4e9, 4e9))  # a clock far in the future
+    permit = Permit(token="b", angle_deg=0.0, pulses=4, expires_s=math.inf)
+    bench.receiver.arm(permit)
+    with pytest.raises(DeviceTimeoutError, match="0 of 128"):
+        bench.receiver.acquire(permit)
+
+
+@pytest.mark.parametrize("fault", ["swapped", "garbage"])
+def test_files_that_are_out_of_order_or_noise_are_refused(bench: Bench, fault: str) -> None:
+    setattr(bench.daq.faults, fault, True)
+    with pytest.raises((AcquisitionError, DeviceTimeoutError), match=r"out of order|not all are complete"):
+        bench.take()
+
+
+def test_an_acquisition_that_is_written_again_is_equal_to_the_last_count_for_count(bench: Bench) -> None:
+    """The guard refuses equal frames in a row; the emulator must really repeat them."""
+    first = bench.take("a")
+    bench.daq.faults.stuck = True
+    np.testing.assert_array_equal(bench.take("b").samples, first.samples)
+
+
+def test_two_layouts_in_one_folder_are_not_mixed(bench: Bench) -> None:
+    with pytest.raises(AcquisitionError, match=r"CH003.daq and CH003-0000.daq are both new and both channel 3"):
+        numbered(["CH003.daq", "CH003-0000.daq"])
+    bench.take()
+    other = Bench(bench.folder, sdk=5)  # the former layout's files stay, and are old
+    np.testing.assert_array_equal(other.take().samples, other.received[-1])
+
+
+def test_without_arming_or_under_another_permit_there_is_no_frame(bench: Bench) -> None:
+    bench.receiver.arm(Permit(token="a", angle_deg=0.0, pulses=4, expires_s=math.inf))
+    with pytest.raises(AcquisitionError, match="not armed for the permit 'b'"):
+        bench.receiver.acquire(Permit(token="b", angle_deg=0.0, pulses=4, expires_s=math.inf))
+
+
+def test_a_folder_that_is_not_there_is_not_connected(tmp_path: Path) -> None:
+    watched = SonixDaqSettings(folder=tmp_path / "nowhere")
+    with pytest.raises(NotConnectedError, match="nowhere cannot be read"):
+        SonixDaqReceiver(settings=watched, clock=BenchClock())
+
+
+@given(
+    st.dictionaries(
+        st.integers(0, 127),
+        st.one_of(
+            st.binary(max_size=40),
+            st.tuples(st.integers(-3, 130), st.integers(-2, 5), st.integers(-2, 9), st.integers(0, 60)).map(
+                lambda four: struct.pack("<3i", *four[:3]) + bytes(four[3])
+            ),
+        ),
+        max_size=6,
+    )
+)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40, deadline=None)
+def test_hostile_files_are_a_device_error_or_a_frame(tmp_path: Path, hostile: dict[int, bytes]) -> None:
+    sound = wire.encode_file(np.zeros((4, 8), np.int16), number=None)
+    for number in range(wire.CHANNELS):
+        path = tmp_path / wire.file_name(number, numbered=True)
+        if number in hostile or not path.exists() or path.stat().st_size != len(sound):
+            path.write_bytes(hostile.get(number, sound))
+    folder = DaqFolder(tmp_path)
+    names = numbered(list(folder.state()))
+    complete = all(folder.is_complete(name) for name in names.values())
+    try:
+        samples = folder.read(names, pulses=4)
+    except DeviceError:
+        return
+    assert complete
+    assert samples.shape == (128, 8)
+
+
+class TestStartCommand:
+    def run(self, *words: str, timeout_s: float = 20.0, beat: Callable[[], None] = lambda: None) -> None:
+        run_to_its_end(words, timeout_s=timeout_s, clock=SystemClock(beat=beat), what="sonixdaq")
+
+    def test_it_runs_to_its_end_beside_the_beat_and_no_shell_reads_it(self, tmp_path: Path) -> None:
+        beats: list[int] = []
+        code = "import pathlib, sys; pathlib.Path(sys.argv[1]).write_text(sys.argv[2])"
+        self.run(sys.executable, "-c", code, str(tmp_path / "said"), "$HOME; ls", beat=lambda: beats.append(1))
+        assert (tmp_path / "said").read_text() == "$HOME; ls"
+        assert beats
+
+    def test_a_failure_is_reported_with_its_reason(self) -> None:
+        with pytest.raises(NotConnectedError, match=r"ended with code 3: no such board; try it by hand"):
+            self.run(sys.executable, "-c", "import sys; print('no such board', file=sys.stderr); sys.exit(3)")
+
+    def test_one_that_cannot_be_run_is_named(self, tmp_path: Path) -> None:
+        with pytest.raises(NotConnectedError, match="nothing-here' cannot be run"):
+            self.run(str(tmp_path / "nothing-here"))
+
+    def test_one_that_hangs_is_ended(self) -> None:
+        with pytest.raises(DeviceTimeoutError, match=r"took more than 0.1 s and was ended"):
+            self.run(sys.executable, "-c", "import time; time.sleep(60)", timeout_s=0.1)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"sampling_hz": math.nan},
+        {"timeout_s": 0.0},
+        {"timeout_s": math.inf},
+        {"stable_s": -0.1},
+        {"stable_s": 60.0},
+        {"dark_triggers": 0},
+        {"start_command": ()},
+        {"start_command": ("",)},
+        {"start_timeout_s": math.nan},
+    ],
+)
+def test_settings_that_cannot_be_used_are_refused(tmp_path: Path, change: dict[str, object]) -> None:
+    with pytest.raises(ConfigError, match="sonixdaq: "):
+        SonixDaqSettings(folder=tmp_path, **change)  # type: ignore[arg-type]

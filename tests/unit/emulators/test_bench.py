@@ -1,0 +1,200 @@
+"""The emulated bench in virtual time, in one process: equal to the simulation count for count, and its faults."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from markerseek import rigs
+from markerseek.core import ConfigError, DeviceError, Found, LaserError, Measured, Policy
+from markerseek.drivers import LONGEST_WAIT_S, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings, SystemClock
+from markerseek.emulators import DirectPort, EmulatedBench, PtyLine, require_pace, serve
+from markerseek.emulators.bench import BenchClock, ServingClock
+from markerseek.guard import Admission, FiringLimits, Guard, State
+from markerseek.rigs import image_reader
+from markerseek.scan import Scanner, run
+from markerseek.search import build
+from markerseek.sim import MarkerSettings, ReceiverSettings, SimulatedSettings, VirtualClock
+from markerseek.wire import apt
+
+SETTINGS = SimulatedSettings(marker=MarkerSettings(angle_deg=-8.0), receiver=ReceiverSettings(readout_s=0.3))
+
+
+class VirtualBench:
+    """Real drivers on emulated devices, in virtual time."""
+
+    def __init__(self, folder: Path, *, seed: int, sdk: int = 6) -> None:
+        self.emulated = EmulatedBench(
+            settings=SETTINGS, rng=np.random.default_rng(seed), folder=folder, sdk=6 if sdk == 6 else 5
+        )
+        clock = BenchClock()
+        clock.lead(self.emulated.daq.advance)
+        self.stage = Kdc101Stage(port=DirectPort(device=self.emulated.stage, clock=clock), clock=clock)
+        self.guard = Guard(limits=SETTINGS.limits, firing=FiringLimits(), admission=Admission())
+        self.scanner = Scanner(
+            stage=self.stage,
+            laser=LaserBox(port=DirectPort(device=self.emulated.laser_box, clock=clock), clock=clock),
+            receiver=SonixDaqReceiver(settings=SonixDaqSettings(folder=folder, timeout_s=3.0), clock=clock),
+            reader=image_reader(SETTINGS.probe.array, sampling_hz=SETTINGS.receiver.sampling_hz),
+            clock=clock,
+            guard=self.guard,
+        )
+        self.guard.arm(by="test")
+
+
+def golden() -> Policy:
+    return build("golden-section", limits=SETTINGS.limits.search, acquisitions=10, as_published=True)
+
+
+@pytest.mark.parametrize("sdk", [5, 6])
+def test_a_search_receives_count_for_count_what_the_simulation_receives(tmp_path: Path, sdk: int) -> None:
+    bench = VirtualBench(tmp_path, seed=7, sdk=sdk)
+    over_bytes = list(run(golden(), bench.scanner, dark_frames=2))
+    simulated = rigs.simulated(seed=7, settings=SETTINGS)
+    direct = list(run(golden(), simulated.scanner, dark_frames=2))
+    assert len(over_bytes) == len(direct)
+    for received, expected in zip(over_bytes, direct, strict=True):
+        if isinstance(received, Measured) and isinstance(expected, Measured):
+            assert received.sample.frame is not None
+            assert expected.sample.frame is not None
+            np.testing.assert_array_equal(received.sample.frame.samples, expected.sample.frame.samples)
+            assert received.sample == expected.sample
+    assert over_bytes[-1].estimate == direct[-1].estimate  # type: ignore[union-attr]
+    assert isinstance(over_bytes[-1].estimate, Found)  # type: ignore[union-attr]
+    lit = [event.sample for event in over_bytes if isinstance(event, Measured) and not event.sample.dark]
+    truth_deg = [pulse.angle_deg for pulse in bench.emulated.laser_box.pulses]
+    assert truth_deg == pytest.approx([sample.angle_deg for sample in lit for _ in range(16)], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "break_it",
+    [
+        lambda bench: setattr(bench.laser_box.faults, "laser_dead", True),
+        lambda bench: setattr(bench.laser_box.faults, "photodiode_dead", True),
+        lambda bench: setattr(bench.laser_box.faults, "extra_pulses", 2),
+        lambda bench: setattr(bench.laser_box.faults, "silent", True),
+        lambda bench: bench.laser_box.open_interlock(),
+        lambda bench: setattr(bench.daq.faults, "off", True),
+        lambda bench: setattr(bench.daq.faults, "delay_s", 9.0),
+        lambda bench: setattr(bench.daq.faults, "files", 77),
+        lambda bench: setattr(bench.daq.faults, "stuck", True),
+        lambda bench: setattr(bench.daq.faults, "swapped", True),
+        lambda bench: setattr(bench.daq.faults, "garbage", True),
+    ],
+)
+def test_each_fault_ends_the_run_in_a_fault_without_an_angle(
+    tmp_path: Path, break_it: Callable[[EmulatedBench], None]
+) -> None:
+    bench = VirtualBench(tmp_path, seed=7)
+    events = run(golden(), bench.scanner)
+    measured = (event for event in events if isinstance(event, Measured))
+    next(measured), next(measured)
+    break_it(bench.emulated)
+    with pytest.raises(DeviceError):
+        next(measured)
+    assert bench.guard.state is State.FAULT
+    assert not bench.emulated.laser_box.permitted
+    low_deg, high_deg = bench.emulated.stage.truth_range_deg
+    assert -36.5 <= low_deg <= high_deg <= 36.5
+
+
+def test_without_arming_nothing_moves_and_nothing_is_fired(tmp_path: Path) -> None:
+    bench = VirtualBench(tmp_path, seed=1)
+    bench.guard.disarm()
+    with pytest.raises(DeviceError, match="arm"):
+        list(run(golden(), bench.scanner))
+    assert bench.emulated.stage.truth_range_deg == (0.0, 0.0)
+    assert bench.emulated.laser_box.pulses == []
+
+
+def test_the_clock_of_the_bench_notifies_its_followers_of_each_tick_and_ends_where_it_should() -> None:
+    clock, received = BenchClock(tick_s=0.25), []
+    clock.lead(received.append)
+    clock.wait(0.6)
+    assert received == pytest.approx([0.25, 0.5, 0.6])
+    with pytest.raises(ConfigError, match="a wait of nan s"):
+        clock.wait(float("nan"))
+
+
+def test_a_serving_clock_leaves_out_what_the_computer_held_up() -> None:
+    real = VirtualClock()
+    clock = ServingClock(real)
+    for step_s in (0.002, 0.01, 5.0, 0.002):
+        real.wait(step_s)
+        clock.now_s()
+    assert clock.now_s() == pytest.approx(0.002 + 0.01 + 0.02 + 0.002)
+
+
+@pytest.mark.parametrize("pace", [0.0, 0.001, 1.01, float("nan")])
+def test_a_pace_that_cannot_be_kept_is_refused(pace: float) -> None:
+    with pytest.raises(ConfigError, match="pace is"):
+        require_pace(pace)
+
+
+def test_the_clock_of_real_devices_beats_in_every_slice_and_a_late_beat_is_detected() -> None:
+    beats: list[float] = []
+    clock = SystemClock(beat=lambda: beats.append(clock.now_s()))
+    began_s = clock.now_s()
+    clock.wait(3.5 * LONGEST_WAIT_S)
+    assert clock.now_s() - began_s >= 3.5 * LONGEST_WAIT_S
+    assert 2 <= len(beats) <= 6
+    clock.wait(0.0)
+    with pytest.raises(ConfigError, match="a wait of -1"):
+        clock.wait(-1)
+
+    def lapsed() -> None:
+        raise LaserError("the lease has lapsed")
+
+    with pytest.raises(LaserError, match="lapsed"):
+        SystemClock(beat=lapsed).wait(1.0)
+
+
+def test_preparation_changes_no_received_sample(tmp_path: Path) -> None:
+    received = []
+    for warm in (False, True):
+        bench = EmulatedBench(settings=SETTINGS, rng=np.random.default_rng(1), folder=tmp_path)
+        if warm:
+            bench.daq.warm_up()
+        bench.world.flash(pulses=16, at_s=0.0)
+        assert len(bench.world.flashes) == 1
+        received.append(bench.world.counts(bench.world.flashes[0]))
+    assert np.array_equal(*received)
+
+
+def test_the_stage_of_a_bench_turns_on_while_the_computer_holds_up_its_emulator(tmp_path: Path) -> None:
+    """A motor that stood still meanwhile, and had its speed again, is no motor that its driver believes."""
+    bench = EmulatedBench(settings=SETTINGS, rng=np.random.default_rng(1), folder=tmp_path / "daq")
+    clock = VirtualClock()
+    with bench.line("stage", clock=clock, link=tmp_path / "stage") as line:
+        end = os.open(line.path, os.O_RDWR | os.O_NOCTTY)
+        os.write(end, apt.set_target(apt.counts_of(5.0)) + apt.move())
+        line.serve_once(wait_s=1.0)
+        clock.wait(0.01)
+        line.serve_once(wait_s=0.0)
+        clock.wait(0.5)
+        line.serve_once(wait_s=0.0)
+        os.close(end)
+    # half a second at 20 deg/s², since the parameters are those after power-up
+    assert bench.stage._stage.motor.angle_deg == pytest.approx(2.5, abs=0.15)
+
+
+def test_a_served_bench_answers_on_its_lines_and_an_error_of_the_writer_ends_it(tmp_path: Path) -> None:
+    """In this thread, by a driver's end that is read between the ticks."""
+    bench = EmulatedBench(settings=replace(SETTINGS), rng=np.random.default_rng(1), folder=tmp_path / "daq")
+    clock = SystemClock()
+    with PtyLine(device=bench.laser_box, clock=ServingClock(clock)) as line:
+        end = os.open(line.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        os.write(end, b"HELLO*49D6\n")
+        ticks = iter(range(50))
+        serve(lines=[line], clock=clock, pace=1.0, daq=bench.daq, until=lambda: next(ticks) == 49)
+        assert os.read(end, 100).startswith(b"OK HELLO emulator 1 100 0 0*")
+        (tmp_path / "daq").rmdir()
+        bench.daq.trigger(4)
+        with pytest.raises(OSError, match="No such file"):
+            serve(lines=[line], clock=clock, pace=0.01, daq=bench.daq, until=lambda: False)
+        os.close(end)

@@ -1,0 +1,251 @@
+"""The reference firmware's protocol core agrees with the emulator byte for byte and pulse for pulse."""
+
+from __future__ import annotations
+
+import importlib.util
+import itertools
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from markerseek.emulators import laserbox as emulator
+from markerseek.sim import Flash
+from markerseek.wire import laserbox as wire
+
+MAIN = Path(__file__).parents[3] / "firmware" / "laserbox" / "main.py"
+
+
+def load() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("laserbox_firmware", MAIN)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+FIRMWARE: Any = load()
+FIRMWARE.IDENTITY = wire.EMULATOR  # the one word in which they differ
+
+
+class Dark:
+    angle_deg = 0.0
+
+    def __init__(self) -> None:
+        self.flashes: list[Flash] = []
+
+    def flash(self, *, pulses: int, at_s: float) -> None:
+        self.flashes.append(Flash(at_s=at_s, pulses=pulses, energy=1.0))
+
+    def frame(self, flash: Flash | None, *, header: object) -> Any:
+        raise NotImplementedError
+
+
+class Pair:
+    """Firmware and emulator, given the same commands at the same time, millisecond by millisecond."""
+
+    def __init__(self) -> None:
+        self.interlock = True
+        self.trains: list[int] = []
+        self.pulls: list[tuple[int, bool]] = []
+        self.now_ms = 0
+        self.stray_pulses = 0
+        self.emulated = emulator.EmulatedLaserBox(world=Dark(), on_triggers=self.trains.append, turn_us=1000)
+        self.firmware = FIRMWARE.Box(
+            lambda laser: self.pulls.append((self.now_ms, laser)),
+            lambda: self.stray_pulses + sum(laser for _, laser in self.pulls),
+            lambda: self.interlock,
+        )
+
+    def pass_ms(self, duration_ms: int) -> tuple[bytes, bytes]:
+        theirs = ours = b""
+        for _ in range(duration_ms):
+            self.now_ms += 1
+            theirs += self.emulated.advance(self.now_ms / 1e3)
+            ours += self.firmware.advance(1000 * self.now_ms)
+        return theirs, ours
+
+    def switch_interlock(self) -> tuple[bytes, bytes]:
+        self.interlock = not self.interlock
+        (self.emulated.close_interlock if self.interlock else self.emulated.open_interlock)()
+        self.firmware.interlock_opened |= not self.interlock
+        return self.emulated.advance(self.now_ms / 1e3), self.firmware.advance(1000 * self.now_ms)
+
+    def flick_interlock(self) -> tuple[bytes, bytes]:
+        """Open it, and close it again where it was closed, before the next turn of the loop."""
+        self.emulated.open_interlock()
+        self.firmware.interlock_opened = True
+        if self.interlock:
+            self.emulated.close_interlock()
+        return b"", b""
+
+    def shine(self) -> tuple[bytes, bytes]:
+        self.stray_pulses += 1
+        self.emulated.stray_light()
+        return b"", b""
+
+    def send(self, data: bytes) -> tuple[bytes, bytes]:
+        return self.emulated.feed(data), self.firmware.feed(data)
+
+
+def permit_line(numbers: tuple[int, int, int, int, int]) -> bytes:
+    token, pulses, more, rate_hz, expiry_ms = numbers
+    return wire.encode(
+        wire.PermitPulses(
+            token=token, pulses=pulses, rate_hz=rate_hz, expiry_ms=expiry_ms, triggers=max(pulses + more, 1)
+        )
+    )
+
+
+LINES = st.one_of(
+    st.just(wire.encode(wire.Hello())),
+    st.just(wire.encode(wire.Disarm())),
+    st.integers(1, 30).map(lambda step: wire.encode(wire.Beat(step=step))),
+    st.integers(1, 8).map(lambda token: wire.encode(wire.Fire(token=token))),
+    st.tuples(
+        st.integers(1, 8),
+        st.integers(0, 12),
+        st.integers(0, 3),
+        st.sampled_from([10, 20, 50, 100, 200, 500]),
+        st.integers(1, 300),
+    ).map(permit_line),
+    st.tuples(st.integers(1, 8), st.integers(1, 9)).map(
+        lambda pair: permit_line((pair[0], pair[1], 0, 100, 300)) + wire.encode(wire.Fire(token=pair[0]))
+    ),
+    st.binary(max_size=10),
+    st.just(b"x" * 79 + b"\n"),
+    st.just(b"x" * 80 + b"\n"),
+    st.text("ABDEFHILMOPRSTKN 0123456789*-", max_size=20).map(
+        lambda text: text.encode() + b"*%04X\n" % wire.crc16(text.encode())
+    ),
+)
+
+
+@given(
+    st.lists(
+        st.one_of(LINES, LINES, st.integers(1, 120), st.none(), st.just("flick"), st.just("light")),
+        max_size=25,
+    )
+)
+def test_firmware_and_emulator_answer_alike_to_any_commands(steps: list[bytes | int | str | None]) -> None:
+    pair = Pair()
+    for step in steps:
+        match step:
+            case bytes():
+                theirs, ours = pair.send(step)
+            case int():
+                theirs, ours = pair.pass_ms(step)
+            case None:
+                theirs, ours = pair.switch_interlock()
+            case "flick":
+                theirs, ours = pair.flick_interlock()
+            case _:
+                theirs, ours = pair.shine()
+        assert ours == theirs
+    theirs, ours = pair.pass_ms(2000)
+    assert ours == theirs
+    assert sum(laser for _, laser in pair.pulls) + pair.stray_pulses == len(pair.emulated.pulses)
+    if not pair.stray_pulses:
+        assert [at_ms / 1e3 for at_ms, laser in pair.pulls if laser] == [pulse.at_s for pulse in pair.emulated.pulses]
+    # every train that began was completed, lit or not
+    assert sum(pair.trains) == len(pair.pulls)
+
+
+def test_an_interlock_that_opened_and_closed_between_two_turns_voids_the_permit() -> None:
+    pair = Pair()
+    pair.send(permit_line((1, 8, 0, 100, 2000)) + wire.encode(wire.Fire(token=1)))
+    pair.pass_ms(15)
+    pair.flick_interlock()
+    theirs, ours = pair.pass_ms(100)
+    assert ours == theirs == wire.encode(wire.Done(token=1, sent=2, photodiode=2))
+    assert [laser for _, laser in pair.pulls] == [True] * 2 + [False] * 6
+    assert [at_ms for at_ms, _ in pair.pulls] == [0, 10, 20, 30, 40, 50, 60, 70]
+
+
+@pytest.mark.parametrize("late_us", [0, 500, 1000])
+def test_done_waits_for_light_that_comes_late(late_us: int) -> None:
+    times_us = []
+    now_us = 0
+    box = FIRMWARE.Box(
+        lambda laser: times_us.append(now_us + late_us) if laser else None,
+        lambda: sum(at_us <= now_us for at_us in times_us),
+        lambda: True,
+    )
+    box.feed(permit_line((1, 3, 0, 1000, 2000)) + wire.encode(wire.Fire(token=1)))
+    said = b""
+    for now_us in range(0, 10_000, 100):
+        said += box.advance(now_us)
+    assert said == wire.encode(wire.Done(token=1, sent=3, photodiode=3))
+
+
+def test_no_minute_holds_more_pulses_than_the_box_s_own_budget() -> None:
+    pair = Pair()
+    box, pulls, now_s = pair.firmware, pair.pulls, 0.0
+    refused = 0
+    times_s: list[float] = []
+    for token in range(1, 131):
+        replies = box.feed(
+            wire.encode(wire.PermitPulses(token=token, pulses=100, rate_hz=1000, expiry_ms=2000, triggers=100))
+        )
+        refused += b"ERR BUDGET" in replies
+        box.feed(wire.encode(wire.Fire(token=token)))
+        for _ in range(1000):
+            now_s += 0.001
+            before = len(pulls)
+            box.advance(round(1e6 * now_s))
+            times_s += [now_s] * sum(laser for _, laser in pulls[before:])
+            if round(1e3 * now_s) % 50 == 0:
+                box.feed(wire.encode(wire.Beat(step=round(1e3 * now_s) // 50)))
+    assert refused > 0
+    worst = max(sum(begin_s <= at_s < begin_s + 60 for at_s in times_s) for begin_s in times_s[::100])
+    assert 5800 <= worst <= wire.MAX_PULSES_PER_MINUTE
+
+
+def test_emulator_and_firmware_refuse_the_same_pulses_by_their_budget() -> None:
+    pair = Pair()
+    for token in range(1, 9):
+        theirs, ours = pair.send(permit_line((token, 1000, 0, 1000, 2000)) + wire.encode(wire.Fire(token=token)))
+        assert ours == theirs
+        assert (b"ERR BUDGET" in ours) is (token > 6)
+        for step in range(25):
+            pair.send(wire.encode(wire.Beat(step=100 * token + step)))
+            theirs, ours = pair.pass_ms(50)
+            assert ours == theirs
+    assert len(pair.pulls) == 6000
+
+
+@given(st.binary(max_size=80))
+def test_the_firmware_s_crc_is_the_codec_s(data: bytes) -> None:
+    assert FIRMWARE.crc16(data) == wire.crc16(data)
+
+
+def test_limits_and_lease_are_those_of_the_codec() -> None:
+    for name in (
+        "LEASE_MS",
+        "VERSION",
+        "LINE_BYTES",
+        "MAX_PULSES",
+        "MAX_RATE_HZ",
+        "MAX_EXPIRY_MS",
+        "MAX_COUNT",
+        "MAX_PULSES_PER_MINUTE",
+        "LIGHT_LATE_US",
+    ):
+        assert getattr(FIRMWARE, name) == getattr(wire, name), name
+
+
+@pytest.mark.parametrize("late_ms", [1, 7, 30])
+def test_a_loop_that_is_late_puts_pulses_off_and_never_bunches_them(late_ms: int) -> None:
+    pair = Pair()
+    pair.firmware.feed(permit_line((1, 8, 0, 100, 2000)) + wire.encode(wire.Fire(token=1)))
+    times = []
+    for now_ms in range(0, 90, late_ms):
+        pair.now_ms = now_ms
+        pair.firmware.advance(1000 * now_ms)
+    times = [at_ms for at_ms, _ in pair.pulls]
+    assert len(times) >= 3
+    assert min(after - before for before, after in itertools.pairwise(times)) >= 5

@@ -1,0 +1,350 @@
+"""Frames read from files: their content comes back, and invalid content is a `RecordError`."""
+
+from __future__ import annotations
+
+import io
+import os
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.io import loadmat, savemat
+
+from markerseek.core import RecordError
+from markerseek.records.banks.frames import load_frame
+from markerseek.records.sandbox import Sandbox
+from markerseek.wire import sonixdaq
+
+SAMPLES = 160
+JOURNAL = Path(__file__).parents[3] / "data/every-kind.journal"
+
+
+def write_daq(folder, pulses, *, new=True):
+    """Files of one acquisition; ``pulses`` is (frames, elements, samples) in the order of the elements."""
+    folder.mkdir(exist_ok=True)
+    for number in range(128):
+        name = f"CH{number:03d}.daq" if new else f"CH{number:03d}-0000.daq"
+        element = 16 * (number % 8) + number // 8
+        rows = pulses[:, element].astype("<i2")
+        head = struct.pack("<3i", number, *rows.shape) if new else struct.pack("<2i", *rows.shape)
+        (folder / name).write_bytes(head + rows.tobytes())
+    return folder
+
+
+def pulses_of(frames=3, seed=0):
+    return np.random.default_rng(seed).integers(-2048, 2048, (frames, 128, SAMPLES)).astype(np.int16)
+
+
+@pytest.mark.parametrize("new", [True, False])
+@pytest.mark.parametrize("frames", [1, 4])
+def test_daq_folder_is_averaged_and_in_the_order_of_the_elements(tmp_path, new, frames):
+    pulses = pulses_of(frames)
+    frame = load_frame(write_daq(tmp_path / "a", pulses, new=new), angle_deg=5.0)
+    np.testing.assert_array_equal(frame.samples, np.rint(pulses.mean(axis=0)).astype(np.int16))
+    assert (frame.header.pulses, frame.header.commanded_deg, frame.sampling_hz) == (frames, 5.0, 40e6)
+    assert np.isnan((frame.header.started_s, frame.header.ended_s)).all()
+
+
+def test_elements_are_a_permutation_with_the_published_first_ones():
+    elements = [sonixdaq.element_of_file(number) for number in range(128)]
+    assert sorted(elements) == list(range(128))
+    assert elements[:10] == [0, 16, 32, 48, 64, 80, 96, 112, 1, 17]
+
+
+@pytest.mark.parametrize("number", [None, 5])
+def test_written_files_are_read_back(number):
+    pulses = pulses_of()[:, 0]
+    data = sonixdaq.encode_file(pulses, number=number)
+    header = sonixdaq.decode_header(data[:12], size=len(data), name="CH005.daq")
+    assert header.file_bytes == len(data)
+    np.testing.assert_array_equal(sonixdaq.decode_samples(data[header.length :], header), pulses)
+
+
+def test_where_both_layouts_fit_the_name_decides():
+    """Sizes 12 + 2 f s and 8 + 2 f' s' meet at channel 2, one frame of 2 samples."""
+    data = struct.pack("<3i", 4, 1, 0) + b""
+    with pytest.raises(RecordError):
+        sonixdaq.decode_header(data, size=999, name="x")
+    both = struct.pack("<3i", 2, 2, 1)
+    assert sonixdaq.decode_header(both, size=16, name="CH002.daq").length == 12
+    assert sonixdaq.decode_header(both, size=16, name="CH007-0000.daq").length == 8
+
+
+def test_truncated_daq_names_file_sizes_and_cure(tmp_path):
+    folder = write_daq(tmp_path / "a", pulses_of())
+    file = folder / "CH042.daq"
+    file.write_bytes(file.read_bytes()[:-2])
+    size = 12 + 2 * 3 * SAMPLES
+    with pytest.raises(RecordError) as error:
+        load_frame(folder)
+    for word in ("CH042.daq", f"{size - 2} bytes found", f"{size} bytes", "acquire it again"):
+        assert word in str(error.value)
+
+
+def test_missing_daq_is_named(tmp_path):
+    folder = write_daq(tmp_path / "a", pulses_of())
+    (folder / "CH017.daq").unlink()
+    with pytest.raises(RecordError, match=r"127 channel files .* 128 expected.*CH017"):
+        load_frame(folder)
+
+
+def damage_short(folder):
+    (folder / "CH003.daq").write_bytes(b"\x03\x00")
+
+
+def damage_empty(folder):
+    (folder / "CH003.daq").write_bytes(b"")
+
+
+def damage_other_length(folder):
+    (folder / "CH003.daq").write_bytes(sonixdaq.encode_file(np.zeros((3, SAMPLES + 1), np.int16), number=3))
+
+
+def damage_layout(folder):
+    (folder / "CH003.daq").write_bytes(sonixdaq.encode_file(np.zeros((3, SAMPLES), np.int16), number=None))
+
+
+def damage_negative(folder):
+    (folder / "CH003.daq").write_bytes(struct.pack("<3i", 3, -3, -SAMPLES) + bytes(2 * 3 * SAMPLES))
+
+
+def damage_huge(folder):
+    (folder / "CH003.daq").write_bytes(struct.pack("<3i", 3, 2**31 - 1, 2**31 - 1) + bytes(64))
+
+
+def damage_twice(folder):
+    (folder / "CH003-0000.daq").write_bytes((folder / "CH003.daq").read_bytes())
+
+
+def damage_folder(folder):
+    (folder / "CH003.daq").unlink()
+    (folder / "CH003.daq").mkdir()
+
+
+def damage_pipe(folder):
+    (folder / "CH003.daq").unlink()
+    os.mkfifo(folder / "CH003.daq")
+
+
+def damage_size(folder):
+    with (folder / "CH003.daq").open("r+b") as file:
+        file.truncate(1 << 40)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        damage_short,
+        damage_empty,
+        damage_other_length,
+        damage_layout,
+        damage_negative,
+        damage_huge,
+        damage_twice,
+        damage_folder,
+        damage_pipe,
+        damage_size,
+    ],
+)
+def test_odd_daq_files_are_refused_by_name(tmp_path, damage):
+    folder = write_daq(tmp_path / "a", pulses_of())
+    damage(folder)
+    with pytest.raises(RecordError, match="CH003"):
+        load_frame(folder)
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("dtype", ["<i2", ">i2"])
+def test_npy(tmp_path, order, dtype):
+    samples = pulses_of()[0]
+    np.save(tmp_path / "a.npy", np.asarray(samples, dtype=dtype, order=order))
+    np.testing.assert_array_equal(load_frame(tmp_path / "a.npy").samples, samples)
+
+
+def mat_bytes(*, compress=False, **changes):
+    content = {
+        "AdcData_frame000": np.arange(32 * 20 * 4).reshape(32, 20, 4).astype(np.int16),
+        "SampleNum": np.int32(15),
+        **changes,
+    }
+    stream = io.BytesIO()
+    savemat(stream, {k: v for k, v in content.items() if v is not None}, do_compression=compress)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_mat_layout(tmp_path, compress):
+    data = np.random.default_rng(1).integers(-2048, 2048, (32, 20, 4)).astype(np.int16)
+    savemat(tmp_path / "a.mat", {"AdcData_frame000": data, "SampleNum": np.int32(15)}, do_compression=compress)
+    frame = load_frame(tmp_path / "a.mat")
+    assert frame.samples.shape == (128, 15)
+    for channel in (0, 31, 32, 127):
+        np.testing.assert_array_equal(frame.samples[channel], data[channel % 32, :15, channel // 32])
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"AdcData_frame000": None},
+        {"SampleNum": None},
+        {"SampleNum": np.int32(21)},
+        {"SampleNum": np.int32(0)},
+        {"SampleNum": np.int32(-1)},
+        {"SampleNum": np.array([1, 2])},
+        {"SampleNum": "many"},
+        {"SampleNum": 7.5},
+        {"AdcData_frame000": np.zeros((32, 20, 3), np.int16)},
+        {"AdcData_frame000": np.zeros((32, 20, 4))},
+        {"AdcData_frame000": np.zeros((128, 20), np.int16)},
+    ],
+)
+def test_odd_mat_is_refused(tmp_path, content):
+    (tmp_path / "a.mat").write_bytes(mat_bytes(**content))
+    with pytest.raises(RecordError, match=r"a\.mat"):
+        load_frame(tmp_path / "a.mat")
+
+
+def test_a_mat_that_unpacks_to_much_more_is_refused(tmp_path):
+    bomb = zlib.compress(bytes(50_000_000), 9)
+    data = mat_bytes()[:128] + struct.pack("<2I", 15, len(bomb)) + bomb
+    (tmp_path / "a.mat").write_bytes(data)
+    with pytest.raises(RecordError, match="no MATLAB file that can be read"):
+        load_frame(tmp_path / "a.mat")
+
+
+@pytest.mark.parametrize("compress", [False, True])
+@pytest.mark.parametrize("top", [2, 100, 2047])
+def test_mat_is_read_as_scipy_reads_it(tmp_path, compress, top):
+    data = np.random.default_rng(2).integers(-top, top, (32, 50, 4)).astype(np.int16)
+    savemat(tmp_path / "a.mat", {"AdcData_frame000": data, "SampleNum": 37.0, "x": "text"}, do_compression=compress)
+    theirs = loadmat(tmp_path / "a.mat")["AdcData_frame000"].transpose(0, 2, 1).reshape((128, 50), order="F")[:, :37]
+    np.testing.assert_array_equal(load_frame(tmp_path / "a.mat").samples, theirs)
+
+
+def savemat_bytes(**content):
+    stream = io.BytesIO()
+    savemat(stream, content)
+    return stream.getvalue()
+
+
+def npy_header(text):
+    head = text.encode()
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head
+
+
+HOSTILE = {
+    "empty.npy": b"",
+    "magic.npy": b"\x93NUMPY",
+    "nested.npy": npy_header("(" * 5000),
+    "code.npy": npy_header("__import__('os').getcwd()\n"),
+    "huge.npy": npy_header("{'descr': '<i2', 'fortran_order': False, 'shape': (128, 99999999999), }\n"),
+    "negative.npy": npy_header("{'descr': '<i2', 'fortran_order': False, 'shape': (-128, -2), }\n") + bytes(512),
+    "object.npy": npy_header("{'descr': '|O', 'fortran_order': False, 'shape': (2, 4), }\n") + bytes(64),
+    "float.npy": npy_header("{'descr': '<f8', 'fortran_order': False, 'shape': (2, 4), }\n") + b"\xff" * 64,
+    "flat.npy": npy_header("{'descr': '<i2', 'fortran_order': False, 'shape': (8,), }\n") + bytes(16),
+    "upright.npy": npy_header("{'descr': '<i2', 'fortran_order': False, 'shape': (8, 2), }\n") + bytes(32),
+    "long.npy": npy_header("{'descr': '<i2', 'fortran_order': False, 'shape': (2, 4), }\n") + bytes(18),
+    "version.npy": b"\x93NUMPY\x09\x00" + bytes(40),
+    "empty.mat": b"",
+    "text.mat": b"no matlab at all" * 20,
+    "hdf.mat": (b"MATLAB 7.3 MAT-file" + b" " * 105 + b"\x00\x02IM").ljust(600, b"\x00"),
+    "frame.txt": b"1 2 3",
+    "frame": b"1 2 3",
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_files_are_refused_by_name(tmp_path, name):
+    (tmp_path / name).write_bytes(HOSTILE[name])
+    with pytest.raises(RecordError, match=name):
+        load_frame(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.hdf5", b"", "a scan of many angles, not one frame; see 'markerseek bank info .*a.hdf5'"),
+        ("a.csv", b"angle_deg,intensity", "see 'markerseek bank info .*a.csv'"),
+        ("a.npz", b"", "see 'markerseek bank import .*a.npz scan.hdf5'"),
+        ("a.run", JOURNAL.read_bytes(), "journal of a search, not one frame; see 'markerseek journal show .*a.run'"),
+        ("a.txt", b"", "give a .mat, an .npy, or a folder of SonixDAQ files; .* an Ultrasonix .b8 or .rf"),
+        ("a.mat", savemat_bytes(angle_deg=np.arange(3.0)), "see 'markerseek bank import .*a.mat scan.hdf5'"),
+    ],
+)
+def test_another_kind_of_file_names_the_command_for_it(tmp_path, name, content, message):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(RecordError, match=message):
+        load_frame(tmp_path / name)
+
+
+@pytest.mark.parametrize("content", [b"text", npy_header("{'descr': '|O', 'fortran_order': False, 'shape': (2,), }\n")])
+def test_nobody_is_advised_to_unpickle_a_file(tmp_path, content):
+    (tmp_path / "a.npy").write_bytes(content)
+    with pytest.raises(RecordError, match="it holds Python objects, or another format; save it again") as refused:
+        load_frame(tmp_path / "a.npy")
+    assert "pickle" not in str(refused.value)
+
+
+def test_an_npy_of_many_angles_names_the_command_for_it(tmp_path):
+    np.save(tmp_path / "a.npy", np.zeros((3, 2, 9), np.int16))
+    with pytest.raises(RecordError, match=r"see 'markerseek bank import .*a.npy scan.hdf5'"):
+        load_frame(tmp_path / "a.npy")
+
+
+def test_a_folder_of_many_angles_names_the_command_for_it(tmp_path):
+    (tmp_path / "angle_-5deg").mkdir()
+    with pytest.raises(RecordError, match=r"0 channel files .* see 'markerseek bank info"):
+        load_frame(tmp_path)
+
+
+def test_what_is_not_there_is_refused(tmp_path):
+    with pytest.raises(RecordError, match="no such file"):
+        load_frame(tmp_path / "nothing.mat")
+    with pytest.raises(RecordError, match="0 channel files"):
+        load_frame(tmp_path)
+
+
+def test_pipes_are_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "a.npy")
+    with pytest.raises(RecordError, match="regular"):
+        load_frame(tmp_path / "a.npy")
+
+
+@pytest.fixture(scope="module")
+def sandbox():
+    with Sandbox() as one:
+        yield one
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data(), kind=st.sampled_from(["npy", "mat", "zip.mat"]))
+def test_damaged_bytes_are_a_frame_or_a_record_error(tmp_path, sandbox, data, kind):
+    if kind == "npy":
+        stream = io.BytesIO()
+        np.save(stream, pulses_of()[0])
+        whole = stream.getvalue()
+    else:
+        whole = mat_bytes(compress=kind.startswith("zip"))
+    damaged = bytearray(whole)
+    for _ in range(data.draw(st.integers(1, 6))):
+        damaged[data.draw(st.integers(0, 400) | st.integers(0, len(whole) - 1))] = data.draw(st.integers(0, 255))
+    path = tmp_path / f"a.{kind}"
+    path.write_bytes(bytes(damaged[: data.draw(st.integers(0, len(whole)) | st.just(len(whole)))]))
+    try:
+        # One child for all of them: starting one for each took most of the time of this test.
+        frame = load_frame(path, sandbox=sandbox)
+    except RecordError as error:
+        assert path.name in str(error)  # noqa: PT017
+    else:
+        assert frame.samples.dtype == np.int16
+
+
+def test_a_file_without_a_header_is_named_as_such() -> None:
+    """Samples alone: their first twelve bytes are no numbers of channels, frames and samples."""
+    body = np.full(2080, -7, np.int16).tobytes()
+    with pytest.raises(RecordError, match=r"CH000\.daq: its first bytes are no header of a SonixDAQ channel file"):
+        sonixdaq.decode_header(body[:12], size=len(body), name="CH000.daq")

@@ -1,0 +1,124 @@
+"""Sequences for 3D Slicer and PLUS, read back by SimpleITK; rotations against SciPy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import SimpleITK as sitk  # noqa: N813 - the name that its users give it
+from scipy.spatial.transform import Rotation
+
+from markerseek.records.exports import write_sequence
+from markerseek.records.exports.frames import (
+    IMAGE_ORIENTATION,
+    TRANSDUCER_AXES,
+    image_to_probe,
+    image_to_transducer,
+    probe_to_probe_home,
+)
+from tests.unit.records.exports.exported import ANGLES, FACTS, SERIES, UNPLACED, images, place_mm
+
+
+@pytest.fixture
+def sequence(tmp_path):
+    path = tmp_path / "a.igs.mha"
+    write_sequence(path, iter(images()), series=SERIES)
+    return sitk.ReadImage(str(path))
+
+
+def matrix(image, key):
+    return np.array(image.GetMetaData(key).split(), dtype=np.float64).reshape(4, 4)
+
+
+def test_simpleitk_reads_equal_pixels(sequence):
+    np.testing.assert_array_equal(sitk.GetArrayFromImage(sequence), np.stack([each.envelope for each in images()]))
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_spacing_and_transforms_together_take_a_pixel_to_where_it_is(sequence, number):
+    """Slicer applies the file's spacing and then the transforms, so the one must not repeat what the others say."""
+    prefix = f"Seq_Frame{number:04d}_"
+    to_home, to_probe = (matrix(sequence, f"{prefix}{name}Transform") for name in ("ProbeToProbeHome", "ImageToProbe"))
+    pixel = (*sequence.TransformIndexToPhysicalPoint((6, 4, 0)), 1)
+    np.testing.assert_allclose((to_home @ to_probe @ pixel)[:3], place_mm(number, 6, 4), atol=1e-9)
+    for transform in ("ProbeToProbeHome", "ImageToProbe"):
+        assert sequence.GetMetaData(f"{prefix}{transform}TransformStatus") == "OK"
+    assert sequence.GetMetaData(f"{prefix}ImageStatus") == "OK"
+    assert float(sequence.GetMetaData(f"{prefix}angle_deg")) == ANGLES[number]
+
+
+@pytest.mark.parametrize("angle_deg", [-90.0, -3.0, 0.0, 45.0])
+def test_rotations_are_those_of_scipy_and_images_right_handed(angle_deg):
+    expected = Rotation.from_euler("y", angle_deg, degrees=True).as_matrix()
+    np.testing.assert_allclose(probe_to_probe_home(angle_deg)[:3, :3], expected, atol=1e-12)
+    assert np.linalg.det(image_to_probe(images()[0].geometry, face_radius_m=0.0)[:3, :3]) > 0
+
+
+def test_transducer_x_is_the_array_towards_its_last_element_and_y_is_far():
+    """PLUS: X to the marked side, Y far, Z their product; MF: columns along X, rows along Y."""
+    axes = np.array(TRANSDUCER_AXES)
+    np.testing.assert_array_equal(axes @ (1, 0, 0), (0, 1, 0))
+    np.testing.assert_array_equal(axes @ (0, 1, 0), (0, 0, 1))
+    np.testing.assert_array_equal(axes[:, 2], np.cross(axes[:, 0], axes[:, 1]))
+    assert IMAGE_ORIENTATION == "MF"
+    image = image_to_transducer(images()[0].geometry)
+    np.testing.assert_allclose(image @ (0, 0, 0, 1), (-4, 5, 0, 1))
+    np.testing.assert_allclose(image @ (8, 12, 0, 1), (4, 8, 0, 1))
+
+
+def test_what_is_not_known_of_the_probe_is_left_out(tmp_path):
+    write_sequence(tmp_path / "a.igs.mha", iter(images()), series=UNPLACED)
+    image = sitk.ReadImage(str(tmp_path / "a.igs.mha"))
+    assert image.HasMetaDataKey("Seq_Frame0000_ProbeToProbeHomeTransform")
+    assert not image.HasMetaDataKey("Seq_Frame0000_ImageToProbeTransform")
+    for name in ("description", "probe", "simulated", "reference_angle_deg", "face_radius_m"):
+        assert not image.HasMetaDataKey(f"markerseek_{name}")
+
+
+def test_known_facts_are_in_the_header(sequence):
+    said = {
+        key.removeprefix("markerseek_"): sequence.GetMetaData(key)
+        for key in sequence.GetMetaDataKeys()
+        if key.startswith("markerseek_")
+    }
+    expected = {
+        "description": "a phantom",
+        "simulated": "true",
+        "probe": "BPL9-5/55",
+        "face_radius_m": "0.01",
+        "reference_angle_deg": "1.5",
+        "times": "seconds on the clock of the rig",
+        "first_time_s": "35.25",
+        "pixels": "envelope in ADC counts",
+    }
+    assert said.items() >= expected.items()
+    numbers = [
+        float(said[f"{name}_m"]) for name in ("first_lateral", "first_depth", "lateral_spacing", "depth_spacing")
+    ]
+    np.testing.assert_allclose(numbers, (-4e-3, 5e-3, 1e-3, 0.25e-3))
+
+
+def test_times_count_from_the_first_so_that_slicer_distinguishes_them(sequence):
+    """SlicerIGSIO writes a timestamp with six digits, and keeps one frame of each that it then sees."""
+    stamps = [float(sequence.GetMetaData(f"Seq_Frame{number:04d}_Timestamp")) for number in range(3)]
+    np.testing.assert_allclose(stamps, (0, 11.25, 964.75))
+
+
+@pytest.mark.parametrize(
+    "description",
+    ["one\nElementDataFile = LOCAL\nDimSize = 1 1 1", "µm\x1b[2J\u2028näh\r\n\x00", "long " * 1000, "\n", "\udcff"],
+    ids=["fields", "signs", "long", "empty", "no text"],
+)
+def test_a_description_stays_one_line_of_ascii(tmp_path, description):
+    """PLUS and Slicer read lines of at most 999 bytes."""
+    path = tmp_path / "a.igs.mha"
+    write_sequence(path, iter(images()), series=replace(SERIES, facts=replace(FACTS, description=description)))
+    image = sitk.ReadImage(str(path))
+    np.testing.assert_array_equal(sitk.GetArrayFromImage(image), np.stack([each.envelope for each in images()]))
+    head, data = path.read_bytes().split(b"\nElementDataFile = LOCAL\n")
+    assert len(data) == 3 * 13 * 9 * 4
+    assert head.startswith(b"ObjectType = Image\nNDims = 3\n")
+    assert b"\nKinds = domain domain list\n" in head
+    assert b"\nUltrasoundImageOrientation = MF\n" in head
+    assert all(len(line) < 998 and line.decode("ascii").isprintable() for line in head.split(b"\n"))

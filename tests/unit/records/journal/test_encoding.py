@@ -1,0 +1,132 @@
+"""Round trips of journal entries, and the state and result of the run derived from them."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from markerseek.core import Asked, ChannelFrame, Failed, Finished, Measured, MoveError, RecordError, Started, Unsure
+from markerseek.records.journal import (
+    Journal,
+    JournalEvent,
+    RecordedError,
+    Resuming,
+    decode,
+    encode,
+    read_journal,
+    result_of,
+    run_state,
+    verify,
+)
+from tests.unit.records.journal.synthetic_journals import (
+    EVENTS,
+    FULL_READING,
+    HEADER,
+    RANGE,
+    configuration,
+    counts,
+    measured,
+    whole_run,
+)
+
+
+@pytest.mark.parametrize("event", EVENTS.values(), ids=EVENTS.keys())
+def test_every_kind_of_event_is_read_back_equal(event: JournalEvent, tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    with Journal.create(path, configuration()) as journal:
+        journal.commit(event, clock_s=0.1 + 0.2, checkpoint=b'{"now_s":0.30000000000000004}')
+    (entry,) = read_journal(path).entries
+    if isinstance(event, Failed):
+        assert isinstance(entry.event, Failed)
+        assert isinstance(entry.event.error, RecordedError)
+        assert (entry.event.error.kind, str(entry.event.error)) == ("MoveError", "the stage did not arrive")
+    else:
+        assert entry.event == event
+    assert (entry.number, entry.clock_s) == (1, 0.1 + 0.2)
+    assert entry.checkpoint == b'{"now_s":0.30000000000000004}'
+    if isinstance(event, Measured) and event.sample.frame is not None:
+        assert isinstance(entry.event, Measured)
+        frame = entry.event.sample.frame
+        assert frame is not None
+        assert frame.header == HEADER
+        if isinstance(event.sample.frame, ChannelFrame):
+            assert isinstance(frame, ChannelFrame)
+            np.testing.assert_array_equal(frame.samples, event.sample.frame.samples)
+            assert frame.samples.dtype == np.int16
+            assert frame.sampling_hz == 40e6
+        else:
+            assert frame == event.sample.frame
+
+
+def test_samples_lie_in_the_file_as_little_endian_integers_that_any_program_can_read(tmp_path: Path) -> None:
+    path, samples = tmp_path / "run.journal", counts(3, 5)
+    whole_run(path, acquisitions=1, counts_of=lambda _: samples)
+    with closing(sqlite3.connect(path)) as database:
+        ((blob, body),) = database.execute("SELECT samples, body FROM events WHERE samples IS NOT NULL").fetchall()
+        assert database.execute("PRAGMA journal_mode").fetchone() == ("delete",)
+    assert msgspec.json.decode(body)["sample"]["frame"]["samples"] == {"dtype": "<i2", "shape": [3, 5]}
+    values = [int.from_bytes(blob[2 * k : 2 * k + 2], "little", signed=True) for k in range(15)]
+    assert values == samples.ravel().tolist()
+
+
+def test_the_result_comes_from_the_journal_alone(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    whole_run(path)
+    recorder, result = result_of(read_journal(path))
+    assert (result.answer, result.acquisitions, result.seed, result.truth_deg) == ("not found", 3, 7, 6.3)
+    assert [row.intensity for row in result.samples] == [FULL_READING.intensity] * 3
+    assert recorder.start_deg == 0.0
+
+
+@pytest.mark.parametrize("number", [float("nan"), float("inf")])
+def test_a_number_that_is_not_finite_is_refused_and_nothing_is_written(number: float, tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    with Journal.create(path, configuration()) as journal:
+        with pytest.raises(RecordError, match="not finite"):
+            journal.commit(Asked(role="search", index=1, angle_deg=number), clock_s=0.0)
+        unsure = Unsure(mean_deg=number, sigma_deg=1.0, interval95_deg=RANGE, interval_kind="bracket", reason="made up")
+        over = Finished(estimate=unsure, confirmation=None, acquisitions=1, travel_deg=0.0, elapsed_s=0.0)
+        with pytest.raises(RecordError, match="not finite"):
+            journal.commit(over, clock_s=0.0)
+    assert read_journal(path).entries == ()
+
+
+def test_the_state_of_a_run(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    with Journal.create(path, configuration()) as journal:
+        journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.0)
+        journal.commit(Asked(role="search", index=1, angle_deg=1.1), clock_s=0.0)
+        journal.commit(measured(1), clock_s=1.0)
+        journal.commit(Asked(role="search", index=2, angle_deg=4.5), clock_s=1.0)
+        journal.interrupt("SIGTERM")
+        journal.interrupt("SIGTERM")
+    entries = read_journal(path).entries
+    stands = run_state(entries)
+    assert (stands.state, stands.acquisitions, stands.fault) == ("open", 1, None)
+    assert [type(entry.event).__name__ for entry in entries][-2:] == ["Asked", "Interrupted"]
+    journal, held = Journal.reopen(path)
+    with journal:
+        note = Resuming(by="a person", check_deg=1.1, fault_reset=False, versions={})
+        journal.commit(note, clock_s=2.0)
+        journal.commit(Failed(error=MoveError("stuck")), clock_s=2.0)
+    assert len(held.entries) == 5
+    stands = run_state(read_journal(path).entries)
+    assert (stands.state, stands.fault) == ("fault", "stuck")
+    assert verify(path).faults == []
+
+
+@given(st.binary(max_size=400))
+def test_any_bytes_are_a_row_or_a_record_error(body: bytes) -> None:
+    for kind in ("started", "asked", "measured", "refused", "finished", "failed", "resuming", "checked", "other"):
+        try:
+            event = decode(kind, body, None, confirmation=None)
+        except RecordError:
+            continue
+        assert encode(event).kind == kind

@@ -1,0 +1,150 @@
+"""The file of a journal: where it can be created, what is not one, and who may open it."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from markerseek.core import Asked, RecordError, Started
+from markerseek.records.banks import read_bank
+from markerseek.records.journal import Journal, default_journal, is_journal, read_journal, verify
+from tests.unit.records.journal.synthetic_journals import RANGE, configuration, died, whole_run, write
+
+
+def test_a_file_that_exists_is_not_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / "notes.txt"
+    path.write_text("mine")
+    with pytest.raises(RecordError, match="exists already and is no journal; name a new file"):
+        Journal.create(path, configuration())
+    assert path.read_text() == "mine"
+
+
+def test_a_journal_that_exists_is_continued(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    whole_run(path)
+    before = path.read_bytes()
+    with pytest.raises(RecordError, match="the journal exists already; name another file, or continue it"):
+        Journal.create(path, configuration())
+    assert path.read_bytes() == before
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="No such file"):
+        Journal.create(tmp_path / "nowhere" / "run.journal", configuration())
+
+
+def test_two_programs_do_not_drive_one_run(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    with Journal.create(path, configuration()) as journal:
+        journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.0)
+        for look in (Journal.reopen, read_journal, verify):
+            with pytest.raises(RecordError, match="another markerseek has it open"):
+                look(path)
+        journal.commit(Asked(role="search", index=1, angle_deg=1.1), clock_s=0.0)
+    assert len(read_journal(path).entries) == 2
+
+
+def test_a_dead_run_is_read_without_being_touched(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    died(path, lambda journal: write(journal, 2))
+    before = {each.name: each.read_bytes() for each in tmp_path.iterdir()}
+    assert set(before) == {"run.journal", "run.journal-journal"}
+    assert len(read_journal(path).entries) == 6
+    assert verify(path).faults == []
+    assert {each.name: each.read_bytes() for each in tmp_path.iterdir()} == before
+
+
+def foreign_database(path: Path) -> None:
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("CREATE TABLE events (number)")
+
+
+def hostile_view(path: Path) -> None:
+    """A journal whose events are a view that never ends."""
+    whole_run(path)
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("DROP TABLE events")
+        database.execute(
+            "CREATE VIEW events AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) "
+            "SELECT i AS number, 'asked', '', 0.0, '', NULL, 0, NULL FROM n"
+        )
+        database.commit()
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda path: path.write_bytes(b""), "no journal of a run"),
+        (lambda path: path.write_bytes(b"not a database, and as long as one" * 99), "not a database"),
+        (foreign_database, "no journal of a run"),
+        (hostile_view, "tables are none of a journal"),
+        (lambda path: path.mkdir(), "it is a folder, and a journal is one file"),
+        (os.mkfifo, "it is not a regular file"),
+        (lambda _: None, "no such journal"),
+    ],
+    ids=["empty", "text", "foreign", "view", "folder", "pipe", "missing"],
+)
+def test_a_file_that_is_not_a_journal_is_reported(make: Callable[[Path], object], said: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    make(path)
+    for look in (read_journal, verify, Journal.reopen):
+        with pytest.raises(RecordError, match=said) as refused:
+            look(path)
+        assert str(refused.value).startswith(f"{path}: ")
+
+
+def a_file(path: Path) -> Path:
+    path.write_bytes(b"mine")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("place", "said"),
+    [
+        (lambda folder: folder, "it is a folder, and a journal is one file; name a new file in it"),
+        (lambda folder: folder / "none" / "a.journal", r"there is no folder .*none; make it, or name another place"),
+        (lambda folder: a_file(folder / "file") / "a.journal", r"file is no folder; name another place"),
+        (lambda folder: a_file(folder / "a.journal"), "exists already and is no journal; name a new file"),
+        (lambda folder: folder / ("a" * 300), "name it shorter"),
+    ],
+    ids=["folder", "no parent", "parent is a file", "another file", "long name"],
+)
+def test_where_no_journal_can_be_begun_the_remedy_is_given(
+    place: Callable[[Path], Path], said: str, tmp_path: Path
+) -> None:
+    path = place(tmp_path)
+    with pytest.raises(RecordError, match=said) as refused:
+        Journal.create(path, configuration())
+    assert str(refused.value).startswith(f"{path}: ")
+
+
+def test_a_journal_is_known_by_its_beginning_also_while_it_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    with Journal.create(path, configuration()):
+        assert is_journal(path)
+    assert is_journal(path)
+    foreign_database(tmp_path / "foreign")
+    assert not is_journal(tmp_path / "foreign")
+    assert not is_journal(a_file(tmp_path / "text"))
+
+
+@pytest.mark.parametrize("name", ["run.journal", "run.csv", "run.hdf5"])
+def test_a_journal_given_as_a_bank_is_reported_as_a_journal(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    Journal.create(path, configuration()).close()
+    with pytest.raises(RecordError, match=f"{name}: it is the journal of a run.*'markerseek journal replay .*{name}'"):
+        read_bank(path)
+
+
+def test_a_default_journal_lies_in_the_users_data_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    first, second = default_journal(method="ternary"), default_journal(method="ternary")
+    assert first.parent == tmp_path / "markerseek" / "journals"
+    assert first != second
+    monkeypatch.setenv("XDG_DATA_HOME", "relative")
+    assert "relative" not in default_journal(method="ternary").parts

@@ -1,0 +1,229 @@
+"""Durability of a commit under signals, concurrent writers and power loss."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import stat
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+from markerseek.core import Asked, Failed, MoveError, RecordError, Started
+from markerseek.records.journal import (
+    Entry,
+    Interrupted,
+    Journal,
+    default_journal,
+    journals_in,
+    make_folder,
+    read_journal,
+    salvage,
+    schema,
+    summary,
+    verify,
+    writer,
+)
+from markerseek.records.journal.connection import rollback_file
+from tests.unit.records.journal.synthetic_journals import RANGE, configuration, counts, died, whole_run, write
+
+
+@contextmanager
+def struck(monkeypatch: pytest.MonkeyPatch, *, behind: str) -> Iterator[None]:
+    """A signal that strikes right behind a statement of the next transaction."""
+
+    def transact(connection: sqlite3.Connection, *statements: tuple[str, tuple[object, ...]]) -> None:
+        connection.execute("BEGIN IMMEDIATE")
+        for sql, values in statements:
+            connection.execute(sql, values)
+        if behind == "COMMIT":
+            connection.execute("COMMIT")
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(schema, "_transact", transact)
+        with pytest.raises(KeyboardInterrupt):
+            yield
+
+
+@pytest.mark.parametrize("behind", ["INSERT", "COMMIT"])
+def test_a_signal_behind_any_statement_leaves_a_journal_that_can_be_noted_in(
+    behind: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    path = tmp_path / "run.journal"
+    asked = Asked(role="search", index=1, angle_deg=1.1)
+    with Journal.create(path, configuration()) as journal:
+        journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.5)
+        with struck(monkeypatch, behind=behind):
+            journal.commit(asked, clock_s=1.5)
+        assert isinstance(journal.last, Asked if behind == "COMMIT" else Started)
+        journal.interrupt("SIGINT")
+    entries = read_journal(path).entries
+    kept = [asked] if behind == "COMMIT" else []
+    assert [entry.event for entry in entries[1:]] == [*kept, Interrupted(reason="SIGINT")]
+    assert entries[-1].clock_s == (1.5 if kept else 0.5)
+    assert verify(path).faults == []
+
+
+def test_a_fault_that_was_committed_when_a_signal_struck_is_not_noted_twice(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    path = tmp_path / "run.journal"
+    with Journal.create(path, configuration()) as journal:
+        journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.5)
+        with struck(monkeypatch, behind="COMMIT"):
+            journal.commit(Failed(error=MoveError("stuck")), clock_s=1.5)
+        journal.interrupt("SIGINT")
+        journal.fail(MoveError("stuck"), clock_s=2.0)
+    assert len(read_journal(path).entries) == 2
+
+
+def test_what_is_committed_is_in_the_file_and_only_the_file_is_left(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    with Journal.create(path, configuration()) as journal:
+        write(journal, 5, lambda index: counts(64, 2080, seed=index))
+        assert path.stat().st_size > 5 * 64 * 2080 * 2
+        alone = tmp_path / "alone.journal"
+        alone.write_bytes(path.read_bytes())
+    assert len(read_journal(alone).entries) == 12
+    alone.unlink()
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_error_on_its_way_goes_before_one_of_closing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def fails(_journal: Journal) -> None:
+        raise RecordError("of closing")
+
+    monkeypatch.setattr(Journal, "close", fails)
+    with pytest.raises(MoveError, match="stuck"), Journal.create(tmp_path / "a.journal", configuration()):
+        raise MoveError("stuck")
+    with pytest.raises(RecordError, match="of closing"), Journal.create(tmp_path / "b.journal", configuration()):
+        pass
+
+
+def rewrite(path: Path) -> None:
+    """As another program, which has opened the journal to be written, does it."""
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("UPDATE run SET entries = entries + 1")
+        database.commit()
+
+
+def test_a_journal_that_is_read_cannot_be_written_meanwhile(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    whole_run(path)
+    refused: list[str] = []
+
+    def try_to_write(_entry: Entry) -> None:
+        other = sqlite3.connect(path, timeout=0, isolation_level=None)
+        with closing(other), pytest.raises(sqlite3.OperationalError, match="locked"):
+            other.execute("DELETE FROM events")
+        refused.append("locked")
+
+    assert salvage(path, on_entry=try_to_write)[1] is None
+    assert len(refused) == len(read_journal(path).entries)
+
+
+def test_a_journal_that_is_written_before_it_is_locked_is_not_continued(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    path = tmp_path / "run.journal"
+    whole_run(path)
+    connect = writer.connect
+
+    def late(place: Path, *, mode: Literal["rw", "ro"]) -> sqlite3.Connection:
+        rewrite(place)
+        return connect(place, mode=mode)
+
+    monkeypatch.setattr(writer, "connect", late)
+    with pytest.raises(RecordError, match="another markerseek wrote it meanwhile"):
+        Journal.reopen(path)
+
+
+@pytest.fixture
+def flushed(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """Folders whose names were put on the disk."""
+    seen: list[Path] = []
+    flush = os.fsync
+
+    def synced(descriptor: int) -> None:
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            seen.append(Path(f"/proc/self/fd/{descriptor}").readlink())
+        flush(descriptor)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    return seen
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks /proc which folder a descriptor is")
+def test_the_names_of_new_folders_and_of_the_file_are_on_the_disk(
+    flushed: list[Path], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home" / "share"))
+    path = default_journal(method="ternary")
+    make_folder(path.parent)
+    Journal.create(path, configuration()).close()
+    made = [tmp_path, tmp_path / "home", tmp_path / "home" / "share", tmp_path / "home" / "share" / "markerseek"]
+    assert flushed == [*made, path.parent]
+    flushed.clear()
+    make_folder(path.parent)
+    assert flushed == []
+
+
+def test_where_folders_cannot_be_flushed_journals_are_made_all_the_same(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def refused(_path: Path, _flags: int) -> int:
+        raise PermissionError(13, "a folder")
+
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setattr(os, "open", refused)
+    make_folder(tmp_path / "new")
+    assert (tmp_path / "new").is_dir()
+
+
+def test_default_folders_of_journals_are_readable_by_their_owner_only(tmp_path: Path) -> None:
+    make_folder(tmp_path / "one" / "two")
+    for each in (tmp_path / "one", tmp_path / "one" / "two"):
+        assert stat.S_IMODE(each.stat().st_mode) == 0o700
+
+
+@pytest.mark.parametrize(("mask", "mode"), [(0o022, 0o644), (0o077, 0o600), (0o002, 0o664)])
+def test_a_journal_that_was_named_has_the_rights_that_any_new_file_has(mask: int, mode: int, tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    before = os.umask(mask)
+    try:
+        with Journal.create(path, configuration()):
+            modes = [stat.S_IMODE(each.stat().st_mode) for each in (path, rollback_file(path))]
+    finally:
+        os.umask(before)
+    assert modes == [mode, mode]
+
+
+def named(folder: Path) -> Path:
+    path = Path(os.fsdecode(os.fsencode(folder) + b"/b\xf6s 100%?#.journal"))
+    try:
+        path.touch()
+        path.unlink()
+    except OSError:
+        pytest.skip("this file system takes no such name")
+    return path
+
+
+@pytest.mark.parametrize("end", [whole_run, lambda path: died(path, lambda journal: write(journal, 3))])
+def test_a_journal_whose_name_is_no_unicode_is_kept_and_listed(end: Callable[[Path], None], tmp_path: Path) -> None:
+    path = named(tmp_path)
+    end(path)
+    assert len(read_journal(path).entries) == 8
+    assert verify(path).faults == []
+    assert journals_in(tmp_path) == [path]
+    summarised = summary(path)
+    assert summarised.path == f"{tmp_path}/b\\udcf6s 100%?#.journal"
+    assert summarised.problem is None
+    journal, _ = Journal.reopen(path)
+    journal.close()
+    path.write_bytes(b"")
+    assert summary(path).problem == "it is empty: no journal of a run (or its run was never begun); check the name"

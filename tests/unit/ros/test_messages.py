@@ -1,0 +1,225 @@
+"""Checks of ROS 2 commands and the settings of ROS 2 devices, without ROS."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+from pathlib import Path
+from types import SimpleNamespace
+from xml.etree import ElementTree as ET
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from markerseek.core import ConfigError, MissingExtraError
+from markerseek.drivers import BenchSettings, Ros2StageSettings, RosReceiver
+from markerseek.rigs import BenchRecipe, read_rig_file
+from markerseek.ros import (
+    RosNode,
+    StampedCommands,
+    degrees,
+    joint_angle_deg,
+    local_transport,
+    messages,
+    require_keys,
+    topics,
+)
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+
+RIG = """
+kind = "bench"
+[stage]
+driver = "ros2"
+[laser]
+driver = "ros2"
+[receiver]
+driver = "ros2"
+"""
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    (tmp_path / "rig.toml").write_text(text)
+    return tmp_path / "rig.toml"
+
+
+@given(st.floats(-180, 180).map(lambda angle_deg: round(angle_deg, 6)))
+def test_an_end_of_a_range_stays_itself_on_its_way_over_radians(angle_deg: float) -> None:
+    assert degrees(math.radians(angle_deg)) == pytest.approx(angle_deg, abs=1e-12)
+    assert degrees(math.radians(angle_deg)) == angle_deg
+
+
+@pytest.mark.parametrize(
+    ("ages_s", "dropped"),
+    [
+        ((0.0, 0.1), {}),
+        ((0.29,), {}),
+        ((0.31,), {"too old": 1}),
+        ((-0.04,), {}),
+        ((-0.06,), {"from the future": 1}),
+    ],
+)
+def test_the_age_of_a_stamp_decides(ages_s: tuple[float, ...], dropped: dict[str, int]) -> None:
+    commands = StampedCommands()
+    for number, age_s in enumerate(ages_s):
+        now_s = 1000.0 + number
+        commands.refusal(round((now_s - age_s) * 1e9), now_s=now_s)
+    assert commands.dropped == dropped
+
+
+def test_item_4_a_clock_that_is_set_back_does_not_make_every_stamp_a_repetition() -> None:
+    commands = StampedCommands()
+    assert commands.refusal(1_000_000_000_000, now_s=1000.0) is None
+    assert commands.refusal(970_000_000_000, now_s=970.0) is None
+    assert "repetition" in (commands.refusal(970_000_000_000, now_s=970.0) or "")
+
+
+def test_a_stamp_is_used_once_and_none_is_none() -> None:
+    commands = StampedCommands()
+    assert commands.refusal(1_000_000_000_000, now_s=1000.0) is None
+    assert "repetition" in (commands.refusal(1_000_000_000_000, now_s=1000.0) or "")
+    assert "no stamp" in (commands.refusal(0, now_s=1000.0) or "")
+    assert "old" in (commands.refusal(999_000_000_000, now_s=1000.0) or "")
+    # A computer whose date is not known compares with nothing.
+    assert commands.refusal(1_000_100_000_000, now_s=math.nan) is not None
+    assert commands.dropped == {"repeated": 1, "no stamp": 1, "too old": 1, "from the future": 1}
+
+
+@pytest.mark.parametrize(
+    ("names", "position", "angle_deg"),
+    [
+        (["trus_roll"], [math.pi / 6], 30.0),
+        ([], [math.pi / 6], 30.0),
+        (["other"], [0.1], None),
+        (["trus_roll", "other"], [0.1, 0.2], None),
+        (["trus_roll"], [], None),
+        (["trus_roll"], [math.nan], None),
+        (["trus_roll"], [math.inf], None),
+    ],
+)
+def test_a_joint_state_is_one_finite_angle_of_the_one_joint(
+    names: list[str], position: list[float], angle_deg: float | None
+) -> None:
+    assert joint_angle_deg(SimpleNamespace(name=names, position=position)) == angle_deg
+
+
+def test_channel_data_survive_as_an_image_and_a_wrong_size_is_refused() -> None:
+    counts = np.arange(-6, 6, dtype=np.int16).reshape(3, 4)
+    message = SimpleNamespace(height=3, width=4, step=8, encoding="16SC1", is_bigendian=0, data=counts.tobytes())
+    assert (messages.counts_of(message) == counts).all()
+    message.is_bigendian, message.data = 1, counts.astype(">i2").tobytes()
+    assert (messages.counts_of(message) == counts).all()
+    for wrong in ({"height": 2}, {"step": 4}, {"encoding": "mono8"}, {"data": b""}, {"height": 0, "data": b""}):
+        assert messages.counts_of(SimpleNamespace(**{**vars(message), **wrong})) is None
+
+
+def test_shades_are_decibels_below_the_brightest_and_a_frame_without_sound_is_black() -> None:
+    values = np.array([[1.0, 10**-0.5, 0.01, 0.001]], np.float32)
+    assert messages.grey(values, brightest=1.0).tolist() == [[255, 191, 0, 0]]
+    assert messages.grey(0 * values, brightest=0.0).tolist() == [[0, 0, 0, 0]]
+
+
+@pytest.mark.parametrize("data", ["", "[]", "{", '{"id":1}', "[" * 10_000, "\ud800", '{"id":"a","pulses":1e99}'])
+def test_a_text_that_is_no_request_is_none(data: str) -> None:
+    assert messages.decoded(data, messages.AcquireRequest) is None
+
+
+def test_a_rig_file_names_nodes_without_port_and_zero(tmp_path: Path) -> None:
+    settings = read_rig_file(written(tmp_path, RIG))
+    assert isinstance(settings, BenchSettings)
+    assert settings.stage == Ros2StageSettings()
+    assert settings.receiver == RosReceiver()
+    # As a journal stores it, and reads it back.
+    recipe = msgspec.json.decode(msgspec.json.encode(BenchRecipe.of(settings)), type=BenchRecipe)
+    assert recipe.settings == settings
+
+
+@pytest.mark.parametrize(
+    ("found", "wanted", "said"),
+    [
+        ('[laser]\ndriver = "ros2"', '[laser]\nport = "/dev/ttyACM0"', "an acquisition node has both"),
+        (
+            '[stage]\ndriver = "ros2"',
+            '[stage]\ndriver = "rosbag"',
+            "stage.driver is 'rosbag', it must be one of: kdc101, ros2",
+        ),
+        (
+            '[stage]\ndriver = "ros2"',
+            '[stage]\ndriver = "ros2"\nport = "/dev/ttyUSB0"',
+            "the key stage.port is unknown",
+        ),
+        ('[stage]\ndriver = "ros2"', '[stage]\ndriver = "ros2"\nunit = "deg"', "a joint_state is in radians"),
+        ('[stage]\ndriver = "ros2"', '[stage]\ndriver = "ros2"\nmessage = "float64"', "add state_topic = 'none'"),
+        ('[stage]\ndriver = "ros2"', '[stage]\ndriver = "ros2"\ntimeout_s = 0', "timeout_s is 0"),
+        ('[stage]\ndriver = "ros2"', "[stage]", "the key stage.zero_deg is missing"),
+    ],
+)
+def test_a_rig_file_that_cannot_be_met_is_refused(tmp_path: Path, found: str, wanted: str, said: str) -> None:
+    assert found in RIG
+    with pytest.raises(ConfigError, match=r"rig\.toml") as refused:
+        read_rig_file(written(tmp_path, RIG.replace(found, wanted)))
+    assert said in str(refused.value)
+
+
+def test_without_ros_the_command_that_installs_it_is_named() -> None:
+    try:
+        import rclpy  # noqa: F401
+    except ImportError:
+        with pytest.raises(MissingExtraError, match=r"ROS 2 needs the package rclpy.*pip install 'markerseek\[ros2\]'"):
+            RosNode("nobody")
+    else:
+        pytest.skip("ROS 2 is installed here")
+
+
+def test_shared_memory_is_the_transport_unless_the_user_chose_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("FASTDDS_BUILTIN_TRANSPORTS", "FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+    assert local_transport() == "UDPv4"
+    monkeypatch.delenv("FASTDDS_BUILTIN_TRANSPORTS")
+    assert local_transport() == "SHM"
+    monkeypatch.delenv("FASTDDS_BUILTIN_TRANSPORTS")
+    monkeypatch.setenv("FASTDDS_DEFAULT_PROFILES_FILE", "profiles.xml")
+    assert local_transport() == "that of the profiles file"
+
+
+def test_security_that_is_required_and_not_there_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    for name in ("ROS_SECURITY_ENABLE", "ROS_SECURITY_STRATEGY", "ROS_SECURITY_KEYSTORE"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(ConfigError, match="set ROS_SECURITY_ENABLE=true, ROS_SECURITY_STRATEGY=Enforce"):
+        require_keys("/markerseek/trus_stage")
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Permissive")
+    monkeypatch.setenv("ROS_SECURITY_KEYSTORE", str(tmp_path))
+    with pytest.raises(ConfigError, match="ROS 2 would start without keys"):
+        require_keys("/markerseek/trus_stage")
+    monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
+    with pytest.raises(ConfigError, match=r"there are no keys for /markerseek/trus_stage in .*: cert\.pem, key\.pem"):
+        require_keys("/markerseek/trus_stage")
+    folder = tmp_path / "enclaves" / "markerseek" / "trus_stage"
+    folder.mkdir(parents=True)
+    for name in ("cert.pem", "key.pem", "governance.p7s", "permissions.p7s"):
+        (folder / name).touch()
+    require_keys("/markerseek/trus_stage")
+
+
+def test_the_security_policy_names_every_topic_of_the_nodes() -> None:
+    names = {
+        f"/{each.text}" for kind in ("topic", "service") for each in ET.parse(EXAMPLES / "ros2-policy.xml").iter(kind)
+    }
+    # Every ROS node has services under its own name, and announces its parameters.
+    of_any_node = {name for name in names if name.startswith("/~")} | {"/parameter_events"}
+    assert names - of_any_node == {value for name, value in vars(topics).items() if name.isupper()}
+
+
+def test_the_example_of_a_ros_rig_has_the_defaults_and_names_every_key(tmp_path: Path) -> None:
+    example = read_rig_file(EXAMPLES / "rigs" / "ros2.toml")
+    usual = read_rig_file(written(tmp_path, RIG + "[probe]\nface_radius_m = 0.01\n"))
+    assert example == usual
+    text = (EXAMPLES / "rigs" / "ros2.toml").read_text()
+    for kind in (Ros2StageSettings, RosReceiver):
+        for field in fields(kind):
+            assert f"\n{field.name} = " in text

@@ -1,0 +1,95 @@
+"""Frames of a journal exported as a bank: the same counts at the same angles, with the same facts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from markerseek import rigs
+from markerseek.core import ChannelFrame, Measured, RecordError, Sample, SearchPlan
+from markerseek.records.banks import IntensityBank
+from markerseek.records.journal import Journal, RecordedRun, read_journal
+from markerseek.runs import configuration_of, journal_bank
+from markerseek.runs.bank_of_journal import JournalBank
+from markerseek.runs.journalled import journalled
+from markerseek.search import build
+from tests.unit.runs.journalled_runs import begin
+
+
+def measured(held: RecordedRun) -> Iterator[Sample]:
+    return (entry.event.sample for entry in held.entries if isinstance(entry.event, Measured))
+
+
+def test_frames_of_a_run_come_back_with_their_angles_and_headers(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    rig = rigs.simulated(seed=3)
+    policy = build("ternary", limits=rig.limits.search, acquisitions=6, as_published=True)
+    kept = configuration_of(
+        rig, SearchPlan(method="ternary", acquisitions=6, as_published=True, start_deg=0.0, dark_frames=2, stay=False)
+    )
+    with Journal.create(path, kept) as journal, closing(journalled(policy, rig, journal)) as events:
+        for _ in events:
+            pass
+    samples = list(measured(read_journal(path)))
+    at = {each.angle_deg: each for each in samples if not each.dark}
+    lit = [at[angle_deg] for angle_deg in sorted(at)]
+    bank = journal_bank(path)
+    assert isinstance(bank, JournalBank)
+    # The confirmation is made where the last acquisition of the search was; it is the one that is kept.
+    assert (len(bank.angles_deg), bank.dark_frames, len(samples)) == (6, 2, 9)
+    assert samples[-1] in lit
+    assert list(bank.angles_deg) == [each.angle_deg for each in lit]
+    assert list(bank.intensities) == [each.reading.intensity for each in lit]
+    for index, sample in enumerate(lit):
+        assert isinstance(sample.frame, ChannelFrame)
+        assert bank.frame(index).header == sample.frame.header
+        np.testing.assert_array_equal(bank.frame(index).samples, sample.frame.samples)
+    for index, sample in enumerate(each for each in samples if each.dark):
+        assert isinstance(sample.frame, ChannelFrame)
+        np.testing.assert_array_equal(bank.dark_frame(index).samples, sample.frame.samples)
+    with pytest.raises(RecordError, match="there is no dark frame 3, the journal holds 2"):
+        bank.dark_frame(2)
+    facts = bank.facts
+    assert rig.imaging is not None
+    assert (facts.reference_angle_deg, facts.face_radius_m) == (rig.facts.truth_deg, rig.facts.face_radius_m)
+    assert (facts.sampling_hz, facts.pitch_m) == (40e6, rig.imaging.preset.array.pitch_m)
+    assert (facts.simulated, facts.seed, facts.configuration) == (True, 3, rig.facts.fingerprint)
+    assert bank.pulses == (16,) * 6
+    frames = [each.frame for each in lit]
+    assert list(bank.started_s) == [each.header.started_s for each in frames if each is not None]
+    first = read_journal(path).entries[0]
+    assert facts.clock_zero_unix_s is not None
+    began = datetime.fromtimestamp(facts.clock_zero_unix_s + first.clock_s, tz=UTC)
+    assert abs((began - datetime.fromisoformat(first.written)).total_seconds()) < 1e-3
+    assert facts.description.startswith("journal of ternary on a simulated rig")
+    assert facts.description.endswith(", without 1 at repeated angles")
+
+
+def test_a_run_on_intensities_becomes_a_bank_of_intensities(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    policy, rig, kept = begin()
+    with Journal.create(path, kept) as journal, closing(journalled(policy, rig, journal)) as events:
+        for _ in events:
+            pass
+    bank = journal_bank(path)
+    assert isinstance(bank, IntensityBank)
+    by_angle = {each.angle_deg: each.reading.intensity for each in measured(read_journal(path)) if not each.dark}
+    assert dict(zip(bank.angles_deg, bank.intensities, strict=True)) == by_angle
+
+
+def test_a_run_of_two_angles_is_no_bank(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    policy, rig, kept = begin()
+    taken = 0
+    with Journal.create(path, kept) as journal, closing(journalled(policy, rig, journal)) as events:
+        for event in events:
+            taken += isinstance(event, Measured) and not event.sample.dark
+            if taken == 2:
+                break
+    with pytest.raises(RecordError, match="it holds 2 angles, at least 3 are needed"):
+        journal_bank(path)

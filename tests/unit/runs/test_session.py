@@ -1,0 +1,77 @@
+"""A session from its plan to its result, from Python, as a command, page or bridge uses it."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from markerseek import rigs
+from markerseek.core import ConfigError, Finished, Measured, SearchError, SearchPlan
+from markerseek.guard import State
+from markerseek.records.journal import Journal, read_journal, result_of
+from markerseek.runs import Session, new_session, plan_on, resumed_session
+from markerseek.sim import GaussianCurve
+
+
+def session_on(rig: rigs.Rig) -> Session:
+    return new_session(rig, plan_on(rig, SearchPlan(method="golden-section", acquisitions=8, start_deg=0.0)))
+
+
+def rig() -> rigs.Rig:
+    return rigs.of_intensities(seed=4, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=7.5)
+
+
+def test_a_session_gives_events_and_then_the_result_of_its_plan_and_facts() -> None:
+    session = session_on(rig())
+    events = list(session.events())
+    result = session.result()
+    assert isinstance(events[-1], Finished)
+    assert session.most_acquisitions == 8
+    assert (result.method, result.rig, result.seed, result.truth_deg) == ("golden-section", "simulated", 4, 7.5)
+    assert result.configuration == session.rig.facts.fingerprint
+    assert result.error_deg == pytest.approx(abs(result.angle_deg - 7.5))
+
+
+def test_a_session_that_is_closed_stops_the_rig_and_has_no_result() -> None:
+    session = session_on(rig())
+    with closing(session.events()) as events:
+        next(event for event in events if isinstance(event, Measured))
+        assert session.rig.scanner.guard.state is State.ARMED
+    assert session.rig.scanner.guard.state is State.DISARMED
+    with pytest.raises(SearchError, match="not over"):
+        session.result()
+
+
+def test_a_session_stopped_and_resumed_gives_the_result_of_one_that_was_not(tmp_path: Path) -> None:
+    whole = session_on(rig())
+    list(whole.events())
+    begun = session_on(rig())
+    path = tmp_path / "run.journal"
+    with Journal.create(path, begun.configuration) as journal:
+        begun = replace(begun, journal=journal)
+        with closing(begun.events()) as events:
+            for event in events:
+                if isinstance(event, Measured) and event.role == "search" and event.index == 4:
+                    break
+    kept, held = Journal.reopen(path)
+    with kept:
+        resumed = resumed_session(rig(), kept, held, by="a person", reset_fault=False)
+        list(resumed.events())
+    assert resumed.result() == whole.result()
+    assert result_of(read_journal(path))[1] == whole.result()
+
+
+def test_a_plan_that_cannot_be_used_is_refused_before_anything_moves() -> None:
+    assembled = rig()
+    with pytest.raises(ConfigError, match="posterior: it is markerseek's own"):
+        new_session(assembled, plan_on(assembled, SearchPlan(method="posterior", as_published=True, start_deg=0.0)))
+    assert assembled.scanner.guard.state is State.DISARMED
+
+
+def test_the_paper_s_form_takes_no_dark_frames_first() -> None:
+    assembled = rig()
+    assert plan_on(assembled, SearchPlan(method="ternary", start_deg=0.0)).dark_frames == assembled.dark_frames > 0
+    assert plan_on(assembled, SearchPlan(method="ternary", as_published=True, start_deg=0.0)).dark_frames == 0

@@ -1,0 +1,169 @@
+"""The paper's numbers as data, summaries of errors, and the report: the page agrees with the CSV."""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from markerseek.core import ConfigError
+from markerseek.studies.paper import (
+    PAPER_NUMBERS,
+    REPORT,
+    RunOptions,
+    Section,
+    paper_number,
+    shown,
+    write_report,
+    write_section,
+)
+from markerseek.studies.paper.banks import grid
+from markerseek.studies.paper.consistency import is_consistent
+from markerseek.studies.paper.printed import MATERIALS
+from markerseek.studies.paper.section import compared, errors_of, make_table
+from markerseek.studies.paper.travel import travel
+
+
+class Tables(HTMLParser):
+    """Cells of every table of a page, by the table's id."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: dict[str, list[list[str]]] = {}
+        self._name = ""
+        self._cell = False
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag == "table":
+            self._name = dict(attrs).get("id") or ""
+            self.found[self._name] = []
+        elif tag == "tr":
+            self.found[self._name].append([])
+        elif tag == "td":
+            self._cell = True
+            self.found[self._name][-1].append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        self._cell = self._cell and tag != "td"
+
+    def handle_data(self, data: str) -> None:
+        if self._cell:
+            self.found[self._name][-1][-1] += data
+
+
+def test_the_papers_numbers_are_those_of_the_paper() -> None:
+    assert [paper_number(f"table1/TS/{material}").value for material in MATERIALS] == [0.34, 0.29, 0.34, 0.32, 0.32]
+    assert (paper_number("table2/GSS").value, paper_number("table2/GSS").sd) == (0.74, 0.58)
+    assert (paper_number("fig7/TS/2").value, paper_number("fig7/GSS/2").value) == (4.20, 5.89)
+    assert paper_number("fig5/TS").value == pytest.approx(70 * (2 / 3) ** 14 / 4, abs=0.001)
+    assert str(paper_number("fig5/WA")) == "0.47 ± 0.11°"
+    assert all(number.place for number in PAPER_NUMBERS.values())
+    with pytest.raises(ConfigError, match="not a number of the paper"):
+        paper_number("fig12")
+
+
+def test_errors_are_summed_up_as_by_hand() -> None:
+    errors = errors_of(np.array([1.0, 2.0, 6.0]))
+    assert errors.mean_deg == 3.0
+    assert errors.sd_deg == pytest.approx(math.sqrt((4 + 1 + 9) / 2))
+    assert errors.failed == pytest.approx(1 / 3)
+    # Student's t for two degrees of freedom
+    assert errors.half_deg == pytest.approx(4.302653 * errors.sd_deg / math.sqrt(3), rel=1e-5)
+    assert errors_of(np.array([0.5])).half_deg is None
+    with pytest.raises(ConfigError, match="no search to summarise"):
+        errors_of(np.array([]))
+
+
+def test_the_grid_is_that_of_the_paper_but_rough() -> None:
+    places = grid(np.random.default_rng(3))
+    assert len(places) == 9
+    x_mm = [1e3 * place.radius_m * math.sin(math.radians(place.angle_deg or 0.0)) for place in places]
+    assert np.array(x_mm).reshape(3, 3).mean(axis=0) == pytest.approx([-20, 0, 20], abs=5)
+    assert len({place.angle_deg for place in places}) == 9
+
+
+def test_a_number_is_consistent_if_resampled_means_reach_it() -> None:
+    rng = np.random.default_rng(1)
+    errors = np.abs(np.random.default_rng(2).normal(0.0, 1.0, 200))
+    half_of_a_mean_of_nine = 2 * 0.6 / 3
+    assert is_consistent(float(errors.mean()), errors, searches=9, rng=rng)
+    assert is_consistent(float(errors.mean()) + 0.5 * half_of_a_mean_of_nine, errors, searches=9, rng=rng)
+    assert not is_consistent(float(errors.mean()) + 2 * half_of_a_mean_of_nine, errors, searches=9, rng=rng)
+    assert not is_consistent(float(errors.mean()) + 0.5 * half_of_a_mean_of_nine, errors, searches=1000, rng=rng)
+
+
+@pytest.mark.parametrize(
+    ("cell", "text"), [(None, ""), (0.01234, "0.0123"), (122.34, "122"), (3, "3"), ("a<b", "a<b"), (-0.5, "-0.5")]
+)
+def test_cells_are_shown_with_three_digits(cell: object, text: str) -> None:
+    assert shown(cell) == text  # type: ignore[arg-type]
+
+
+def test_a_table_refuses_rows_with_other_columns() -> None:
+    with pytest.raises(ConfigError, match="a row has not the 2 columns a b"):
+        make_table("t", "", "a b", [(1, 2), (3,)])
+
+
+def test_the_page_holds_the_numbers_of_the_csv_and_loads_nothing(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    options = RunOptions(markers=20)
+    section = travel(options)
+    paths = write_section(section, tmp_path)
+    text = write_report([section], tmp_path, options=options).read_text(encoding="utf-8")
+    assert (tmp_path / REPORT).exists()
+    assert not re.search(r"""(src|href)=["'](?!data:|#)""", text)
+    pages = Tables(text).found
+    for path in paths:
+        if path.suffix == ".csv":
+            with path.open(newline="", encoding="utf-8") as lines:
+                rows = list(csv.reader(lines))[1:]
+            page = [row for row in pages[path.stem] if row]
+            assert len(page) == len(rows)
+            for on_page, in_csv in zip(page, rows, strict=True):
+                for seen, exact in zip(on_page, in_csv, strict=True):
+                    assert _same(seen, exact), (path.name, seen, exact)
+    assert {path.suffix for path in paths} == {".csv", ".png", ".svg"}
+    assert "Fig. 9" in text
+    assert "made with 20 markers instead of 1000" in text.lower()
+
+
+def _same(seen: str, exact: str) -> bool:
+    try:
+        return math.isclose(float(seen), float(exact), rel_tol=6e-3, abs_tol=1e-12)
+    except ValueError:
+        return seen == exact
+
+
+def test_a_report_that_cannot_be_written_is_refused_in_words(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    ours = compared("fig5/TS", errors_of(np.array([0.1, 0.2])))
+    section = Section(name="s", title="s", method=(), comparisons=(ours,))
+    with pytest.raises(ConfigError, match="name another --out"):
+        write_section(section, blocked / "below")
+    with pytest.raises(ConfigError, match="name another --out"):
+        write_report([section], blocked / "below", options=RunOptions(markers=10))
+
+
+def test_results_do_not_depend_on_the_number_of_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
+    steps: list[tuple[str, int, int]] = []
+    alone = RunOptions(progress=lambda *step: steps.append(step)).each(math.sqrt, [1.0, 4.0, 9.0], stage="roots")
+    assert alone == RunOptions(workers=2).each(math.sqrt, [1.0, 4.0, 9.0], stage="roots") == [1.0, 2.0, 3.0]
+    assert steps == [("roots", done, 3) for done in range(4)]
+    assert "PYTHONSAFEPATH" not in os.environ, "it would keep later programs from importing of the current folder"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"), [({"markers": 3}, "between 10 and"), ({"workers": 0}, "workers"), ({"seed": -1}, "0 or more")]
+)
+def test_options_out_of_range_are_is_refused(wrong: dict[str, int], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        RunOptions(**wrong)  # type: ignore[arg-type]

@@ -1,0 +1,232 @@
+"""Runs of a study give the same files on any machine and after any interruption."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import json
+import math
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
+
+import msgspec
+import pytest
+
+from markerseek.core import ConfigError, MissingExtraError, RecordError
+from markerseek.studies import (
+    Axis,
+    CurveSettings,
+    PolicySettings,
+    Study,
+    Summary,
+    columns,
+    run_row,
+    run_study,
+    runner,
+    values_of,
+    workers,
+)
+from markerseek.studies.runner import as_csv, chunks, run_chunk
+from markerseek.studies.workers import on_processes
+
+STUDY = Study(
+    name="small",
+    policies=(
+        PolicySettings(method="ternary", acquisitions=4, as_published=True),
+        PolicySettings(method="weighted-average", acquisitions=3, as_published=True),
+    ),
+    trials=150,
+    curve=CurveSettings(family="sech", fwhm_deg=12.0),
+    vary=(Axis(key="rig.noise.peak_snr_db", values=(20.0, 40.0)),),
+)
+
+
+Compute = Callable[[range], bytes]
+
+
+class KilledError(Exception):
+    """Stands in for a process that has died."""
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.suffix in (".csv", ".json")}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """Files of a study that was not interrupted."""
+    folder = tmp_path_factory.mktemp("whole")
+    run_study(STUDY, folder, workers=1)
+    return files(folder)
+
+
+def test_the_table_is_the_rows_one_by_one(whole: dict[str, bytes]) -> None:
+    lines = whole["rows.csv"].splitlines(keepends=True)
+    assert len(lines) == STUDY.rows + 1
+    assert lines[0] == as_csv([columns(STUDY)])
+    for row in (0, 1, 377, STUDY.rows - 1):
+        assert lines[row + 1] == as_csv([values_of(run_row(STUDY, row))])
+
+
+def test_two_processes_give_the_same_files_and_progress_rises_to_the_end(
+    whole: dict[str, bytes], tmp_path: Path
+) -> None:
+    reported: list[int] = []
+    finish = run_study(STUDY, tmp_path / "two", workers=2, progress=reported.append)
+    assert files(tmp_path / "two") == whole
+    assert reported == sorted(reported)
+    assert reported[-1] == STUDY.rows
+    assert finish.summary == msgspec.json.decode(whole["summary.json"], type=Summary)
+
+
+@pytest.mark.parametrize("after", [0, 1, 2])
+def test_a_study_that_ends_in_the_middle_is_continued_and_nothing_is_computed_twice(
+    whole: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: int
+) -> None:
+    computed: list[range] = []
+
+    def mortal(compute: Compute, pieces: Iterator[range], *, workers: int) -> Iterator[bytes]:
+        for count, piece in enumerate(pieces):
+            if count == after:
+                raise KilledError
+            computed.append(piece)
+            yield compute(piece)
+
+    assert len(list(chunks(STUDY))) == 3
+    monkeypatch.setattr(runner, "on_processes", mortal)
+    with pytest.raises(KilledError):
+        run_study(STUDY, tmp_path)
+    with (tmp_path / "rows.part.csv").open("ab") as table:
+        table.write(whole["rows.csv"].splitlines(keepends=True)[1 + 250 * after][:-5])
+    (tmp_path / ".summary.json.0123abcd.part").write_bytes(b"half a summary")
+    assert "rows.csv" not in files(tmp_path)
+
+    def counted(compute: Compute, pieces: Iterator[range], *, workers: int) -> Iterator[bytes]:
+        for piece in pieces:
+            computed.append(piece)
+            yield compute(piece)
+
+    monkeypatch.setattr(runner, "on_processes", counted)
+    run_study(STUDY, tmp_path)
+    assert files(tmp_path) == whole
+    assert computed == list(chunks(STUDY))
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".lock", "rows.csv", "study.json", "summary.json"]
+
+
+def test_a_table_torn_anywhere_is_continued_from_its_last_whole_trial(whole: dict[str, bytes], tmp_path: Path) -> None:
+    study = dataclasses.replace(STUDY, trials=3)
+    run_study(study, tmp_path, workers=1)
+    table = (tmp_path / "rows.csv").read_bytes()
+    step = len(table) // 60
+    for kept in [*range(0, len(table), step), len(table)]:
+        (tmp_path / "rows.csv").unlink()
+        (tmp_path / "rows.part.csv").write_bytes(table[:kept] + b"\0" * (kept % 3))
+        run_study(study, tmp_path, workers=1)
+        assert (tmp_path / "rows.csv").read_bytes() == table
+
+
+@pytest.mark.parametrize("step", ["sync_folder", "summarise", "_read"])
+def test_a_study_that_ends_while_it_is_put_together_is_put_together_again(
+    whole: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
+) -> None:
+    def killed(*_arguments: object, **_named: object) -> None:
+        raise KilledError
+
+    with monkeypatch.context() as patched:
+        patched.setattr(f"markerseek.studies.runner.{step}", killed)
+        with pytest.raises(KilledError):
+            run_study(STUDY, tmp_path, workers=1)
+    run_study(STUDY, tmp_path, workers=1)
+    assert files(tmp_path) == whole
+
+
+def test_a_finished_study_is_only_read(
+    whole: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, content in whole.items():
+        (tmp_path / name).write_bytes(content)
+    monkeypatch.setattr(runner, "on_processes", None)
+    assert run_study(STUDY, tmp_path).summary.rows == STUDY.rows
+    assert files(tmp_path) == whole
+
+
+def test_a_changed_study_or_another_version_is_refused_and_the_folder_left_as_it_is(
+    whole: dict[str, bytes], tmp_path: Path
+) -> None:
+    for name, content in whole.items():
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(RecordError, match=f"holds another study .hash {STUDY.digest}.*choose another folder"):
+        run_study(dataclasses.replace(STUDY, seed=2), tmp_path)
+    claim = json.loads(whole["study.json"])
+    (tmp_path / "study.json").write_text(json.dumps({**claim, "version": "0.0.1", "hash": "0" * 16}))
+    with pytest.raises(RecordError, match=r"was begun by version 0\.0\.1"):
+        run_study(STUDY, tmp_path)
+    (tmp_path / "study.json").write_text("{")
+    with pytest.raises(RecordError, match="cannot be read"):
+        run_study(STUDY, tmp_path)
+    assert files(tmp_path)["rows.csv"] == whole["rows.csv"]
+
+
+def test_lines_of_a_worker_with_another_version_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    other = dataclasses.replace(STUDY, seed=2)
+
+    def elsewhere(compute: Compute, pieces: Iterator[range], *, workers: int) -> Iterator[bytes]:
+        for piece in pieces:
+            yield run_chunk(other, piece)
+
+    monkeypatch.setattr(runner, "on_processes", elsewhere)
+    with pytest.raises(ConfigError, match="another version of markerseek"):
+        run_study(STUDY, tmp_path)
+
+
+def test_a_folder_in_use_cannot_be_used_and_one_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    with runner._alone(tmp_path), pytest.raises(RecordError, match="another process is running this study"):
+        run_study(STUDY, tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RecordError, match="with --out"):
+        run_study(STUDY, tmp_path / "file" / "below")
+
+
+def test_no_workers_are_refused() -> None:
+    with pytest.raises(ConfigError, match="workers is 0"):
+        list(on_processes(math.sqrt, [1.0], workers=0))
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="Windows sends Ctrl-C otherwise")
+def test_ctrl_c_that_a_librarys_thread_takes_does_not_interrupt_the_start_of_a_worker() -> None:
+    started: list[str] = []
+    starting, interrupted = threading.Event(), threading.Event()
+
+    def interrupt() -> None:
+        starting.wait()
+        signal.raise_signal(signal.SIGINT)
+        interrupted.set()
+
+    def start(_function: object, job: str) -> None:
+        starting.set()
+        interrupted.wait()
+        started.append(job)
+
+    threading.Thread(target=interrupt).start()
+    mask, handler = signal.pthread_sigmask(signal.SIG_BLOCK, ()), signal.getsignal(signal.SIGINT)
+    pool = cast("ProcessPoolExecutor", SimpleNamespace(submit=start))
+    with pytest.raises(KeyboardInterrupt):
+        workers._submit(pool, abs, "job")
+    assert started == ["job"]
+    assert (signal.pthread_sigmask(signal.SIG_BLOCK, ()), signal.getsignal(signal.SIGINT)) == (mask, handler)
+
+
+def test_without_dask_the_answer_is_the_command_that_installs_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def missing(name: str) -> None:
+        raise ImportError(name)
+
+    monkeypatch.setattr(importlib, "import_module", missing)
+    with pytest.raises(MissingExtraError, match=r"pip install 'markerseek\[cluster\]'"):
+        run_study(STUDY, tmp_path, scheduler="tcp://127.0.0.1:1")
