@@ -32,7 +32,7 @@ from markerseek.core.estimate import (
     OtherSource,
     Unsure,
 )
-from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Refused, Role, Started
+from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Refused, Role, Started, Swept
 from markerseek.core.facts import RigFacts, RigKind
 from markerseek.core.frame import NO_HEADER, BModeFrame, ChannelFrame, Frame, FrameHeader, ReadingFrame, RFFrame
 from markerseek.core.image import BModeImage, PaImage, ScanGeometry
@@ -150,6 +150,7 @@ __all__ = [
     "SweepingPolicy",
     "SweepingReceiver",
     "SweepingStage",
+    "Swept",
     "Tolerance",
     "UInt8",
     "Unsure",

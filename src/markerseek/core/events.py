@@ -38,7 +38,8 @@ class Asked:
     angle_deg
         Angle that the stage is sent to, in degrees; for a dark frame, the present one; for a sweep, its end.
     sweep
-        The sweep, of which a `Measured` follows for each pulse; None for one acquisition at an angle.
+        The sweep, of which a `Measured` or `Refused` follows for each pulse, and `Swept` at its end; None for one
+        acquisition at an angle.
     """
 
     role: Role
@@ -67,13 +68,29 @@ class Measured:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Refused:
-    """An acquisition was refused and will be tried again.
+class Swept:
+    """A sweep is over, and the probe is at rest.
 
     Attributes
     ----------
     angle_deg
-        Angle in degrees at which it was asked for.
+        Readback in degrees.
+    pulses
+        How many pulses were fired in it.
+    """
+
+    angle_deg: float
+    pulses: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refused:
+    """An acquisition was refused and will be tried again; that of one pulse of a sweep is left out.
+
+    Attributes
+    ----------
+    angle_deg
+        Angle in degrees at which it was asked for, in a sweep that at the pulse.
     reason
         Why.
     frame
@@ -118,4 +135,4 @@ class Failed:
 
 
 # A union and no base class, as for `Estimate`.
-Event: TypeAlias = Started | Asked | Measured | Refused | Finished | Failed
+Event: TypeAlias = Started | Asked | Measured | Swept | Refused | Finished | Failed

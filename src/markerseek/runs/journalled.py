@@ -7,7 +7,7 @@ from contextlib import closing, contextmanager
 
 import msgspec
 
-from markerseek.core import Clock, Event, Failed, Measured, Policy, Refused, SearchPlan, Started
+from markerseek.core import Clock, Event, Failed, Measured, Policy, Refused, SearchPlan, Started, Swept
 from markerseek.records.journal import Configuration, Journal
 from markerseek.records.stream import EventStream
 from markerseek.rigs import ReaderRecipe, Rig, SpareRecipe, TipRecipe
@@ -96,6 +96,6 @@ def closing_run(events: Generator[Event, None, None], clock: Clock, journal: Jou
 def commit_event(event: Event, clock: Clock, rig: Rig, journal: Journal) -> None:
     """Commit an event, with the state of a simulated world where it has changed; `RecordError` if that fails."""
     # `Asked` and `Finished` change nothing in a simulated world: no checkpoint is needed.
-    changed = rig.world is not None and isinstance(event, Started | Measured | Refused | Failed)
+    changed = rig.world is not None and isinstance(event, Started | Measured | Swept | Refused | Failed)
     checkpoint = rig.world.checkpoint() if rig.world is not None and changed else None
     journal.commit(event, clock_s=clock.now_s(), checkpoint=checkpoint)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
-from contextlib import AbstractContextManager, closing
+from collections.abc import Callable, Generator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from types import TracebackType
-from typing import Protocol
+from typing import Protocol, cast
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from markerseek.core import (
     Stage,
     StageReading,
     Sweep,
+    SweepPermit,
+    Swept,
     is_finite,
 )
 from markerseek.guard import Guard, Limits, State
@@ -87,7 +89,6 @@ class Scanner:
         self._refusable = _FaultOnError(guard, AcquisitionError, ConfigError)
         self._refused_frame: Frame | None = None
         self._settled = False
-        self._sweeps = 0
 
     @property
     def limits(self) -> Limits:
@@ -135,12 +136,15 @@ class Scanner:
         """Its devices as those of a sweep; `ConfigError` says why this rig cannot sweep."""
         return SweepingDevices.of(self._stage, self._laser, self._receiver)
 
-    def sweep(self, sweep: Sweep) -> Generator[Sample | Refused, None, None]:
-        """Turn the probe while the laser fires, and return a sample for each pulse, or why its frame was refused.
+    def sweep(
+        self, sweep: Sweep, *, number: int, goes_on: Callable[[], bool]
+    ) -> Generator[Sample | Refused | Swept, None, None]:
+        """Turn the probe while the laser fires: a sample for each pulse, or why its frame was refused; then `Swept`.
 
-        Closed early, it ends the light, then the probe brakes. Raises `ConfigError` if the rig cannot sweep, or not so
-        fast; `LimitError` as `measure`. Raises `AcquisitionError` if frames and pulses do not belong together, which
-        refuses the sweep as a whole. Raises `DeviceError` if a device did not do its part; the guard is in FAULT then.
+        ``number``: number of the sweep in its run. ``goes_on``: whether more of it is wanted; if not, it ends the
+        light, then the probe brakes. Raises `ConfigError` if the rig cannot sweep so; `LimitError` as `measure`. Raises
+        `AcquisitionError` if frames and pulses do not belong together, which refuses the sweep as a whole. Raises
+        `DeviceError` if a device did not do its part; the guard is in FAULT then.
         """
         devices = self.sweeping
         if sweep.from_deg is not None and not abs(self.angle_deg - sweep.from_deg) <= _THERE_DEG:
@@ -148,14 +152,15 @@ class Scanner:
         self._arm_itself()
         self._settle()
         wanted = devices.permit(sweep, from_deg=self.angle_deg)
-        permit = self.guard.issue_sweep(wanted, now_s=self.clock.now_s())
+        now_s = self.clock.now_s()
+        permit = self.guard.issue_sweep(wanted, now_s=now_s)
+        devices.require_in_time(sweep, permit, now_s=now_s)
         with self._faulting:
             devices.stage.prepare_sweep(speed_deg_s=sweep.speed_deg_s)
         with self._refusable:
             devices.receiver.begin_sweep(permit)
         from_deg, now_s = self.angle_deg, self.clock.now_s()
         self.guard.redeem(permit, angle_deg=from_deg, now_s=now_s)
-        self._sweeps += 1
         progress = SweepInProgress(
             devices,
             permit,
@@ -163,14 +168,12 @@ class Scanner:
             guard=self.guard,
             clock=self.clock,
             held=self._watchdog_held,
-            number=self._sweeps,
+            number=number,
             at=StageReading(angle_deg=from_deg, asked_s=now_s, answered_s=now_s),
         )
         try:
-            with self._refusable, closing(progress.frames()) as frames:
-                for swept in frames:
-                    self.guard.admit_frame(swept.frame, permit=permit, now_s=self.clock.now_s())
-                    yield self._read(swept)
+            with self._refusable:
+                swept = yield from self._samples(progress.frames(goes_on), permit)
         except AcquisitionError as refusal:
             if self.guard.state is State.SWEEPING:
                 self.guard.fail(str(refusal))
@@ -180,6 +183,19 @@ class Scanner:
             if self.guard.state in (State.SWEEPING, State.FAULT):
                 self._end_light_and_motion()
         self._settled = True
+        yield swept
+
+    def _samples(
+        self, frames: Generator[SweptFrame, None, Swept], permit: SweepPermit
+    ) -> Generator[Sample | Refused | Swept, None, Swept]:
+        """Samples of the frames of a sweep, which the guard admits; returns what the frames return."""
+        while True:
+            try:
+                swept = next(frames)
+            except StopIteration as end:
+                return cast("Swept", end.value)
+            self.guard.admit_frame(swept.frame, permit=permit, now_s=self.clock.now_s())
+            yield self._read(swept)
 
     def _read(self, swept: SweptFrame) -> Sample | Refused:
         """The sample of a frame of a sweep, or why the frame says nothing; the sweep goes on in either case."""

@@ -6,7 +6,7 @@ The angle of a pulse is interpolated between two readings of the stage, never ta
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 
@@ -28,6 +28,7 @@ from markerseek.core import (
     SweepingStage,
     SweepPermit,
     SweepTiming,
+    Swept,
 )
 from markerseek.guard import Guard
 
@@ -87,6 +88,16 @@ class SweepingDevices:
             spacing_deg=sweep.spacing_deg,
         )
 
+    def require_in_time(self, sweep: Sweep, permit: SweepPermit, *, now_s: float) -> None:
+        """Refuse a sweep by `ConfigError` if its permit may expire on the way: nothing has moved."""
+        duration_s, left_s = self.duration_s(sweep, from_deg=permit.angle_deg), permit.expires_s - now_s
+        # A tenth more, for a stage that is slower than it says.
+        if not 1.1 * duration_s <= left_s:
+            raise ConfigError(
+                f"sweep: it takes {duration_s:.1f} s at {sweep.speed_deg_s:g} deg/s, and its permit holds for "
+                f"{left_s:.1f} s; sweep faster"
+            )
+
     def duration_s(self, sweep: Sweep, *, from_deg: float) -> float:
         """Time of a sweep in seconds, run-up and braking included."""
         way_deg, speed, acceleration = (
@@ -139,33 +150,30 @@ class SweepInProgress:
         self._frames: list[Frame] = []
         self._told = 0
 
-    def frames(self) -> Generator[SweptFrame, None, None]:
-        """Turn, and return the frames with their angles as they come; closed early, the light ends, then the motion.
+    def frames(self, goes_on: Callable[[], bool]) -> Generator[SweptFrame, None, Swept]:
+        """Turn, and return the frames with their angles as they come, then where the probe came to rest.
 
-        `AcquisitionError` refuses the sweep as a whole: frames and pulses do not belong together.
+        ``goes_on``: whether more of the sweep is wanted; if not, the light ends, then the motion. `AcquisitionError`
+        refuses the sweep as a whole: frames and pulses do not belong together.
         """
         stage, laser, receiver = self._devices.stage, self._devices.laser, self._devices.receiver
-        wanted = True
         with self._held:
             stage.begin_sweep(self._permit.to_deg)
             self._await_speed()
             laser.begin_sweep(self._permit)
-            try:
-                # A probe that is too slow ends the light: it stalls, or has reached the end.
-                while self._read():
-                    self._take(laser.pulses())
-                    self._keep(receiver.frames())
-                    yield from self._matched()
-            except GeneratorExit:
-                wanted = False
+            # A probe that is too slow ends the light: it stalls, or has reached the end.
+            while self._read() and goes_on():
+                self._take(laser.pulses())
+                self._keep(receiver.frames())
+                yield from self._matched()
             fired = self._end()
         stage.end_sweep()
         if fired != len(self._pulses):
             raise AcquisitionError(f"{len(self._pulses)} of {fired} pulses have a time; the sweep is refused whole")
         self._keep(receiver.end_sweep())
         self._guard.admit_sweep(len(self._frames))
-        if wanted:
-            yield from self._matched()
+        yield from self._matched()
+        return Swept(angle_deg=self._readings[-1].angle_deg, pulses=fired)
 
     def _await_speed(self) -> None:
         """Run up without light, to the least speed at which the probe may be lit."""
@@ -199,6 +207,7 @@ class SweepInProgress:
                 raise MoveError(f"the stage does not stop, it is at {self._readings[-1].angle_deg:.3f} deg")
         self._clock.wait(READ_S)
         last = self._devices.stage.read_sweep()
+        self._readings.append(last)
         self._guard.end_sweep(last.angle_deg, pulses=fired, now_s=last.at_s)
         return fired
 

@@ -70,8 +70,8 @@ class Grid:
 
     ``angles_deg``: angles of the marker that are considered. ``members``: which curves of the family. ``lowest``: ln of
     the lowest amplitude, over the unit of the search. ``phases``: step of ln amplitude, in steps of the table,
-    `TABLE_STEP`. ``blur``: relative error that the grid's own steps add to the model's. ``energy_error``: that which the
-    laser's energy adds beyond what the model's holds.
+    `TABLE_STEP`. ``blur``: relative error that the grid's own steps add to the model's. ``energy_error``: that which
+    the laser's energy adds beyond what the model's holds.
     """
 
     def __init__(

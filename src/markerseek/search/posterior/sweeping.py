@@ -1,7 +1,7 @@
-"""The policy `SweepPosterior`: turns the probe over the range in light, ends once it knows enough, and stops if need be.
+"""The policy `SweepPosterior`: turns the probe over the range in light, and stops it only where that is not enough.
 
-1. It sweeps from where the probe is to the nearer end of the range, and from there to the other end. A sweep surveys the
-   range by its nature: one is ended early once `Posterior` answers `Found`.
+1. It sweeps from where the probe is to the nearer end of the range, and from there to the other end. A sweep surveys
+   the range by its nature: one is ended early once `Posterior` answers `Found`.
 2. Where the centre of the curve is not known well enough by then, it sweeps back over the flanks. That also separates
    the delay between pulse and angle from the angle, for it shifts the two directions against one another.
 3. What is still missing is measured at rest, as `Posterior` does: another look at a source, more precision. Where
