@@ -18,7 +18,7 @@ from rich.markup import escape
 
 from markerseek import drivers, rigs
 from markerseek.cli.terminal import one_line, print_json, printable, stderr
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, Sweep
 
 if TYPE_CHECKING:
     from markerseek.sim import SimulatedSettings
@@ -49,6 +49,8 @@ class SimulationOptions:
     snr_db: float | None = None
     readout_s: float | None = None
     """Time to read one acquisition."""
+    single_pulses: bool = False
+    """Whether its gain has to leave room for single pulses, for a sweep."""
 
     def __post_init__(self) -> None:
         if self.no_marker and (self.marker_deg, self.second_marker_deg) != (None, None):
@@ -57,6 +59,8 @@ class SimulationOptions:
     def given(self) -> list[str]:
         """The options that were given, as they are typed."""
         given = {each.name: value for each in fields(self) if (value := getattr(self, each.name)) != each.default}
+        # That of --sweep, which is not only for a simulated rig.
+        given.pop("single_pulses", None)
         return [f"--{name.replace('_', '-')}" + ("" if value is True else f" {value}") for name, value in given.items()]
 
     def on(self, settings: SimulatedSettings) -> SimulatedSettings:
@@ -64,6 +68,8 @@ class SimulationOptions:
         from markerseek.sim import changed_settings
 
         settings = changed_settings(settings, tissue=self.tissue, snr_db=self.snr_db, readout_s=self.readout_s)
+        if self.single_pulses:
+            settings = replace(settings, receiver=replace(settings.receiver, single_pulses=True))
         if self.no_marker:
             none = replace(settings.marker, present=False)
             settings = replace(settings, marker=none, second=replace(settings.second, present=False))
@@ -101,6 +107,27 @@ def open_rig(path: Path | None, options: SimulationOptions = NO_OPTIONS) -> Iter
     settings = options.on(settings)
     seed = _USUAL_SEED if options.seed is None else options.seed
     yield rigs.simulated(seed=seed, settings=settings, pace=options.pace), settings.start_deg
+
+
+def announce_sweep(rig: rigs.Rig, *, start_deg: float) -> None:
+    """Print how a rig will sweep, and for how long, run-up included."""
+    devices, search = rig.scanner.sweeping, rig.limits.search
+    speed_deg_s = devices.stage.fastest_sweep_deg_s
+    ends_deg = [search.low_deg, search.high_deg]
+    if start_deg > search.centre_deg:
+        ends_deg.reverse()
+    place_deg, lasting_s, way = start_deg, 0.0, []
+    for to_deg in ends_deg:
+        sweep = Sweep(to_deg=to_deg, speed_deg_s=speed_deg_s)
+        lasting_s += devices.duration_s(sweep, from_deg=place_deg)
+        way.append(f"{to_deg:g} deg")
+        place_deg = to_deg
+    period_s = max(devices.laser.sweep_period_s, devices.receiver.frame_period_s)
+    stderr.print(
+        f"[dim]sweeps from {start_deg:g} deg to {' and '.join(way)} at {speed_deg_s:.1f} deg/s, at most "
+        f"{1 / period_s:.3g} frames a second: {lasting_s:.1f} s at most with run-up and braking, then back to the "
+        "marker[/]"
+    )
 
 
 def arm_rig(

@@ -94,6 +94,13 @@ ToleranceDeg: TypeAlias = Annotated[
         show_default="1",
     ),
 ]
+SweepOption: TypeAlias = Annotated[
+    bool,
+    typer.Option(
+        "--sweep",
+        help="Turn the probe while the laser fires, one frame a pulse: an answer in seconds (posterior only).",
+    ),
+]
 Stay: TypeAlias = Annotated[bool, typer.Option("--stay", help="Do not turn to the marker at the end.")]
 
 Columns: TypeAlias = Annotated[

@@ -9,7 +9,7 @@ import typer
 
 from markerseek import runs
 from markerseek.cli.event_stream import EventFrames, Events, Heartbeat, StreamOptions
-from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig
+from markerseek.cli.open_rig import SimulationOptions, announce_sweep, arm_rig, open_rig
 from markerseek.cli.options import (
     Acquisitions,
     Arm,
@@ -21,6 +21,7 @@ from markerseek.cli.options import (
     RigFile,
     Single,
     Stay,
+    SweepOption,
     ToleranceDeg,
     ToleranceMm,
     others_of,
@@ -32,6 +33,7 @@ from markerseek.core import ConfigError, SearchPlan
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek search --seed 1 --plot\n\n"
+    "  markerseek search --sweep --readout-s 0.05\n\n"
     "  markerseek search --method ternary --acquisitions 16 --as-published\n\n"
     "  markerseek search --marker-deg 10 --second-marker-deg -12 --snr-db 30\n\n"
     "  markerseek search --compare posterior,golden-section,ternary --plot\n\n"
@@ -90,6 +92,7 @@ def command(
     ] = None,
     pace: Annotated[float, typer.Option(help="Real seconds per virtual second: 0 does not wait, 1 is real time.")] = 0,
     stay: Stay = False,
+    sweep: SweepOption = False,
     journal: Annotated[
         Path | None,
         typer.Option(help="Journal of the run, a new SQLite file; without it, one in the user's data folder."),
@@ -109,7 +112,7 @@ def command(
     from markerseek.cli.compare import compare as compare_methods
     from markerseek.cli.session import run_new_session
     from markerseek.cli.show_result import Output, conclude
-    from markerseek.search import method_named
+    from markerseek.search import method_named, require_sweeping
 
     # The folder for pictures is tested now: a search on tissue is not repeated for a picture.
     output = Output(name="search", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
@@ -126,8 +129,13 @@ def command(
         second_marker_deg=second_marker_deg,
         snr_db=snr_db,
         readout_s=readout_s,
+        single_pulses=sweep,
     )
+    if sweep:
+        require_sweeping(method, as_published=as_published)
     if compare is not None:
+        if sweep:
+            raise ConfigError("--compare names methods that stop for each acquisition; leave --sweep out")
         if journal is not None or method != "posterior":
             raise ConfigError("--compare names the methods and keeps no journals; leave --method and --journal out")
         compare_methods(
@@ -153,8 +161,11 @@ def command(
                 others=others_of(others, single=single),
                 prior=curve,
                 tolerance=tolerance,
+                sweep_speed_deg_s=assembled.scanner.sweeping.stage.fastest_sweep_deg_s if sweep else None,
             ),
         )
+        if sweep:
+            announce_sweep(assembled, start_deg=start_deg)
         session = runs.new_session(assembled, plan)
         announce_compilation()
         arm_rig(assembled, file=rig, arm=arm, what="search", as_json=as_json, asked_by=asked_by)

@@ -12,7 +12,7 @@ import typer
 from rich.markup import escape
 
 from markerseek.cli.terminal import print_facts, print_json, print_path, stderr, stdout
-from markerseek.core import ChannelFrame, Floor, OtherSource, Policy, RFFrame
+from markerseek.core import ChannelFrame, Floor, OtherSource, RFFrame, SweepingPolicy
 from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal
 from markerseek.search import FALSE_FOUND
@@ -138,7 +138,7 @@ def conclude(
     output: Output,
     *,
     imaging: AnyImageReader | None,
-    policy: Policy | None,
+    policy: SweepingPolicy | None,
     journal: Journal | None = None,
     recorded: Curve | None = None,
 ) -> NoReturn:
@@ -166,11 +166,11 @@ def conclude(
     raise typer.Exit(FOUND if result.found else OTHER_ANSWER)
 
 
-def _density(policy: Policy | None) -> Curve | None:
+def _density(policy: SweepingPolicy | None) -> Curve | None:
     """Density of the angle at the end of a search; None for methods without a posterior."""
-    from markerseek.search.posterior import Posterior
+    from markerseek.search.posterior import Posterior, SweepPosterior
 
-    belief = policy.belief if isinstance(policy, Posterior) else None
+    belief = policy.belief if isinstance(policy, Posterior | SweepPosterior) else None
     if belief is None:
         return None
     step_deg = float(belief.angles_deg[1] - belief.angles_deg[0])

@@ -7,7 +7,7 @@ from contextlib import closing, contextmanager
 
 import msgspec
 
-from markerseek.core import Clock, Event, Failed, Measured, Policy, Refused, SearchPlan, Started, Swept
+from markerseek.core import Clock, Event, Failed, Measured, Refused, SearchPlan, Started, SweepingPolicy, Swept
 from markerseek.records.journal import Configuration, Journal
 from markerseek.records.stream import EventStream
 from markerseek.rigs import ReaderRecipe, Rig, SpareRecipe, TipRecipe
@@ -36,7 +36,7 @@ def _reader_recipe(rig: Rig) -> ReaderRecipe:
 
 
 def run_plan(
-    policy: Policy, scanner: AnyScanner, plan: SearchPlan, *, limits: RunLimits = _RUN_LIMITS
+    policy: SweepingPolicy, scanner: AnyScanner, plan: SearchPlan, *, limits: RunLimits = _RUN_LIMITS
 ) -> Generator[Event, None, None]:
     """`markerseek.scan.run` with the options of a plan.
 
@@ -53,7 +53,7 @@ def run_plan(
 
 
 def journalled(
-    policy: Policy, rig: Rig, journal: Journal, *, limits: RunLimits = _RUN_LIMITS
+    policy: SweepingPolicy, rig: Rig, journal: Journal, *, limits: RunLimits = _RUN_LIMITS
 ) -> Generator[Event, None, None]:
     """`run_plan` with each event committed to a journal before it is yielded, and so before the policy receives it.
 

@@ -13,7 +13,18 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from markerseek.core import Asked, DeviceError, Event, Finished, Measured, Policy, RecordError, Refused, Started, Swept
+from markerseek.core import (
+    Asked,
+    DeviceError,
+    Event,
+    Finished,
+    Measured,
+    RecordError,
+    Refused,
+    Started,
+    SweepingPolicy,
+    Swept,
+)
 from markerseek.records.journal import Entry, Journal, RecordedRun, Resuming, RunState, run_state, versions
 from markerseek.rigs import Rig
 from markerseek.runs.journalled import closing_run, commit_event, run_plan
@@ -26,7 +37,7 @@ RUN_EVENTS = (Started, Asked, Measured, Swept, Refused, Finished)
 
 
 def resumed(
-    policy: Policy,
+    policy: SweepingPolicy,
     rig: Rig,
     journal: Journal,
     recorded: RecordedRun,

@@ -14,10 +14,12 @@ from markerseek.search.methods import (
     METHODS,
     Method,
     build,
+    build_sweeping,
     method_named,
     most_acquisitions,
     policy_for,
     refuse_posterior_settings,
+    require_sweeping,
 )
 from markerseek.search.peak import Peak, peak_of
 from markerseek.search.policy import SearchPolicy, check_acquisitions
@@ -45,6 +47,7 @@ __all__ = [
     "TrackingPolicy",
     "WeightedAverage",
     "build",
+    "build_sweeping",
     "check_acquisitions",
     "curve_of",
     "equal_steps",
@@ -55,5 +58,6 @@ __all__ = [
     "peak_passed",
     "policy_for",
     "refuse_posterior_settings",
+    "require_sweeping",
     "weighted_average",
 ]

@@ -7,7 +7,17 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import SupportsFloat, SupportsIndex
 
-from markerseek.core import PAPER_RANGE, ConfigError, Interval, MarkerCurve, Policy, SearchPlan, Tolerance, as_interval
+from markerseek.core import (
+    PAPER_RANGE,
+    ConfigError,
+    Interval,
+    MarkerCurve,
+    Policy,
+    SearchPlan,
+    SweepingPolicy,
+    Tolerance,
+    as_interval,
+)
 from markerseek.search.average import THRESHOLD
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
 from markerseek.search.checked import CheckedPolicy
@@ -180,8 +190,56 @@ def refuse_posterior_settings(method: str, **settings: object) -> None:
             raise ConfigError(f"{method}: {name} is given, but only the posterior has this setting; leave it out")
 
 
-def policy_for(plan: SearchPlan, *, limits: Interval) -> Policy:
+def build_sweeping(
+    *,
+    speed_deg_s: float,
+    limits: Interval,
+    acquisitions: int | None = None,
+    start_deg: float | None = None,
+    others: float | None = None,
+    prior: MarkerCurve | None = None,
+    cues: Iterable[str] | None = None,
+    tolerance: Tolerance | None = None,
+) -> SweepingPolicy:
+    """Return a policy for one search by sweeps at a speed, judged by the posterior.
+
+    ``acquisitions``: most of those at rest, which follow where the sweeps are not enough; the others are as of `build`.
+    """
+    from markerseek.search.posterior import CUES, USUAL_OTHERS, Posterior, SweepPosterior
+
+    def at_rest() -> Posterior:
+        return Posterior(
+            limits=limits,
+            acquisitions=acquisitions or method_named("posterior").acquisitions,
+            start_deg=start_deg,
+            cues=CUES if cues is None else cues,
+            others=USUAL_OTHERS if others is None else others,
+            prior=prior,
+            tolerance=tolerance or Tolerance(),
+        )
+
+    return SweepPosterior(at_rest, limits=limits, speed_deg_s=speed_deg_s, start_deg=start_deg)
+
+
+def require_sweeping(method: str, *, as_published: bool = False) -> None:
+    """Refuse sweeps for a method that asks for one angle after another."""
+    if method != "posterior" or as_published:
+        raise ConfigError(f"{method}: it asks for one angle after another; only posterior can sweep, so leave it out")
+
+
+def policy_for(plan: SearchPlan, *, limits: Interval) -> SweepingPolicy:
     """Return the policy of a plan."""
+    if plan.sweep_speed_deg_s is not None:
+        require_sweeping(plan.method, as_published=plan.as_published)
+        return build_sweeping(
+            speed_deg_s=plan.sweep_speed_deg_s,
+            limits=limits,
+            acquisitions=plan.acquisitions,
+            start_deg=plan.start_deg,
+            others=plan.others,
+            prior=plan.prior,
+            tolerance=plan.tolerance,
+        )
     return build(
         plan.method,
         limits=limits,
@@ -195,9 +253,9 @@ def policy_for(plan: SearchPlan, *, limits: Interval) -> Policy:
     )
 
 
-def most_acquisitions(plan: SearchPlan) -> int:
-    """Return the most acquisitions of a plan: its own number, or that of its method."""
-    return plan.acquisitions or method_named(plan.method).acquisitions
+def most_acquisitions(plan: SearchPlan) -> int | None:
+    """Return the most acquisitions of a plan, its own number or that of its method; None for sweeps."""
+    return None if plan.sweep_speed_deg_s is not None else plan.acquisitions or method_named(plan.method).acquisitions
 
 
 def _weighted_average(limits: Interval, acquisitions: int, start_deg: float | None, early_end: bool) -> PaperPolicy:

@@ -100,6 +100,8 @@ class ReceiverSettings:
     """Time to read one acquisition: 10 s with SonixDAQ files (paper, section 4)."""
     frame_period_s: float = 0.05
     """Least time between two frames of a sweep; if readout_s is longer, all are read at the end of the sweep."""
+    single_pulses: bool = False
+    """Whether the gain that it chooses leaves room for the noise of a single pulse, as a sweep needs."""
     trigger_offset_s: float = 0.0
     """Time from the trigger to the middle of the laser pulse."""
     peak_counts: float | None = None
@@ -185,6 +187,7 @@ def changed_settings(
     return settings
 
 
+_NEWER_RECEIVER = ("data", "receive_focus_m", "b_mode", "frame_period_s", "single_pulses")
 _NEWER_LASER = ("energy_spread", "energy_drift_per_min", "energy_meter_noise", "stamp_delay_s")
 
 
@@ -195,7 +198,7 @@ def hashable_values(settings: SimulatedSettings) -> dict[str, Any]:
     """
     values: dict[str, Any] = msgspec.to_builtins(settings)
     usual: dict[str, Any] = msgspec.to_builtins(SimulatedSettings())
-    newer = [("receiver", name) for name in ("data", "receive_focus_m", "b_mode", "frame_period_s")]
+    newer = [("receiver", name) for name in _NEWER_RECEIVER]
     newer += [("laser", name) for name in _NEWER_LASER]
     for part, name in newer:
         if values[part][name] == usual[part][name]:

@@ -15,8 +15,26 @@ from pathlib import Path
 
 import markerseek
 from markerseek.adapters import ADAPTERS, build_adapter
-from markerseek.core import PAPER_RANGE, ConfigError, Interval, MarkerCurve, MarkerseekError, Policy, Tolerance
-from markerseek.search import METHODS, Method, build, check_acquisitions, method_named, refuse_posterior_settings
+from markerseek.core import (
+    PAPER_RANGE,
+    ConfigError,
+    Interval,
+    MarkerCurve,
+    MarkerseekError,
+    Policy,
+    SweepingPolicy,
+    Tolerance,
+)
+from markerseek.search import (
+    METHODS,
+    Method,
+    build,
+    build_sweeping,
+    check_acquisitions,
+    method_named,
+    refuse_posterior_settings,
+    require_sweeping,
+)
 
 
 def _method_of(name: str) -> Method:
@@ -49,6 +67,8 @@ class PolicySettings:
     """Whether a posterior is given the intensity curve of another marker on the same rig, which it has found before."""
     cues: tuple[str, ...] | None = None
     """Features of a reading that a posterior may use, as for `markerseek.search.posterior.Posterior`; None: all."""
+    sweep: bool = False
+    """Whether a posterior sweeps, at the fastest speed of the rig's stage."""
     tolerance_mm: float = 1.0
     """How well the angle of a marker that is found must be known, as in `markerseek.core.Tolerance`."""
 
@@ -65,6 +85,10 @@ class PolicySettings:
         least = _method_of(self.method).least
         if self.acquisitions is not None:
             check_acquisitions(self.acquisitions, least=least, method=self.method)
+        if self.sweep:
+            require_sweeping(self.method, as_published=self.as_published)
+            if not self.early_end:
+                raise ConfigError("posterior: sweep is true, and sweeps end early; leave early_end out")
         if self.method != "posterior":
             refuse_posterior_settings(self.method, others=self.others, prior=self.prior, cues=self.cues)
 
@@ -80,6 +104,7 @@ class PolicySettings:
             ("others", self.others, None),
             ("prior", self.prior, False),
             ("cues", self.cues, None),
+            ("sweep", self.sweep, False),
         )
         for name, value, usual in settings:
             if value != usual:
@@ -102,17 +127,35 @@ class PolicySettings:
         others = "" if self.others is None else ", single" if self.others == 0 else f", others {self.others:g}"
         prior = ", with prior" if self.prior else ""
         cues = "" if self.cues is None else f", {' and '.join(self.cues)} only"
+        sweep = ", sweeping" if self.sweep else ""
         tolerance = "" if self.tolerance_mm == 1.0 else f", ± {self.tolerance_mm:g} mm"
-        return f"{self.method}{form}, {self.most}{end}{others}{prior}{cues}{tolerance}"
+        return f"{self.method}{form}, {self.most}{end}{others}{prior}{cues}{sweep}{tolerance}"
 
 
 def build_policy(
-    settings: PolicySettings, *, limits: Interval, start_deg: float | None, prior: MarkerCurve | None = None
-) -> Policy:
+    settings: PolicySettings,
+    *,
+    limits: Interval,
+    start_deg: float | None,
+    prior: MarkerCurve | None = None,
+    sweep_speed_deg_s: float | None = None,
+) -> SweepingPolicy:
     """Return a policy for one search.
 
-    ``prior``: intensity curve of a former marker on this rig, for a posterior.
+    ``prior``: intensity curve of a former marker on this rig, for a posterior. ``sweep_speed_deg_s``: speed of its
+    sweeps, for one that sweeps.
     """
+    if sweep_speed_deg_s is not None:
+        return build_sweeping(
+            speed_deg_s=sweep_speed_deg_s,
+            limits=limits,
+            acquisitions=settings.acquisitions,
+            start_deg=start_deg,
+            others=settings.others,
+            prior=prior,
+            cues=settings.cues,
+            tolerance=settings.tolerance,
+        )
     if is_own(settings.method):
         return _build_own(settings.method, limits=limits, acquisitions=settings.most)
     # The adapters are not in `build`, so that a search does not import them.

@@ -170,6 +170,10 @@ class Cell:
 def _digest(study: Study) -> str:
     # With the version: another one may compute other rows.
     values = msgspec.to_builtins(study) | {"rig": hashable_values(study.rig)}
+    for policy in values["policies"]:
+        # Newer than the first hashes.
+        if not policy["sweep"]:
+            del policy["sweep"]
     return _hashed([values, __version__]).hexdigest()[:16]
 
 

@@ -25,7 +25,7 @@ from markerseek.core import (
 )
 from markerseek.records import answer_name
 from markerseek.search import THRESHOLD, BracketSearch, build, policy_for
-from markerseek.search.posterior import Posterior
+from markerseek.search.posterior import Posterior, SweepPosterior
 
 ZEROS_DEG = 0.6
 """Width in degrees on both sides of the density that is sent though it is zero there; a pixel of a chart has 0.2."""
@@ -129,7 +129,7 @@ class PolicyMirror:
         if not self._intensities:
             return None
         estimate = self._policy.estimate()
-        if isinstance(self._policy, Posterior):
+        if isinstance(self._policy, Posterior | SweepPosterior):
             return _posterior_belief(self._policy, estimate)
         bracket = None if self._bracket is None else self._bracket.bracket
         return ShownBelief(
@@ -147,7 +147,7 @@ def _weights(intensities: list[float]) -> tuple[float, ...]:
     return tuple(share if share >= THRESHOLD else 0.0 for share in shares)
 
 
-def _posterior_belief(policy: Posterior, estimate: Estimate) -> ShownBelief:
+def _posterior_belief(policy: Posterior | SweepPosterior, estimate: Estimate) -> ShownBelief:
     public = policy.belief
     if public is None:
         return ShownBelief(estimate=estimate)
