@@ -173,6 +173,8 @@ class SweepInProgress:
         self._keep(receiver.end_sweep())
         self._guard.admit_sweep(len(self._frames))
         yield from self._matched()
+        if self._told < len(self._frames):
+            raise self._not_between(self._pulses[self._told])
         return Swept(angle_deg=self._readings[-1].angle_deg, pulses=fired)
 
     def _await_speed(self) -> None:
@@ -246,14 +248,17 @@ class SweepInProgress:
             self._told += 1
             yield self._at(pulse, frame)
 
+    def _not_between(self, pulse: Pulse) -> AcquisitionError:
+        return AcquisitionError(
+            f"a pulse at {pulse.at_s:.3f} s is not between two readings of the stage, from {self._readings[0].at_s:.3f} to "
+            f"{self._readings[-1].at_s:.3f} s; the sweep is refused whole, compare the clocks"
+        )
+
     def _at(self, pulse: Pulse, frame: Frame) -> SweptFrame:
         """A frame with the angle of its pulse, and what that angle may be off by."""
         after = next((index for index, each in enumerate(self._readings) if each.at_s >= pulse.at_s), 0)
         if after == 0:
-            raise AcquisitionError(
-                f"a pulse at {pulse.at_s:.3f} s is not between two readings of the stage; the sweep is refused whole, "
-                "compare the clocks"
-            )
+            raise self._not_between(pulse)
         lower, upper = self._readings[after - 1], self._readings[after]
         interval_s = upper.at_s - lower.at_s
         share = (pulse.at_s - lower.at_s) / interval_s
