@@ -249,9 +249,10 @@ class SweepInProgress:
             yield self._at(pulse, frame)
 
     def _not_between(self, pulse: Pulse) -> AcquisitionError:
+        readings = f"from {self._readings[0].at_s:.3f} to {self._readings[-1].at_s:.3f} s"
         return AcquisitionError(
-            f"a pulse at {pulse.at_s:.3f} s is not between two readings of the stage, from {self._readings[0].at_s:.3f} to "
-            f"{self._readings[-1].at_s:.3f} s; the sweep is refused whole, compare the clocks"
+            f"a pulse at {pulse.at_s:.3f} s is not between two readings of the stage, {readings}; the sweep is refused "
+            "whole, compare the clocks"
         )
 
     def _at(self, pulse: Pulse, frame: Frame) -> SweptFrame:
