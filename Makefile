@@ -16,12 +16,14 @@ BENCH ?=
 help:  ## list these commands
 	@awk -F ':.*## ' '/^[a-z0-9]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-demo: .venv/run  ## find a marker on the simulated rig, and draw the search
-	$(BIN)/markerseek search --seed 1 --plot --out out
+# While the first search compiles its kernels, what the other commands need is installed on the other core.
+demo: .venv/demo  ## find a marker on the simulated rig, and draw the search
+	@$(MAKE) --no-print-directory .venv/run & \
+	$(BIN)/markerseek search --seed 1 --plot --out out; found=$$?; wait $$! && exit $$found
 	@echo "next, once in each terminal: source $(BIN)/activate"
 	@echo "then: markerseek --help"
 
-page: .venv/run  ## open the live page: searches on the simulated rig in the browser
+page: .venv/compiled  ## open the live page: searches on the simulated rig in the browser
 	$(BIN)/markerseek page
 
 # Each of two processes has half of the files, and at the end a share of what the other has left.
@@ -77,8 +79,9 @@ endif
 
 setup: .venv/dev $(ROS_READY)  ## set up the environments of the tests
 
-docs: .venv/dev  ## run the examples of the documentation
-	$(BIN)/python -m pytest -q tests/system/test_examples.py
+docs: .venv/dev  ## make the documentation site in out/docs (warnings are errors), for reading offline
+	$(BIN)/python -m sphinx -W --keep-going -q -E -b html docs out/docs
+	@echo "open out/docs/index.html"
 
 figures: .venv/dev  ## draw the pictures of README and map
 	$(BIN)/markerseek search --seed 1 --no-journal --plot --out docs/figures
@@ -89,7 +92,9 @@ figures: .venv/dev  ## draw the pictures of README and map
 lock: .venv/dev  ## pin the versions again, after a change in pyproject.toml
 	$(PIP) install pip-tools
 	$(COMPILE) --upgrade --extra plot --extra records --extra devices --extra igtl --extra page --extra vision -o requirements/run.txt pyproject.toml
-	$(COMPILE) --extra plot --extra check --extra test --extra cluster --extra records --extra devices --extra igtl --extra page --extra vision --extra optimizers --extra faults -c requirements/run.txt -o requirements/dev.txt pyproject.toml
+	$(BIN)/python requirements/without_tools.py requirements/run.txt
+	$(COMPILE) --extra plot -c requirements/run.txt -o requirements/demo.txt pyproject.toml
+	$(COMPILE) --extra plot --extra check --extra test --extra cluster --extra records --extra devices --extra igtl --extra page --extra vision --extra optimizers --extra docs --extra faults -c requirements/run.txt -o requirements/dev.txt pyproject.toml
 	$(COMPILE) --extra bench -c requirements/run.txt -o requirements/bench.txt pyproject.toml
 	$(filter-out --build-deps-for editable,$(COMPILE)) -c requirements/dev.txt -o requirements/peers.txt requirements/peers.in
 	$(filter-out --build-deps-for editable,$(COMPILE)) -c requirements/dev.txt -o requirements/ros2.txt requirements/ros2.in
@@ -97,17 +102,27 @@ lock: .venv/dev  ## pin the versions again, after a change in pyproject.toml
 clean:  ## remove the environment and everything made
 	rm -rf .venv .venv-bench .venv-peers .venv-ros out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 
-# The environment grows in two steps, so that the demo does not wait for the tools of the tests. The last line of the
-# first compiles the kernels once, for good.
-.venv/run: requirements/run.txt pyproject.toml
+# The environment grows in steps, so that the demo waits for nothing that it does not need: what a search and its picture
+# need, what the other commands need, the kernels compiled once for good, the tools of the tests. The lists are complete
+# (--no-deps), and Python compiles a module when it is first imported (--no-compile) instead of all of them now.
+INSTALL := $(PIP) install --no-deps --no-compile
+
+.venv/demo: requirements/demo.txt pyproject.toml
 	@echo "setting up .venv (once)"
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(PIP) install --require-hashes -r requirements/run.txt
-	$(PIP) install --no-deps --no-build-isolation -e .
+	$(INSTALL) --require-hashes -r requirements/demo.txt
+	$(INSTALL) --no-build-isolation -e .
+	@touch $@
+
+.venv/run: requirements/run.txt .venv/demo
+	$(INSTALL) --require-hashes -r requirements/run.txt
+	@touch $@
+
+.venv/compiled: .venv/run
 	$(BIN)/markerseek doctor
 	@touch $@
 
-.venv/dev: requirements/dev.txt .venv/run
+.venv/dev: requirements/dev.txt .venv/compiled
 	$(PIP) install --require-hashes -r requirements/dev.txt
 	@touch $@
 
@@ -119,6 +134,6 @@ clean:  ## remove the environment and everything made
 .venv-bench/ready .venv-peers/ready .venv-ros/ready: pyproject.toml
 	@echo "setting up $(@D) (once)"
 	test -x $(@D)/bin/python || $(PYTHON) -m venv $(@D)
-	$(@D)/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes $(addprefix -r ,$(filter %.txt,$^))
+	$(@D)/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --require-hashes $(addprefix -r ,$(filter %.txt,$^))
 	$(@D)/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-build-isolation -e .
 	@touch $@

@@ -48,8 +48,10 @@ def _loop(effort: Effort) -> Single:
         rig = markerseek.replayed(scan)
 
     def search() -> int:
-        policy = markerseek.build("weighted-average", limits=rig.limits.search, start_deg=rig.stage.angle_deg)
-        events = list(markerseek.run(policy, rig.scanner, dark_frames=rig.dark_frames))
+        policy = markerseek.build(
+            markerseek.PolicyPlan(method="weighted-average", start_deg=rig.stage.angle_deg), limits=rig.limits.search
+        )
+        events = list(markerseek.run(policy, rig.scanner, rig.run_plan))
         return sum(isinstance(event, markerseek.Measured) for event in events)
 
     acquisitions = search()

@@ -59,7 +59,7 @@ def main() -> None:
 def _search(method: str, trial: int) -> list[float]:
     """Times of the decisions of one search, in milliseconds of the clock."""
     from markerseek.adapters import build_adapter
-    from markerseek.core import Estimate, Sample
+    from markerseek.core import Estimate, PolicyPlan, RunPlan, Sample
     from markerseek.scan import run
     from markerseek.search import build
     from markerseek.studies import cells, read_study
@@ -69,7 +69,7 @@ def _search(method: str, trial: int) -> list[float]:
     cell = next(cell for cell in cells(study) if cell.world.rig.noise.peak_snr_db == 40.0)
     rig = study_rig(study, cell, draw_trial(study, cell, trial))
     if method == OURS:
-        inner = build(method, limits=rig.limits.search, acquisitions=study.policies[0].most)
+        inner = build(PolicyPlan(method=method, acquisitions=study.policies[0].most), limits=rig.limits.search)
     else:
         inner = build_adapter(method, limits=rig.limits.search, acquisitions=PEER_ACQUISITIONS, as_published=True)
     times_ms: list[float] = []
@@ -90,7 +90,7 @@ def _search(method: str, trial: int) -> list[float]:
         def estimate(self) -> Estimate:
             return inner.estimate()
 
-    for _ in run(Timed(), rig.scanner, dark_frames=rig.dark_frames, stay=True):
+    for _ in run(Timed(), rig.scanner, RunPlan(dark_frames=rig.dark_frames, stay=True)):
         pass
     # The last one decides to end.
     return times_ms[:-1]

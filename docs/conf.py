@@ -43,7 +43,7 @@ numpydoc_show_class_members = False
 nitpick_ignore_regex = [("py:class", r".*_AnyArray|np\.ndarray|'[a-z ]+'")]
 
 
-def _filled_in(app: Sphinx, page: str, source: list[str]) -> None:
+def _filled_in(_app: Sphinx, page: str, source: list[str]) -> None:
     """Put what the code says in the place of braces."""
     text = source[0].replace("{commands}", _commands()) if page == "reference/commands" else source[0]
     source[0] = re.sub(r"^\{(markerseek[a-z.]*)\}$", lambda braces: _names(braces[1]), text, flags=re.MULTILINE)

@@ -13,8 +13,10 @@ while (angle_deg := policy.ask()) is not None:
 print(policy.estimate())
 
 # `run` does the same, moves to the marker, confirms, and leaves the rig stopped whatever happens.
-policy = markerseek.build("weighted-average", limits=rig.limits.search, start_deg=rig.stage.angle_deg)
-for event in markerseek.run(policy, rig.scanner, dark_frames=rig.dark_frames):
+policy = markerseek.build(
+    markerseek.PolicyPlan(method="weighted-average", start_deg=rig.stage.angle_deg), limits=rig.limits.search
+)
+for event in markerseek.run(policy, rig.scanner, rig.run_plan):
     if isinstance(event, markerseek.Finished):
         print(event.estimate)
 print(f"truth: {rig.facts.truth_deg:.3f} deg (simulated)")

@@ -8,6 +8,7 @@ byte for byte against the emulator. `main` gives it pins, a serial line and a wa
 LEASE_MS = 100
 IDENTITY = "laserbox1"
 VERSION = 1
+METERED_VERSION = 2  # of a board with a light meter
 LINE_BYTES = 80
 MAX_PULSES = 1024
 MAX_RATE_HZ = 1000
@@ -21,6 +22,8 @@ PIN_ACQUISITION = 3
 PIN_PHOTODIODE = 4
 PIN_INTERLOCK = 5
 PIN_PROGRAM = 6  # tied to ground at power-up: no box, but a board that takes a new program
+PIN_METER = None  # 26: what the light meter says; None: the board has none
+METER_US = 30  # from the beginning of a trigger to the reading of the light meter
 PULSE_US = 10
 
 
@@ -60,18 +63,20 @@ def number(word):
 class Box:
     """The protocol.
 
-    `trigger(laser)` is called for each trigger, `photodiode()` returns the pulses seen since power-up, and
-    `interlock_closed()` whether it may fire. An interrupt sets `interlock_opened` whenever the interlock opens, so that
+    `trigger(laser)` is called for each trigger, `photodiode()` returns the pulses seen since power-up,
+    `interlock_closed()` whether it may fire, and `light()`, of a board with a light meter, the sum since power-up of
+    what it read of each pulse. An interrupt sets `interlock_opened` whenever the interlock opens, so that
     it is noticed also where it closes again before the next turn of the loop.
 
     A permit is leave for light. A train is what goes to the acquisition: it is completed at the same rate, without
     light, when the permit is taken away, so that an acquisition that counts triggers never waits for the rest.
     """
 
-    def __init__(self, trigger, photodiode, interlock_closed):
+    def __init__(self, trigger, photodiode, interlock_closed, light=None):
         self.trigger = trigger
         self.photodiode = photodiode
         self.interlock_closed = interlock_closed
+        self.light = light
         self.now_us = 0
         self.buffer = b""
         self.too_long = False
@@ -87,6 +92,7 @@ class Box:
         self.triggers = 0
         self.sent = 0
         self.seen_before = 0
+        self.light_before = 0
         self.last_trigger_us = 0
         self.fired = []  # second and pulses, of the last minute
 
@@ -126,7 +132,10 @@ class Box:
                 self._pull()
         elif self.now_us >= self.last_trigger_us + LIGHT_LATE_US:
             seen = self.photodiode() - self.seen_before
-            self.said += line_of("DONE {} {} {}".format(self.train[0], self.sent, seen))
+            done = "DONE {} {} {}".format(self.train[0], self.sent, seen)
+            if self.light is not None:
+                done += " {}".format(min(self.light() - self.light_before, MAX_COUNT))
+            self.said += line_of(done)
             self.train = None
 
     def _interlock_open(self):
@@ -156,8 +165,9 @@ class Box:
                 return "BUSY"
             self.permit = None
             self.last_step = 0
+            version = VERSION if self.light is None else METERED_VERSION
             self.said += line_of(
-                "OK HELLO {} {} {} {} {}".format(IDENTITY, VERSION, LEASE_MS, self.last_token, self._seen())
+                "OK HELLO {} {} {} {} {}".format(IDENTITY, version, LEASE_MS, self.last_token, self._seen())
             )
         elif verb == "PERMIT":
             return self._take_permit(*numbers)
@@ -213,6 +223,7 @@ class Box:
         self.train = self.permit
         self.triggers = self.sent = 0
         self.seen_before = self.photodiode()
+        self.light_before = 0 if self.light is None else self.light()
         self.due_us = self.now_us
         self._act()
         return None
@@ -261,14 +272,22 @@ def main():
 
     machine.Pin(PIN_PHOTODIODE, machine.Pin.IN).irq(count, machine.Pin.IRQ_RISING, hard=True)
 
+    meter = None if PIN_METER is None else machine.ADC(PIN_METER)
+    light = [0]
+
     def trigger(with_laser):
+        # what is left of the pulse before, and the meter's own zero
+        rest = 0 if meter is None else meter.read_u16()
         laser.value(1 if with_laser else 0)
         acquisition.value(1)
         time.sleep_us(PULSE_US)
         laser.value(0)
         acquisition.value(0)
+        if meter is not None and with_laser:
+            time.sleep_us(METER_US - PULSE_US)
+            light[0] += max(0, meter.read_u16() - rest)
 
-    box = Box(trigger, lambda: seen[0], lambda: interlock.value() == 1)
+    box = Box(trigger, lambda: seen[0], lambda: interlock.value() == 1, None if meter is None else lambda: light[0])
 
     def opened(_pin):
         box.interlock_opened = True

@@ -6,7 +6,7 @@ The names here are all that most users need::
 
     rig = markerseek.simulated(seed=1)
     policy = markerseek.build("weighted-average", limits=rig.limits.search)
-    for event in markerseek.run(policy, rig.scanner, dark_frames=rig.dark_frames):
+    for event in markerseek.run(policy, rig.scanner, rig.run_plan):
         print(event)
 
 Each is imported when it is first used: `simulated` and `replayed` bring NumPy, SciPy and Numba with them.

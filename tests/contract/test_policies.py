@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from markerseek.core import Interval, Policy
+from markerseek.core import Interval, Policy, PolicyPlan
 from markerseek.search import GOLDEN, METHODS, TERNARY, BracketSearch, build
 from markerseek.testing import PolicyContract
 
@@ -23,7 +23,7 @@ class TestSmallRange(PolicyContract):
     limits = Interval(low_deg=3.0, high_deg=4.5)
 
     def make(self, limits: Interval) -> Policy:
-        return build("golden-section-reuse", limits=limits, acquisitions=200)
+        return build(PolicyPlan(method="golden-section-reuse", acquisitions=200), limits=limits)
 
 
 FORMS = [(method.name, as_published) for method in METHODS for as_published in (True, False)]
@@ -40,7 +40,7 @@ class TestMethods(PolicyContract):
     def make(self, limits: Interval) -> Policy:
         name, as_published = self.form
         acquisitions = 29 if name == "exhaustive" else None
-        return build(name, limits=limits, acquisitions=acquisitions, as_published=as_published)
+        return build(PolicyPlan(method=name, acquisitions=acquisitions, as_published=as_published), limits=limits)
 
 
 class _Endless(BracketSearch):

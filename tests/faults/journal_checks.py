@@ -12,7 +12,7 @@ from pathlib import Path
 from unittest import mock
 
 from markerseek import rigs
-from markerseek.core import Asked, Event, Interval, Measured, Reading, RecordError, Sample, Started
+from markerseek.core import Asked, Event, Interval, Measured, PolicyPlan, Reading, RecordError, Sample, Started
 from markerseek.records.journal import Journal, read_journal
 from markerseek.records.journal.connection import rollback_file
 from markerseek.records.journal.schema import VERSION
@@ -51,7 +51,7 @@ def what_is_handed_out_is_on_the_disk() -> None:
     """Each event that a run hands out can be read from a copy of the files as they are then."""
     with folder() as place:
         rig = rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)
-        policy = build("ternary", limits=rig.limits.search, start_deg=0.0, acquisitions=6)
+        policy = build(PolicyPlan(method="ternary", start_deg=0.0, acquisitions=6), limits=rig.limits.search)
         with new(place / "a") as journal, closing(journalled(policy, rig, journal)) as run:
             for count, _ in enumerate(run, start=1):
                 assert len(copied(place)) >= count

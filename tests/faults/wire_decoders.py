@@ -249,6 +249,7 @@ def _whole_lines() -> bytes:
         laserbox.Greeting(identity="box1", version=1, lease_ms=100, last_token=7, seen=16),
         laserbox.Permitted(token=8, seen=16),
         laserbox.Done(token=8, sent=4, photodiode=4),
+        laserbox.MeteredDone(token=8, sent=4, photodiode=4, light=80_000),
         laserbox.Disarmed(),
         laserbox.Refusal(reason="BUSY"),
     )

@@ -41,6 +41,19 @@ def test_a_scan_over_a_source_gives_the_lines_of_rig_toml(shell: Shell, scan: Pa
     assert f"zero_deg = {report['zero_deg']['value']:.3f}" in report["rig_toml"]
 
 
+def test_the_pick_up_of_a_scan_says_how_steady_the_laser_is(shell: Shell, scan: Path, tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    for path in scan.iterdir():
+        samples = np.load(path)
+        samples[:, :40] += np.int16(1000 * (1 + 0.05 * rng.standard_normal()))
+        np.save(tmp_path / path.name, samples)
+    code, out, err = shell("calibrate", tmp_path, "--pickup-us", 0.0, 0.9, "--json")
+    assert code == 0, err
+    report = json.loads(out)
+    assert report["energy_spread"] == pytest.approx(0.05, rel=0.4)
+    assert 'energy_from = "pickup"\npickup_us = [0.0, 0.9]\nusual_energy = ' in report["rig_toml"]
+
+
 @pytest.mark.parametrize(
     ("direction", "zero_deg"), [("forward", 10 + SOURCE_DEG - 2), ("reverse", 10 - SOURCE_DEG + 2)]
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,7 +16,15 @@ from markerseek.cli import direction as direction_of
 from markerseek.cli import doctor
 from markerseek.cli.direction import verdict_of
 from markerseek.core import RigFacts
-from markerseek.drivers import Kdc101DriverSettings, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
+from markerseek.drivers import (
+    BenchLaser,
+    Kdc101DriverSettings,
+    Kdc101Stage,
+    LaserBox,
+    SonixDaqReceiver,
+    SonixDaqSettings,
+    metered,
+)
 from markerseek.emulators import DirectPort, EmulatedBench, EmulatedKdc101
 from markerseek.emulators.bench import BenchClock
 from markerseek.guard import Admission, FiringLimits, Guard
@@ -29,7 +38,7 @@ SOURCE_DEG = 12.0
 SETTINGS = SimulatedSettings(
     marker=MarkerSettings(angle_deg=SOURCE_DEG),
     receiver=ReceiverSettings(readout_s=0.3),
-    laser=LaserSettings(pulses=4),
+    laser=LaserSettings(pulses=4, energy_meter_noise=0.0),
 )
 
 
@@ -44,7 +53,7 @@ class _Lines:
 
 
 def emulated_rig(folder: Path, *, mirrored: bool, **stage: Any) -> Rig:
-    """The real drivers on emulated devices in virtual time; unarmed."""
+    """The real drivers on emulated devices in virtual time, with a light meter that nothing uses; unarmed."""
     bench = EmulatedBench(
         settings=SETTINGS,
         rng=np.random.default_rng(3),
@@ -54,7 +63,7 @@ def emulated_rig(folder: Path, *, mirrored: bool, **stage: Any) -> Rig:
     clock = BenchClock()
     clock.lead(bench.stage.advance, bench.daq.advance)
     imaging = image_reader(SETTINGS.probe.array, sampling_hz=SETTINGS.receiver.sampling_hz)
-    devices = {
+    devices: dict[str, Any] = {
         "stage": Kdc101Stage(
             port=DirectPort(device=bench.stage, clock=clock), clock=clock, settings=Kdc101DriverSettings(**stage)
         ),
@@ -63,6 +72,8 @@ def emulated_rig(folder: Path, *, mirrored: bool, **stage: Any) -> Rig:
             settings=SonixDaqSettings(folder=folder, timeout_s=3.0, dark_triggers=4), clock=clock
         ),
     }
+    keys = BenchLaser(port="", energy_from="photodiode")
+    devices["receiver"] = metered(keys, devices["laser"], devices["receiver"], full_scale=2047)
     guard = Guard(limits=SETTINGS.limits, firing=FiringLimits(), admission=Admission())
     scanner = Scanner(**devices, reader=imaging, clock=clock, guard=guard, pulses=4)
     return Rig(
@@ -112,6 +123,7 @@ def test_a_probe_mounted_the_other_way_round_is_noticed_on_the_emulated_bench(
     ended, out, err = shell(*words, "--arm")
     finding = json.loads(out)["findings"][-1]
     assert (ended, said in finding["detail"]) == (code, True), (finding, err)
+    assert re.search(r", and its meter says (19|20)\d{3} of a usual pulse", finding["detail"])
 
 
 def test_a_simulated_rig_turns_the_right_way(shell: Shell, tmp_path: Path) -> None:

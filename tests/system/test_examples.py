@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import re
 import runpy
+import shlex
 import subprocess
 import sys
+import textwrap
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
+import typer
+
+from markerseek.cli.app import app
+from markerseek.drivers import BenchSettings
+from markerseek.files.settings import known_keys
+from markerseek.sim import EndoscopeSettings, spot_images
 
 ROOT = Path(__file__).parents[2]
 
@@ -45,8 +55,62 @@ def test_the_commands_of_the_readme_exist(shell: Callable[..., tuple[int, str, s
         assert shell(command, "--help")[0] == 0, command
 
 
+def blocks(path: Path, language: str) -> list[str]:
+    """Code blocks of a page in this language, without their indentation."""
+    found = re.findall(rf"^ *```{language}\n(.*?)^ *```$", path.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    return [textwrap.dedent(block) for block in found]
+
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*/*.md"))]
+
+
 def test_the_python_of_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    for block in re.findall(r"^```python\n(.*?)^```", readme, re.MULTILINE | re.DOTALL):
+    for block in blocks(ROOT / "README.md", "python"):
         exec(compile(block, "README.md", "exec"), {})
     assert "Found(mean_deg=" in capsys.readouterr().out
+
+
+def test_the_python_that_finds_a_laser_spot_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    """The page's own block, on simulated images of a spot at a known pixel."""
+    looks = {"size_px": (320, 240), "settings": EndoscopeSettings(), "rng": np.random.default_rng(1)}
+    given = {"frames": spot_images(np.array([150.0, 100.0]), **looks), "dark": spot_images(None, **looks)}
+    (block,) = blocks(ROOT / "docs" / "how-to" / "register-the-robot.md", "python")
+    exec(compile(block, "register-the-robot.md", "exec"), given)
+    x_px, y_px, sigma_px = map(float, capsys.readouterr().out.split())
+    assert np.hypot(x_px - 150, y_px - 100) < max(5 * sigma_px, 0.5)
+
+
+def test_no_other_python_of_the_pages_is_left_unread() -> None:
+    """What needs another program, as 3D Slicer's Python, is at least Python."""
+    for path in PAGES:
+        for block in blocks(path, "python"):
+            compile(block, path.name, "exec")
+
+
+def test_the_keys_of_rig_files_on_the_pages_exist() -> None:
+    tables = [tomllib.loads(block) for path in PAGES for block in blocks(path, "toml")]
+    assert len(tables) >= 2
+    for table in tables:
+        known_keys(table, BenchSettings)
+
+
+def console_lines() -> list[str]:
+    """The lines of the console blocks and of the README's tables that call the command; joined where they go on."""
+    lines = []
+    for path in PAGES:
+        text = "".join(blocks(path, "")).replace("\\\n", " ")
+        lines += re.findall(r"^(?:\$ )?(markerseek .*)$", text, re.MULTILINE)
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    lines += [line for line in re.findall(r"`(markerseek [^`]+)`", readme) if "|" not in line]
+    return sorted({re.split(r"\s+#", line)[0] for line in lines})
+
+
+@pytest.mark.parametrize("line", console_lines())
+def test_the_commands_of_the_pages_are_understood(line: str) -> None:
+    """Parsed as the shell and the command would, and not run."""
+    command, words = typer.main.get_command(app), shlex.split(line)[1:]
+    while isinstance(command, click.Group):
+        name = words.pop(0)
+        assert name in command.commands, f"{name} is no command"
+        command = command.commands[name]
+    command.make_context(command.name, words)

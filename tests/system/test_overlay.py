@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from markerseek.acoustics import Absorber, AcousticModel, Probe, RectanglePulse
-from markerseek.cli.ultrasonix import b_mode_under
+from markerseek.cli.frame import b_mode_under
 from markerseek.core import (
     BModeImage,
     ConfigError,

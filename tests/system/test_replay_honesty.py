@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from markerseek import Finished, Found, Unsure, build, replayed, run
+from markerseek.core import PolicyPlan
 from markerseek.search import method_named
 
 SCANS = 25
@@ -28,7 +29,9 @@ def test_the_interval_holds_the_marker_of_a_coarse_scan(
         np.savetxt(path, np.c_[angles, measured], delimiter=",", header="angle_deg,intensity", comments="")
         rig = replayed(path)
         most = min(method_named(method).acquisitions, len(angles))
-        policy = build(method, limits=rig.limits.search, acquisitions=most, start_deg=rig.stage.angle_deg)
+        policy = build(
+            PolicyPlan(method=method, acquisitions=most, start_deg=rig.stage.angle_deg), limits=rig.limits.search
+        )
         finished = next(event for event in run(policy, rig.scanner) if isinstance(event, Finished))
         estimate = finished.estimate
         if isinstance(estimate, Found):

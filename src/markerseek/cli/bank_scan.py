@@ -13,8 +13,9 @@ from markerseek import runs
 from markerseek.cli.event_stream import EventFrames, Events, Heartbeat, StreamOptions
 from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig
 from markerseek.cli.options import Arm, AsJson, RigFile
+from markerseek.cli.report import Output, Report, with_version
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
-from markerseek.cli.terminal import announce_compilation, print_report, progress_bar, scaled, show_event, stderr, stdout
+from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_event, stderr
 from markerseek.core import ChannelFrame, MarkerseekError, Measured, Refused, RFFrame, Sample
 
 EXAMPLES = (
@@ -109,20 +110,19 @@ def command(
         if stopped is not None:
             end_stopped(stopped, as_json=as_json, kept=out if taken else None)
     facts = assembled.facts
-    if as_json:
-        print_report(
-            path=str(out),
-            rig=facts.description,
-            angles=taken,
-            dark_frames=dark,
-            refused=refused,
-            simulated=assembled.simulated,
-            emulated=facts.emulated,
-            seed=facts.seed,
-            configuration=facts.fingerprint,
-        )
-    else:
-        stdout.print(f"{taken} angles and {dark} dark frames of a {facts.rig_name} in {escape(str(out))}")
+    values = with_version(
+        path=str(out),
+        rig=facts.description,
+        angles=taken,
+        dark_frames=dark,
+        refused=refused,
+        simulated=assembled.simulated,
+        emulated=facts.emulated,
+        seed=facts.seed,
+        configuration=facts.fingerprint,
+    )
+    shown = [f"{taken} angles and {dark} dark frames of a {facts.rig_name} in {escape(str(out))}"]
+    Output(as_json=as_json).show(Report(values=values, shown=shown))
 
 
 def _print_what_is_left(path: Path, *, planned: int) -> None:

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import math
+import statistics
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
 
 from markerseek import rigs, runs, signals
 from markerseek.cli.direction import steadiness
 from markerseek.cli.options import AsJson, ProbeName
-from markerseek.cli.terminal import announce_compilation, new_table, print_report, progress_bar, stdout
-from markerseek.core import AcquisitionError, ConfigError, RecordError, Sample, SearchError, require_range
+from markerseek.cli.report import Output, Report, table, with_version
+from markerseek.cli.terminal import announce_compilation, progress_bar
+from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, RecordError, Sample, SearchError, require_range
 
 if TYPE_CHECKING:
     from markerseek.calibration import Fitted
+    from markerseek.records.banks import FrameBank
 
 EXAMPLES = (
     "Examples:\n\n"
@@ -49,6 +55,10 @@ def command(
         Literal["forward", "reverse"],
         typer.Option(help="The direction of rig.toml with which the scan was taken; one scan cannot prove it."),
     ] = "forward",
+    pickup_us: Annotated[
+        tuple[float, float] | None,
+        typer.Option(help="Where the laser's pick-up is in the channels: first and last µs after the trigger, '0 1'."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Find angle zero, face radius, trigger offset, sound speed and noise, and print the lines for rig.toml.
@@ -69,6 +79,35 @@ def command(
         )
     announce_compilation()
     preset = rigs.preset_of(scan, probe)
+    samples = _samples(bank, scan, preset)
+    usual_energy = None
+    if pickup_us is not None:
+        samples, usual_energy = _with_energies(samples, pickup_us, full_scale=preset.full_scale)
+    try:
+        found = runs.calibrate(samples, preset)
+    except SearchError as problem:
+        raise RecordError(f"{bank}: {problem}") from problem
+    geometry = found.geometry
+    # The probe's angle is sense * (reading - zero), and must be source_deg where the source was found.
+    sense = 1 if direction == "forward" else -1
+    zero = replace(geometry.source_deg, value=sense * geometry.source_deg.value + (zero_deg - sense * source_deg))
+    known = {"zero_deg": zero, "noise_sigma": found.noise_sigma}
+    numbers: dict[str, Fitted] = {name: known.get(name) or getattr(geometry, name) for name in NUMBERS}
+    rig_toml = _rig_toml(numbers, direction) + _laser_toml(pickup_us, usual_energy)
+    values = with_version(
+        # The interval of a `Fitted` is computed.
+        **{name: asdict(value) | {"interval95": value.interval95} for name, value in numbers.items()},
+        misfit=geometry.misfit,
+        energy_spread=found.energy_spread,
+        frames=found.frames,
+        waves=found.waves,
+        rig_toml=rig_toml,
+    )
+    Output(as_json=as_json).show(Report(values=values, shown=_shown(found, numbers, rig_toml)))
+
+
+def _samples(bank: Path, scan: FrameBank, preset: signals.ProbePreset) -> list[Sample]:
+    """The frames of a scan with their readings."""
     imaging = signals.ImageReader(preset)
     samples = []
     with progress_bar(len(scan.angles_deg), what="imaging") as progress:
@@ -80,30 +119,31 @@ def command(
                 raise RecordError(f"{bank}: at {angle_deg:g} deg: {problem}") from problem
             samples.append(Sample(angle_deg=angle_deg, reading=reading, frame=frame))
             progress.advance(progress.task_ids[0])
-    try:
-        found = runs.calibrate(samples, preset)
-    except SearchError as problem:
-        raise RecordError(f"{bank}: {problem}") from problem
-    geometry = found.geometry
-    # The probe's angle is sense * (reading - zero), and must be source_deg where the source was found.
-    sense = 1 if direction == "forward" else -1
-    zero = replace(geometry.source_deg, value=sense * geometry.source_deg.value + (zero_deg - sense * source_deg))
-    known = {"zero_deg": zero, "noise_sigma": found.noise_sigma}
-    numbers: dict[str, Fitted] = {name: known.get(name) or getattr(geometry, name) for name in NUMBERS}
-    rig_toml = _rig_toml(numbers, direction)
-    if as_json:
-        # The interval of a `Fitted` is computed.
-        values = {name: asdict(value) | {"interval95": value.interval95} for name, value in numbers.items()}
-        print_report(
-            **values,
-            misfit=geometry.misfit,
-            energy_spread=found.energy_spread,
-            frames=found.frames,
-            waves=found.waves,
-            rig_toml=rig_toml,
+    return samples
+
+
+def _with_energies(
+    samples: Sequence[Sample], pickup_us: tuple[float, float], *, full_scale: int
+) -> tuple[list[Sample], float]:
+    """The samples with the energy of their pulses, by their pick-up, in the frames' headers; and the mean pick-up."""
+    frames = [sample.frame for sample in samples if isinstance(sample.frame, ChannelFrame)]
+    pickups = [signals.pickup_amplitude(frame, window_us=pickup_us, full_scale=full_scale) for frame in frames]
+    usual = statistics.fmean(pickups)
+    if not min(pickups) > 0:
+        raise ConfigError(
+            f"--pickup-us is {pickup_us[0]:g} {pickup_us[1]:g}, and at some angles there is no pick-up; look for it at "
+            "the beginning of a frame"
         )
-    else:
-        _print_table(found, numbers, rig_toml)
+    headers = [replace(frame.header, energy=each / usual) for frame, each in zip(frames, pickups, strict=True)]
+    measured = [replace(frame, header=header) for frame, header in zip(frames, headers, strict=True)]
+    return [replace(sample, frame=frame) for sample, frame in zip(samples, measured, strict=True)], usual
+
+
+def _laser_toml(pickup_us: tuple[float, float] | None, usual_energy: float | None) -> str:
+    """Lines for a rig file that let it measure the energy by the pick-up; none without."""
+    if pickup_us is None:
+        return ""
+    return f'\n[laser]\nenergy_from = "pickup"\npickup_us = {list(pickup_us)}\nusual_energy = {usual_energy:.1f}\n'
 
 
 def _rig_toml(numbers: dict[str, Fitted], direction: str) -> str:
@@ -119,19 +159,22 @@ face_radius_m = {numbers["face_radius_m"].value:.5f}
 """
 
 
-def _print_table(found: runs.Calibration, numbers: dict[str, Fitted], rig_toml: str) -> None:
-    table = new_table("", "value", "95 % interval", "", left=("",))
-    for name, number in numbers.items():
-        title, scale, unit = NUMBERS[name]
-        low, high = (scale * end for end in number.interval95)
-        # Two significant digits of the standard deviation.
-        digits = max(0, min(4, 1 - math.floor(math.log10(max(scale * number.sigma, 1e-9)))))
-        table.add_row(
-            f"[dim]{title}[/]", f"{scale * number.value:.{digits}f}", f"{low:.{digits}f} to {high:.{digits}f}", unit
-        )
-    stdout.print(table)
-    stdout.print(
+def _shown(found: runs.Calibration, numbers: dict[str, Fitted], rig_toml: str) -> Iterator[str | Table]:
+    yield table((_row(*NUMBERS[name], number) for name, number in numbers.items()), left=("", " "))
+    yield (
         f"[dim]{found.waves} of {found.frames} angles had a wave clear enough to be used; the residual of the fit is "
         f"{found.geometry.misfit:.1%} of their height; {steadiness(found.energy_spread)}[/]\n\nFor rig.toml:\n"
     )
-    stdout.print(escape(rig_toml))
+    yield escape(rig_toml)
+
+
+def _row(title: str, scale: float, unit: str, number: Fitted) -> dict[str, str | Text]:
+    low, high = (scale * end for end in number.interval95)
+    # Two significant digits of the standard deviation.
+    digits = max(0, min(4, 1 - math.floor(math.log10(max(scale * number.sigma, 1e-9)))))
+    return {
+        "": Text(title, style="dim"),
+        "value": f"{scale * number.value:.{digits}f}",
+        "95 % interval": f"{low:.{digits}f} to {high:.{digits}f}",
+        " ": unit,
+    }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from markerseek import runs
+from markerseek import drivers, rigs, runs
 from markerseek.cli.open_rig import arm_rig, open_rig
 from markerseek.core import ConfigError, SearchPlan
 
@@ -32,6 +32,15 @@ def steadiness(spread: float | None) -> str:
     if spread is None:
         return "too few samples show how steady the laser is"
     return f"the laser's energy differs by {spread:.1%} from one acquisition to the next"
+
+
+def _usual_energy(rig: rigs.Rig) -> str:
+    """What the rig's energy meter says of a usual pulse, for the rig file; empty where it has none."""
+    meter = rig.receiver
+    if not isinstance(meter, drivers.EnergyMeter) or meter.usual is None:
+        return ""
+    # Four digits, and no exponent.
+    return f", and its meter says {float(f'{meter.usual:.4g}'):g} of a usual pulse (laser.usual_energy)"
 
 
 def require_source_deg(source_deg: float) -> None:
@@ -66,7 +75,8 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
     if not result.found:
         return False, f"no source was found ({result.answer}: {result.reason}); place one point source, and no other"
     spread = energy_spread(session.recorder.samples, limits=search)
-    found = f"the source at {source_deg:g} deg was found at {result.angle_deg:.2f} deg; {steadiness(spread)}"
+    usual = _usual_energy(rig)
+    found = f"the source at {source_deg:g} deg was found at {result.angle_deg:.2f} deg; {steadiness(spread)}{usual}"
     match verdict_of(result.angle_deg, source_deg):
         case "right":
             return True, f"{found}: the stage turns the right way"

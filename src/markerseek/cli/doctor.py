@@ -22,7 +22,7 @@ from markerseek.cli.direction import prove_direction, require_source_deg
 from markerseek.cli.open_rig import open_rig
 from markerseek.cli.options import AsJson
 from markerseek.cli.terminal import print_json, stdout
-from markerseek.core import ConfigError, DeviceError, Finished, Measured
+from markerseek.core import ConfigError, DeviceError, Finished, Measured, PolicyPlan
 
 EXAMPLES = (
     "Examples:\n\n"
@@ -230,9 +230,9 @@ def _search(method: str) -> CheckResult:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         rig = rigs.simulated(seed=1, marker_deg=_MARKER_DEG)
-        policy = build(method, limits=rig.limits.search, start_deg=rig.stage.angle_deg)
+        policy = build(PolicyPlan(method=method, start_deg=rig.stage.angle_deg), limits=rig.limits.search)
         found_deg = math.nan
-        for event in run(policy, rig.scanner, dark_frames=rig.dark_frames):
+        for event in run(policy, rig.scanner, rig.run_plan):
             if isinstance(event, Measured) and event.role == "confirmation" and rig.imaging and event.sample.frame:
                 # Compiles the kernels of `markerseek frame`, too, which a search does not use.
                 rig.imaging.findings(event.sample.frame)

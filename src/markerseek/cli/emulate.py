@@ -171,6 +171,9 @@ port = {plus.port}
 quiet_s = 0.5
 """
     )
+    # A laser that is measured is that of a box with a light meter.
+    meter = settings.laser.energy_meter_noise is not None
+    energy = f'energy_from = "photodiode"\nusual_energy = {emulators.LIGHT_COUNTS}\n' if meter else ""
     return f"""# Emulated devices: no light, nothing turns. Every key is explained in examples/rigs/bench.toml.
 # begin_s, age_s, answer_s and lease_s are longer than for hardware, because the emulator shares this computer with the
 # search: on a busy one, waits of 20 ms end more than 0.1 s late. Do not copy them to the rig file of real devices.
@@ -190,7 +193,7 @@ port = {json.dumps(str(place / "laser"))}
 pulses = {settings.laser.pulses}
 rate_hz = {settings.laser.rate_hz}
 answer_s = 5.0
-
+{energy}
 [receiver]
 {receiver}sampling_hz = {settings.receiver.sampling_hz}
 

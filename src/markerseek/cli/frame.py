@@ -1,27 +1,43 @@
-"""``markerseek frame``: finds the sources in one frame of channel data."""
+"""``markerseek frame``: finds the sources in one frame of channel data, or describes a machine's own images.
+
+Ultrasonix files contain beamformed data without single channels. They are described and drawn; a source is looked for
+in lines of radio frequency only (SPARE).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
+from rich.table import Table
 
 from markerseek import rigs, signals
 from markerseek.cli.options import AsJson, Out
-from markerseek.cli.terminal import (
-    announce_compilation,
-    new_table,
-    picture_folder,
-    print_report,
-    save_picture,
-    stdout,
+from markerseek.cli.report import Output, Report, drawn, facts, table, with_version
+from markerseek.cli.terminal import announce_compilation
+from markerseek.core import (
+    NO_HEADER,
+    AcquisitionError,
+    BModeImage,
+    ChannelFrame,
+    ConfigError,
+    LinearArray,
+    PaImage,
+    RecordError,
+    RFFrame,
+    ScanGeometry,
+    require_range,
 )
-from markerseek.core import AcquisitionError, BModeImage, ChannelFrame, ConfigError, PaImage, RecordError, RFFrame
 
 if TYPE_CHECKING:
+    import numpy as np
     from matplotlib.figure import Figure
+
+    from markerseek.records.banks import UltrasonixFile
 
 EXAMPLES = (
     "Examples:\n\n"
@@ -72,16 +88,14 @@ def command(
     as_json: AsJson = False,
 ) -> None:
     """Find the sources in one frame of channel data, or say that there is none."""
-    from markerseek.cli.ultrasonix import b_mode_under, open_for_spare, show_ultrasonix
     from markerseek.records.banks import MAT_PROBE, ULTRASONIX_SUFFIXES, load_frame
 
-    folder = picture_folder(out, plot=plot)
+    output = Output.asked(as_json=as_json, plot=plot, out=out)
     _require_spare(file, spare=spare, receive_focus_mm=receive_focus_mm)
     _require_over(over, over_pixel_mm, plot=plot)
     if file.suffix.lower() in ULTRASONIX_SUFFIXES and not spare:
         _require_none(probe=probe, min_depth_mm=min_depth_mm, max_depth_mm=max_depth_mm, over=over)
-        show_ultrasonix(file, number=number, plot=plot, out=folder, as_json=as_json)
-        return
+        output.show(ultrasonix_report(file, number=number))
     if number != 1 and not spare:
         raise ConfigError(f"--number is {number}, and only Ultrasonix files hold more than one frame; leave it out")
     # The public data set was recorded with one probe, which its files do not name.
@@ -109,15 +123,15 @@ def command(
         findings = reader.findings(frame)
     except AcquisitionError as problem:
         raise RecordError(f"{file}: {problem}") from problem
-    if as_json:
-        _print_json(findings, probe, method=reader.method)
-    else:
-        _print_table(findings, file, probe)
-    if plot:
-        path = folder / f"{file.stem if file.is_file() else file.name}.png"
-        title = f"{file.name}, probe {probe}, {reader.method}"
-        save_picture(_figure(findings, reader.picture(frame), under=under, title=title), path, as_json=as_json)
-    raise typer.Exit(0 if findings.found else 3)
+    title = f"{file.name}, probe {probe}, {reader.method}"
+    name = f"{file.stem if file.is_file() else file.name}.png"
+    report = Report(
+        values=_values(findings, probe, method=reader.method),
+        shown=_shown(findings, file, probe),
+        pictures={name: drawn(lambda: _figure(findings, reader.picture(frame), under=under, title=title))},
+        exit_code=0 if findings.found else 3,
+    )
+    output.show(report)
 
 
 def _require_spare(file: Path, *, spare: bool, receive_focus_mm: float | None) -> None:
@@ -152,10 +166,10 @@ def _depth_m(option: str, value_mm: float | None) -> float | None:
     return value_mm / 1e3
 
 
-def _print_json(findings: signals.FrameFindings, probe: str, *, method: str) -> None:
-    """Print the result of one frame; if no source was found, the position is that of the largest peak."""
+def _values(findings: signals.FrameFindings, probe: str, *, method: str) -> dict[str, object]:
+    """The result of one frame; if no source was found, the position is that of the largest peak."""
     strongest = findings.strongest
-    print_report(
+    return with_version(
         found=findings.found,
         reason=findings.reason,
         lateral_m=strongest.lateral_m,
@@ -175,27 +189,26 @@ def _print_json(findings: signals.FrameFindings, probe: str, *, method: str) -> 
     )
 
 
-def _print_table(findings: signals.FrameFindings, file: Path, probe: str) -> None:
+def _shown(findings: signals.FrameFindings, file: Path, probe: str) -> Iterator[str | Table]:
     answer = "[bold green]source found[/]" if findings.found else "[bold yellow]no source[/]"
-    stdout.print(f"{answer} in {escape(file.name)} (probe {probe}): {findings.reason}")
+    yield f"{answer} in {escape(file.name)} (probe {probe}): {findings.reason}"
     if findings.found:
-        headings = ("arrival", "lateral [mm]", "depth [mm]", "time [µs]", "intensity", "SNR [dB]", "coherence")
-        table = new_table(*headings)
-        for number, each in enumerate((findings.strongest, *findings.others), start=1):
-            table.add_row(
-                str(number),
-                f"{1e3 * each.lateral_m:.2f}",
-                f"{1e3 * each.depth_m:.2f}",
-                f"{1e6 * each.arrival_s:.2f}",
-                f"{each.intensity:.4g}",
-                "–" if (snr_db := findings.peak_snr_db(each)) is None else f"{snr_db:.1f}",
-                "–" if each.coherence is None else f"{each.coherence:.2f}",
-            )
-        stdout.print(table)
+        yield table(
+            {
+                "arrival": str(number),
+                "lateral [mm]": f"{1e3 * each.lateral_m:.2f}",
+                "depth [mm]": f"{1e3 * each.depth_m:.2f}",
+                "time [µs]": f"{1e6 * each.arrival_s:.2f}",
+                "intensity": f"{each.intensity:.4g}",
+                "SNR [dB]": "–" if (snr_db := findings.peak_snr_db(each)) is None else f"{snr_db:.1f}",
+                "coherence": "–" if each.coherence is None else f"{each.coherence:.2f}",
+            }
+            for number, each in enumerate((findings.strongest, *findings.others), start=1)
+        )
     if findings.saturated_channels:
-        stdout.print(f"[yellow]saturated:[/] {len(findings.saturated_channels)} channels where the strongest arrives")
+        yield f"[yellow]saturated:[/] {len(findings.saturated_channels)} channels where the strongest arrives"
     if findings.dead_channels:
-        stdout.print(f"[yellow]dead:[/] {len(findings.dead_channels)} channels without a signal")
+        yield f"[yellow]dead:[/] {len(findings.dead_channels)} channels without a signal"
 
 
 def _figure(findings: signals.FrameFindings, picture: PaImage, *, under: BModeImage | None, title: str) -> Figure:
@@ -208,3 +221,151 @@ def _figure(findings: signals.FrameFindings, picture: PaImage, *, under: BModeIm
         return overlay_figure(under, picture, marks_m=marks_m, title=title)
     title = f"{title}: {'arrivals numbered' if arrivals else 'no source'}"
     return frame_figure(picture, marks_m=marks_m, title=title)
+
+
+def ultrasonix_report(path: Path, *, number: int) -> Report:
+    """A file and one of its frames, described and drawn.
+
+    ``number``: number of the frame, counted from 1.
+    """
+    from markerseek.records.banks import open_ultrasonix
+
+    file = open_ultrasonix(path)
+    header = file.header
+    pixels: np.ndarray = file.b_mode(number - 1) if header.kind == "b-mode" else file.rf(number - 1)
+    values = with_version(
+        content=header.kind,
+        frames=header.frames,
+        frame=number,
+        width=header.width,
+        height=header.height,
+        probe_number=header.probe,
+        transmit_hz=header.transmit_hz,
+        # In B-mode files this field is not the rate of the pixels.
+        sampling_hz=header.sampling_hz if header.kind == "rf" else None,
+        frame_rate_hz=header.frame_rate_hz,
+        line_density=header.line_density,
+        numbered_frames=header.tagged,
+        smallest=int(pixels.min()),
+        largest=int(pixels.max()),
+    )
+    pictures = {f"{path.stem}.png": drawn(_ultrasonix_figure, file, pixels, number=number)}
+    return Report(values=values, shown=_described(file, pixels, number=number), pictures=pictures)
+
+
+def open_for_spare(
+    path: Path,
+    *,
+    number: int,
+    probe: str,
+    receive_focus_m: float | None,
+    min_depth_m: float | None,
+    max_depth_m: float | None,
+) -> tuple[signals.SpareReader, RFFrame]:
+    """Reader for the lines of an ``.rf`` file, and one of its frames.
+
+    ``path``: its header gives the sampling frequency, and how many lines cover the probe. ``number``: number of the
+    frame, counted from 1. ``probe``: preset with the probe's length and band.
+    """
+    from markerseek.records.banks import open_ultrasonix
+
+    file = open_ultrasonix(path)
+    header = file.header
+    preset = signals.probe_preset(probe)
+    width_m = preset.array.elements * preset.array.pitch_m
+    # Some exports leave the density out; then all lines of the file cover the probe.
+    pitch_m = width_m / (header.line_density if header.line_density > 0 else header.width)
+    try:
+        lines = LinearArray(elements=header.width, pitch_m=pitch_m)
+        preset = replace(preset, array=lines, sampling_hz=float(header.sampling_hz))
+    except ConfigError as problem:
+        raise RecordError(f"{path}: the lines in its header do not fit probe {probe}: {problem}") from problem
+    frame = RFFrame(header=NO_HEADER, samples=file.rf(number - 1), sampling_hz=preset.sampling_hz)
+    reader = signals.SpareReader(
+        preset, receive_focus_m=receive_focus_m, min_depth_m=min_depth_m, max_depth_m=max_depth_m
+    )
+    return reader, frame
+
+
+def b_mode_under(
+    path: Path, *, number: int, preset: signals.ProbePreset, samples: int, pixel_mm: float | None
+) -> BModeImage:
+    """B-mode image of the same angle.
+
+    An Ultrasonix ``.b8`` names the corners of its region of interest, which is as wide as the probe, and as deep as the
+    machine's record of the same frame is long. Any other image is taken to be centred on the array and to begin at its
+    face.
+
+    ``number``: number of the frame, counted from 1. ``samples``: samples of a line in the ``.rf`` of the same frame, or
+    of a channel. ``pixel_mm``: None where the file says.
+    """
+    from markerseek.records import read_images
+    from markerseek.records.banks import open_ultrasonix
+
+    if pixel_mm is not None:
+        require_range("--over-pixel-mm", pixel_mm, low=1e-3, high=10, unit="mm")
+    if path.suffix.lower() == ".b8" and pixel_mm is None:
+        file = open_ultrasonix(path)
+        (left, top), (right, upper), (_, bottom), _ = file.header.corners_px
+        if not (0 <= left < right <= file.header.width and 0 <= top == upper < bottom <= file.header.height):
+            raise RecordError(
+                f"{path}: the corners of its region of interest, {file.header.corners_px}, make no rectangle in it; "
+                "name the size of a pixel with --over-pixel-mm"
+            )
+        width_m = preset.array.elements * preset.array.pitch_m
+        # The machine's depth is half the way of sound in the record.
+        depth_m = samples / preset.sampling_hz * preset.sound_speed_m_s / 2
+        lateral_step_m, depth_step_m = width_m / (right - left), depth_m / (bottom - top)
+        geometry = ScanGeometry(
+            # The region begins at the left edge of its first pixel, the position of which is its middle.
+            first_lateral_m=-width_m / 2 - (left - 0.5) * lateral_step_m,
+            lateral_step_m=lateral_step_m,
+            first_depth_m=-(top - 0.5) * depth_step_m,
+            depth_step_m=depth_step_m,
+        )
+        return BModeImage(pixels=file.b_mode(number - 1), geometry=geometry)
+    series = read_images(path)
+    if not 1 <= number <= len(series.images):
+        raise RecordError(f"{path}: there is no image {number}, it holds {len(series.images)}; count from 1")
+    pixels = series.images[number - 1]
+    size_m = series.pixel_m if pixel_mm is None else (pixel_mm / 1e3, pixel_mm / 1e3)
+    if size_m is None:
+        raise ConfigError(f"{path} does not say how large its pixels are; name it with --over-pixel-mm")
+    height_m, width_m = size_m
+    geometry = ScanGeometry(
+        first_lateral_m=-(pixels.shape[1] - 1) / 2 * width_m,
+        lateral_step_m=width_m,
+        first_depth_m=height_m / 2,
+        depth_step_m=height_m,
+    )
+    return BModeImage(pixels=pixels, geometry=geometry)
+
+
+def _described(file: UltrasonixFile, pixels: np.ndarray, *, number: int) -> Iterator[str | Table]:
+    header = file.header
+    b_mode = header.kind == "b-mode"
+    what = "B-mode images" if b_mode else "radio-frequency lines that the machine has beamformed"
+    yield (
+        f"[bold]{escape(file.path.name)}[/]: {what}; it holds no channel data, so no source is looked for"
+        + ("" if b_mode else "; --spare looks for one")
+    )
+    size = f"{header.width} × {header.height} pixels" if b_mode else f"{header.width} lines of {header.height} samples"
+    rows: list[tuple[str, str | None]] = [
+        ("frames", f"{header.frames} of {size}" + (", numbered" if header.tagged else "")),
+        ("frame rate", f"{header.frame_rate_hz} Hz"),
+        ("transmitted", f"{header.transmit_hz / 1e6:g} MHz"),
+        ("sampling", None if b_mode else f"{header.sampling_hz / 1e6:g} MHz"),
+        ("lines over the probe", str(header.line_density)),
+        ("probe number", str(header.probe)),
+        (f"values of frame {number}", f"{int(pixels.min())} to {int(pixels.max())}"),
+    ]
+    yield facts(rows)
+
+
+def _ultrasonix_figure(file: UltrasonixFile, pixels: np.ndarray, *, number: int) -> Figure:
+    from markerseek.pictures import b_mode_figure, rf_figure
+
+    title = f"{file.path.name}, frame {number} of {file.header.frames}"
+    if file.header.kind == "b-mode":
+        return b_mode_figure(pixels, title=title)
+    return rf_figure(pixels, sampling_hz=file.header.sampling_hz or None, title=title)

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
@@ -37,20 +37,31 @@ _LINE_BYTES = 4096
 class SimulationOptions:
     """Options of a simulated rig, which are an error for a rig of devices; None leaves the rig file's value."""
 
-    seed: int | None = None
-    """None: 1."""
-    tissue: str | None = None
-    """Name of a simulated material."""
-    pace: float = 0.0
-    """Real seconds per virtual second."""
-    no_marker: bool = False
-    marker_deg: float | None = None
-    second_marker_deg: float | None = None
-    snr_db: float | None = None
-    readout_s: float | None = None
-    """Time to read one acquisition."""
-    single_pulses: bool = False
-    """Whether its gain has to leave room for single pulses, for a sweep."""
+    tissue: Annotated[
+        str | None, typer.Option(help="Simulated material, instead of the rig's; an unknown name lists them all.")
+    ] = None
+    no_marker: Annotated[bool, typer.Option("--no-marker", help="Simulate noise and clutter alone.")] = False
+    marker_deg: Annotated[
+        float | None, typer.Option(help="Angle of the simulated marker, in degrees.", show_default="drawn at random")
+    ] = None
+    second_marker_deg: Annotated[
+        float | None, typer.Option(help="Angle of a second simulated marker, as strong, elsewhere along the array.")
+    ] = None
+    snr_db: Annotated[
+        float | None,
+        typer.Option(help="Peak SNR of the simulated image with the probe on the marker, in dB.", show_default="40"),
+    ] = None
+    readout_s: Annotated[
+        float | None,
+        typer.Option(
+            help="Seconds to read one acquisition of a simulated rig, instead of the rig's.", show_default="10"
+        ),
+    ] = None
+    seed: Annotated[
+        int | None,
+        typer.Option(min=0, help="Seed of the simulation: the same seed gives the same search.", show_default="1"),
+    ] = None
+    pace: Annotated[float, typer.Option(help="Real seconds per virtual second: 0 does not wait, 1 is real time.")] = 0
 
     def __post_init__(self) -> None:
         if self.no_marker and (self.marker_deg, self.second_marker_deg) != (None, None):
@@ -59,8 +70,6 @@ class SimulationOptions:
     def given(self) -> list[str]:
         """The options that were given, as they are typed."""
         given = {each.name: value for each in fields(self) if (value := getattr(self, each.name)) != each.default}
-        # That of --sweep, which is not only for a simulated rig.
-        given.pop("single_pulses", None)
         return [f"--{name.replace('_', '-')}" + ("" if value is True else f" {value}") for name, value in given.items()]
 
     def on(self, settings: SimulatedSettings) -> SimulatedSettings:
@@ -68,8 +77,6 @@ class SimulationOptions:
         from markerseek.sim import changed_settings
 
         settings = changed_settings(settings, tissue=self.tissue, snr_db=self.snr_db, readout_s=self.readout_s)
-        if self.single_pulses:
-            settings = replace(settings, receiver=replace(settings.receiver, single_pulses=True))
         if self.no_marker:
             none = replace(settings.marker, present=False)
             settings = replace(settings, marker=none, second=replace(settings.second, present=False))
@@ -86,10 +93,13 @@ NO_OPTIONS = SimulationOptions()
 
 
 @contextmanager
-def open_rig(path: Path | None, options: SimulationOptions = NO_OPTIONS) -> Iterator[tuple[rigs.Rig, float]]:
+def open_rig(
+    path: Path | None, options: SimulationOptions = NO_OPTIONS, *, sweeps: bool = False
+) -> Iterator[tuple[rigs.Rig, float]]:
     """The rig of a rig file and the angle of its probe in degrees; its devices are closed at the end.
 
-    ``path``: None for the simulated rig with its defaults. Raises `DeviceError` if a device does not answer, or is not
+    ``path``: None for the simulated rig with its defaults. ``sweeps``: whether the gain of a simulated one leaves room
+    for the noise of single pulses. Raises `DeviceError` if a device does not answer, or is not
     ready.
     """
     from markerseek.sim import SimulatedSettings
@@ -105,6 +115,8 @@ def open_rig(path: Path | None, options: SimulationOptions = NO_OPTIONS) -> Iter
             yield rig, rig.scanner.angle_deg
         return
     settings = options.on(settings)
+    if sweeps:
+        settings = replace(settings, receiver=replace(settings.receiver, single_pulses=True))
     seed = _USUAL_SEED if options.seed is None else options.seed
     yield rigs.simulated(seed=seed, settings=settings, pace=options.pace), settings.start_deg
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, is_dataclass
+from functools import wraps
+from inspect import Parameter, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_type_hints
 
 import typer
 
-from markerseek.core import ConfigError, Tolerance
+from markerseek.core import ConfigError, MarkerCurve, SearchPlan, Tolerance
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank, TableFormat
@@ -63,21 +66,6 @@ Acquisitions: TypeAlias = Annotated[
         show_default=", ".join(f"{name} {number}" for name, number in USUAL_ACQUISITIONS.items()),
     ),
 ]
-AsPublished: TypeAlias = Annotated[
-    bool, typer.Option("--as-published", help="The paper's form of the method, which always answers.")
-]
-Others: TypeAlias = Annotated[
-    float | None,
-    typer.Option(
-        "--others",
-        help="Probability that another source as loud is there as well, before the search; less takes fewer "
-        "acquisitions.",
-        show_default="0.05",
-    ),
-]
-Single: TypeAlias = Annotated[
-    bool, typer.Option("--single", help="State that there is one source only, as --others 0 does.")
-]
 ToleranceMm: TypeAlias = Annotated[
     float | None,
     typer.Option(
@@ -86,15 +74,7 @@ ToleranceMm: TypeAlias = Annotated[
         show_default="1",
     ),
 ]
-ToleranceDeg: TypeAlias = Annotated[
-    float | None,
-    typer.Option(
-        "--tolerance-deg",
-        help="The same in degrees, where the marker's distance from the axis is not known.",
-        show_default="1",
-    ),
-]
-SweepOption: TypeAlias = Annotated[
+Sweeps: TypeAlias = Annotated[
     bool,
     typer.Option(
         "--sweep",
@@ -117,13 +97,84 @@ Unit: TypeAlias = Annotated[
 ]
 
 
-def others_of(others: float | None, *, single: bool) -> float | None:
-    """Prior probability of another source from the options of a command; `ConfigError` if both say it differently."""
-    if not single:
-        return others
-    if others:
-        raise ConfigError(f"--others is {others:g}, and --single states that it is 0; leave one of them out")
-    return 0.0
+def with_values(command: Callable[..., None]) -> Callable[..., None]:
+    """A command, with an option for each field of the values that it takes as parameters, in their order.
+
+    A value is a dataclass whose fields are annotated as options; so an option is declared once for all commands.
+    """
+    hints = get_type_hints(command, include_extras=True)
+    values: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
+    options: list[Parameter] = []
+    for name, parameter in signature(command).parameters.items():
+        if name not in values:
+            options.append(parameter.replace(kind=Parameter.KEYWORD_ONLY, annotation=hints[name]))
+            continue
+        of_fields = get_type_hints(values[name], include_extras=True)
+        options += [
+            Parameter(each.name, Parameter.KEYWORD_ONLY, default=each.default, annotation=of_fields[each.name])
+            for each in fields(values[name])
+        ]
+
+    @wraps(command)
+    def with_options(**given: Any) -> None:
+        made = {
+            name: kind(**{each.name: given.pop(each.name) for each in fields(kind)}) for name, kind in values.items()
+        }
+        command(**given, **made)
+
+    with_options.__signature__ = signature(command).replace(parameters=options)  # type: ignore[attr-defined]
+    with_options.__annotations__ = {each.name: each.annotation for each in options}
+    return with_options
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanOptions:
+    """Options of a search's plan; see `markerseek.core.PolicyPlan`."""
+
+    method: MethodName = "posterior"
+    acquisitions: Acquisitions = None
+    as_published: Annotated[
+        bool, typer.Option("--as-published", help="The paper's form of the method, which always answers.")
+    ] = False
+    others: Annotated[
+        float | None,
+        typer.Option(
+            help="Probability that another source as loud is there as well, before the search; less takes fewer "
+            "acquisitions.",
+            show_default="0.05",
+        ),
+    ] = None
+    single: Annotated[
+        bool, typer.Option("--single", help="State that there is one source only, as --others 0 does.")
+    ] = False
+    tolerance_mm: ToleranceMm = None
+    tolerance_deg: Annotated[
+        float | None,
+        typer.Option(
+            help="The same in degrees, where the marker's distance from the axis is not known.", show_default="1"
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        if self.single and self.others:
+            raise ConfigError(f"--others is {self.others:g}, and --single states that it is 0; leave one of them out")
+        # A plan that cannot be is an error before devices are opened.
+        self.plan()
+
+    def plan(
+        self, *, start_deg: float | None = None, stay: bool = False, prior: MarkerCurve | None = None
+    ) -> SearchPlan:
+        """The plan, with what the rig and other options say of it."""
+        return SearchPlan(
+            method=self.method,
+            acquisitions=self.acquisitions,
+            as_published=self.as_published,
+            start_deg=start_deg,
+            stay=stay,
+            others=0.0 if self.single else self.others,
+            prior=prior,
+            tolerance=tolerance_of(self.tolerance_mm, self.tolerance_deg),
+        )
 
 
 def tolerance_of(mm: float | None, deg: float | None) -> Tolerance:

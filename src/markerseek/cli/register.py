@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 import typer
 from rich.markup import escape
+from rich.table import Table
 
 from markerseek import runs
 from markerseek.cli.options import AsJson, Out
-from markerseek.cli.terminal import (
-    announce_compilation,
-    new_table,
-    picture_folder,
-    print_facts,
-    print_json,
-    progress_bar,
-    save_picture,
-    stdout,
-)
+from markerseek.cli.report import Output, Report, drawn, facts, table
+from markerseek.cli.terminal import announce_compilation, progress_bar
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
@@ -91,7 +85,7 @@ def command(
     At least three markers that are not on a line. Exit code 3 if the points do not fit: their residuals are larger than
     the sigmas let expect (a chi-squared test at 1e-3; without sigmas 1 mm is assumed), or a mirror image fits better.
     """
-    folder = picture_folder(out, plot=plot)
+    output = Output.asked(as_json=as_json, plot=plot, out=out)
     target_m = None if target_mm is None else (target_mm[0] / 1e3, target_mm[1] / 1e3, target_mm[2] / 1e3)
     truth: runs.SimulatedTruth | None = None
     if simulate:
@@ -118,13 +112,13 @@ def command(
         title = points.name
         pairs = runs.point_pairs(points, searches=journal or (), cameras=cameras)
         report = runs.register_pairs(pairs, target_trus_m=target_m, without=without or ())
-    if as_json:
-        print_json(msgspec.to_builtins(report) | ({} if truth is None else {"simulation": msgspec.to_builtins(truth)}))
-    else:
-        _print_tables(report, truth, title)
-    if plot:
-        save_picture(_figure(report, title), folder / "register.png", as_json=as_json)
-    raise typer.Exit(0 if report.registered else 3)
+    shown = Report(
+        values=msgspec.to_builtins(report) | ({} if truth is None else {"simulation": msgspec.to_builtins(truth)}),
+        shown=_shown(report, truth, title),
+        pictures={"register.png": drawn(_figure, report, title)},
+        exit_code=0 if report.registered else 3,
+    )
+    output.show(shown)
 
 
 def _scene(
@@ -140,28 +134,28 @@ def _scene(
     )
 
 
-def _print_tables(report: runs.RegistrationReport, truth: runs.SimulatedTruth | None, title: str) -> None:
+def _shown(report: runs.RegistrationReport, truth: runs.SimulatedTruth | None, title: str) -> Iterator[str | Table]:
     answer = "[bold green]registered[/]" if report.registered else "[bold yellow]not registered[/]"
-    stdout.print(f"{answer}: {escape(title)}, {len(report.points)} points")
+    yield f"{answer}: {escape(title)}, {len(report.points)} points"
     if report.reason is not None:
-        stdout.print(escape(report.reason))
-    print_facts(_facts(report, truth))
-    points = new_table("point", "x [mm]", "y [mm]", "z [mm]", "residual [mm]", "left out [mm]")
-    for point in report.points:
-        points.add_row(
-            escape(point.name),
-            *(f"{1e3 * value:.2f}" for value in point.trus_m),
-            f"{1e3 * point.residual_m:.2f}",
-            "–" if point.left_out_m is None else f"{1e3 * point.left_out_m:.2f}",
-        )
-    stdout.print(points)
+        yield escape(report.reason)
+    yield facts(_rows(report, truth))
+    yield table(
+        {
+            "point": point.name,
+            **{f"{axis} [mm]": f"{1e3 * value:.2f}" for axis, value in zip("xyz", point.trus_m, strict=True)},
+            "residual [mm]": f"{1e3 * point.residual_m:.2f}",
+            "left out [mm]": "–" if point.left_out_m is None else f"{1e3 * point.left_out_m:.2f}",
+        }
+        for point in report.points
+    )
     if report.davinci_to_trus is not None:
-        stdout.print("[dim]davinci_to_trus, translation in metres:[/]")
+        yield "[dim]davinci_to_trus, translation in metres:[/]"
         for row in report.davinci_to_trus:
-            stdout.print("  ".join(f"{value:+.6f}" for value in row))
+            yield "  ".join(f"{value:+.6f}" for value in row)
 
 
-def _facts(report: runs.RegistrationReport, truth: runs.SimulatedTruth | None) -> list[tuple[str, str]]:
+def _rows(report: runs.RegistrationReport, truth: runs.SimulatedTruth | None) -> list[tuple[str, str]]:
     x, y, z = (1e3 * value for value in report.target_trus_m)
     assumed = " for 1 mm in each coordinate, because not all have sigmas" if report.weights == "equal" else ""
     rows = [

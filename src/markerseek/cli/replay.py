@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -9,26 +10,10 @@ import typer
 
 from markerseek import rigs, runs
 from markerseek.cli.event_stream import EventFrames, Events, Heartbeat, StreamOptions
-from markerseek.cli.options import (
-    Acquisitions,
-    AsJson,
-    AsPublished,
-    Columns,
-    MethodName,
-    Others,
-    Out,
-    ProbeName,
-    Single,
-    Stay,
-    ToleranceDeg,
-    ToleranceMm,
-    Unit,
-    others_of,
-    table_format,
-    tolerance_of,
-)
-from markerseek.cli.terminal import announce_compilation, picture_folder
-from markerseek.core import ConfigError, SearchPlan
+from markerseek.cli.options import AsJson, Columns, Out, PlanOptions, ProbeName, Stay, Unit, table_format, with_values
+from markerseek.cli.report import Output
+from markerseek.cli.terminal import announce_compilation
+from markerseek.core import ConfigError
 
 EXAMPLES = (
     "Examples:\n\n"
@@ -38,6 +23,7 @@ EXAMPLES = (
 )
 
 
+@with_values
 def command(
     bank: Annotated[
         Path,
@@ -45,13 +31,7 @@ def command(
             help="Bank: IPASC HDF5, CSV of angle_deg,intensity, or a folder with one SonixDAQ sub-folder per angle."
         ),
     ],
-    method: MethodName = "posterior",
-    acquisitions: Acquisitions = None,
-    as_published: AsPublished = False,
-    others: Others = None,
-    single: Single = False,
-    tolerance_mm: ToleranceMm = None,
-    tolerance_deg: ToleranceDeg = None,
+    options: PlanOptions,
     probe: ProbeName = None,
     reference_deg: Annotated[
         float | None, typer.Option(help="Reference angle of the marker in degrees, for comparison.")
@@ -75,40 +55,29 @@ def command(
     recorded angles, as in the paper's offline analysis.
     """
     from markerseek.cli.session import run_new_session
-    from markerseek.cli.show_result import Output, conclude
+    from markerseek.cli.show_result import conclude
     from markerseek.records.banks import read_bank
     from markerseek.search import method_named
 
-    output = Output(name="replay", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
+    output = Output.asked(as_json=as_json, plot=plot, out=out)
     stream = StreamOptions(path=events, frames=event_frames, heartbeat=heartbeat)
     announce_compilation()
     table = table_format(columns, unit)
     # Only the paper's form gets invented data: its section 2.5 interpolates between recorded angles.
-    between: Literal["interpolated", "nearest"] = "interpolated" if as_published else "nearest"
+    between: Literal["interpolated", "nearest"] = "interpolated" if options.as_published else "nearest"
     assembled = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between, table=table)
     if probe is not None and assembled.imaging is None:
         raise ConfigError(f"--probe is {probe}, and {bank} holds intensities, not channel data; leave it out")
     recorded = assembled.distinct_angles
-    if acquisitions is None:
-        usual = method_named(method).acquisitions
+    if options.acquisitions is None:
+        usual = method_named(options.method).acquisitions
         # More acquisitions than recorded angles would only repeat some of them.
-        acquisitions = usual if recorded is None else min(usual, recorded)
-    elif recorded is not None and acquisitions > recorded:
+        options = replace(options, acquisitions=usual if recorded is None else min(usual, recorded))
+    elif recorded is not None and options.acquisitions > recorded:
         raise ConfigError(
-            f"--acquisitions is {acquisitions}, and {bank} holds {recorded} angles; ask for at most these"
+            f"--acquisitions is {options.acquisitions}, and {bank} holds {recorded} angles; ask for at most these"
         )
-    plan = runs.plan_on(
-        assembled,
-        SearchPlan(
-            method=method,
-            acquisitions=acquisitions,
-            as_published=as_published,
-            start_deg=assembled.stage.angle_deg,
-            stay=stay,
-            others=others_of(others, single=single),
-            tolerance=tolerance_of(tolerance_mm, tolerance_deg),
-        ),
-    )
+    plan = runs.plan_on(assembled, options.plan(start_deg=assembled.stage.angle_deg, stay=stay))
     session = runs.new_session(assembled, plan)
     recorded_curve = None
     if plot:
@@ -119,6 +88,7 @@ def command(
         session.recorder,
         session.configuration,
         output,
+        name="replay",
         imaging=assembled.imaging,
         policy=session.policy,
         journal=session.journal,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -10,18 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
+from rich.table import Table as Grid
 
 from markerseek import signals, studies
 from markerseek.cli.options import AsJson, require_frames
-from markerseek.cli.terminal import (
-    new_table,
-    picture_folder,
-    print_json,
-    print_path,
-    print_warning,
-    stages_bar,
-    stdout,
-)
+from markerseek.cli.report import Output, Report, file_line, require_room, table
+from markerseek.cli.terminal import print_warning, stages_bar
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
@@ -82,7 +77,7 @@ def command(
             progress=progress,
         )
         # Before hours of computation, not after them.
-        picture_folder(out, plot=True)
+        require_room(out)
         reproduction = Reproduction(options=options, folder=out, own_bank=own)
         names = _names(reproduction) if what == "all" else [what]
         sections, files = [], []
@@ -93,14 +88,13 @@ def command(
             files.append(write_section(section, out))
             durations_s.append(time.perf_counter() - began_s - sum(durations_s))
         page = write_report(sections, out, options=options, durations_s=durations_s, own_bank=bank)
-    if as_json:
-        made = [_made(*each) for each in zip(sections, files, durations_s, strict=True)]
-        used = {"seed": seed, "markers": markers, "workers": options.workers}
-        print_json({"report": str(page), **used, "sections": made})
-        return
-    for section, duration_s in zip(sections, durations_s, strict=True):
-        _print(section, duration_s)
-    print_path("report", page)
+    made = [_made(*each) for each in zip(sections, files, durations_s, strict=True)]
+    shown = [part for each in zip(sections, durations_s, strict=True) for part in _shown(*each)]
+    report = Report(
+        values={"report": str(page), "seed": seed, "markers": markers, "workers": options.workers, "sections": made},
+        shown=[*shown, file_line("report", page)],
+    )
+    Output(as_json=as_json).show(report)
 
 
 def _names(reproduction: Reproduction) -> list[str]:
@@ -116,8 +110,8 @@ def _made(section: Section, files: list[Path], duration_s: float) -> dict[str, o
     """One section, for programs."""
     from markerseek.studies.paper import comparison_table
 
-    table = _errors_of_own_bank(section) or comparison_table(section)
-    numbers: list[dict[str, object]] = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
+    compared = _errors_of_own_bank(section) or comparison_table(section)
+    numbers: list[dict[str, object]] = [dict(zip(compared.columns, row, strict=True)) for row in compared.rows]
     for number, each in zip(numbers, section.comparisons, strict=False):
         number["limitation"] = each.paper.limitation
     return {
@@ -156,32 +150,29 @@ def _errors_of_own_bank(section: Section) -> Table | None:
     )
 
 
-def _print(section: Section, duration_s: float) -> None:
+def _shown(section: Section, duration_s: float) -> Iterator[str | Grid]:
     from markerseek.studies.paper import shown
 
-    stdout.print(f"[bold]{escape(section.title)}[/]")
+    yield f"[bold]{escape(section.title)}[/]"
     if section.comparisons:
-        headings = ("", "condition", "paper", "ours", "difference", "no claim")
-        table = new_table(*headings, left=("", "condition"))
-        for each in section.comparisons:
-            half = "" if each.half is None else f" ± {shown(each.half)}"
-            table.add_row(
-                escape(each.paper.quantity),
-                escape(each.condition),
-                str(each.paper),
-                shown(each.ours) + half,
-                shown(each.difference),
-                "" if each.unclaimed is None else f"{each.unclaimed:.0%}",
-            )
-        stdout.print(table)
+        rows = (
+            {
+                "": each.paper.quantity,
+                "condition": each.condition,
+                "paper": str(each.paper),
+                "ours": shown(each.ours) + ("" if each.half is None else f" ± {shown(each.half)}"),
+                "difference": shown(each.difference),
+                "no claim": "" if each.unclaimed is None else f"{each.unclaimed:.0%}",
+            }
+            for each in section.comparisons
+        )
+        yield table(rows, left=("", "condition"))
     own = _errors_of_own_bank(section)
     if own is not None:
         chosen = [number for number, name in enumerate(own.columns) if name in _SHOWN]
         titles = [_SHOWN[own.columns[number]] for number in chosen]
-        table = new_table(*titles, left=titles[:1])
-        for row in own.rows:
-            table.add_row(*(escape(shown(row[number])) for number in chosen))
-        stdout.print(table)
+        rows = (dict(zip(titles, (shown(row[number]) for number in chosen), strict=True)) for row in own.rows)
+        yield table(rows, left=("method",))
     for remark in section.remarks:
-        stdout.print(f"  {escape(remark)}")
-    stdout.print(f"[dim]took {duration_s:.1f} s[/]\n")
+        yield f"  {escape(remark)}"
+    yield f"[dim]took {duration_s:.1f} s[/]\n"

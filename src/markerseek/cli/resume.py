@@ -12,7 +12,8 @@ from markerseek import drivers, rigs, runs
 from markerseek.cli.event_stream import EventFrames, Events, Heartbeat, StreamOptions
 from markerseek.cli.open_rig import NOT_ARMED, confirmed, person, print_permissions
 from markerseek.cli.options import AsJson, Out
-from markerseek.cli.terminal import announce_compilation, picture_folder, print_json, print_warning, stdout
+from markerseek.cli.report import Output
+from markerseek.cli.terminal import announce_compilation, print_json, print_warning, stdout
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
@@ -51,10 +52,10 @@ def command(
     from the journal. For devices, --rig is needed: limits, budgets and start_command are taken from the rig file, never
     from the journal, and differences between the two are printed. If the run is over, its result is printed.
     """
-    from markerseek.cli.show_result import Output, conclude
+    from markerseek.cli.show_result import conclude
     from markerseek.records.journal import read_journal, result_of, run_state
 
-    output = Output(name="resume", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
+    output = Output.asked(as_json=as_json, plot=plot, out=out)
     stream = StreamOptions(path=events, frames=event_frames, heartbeat=heartbeat)
     # Frames are needed for the picture only, and have half a megabyte each.
     recorded = read_journal(journal, frames=plot)
@@ -77,7 +78,7 @@ def command(
             raise typer.Exit(NOT_ARMED)
         session = _resume(journal, rig, bench, reset_fault=reset_fault, as_json=as_json, stream=stream)
         recorder, imaging, policy = session.recorder, session.rig.imaging, session.policy
-    conclude(recorder, recorded.configuration, output, imaging=imaging, policy=policy)
+    conclude(recorder, recorded.configuration, output, name="resume", imaging=imaging, policy=policy)
 
 
 def _bench_named(recorded: RecordedRun, rig: Path | None, *, arm: bool) -> drivers.BenchSettings | None:

@@ -2,12 +2,124 @@
 
 from __future__ import annotations
 
-from typing import Any
+import sys
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
-from markerseek.cli import ros2_devices, ros2_search, ros2_sim
+from markerseek import bridges, drivers, rigs, runs
+from markerseek.bridges import ros2
+from markerseek.cli import ros2_devices
+from markerseek.cli.options import Acquisitions, MethodName, RigFile, Stay, ToleranceMm
+from markerseek.cli.ros2_devices import RequireSecurity, ros_node
+from markerseek.cli.signals import noted_signals
+from markerseek.cli.terminal import announce_compilation, print_json, stderr, stdout
+from markerseek.ros import topics
+
+_SEARCH_EXAMPLES = "Examples:\n\n  markerseek ros2 search\n\n  markerseek ros2 search --once --rig ros2-rig.toml --json"
+
+
+def search(
+    ctx: typer.Context,
+    rig: RigFile = None,
+    method: MethodName = "posterior",
+    acquisitions: Acquisitions = None,
+    tolerance_mm: ToleranceMm = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of a simulated rig.")] = None,
+    pace: Annotated[
+        float | None,
+        typer.Option(help="Real seconds per virtual second of a simulated rig (0), or per recorded second (1)."),
+    ] = None,
+    play: Annotated[
+        Path | None, typer.Option(help="Search nothing: play a bank or the journal of a finished run, once.")
+    ] = None,
+    registration: Annotated[
+        Path | None,
+        typer.Option(help="Also publish the transform of the da Vinci camera: JSON of `markerseek register --json`."),
+    ] = None,
+    stay: Stay = False,
+    once: Annotated[
+        bool, typer.Option("--once", help="Search at once, then end with the exit code of the search.")
+    ] = False,
+    require_security: RequireSecurity = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON object, with --once.")] = False,
+) -> None:
+    """Search when /pa_search/run is called, and publish each acquisition and the answer.
+
+    The search is the ordinary command in a process of its own. A rig of devices asks on this terminal whether it may be
+    armed, each time; no message arms it.
+    """
+    known = None if registration is None else runs.read_registration(registration)
+    if play is not None:
+        pace = 1.0 if pace is None else pace
+        _play(play, known, pace=pace, arguments=ctx.obj, require_security=require_security)
+        return
+    request = bridges.SearchRequest(
+        method=method, acquisitions=acquisitions, stay=stay, tolerance_mm=tolerance_mm, seed=seed
+    )
+    searches = bridges.Searches(bridges.SearchOptions(rig=rig, pace=pace or 0.0, frames=True))
+    parameters: dict[str, str | int] = {
+        "method": method,
+        "acquisitions": acquisitions or 0,
+        "rig": "simulated" if rig is None else str(rig),
+    }
+    made = ros_node(
+        "pa_search", parameters, publishes=topics.RESULT, arguments=ctx.obj, require_security=require_security
+    )
+    with made as node, noted_signals() as stopped:
+        if known is not None:
+            ros2.publish_registration(node, known)
+        served = ros2.SearchNode(node=node, searches=searches, request=request, publishes_angle=not _is_over_ros(rig))
+        try:
+            if once:
+                served.start()
+            else:
+                stderr.print("the search node is ready; call /pa_search/run (std_srvs/Trigger); Ctrl-C ends it")
+            while not stopped and not (once and not served.running):
+                node.spin(0.1)
+                served.step()
+        finally:
+            served.close()
+        outcome = served.outcome
+    if once and outcome is not None:
+        if as_json and outcome.answer is not None:
+            print_json(outcome.answer)
+        stderr.print(outcome.message, markup=False)
+        raise typer.Exit(outcome.exit_code)
+    raise typer.Exit(128 + stopped[0] if stopped else 0)
+
+
+def _play(
+    path: Path,
+    registration: runs.KnownRegistration | None,
+    *,
+    pace: float,
+    arguments: list[str],
+    require_security: bool,
+) -> None:
+    """Play a recording to the topics of a search."""
+    announce_compilation()
+    recording = bridges.open_recording(path)
+    parameters = {"plays": str(path)}
+    made = ros_node(
+        "pa_search", parameters, publishes=topics.RESULT, arguments=arguments, require_security=require_security
+    )
+    with made as node, noted_signals() as stopped:
+        if registration is not None:
+            ros2.publish_registration(node, registration)
+        stdout.print(f"playing {recording.name}; ready", markup=False)
+        sys.stdout.flush()
+        played = ros2.play(recording, node, pace=pace, until=lambda: bool(stopped))
+        stdout.print(f"{played} acquisitions were played")
+    raise typer.Exit(128 + stopped[0] if stopped else 0)
+
+
+def _is_over_ros(rig: Path | None) -> bool:
+    """Whether a rig file names a stage node, which publishes its angle itself."""
+    settings = None if rig is None else rigs.read_rig_file(rig)
+    return isinstance(settings, drivers.BenchSettings) and isinstance(settings.stage, drivers.Ros2StageSettings)
 
 
 class _RosGroup(TyperGroup):
@@ -31,9 +143,9 @@ app = typer.Typer(
     rich_markup_mode="markdown",
 )
 for _name, _command, _examples in (
-    ("search", ros2_search.command, ros2_search.EXAMPLES),
+    ("search", search, _SEARCH_EXAMPLES),
     ("stage", ros2_devices.stage, "Example:\n\n  markerseek ros2 stage --rig examples/rigs/bench.toml"),
     ("acquire", ros2_devices.acquire, "Example:\n\n  markerseek ros2 acquire --rig examples/rigs/bench.toml"),
-    ("sim", ros2_sim.command, ros2_sim.EXAMPLES),
+    ("sim", ros2_devices.sim, ros2_devices.SIM_EXAMPLES),
 ):
     app.command(name=_name, epilog=_examples)(_command)

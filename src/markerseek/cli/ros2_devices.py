@@ -1,31 +1,102 @@
-"""``markerseek ros2 stage`` and ``markerseek ros2 acquire``: the devices of a rig as ROS 2 nodes."""
+"""``markerseek ros2 stage``, ``acquire`` and ``sim``: devices, real or simulated, as ROS 2 nodes; what these share."""
 
 from __future__ import annotations
 
 import math
 import sys
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from markerseek import drivers, rigs
+from markerseek import drivers, rigs, ros
 from markerseek.bridges import ros2
+from markerseek.cli.emulate import true_marker, world_text, write_rig_file
 from markerseek.cli.open_rig import NOT_ARMED, confirmed, person, print_permissions
-from markerseek.cli.ros2_nodes import (
-    PlainCommand,
-    PlainReached,
-    PlainUnit,
-    RequireSecurity,
-    follow_lifecycle,
-    plain_topics,
-    ros_node,
-    serve_until_stopped,
-)
+from markerseek.cli.signals import noted_signals
 from markerseek.cli.terminal import stderr, stdout
 from markerseek.core import ConfigError
 from markerseek.ros import topics
+
+if TYPE_CHECKING:
+    from markerseek.ros import RosNode
+    from markerseek.sim import SimulatedSettings
+
+RequireSecurity = Annotated[
+    bool, typer.Option("--require-security", help="End with exit code 2 unless ROS 2 is run with keys (SROS 2).")
+]
+PlainCommand = Annotated[
+    str | None,
+    typer.Option("--plain-command", help="Also take angles from this topic, std_msgs/Float64 without a stamp."),
+]
+PlainReached = Annotated[
+    str | None, typer.Option("--plain-reached", help="Publish the angle reached on this topic, std_msgs/Float64.")
+]
+PlainUnit = Annotated[str, typer.Option("--plain-unit", help="Unit of the two plain topics: rad or deg.")]
+
+
+def serve_until_stopped(pump: ros2.MessagePump) -> None:
+    """Serve the devices until a signal comes, then make them safe."""
+    with noted_signals() as stopped:
+        served = list(pump.served)
+        try:
+            ros2.serve(served, until=lambda: bool(stopped))
+        except ros2.StepEnded:
+            # Between two steps there is nothing to interrupt.
+            pass
+        finally:
+            pump.served = []
+            for each in served:
+                each.close()
+
+
+@contextmanager
+def ros_node(
+    name: str,
+    parameters: Mapping[str, float | str | int | bool],
+    *,
+    publishes: str,
+    arguments: Sequence[str],
+    require_security: bool,
+    on_active: Callable[[bool], None] | None = None,
+    network: ros.Network | None = None,
+) -> Iterator[ros.RosNode]:
+    """A node as of `markerseek.ros.RosNode`, with its keys checked where that is wanted.
+
+    ``publishes``: what only nodes of this kind publish: there must be no second one. ``arguments``: those of the user
+    after ``--ros-args``.
+    """
+    enclave = f"/markerseek/{name}"
+    if require_security:
+        ros.require_keys(enclave)
+    network = network or ros.Network(enclave, arguments=arguments)
+    with ros.RosNode(name, parameters=parameters, on_active=on_active, network=network) as node:
+        node.require_alone(publishes)
+        yield node
+
+
+def follow_lifecycle(pump: ros2.MessagePump, index: int) -> Callable[[bool], None]:
+    """Apply a node's change of state to its device; without a device nothing happens."""
+
+    def set_active(active: bool) -> None:
+        if pump.served:
+            pump.served[index].set_active(active)
+
+    return set_active
+
+
+def plain_topics(command: str | None, reached: str | None, unit: str) -> ros2.PlainTopics | None:
+    """The topics of plain numbers, if both are named."""
+    if command is None and reached is None:
+        return None
+    if command is None or reached is None:
+        raise ConfigError("--plain-command and --plain-reached belong together; name both topics, or neither")
+    if unit not in ("rad", "deg"):
+        raise ConfigError(f"--plain-unit is {unit}, it must be rad or deg")
+    return ros2.PlainTopics(command=command, reached=reached, unit="rad" if unit == "rad" else "deg")
+
 
 _Bench = Annotated[Path, typer.Option(help="Rig file (TOML, kind bench) of the devices.")]
 _Arm = Annotated[bool, typer.Option("--arm", help="Arm the node without being asked on the terminal.")]
@@ -122,3 +193,95 @@ def _limits(settings: drivers.BenchSettings) -> dict[str, float | str | int | bo
         "pulses_per_second": firing.pulses_per_second,
         "pulses_per_session": firing.pulses_per_session,
     }
+
+
+SIM_EXAMPLES = "Example:\n\n  markerseek ros2 sim --seed 3 --write-rig ros2-rig.toml"
+
+
+def sim(
+    ctx: typer.Context,
+    rig: Annotated[
+        Path | None, typer.Option(help="Rig file (TOML, kind simulated); without one, its defaults.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 1,
+    pace: Annotated[float, typer.Option(help="Real seconds per virtual second: 0 does not wait.")] = 0,
+    write_rig: Annotated[
+        Path | None, typer.Option(help="Write a rig file for `markerseek search --rig` that uses these nodes.")
+    ] = None,
+    plain_command: PlainCommand = None,
+    plain_reached: PlainReached = None,
+    plain_unit: PlainUnit = "rad",
+    require_security: RequireSecurity = False,
+) -> None:
+    """Serve a simulated stage and acquisition in one simulated world, until Ctrl-C; nothing turns, and no light."""
+    from markerseek.guard import Admission, FiringLimits, Guard
+
+    cure = "serve it with: markerseek ros2 stage, markerseek ros2 acquire"
+    settings = rigs.read_simulated(rig, cure=cure)
+    plain = plain_topics(plain_command, plain_reached, plain_unit)
+    pump = ros2.MessagePump()
+    world = rigs.simulated(seed=seed, settings=settings, pace=pace, beat=pump)
+    limits, clock = settings.limits, world.scanner.clock
+    if write_rig is not None:
+        write_rig_file(write_rig, _rig_text(settings))
+    parameters = {
+        "simulated": True,
+        "search_low_rad": math.radians(limits.search.low_deg),
+        "search_high_rad": math.radians(limits.search.high_deg),
+    }
+    with ExitStack() as opened:
+        guards = [Guard(limits=limits, firing=FiringLimits(), admission=Admission()) for _ in range(2)]
+        for guard in guards:
+            # Nothing here emits light or turns, so that no person is needed.
+            guard.arm(by="a simulated rig")
+        nodes: list[RosNode] = []
+        parts = ("trus_stage", topics.STATE), ("trus_acquisition", topics.ACQUIRED)
+        for index, (name, topic) in enumerate(parts):
+            network = nodes[0].network if nodes else None
+            made = ros_node(
+                name,
+                parameters,
+                publishes=topic,
+                arguments=ctx.obj,
+                require_security=require_security,
+                on_active=follow_lifecycle(pump, index),
+                network=network,
+            )
+            nodes.append(opened.enter_context(made))
+        by = "a simulated rig"
+        pump.served = [
+            ros2.StageNode(node=nodes[0], stage=world.stage, guard=guards[0], by=by, plain=plain, simulated=True),
+            ros2.AcquisitionNode(
+                node=nodes[1],
+                laser=world.laser,
+                receiver=world.receiver,
+                guard=guards[1],
+                clock=clock,
+                by=by,
+                simulated=True,
+            ),
+        ]
+        stdout.print("simulated stage and acquisition are ready; nothing turns, and no light; Ctrl-C ends it")
+        sys.stdout.flush()
+        serve_until_stopped(pump)
+    stderr.print(true_marker(world.facts.truth_deg))
+
+
+def _rig_text(settings: SimulatedSettings) -> str:
+    """Text of a rig file for a search on the simulated nodes."""
+    return f"""# Simulated ROS 2 nodes (markerseek ros2 sim): no light, nothing turns.
+kind = "bench"
+
+[stage]
+driver = "ros2"
+
+[laser]
+driver = "ros2"
+pulses = {settings.laser.pulses}
+rate_hz = {settings.laser.rate_hz}
+
+[receiver]
+driver = "ros2"
+sampling_hz = {settings.receiver.sampling_hz}
+
+{world_text(settings)}"""

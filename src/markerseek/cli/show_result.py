@@ -1,24 +1,26 @@
-"""Prints the result of a search as a table or JSON, and writes its picture and HTML page."""
+"""The report of a search: its table, JSON, picture and HTML page."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import msgspec
-import typer
 from rich.markup import escape
+from rich.table import Table
 
-from markerseek.cli.terminal import print_facts, print_json, print_path, stderr, stdout
-from markerseek.core import ChannelFrame, Floor, OtherSource, RFFrame, SweepingPolicy
+from markerseek.cli.report import Output, Report, drawn, facts, file_line
+from markerseek.core import ChannelFrame, Estimate, Floor, OtherSource, RFFrame, SweepingPolicy
 from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal
 from markerseek.search import FALSE_FOUND
 from markerseek.signals import AnyImageReader
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from markerseek.pictures import Curve
 
 FOUND, OTHER_ANSWER = 0, 3
@@ -118,52 +120,45 @@ def _mm(point_m: tuple[float, float, float]) -> list[float]:
     return [1e3 * value for value in point_m]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Output:
-    """How a result is shown."""
-
-    name: str
-    """Name of the command, and of its picture files."""
-    as_json: bool
-    """Print JSON instead of a table."""
-    plot: bool
-    """Whether to write a picture and a page."""
-    folder: Path
-    """Folder of both, from `markerseek.cli.terminal.picture_folder`."""
-
-
 def conclude(
     recorder: Recorder,
     configuration: Configuration,
     output: Output,
     *,
+    name: str,
     imaging: AnyImageReader | None,
     policy: SweepingPolicy | None,
     journal: Journal | None = None,
     recorded: Curve | None = None,
 ) -> NoReturn:
-    """Print the result, draw it, print where pictures and journal lie, and end the command with the result's exit code.
+    """Show the result of a search, and end the command with its exit code.
 
-    ``configuration``: plan and rig of the search. ``imaging``: imaging chain of the rig's channel data; None where
-    there are intensities only. ``journal``: None where there is none, or the user named it. ``recorded``: recorded
-    curve of the picture, as in `markerseek.pictures.search_figure`.
+    ``configuration``: plan and rig of the search. ``name``: name of the picture's files. ``imaging``: imaging chain of
+    the rig's channel data; None where there are intensities only. ``journal``: None where there is none, or the user
+    named it. ``recorded``: recorded curve of the picture, as in `markerseek.pictures.search_figure`.
     """
-    result, facts = recorder.result(configuration.plan, configuration.facts), configuration.facts
+    result, rig = recorder.result(configuration.plan, configuration.facts), configuration.facts
     form = " as published" if result.as_published else ""
-    title = f"{result.method}{form} on a {facts.rig_name}: {facts.description}"
-    # The answer first: a failure to draw the picture must not hide it.
-    if output.as_json:
-        print_json(result)
-    else:
-        stdout.print(f"[bold]{escape(title)}[/]")
-        print_facts(facts_of(result))
-    if output.plot:
-        curves = {"limits": facts.search, "density": _density(policy), "recorded": recorded}
-        for path in _draw(recorder, result, title, imaging, output.folder / output.name, **curves):
-            print_path("picture", path, as_json=output.as_json)
-    if journal is not None and not output.as_json:
-        stderr.print(f"[dim]journal:[/] {escape(str(journal.path))}")
-    raise typer.Exit(FOUND if result.found else OTHER_ANSWER)
+    title = f"{result.method}{form} on a {rig.rig_name}: {rig.description}"
+    pictures: dict[str, Callable[[Path], object]] = {}
+    # Where nothing was measured there is nothing to draw.
+    if output.folder is not None and recorder.finished is not None and recorder.samples:
+        curves = {"limits": rig.search, "density": _density(policy), "recorded": recorded}
+        draw = _figure(recorder, recorder.finished.estimate, result, imaging, **curves)
+        pictures = {f"{name}.png": drawn(draw, title=title), f"{name}.html": partial(_write_page, result, title, draw)}
+    report = Report(
+        values=result,
+        shown=_shown(result, title),
+        pictures=pictures,
+        notes=() if journal is None else (file_line("journal", journal.path),),
+        exit_code=FOUND if result.found else OTHER_ANSWER,
+    )
+    output.show(report)
+
+
+def _shown(result: SearchResult, title: str) -> Iterator[str | Table]:
+    yield f"[bold]{escape(title)}[/]"
+    yield facts(facts_of(result))
 
 
 def _density(policy: SweepingPolicy | None) -> Curve | None:
@@ -177,21 +172,17 @@ def _density(policy: SweepingPolicy | None) -> Curve | None:
     return belief.angles_deg, belief.probability / step_deg
 
 
-def _draw(
-    recorder: Recorder, result: SearchResult, title: str, imaging: AnyImageReader | None, stem: Path, **curves: Any
-) -> tuple[Path, ...]:
-    """Write picture and page, with curves as of `search_figure`; returns their paths, none if nothing was measured."""
-    from markerseek.pictures import png_data_uri, save_png, search_figure, write_page
+def _figure(
+    recorder: Recorder, estimate: Estimate, result: SearchResult, imaging: AnyImageReader | None, **curves: Any
+) -> Callable[..., Figure]:
+    """A function of the title that draws a search, with curves as of `search_figure`."""
+    from markerseek.pictures import search_figure
 
-    finished = recorder.finished
-    if finished is None or not recorder.samples:
-        return ()
     last = recorder.confirmation or recorder.samples[-1]
-    png, page = stem.with_name(f"{stem.name}.png"), stem.with_name(f"{stem.name}.html")
-    draw = partial(
+    return partial(
         search_figure,
         recorder.samples,
-        finished.estimate,
+        estimate,
         start_deg=recorder.start_deg,
         truth_deg=result.truth_deg,
         reference_deg=result.reference_deg,
@@ -200,9 +191,13 @@ def _draw(
         b_mode=last.frame.b_mode if isinstance(last.frame, ChannelFrame | RFFrame) else None,
         **curves,
     )
-    save_png(draw(title=title), png)
+
+
+def _write_page(result: SearchResult, title: str, draw: Callable[..., Figure], path: Path) -> None:
+    from markerseek.pictures import png_data_uri, write_page
+
     write_page(
-        page,
+        path,
         "search.html.jinja",
         title=title,
         note=_note(result),
@@ -212,7 +207,6 @@ def _draw(
         rows=_rows(result),
         json=msgspec.json.format(msgspec.json.encode(result), indent=2).decode("utf-8"),
     )
-    return png, page
 
 
 def _note(result: SearchResult) -> str | None:

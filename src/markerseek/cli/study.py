@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, NoReturn
 
 import msgspec
 import typer
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
 
 from markerseek import studies
 from markerseek.cli import STOPPED_BY_USER
 from markerseek.cli.options import AsJson
+from markerseek.cli.report import Output, Report, facts, file_line, require_room, table
 from markerseek.cli.signals import Stopped
-from markerseek.cli.study_table import show_bounds, show_summary
-from markerseek.cli.terminal import picture_folder, print_facts, print_json, print_path, progress_bar, stderr
+from markerseek.cli.terminal import print_json, progress_bar, stderr
 from markerseek.core import ConfigError
 
 EXAMPLES = (
@@ -58,8 +64,9 @@ def command(
     settings = studies.read_study(study)
     if row is not None:
         _require_alone(out=out, workers=workers, scheduler=scheduler, plot=plot or None, bound=bound)
-        _show_row(settings, row, as_json=as_json)
-        return
+        named = dict(zip(studies.columns(settings), studies.values_of(studies.run_row(settings, row)), strict=True))
+        shown = facts((name, "–" if value is None else str(value)) for name, value in named.items())
+        Output(as_json=as_json).show(Report(values=named, shown=[shown]))
     folder = out or Path("out") / study.stem
     _require_drawable(folder, beside or [], plot=plot)
     try:
@@ -76,23 +83,20 @@ def command(
         _end_stopped(folder, as_json=as_json)
     bounds = _bounds(settings, markers=bound) if bound is not None else []
     finished = [(settings, finish.summary), *(_finished(path) for path in beside or [])]
-    pictures = _draw(folder / "error", finished, markers=bound) if plot else ()
     faults = _faults(settings, finish.summary)
-    if as_json:
-        more = {name: value for name, value in (("bound", bounds), ("faults", faults)) if value}
-        print_json({**msgspec.to_builtins(finish.summary), **more} if more else finish.summary)
-    else:
-        show_summary(finish.summary)
-        if bounds:
-            show_bounds(bounds)
-        print_path("rows", finish.rows)
-        print_path("summary", finish.rows.with_name("summary.json"))
-    for path in pictures:
-        print_path("picture", path, as_json=as_json)
-    for label, fault in faults.items():
-        stderr.print(f"error: {label}: all of its searches failed, the first one by: {fault}", markup=False)
-    if faults:
-        raise typer.Exit(1)
+    more = {name: value for name, value in (("bound", bounds), ("faults", faults)) if value}
+    report = Report(
+        values={**msgspec.to_builtins(finish.summary), **more} if more else finish.summary,
+        shown=_shown(finish, bounds),
+        pictures=_pictures(finished, markers=bound) if plot else {},
+        notes=tuple(
+            escape(f"error: {label}: all of its searches failed, the first one by: {fault}")
+            for label, fault in faults.items()
+        ),
+        least_width=80,
+        exit_code=1 if faults else 0,
+    )
+    Output(as_json=as_json, folder=folder if plot else None).show(report)
 
 
 def _faults(study: studies.Study, summary: studies.Summary) -> dict[str, str]:
@@ -118,7 +122,7 @@ def _require_drawable(folder: Path, beside: list[Path], *, plot: bool) -> None:
     for path in beside:
         studies.read_study(path)
     if plot:
-        picture_folder(folder, plot=plot)
+        require_room(folder)
 
 
 def _require_alone(**given: object) -> None:
@@ -127,15 +131,6 @@ def _require_alone(**given: object) -> None:
         if value is not None:
             option = f"--{name}" if value is True else f"--{name} {value}"
             raise ConfigError(f"{option}: --row runs one row and writes nothing; leave one of them out")
-
-
-def _show_row(study: studies.Study, row: int, *, as_json: bool) -> None:
-    again = studies.run_row(study, row)
-    named = dict(zip(studies.columns(study), studies.values_of(again), strict=True))
-    if as_json:
-        print_json(named)
-        return
-    print_facts((name, "–" if value is None else str(value)) for name, value in named.items())
 
 
 def _bounds(study: studies.Study, *, markers: int) -> list[studies.BoundComparison]:
@@ -153,10 +148,10 @@ def _finished(path: Path) -> tuple[studies.Study, studies.Summary]:
     return study, studies.run_study(study, Path("out") / path.stem).summary
 
 
-def _draw(
-    stem: Path, finished: list[tuple[studies.Study, studies.Summary]], *, markers: int | None
-) -> tuple[Path, ...]:
-    """Write the picture in both forms, and return their paths."""
+def _pictures(
+    finished: list[tuple[studies.Study, studies.Summary]], *, markers: int | None
+) -> dict[str, Callable[[Path], object]]:
+    """The picture in both forms."""
     from markerseek.pictures import save_png, save_svg
 
     study = finished[0][0]
@@ -165,8 +160,168 @@ def _draw(
     if markers is not None and counts:
         for cell in studies.cells(study):
             bounds[cell.index] = (counts, studies.mean_bounds(study, cell, markers=markers, acquisitions=counts))
-    png, svg = stem.with_suffix(".png"), stem.with_suffix(".svg")
     figure = studies.error_figure(finished, bounds=bounds)
-    save_png(figure, png)
-    save_svg(figure, svg)
-    return png, svg
+    return {"error.png": partial(save_png, figure), "error.svg": partial(save_svg, figure)}
+
+
+def _shown(finish: studies.FinishedStudy, bounds: Sequence[studies.BoundComparison]) -> Iterator[str | Table]:
+    yield from _summary(finish.summary)
+    if bounds:
+        yield "\nroot mean square error, bound for the best angles and for those taken, ratios"
+        yield _bound_table(bounds)
+    yield file_line("rows", finish.rows)
+    yield file_line("summary", finish.rows.with_name("summary.json"))
+
+
+def _summary(summary: studies.Summary) -> Iterator[str | Table]:
+    """The policies by number, tables for each cell, and one of the differences."""
+    yield f"[bold]{escape(summary.name)}[/]: {summary.rows} simulated searches, level: {summary.level}"
+    first = [policy for policy in summary.policies if policy.cell == summary.policies[0].cell]
+    for policy in first:
+        yield f"  [bold]{policy.policy}[/]  {escape(policy.label)}"
+    for cell in sorted({policy.cell for policy in summary.policies}):
+        here = [policy for policy in summary.policies if policy.cell == cell]
+        settings = ", ".join(f"{key} = {value}" for key, value in here[0].settings.items())
+        yield f"\ncell {cell}{escape(': ' + settings if settings else '')}"
+        yield _table(
+            {
+                "": _number(policy),
+                "found": _share(policy.answers["found"], interval=False),
+                "error of these": _mean(policy.error_deg),
+                "covered": _share(policy.covered, interval=False),
+                "> 2 tol.": _rare(policy.wrong_claims),
+                "N": _plain(policy.acquisitions, ""),
+                "rotation": _plain(policy.travel_deg, "°"),
+                "time": _plain(policy.elapsed_s, " s"),
+            }
+            for policy in here
+        )
+        yield _whatever_the_answer(here, failure_deg=summary.failure_deg)
+        if any(policy.two_sources is not None for policy in here):
+            yield _two_sources(here)
+    if summary.differences:
+        yield "\nerror of one policy minus that of another, over the same trials, where both found"
+        yield _table(
+            {
+                "cell": str(pair.cell),
+                "policies": f"{pair.policy} - {pair.other}",
+                "trials": str(pair.error_deg.count),
+                "mean difference": _mean(pair.error_deg, least=-math.inf),
+            }
+            for pair in summary.differences
+        )
+    yield ""
+    for line in _legend(summary):
+        yield f"[dim]{escape(line)}[/]"
+
+
+def _legend(summary: studies.Summary) -> list[str]:
+    """What the columns are."""
+    far = f"{summary.failure_deg:g}°"
+    lines = [
+        "found: share of the searches that answer found, and the mean error of these",
+        "covered: share of the 95 % intervals that hold the true angle",
+        "> 2 tol.: found, and off by more than twice the tolerance at the marker",
+        "N, rotation, time: of one search on average; time is on the simulated clock",
+        "[low, high]: 95 % interval; ≤: the upper end of one",
+    ]
+    if any(policy.missed.count for policy in summary.policies):
+        lines += [
+            "error of all: of the angle in every search with a marker, whatever the answer",
+            "no claim: any answer but found; missed: the answer not found",
+            f"> {far}: off by more, so that a tool tip is not in the image: of all, and of those found",
+        ]
+    return lines
+
+
+def _bound_table(comparisons: Sequence[studies.BoundComparison]) -> Table:
+    """Each policy in each cell compared with the bound."""
+    return _table(
+        {
+            "cell": str(each.cell),
+            "": _number(each),
+            "markers": str(each.markers),
+            "N": str(each.acquisitions),
+            "rmse": f"{each.rmse_deg:.3g}°",
+            "best": f"{each.best_deg:.3g}°",
+            "taken": f"{each.taken_deg:.3g}°",
+            "ratio": f"{each.ratio_to_best:.3g}",
+            "to taken": f"{each.ratio_to_taken:.3g}",
+        }
+        for each in comparisons
+    )
+
+
+def _whatever_the_answer(policies: Sequence[studies.PolicySummary], *, failure_deg: float) -> Table:
+    """Shares of all searches, also of those without an answer; without a marker, the share that found one."""
+    if all(policy.missed.count == 0 for policy in policies):
+        return _table({"": _number(each), "found where nothing is": _rare(each.false_found)} for each in policies)
+    return _table(
+        {
+            "": _number(each),
+            "error of all": _mean(each.any_error_deg),
+            f"> {failure_deg:g}°": _rare(each.off),
+            "found": _rare(each.failures),
+            "no claim": _rare(each.not_found),
+            "missed": _rare(each.missed),
+        }
+        for each in policies
+    )
+
+
+def _two_sources(policies: Sequence[studies.PolicySummary]) -> Table:
+    """Answers where there is a second source."""
+    return _table(
+        {
+            "": _number(each),
+            "stronger or ambiguous": _share(two.stronger, interval=True),
+            "weaker found": _rare(two.weaker),
+            "found between": _rare(two.between),
+            "other source named": _share(two.named, interval=True),
+        }
+        for each in policies
+        if (two := each.two_sources) is not None
+    )
+
+
+def _table(rows: Iterable[Mapping[str, str | Text]]) -> Table:
+    return table(rows, no_wrap=True, gap=1)
+
+
+def _number(each: studies.PolicySummary | studies.BoundComparison) -> Text:
+    return Text(str(each.policy), style="bold")
+
+
+def _mean(mean: studies.Mean, *, least: float = 0.0) -> str:
+    """A mean with its interval, clipped at the least possible value."""
+    if mean.mean is None:
+        return "–"
+    if mean.interval95 is None:
+        return f"{mean.mean:.3g}°"
+    low, high = mean.interval95
+    # The interval is symmetric; the magnitude of an error is never negative.
+    return f"{mean.mean:.3g}° [{max(low, least):.3g}, {high:.3g}]"
+
+
+def _plain(mean: studies.Mean, unit: str) -> str:
+    return "–" if mean.mean is None else f"{mean.mean:.1f}{unit}"
+
+
+def _share(share: studies.Share, *, interval: bool) -> str:
+    if share.share is None or share.interval95 is None:
+        return "–"
+    low, high = share.interval95
+    return f"{100 * share.share:.1f} %" + (f" [{100 * low:.1f}, {100 * high:.1f}]" if interval else "")
+
+
+def _rare(share: studies.Share) -> str:
+    """A share that should be small, with the upper end of its interval only."""
+    if share.share is None or share.interval95 is None:
+        return "–"
+    return f"{_percent(share.share)} % ≤{_percent(share.interval95[1])}"
+
+
+def _percent(share: float) -> str:
+    """Two significant digits, without an exponent."""
+    percent = 100 * share
+    return f"{percent:.2g}" if percent < 9.95 else f"{percent:.0f}"

@@ -10,10 +10,10 @@ import os
 import shlex
 import sys
 import unicodedata
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 from rich.console import Console
@@ -22,11 +22,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table
 from rich.text import Text
 
-from markerseek._version import __version__
 from markerseek.core import ConfigError, Event, MarkerseekError, Measured, Refused
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _CONTROL = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 """Unicode categories of control characters: control, formatting, line and paragraph separators; and surrogates, which
@@ -82,11 +78,6 @@ def print_json(value: object) -> None:
     sys.stdout.flush()
 
 
-def print_report(**report: object) -> None:
-    """Write a report as one JSON object, the version of this program at its end."""
-    print_json(report | {"version": __version__})
-
-
 def _readable(value: object) -> object:
     match value:
         case str():
@@ -97,14 +88,6 @@ def _readable(value: object) -> object:
             return [_readable(each) for each in value]
         case _:
             return value
-
-
-def print_facts(rows: Iterable[tuple[str, str | Text]]) -> None:
-    """Print names and values in two columns."""
-    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    for name, value in rows:
-        table.add_row(f"[dim]{escape(name)}[/]", value if isinstance(value, Text) else escape(value))
-    stdout.print(table)
 
 
 def new_table(*headings: str, left: Collection[str] = (), no_wrap: bool = False) -> Table:
@@ -162,31 +145,6 @@ def show_event(progress: Progress, event: Event) -> None:
 def print_warning(message: Warning | str, *_where: object, **_more: object) -> None:
     """Print a warning on standard error, without the line of code that Python adds."""
     stderr.print(f"[yellow]warning:[/] {escape(str(message))}")
-
-
-def picture_folder(out: Path | None, *, plot: bool) -> Path:
-    """Folder for pictures, made and tested before anything is measured; by default the current one."""
-    if out is not None and not plot:
-        raise ConfigError(f"--out {out}: only pictures go there, and none is asked for; add --plot, or leave it out")
-    folder = out or Path()
-    if plot:
-        from markerseek.pictures import require_room_for_pictures
-
-        require_room_for_pictures(folder)
-    return folder
-
-
-def save_picture(figure: Figure, path: Path, *, as_json: bool) -> None:
-    """Write a figure as PNG, and print where it is: on standard error where a program reads standard output."""
-    from markerseek.pictures import save_png
-
-    save_png(figure, path)
-    print_path("picture", path, as_json=as_json)
-
-
-def print_path(what: str, path: Path, *, as_json: bool = False) -> None:
-    """Print where a file is: on standard error where a program reads standard output."""
-    (stderr if as_json else stdout).print(f"[dim]{what}:[/] {escape(str(path))}")
 
 
 def announce_compilation() -> None:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Iterator
 from dataclasses import astuple
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
+from rich.table import Table
 
 from markerseek import vision
 from markerseek.cli.options import AsJson, Out
-from markerseek.cli.terminal import new_table, picture_folder, print_report, save_picture, stdout
+from markerseek.cli.report import Output, Report, drawn, table, with_version
 from markerseek.core import ConfigError, RecordError, require_range
 from markerseek.files import MIB, open_input
 
@@ -61,7 +63,7 @@ def command(
     """Find the tip of an instrument in B-mode images, and the range of angles in which it is seen."""
     from markerseek.records import read_images
 
-    folder = picture_folder(out, plot=plot)
+    output = Output.asked(as_json=as_json, plot=plot, out=out)
     rectangle = None if roi is None else _rectangle(roi)
     if pixel_mm is not None:
         require_range("--pixel-mm", pixel_mm, low=1e-3, high=10, unit="mm")
@@ -78,15 +80,15 @@ def command(
     names = dict(zip(angles_deg, series.names, strict=True))
     # The current folder is named, not ".".
     name = images.name if images.is_file() else images.resolve().name
-    if as_json:
-        _print_json(measured, names, size_m, source)
-    else:
-        _print_table(measured, names, size_m, source, name)
-    if plot:
-        path = folder / f"{images.stem if images.is_file() else name}-tip.png"
-        pixels = dict(zip(angles_deg, series.images, strict=True))
-        save_picture(_figure(measured, pixels, title=f"{name}: {_reason(measured)}"), path, as_json=as_json)
-    raise typer.Exit(3 if measured.reference_deg is None else 0)
+    pixels = dict(zip(angles_deg, series.images, strict=True))
+    picture = drawn(_figure, measured, pixels, title=f"{name}: {_reason(measured)}")
+    report = Report(
+        values=_values(measured, names, size_m, source),
+        shown=_shown(measured, names, size_m, source, name),
+        pictures={f"{images.stem if images.is_file() else name}-tip.png": picture},
+        exit_code=3 if measured.reference_deg is None else 0,
+    )
+    output.show(report)
 
 
 def _rectangle(roi: str) -> vision.Rectangle:
@@ -152,13 +154,13 @@ def _pixel_size(series: ImageSeries, pixel_mm: float | None) -> tuple[tuple[floa
     return (_PIXEL_MM / 1e3, _PIXEL_MM / 1e3), "assumed; name it with --pixel-mm"
 
 
-def _print_json(
+def _values(
     measured: vision.SensitiveRange, names: dict[float, str], size_m: tuple[float, float], source: str
-) -> None:
-    """Print the sensitive range; of an image beyond the angle at which the tip had disappeared, the tip is null."""
+) -> dict[str, object]:
+    """The sensitive range; of an image beyond the angle at which the tip had disappeared, the tip is null."""
     shown = ("visible", "intensity", "level", "area_px", "row", "column")
     first = next((frame.tip for frame in measured.frames if frame.angle_deg == measured.reference_deg), None)
-    print_report(
+    return with_version(
         found=measured.reference_deg is not None,
         reason=_reason(measured),
         reference_deg=measured.reference_deg,
@@ -191,26 +193,26 @@ def _reason(measured: vision.SensitiveRange) -> str:
     return text + (f"; {measured.remark}" if measured.remark else "")
 
 
-def _print_table(
+def _shown(
     measured: vision.SensitiveRange, names: dict[float, str], size_m: tuple[float, float], source: str, name: str
-) -> None:
+) -> Iterator[str | Table]:
     answer = "[bold yellow]no tip[/]" if measured.reference_deg is None else "[bold green]tip found[/]"
-    stdout.print(f"{answer} in {escape(name)}: {escape(_reason(measured))}")
+    yield f"{answer} in {escape(name)}: {escape(_reason(measured))}"
     height_mm, width_mm = (1e3 * size for size in size_m)
-    stdout.print(f"[dim]pixel {height_mm:g} × {width_mm:g} mm, {source}[/]")
-    headings = ("angle [deg]", "image", "tip", "grey value", "must exceed", "pixels")
-    table = new_table(*headings, left=("image", "tip"))
-    for frame in measured.frames:
-        if (tip := frame.tip) is not None:
-            table.add_row(
-                f"{frame.angle_deg:g}",
-                escape(names[frame.angle_deg]),
-                "seen" if tip.visible else "–",
-                f"{tip.intensity:g}",
-                f"{tip.level:.0f}",
-                str(tip.area_px),
-            )
-    stdout.print(table)
+    yield f"[dim]pixel {height_mm:g} × {width_mm:g} mm, {source}[/]"
+    rows = (
+        {
+            "angle [deg]": f"{frame.angle_deg:g}",
+            "image": names[frame.angle_deg],
+            "tip": "seen" if tip.visible else "–",
+            "grey value": f"{tip.intensity:g}",
+            "must exceed": f"{tip.level:.0f}",
+            "pixels": str(tip.area_px),
+        }
+        for frame in measured.frames
+        if (tip := frame.tip) is not None
+    )
+    yield table(rows, left=("image", "tip"))
 
 
 def _figure(measured: vision.SensitiveRange, pixels: dict[float, np.ndarray], *, title: str) -> Figure:

@@ -13,14 +13,8 @@ from rich.text import Text
 
 from markerseek import __version__, rigs, runs
 from markerseek.cli.options import AsJson, Out, ToleranceMm, tolerance_of
-from markerseek.cli.terminal import (
-    announce_compilation,
-    picture_folder,
-    print_facts,
-    print_json,
-    save_picture,
-    stdout,
-)
+from markerseek.cli.report import Output, Report, drawn, facts
+from markerseek.cli.terminal import announce_compilation
 from markerseek.core import ConfigError, Found, Refused, SearchError, SearchPlan, require_range
 
 if TYPE_CHECKING:
@@ -85,7 +79,7 @@ def command(
     """Find a marker on the simulated rig, let it move, and follow it at the rate of the rig's frames."""
     from markerseek.sim import OscillatingMotion
 
-    folder = picture_folder(out, plot=plot)
+    output = Output.asked(as_json=as_json, plot=plot, out=out)
     require_range("--duration-s", duration_s, low=1, high=600, unit="s")
     swing = OscillatingMotion(speed_deg_s=speed_deg_per_s)
     settings = _settings(rig, swing, marker_deg=marker_deg, snr_db=snr_db, readout_s=readout_s)
@@ -100,15 +94,14 @@ def command(
         pass
     found = _found(session)
     policy, refused = _follow(assembled, session, found, settings, swing, duration_s=duration_s)
-    report = _report(assembled, found, policy, swing, settings, refused=refused)
-    if as_json:
-        print_json(report)
-    else:
-        stdout.print(f"[bold]{escape(report.rig)}[/]")
-        print_facts(_facts(report))
-    if plot and report.track:
-        save_picture(_figure(report), folder / "track.png", as_json=as_json)
-    raise typer.Exit(3 if report.lost else 0)
+    report = _followed(assembled, found, policy, swing, settings, refused=refused)
+    shown = Report(
+        values=report,
+        shown=[f"[bold]{escape(report.rig)}[/]", facts(_rows(report))],
+        pictures={"track.png": drawn(_figure, report)} if report.track else {},
+        exit_code=3 if report.lost else 0,
+    )
+    output.show(shown)
 
 
 def _settings(
@@ -166,7 +159,7 @@ def _follow(
     return policy, refused
 
 
-def _report(
+def _followed(
     rig: rigs.Rig,
     found: Found,
     policy: TrackingPolicy,
@@ -197,7 +190,7 @@ def _report(
     )
 
 
-def _facts(report: TrackReport) -> list[tuple[str, str | Text]]:
+def _rows(report: TrackReport) -> list[tuple[str, str | Text]]:
     end = Text("lost", style="bold yellow") if report.lost else Text("followed to the end", style="bold green")
     rows: list[tuple[str, str | Text]] = [("marker", end), ("found at rest", f"{report.found_deg:.2f}°")]
     rate = "" if report.frames_per_s is None else f", {report.frames_per_s:.2f} a second"

@@ -40,7 +40,7 @@ from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerPosition, marker_position
 from markerseek.core.marker_curve import MarkerCurve
 from markerseek.core.permit import SWEEP_READING_S, Permit, SweepPermit
-from markerseek.core.plan import SearchPlan, Tolerance
+from markerseek.core.plan import PolicyPlan, RunPlan, SearchPlan, Tolerance
 from markerseek.core.protocols import (
     Clock,
     ConfirmablePolicy,
@@ -122,6 +122,7 @@ __all__ = [
     "PaImage",
     "Permit",
     "Policy",
+    "PolicyPlan",
     "Pulse",
     "RFFrame",
     "Reader",
@@ -134,6 +135,7 @@ __all__ = [
     "RigFacts",
     "RigKind",
     "Role",
+    "RunPlan",
     "Sample",
     "SaturationError",
     "ScanGeometry",

@@ -45,38 +45,10 @@ class Tolerance:
         return self.deg if radius_m is None else math.degrees(1e-3 * self.mm / radius_m)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SearchPlan:
-    """Plan of a search; the range of angles belongs to the rig (`RigFacts.search`).
-
-    Attributes
-    ----------
-    method
-        Name of the method, one of `markerseek.search.METHODS`.
-    acquisitions
-        Most acquisitions; None: the method's own number.
-    as_published
-        Whether the paper's form of the method is wanted, which always answers.
-    start_deg
-        Angle of the probe, in degrees: checked sweeps and the manual search begin at the nearer end. None: they begin
-        at the low end.
-    early_end
-        Whether a weighted average ends once its peak is recorded and passed, and a posterior once its angle is known
-        well enough.
-    others
-        Prior probability that there is another source as loud, for a posterior; 0: it looks for none. None: as usual.
-    prior
-        Intensity curve of a former marker on this rig, for a posterior; None if there was none.
-    dark_frames
-        Acquisitions without laser before the first.
-    stay
-        Whether the last move and the confirmation are left out.
-    sweep_speed_deg_s
-        Speed of the sweeps of which the search consists, in degrees per second; None stops for each acquisition.
-    closing_dark
-        Whether it ends with an acquisition without laser.
-    tolerance
-        How well the angle of a marker that is found must be known.
+# Without slots, here and below: a class with two slotted parents cannot be laid out, and a `SearchPlan` has two.
+@dataclass(frozen=True, kw_only=True)
+class PolicyPlan:
+    """How a policy searches; the range of angles belongs to the rig (`RigFacts.search`).
 
     Raises
     ------
@@ -86,17 +58,29 @@ class SearchPlan:
     """
 
     method: str
+    """Name of the method, one of `markerseek.search.METHODS`."""
     acquisitions: int | None = None
+    """Most acquisitions; None: the method's own number. An odd number is reduced by one where two are made per
+    iteration."""
     as_published: bool = False
+    """The bare method of the paper, which always answers `Found` and begins at the low end; else the checked form."""
     start_deg: float | None = None
+    """Angle of the probe, in degrees: checked sweeps and the manual search begin at the nearer end. None: they begin at
+    the low end."""
     early_end: bool = True
+    """Whether a weighted average ends once its peak is recorded and passed, and a posterior once its angle is known
+    well enough; the other methods have no early end."""
     others: float | None = None
+    """Prior probability that there is another source as loud, for a posterior; 0: it looks for none, and ends earlier.
+    None: 0.05."""
     prior: MarkerCurve | None = None
-    dark_frames: int = 0
-    stay: bool = False
-    sweep_speed_deg_s: float | None = None
-    closing_dark: bool = False
+    """Intensity curve of a former marker on this rig, from which a posterior begins; None if there was none."""
+    cues: tuple[str, ...] | None = None
+    """Features of a reading that a posterior uses, as for `markerseek.search.posterior.Posterior`; None: all."""
     tolerance: Tolerance = field(default_factory=Tolerance)
+    """How well the angle of a marker that is found must be known."""
+    sweep_speed_deg_s: float | None = None
+    """Speed of the sweeps of a posterior, in degrees per second; None: it stops for each acquisition."""
 
     def __post_init__(self) -> None:
         # Checked before any device is opened: a plan comes from a command line or a page.
@@ -110,9 +94,38 @@ class SearchPlan:
             raise ConfigError(f"others is {self.others}, it must be a probability from 0 to below 1")
         if self.start_deg is not None and not is_finite(self.start_deg):
             raise ConfigError(f"start_deg is {self.start_deg} deg, it must be a finite number")
-        if self.sweep_speed_deg_s is not None and not (
-            is_finite(self.sweep_speed_deg_s) and self.sweep_speed_deg_s > 0
-        ):
-            raise ConfigError(f"sweep_speed_deg_s is {self.sweep_speed_deg_s} deg/s, it must be a positive number")
+        speed = self.sweep_speed_deg_s
+        if speed is not None and not (is_finite(speed) and speed > 0):
+            raise ConfigError(f"sweep_speed_deg_s is {speed} deg/s, it must be a positive number")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunPlan:
+    """How a search on a rig begins and ends, whatever its policy.
+
+    Raises
+    ------
+    ConfigError
+        If the number of dark frames cannot be used.
+    """
+
+    dark_frames: int = 0
+    """Acquisitions without laser before the first, from which the policy learns the noise."""
+    stay: bool = False
+    """Leave the probe where the last acquisition was taken, and confirm nothing."""
+    closing_dark: bool = False
+    """End with a dark frame at the angle of the last acquisition with light. If frames are late by one, it holds that
+    light, and the run ends with a fault. For receivers that cannot prove which trigger a frame belongs to."""
+
+    def __post_init__(self) -> None:
         if not (is_whole(self.dark_frames) and 0 <= self.dark_frames <= MAX_DARK_FRAMES):
             raise ConfigError(f"dark_frames is {self.dark_frames}, it must lie between 0 and {MAX_DARK_FRAMES}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchPlan(RunPlan, PolicyPlan):
+    """Plan of a whole search, as a journal holds it: its policy is built from it, and it is run by it."""
+
+    def __post_init__(self) -> None:
+        PolicyPlan.__post_init__(self)
+        RunPlan.__post_init__(self)

@@ -3,6 +3,7 @@ from ._plus_settings import PlusSettings
 from ._ros2_settings import Ros2StageSettings, RosLaser, RosReceiver
 from ._sonixdaq_settings import SonixDaqKeys
 from .clock import LONGEST_WAIT_S, SystemClock
+from .energy_meter import EnergyMeter, metered
 from .exposure import exposure_line
 from .kdc101 import Kdc101DriverSettings, Kdc101Stage
 from .laserbox import LaserBox
@@ -19,6 +20,7 @@ __all__ = [
     "BenchProbe",
     "BenchReceiver",
     "BenchSettings",
+    "EnergyMeter",
     "Kdc101DriverSettings",
     "Kdc101Keys",
     "Kdc101Stage",
@@ -37,4 +39,5 @@ __all__ = [
     "SystemClock",
     "connect_plus",
     "exposure_line",
+    "metered",
 ]

@@ -24,6 +24,7 @@ def acquired_frame(
     started_s: float,
     clock: Clock,
     sampling_hz: float,
+    energy: float | None = None,
 ) -> ChannelFrame:
     """Channel data as the frame of a permit; the acquisition ends now."""
     header = FrameHeader(
@@ -33,5 +34,6 @@ def acquired_frame(
         commanded_deg=permit.angle_deg,
         started_s=started_s,
         ended_s=clock.now_s(),
+        energy=energy,
     )
     return ChannelFrame(header=header, samples=samples, sampling_hz=sampling_hz)

@@ -53,6 +53,9 @@ class LaserBox:
     ``rate_hz``: pulses per second, a whole number. ``dark_triggers``: how often the acquisition is triggered for a dark
     frame: as often as for a lit one, so that both average alike. ``answer_s``: longest time for an answer. Raises
     `NotConnectedError` if no box of this protocol answers, or it keeps triggering for longer than any firing takes.
+
+    ``metered``: whether its photodiode measures the light of the pulses as well. ``light_per_pulse``: what it read of a
+    pulse of the last firing in the mean, in counts of its own; None where it does not measure, or there was no light.
     """
 
     def __init__(
@@ -81,6 +84,8 @@ class LaserBox:
         self._beaten_s = -math.inf
         self._holds_permit = False
         self._settled = False
+        self.metered = False
+        self.light_per_pulse: float | None = None
         self._settle()
 
     def fire(self, permit: Permit) -> int:
@@ -137,6 +142,7 @@ class LaserBox:
         """Wait until an earlier firing's triggers have ended, and count tokens and light from there."""
         greeting = self._greet()
         self.identity = greeting.identity
+        self.metered = greeting.version == wire.METERED_VERSION
         self._token = greeting.last_token
         self._seen = greeting.seen
         self._step = 0
@@ -152,9 +158,10 @@ class LaserBox:
                     "switch it off and on, or check its firmware"
                 )
             self._clock.wait(_BUSY_POLL_S)
-        if greeting.version != wire.VERSION:
+        if greeting.version not in (wire.VERSION, wire.METERED_VERSION):
             raise NotConnectedError(
-                f"laser box: it has version {greeting.version} of the protocol, {wire.VERSION} is needed; "
+                f"laser box: it has version {greeting.version} of the protocol, {wire.VERSION} or "
+                f"{wire.METERED_VERSION} is needed; "
                 "load the firmware that came with this program"
             )
         if not _MIN_LEASE_MS <= greeting.lease_ms <= wire.LEASE_MS:
@@ -208,7 +215,7 @@ class LaserBox:
         self.beat()
         self._port.write(wire.encode(wire.Fire(token=self._token)))
         done = self._next(within_s=triggers / self._rate_hz + self._answer_s, after="FIRE")
-        if not (isinstance(done, wire.Done) and done.token == self._token):
+        if not (isinstance(done, wire.Done) and done.token == self._token and self._is_measured(done)):
             raise LaserError(f"laser box: {done} answers the firing of {self._token}; {_cure(done)}")
         # The photodiode's count has 31 bits and wraps around.
         self._seen = (self._seen + done.photodiode) & wire.MAX_COUNT
@@ -217,7 +224,13 @@ class LaserBox:
                 f"laser box: {pulses} pulses were permitted, {done.sent} sent and {done.photodiode} seen by the "
                 "photodiode; check lease, interlock, laser and photodiode"
             )
+        if isinstance(done, wire.MeteredDone) and pulses:
+            self.light_per_pulse = done.light / pulses
         return done.photodiode
+
+    def _is_measured(self, done: wire.Done) -> bool:
+        """Whether the answer has the number of the light meter if the box has one, and only then."""
+        return isinstance(done, wire.MeteredDone) == self.metered
 
     def _skip_to(self, wanted: Callable[[wire.Reply], TypeGuard[_Kind]], *, after: str) -> _Kind:
         """Next reply that is wanted; others, and damaged lines, belong to earlier commands and are skipped."""

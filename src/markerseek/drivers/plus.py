@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from itertools import pairwise
+from statistics import fmean
 
 import numpy as np
 
@@ -68,6 +69,7 @@ class PlusReceiver:
         self._framer = igtl.Framer(most_bytes=MAX_IMAGE_BYTES)
         self._armed: tuple[Permit, float, float] | None = None
         self._sequence = 0
+        self._fields: list[Mapping[str, str]] = []
         self.emulated = False
         # An emulator says so when a client comes; other servers say nothing, and no image may come before a trigger.
         self._until_quiet(most=0)
@@ -124,6 +126,7 @@ class PlusReceiver:
             # Its greeting came late: what was taken for a device must not go into a result as one.
             raise NotConnectedError("plus: the server is an emulator, which it did not say in time; connect again")
         samples = _mean(images)
+        self._fields = [image.metadata for image in images]
         for image in images:
             age_s = armed_unix_s - image.time_s
             if age_s > self._settings.clock_s:
@@ -141,6 +144,20 @@ class PlusReceiver:
             clock=self._clock,
             sampling_hz=self._settings.sampling_hz,
         )
+
+    def energy_of(self, field: str) -> float:
+        """Mean of a field of the last acquisition's images: the energy of their pulses, in the server's unit.
+
+        Raises `AcquisitionError` if an image has no such field, or no number in it.
+        """
+        try:
+            values = [float(fields[field]) for fields in self._fields]
+        except (KeyError, ValueError) as problem:
+            raise AcquisitionError(
+                f"plus: an image has no number in its field {field!r}: {problem}; correct laser.energy_field, or let "
+                "the server send it with each image"
+            ) from problem
+        return fmean(values)
 
     def _images(self, count: int) -> list[igtl.Message]:
         """Exactly so many images; the firing has ended."""

@@ -181,4 +181,5 @@ class Ros2Acquisition:
             started_s=began_s,
             clock=self._clock,
             sampling_hz=self._settings.sampling_hz,
+            energy=answer.energy if permit.pulses else None,
         )

@@ -1,9 +1,11 @@
 from .bench import EmulatedBench, require_pace, serve
 from .kdc101 import EmulatedKdc101
+from .laserbox import LIGHT_COUNTS
 from .lines import ByteDevice, DirectPort, PtyLine
 from .plus import EmulatedPlus
 
 __all__ = [
+    "LIGHT_COUNTS",
     "ByteDevice",
     "DirectPort",
     "EmulatedBench",

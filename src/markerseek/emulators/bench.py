@@ -65,7 +65,7 @@ class EmulatedBench:
             rng=rng,
         )
         # Child generators: draws per pulse must not shift the random numbers of the world, or seeds would not compare.
-        apart, noise = rng.spawn(2)
+        apart, noise, light = rng.spawn(3)
         self.stage = Kdc101Emulator(
             probe=self.world, settings=stage or EmulatedKdc101(play_deg=settings.stage.backlash_deg), rng=noise
         )
@@ -76,7 +76,9 @@ class EmulatedBench:
             self.daq = EmulatedSonixDaq(
                 world=self.world, folder=folder, rng=apart, readout_s=settings.receiver.readout_s, sdk=sdk
             )
-        self.laser_box = EmulatedLaserBox(world=self.world, on_triggers=self.daq.trigger)
+        self.laser_box = EmulatedLaserBox(
+            world=self.world, on_triggers=self.daq.trigger, laser=settings.laser, rng=light
+        )
 
     def line(self, name: Literal["stage", "laser"], *, clock: Clock, link: Path) -> PtyLine:
         """A pseudo-terminal for one of the devices.

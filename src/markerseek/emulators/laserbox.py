@@ -10,11 +10,16 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from markerseek.core import ConfigError
-from markerseek.sim import SimulatedWorld
+from markerseek.sim import LaserSettings, SimulatedWorld, vary_last_flash
 from markerseek.wire import laserbox as wire
 
 _NEVER_US = 1 << 62
+
+LIGHT_COUNTS = 20_000
+"""What the light meter reads of a usual pulse, in counts."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +51,8 @@ class EmulatedLaserBox:
 
     ``on_triggers``: called at the end of a train with the number of triggers sent to the acquisition, those without
     light after a permit was taken away included. ``lease_ms``: at most `markerseek.wire.laserbox.LEASE_MS`.
-    ``turn_us``: time between two turns of its loop.
+    ``turn_us``: time between two turns of its loop. ``laser``: how the energy of an acquisition varies, and the noise
+    of the light meter; without one it is a box of version 1. ``rng``: source of randomness for both.
     """
 
     def __init__(
@@ -57,6 +63,8 @@ class EmulatedLaserBox:
         lease_ms: int = wire.LEASE_MS,
         turn_us: int = 200,
         faults: LaserBoxFaults | None = None,
+        laser: LaserSettings | None = None,
+        rng: np.random.Generator | None = None,
     ) -> None:
         if not 1 <= lease_ms <= wire.LEASE_MS:
             raise ConfigError(f"laser box: lease_ms is {lease_ms} ms, it must lie between 1 and {wire.LEASE_MS} ms")
@@ -70,6 +78,8 @@ class EmulatedLaserBox:
         self._turn_us = turn_us
         self._now_us = 0
         self._interlock_closed = True
+        self._laser = laser or LaserSettings()
+        self._rng = rng
         self.power_up()
 
     def power_up(self) -> None:
@@ -205,7 +215,7 @@ class EmulatedLaserBox:
         self._last_step = 0
         return wire.Greeting(
             identity=wire.EMULATOR,
-            version=wire.VERSION,
+            version=wire.VERSION if self._laser.energy_meter_noise is None else wire.METERED_VERSION,
             lease_ms=self._lease_us // 1000,
             last_token=self._last_token,
             seen=self._seen & wire.MAX_COUNT,
@@ -275,6 +285,27 @@ class EmulatedLaserBox:
         # One flash per train: the acquisition averages its pulses, so the world needs only their number.
         self._train = None
         if self._sent and not self.faults.laser_dead:
-            self._world.flash(pulses=self._sent, at_s=self._last_trigger_us / 1e6)
+            at_s = self._last_trigger_us / 1e6
+            self._world.flash(pulses=self._sent, at_s=at_s)
+            vary_last_flash(
+                self._world,
+                spread=self._laser.energy_spread,
+                drift_per_min=self._laser.energy_drift_per_min,
+                now_s=at_s,
+                rng=self._rng,
+            )
         self._on_triggers(self._triggers)
-        self._answer(wire.Done(token=train.token, sent=self._sent, photodiode=self._seen - self._seen_before))
+        seen = self._seen - self._seen_before
+        if self._laser.energy_meter_noise is None:
+            self._answer(wire.Done(token=train.token, sent=self._sent, photodiode=seen))
+        else:
+            light = self._light_of(seen, noise=self._laser.energy_meter_noise)
+            self._answer(wire.MeteredDone(token=train.token, sent=self._sent, photodiode=seen, light=light))
+
+    def _light_of(self, pulses: int, *, noise: float) -> int:
+        """What the light meter reads of so many pulses of the last flash, in counts."""
+        if not pulses:
+            return 0
+        energy = self._world.flashes[-1].energy if self._sent else 1.0
+        error = 0.0 if self._rng is None else noise * float(self._rng.standard_normal())
+        return max(0, min(round(LIGHT_COUNTS * pulses * energy * (1 + error)), wire.MAX_COUNT))

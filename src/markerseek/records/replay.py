@@ -129,8 +129,9 @@ class ReplayReceiver:
             if permit.pulses == 0:
                 self._dark += 1
                 return replace(self._bank.dark_frame(self._dark - 1), header=header)
-            # The header of the new acquisition: the guard compares it with the permit.
-            return replace(self._bank.frame(self._bank.angles_deg.index(angle_deg)), header=header)
+            # The header of the new acquisition, which the guard compares with the permit, and the recorded energy.
+            frame = self._bank.frame(self._bank.angles_deg.index(angle_deg))
+            return replace(frame, header=replace(header, energy=frame.header.energy))
         intensity = float(np.interp(angle_deg, self._bank.angles_deg, self._bank.intensities))
         return ReadingFrame(header=header, intensity=intensity)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from markerseek.core import Clock, ConfigError, Laser, Receiver, RigFacts, Stage
-from markerseek.drivers import BenchProbe, BenchSettings, Ros2StageSettings, RosReceiver, SystemClock
+from markerseek.drivers import BenchProbe, BenchSettings, Ros2StageSettings, RosReceiver, SystemClock, metered
 from markerseek.guard import Guard
 from markerseek.rigs.bench_devices import OpenDevices, acquisition_of, emulated, guard_of, lines_of, stage_of
 from markerseek.rigs.recipe import BenchRecipe
@@ -39,6 +39,8 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
     clock = SystemClock(beat=devices.supervisor.beat if devices.supervisor else None)
     stage, stage_name = stage_of(settings, devices, clock)
     laser, receiver, acquisition_name = acquisition_of(settings, devices, clock)
+    emulated_parts = emulated(stage, laser, receiver)
+    receiver = metered(settings.laser, laser, receiver, full_scale=imaging.preset.full_scale)
     scanner = Scanner(
         stage=stage,
         laser=laser,
@@ -57,7 +59,7 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         search=settings.limits.search,
         face_radius_m=settings.probe.face_radius_m,
         # By what the devices answer and not by a key: a rig file may be copied from an emulated bench to a real one.
-        emulated=emulated(stage, laser, receiver),
+        emulated=emulated_parts,
     )
     return Rig(
         facts=with_probe(facts, imaging),
@@ -125,7 +127,8 @@ def bench_part(
             held, description = stage_of(settings, devices, clock)
         else:
             laser, receiver, description = acquisition_of(settings, devices, clock)
-            held = laser, receiver
+            preset = imaging_of(settings.probe, sampling_hz=settings.receiver.sampling_hz).preset
+            held = laser, metered(settings.laser, laser, receiver, full_scale=preset.full_scale)
         return BenchPart(part=held, guard=guard_of(settings), clock=clock, description=description, devices=devices)
     except BaseException:
         devices.close()

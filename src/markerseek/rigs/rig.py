@@ -9,7 +9,7 @@ from typing import Protocol, Self
 
 import msgspec
 
-from markerseek.core import Laser, Receiver, RigFacts, Stage
+from markerseek.core import Laser, Receiver, RigFacts, RunPlan, Stage
 from markerseek.drivers import BenchSettings
 from markerseek.guard import Limits
 from markerseek.records.banks import FrameBank, IntensityBank
@@ -67,6 +67,11 @@ class Rig:
     """Simulated world or replayed recording, whose state a journal stores with each commit; None for real devices."""
     devices: Devices | None = None
     """The lines to real devices; None where no hardware is involved."""
+
+    @property
+    def run_plan(self) -> RunPlan:
+        """How a search begins and ends on it: with the dark frames that it can take and needs."""
+        return RunPlan(dark_frames=self.dark_frames, closing_dark=self.closing_dark)
 
     def arm(self, *, by: str) -> None:
         """Allow it to move and fire, in the name of a person who is present; a fault must be reset first."""

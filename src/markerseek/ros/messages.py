@@ -182,7 +182,8 @@ class AcquireRequest(msgspec.Struct, frozen=True, kw_only=True):
 class Acquired(msgspec.Struct, frozen=True, kw_only=True):
     """Answer of an acquisition node: first ``fired``, then ``frame``, or ``error``.
 
-    ``stamp_ns`` of a frame is the stamp of its channel data; ``simulated`` says that there was no light.
+    ``stamp_ns`` of a frame is the stamp of its channel data; ``simulated`` says that there was no light; ``energy`` is
+    that of `FrameHeader`.
     """
 
     id: str
@@ -193,6 +194,7 @@ class Acquired(msgspec.Struct, frozen=True, kw_only=True):
     stamp_ns: int = 0
     error: str = ""
     simulated: bool = False
+    energy: float | None = None
 
 
 class AcquisitionState(msgspec.Struct, frozen=True, kw_only=True):

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from markerseek._version import __version__
-from markerseek.core import MAX_ACQUISITIONS, ConfigError, Event, Measured, RigFacts, SearchPlan
+from markerseek.core import MAX_ACQUISITIONS, ConfigError, Event, Measured, RigFacts, RunPlan, SearchPlan
 from markerseek.records.banks import BankFacts
 from markerseek.records.banks.ipasc import BankWriter
 from markerseek.records.journal import Configuration
@@ -110,7 +110,7 @@ def scan_bank(
     with (
         BankWriter(path, angles=angles, dark_frames=rig.dark_frames, facts=facts) as writer,
         # The writer is the outer block: the rig is stopped before the file is closed.
-        closing(run(policy, rig.scanner, dark_frames=rig.dark_frames, stay=True, limits=limits)) as events,
+        closing(run(policy, rig.scanner, RunPlan(dark_frames=rig.dark_frames, stay=True), limits=limits)) as events,
     ):
         for event in events:
             if isinstance(event, Measured):

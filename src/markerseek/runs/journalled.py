@@ -11,7 +11,7 @@ from markerseek.core import Clock, Event, Failed, Measured, Refused, SearchPlan,
 from markerseek.records.journal import Configuration, Journal
 from markerseek.records.stream import EventStream
 from markerseek.rigs import ReaderRecipe, Rig, SpareRecipe, TipRecipe
-from markerseek.scan import AnyScanner, RunLimits, run
+from markerseek.scan import RunLimits, run
 from markerseek.signals import SpareReader
 
 _RUN_LIMITS = RunLimits()
@@ -35,33 +35,16 @@ def _reader_recipe(rig: Rig) -> ReaderRecipe:
     return None if rig.imaging is None else rig.imaging.preset
 
 
-def run_plan(
-    policy: SweepingPolicy, scanner: AnyScanner, plan: SearchPlan, *, limits: RunLimits = _RUN_LIMITS
-) -> Generator[Event, None, None]:
-    """`markerseek.scan.run` with the options of a plan.
-
-    ``plan``: gives the number of dark frames, and how to end.
-    """
-    return run(
-        policy,
-        scanner,
-        dark_frames=plan.dark_frames,
-        stay=plan.stay,
-        closing_dark=plan.closing_dark,
-        limits=limits,
-    )
-
-
 def journalled(
     policy: SweepingPolicy, rig: Rig, journal: Journal, *, limits: RunLimits = _RUN_LIMITS
 ) -> Generator[Event, None, None]:
-    """`run_plan` with each event committed to a journal before it is yielded, and so before the policy receives it.
+    """`run` with each event committed to a journal before it is yielded, and so before the policy receives it.
 
     ``journal``: a new journal with the plan of the search. Yields as `run`. Raises `RecordError` if an event cannot be
     written; the rig is stopped.
     """
     clock = rig.scanner.clock
-    events = run_plan(policy, rig.scanner, journal.configuration.plan, limits=limits)
+    events = run(policy, rig.scanner, journal.configuration.plan, limits=limits)
     with closing_run(events, clock, journal):
         for event in events:
             # Before the yield: a policy must never act on a measurement that a crash could lose.

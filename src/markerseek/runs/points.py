@@ -1,21 +1,26 @@
-"""Point pairs for a registration: a CSV of coordinates, with markers of searches and spots in camera pixels."""
+"""Point pairs for a registration: a CSV of coordinates, with markers of searches and spots in camera pixels.
+
+The calibration of a stereo endoscope is a TOML file in the conventions of OpenCV's ``stereoCalibrate``.
+"""
 
 from __future__ import annotations
 
 import csv
 import math
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from markerseek.core import ConfigError, Float64, RecordError
-from markerseek.files import MIB, as_read_error, csv_rows, read_input
-from markerseek.geometry import triangulate
+from markerseek.core import ConfigError, Float64, RecordError, require_range
+from markerseek.files import MIB, as_read_error, csv_rows, in_words, known_keys, read_input, read_toml
+from markerseek.geometry import Camera, RigidTransform, StereoCameras, triangulate
 from markerseek.runs.former_search import read_marker
 from markerseek.runs.registration import PointPair
 from markerseek.runs.shared_errors import camera_shared_m
-from markerseek.runs.stereo_file import StereoSettings, read_stereo
 
 COLUMNS: dict[str, tuple[str, ...]] = {
     "trus_m": ("trus_x_m", "trus_y_m", "trus_z_m"),
@@ -175,3 +180,63 @@ def _number(where: str, name: str, text: str, *, positive: bool) -> float:
     if positive and not value > 0:
         raise RecordError(f"{where}: {name} is {value}, a standard deviation must be above 0")
     return value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StereoSettings:
+    """Keys of the file."""
+
+    left: Camera
+    right: Camera
+    rotation_vector: tuple[float, float, float]
+    """Rotation from the left camera's frame to the right one's as ``cv2.Rodrigues`` gives it, in radians."""
+    translation_m: tuple[float, float, float]
+    """Translation from the left camera's frame to the right one's, in metres (OpenCV gives it in the unit of the
+    calibration target)."""
+    calibration_sigma_px: float
+    """Standard deviation of the error of the calibration: the reprojection error of points that were not used for
+    it."""
+
+    def __post_init__(self) -> None:
+        require_range(
+            "calibration_sigma_px",
+            self.calibration_sigma_px,
+            low=0,
+            high=100,
+            unit="px",
+            open_low=True,
+            cure="0.2 is usual",
+        )
+        if not np.isfinite(self.rotation_vector).all():
+            raise ConfigError(f"rotation_vector is {self.rotation_vector}, it must be three finite numbers")
+
+    @property
+    def cameras(self) -> StereoCameras:
+        """The pair of cameras."""
+        return StereoCameras(
+            left=self.left,
+            right=self.right,
+            left_to_right=RigidTransform(
+                source="Left",
+                target="Right",
+                rotation=Rotation.from_rotvec(self.rotation_vector).as_matrix(),
+                translation_m=np.array(self.translation_m, dtype=float),
+            ),
+        )
+
+
+def read_stereo(path: Path) -> StereoSettings:
+    """Calibration of a stereo endoscope.
+
+    ``path``: TOML file; ``examples/stereo.toml`` shows all keys.
+    """
+    table = read_toml(path, what="stereo calibration")
+    try:
+        settings = msgspec.convert(known_keys(table, StereoSettings), StereoSettings)
+        # The base is checked with the pair.
+        settings.cameras  # noqa: B018
+    except msgspec.ValidationError as problem:
+        raise ConfigError(f"{path}: {in_words(problem)}") from problem
+    except ConfigError as problem:
+        raise ConfigError(f"{path}: {problem}") from problem
+    return settings

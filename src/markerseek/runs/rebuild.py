@@ -22,7 +22,7 @@ from markerseek.rigs import (
     simulated,
 )
 from markerseek.runs.same_bench import require_same_measurement
-from markerseek.search import policy_for
+from markerseek.search import build_sweeping
 from markerseek.signals import AnyImageReader, ImageReader, IntensityReader, ProbePreset, SpareReader
 from markerseek.vision import TipReader
 
@@ -143,7 +143,7 @@ def _recipe(configuration: Configuration) -> Recipe | None:
 
 def rebuild_policy(configuration: Configuration) -> SweepingPolicy:
     """The policy of a journal in its state before the run."""
-    return policy_for(configuration.plan, limits=configuration.facts.search)
+    return build_sweeping(configuration.plan, limits=configuration.facts.search)
 
 
 def next_angle(recorded: RecordedRun, policy: SweepingPolicy) -> float | None:

@@ -8,9 +8,9 @@ from dataclasses import replace
 from markerseek.core import Finished, Measured, Reader, ReadingFrame, SweepingPolicy
 from markerseek.guard import Limits
 from markerseek.records.journal import Entry, JournalEvent, RecordedRun
-from markerseek.runs.journalled import run_plan
 from markerseek.runs.recorded_scanner import RecordedScanner
 from markerseek.runs.resume import RUN_EVENTS
+from markerseek.scan import run
 from markerseek.signals import IntensityReader
 
 
@@ -27,7 +27,7 @@ def recompute_differences(recorded: RecordedRun, policy: SweepingPolicy, reader:
     search = recorded.configuration.facts.search
     # A journal does not hold the limits of travel; nothing moves here.
     scanner = RecordedScanner(again, limits=Limits(search=search, travel=search))
-    events = run_plan(policy, scanner, recorded.configuration.plan)
+    events = run(policy, scanner, recorded.configuration.plan)
     with closing(events):
         # Not strict: the journal of an interrupted run ends before the run does.
         for entry, event in zip(again, events, strict=False):

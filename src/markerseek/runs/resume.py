@@ -27,10 +27,10 @@ from markerseek.core import (
 )
 from markerseek.records.journal import Entry, Journal, RecordedRun, Resuming, RunState, run_state, versions
 from markerseek.rigs import Rig
-from markerseek.runs.journalled import closing_run, commit_event, run_plan
+from markerseek.runs.journalled import closing_run, commit_event
 from markerseek.runs.recheck import commanded_deg, pulses_before, require_unchanged, samples_to_recheck
 from markerseek.runs.recorded_scanner import RecordedScanner
-from markerseek.scan import AnyScanner, RunLimits
+from markerseek.scan import AnyScanner, RunLimits, run
 
 RUN_EVENTS = (Started, Asked, Measured, Swept, Refused, Finished)
 """Events that are replayed; a fault is not one of them, because it has been reset."""
@@ -63,7 +63,7 @@ def resumed(
     step = _Handover(rig, journal, recorded, repeated, by=by, attempts=RunLimits().attempts)
     scanner = step.scanner
     pending = deque(repeated)
-    events = run_plan(policy, scanner, journal.configuration.plan)
+    events = run(policy, scanner, journal.configuration.plan)
     with closing_run(events, scanner.clock, journal):
         # A run that died before its first event has nothing to repeat.
         if not pending:

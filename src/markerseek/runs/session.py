@@ -11,10 +11,11 @@ from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Interrupted, Journal, RecordedRun
 from markerseek.records.stream import EventStream
 from markerseek.rigs import Rig
-from markerseek.runs.journalled import configuration_of, journalled, run_plan, streamed
+from markerseek.runs.journalled import configuration_of, journalled, streamed
 from markerseek.runs.rebuild import rebuild_policy
 from markerseek.runs.resume import resumed
-from markerseek.search import most_acquisitions, policy_for
+from markerseek.scan import run
+from markerseek.search import build_sweeping, most_acquisitions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,7 +52,7 @@ class Session:
 
     def _run(self) -> Generator[Event, None, None]:
         if self.journal is None:
-            events = run_plan(self.policy, self.rig.scanner, self.configuration.plan)
+            events = run(self.policy, self.rig.scanner, self.configuration.plan)
             return events if self.stream is None else streamed(events, self.stream, self.rig.scanner.clock)
         if self.stream is not None:
             if self.recorded is not None:
@@ -87,7 +88,7 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
 
 def new_session(rig: Rig, plan: SearchPlan) -> Session:
     """A new search, without a journal yet; nothing moves before `Session.events` is iterated."""
-    policy = policy_for(plan, limits=rig.limits.search)
+    policy = build_sweeping(plan, limits=rig.limits.search)
     return Session(policy=policy, rig=rig, configuration=configuration_of(rig, plan))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core import Event, Found, Sample, SearchError
+from markerseek.core import Event, Found, RunPlan, Sample, SearchError
 from markerseek.rigs import Rig
 from markerseek.scan import RunLimits, run
 from markerseek.search import FLANK_SHARE, Tracker, TrackingPolicy
@@ -93,7 +93,7 @@ def track_run(rig: Rig, policy: TrackingPolicy, swing: OscillatingMotion) -> Gen
     The guard permits each move and each firing, as in a search.
     """
     swing.begin(rig.scanner.clock.now_s())
-    yield from run(policy, rig.scanner, stay=True, limits=RunLimits(acquisitions=MAX_FRAMES))
+    yield from run(policy, rig.scanner, RunPlan(stay=True), limits=RunLimits(acquisitions=MAX_FRAMES))
 
 
 def quality_of(policy: TrackingPolicy, swing: OscillatingMotion, *, rest_deg: float) -> TrackQuality | None:

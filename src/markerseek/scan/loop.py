@@ -27,6 +27,7 @@ from markerseek.core import (
     Measured,
     Refused,
     Role,
+    RunPlan,
     Sample,
     SaturationError,
     SearchError,
@@ -89,16 +90,14 @@ class RunLimits:
     """How often one acquisition is tried when its frames are refused."""
 
 
-_RUN_LIMITS = RunLimits()
+_RUN_LIMITS, _RUN_PLAN = RunLimits(), RunPlan()
 
 
 def run(
     policy: SweepingPolicy,
     scanner: AnyScanner,
+    plan: RunPlan = _RUN_PLAN,
     *,
-    dark_frames: int = 0,
-    stay: bool = False,
-    closing_dark: bool = False,
     limits: RunLimits = _RUN_LIMITS,
 ) -> Generator[Event, None, None]:
     """Let a policy search on a rig, and report each step.
@@ -114,13 +113,8 @@ def run(
         Chooses the angles.
     scanner
         The rig.
-    dark_frames
-        Acquisitions without laser before the first, from which the policy learns the noise.
-    stay
-        Leave the probe where the last acquisition was taken, and confirm nothing.
-    closing_dark
-        End with a dark frame at the angle of the last acquisition with light. If frames are late by one, it holds that
-        light, and the run ends with a fault. For receivers that cannot prove which trigger a frame belongs to.
+    plan
+        How the run begins and ends; the plan of a whole search is one as well.
     limits
         Limits of the run.
 
@@ -140,7 +134,7 @@ def run(
     try:
         place_deg = scanner.angle_deg
         yield Started(start_deg=place_deg, limits=scanner.limits.search)
-        for index in range(1, dark_frames + 1):
+        for index in range(1, plan.dark_frames + 1):
             dark = yield from _dark(scanner, index, place_deg, limits.attempts)
             policy.tell(dark)
         # Steps: a sweep of many acquisitions is one of them.
@@ -167,7 +161,7 @@ def run(
                 place_deg = sample.angle_deg
                 policy.tell(sample)
             estimate = policy.estimate()
-            searching = isinstance(estimate, Found) and not stay
+            searching = isinstance(estimate, Found) and not plan.stay
             if searching:
                 confirmations += 1
                 confirmation = yield from _measured(
@@ -182,9 +176,9 @@ def run(
                     searching = False
                 estimate = apply_confirmation(estimate, confirmation, lit)
                 lit.append(replace(confirmation, frame=None))
-        if closing_dark and lit:
+        if plan.closing_dark and lit:
             # One attempt: if frames are late by one, a second would show the dark data of the first and hide it.
-            yield from _dark(scanner, dark_frames + 1, place_deg, 1)
+            yield from _dark(scanner, plan.dark_frames + 1, place_deg, 1)
         yield Finished(
             estimate=estimate,
             confirmation=confirmation,

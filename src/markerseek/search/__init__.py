@@ -17,7 +17,6 @@ from markerseek.search.methods import (
     build_sweeping,
     method_named,
     most_acquisitions,
-    policy_for,
     refuse_posterior_settings,
     require_sweeping,
 )
@@ -56,7 +55,6 @@ __all__ = [
     "noise_of",
     "peak_of",
     "peak_passed",
-    "policy_for",
     "refuse_posterior_settings",
     "require_sweeping",
     "weighted_average",

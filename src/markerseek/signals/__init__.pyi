@@ -5,6 +5,7 @@ from .noise_gain import beamformed_sigma, envelope_cells
 from .own_probe import ProbeKeys, is_own
 from .peaks import strongest_peaks
 from .picks import common_wave
+from .pickup import pickup_amplitude
 from .presets import PRESET_NAMES, ProbePreset, probe_preset
 from .reader import ImageReader
 from .spare import AnyImageReader, SpareReader
@@ -25,6 +26,7 @@ __all__ = [
     "envelope_cells",
     "found_level",
     "is_own",
+    "pickup_amplitude",
     "probe_preset",
     "strongest_peaks",
 ]

@@ -10,7 +10,7 @@ from markerseek.sim.clock import VirtualClock
 from markerseek.sim.curve_world import CurveWorld, largest_noise
 from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, RecordedCurve, SechCurve, TwoHumps
 from markerseek.sim.faults import Fault, FaultKind
-from markerseek.sim.laser import SimulatedLaser
+from markerseek.sim.laser import SimulatedLaser, vary_last_flash
 from markerseek.sim.machine import RFWorld, post_beamformed
 from markerseek.sim.motion import SWING_DEG, TURN_S, MovingWorld, OscillatingMotion, swing_deg
 from markerseek.sim.receiver import SimulatedReceiver
@@ -75,4 +75,5 @@ __all__ = [
     "spot_images",
     "swing_deg",
     "tissue_named",
+    "vary_last_flash",
 ]

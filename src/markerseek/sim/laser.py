@@ -121,9 +121,24 @@ class SimulatedLaser:
     def _flash(self, pulses: int, at_s: float, *, angle_deg: float | None) -> None:
         """Light the tissue with the energy that the laser has then."""
         self._world.flash(pulses=pulses, at_s=at_s)
-        log_energy = self._energy_drift_per_min * at_s / 60
-        if self._rng is not None and self._energy_spread > 0:
-            log_energy += self._energy_spread * float(self._rng.standard_normal())
-        flash = self._world.flashes[-1]
-        energy = flash.energy if log_energy == 0 else flash.energy * math.exp(log_energy)
-        self._world.flashes[-1] = replace(flash, energy=energy, angle_deg=angle_deg)
+        vary_last_flash(
+            self._world, spread=self._energy_spread, drift_per_min=self._energy_drift_per_min, now_s=at_s, rng=self._rng
+        )
+        if angle_deg is not None:
+            self._world.flashes[-1] = replace(self._world.flashes[-1], angle_deg=angle_deg)
+
+
+def vary_last_flash(
+    world: SimulatedWorld, *, spread: float, drift_per_min: float, now_s: float, rng: np.random.Generator | None
+) -> None:
+    """Give the last flash of a world the energy that a laser has now.
+
+    ``spread``: standard deviation of ln energy from one acquisition to the next. ``drift_per_min``: change of ln energy
+    in a minute.
+    """
+    log_energy = drift_per_min * now_s / 60
+    if rng is not None and spread > 0:
+        log_energy += spread * float(rng.standard_normal())
+    if log_energy != 0:
+        flash = world.flashes[-1]
+        world.flashes[-1] = replace(flash, energy=flash.energy * math.exp(log_energy))

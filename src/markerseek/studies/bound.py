@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from markerseek.core import ConfigError, Interval, Measured
+from markerseek.core import ConfigError, Interval, Measured, RunPlan
 from markerseek.pictures import ERROR_BARS, panel_grid, shared_legend
 from markerseek.scan import run
 from markerseek.search.bounds import (
@@ -91,7 +91,7 @@ def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -
         searcher = build_policy(settings, limits=limits, start_deg=rig.stage.angle_deg, prior=prior)
         dark_frames = 0 if settings.as_published else rig.dark_frames
         # Without the confirmation at the end, which no bound on the angle takes into account.
-        events = run(searcher, rig.scanner, dark_frames=dark_frames, stay=True)
+        events = run(searcher, rig.scanner, RunPlan(dark_frames=dark_frames, stay=True))
         samples = [event.sample for event in events if isinstance(event, Measured)]
         marker_deg = unknowns.marker.angle_deg
         errors.append(searcher.estimate().mean_deg - marker_deg)

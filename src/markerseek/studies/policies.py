@@ -22,13 +22,13 @@ from markerseek.core import (
     MarkerCurve,
     MarkerseekError,
     Policy,
+    PolicyPlan,
     SweepingPolicy,
     Tolerance,
 )
 from markerseek.search import (
     METHODS,
     Method,
-    build,
     build_sweeping,
     check_acquisitions,
     method_named,
@@ -86,9 +86,7 @@ class PolicySettings:
         if self.acquisitions is not None:
             check_acquisitions(self.acquisitions, least=least, method=self.method)
         if self.sweep:
-            require_sweeping(self.method, as_published=self.as_published)
-            if not self.early_end:
-                raise ConfigError("posterior: sweep is true, and sweeps end early; leave early_end out")
+            require_sweeping(PolicyPlan(method=self.method, as_published=self.as_published, early_end=self.early_end))
         if self.method != "posterior":
             refuse_posterior_settings(self.method, others=self.others, prior=self.prior, cues=self.cues)
 
@@ -145,17 +143,6 @@ def build_policy(
     ``prior``: intensity curve of a former marker on this rig, for a posterior. ``sweep_speed_deg_s``: speed of its
     sweeps, for one that sweeps.
     """
-    if sweep_speed_deg_s is not None:
-        return build_sweeping(
-            speed_deg_s=sweep_speed_deg_s,
-            limits=limits,
-            acquisitions=settings.acquisitions,
-            start_deg=start_deg,
-            others=settings.others,
-            prior=prior,
-            cues=settings.cues,
-            tolerance=settings.tolerance,
-        )
     if is_own(settings.method):
         return _build_own(settings.method, limits=limits, acquisitions=settings.most)
     # The adapters are not in `build`, so that a search does not import them.
@@ -163,17 +150,20 @@ def build_policy(
         return build_adapter(
             settings.method, limits=limits, acquisitions=settings.most, as_published=settings.as_published
         )
-    return build(
-        settings.method,
+    return build_sweeping(
+        PolicyPlan(
+            method=settings.method,
+            acquisitions=settings.acquisitions,
+            as_published=settings.as_published,
+            start_deg=start_deg,
+            early_end=settings.early_end,
+            others=settings.others,
+            prior=prior,
+            cues=settings.cues,
+            tolerance=settings.tolerance,
+            sweep_speed_deg_s=sweep_speed_deg_s,
+        ),
         limits=limits,
-        acquisitions=settings.acquisitions,
-        as_published=settings.as_published,
-        start_deg=start_deg,
-        early_end=settings.early_end,
-        others=settings.others,
-        prior=prior,
-        cues=settings.cues,
-        tolerance=settings.tolerance,
     )
 
 

@@ -19,6 +19,7 @@ from markerseek.core import (
     MarkerCurve,
     MarkerseekError,
     Refused,
+    RunPlan,
     SearchError,
     Unsure,
 )
@@ -219,7 +220,7 @@ def _search(
     marks_deg: list[float] = []
     dark_frames = 0 if settings.as_published or settings.sweep else rig.dark_frames
     try:
-        for event in run(policy, rig.scanner, dark_frames=dark_frames, stay=study.stay):
+        for event in run(policy, rig.scanner, RunPlan(dark_frames=dark_frames, stay=study.stay)):
             if isinstance(event, Refused):
                 refused += 1
             # When acquisition n is asked for, the estimate holds n − 1 samples.

@@ -9,7 +9,8 @@ host to box                                             box to host
 ``HELLO``                                               ``OK HELLO id version lease_ms last_token seen``
 ``PERMIT token pulses rate_hz expiry_ms triggers``      ``OK PERMIT token seen``
 ``BEAT step``                                           nothing
-``FIRE token``                                          ``DONE token sent photodiode`` when the train has ended
+``FIRE token``                                          ``DONE token sent photodiode`` when the train has ended,
+                                                        from a box with a light meter one number more: ``light``
 ``DISARM``                                              ``OK DISARM``
 anything that is refused                                ``ERR reason``
 ======================================================  ==========================================================
@@ -26,6 +27,9 @@ until DONE is sent, HELLO and PERMIT are refused as ``BUSY``. DONE is sent `LIGH
 
 ``seen`` is the photodiode's count since power-up: if it rises outside of firings, there was light without a permit.
 Within any minute a box sends `MAX_PULSES_PER_MINUTE` pulses at most (refusal ``BUDGET``).
+
+A box whose photodiode also measures is of version 2: its DONE ends with ``light``, the sum over the lit pulses of what
+the meter read of each, in counts of its own. All else is as in version 1.
 """
 
 from __future__ import annotations
@@ -36,8 +40,8 @@ from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 from markerseek.core import ConfigError, LaserError
 
-VERSION = 1
-"""Version of the protocol."""
+VERSION, METERED_VERSION = 1, 2
+"""Version of the protocol: of a box that only counts pulses, and of one that measures their light too."""
 
 EMULATOR = "emulator"
 """Identity of an emulated box."""
@@ -149,6 +153,13 @@ class Done:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class MeteredDone(Done):
+    """`Done` of a box with a light meter: ``light`` is the sum of what it read of the pulses, in its own counts."""
+
+    light: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Disarmed:
     """Answer to `Disarm`."""
 
@@ -164,7 +175,7 @@ class Refusal:
 
 
 Command: TypeAlias = Hello | PermitPulses | Beat | Fire | Disarm
-Reply: TypeAlias = Greeting | Permitted | Done | Disarmed | Refusal
+Reply: TypeAlias = Greeting | Permitted | Done | MeteredDone | Disarmed | Refusal
 
 
 def crc16(data: bytes) -> int:

@@ -20,6 +20,7 @@ from markerseek.core import (
     Int16,
     MarkerseekError,
     Measured,
+    PolicyPlan,
     Refused,
     RigFacts,
     SearchPlan,
@@ -205,10 +206,8 @@ class ByteRun:
             rig = self.rig()
             guard = rig.scanner.guard
             policy = build(
-                self.method,
+                PolicyPlan(method=self.method, acquisitions=self.acquisitions, start_deg=self.settings.start_deg),
                 limits=rig.limits.search,
-                acquisitions=self.acquisitions,
-                start_deg=self.settings.start_deg,
             )
             plan = plan_on(
                 rig, SearchPlan(method=self.method, acquisitions=self.acquisitions, start_deg=self.settings.start_deg)

@@ -14,7 +14,9 @@ from markerseek.core import (
     Finished,
     LaserError,
     MoveError,
+    PolicyPlan,
     Refused,
+    RunPlan,
 )
 from markerseek.guard import State
 from markerseek.rigs import Rig
@@ -95,11 +97,11 @@ def _points(device: str, verb: str, make: Callable[[], Exception], broken: list[
         scanner = rig.scanner
         blown = _Blown(getattr(scanner, f"_{device}"), verb, at, make(), once=once)
         setattr(scanner, f"_{device}", blown)
-        policy = build("golden-section", acquisitions=6, limits=rig.limits.search)
+        policy = build(PolicyPlan(method="golden-section", acquisitions=6), limits=rig.limits.search)
         events = []
         raised: Exception | None = None
         try:
-            for event in run(policy, scanner, dark_frames=2):
+            for event in run(policy, scanner, RunPlan(dark_frames=2)):
                 events.append(event)  # noqa: PERF402  those before an error are wanted too
         except Exception as error:  # noqa: BLE001  whatever comes is what is looked at
             raised = error

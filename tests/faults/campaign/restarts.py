@@ -19,7 +19,19 @@ from unittest import mock
 import msgspec
 import numpy as np
 
-from markerseek.core import ChannelFrame, Event, Finished, Found, Int16, MarkerseekError, Measured, Permit, Refused
+from markerseek.core import (
+    ChannelFrame,
+    Event,
+    Finished,
+    Found,
+    Int16,
+    MarkerseekError,
+    Measured,
+    Permit,
+    PolicyPlan,
+    Refused,
+    RunPlan,
+)
 from markerseek.drivers import Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings, sonixdaq
 from markerseek.emulators import DirectPort, EmulatedBench
 from markerseek.emulators.bench import BenchClock
@@ -264,8 +276,10 @@ class Restart:
             pulses=PULSES if self._bare or self._counting else (PULSES + 1, PULSES - 1, PULSES),
         )
         limits = self._settings.limits.search
-        policy = build(self._method, limits=limits, acquisitions=self._acquisitions, start_deg=stage.angle_deg)
-        return run(policy, scanner, dark_frames=DARK_FRAMES, closing_dark=not self._bare)
+        policy = build(
+            PolicyPlan(method=self._method, acquisitions=self._acquisitions, start_deg=stage.angle_deg), limits=limits
+        )
+        return run(policy, scanner, RunPlan(dark_frames=DARK_FRAMES, closing_dark=not self._bare))
 
 
 class Restarts(msgspec.Struct, kw_only=True):

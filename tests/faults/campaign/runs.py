@@ -12,7 +12,18 @@ from typing import Literal
 
 import numpy as np
 
-from markerseek.core import Estimate, Interval, MarkerseekError, NotFound, Permit, Policy, RigFacts, Sample, SearchPlan
+from markerseek.core import (
+    Estimate,
+    Interval,
+    MarkerseekError,
+    NotFound,
+    Permit,
+    Policy,
+    PolicyPlan,
+    RigFacts,
+    Sample,
+    SearchPlan,
+)
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
 from markerseek.records.journal import Configuration, Journal, RecordedRun, read_journal
 from markerseek.rigs import Rig
@@ -292,7 +303,9 @@ def _configuration(rig: Rig, plan: Plan) -> Configuration:
 def _policy(plan: Plan, limits: Interval) -> Policy:
     if plan.method in ("endless", "wild"):
         return Unruly(plan)
-    return build(plan.method, limits=limits, acquisitions=plan.acquisitions, start_deg=plan.start_deg)
+    return build(
+        PolicyPlan(method=plan.method, acquisitions=plan.acquisitions, start_deg=plan.start_deg), limits=limits
+    )
 
 
 class Unruly:

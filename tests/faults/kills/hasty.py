@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator
 from unittest import mock
 
-from markerseek.core import Event, Policy
+from markerseek.core import Event, Policy, RunPlan
 from markerseek.records.journal import Journal
 from markerseek.rigs import Rig
 from markerseek.runs.journalled import commit_event
@@ -16,7 +16,7 @@ from .at_steps import at_steps
 
 
 def hasty(policy: Policy, rig: Rig, journal: Journal) -> Iterator[Event]:
-    for event in run(policy, rig.scanner, dark_frames=journal.configuration.plan.dark_frames):
+    for event in run(policy, rig.scanner, RunPlan(dark_frames=journal.configuration.plan.dark_frames)):
         yield event
         commit_event(event, rig.scanner.clock, rig, journal)
 

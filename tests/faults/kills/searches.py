@@ -17,7 +17,7 @@ from unittest import mock
 
 from markerseek import rigs
 from markerseek.acoustics import Probe
-from markerseek.core import AcquisitionError, Frame, LinearArray, Policy, Reader, Reading, SearchPlan
+from markerseek.core import AcquisitionError, Frame, LinearArray, Policy, PolicyPlan, Reader, Reading, SearchPlan
 from markerseek.records.banks import read_bank
 from markerseek.records.journal import Configuration, Journal
 from markerseek.rigs import Rig
@@ -67,7 +67,10 @@ class Search:
         rig = self.rig()
         rig.scanner._reader = Moody(rig.scanner._reader)
         start_deg = rig.stage.angle_deg
-        policy = build(self.method, limits=rig.limits.search, acquisitions=self.acquisitions, start_deg=start_deg)
+        policy = build(
+            PolicyPlan(method=self.method, acquisitions=self.acquisitions, start_deg=start_deg),
+            limits=rig.limits.search,
+        )
         configuration = configuration_of(
             rig,
             SearchPlan(

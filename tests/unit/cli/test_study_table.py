@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from markerseek.cli.study_table import _mean, _rare
+from markerseek.cli.study import _mean, _rare
 from markerseek.studies import Mean, Share
 
 

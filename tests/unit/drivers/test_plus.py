@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import socket
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ from markerseek.core import (
     Permit,
     Receiver,
 )
-from markerseek.drivers import PlusReceiver, PlusSettings, connect_plus
+from markerseek.drivers import BenchLaser, PlusReceiver, PlusSettings, connect_plus, metered
 from markerseek.rigs import read_rig_file
 from markerseek.sim import VirtualClock
 from markerseek.testing import ReceiverContract
@@ -27,6 +29,7 @@ from markerseek.wire import igtl
 DEVICE = "RfVideo_Reference"
 SETTINGS = PlusSettings(device=DEVICE, timeout_s=1.0, quiet_s=0.1)
 DARK_TRIGGERS = 3
+NO_FIELDS: Mapping[str, str] = MappingProxyType({})
 
 
 class EmulatedPlus:
@@ -45,14 +48,24 @@ class EmulatedPlus:
         )
         self.sent = 0
 
-    def send(self, count: int = 1, *, age_s: float = 0.0, device: str = DEVICE, pixels: object = None) -> None:
+    def send(
+        self,
+        count: int = 1,
+        *,
+        age_s: float = 0.0,
+        device: str = DEVICE,
+        pixels: object = None,
+        fields: Mapping[str, str] = NO_FIELDS,
+    ) -> None:
         for _ in range(count):
             self.sent += 1
             counts = np.full((1, 4, 8), self.sent, np.int16) if pixels is None else pixels
             # Milliseconds between two pulses.
             stamp_s = 1.75e9 + self.clock.now_s() - age_s + 1e-3 * self.sent
             content = igtl.Image(pixels=counts, matrix=np.eye(4))
-            self.server.sendall(igtl.encode(igtl.Message(device=device, content=content, time_s=stamp_s)))
+            self.server.sendall(
+                igtl.encode(igtl.Message(device=device, content=content, time_s=stamp_s, metadata=fields))
+            )
 
     def fire(self, permit: Permit) -> int:
         """As a laser."""
@@ -104,6 +117,20 @@ def test_a_dark_frame_has_the_triggers_of_the_laser(plus: EmulatedPlus) -> None:
     frame = plus.receiver.acquire(permit(0))
     assert frame.header.pulses == 0
     assert (frame.samples == 2).all()
+
+
+@pytest.mark.parametrize("said", [["2.0", "3.0"], ["2.0", "much"], ["2.0", None]])
+def test_the_energy_is_the_mean_of_the_named_field_of_the_images(plus: EmulatedPlus, said: list[str | None]) -> None:
+    keys = BenchLaser(port="", energy_from="metadata", energy_field="PulseEnergy", usual_energy=2.0)
+    receiver = metered(keys, plus, plus.receiver, full_scale=2047)
+    receiver.arm(permit(2))
+    for value in said:
+        plus.send(fields=NO_FIELDS if value is None else {"PulseEnergy": value})
+    if said[1] == "3.0":
+        assert receiver.acquire(permit(2)).header.energy == 1.25
+        return
+    with pytest.raises(AcquisitionError, match=r"no number in its field 'PulseEnergy'.*correct laser\.energy_field"):
+        receiver.acquire(permit(2))
 
 
 def test_images_from_before_are_no_part_of_a_frame(plus: EmulatedPlus) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.core import ConfigError, DeviceError, Found, LaserError, Measured, Policy
+from markerseek.core import ConfigError, DeviceError, Found, LaserError, Measured, Policy, PolicyPlan, RunPlan
 from markerseek.drivers import LONGEST_WAIT_S, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings, SystemClock
 from markerseek.emulators import DirectPort, EmulatedBench, PtyLine, require_pace, serve
 from markerseek.emulators.bench import BenchClock, ServingClock
@@ -48,15 +48,15 @@ class VirtualBench:
 
 
 def golden() -> Policy:
-    return build("golden-section", limits=SETTINGS.limits.search, acquisitions=10, as_published=True)
+    return build(PolicyPlan(method="golden-section", acquisitions=10, as_published=True), limits=SETTINGS.limits.search)
 
 
 @pytest.mark.parametrize("sdk", [5, 6])
 def test_a_search_receives_count_for_count_what_the_simulation_receives(tmp_path: Path, sdk: int) -> None:
     bench = VirtualBench(tmp_path, seed=7, sdk=sdk)
-    over_bytes = list(run(golden(), bench.scanner, dark_frames=2))
+    over_bytes = list(run(golden(), bench.scanner, RunPlan(dark_frames=2)))
     simulated = rigs.simulated(seed=7, settings=SETTINGS)
-    direct = list(run(golden(), simulated.scanner, dark_frames=2))
+    direct = list(run(golden(), simulated.scanner, RunPlan(dark_frames=2)))
     assert len(over_bytes) == len(direct)
     for received, expected in zip(over_bytes, direct, strict=True):
         if isinstance(received, Measured) and isinstance(expected, Measured):

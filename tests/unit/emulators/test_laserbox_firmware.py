@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from markerseek.emulators import laserbox as emulator
-from markerseek.sim import Flash
+from markerseek.sim import Flash, LaserSettings
 from markerseek.wire import laserbox as wire
 
 MAIN = Path(__file__).parents[3] / "firmware" / "laserbox" / "main.py"
@@ -48,18 +48,27 @@ class Dark:
 class Pair:
     """Firmware and emulator, given the same commands at the same time, millisecond by millisecond."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, metered: bool = False) -> None:
         self.interlock = True
         self.trains: list[int] = []
         self.pulls: list[tuple[int, bool]] = []
         self.now_ms = 0
         self.stray_pulses = 0
-        self.emulated = emulator.EmulatedLaserBox(world=Dark(), on_triggers=self.trains.append, turn_us=1000)
+        self.emulated = emulator.EmulatedLaserBox(
+            world=Dark(),
+            on_triggers=self.trains.append,
+            turn_us=1000,
+            laser=LaserSettings(energy_meter_noise=0.0 if metered else None),
+        )
         self.firmware = FIRMWARE.Box(
             lambda laser: self.pulls.append((self.now_ms, laser)),
-            lambda: self.stray_pulses + sum(laser for _, laser in self.pulls),
+            self.seen,
             lambda: self.interlock,
+            (lambda: emulator.LIGHT_COUNTS * self.seen()) if metered else None,
         )
+
+    def seen(self) -> int:
+        return self.stray_pulses + sum(laser for _, laser in self.pulls)
 
     def pass_ms(self, duration_ms: int) -> tuple[bytes, bytes]:
         theirs = ours = b""
@@ -129,10 +138,13 @@ LINES = st.one_of(
     st.lists(
         st.one_of(LINES, LINES, st.integers(1, 120), st.none(), st.just("flick"), st.just("light")),
         max_size=25,
-    )
+    ),
+    st.booleans(),
 )
-def test_firmware_and_emulator_answer_alike_to_any_commands(steps: list[bytes | int | str | None]) -> None:
-    pair = Pair()
+def test_firmware_and_emulator_answer_alike_to_any_commands(
+    steps: list[bytes | int | str | None], metered: bool
+) -> None:
+    pair = Pair(metered=metered)
     for step in steps:
         match step:
             case bytes():
@@ -164,6 +176,15 @@ def test_an_interlock_that_opened_and_closed_between_two_turns_voids_the_permit(
     assert ours == theirs == wire.encode(wire.Done(token=1, sent=2, photodiode=2))
     assert [laser for _, laser in pair.pulls] == [True] * 2 + [False] * 6
     assert [at_ms for at_ms, _ in pair.pulls] == [0, 10, 20, 30, 40, 50, 60, 70]
+
+
+def test_done_of_a_box_with_a_light_meter_ends_with_the_light_of_the_train() -> None:
+    pair = Pair(metered=True)
+    pair.shine()
+    theirs, ours = pair.send(permit_line((1, 3, 2, 100, 2000)) + wire.encode(wire.Fire(token=1)))
+    assert ours == theirs
+    theirs, ours = pair.pass_ms(100)
+    assert ours == theirs == wire.encode(wire.MeteredDone(token=1, sent=3, photodiode=3, light=60_000))
 
 
 @pytest.mark.parametrize("late_us", [0, 500, 1000])
@@ -227,6 +248,7 @@ def test_limits_and_lease_are_those_of_the_codec() -> None:
     for name in (
         "LEASE_MS",
         "VERSION",
+        "METERED_VERSION",
         "LINE_BYTES",
         "MAX_PULSES",
         "MAX_RATE_HZ",

@@ -6,7 +6,7 @@ from contextlib import closing
 from pathlib import Path
 
 from markerseek import rigs
-from markerseek.core import AcquisitionError, Event, Frame, Policy, Reader, Reading, SearchPlan
+from markerseek.core import AcquisitionError, Event, Frame, Policy, PolicyPlan, Reader, Reading, SearchPlan
 from markerseek.records.journal import Checked, Configuration, Journal, RecordedRun, Resuming
 from markerseek.rigs import Rig
 from markerseek.runs import configuration_of
@@ -40,7 +40,7 @@ def begin(*, marker_deg: float = MARKER_DEG, snr_db: float = 40.0) -> tuple[Poli
     )
     rig.scanner._reader = Refusing(rig.scanner._reader)
     start_deg = rig.stage.angle_deg
-    policy = build(METHOD, limits=rig.limits.search, acquisitions=ACQUISITIONS, start_deg=start_deg)
+    policy = build(PolicyPlan(method=METHOD, acquisitions=ACQUISITIONS, start_deg=start_deg), limits=rig.limits.search)
     return policy, rig, configured(rig)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from markerseek import rigs
-from markerseek.core import ChannelFrame, Event, Frame, Measured, Policy, Reader, Reading, RecordError
+from markerseek.core import ChannelFrame, Event, Frame, Measured, Policy, PolicyPlan, Reader, Reading, RecordError
 from markerseek.records.journal import Configuration, Entry, Journal, read_journal
 from markerseek.rigs import Rig
 from markerseek.runs import rebuild_policy, rebuild_reader, rebuild_rig, recompute_differences, scan_bank
@@ -25,7 +25,9 @@ def test_the_result_is_worked_out_again_from_the_frames(whole: Path) -> None:
     held = read_journal(whole)
     assert recompute_differences(held, begin()[0], rebuild_reader(held.configuration)) == []
     assert (
-        recompute_differences(held, build("ternary", acquisitions=ACQUISITIONS), rebuild_reader(held.configuration))
+        recompute_differences(
+            held, build(PolicyPlan(method="ternary", acquisitions=ACQUISITIONS)), rebuild_reader(held.configuration)
+        )
         != []
     )
 

@@ -9,7 +9,18 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from markerseek.core import Asked, DeviceError, Failed, Finished, Measured, MoveError, Permit, RecordError, Refused
+from markerseek.core import (
+    Asked,
+    DeviceError,
+    Failed,
+    Finished,
+    Measured,
+    MoveError,
+    Permit,
+    PolicyPlan,
+    RecordError,
+    Refused,
+)
 from markerseek.guard import State
 from markerseek.records.journal import Journal, read_journal, result_of, run_state, verify
 from markerseek.runs import next_angle, rebuild_reader, recompute_differences
@@ -125,7 +136,7 @@ def test_a_policy_that_decides_otherwise_is_refused_before_it_fires(tmp_path: Pa
     live(path, until=16)
     _, rig, _ = begin()
     journal, held = Journal.reopen(path)
-    other = build("ternary", limits=rig.limits.search, acquisitions=ACQUISITIONS)
+    other = build(PolicyPlan(method="ternary", acquisitions=ACQUISITIONS), limits=rig.limits.search)
     fired: list[Permit] = []
     moved: list[float] = []
     rig.laser.fire = fired.append  # type: ignore[assignment, method-assign]

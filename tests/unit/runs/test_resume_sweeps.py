@@ -32,7 +32,7 @@ from markerseek.runs import configuration_of, rebuild_reader, recompute_differen
 from markerseek.runs.journalled import journalled
 from markerseek.runs.recheck import commanded_deg, most_pulses, pulses_before
 from markerseek.runs.resume import resumed
-from markerseek.search import policy_for
+from markerseek.search import build_sweeping
 from markerseek.sim import GaussianCurve, SimulatedSettings
 from tests.unit.runs.journalled_runs import times_and_events
 
@@ -51,7 +51,7 @@ def begin() -> tuple[SweepingPolicy, Rig, Configuration]:
             receiver=replace(settings.receiver, readout_s=0.05),
         ),
     )
-    return policy_for(PLAN, limits=rig.limits.search), rig, configuration_of(rig, PLAN)
+    return build_sweeping(PLAN, limits=rig.limits.search), rig, configuration_of(rig, PLAN)
 
 
 def live(path: Path, *, until: int | None = None) -> list[Event]:

@@ -16,6 +16,7 @@ from markerseek.core import (
     Measured,
     NotFound,
     Refused,
+    RunPlan,
     Sample,
     SearchError,
     Started,
@@ -27,7 +28,7 @@ from tests.unit.scan.scan_bench import FOUND, Bench, Tour, drain, kinds, scanner
 def test_a_found_search_moves_to_the_marker_confirms_and_stops() -> None:
     bench = Bench()
     policy = Tour(-35.0, 0.0, 10.0)
-    events = list(run(policy, scanner(bench), dark_frames=2))
+    events = list(run(policy, scanner(bench), RunPlan(dark_frames=2)))
     assert kinds(events) == ["Started", "dark", "dark", "search", "search", "search", "confirmation", "Finished"]
     finished = events[-1]
     assert isinstance(finished, Finished)
@@ -44,7 +45,7 @@ def test_a_found_search_moves_to_the_marker_confirms_and_stops() -> None:
 def test_every_acquisition_is_announced_before_anything_moves() -> None:
     bench = Bench()
     announced = []
-    for event in run(Tour(-35.0, 10.0), scanner(bench), dark_frames=1):
+    for event in run(Tour(-35.0, 10.0), scanner(bench), RunPlan(dark_frames=1)):
         if isinstance(event, Asked):
             announced.append((event.role, event.index, event.angle_deg))
             assert len([entry for entry in bench.log if entry.startswith("fire")]) == len(announced) - 1
@@ -77,7 +78,7 @@ def test_a_policy_gets_a_sample_only_after_the_event_was_handed_out() -> None:
 @pytest.mark.parametrize(("stay", "answer"), [(True, FOUND), (False, NotFound(mean_deg=0.0, reason="flat"))])
 def test_without_a_found_marker_or_with_stay_the_probe_stays(stay: bool, answer: Found | NotFound) -> None:
     bench = Bench()
-    events = list(run(Tour(0.0, answer=answer), scanner(bench), stay=stay))
+    events = list(run(Tour(0.0, answer=answer), scanner(bench), RunPlan(stay=stay)))
     assert kinds(events) == ["Started", "search", "Finished"]
     assert bench.angle_deg == 0.0
 
@@ -85,7 +86,7 @@ def test_without_a_found_marker_or_with_stay_the_probe_stays(stay: bool, answer:
 def test_a_refused_frame_is_reported_and_taken_again() -> None:
     bench = Bench(bad_frames=2)
     policy = Tour(0.0)
-    events = list(run(policy, scanner(bench), stay=True))
+    events = list(run(policy, scanner(bench), RunPlan(stay=True)))
     assert kinds(events) == ["Started", "Refused", "Refused", "search", "Finished"]
     refused = events[2]
     assert isinstance(refused, Refused)

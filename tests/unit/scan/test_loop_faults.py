@@ -23,6 +23,7 @@ from markerseek.core import (
     Reading,
     ReadingFrame,
     Refused,
+    RunPlan,
     SaturationError,
 )
 from markerseek.guard import State
@@ -121,7 +122,7 @@ def test_an_argument_that_a_part_cannot_use_is_no_fault(verb: str, error: Except
 def test_evidence_against_a_device_is_a_fault_and_a_frame_refused_twice_is_not(bench: Bench, state: State) -> None:
     made = scanner(bench)
     with contextlib.suppress(DeviceError):
-        list(run(Tour(0.0), made, stay=True))
+        list(run(Tour(0.0), made, RunPlan(stay=True)))
     assert made.guard.state is state
 
 
@@ -133,7 +134,7 @@ def test_a_reader_that_makes_no_number_of_a_frame_has_the_frame_refused() -> Non
             assert isinstance(frame, ReadingFrame)
             return Reading(intensity=math.nan if frame.header.sequence == 2 else frame.intensity)
 
-    events = list(run(Tour(0.0, 1.0, 2.0), scanner(OnceNan()), stay=True))
+    events = list(run(Tour(0.0, 1.0, 2.0), scanner(OnceNan()), RunPlan(stay=True)))
     assert [event.reason for event in events if isinstance(event, Refused)] == [
         "intensity is nan, it must be a finite number of at least 0; take the frame again"
     ]

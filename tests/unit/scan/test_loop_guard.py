@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from markerseek.core import Finished, Frame, LimitError, Permit
+from markerseek.core import Finished, Frame, LimitError, Permit, RunPlan
 from markerseek.guard import State
 from markerseek.scan import Scanner, run
 from tests.unit.scan.scan_bench import Bench, Tour, drain, kinds, scanner
@@ -60,7 +60,7 @@ def states(bench: Bench, **changes: object) -> tuple[Scanner, list[str]]:
 
 def test_each_device_acts_in_its_state_and_under_the_lease() -> None:
     made, seen = states(Bench())
-    events = list(run(Tour(0.0), made, stay=True))
+    events = list(run(Tour(0.0), made, RunPlan(stay=True)))
     assert isinstance(events[-1], Finished)
     assert seen == [
         "move moving held",
@@ -87,7 +87,7 @@ def test_an_unarmed_guard_moves_and_fires_nothing() -> None:
 def test_a_run_leaves_the_guard_disarmed_and_the_next_needs_a_person() -> None:
     made = scanner(Bench(), arms_itself=False)
     made.guard.arm(by="a test")
-    list(run(Tour(0.0), made, stay=True))
+    list(run(Tour(0.0), made, RunPlan(stay=True)))
     with pytest.raises(LimitError, match="arm it"):
         made.measure(0.0)
 

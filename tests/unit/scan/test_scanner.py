@@ -17,7 +17,9 @@ from markerseek.core import (
     Frame,
     Measured,
     Permit,
+    PolicyPlan,
     Refused,
+    RunPlan,
     SearchPlan,
 )
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
@@ -52,14 +54,14 @@ def order(bench: Bench) -> list[str]:
 
 def test_the_receiver_settles_before_the_first_acquisition_and_not_between_good_ones() -> None:
     bench = Settling()
-    list(run(Tour(1.0, 2.0), scanner(bench), dark_frames=1, stay=True))
+    list(run(Tour(1.0, 2.0), scanner(bench), RunPlan(dark_frames=1, stay=True)))
     assert order(bench) == ["settle", "fire 0", "acquire", "fire 16", "acquire", "fire 16", "acquire"]
 
 
 def test_after_a_refused_frame_it_settles_before_anything_is_fired_again() -> None:
     bench = Settling()
     bench.bad_frames = 2
-    events = list(run(Tour(1.0), scanner(bench), stay=True))
+    events = list(run(Tour(1.0), scanner(bench), RunPlan(stay=True)))
     assert kinds(events) == ["Started", "Refused", "Refused", "search", "Finished"]
     assert order(bench) == ["settle", "fire 16", "acquire"] * 3
 
@@ -67,7 +69,7 @@ def test_after_a_refused_frame_it_settles_before_anything_is_fired_again() -> No
 def test_stale_files_are_reported_and_the_search_goes_on() -> None:
     bench = Settling()
     bench.stale = 1
-    events = list(run(Tour(1.0), scanner(bench), dark_frames=1, stay=True))
+    events = list(run(Tour(1.0), scanner(bench), RunPlan(dark_frames=1, stay=True)))
     assert [event.reason for event in events if isinstance(event, Refused)] == ["stale files landed"]
     assert isinstance(events[-1], Finished)
     assert order(bench)[:4] == ["settle", "settle", "fire 0", "acquire"]
@@ -85,7 +87,7 @@ def test_stale_files_without_end_are_a_fault() -> None:
 def test_the_number_of_pulses_goes_in_turn_and_neighbours_differ() -> None:
     bench = Settling()
     made = scanner(bench, pulses=(17, 15, 16))
-    events = list(run(Tour(1.0, 2.0, 3.0, 4.0), made, dark_frames=1, stay=True))
+    events = list(run(Tour(1.0, 2.0, 3.0, 4.0), made, RunPlan(dark_frames=1, stay=True)))
     assert [step for step in order(bench) if step.startswith("fire")] == [f"fire {n}" for n in (0, 17, 15, 16, 17)]
     assert made.pulses == 17
     assert isinstance(events[-1], Finished)
@@ -110,8 +112,8 @@ def closing(behind: bool, *, stay: bool = False) -> tuple[rigs.Rig, Iterator[Eve
 
     receiver.acquire = one_behind  # type: ignore[method-assign]
     # Without a confirmation the last acquisition must be of the source, and none of a survey: a single source has none.
-    policy = build("posterior", limits=rig.limits.search, others=0.0 if stay else None)
-    return rig, run(policy, made, dark_frames=3, stay=stay, closing_dark=True)
+    policy = build(PolicyPlan(method="posterior", others=0.0 if stay else None), limits=rig.limits.search)
+    return rig, run(policy, made, RunPlan(dark_frames=3, stay=stay, closing_dark=True))
 
 
 @pytest.mark.parametrize("stay", [False, True])
@@ -153,7 +155,9 @@ def test_a_journal_with_a_closing_dark_frame_is_replayed_equal(tmp_path) -> None
     )
     path = tmp_path / "run.journal"
     with Journal.create(path, configuration) as journal:
-        events = list(journalled(build("posterior", acquisitions=6, limits=rig.limits.search), rig, journal))
+        events = list(
+            journalled(build(PolicyPlan(method="posterior", acquisitions=6), limits=rig.limits.search), rig, journal)
+        )
     held = read_journal(path)
     assert held.configuration.plan.closing_dark
     dark = [event.index for event in events if isinstance(event, Measured) and event.role == "dark"]

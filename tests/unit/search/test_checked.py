@@ -12,6 +12,7 @@ from markerseek.core import (
     Found,
     Interval,
     NotFound,
+    PolicyPlan,
     Reading,
     Sample,
     SearchError,
@@ -133,7 +134,7 @@ ANSWERS = {
 @pytest.mark.parametrize("name", ALL)
 def test_answers(name, curve, kind):
     acquisitions = 28 if name == "golden-section-reuse" else None
-    _, estimate = run(build(name, acquisitions=acquisitions), curve, darks=DARKS)
+    _, estimate = run(build(PolicyPlan(method=name, acquisitions=acquisitions)), curve, darks=DARKS)
     assert isinstance(estimate, kind)
     assert estimate.floor is not None
     assert estimate.floor.source == "dark frames"
@@ -152,19 +153,19 @@ def test_before_the_first_sample(name):
 
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_as_published_always_answers(name):
-    assert isinstance(build(name, as_published=True).estimate(), Found)
+    assert isinstance(build(PolicyPlan(method=name, as_published=True)).estimate(), Found)
 
 
 def test_posterior_was_not_published():
     with pytest.raises(ConfigError, match="leave out as_published"):
-        build("posterior", as_published=True)
+        build(PolicyPlan(method="posterior", as_published=True))
 
 
 def test_two_markers_are_no_answer_between_them():
     def both(angle):
         return max(lorentzian(-20.0)(angle), lorentzian(20.0)(angle))
 
-    _, estimate = run(build("weighted-average", early_end=False), both, darks=DARKS)
+    _, estimate = run(build(PolicyPlan(method="weighted-average", early_end=False)), both, darks=DARKS)
     assert isinstance(estimate, Unsure)
     assert estimate.doubt == "source"
     assert "weaker than the one at" in estimate.reason
@@ -208,12 +209,12 @@ def test_a_sound_from_one_place_need_not_be_coherent(spread_m, found):
 
 
 def test_unknown_floor_asks_for_ten_times_the_smallest():
-    _, weak = run(build("golden-section", acquisitions=8), lambda angle: 1 + lorentzian(3.0)(angle))
+    _, weak = run(build(PolicyPlan(method="golden-section", acquisitions=8)), lambda angle: 1 + lorentzian(3.0)(angle))
     assert isinstance(weak, NotFound)
     assert "10 times" in weak.reason
     assert weak.floor is not None
     assert weak.floor.level is None
-    _, strong = run(build("golden-section", acquisitions=10), lorentzian(3.0))
+    _, strong = run(build(PolicyPlan(method="golden-section", acquisitions=10)), lorentzian(3.0))
     assert isinstance(strong, Unsure)
 
 
@@ -229,7 +230,7 @@ def test_unknown_floor_asks_for_ten_times_the_smallest():
 )
 def test_the_interval_of_what_is_found_lies_within_the_tolerance(tolerance, depth_m, said):
     """Too few acquisitions are reported, with what would help; where frames say no depth, degrees count."""
-    policy = build("weighted-average", acquisitions=15, tolerance=tolerance)
+    policy = build(PolicyPlan(method="weighted-average", acquisitions=15, tolerance=tolerance))
     depth = {} if depth_m is None else {"depth_m": lambda _: depth_m}
     _, estimate = run(policy, lorentzian(7.3, fwhm_deg=4.0), darks=DARKS, **depth)
     if said is None:
@@ -249,15 +250,22 @@ def test_early_end_waits_for_evidence():
     def spike_then_marker(angle):
         return 0.05 if angle == -35 else lorentzian(20.0, fwhm_deg=5.0)(angle) if angle > 5 else 0.001
 
-    published, _ = run(build("weighted-average", acquisitions=57, as_published=True), spike_then_marker)
+    published, _ = run(
+        build(PolicyPlan(method="weighted-average", acquisitions=57, as_published=True)), spike_then_marker
+    )
     assert len(published) == 3
-    checked, estimate = run(build("weighted-average", acquisitions=57), spike_then_marker, darks=DARKS)
+    checked, estimate = run(
+        build(PolicyPlan(method="weighted-average", acquisitions=57)), spike_then_marker, darks=DARKS
+    )
     assert 40 < len(checked) < 57
     assert estimate.mean_deg == pytest.approx(20, abs=0.5)
 
 
 def test_the_inner_answer_is_kept():
-    bare, checked = BracketSearch(ratio=GOLDEN, acquisitions=24), build("golden-section", acquisitions=24)
+    bare, checked = (
+        BracketSearch(ratio=GOLDEN, acquisitions=24),
+        build(PolicyPlan(method="golden-section", acquisitions=24)),
+    )
     run(bare, lorentzian(7.3))
     _, estimate = run(checked, lorentzian(7.3), darks=DARKS)
     assert estimate.mean_deg == bare.estimate().mean_deg
@@ -295,16 +303,23 @@ class TestMethods:
     @pytest.mark.parametrize("name", ALL)
     def test_limits_and_acquisitions_are_kept(self, name):
         limits = Interval(low_deg=-12.0, high_deg=3.0)
-        policy = build(name, limits=limits, acquisitions=12, as_published=name in PUBLISHED, early_end=False)
+        policy = build(
+            PolicyPlan(method=name, acquisitions=12, as_published=name in PUBLISHED, early_end=False), limits=limits
+        )
         asked, _ = run(policy, lorentzian(1.0))
         assert len(asked) <= 12
         assert all(angle in limits for angle in asked)
 
-    @pytest.mark.parametrize("acquisitions", [1, 0, -3, 2.5, 16.0, True, math.nan])
+    @pytest.mark.parametrize("acquisitions", [-3, True, 501])
+    def test_a_plan_refuses_numbers_of_acquisitions(self, acquisitions):
+        with pytest.raises(ConfigError, match=rf"acquisitions is {acquisitions}, it must be .* between 0 and 500"):
+            PolicyPlan(method="posterior", acquisitions=acquisitions)
+
+    @pytest.mark.parametrize("acquisitions", [1, 0])
     @pytest.mark.parametrize("name", ALL)
-    def test_refuses_numbers_of_acquisitions(self, name, acquisitions):
+    def test_refuses_fewer_acquisitions_than_the_method_needs(self, name, acquisitions):
         with pytest.raises(ConfigError, match=f"{name}: acquisitions is .*at least {method_named(name).least}"):
-            build(name, acquisitions=acquisitions)
+            build(PolicyPlan(method=name, acquisitions=acquisitions))
 
     @pytest.mark.parametrize(
         ("wrong", "meant"),
@@ -319,6 +334,6 @@ class TestMethods:
             build("xyz")
 
     def test_checked_sweeps_begin_at_the_nearer_end(self):
-        assert build("weighted-average", start_deg=20.0).ask() == 35
-        assert build("weighted-average", start_deg=20.0, as_published=True).ask() == -35
-        assert build("manual", start_deg=20.0).ask() == 35
+        assert build(PolicyPlan(method="weighted-average", start_deg=20.0)).ask() == 35
+        assert build(PolicyPlan(method="weighted-average", start_deg=20.0, as_published=True)).ask() == -35
+        assert build(PolicyPlan(method="manual", start_deg=20.0)).ask() == 35

@@ -12,7 +12,17 @@ from scipy import optimize, stats
 from scipy.interpolate import PchipInterpolator
 
 from markerseek import rigs
-from markerseek.core import ConfigError, Finished, FrameHeader, Interval, Laser, NotFound, Receiver, Stage
+from markerseek.core import (
+    ConfigError,
+    Finished,
+    FrameHeader,
+    Interval,
+    Laser,
+    NotFound,
+    PolicyPlan,
+    Receiver,
+    Stage,
+)
 from markerseek.scan import run
 from markerseek.search import build
 from markerseek.sim import (
@@ -155,7 +165,11 @@ def test_on_the_same_seed_a_rig_of_intensities_gives_the_same_search_and_the_tru
         settings = SimulatedSettings(noise=NoiseSettings(peak_snr_db=40.0))
         rig = rigs.of_intensities(seed=seed, curve=SechCurve(fwhm_deg=8.0), marker_deg=12.5, settings=settings)
         assert rig.facts.truth_deg == 12.5
-        *_, last = run(build("weighted-average", start_deg=0.0), rig.scanner, dark_frames=rig.dark_frames)
+        *_, last = run(
+            build(PolicyPlan(method="weighted-average", start_deg=0.0)),
+            rig.scanner,
+            rig.run_plan,
+        )
         assert isinstance(last, Finished)
         return last
 
@@ -166,7 +180,7 @@ def test_on_the_same_seed_a_rig_of_intensities_gives_the_same_search_and_the_tru
 
 def test_without_a_marker_a_checked_search_finds_nothing_and_there_is_no_truth() -> None:
     rig = rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)
-    *_, last = run(build("weighted-average", acquisitions=29), rig.scanner, dark_frames=rig.dark_frames)
+    *_, last = run(build(PolicyPlan(method="weighted-average", acquisitions=29)), rig.scanner, rig.run_plan)
     assert rig.facts.truth_deg is None
     assert isinstance(last, Finished)
     assert isinstance(last.estimate, NotFound)

@@ -41,6 +41,7 @@ REPLIES = st.one_of(
     ),
     st.builds(box.Permitted, token=COUNT, seen=COUNT),
     st.builds(box.Done, token=COUNT, sent=COUNT, photodiode=COUNT),
+    st.builds(box.MeteredDone, token=COUNT, sent=COUNT, photodiode=COUNT, light=COUNT),
     st.just(box.Disarmed()),
     st.sampled_from(["CRC", "FORM", "TOKEN", "STEP", "INTERLOCK", "BUSY", "BUDGET"]).map(
         lambda reason: box.Refusal(reason=reason)

@@ -20,11 +20,12 @@ from markerseek.core import (
     Found,
     Interval,
     NotFound,
+    PolicyPlan,
     Sample,
     SearchPlan,
 )
 from markerseek.records import answer_name
-from markerseek.search import THRESHOLD, BracketSearch, build, policy_for
+from markerseek.search import THRESHOLD, BracketSearch, build, build_sweeping
 from markerseek.search.posterior import Posterior, SweepPosterior
 
 ZEROS_DEG = 0.6
@@ -101,12 +102,14 @@ class PolicyMirror:
     """A policy that is told what the policy of a running search is told."""
 
     def __init__(self, plan: SearchPlan, *, limits: Interval) -> None:
-        self._policy = policy_for(plan, limits=limits)
+        self._policy = build_sweeping(plan, limits=limits)
         self._claims = not plan.as_published
         # The checked form keeps its bracket to itself; the published one, given the same samples, has the same.
         self._bracket: BracketSearch | None = None
         if plan.method != "posterior":
-            published = build(plan.method, limits=limits, acquisitions=plan.acquisitions, as_published=True)
+            published = build(
+                PolicyPlan(method=plan.method, acquisitions=plan.acquisitions, as_published=True), limits=limits
+            )
             self._bracket = published if isinstance(published, BracketSearch) else None
         self._weighted = plan.method == "weighted-average"
         self._intensities: list[float] = []

@@ -8,7 +8,7 @@ from urllib.parse import urlencode
 
 import msgspec
 
-from markerseek.core import ConfigError, Tolerance, is_whole
+from markerseek.core import ConfigError, PolicyPlan, Tolerance, is_whole
 from markerseek.search import build, check_acquisitions, method_named
 from markerseek.sim import NoiseSettings, ReceiverSettings, VirtualClock, tissue_named
 
@@ -45,7 +45,7 @@ class PageSettings:
             check_acquisitions(self.acquisitions, least=chosen.least, method=chosen.name)
         if self.as_published:
             # The method itself says whether it was published.
-            build(self.method, as_published=True)
+            build(PolicyPlan(method=self.method, as_published=True))
         if self.tolerance_mm is not None:
             Tolerance(mm=self.tolerance_mm)
         if self.tissue is not None:

@@ -139,6 +139,7 @@ class AcquisitionNode(Served):
             sequence=frame.header.sequence,
             sampling_hz=frame.sampling_hz,
             stamp_ns=messages.time_ns(now_s),
+            energy=frame.header.energy,
         )
 
     def _answer(self, request: messages.AcquireRequest, *, error: str = "", step: Any = "error", **facts: Any) -> None:

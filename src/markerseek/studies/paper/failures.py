@@ -15,7 +15,7 @@ import numpy as np
 
 from markerseek import rigs
 from markerseek.acoustics import Bursts
-from markerseek.core import PAPER_RANGE, Found, MarkerseekError, Permit, ReadingError, Receiver
+from markerseek.core import PAPER_RANGE, Found, MarkerseekError, Permit, PolicyPlan, ReadingError, Receiver
 from markerseek.guard import Admission, FiringLimits, Guard, Permits
 from markerseek.scan import Scanner
 from markerseek.search import GOLDEN, TERNARY, THRESHOLD, build, equal_steps
@@ -273,7 +273,7 @@ def _guarded(run: FaultRun, method: AnyMethod) -> float | None:
         pulses=settings.laser.pulses,
         arms_itself=True,
     )
-    policy = build(BUILT[method], limits=rig.limits.search, start_deg=rig.stage.angle_deg)
+    policy = build(PolicyPlan(method=BUILT[method], start_deg=rig.stage.angle_deg), limits=rig.limits.search)
     try:
         estimate = searched(policy, scanner, dark_frames=rig.dark_frames).finished.estimate
     # A refusal of the guard, of the policy or of a device: none of them claims an angle.

@@ -13,7 +13,9 @@ from markerseek.core import (
     Interval,
     Measured,
     Policy,
+    PolicyPlan,
     Reading,
+    RunPlan,
     Sample,
     SearchError,
     SweepingPolicy,
@@ -69,13 +71,15 @@ def policy_of(
     the posterior once the angle is known well enough.
     """
     return build(
-        BUILT[name],
+        PolicyPlan(
+            method=BUILT[name],
+            acquisitions=acquisitions,
+            as_published=name != "posterior",
+            start_deg=start_deg,
+            early_end=early_end,
+            others=0.0 if name == "posterior" else None,
+        ),
         limits=limits,
-        acquisitions=acquisitions,
-        as_published=name != "posterior",
-        start_deg=start_deg,
-        early_end=early_end,
-        others=0.0 if name == "posterior" else None,
     )
 
 
@@ -137,7 +141,7 @@ def searched(
     samples: list[Sample] = []
     answers: dict[int, Estimate] = {}
     frames = 0
-    for event in run(policy, scanner, stay=stay, dark_frames=dark_frames):
+    for event in run(policy, scanner, RunPlan(stay=stay, dark_frames=dark_frames)):
         # When acquisition n is asked for, the policy holds n − 1 samples.
         if isinstance(event, Asked) and event.role == "search" and event.index - 1 in counts:
             answers[event.index - 1] = policy.estimate()

@@ -46,6 +46,7 @@ from markerseek.core import (
     NotFound,
     OtherSource,
     PaImage,
+    PolicyPlan,
     Refused,
     RigFacts,
     ScanGeometry,
@@ -113,7 +114,7 @@ def test_density_of_the_posterior():
 
 def test_bracket_is_that_of_the_published_search():
     session, events = finished_run("golden-section")
-    published = build("golden-section", as_published=True)
+    published = build(PolicyPlan(method="golden-section", as_published=True))
     assert isinstance(published, BracketSearch)
     for (event, _), snapshot in zip(events, shown(session, events), strict=True):
         if isinstance(event, Measured) and event.role == "search":

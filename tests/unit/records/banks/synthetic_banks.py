@@ -34,9 +34,15 @@ def counts(seed, shape=(8, 50)):
     return np.random.default_rng(seed).integers(-2048, 2048, shape).astype(np.int16)
 
 
-def sample(angle_deg, *, seed=0, dark=False, shape=(8, 50), frame=True):
+def sample(angle_deg, *, seed=0, dark=False, shape=(8, 50), frame=True, energy=None):
     header = FrameHeader(
-        sequence=seed + 1, token="a", pulses=0 if dark else 16, commanded_deg=angle_deg, started_s=seed * 2.0, ended_s=0
+        sequence=seed + 1,
+        token="a",
+        pulses=0 if dark else 16,
+        commanded_deg=angle_deg,
+        started_s=seed * 2.0,
+        ended_s=0,
+        energy=energy,
     )
     channel = ChannelFrame(header=header, samples=counts(seed, shape), sampling_hz=40e6) if frame else None
     return Sample(angle_deg=angle_deg, reading=Reading(intensity=100.0 + seed), dark=dark, frame=channel)
@@ -45,12 +51,12 @@ def sample(angle_deg, *, seed=0, dark=False, shape=(8, 50), frame=True):
 ANGLES = (4.0, 2.0, 0.5, -1.0)
 
 
-def write(path, *, planned=4, taken=4, facts=FACTS, frame=True):
+def write(path, *, planned=4, taken=4, facts=FACTS, frame=True, energies=(None,) * 4):
     with BankWriter(path, angles=planned, dark_frames=2, facts=facts) as writer:
         for seed in (8, 9):
             writer.add(sample(0.0, seed=seed, dark=True, frame=frame))
         for seed, angle in enumerate(ANGLES[:taken]):
-            writer.add(sample(angle, seed=seed, frame=frame))
+            writer.add(sample(angle, seed=seed, frame=frame, energy=energies[seed]))
     return path
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
+from markerseek.core import PolicyPlan
 from markerseek.search import build
 from markerseek.sim import CurveWorld, LaserSettings, MarkerSettings, NoiseSettings, PowerCurve, SimulatedSettings
 from markerseek.studies import CurveSettings, cells
@@ -54,7 +55,12 @@ def test_full_scans_answer_as_those_of_the_loop(monkeypatch: pytest.MonkeyPatch,
             draw = draw_trial(here, cell, trial)
             for settings in here.policies[2:]:
                 policy = build(
-                    settings.method, acquisitions=settings.acquisitions, as_published=True, early_end=settings.early_end
+                    PolicyPlan(
+                        method=settings.method,
+                        acquisitions=settings.acquisitions,
+                        as_published=True,
+                        early_end=settings.early_end,
+                    )
                 )
                 found = searched(policy, study_rig(here, cell, draw).scanner)
                 by_loop = abs(found.finished.estimate.mean_deg - draw.marker_deg)

@@ -40,6 +40,8 @@ class Columns:
     started_s: tuple[float, ...]
     """``angles_deg``, ``intensities``, ``pulses`` and ``started_s``: a missing intensity or time is NaN, missing pulses
     are 1."""
+    energies: tuple[float, ...]
+    """Energy of the pulses over the usual one; NaN where it was not measured."""
     row_sums: tuple[int, ...]
     """Checksum of each row, already verified; empty where the file has none."""
 
@@ -66,6 +68,7 @@ def read_columns(path: Path, file: UntrustedHdf5, *, ours: bool) -> Columns:
         intensities=tuple(_intensities(path, file, angles.size)[order].tolist()),
         pulses=tuple(int(each) for each in np.where(pulses >= 0, pulses, 1)),
         started_s=tuple(times[order].tolist()),
+        energies=tuple(_energies(file, angles.size, ours=ours)[order].tolist()),
         row_sums=sums_of(file, fields.ROW_SUMS, order.tolist(), room=angles.size),
     )
     if columns.row_sums:
@@ -95,10 +98,35 @@ def changed(path: Path, what: str) -> RecordError:
 
 
 def _require_unchanged(path: Path, columns: Columns) -> None:
-    rows = zip(columns.angles_deg, columns.intensities, columns.pulses, columns.started_s, strict=True)
-    for summed, (angle_deg, intensity, pulses, started_s) in zip(columns.row_sums, rows, strict=True):
-        if row_sum(angle_deg=angle_deg, intensity=intensity, pulses=pulses, started_s=started_s) != summed:
+    values = (columns.angles_deg, columns.intensities, columns.pulses, columns.started_s, columns.energies)
+    for summed, (angle_deg, intensity, pulses, started_s, energy) in zip(
+        columns.row_sums, zip(*values, strict=True), strict=True
+    ):
+        written = row_sum(angle_deg=angle_deg, intensity=intensity, pulses=pulses, started_s=started_s, energy=energy)
+        if written != summed:
             raise changed(path, f"what is written of the angle {angle_deg:g} deg")
+
+
+def _energies(file: UntrustedHdf5, count: int, *, ours: bool) -> Float64[np.ndarray, " planned"]:
+    """Energy of each measurement's pulses over the usual one; NaN where it was not measured.
+
+    Another program's file has joules: over their mean, where they differ from one measurement to the next.
+    """
+    if ours:
+        return _one_each(file, fields.ENERGY, count, otherwise=math.nan)
+    joules = _joules(file)
+    known = joules[np.isfinite(joules)]
+    if joules.size != count or known.size == 0 or np.ptp(known) == 0:
+        return np.full(count, np.nan)
+    return joules / float(known.mean())
+
+
+def _joules(file: UntrustedHdf5) -> Float64[np.ndarray, " values"]:
+    """The pulse energies of a file, NaN where they are none; empty where it has none, or the text ``None``."""
+    if not file.has(fields.PULSE_ENERGY) or file.text(fields.PULSE_ENERGY) is not None:
+        return np.empty(0)
+    joules = file.numbers(fields.PULSE_ENERGY)
+    return np.where(np.isfinite(joules) & (joules > 0), joules, np.nan)
 
 
 def _intensities(path: Path, file: UntrustedHdf5, count: int) -> Float64[np.ndarray, " planned"]:
@@ -137,7 +165,7 @@ def read_facts(file: UntrustedHdf5, *, ours: bool, pitch_m: float | None) -> Ban
         sound_speed_m_s=_between(file, fields.SOUND_SPEED, 300.0, 7000.0),
         pitch_m=pitch_m,
         wavelength_m=_first(file, fields.WAVELENGTH),
-        pulse_energy_j=_first(file, fields.PULSE_ENERGY),
+        pulse_energy_j=_usual_energy_j(file),
         face_radius_m=_between(file, fields.FACE_RADIUS, 0.0, 1.0),
         reference_angle_deg=file.number(fields.REFERENCE),
         clock_zero_unix_s=_clock_zero_unix_s(file, ours=ours),
@@ -169,6 +197,18 @@ def _between(file: UntrustedHdf5, name: str, low: float, high: float) -> float |
         # A value far out is a flipped bit or a wrong unit, such as km/s.
         raise ValueError(f"{name} is {value:g}, it must lie between {low:g} and {high:g}")
     return value
+
+
+def _usual_energy_j(file: UntrustedHdf5) -> float | None:
+    """Energy of a usual pulse in joules: of our files the first, without what it had more or less; else the mean."""
+    joules = _joules(file)
+    if joules.size == 0 or math.isnan(joules[0]):
+        return None
+    first_j, over_usual = float(joules[0]), _first(file, fields.ENERGY)
+    if over_usual:
+        return first_j / over_usual
+    known = joules[np.isfinite(joules)]
+    return first_j if np.ptp(known) == 0 else float(known.mean())
 
 
 def _first(file: UntrustedHdf5, name: str) -> float | None:

@@ -25,6 +25,9 @@ When it reads, pacfish drops axes of length 1 of every dataset but the first.
 VERSION = "meta_data/markerseek_bank_version"
 ANGLES, INTENSITIES, REFERENCE = "meta_data/trus_angle_deg", "meta_data/intensity", "meta_data/reference_angle_deg"
 PULSES = "meta_data/pulses"
+ENERGY = "meta_data/energy_over_usual"
+"""Energy of the pulses of each measurement as in `FrameHeader`, by which its intensity has been divided; NaN where it
+was not measured. `PULSE_ENERGY` has it in joules too, where that of a usual pulse is known."""
 TIMES, RIG_CLOCK, CLOCK_ZERO = (
     "meta_data/measurement_timestamps",
     "meta_data/rig_clock_s",
@@ -43,7 +46,7 @@ SAMPLING, SOUND_SPEED = "meta_data/ad_sampling_rate", "meta_data/speed_of_sound"
 WAVELENGTH, PULSE_ENERGY, SIZES = "meta_data/acquisition_wavelengths", "meta_data/pulse_energy", "meta_data/sizes"
 DETECTORS = "meta_data_device/detectors"
 
-BY_MEASUREMENT = (ANGLES, INTENSITIES, PULSES, TIMES, RIG_CLOCK, PULSE_ENERGY, POSES, ROW_SUMS, FRAME_SUMS)
+BY_MEASUREMENT = (ANGLES, INTENSITIES, PULSES, ENERGY, TIMES, RIG_CLOCK, PULSE_ENERGY, POSES, ROW_SUMS, FRAME_SUMS)
 """Fields with one row for each measurement, besides the frames."""
 
 DEVICE_IDENTIFIERS = {
@@ -111,6 +114,7 @@ def acquisition_fields(facts: BankFacts, layout: Layout, *, device: str) -> dict
         RIG_CLOCK: unmeasured,
         CLOCK_ZERO: math.nan if facts.clock_zero_unix_s is None else facts.clock_zero_unix_s,
         PULSES: np.zeros(count, np.int64),
+        ENERGY: unmeasured,
         ROW_SUMS: np.zeros(count, np.uint32),
         FRAME_SUMS: np.zeros(count, np.uint32) if has_frames else None,
         DARK_SUMS: np.zeros(layout.dark_frames, np.uint32) if has_frames else None,

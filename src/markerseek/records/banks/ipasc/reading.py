@@ -55,8 +55,14 @@ class IpascBank(FrameBank):
             summed=self.frame_sums[index] if self.frame_sums else None,
             after=self.columns.row_sums[index] if self.columns.row_sums else 0,
         )
+        energy = self.columns.energies[index]
         return self._frame(
-            samples, row, angle_deg=angle_deg, pulses=self.pulses[index], started_s=self.started_s[index]
+            samples,
+            row,
+            angle_deg=angle_deg,
+            pulses=self.pulses[index],
+            started_s=self.started_s[index],
+            energy=None if math.isnan(energy) else energy,
         )
 
     def dark_frame(self, index: int) -> ChannelFrame:
@@ -85,6 +91,7 @@ class IpascBank(FrameBank):
         angle_deg: float,
         pulses: int,
         started_s: float,
+        energy: float | None = None,
     ) -> ChannelFrame:
         if self.facts.sampling_hz is None:
             raise RecordError(f"{self.path}: {fields.SAMPLING} is missing; its frames cannot be read without it")
@@ -95,6 +102,7 @@ class IpascBank(FrameBank):
             commanded_deg=angle_deg,
             started_s=started_s,
             ended_s=started_s,
+            energy=energy,
         )
         return ChannelFrame(header=header, samples=samples, sampling_hz=self.facts.sampling_hz)
 

@@ -32,11 +32,12 @@ def probe_pose(angle_deg: float, *, first_deg: float, face_radius_m: float) -> F
     return np.array([0.0, -face_radius_m * math.sin(turned), -sinking_m, turned, 0.0, 0.0])
 
 
-def row_sum(*, angle_deg: float, intensity: float, pulses: int, started_s: float) -> int:
-    """CRC-32 of angle, intensity, start (little-endian doubles) and pulses (int64) of one measurement."""
+def row_sum(*, angle_deg: float, intensity: float, pulses: int, started_s: float, energy: float) -> int:
+    """CRC-32 of angle, intensity, start (little-endian doubles), pulses (int64), and of an energy that is not NaN."""
     # NaN has many bit patterns, and HDF5 or NumPy may change one into another.
     floats = (math.nan if math.isnan(each) else each for each in (angle_deg, intensity, started_s))
-    return zlib.crc32(struct.pack("<3dq", *floats, pulses))
+    summed = zlib.crc32(struct.pack("<3dq", *floats, pulses))
+    return summed if math.isnan(energy) else zlib.crc32(struct.pack("<d", energy), summed)
 
 
 def frame_sum(samples: Int16[np.ndarray, "channels samples"], *, after: int = 0) -> int:

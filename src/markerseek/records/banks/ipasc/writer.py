@@ -162,12 +162,16 @@ class BankWriter:
         header = None if sample.frame is None else sample.frame.header
         pulses = 0 if header is None else header.pulses
         started_s = math.nan if header is None or not math.isfinite(header.started_s) else header.started_s
-        summed = row_sum(angle_deg=angle_deg, intensity=intensity, pulses=pulses, started_s=started_s)
+        energy = math.nan if header is None or header.energy is None else header.energy
+        summed = row_sum(angle_deg=angle_deg, intensity=intensity, pulses=pulses, started_s=started_s, energy=energy)
         if frame is not None:
             write_frame(file[fields.FRAMES], (0, 0, 0, row), frame.samples.astype("<i2").tobytes())
             file[fields.FRAME_SUMS][row] = frame_sum(frame.samples, after=summed)
         file[fields.INTENSITIES][row] = intensity
         file[fields.PULSES][row] = pulses
+        file[fields.ENERGY][row] = energy
+        if self._facts.pulse_energy_j is not None and not math.isnan(energy):
+            file[fields.PULSE_ENERGY][row] = self._facts.pulse_energy_j * energy
         file[fields.RIG_CLOCK][row] = started_s
         zero_s = self._facts.clock_zero_unix_s
         file[fields.TIMES][row] = math.nan if zero_s is None else zero_s + started_s

@@ -100,8 +100,8 @@ def test_checksums_are_those_of_zlib_over_the_numbers_and_then_the_counts(tmp_pa
         assert file["meta_data/row_crc32"][1] == zlib.crc32(numbers)
         assert file["meta_data/frame_crc32"][1] == zlib.crc32(numbers + counts(1).astype("<i2").tobytes())
         assert file["meta_data/dark_frame_crc32"][1] == zlib.crc32(counts(9).astype("<i2").tobytes())
-    assert row_sum(angle_deg=0.0, intensity=-math.nan, pulses=1, started_s=math.nan) == row_sum(
-        angle_deg=0.0, intensity=math.nan, pulses=1, started_s=-math.nan
+    assert row_sum(angle_deg=0.0, intensity=-math.nan, pulses=1, started_s=math.nan, energy=math.nan) == row_sum(
+        angle_deg=0.0, intensity=math.nan, pulses=1, started_s=-math.nan, energy=math.nan
     )
     assert frame_sum(np.asfortranarray(counts(3))) == frame_sum(counts(3)) == frame_sum(counts(3).astype(">i2"))
 

@@ -15,13 +15,14 @@ import numpy as np
 import pacfish
 import pytest
 
-from markerseek.core import RecordError
+from markerseek.core import Permit, RecordError
 from markerseek.records.banks import IntensityBank, read_bank
 from markerseek.records.banks.ipasc import BankWriter
 from markerseek.records.banks.ipasc.fields import DEVICE_IDENTIFIERS, device_identifier
 from markerseek.records.banks.ipasc.reading import IpascBank
+from markerseek.records.replay import ReplayReceiver, ReplayStage
 from markerseek.signals.presets import PRESET_NAMES
-from tests.unit.records.banks.synthetic_banks import ANGLES, FACTS, counts, sample, write
+from tests.unit.records.banks.synthetic_banks import ANGLES, FACTS, changed, counts, sample, write
 
 ROOT = Path(__file__).parents[5]
 
@@ -69,6 +70,44 @@ def test_pacfish_reads_the_standard_fields_and_finds_them_consistent(tmp_path):
     assert device == str(uuid.UUID(device, version=4))
     assert data.meta_data_acquisition["photoacoustic_imaging_device_reference"] == device
     assert data.meta_data_acquisition["measurement_spatial_poses"].shape == (4, 6)
+
+
+def test_the_energy_of_each_measurement_comes_back_and_is_ipasc_s_pulse_energy(tmp_path):
+    path = write(tmp_path / "a.hdf5", planned=9, energies=(1.1, None, 0.9, 1.05))
+    np.testing.assert_allclose(pacfish.load_data(str(path)).get_pulse_energy(), 2e-3 * np.array((1.1, 1, 0.9, 1.05)))
+    bank = read_bank(path)
+    assert [bank.frame(index).header.energy for index in range(4)] == [1.05, 0.9, None, 1.1]
+    assert bank.dark_frame(0).header.energy is None
+    assert bank.facts.pulse_energy_j == pytest.approx(2e-3)
+    stage = ReplayStage(bank)
+    receiver = ReplayReceiver(stage=stage, bank=bank)
+    stage.move_to(0.5)
+    permit = Permit(token="a", angle_deg=0.5, pulses=16, expires_s=math.inf)
+    receiver.arm(permit)
+    assert receiver.acquire(permit).header.energy == 0.9
+
+
+def test_an_energy_that_was_changed_is_noticed(tmp_path):
+    path = write(tmp_path / "a.hdf5", energies=(1.1, None, 0.9, 1.05))
+
+    def change(file):
+        file["meta_data/energy_over_usual"][1] = 1.0
+
+    with pytest.raises(RecordError, match="what is written of the angle 2 deg has changed"):
+        read_bank(changed(path, change))
+
+
+def test_the_pulse_energies_of_another_program_are_taken_over_their_mean(tmp_path):
+    def another(file):
+        for name in ("markerseek_bank_version", "energy_over_usual"):
+            del file[f"meta_data/{name}"]
+        file["meta_data/pulse_energy"][:] = (2e-3, 3e-3, 4e-3, 3e-3)
+
+    bank = read_bank(changed(write(tmp_path / "a.hdf5"), another, sums=False))
+    assert [bank.frame(index).header.energy for index in range(4)] == pytest.approx([1, 4 / 3, 1, 2 / 3])
+    assert bank.facts.pulse_energy_j == pytest.approx(3e-3)
+    steady = read_bank(changed(write(tmp_path / "b.hdf5"), lambda _file: None, sums=False))
+    assert steady.frame(0).header.energy is None
 
 
 def test_each_preset_has_its_own_identifier_and_an_unknown_probe_a_new_one(tmp_path):

@@ -1,0 +1,43 @@
+"""The laser's pick-up: what its pulse leaves in the channels at the trigger, before any sound can have come.
+
+Electrical or optical, it is as high as the pulse is strong, in all channels at once.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from markerseek.core import AcquisitionError, ChannelFrame, ConfigError
+
+REST_SAMPLES = 256
+"""Last samples of a frame, which give the zero and the noise of each channel: the deepest have the least signal."""
+
+
+def pickup_amplitude(frame: ChannelFrame, *, window_us: tuple[float, float], full_scale: int) -> float:
+    """Root mean square of the samples of a window over all channels in counts, less the zero of each and its noise.
+
+    ``window_us``: first and last moment after the trigger, in microseconds. ``full_scale``: counts at which the
+    converter clips. Raises `AcquisitionError` if the pick-up is clipped, `ConfigError` if the window is not in the
+    frame.
+    """
+    first, last = (round(1e-6 * end_us * frame.sampling_hz) for end_us in window_us)
+    samples = frame.samples.shape[1]
+    if not 0 <= first <= last < samples - REST_SAMPLES:
+        raise ConfigError(
+            f"laser: pickup_us is {list(window_us)} us, samples {first} to {last}; it must lie between the trigger and "
+            f"the last {REST_SAMPLES} of the frame's {samples} samples"
+        )
+    window = frame.samples[:, first : last + 1].astype(np.float64)
+    largest = float(np.abs(window).max())
+    if largest >= full_scale:
+        raise AcquisitionError(
+            f"laser: the pick-up reaches {largest:g} counts and the converter clips at {full_scale}, so that it does "
+            "not show the energy; choose a window (pickup_us) in which it does not, or a lower gain"
+        )
+    rest = frame.samples[:, -REST_SAMPLES:].astype(np.float64)
+    zero = rest.mean(axis=1, keepdims=True)
+    # E[x²] = a² + sigma² in the window, and sigma² in the rest.
+    power = float(np.square(window - zero).mean()) - float(np.square(rest - zero).mean())
+    return math.sqrt(max(power, 0.0))

@@ -1,0 +1,42 @@
+"""What a tutorial shows is what its commands print."""
+
+from __future__ import annotations
+
+import doctest
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
+ENDINGS = {0, 3}  # found, and any other answer
+
+
+def shown(page: Path) -> list[tuple[str, str]]:
+    """Commands of a page's console blocks in their order, each with what the page shows of its output."""
+    blocks = re.findall(r"^```console\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    return [
+        (command, output)
+        for block in blocks
+        for command, output in re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", block, re.MULTILINE)
+    ]
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if shown(page)], ids=lambda page: page.stem)
+def test_a_tutorial_shows_what_its_commands_print(page: Path, tmp_path: Path) -> None:
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    environment = os.environ | {"PATH": path, "COLUMNS": "120", "XDG_STATE_HOME": str(tmp_path / "state")}
+    for command, expected in shown(page):
+        ended = subprocess.run(
+            ["bash", "-c", command], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        )
+        assert ended.returncode in ENDINGS, f"{command}\n{ended.stderr}"
+        as_shown = doctest.OutputChecker().check_output(
+            expected, ended.stdout, doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+        )
+        assert as_shown, f"{page.name}: {command}\nshown:\n{expected}\nprinted:\n{ended.stdout}\n{ended.stderr}"
