@@ -316,6 +316,11 @@ def _per_energy(reading: Reading, energy: float | None) -> Reading:
             f"the energy of the pulses is {energy} of the usual one, it must lie between {MIN_ENERGY} and "
             f"{1 / MIN_ENERGY:g}; look at the laser and its energy meter"
         )
+    return divided_reading(reading, energy)
+
+
+def divided_reading(reading: Reading, energy: float) -> Reading:
+    """The reading with all its heights, noise included, divided by a positive number."""
     maxima = reading.local_maxima
     if maxima is not None:
         scaled = np.frombuffer(maxima.intensities, "<f4") / np.float32(energy)

@@ -148,6 +148,11 @@ class Study:
         return len(cells(self)) * self.trials * len(self.policies)
 
     @property
+    def sweeps(self) -> bool:
+        """Whether one of its policies sweeps."""
+        return any(policy.sweep for policy in self.policies)
+
+    @property
     def digest(self) -> str:
         """Hash of the study and of the package's version, 16 hexadecimal digits: equal for equal tables."""
         return _digest(self)
