@@ -18,7 +18,7 @@ from rich.markup import escape
 
 from markerseek import drivers, rigs
 from markerseek.cli.terminal import one_line, print_json, printable, stderr
-from markerseek.core import ConfigError, Sweep
+from markerseek.core import ConfigError, SweepingPolicy
 
 if TYPE_CHECKING:
     from markerseek.sim import SimulatedSettings
@@ -121,24 +121,19 @@ def open_rig(
     yield rigs.simulated(seed=seed, settings=settings, pace=options.pace), settings.start_deg
 
 
-def announce_sweep(rig: rigs.Rig, *, start_deg: float) -> None:
+def announce_sweeps(rig: rigs.Rig, policy: SweepingPolicy, *, start_deg: float) -> None:
     """Print how a rig will sweep, and for how long, run-up included."""
-    devices, search = rig.scanner.sweeping, rig.limits.search
-    speed_deg_s = devices.stage.fastest_sweep_deg_s
-    ends_deg = [search.low_deg, search.high_deg]
-    if start_deg > search.centre_deg:
-        ends_deg.reverse()
-    place_deg, lasting_s, way = start_deg, 0.0, []
-    for to_deg in ends_deg:
-        sweep = Sweep(to_deg=to_deg, speed_deg_s=speed_deg_s)
-        lasting_s += devices.duration_s(sweep, from_deg=place_deg)
-        way.append(f"{to_deg:g} deg")
-        place_deg = to_deg
+    from markerseek.search.posterior import SweepPosterior
+
+    devices, sweeps = rig.scanner.sweeping, policy.sweeps if isinstance(policy, SweepPosterior) else []
+    places_deg = [start_deg, *(sweep.to_deg for sweep in sweeps)]
+    durations_s = [devices.duration_s(sweep, from_deg=at) for sweep, at in zip(sweeps, places_deg, strict=False)]
+    way = " and ".join(f"{sweep.to_deg:g} deg" for sweep in sweeps)
     period_s = max(devices.laser.sweep_period_s, devices.receiver.frame_period_s)
     stderr.print(
-        f"[dim]sweeps from {start_deg:g} deg to {' and '.join(way)} at {speed_deg_s:.1f} deg/s, at most "
-        f"{1 / period_s:.3g} frames a second: {lasting_s:.1f} s at most with run-up and braking, then back to the "
-        "marker[/]"
+        f"[dim]sweeps from {start_deg:g} deg to {way} at {sweeps[0].speed_deg_s:.1f} deg/s, at most "
+        f"{1 / period_s:.3g} frames a second: {sum(durations_s):.1f} s at most with run-up and braking, then back to "
+        "the marker[/]"
     )
 
 

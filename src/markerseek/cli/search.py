@@ -13,7 +13,7 @@ from rich.table import Table
 
 from markerseek import runs
 from markerseek.cli.event_stream import EventFrames, Events, Heartbeat, StreamOptions
-from markerseek.cli.open_rig import NO_OPTIONS, SimulationOptions, announce_sweep, arm_rig, open_rig
+from markerseek.cli.open_rig import NO_OPTIONS, SimulationOptions, announce_sweeps, arm_rig, open_rig
 from markerseek.cli.options import Arm, AsJson, Out, PlanOptions, RigFile, Stay, Sweeps, with_values
 from markerseek.cli.report import Output, Report, drawn, table
 from markerseek.cli.terminal import announce_compilation
@@ -95,9 +95,9 @@ def command(
         plan = options.plan(start_deg=start_deg, stay=stay, prior=curve)
         if sweep:
             plan = replace(plan, sweep_speed_deg_s=assembled.scanner.sweeping.stage.fastest_sweep_deg_s)
-            announce_sweep(assembled, start_deg=start_deg)
-        plan = runs.plan_on(assembled, plan)
-        session = runs.new_session(assembled, plan)
+        session = runs.new_session(assembled, runs.plan_on(assembled, plan))
+        if sweep:
+            announce_sweeps(assembled, session.policy, start_deg=start_deg)
         announce_compilation()
         arm_rig(assembled, file=rig, arm=arm, what="search", as_json=as_json, asked_by=asked_by)
         session = run_new_session(

@@ -74,7 +74,7 @@ class SweepPosterior:
     def ask(self) -> float | Sweep | None:
         """Next sweep, or next angle in degrees; None at the end of the search."""
         if self._next is None:
-            self._next = (self._sweep() if self._to_deg else self._posterior.ask(),)
+            self._next = (self.sweeps[0] if self._to_deg else self._posterior.ask(),)
         return self._next[0]
 
     def tell(self, sample: Sample) -> None:
@@ -110,8 +110,13 @@ class SweepPosterior:
         """What is believed of the marker's angle, for a picture of it; None before the first sample."""
         return self._posterior.belief
 
-    def _sweep(self) -> Sweep:
-        return Sweep(to_deg=self._to_deg[0], speed_deg_s=self._speed_deg_s, spacing_deg=LEAST_SPACING_DEG)
+    @property
+    def sweeps(self) -> list[Sweep]:
+        """The sweeps that it will ask for unless the marker is found before; others may follow."""
+        return [
+            Sweep(to_deg=to_deg, speed_deg_s=self._speed_deg_s, spacing_deg=LEAST_SPACING_DEG)
+            for to_deg in self._to_deg
+        ]
 
     def _advance(self, sample: Sample) -> None:
         """Decide, every tenth of a second, whether a sweep goes on after a sample of it."""
