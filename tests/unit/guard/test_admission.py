@@ -21,6 +21,7 @@ from markerseek.core import (
     RFFrame,
     SaturationError,
     ScanGeometry,
+    SpotEnergy,
 )
 from markerseek.guard import Admission
 from tests.unit.core.damaged import damaged
@@ -74,6 +75,9 @@ def test_the_answer_to_the_permit_is_admitted() -> None:
     admit(B_MODE, previous=B_MODE_BEFORE)
     Admission().admit_reading(READING, frame=FRAME, usual_sigma=None)
     Admission().admit_reading(Reading(intensity=0.0), frame=INTENSITY, usual_sigma=None)
+    # What a spot holds was checked when it was made.
+    spot = SpotEnergy(amplitude=10.0, relative_sigma=0.1, lateral_m=0.0, depth_m=0.05)
+    Admission().admit_reading(Reading(intensity=10.0, spot=spot), frame=FRAME, usual_sigma=None)
 
 
 @pytest.mark.parametrize(
