@@ -242,6 +242,13 @@ class Losing(SimulatedReceiver):
         self.triggers = 0
 
 
+class Skipping(SimulatedReceiver):
+    """Misses the thirtieth trigger, and counts it."""
+
+    def _swept(self, now_s: float) -> list[Frame]:
+        return [frame for frame in super()._swept(now_s) if frame.header.sequence != 30]
+
+
 class Doubling(SimulatedReceiver):
     """Delivers each thirtieth frame twice."""
 

@@ -40,6 +40,7 @@ from tests.unit.scan.sweep_bench import (
     Losing,
     Running,
     Silent,
+    Skipping,
     Slipping,
     Slow,
     Stalling,
@@ -222,6 +223,32 @@ def test_a_stream_that_loses_or_doubles_a_frame_gives_no_answer(kind: type[Simul
     events = drain(bench.run(Sweeps(TO_END)), AcquisitionError)
     assert not any(isinstance(event, Finished) for event in events)
     assert bench.scanner.guard.state is State.FAULT
+
+
+def test_a_counter_that_jumps_ends_the_sweep_at_once() -> None:
+    bench, policy = SweepBench(), Sweeps(TO_END)
+    bench.receiver.__class__ = Skipping
+    events = drain(bench.run(policy), AcquisitionError)
+    assert len(policy.samples) == 29
+    failed = events[-1]
+    assert isinstance(failed, Failed)
+    assert "frame 31 came after frame 29: a trigger was lost or doubled" in str(failed.error)
+    assert bench.stage.angle_deg < 0
+
+
+def test_a_sweep_that_is_left_ends_the_light_and_the_motion_by_itself() -> None:
+    bench = SweepBench()
+    bench.scanner.guard.arm(by="a test")
+    outcomes = bench.scanner.sweep(TO_END, number=1, goes_on=lambda: True)
+    for _ in range(30):
+        next(outcomes)
+    outcomes.close()
+    at_deg, fired = bench.stage.probe_deg(bench.scanner.clock.now_s()), len(bench.flashes())
+    bench.scanner.clock.wait(5.0)
+    bench.laser.pulses()
+    assert len(bench.flashes()) == fired
+    # It brakes at once, in v²/2a, and does not go on to its next target.
+    assert abs(bench.stage.angle_deg - at_deg) == pytest.approx(2.0, abs=0.1)
 
 
 @pytest.mark.parametrize("kind", [Losing, Doubling, Swapping])
