@@ -260,7 +260,7 @@ def _read_folder(data: bytes) -> None:
     folder = Path(tempfile.mkdtemp(prefix="daq-", dir="/dev/shm"))
     try:
         clock = FolderClock(folder, data)
-        settings = SonixDaqSettings(folder=folder, timeout_s=1.0, stable_s=0.1)
+        settings = SonixDaqSettings(folder=str(folder), timeout_s=1.0, stable_s=0.1)
         receiver = SonixDaqReceiver(settings=settings, clock=clock)
         permit = _permit(clock)
         receiver.arm(permit)

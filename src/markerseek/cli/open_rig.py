@@ -17,7 +17,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import drivers, rigs
-from markerseek.cli.terminal import one_line, print_json, printable, stderr
+from markerseek.cli.terminal import one_line, print_json, print_warning, printable, stderr
 from markerseek.core import ConfigError, SweepingPolicy
 
 if TYPE_CHECKING:
@@ -150,8 +150,8 @@ def arm_rig(
         return
     stderr.print(escape(rig.facts.description))
     stderr.print(f"[dim]stands at {rig.scanner.angle_deg:.3f} deg[/]")
-    if isinstance(rig.recipe, rigs.BenchRecipe):
-        print_permissions(rig.recipe.settings)
+    if rig.bench is not None:
+        print_permissions(rig.bench)
     if not arm and not confirmed(f"Arm the laser and {what}?", name=file.name, asked_by=asked_by):
         if as_json:
             print_json({"armed": False, "rig": rig.facts.description})
@@ -198,8 +198,10 @@ def _typed_now(prompt: str) -> str:
 
 def print_permissions(settings: drivers.BenchSettings) -> None:
     """Print what a user's rig file allows once it is armed: limits, pulses, budgets, exposure, its start command."""
-    limits, firing, receiver = settings.limits, settings.firing, settings.receiver
-    command = receiver.start_command if isinstance(receiver, drivers.BenchReceiver) else None
+    limits, firing = settings.limits, settings.firing
+    command = getattr(settings.receiver, "start_command", None)
+    for line in settings.foreign_lines:
+        print_warning(line)
     lines = (
         f"limits: search {limits.search}, travel {limits.travel}",
         f"laser: {settings.laser.pulses} pulses per acquisition at {settings.laser.rate_hz:g} Hz",
