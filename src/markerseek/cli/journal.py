@@ -15,7 +15,7 @@ from markerseek import runs
 from markerseek.cli import journal_folder
 from markerseek.cli.options import AsJson
 from markerseek.cli.terminal import announce_compilation, new_table, one_line, print_error, print_json, stdout
-from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started
+from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started, Swept
 
 if TYPE_CHECKING:
     from markerseek.records.journal import Entry, RecordedRun
@@ -156,8 +156,8 @@ def _line(entry: Entry) -> tuple[str, str, str, str]:
     match entry.event:
         case Started(start_deg=start_deg, limits=limits):
             return "started", f"{start_deg:.3f}", "", f"searches {limits}"
-        case Asked(role=role, index=index, angle_deg=angle_deg):
-            return f"asked: {role} {index}", f"{angle_deg:.3f}", "", ""
+        case Asked() | Swept():
+            return _turning(entry.event)
         case Measured(role=role, index=index, sample=sample):
             return f"measured: {role} {index}", f"{sample.angle_deg:.3f}", f"{sample.reading.intensity:.4g}", ""
         case Refused(angle_deg=angle_deg, reason=reason):
@@ -173,3 +173,12 @@ def _line(entry: Entry) -> tuple[str, str, str, str]:
             return "resuming", "" if check_deg is None else f"{check_deg:.3f}", "", f"armed by {by}{flank}"
         case Checked(reading=reading, difference=difference):
             return "checked", "", f"{reading.intensity:.4g}", difference or "unchanged"
+
+
+def _turning(event: Asked | Swept) -> tuple[str, str, str, str]:
+    angle = f"{event.angle_deg:.3f}"
+    if isinstance(event, Swept):
+        return "swept", angle, "", f"{event.pulses} pulses"
+    if event.sweep is not None:
+        return "asked: sweep", angle, "", f"{event.sweep.speed_deg_s:g} deg/s"
+    return f"asked: {event.role} {event.index}", angle, "", ""

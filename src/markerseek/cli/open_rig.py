@@ -18,7 +18,7 @@ from rich.markup import escape
 
 from markerseek import drivers, rigs
 from markerseek.cli.terminal import one_line, print_json, print_warning, printable, stderr
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, SweepingPolicy
 
 if TYPE_CHECKING:
     from markerseek.sim import SimulatedSettings
@@ -93,10 +93,13 @@ NO_OPTIONS = SimulationOptions()
 
 
 @contextmanager
-def open_rig(path: Path | None, options: SimulationOptions = NO_OPTIONS) -> Iterator[tuple[rigs.Rig, float]]:
+def open_rig(
+    path: Path | None, options: SimulationOptions = NO_OPTIONS, *, sweeps: bool = False
+) -> Iterator[tuple[rigs.Rig, float]]:
     """The rig of a rig file and the angle of its probe in degrees; its devices are closed at the end.
 
-    ``path``: None for the simulated rig with its defaults. Raises `DeviceError` if a device does not answer, or is not
+    ``path``: None for the simulated rig with its defaults. ``sweeps``: whether the gain of a simulated one leaves room
+    for the noise of single pulses. Raises `DeviceError` if a device does not answer, or is not
     ready.
     """
     from markerseek.sim import SimulatedSettings
@@ -112,8 +115,26 @@ def open_rig(path: Path | None, options: SimulationOptions = NO_OPTIONS) -> Iter
             yield rig, rig.scanner.angle_deg
         return
     settings = options.on(settings)
+    if sweeps:
+        settings = replace(settings, receiver=replace(settings.receiver, single_pulses=True))
     seed = _USUAL_SEED if options.seed is None else options.seed
     yield rigs.simulated(seed=seed, settings=settings, pace=options.pace), settings.start_deg
+
+
+def announce_sweeps(rig: rigs.Rig, policy: SweepingPolicy, *, start_deg: float) -> None:
+    """Print how a rig will sweep, and for how long, run-up included."""
+    from markerseek.search.posterior import SweepPosterior
+
+    devices, sweeps = rig.scanner.sweeping, policy.sweeps if isinstance(policy, SweepPosterior) else []
+    places_deg = [start_deg, *(sweep.to_deg for sweep in sweeps)]
+    durations_s = [devices.duration_s(sweep, from_deg=at) for sweep, at in zip(sweeps, places_deg, strict=False)]
+    way = " and ".join(f"{sweep.to_deg:g} deg" for sweep in sweeps)
+    period_s = max(devices.laser.sweep_period_s, devices.receiver.frame_period_s)
+    stderr.print(
+        f"[dim]sweeps from {start_deg:g} deg to {way} at {sweeps[0].speed_deg_s:.1f} deg/s, at most "
+        f"{1 / period_s:.3g} frames a second: {sum(durations_s):.1f} s at most with run-up and braking, then back to "
+        "the marker[/]"
+    )
 
 
 def arm_rig(

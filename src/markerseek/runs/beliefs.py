@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from markerseek.core import AngleBelief, Asked, Event, Finished, Float64, Measured, Policy, SearchPlan
+from markerseek.core import AngleBelief, Asked, Event, Finished, Float64, Measured, SearchPlan, SweepingPolicy
 from markerseek.search import THRESHOLD, BracketSearch, CheckedPolicy
-from markerseek.search.posterior import Posterior
+from markerseek.search.posterior import Posterior, SweepPosterior
 
 ZEROS_DEG = 0.6
 """Width in degrees on both sides of the density that is kept though it is zero there; a pixel of a chart has 0.2."""
@@ -17,7 +17,7 @@ ZEROS_DEG = 0.6
 class Beliefs:
     """What a policy believes whenever it asks."""
 
-    def __init__(self, policy: Policy, plan: SearchPlan) -> None:
+    def __init__(self, policy: SweepingPolicy, plan: SearchPlan) -> None:
         self._policy, self._plan = policy, plan
         self._intensities: list[float] = []
 
@@ -39,7 +39,7 @@ class Beliefs:
 
     def _belief(self) -> AngleBelief:
         estimate = self._policy.estimate()
-        if isinstance(self._policy, Posterior):
+        if isinstance(self._policy, Posterior | SweepPosterior):
             public = self._policy.belief
             if public is None:
                 return AngleBelief(estimate=estimate)

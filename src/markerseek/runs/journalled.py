@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import msgspec
 
-from markerseek.core import Clock, Event, Failed, Measured, Policy, Refused, SearchPlan, Started
+from markerseek.core import Clock, Event, Failed, Measured, Refused, SearchPlan, Started, SweepingPolicy, Swept
 from markerseek.records.journal import Configuration, Journal
 from markerseek.rigs import ReaderRecipe, Rig, SpareRecipe, TipRecipe
 from markerseek.runs.beliefs import Beliefs
@@ -36,7 +36,7 @@ def _reader_recipe(rig: Rig) -> ReaderRecipe:
 
 
 def journalled(
-    policy: Policy, rig: Rig, journal: Journal, *, limits: RunLimits = _RUN_LIMITS
+    policy: SweepingPolicy, rig: Rig, journal: Journal, *, limits: RunLimits = _RUN_LIMITS
 ) -> Generator[Event, None, None]:
     """`run` with each event committed to a journal before it is yielded, and so before the policy receives it.
 
@@ -73,6 +73,6 @@ def closing_run(events: Generator[Event, None, None], clock: Clock, journal: Jou
 def commit_event(event: Event, clock: Clock, rig: Rig, journal: Journal) -> None:
     """Commit an event, with the state of a simulated world where it has changed; `RecordError` if that fails."""
     # `Asked` and `Finished` change nothing in a simulated world: no checkpoint is needed.
-    changed = rig.world is not None and isinstance(event, Started | Measured | Refused | Failed)
+    changed = rig.world is not None and isinstance(event, Started | Measured | Swept | Refused | Failed)
     checkpoint = rig.world.checkpoint() if rig.world is not None and changed else None
     journal.commit(event, clock_s=clock.now_s(), checkpoint=checkpoint)

@@ -13,7 +13,18 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from markerseek.core import Asked, DeviceError, Event, Finished, Measured, Policy, RecordError, Refused, Started
+from markerseek.core import (
+    Asked,
+    DeviceError,
+    Event,
+    Finished,
+    Measured,
+    RecordError,
+    Refused,
+    Started,
+    SweepingPolicy,
+    Swept,
+)
 from markerseek.records.journal import Entry, Journal, RecordedRun, Resuming, RunState, run_state, versions
 from markerseek.rigs import Rig
 from markerseek.runs.beliefs import Beliefs
@@ -22,12 +33,12 @@ from markerseek.runs.recheck import commanded_deg, pulses_before, require_unchan
 from markerseek.runs.recorded_scanner import RecordedScanner
 from markerseek.scan import AnyScanner, RunLimits, run
 
-RUN_EVENTS = (Started, Asked, Measured, Refused, Finished)
+RUN_EVENTS = (Started, Asked, Measured, Swept, Refused, Finished)
 """Events that are replayed; a fault is not one of them, because it has been reset."""
 
 
 def resumed(
-    policy: Policy,
+    policy: SweepingPolicy,
     rig: Rig,
     journal: Journal,
     recorded: RecordedRun,

@@ -6,7 +6,7 @@ from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 
-from markerseek.core import Event, Policy, SearchPlan
+from markerseek.core import Event, SearchPlan, SweepingPolicy
 from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal, RecordedRun
 from markerseek.rigs import Rig
@@ -14,14 +14,14 @@ from markerseek.runs.journalled import configuration_of, journalled
 from markerseek.runs.rebuild import rebuild_policy
 from markerseek.runs.resume import resumed
 from markerseek.scan import run
-from markerseek.search import build, most_acquisitions
+from markerseek.search import build_sweeping, most_acquisitions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Session:
     """A search on a rig. Iterate over `events`, then ask for `result`."""
 
-    policy: Policy
+    policy: SweepingPolicy
     rig: Rig
     configuration: Configuration
     """Plan of the search and facts of the rig, as a journal holds them."""
@@ -60,8 +60,8 @@ class Session:
             self.journal.interrupt(reason)
 
     @property
-    def most_acquisitions(self) -> int:
-        """Most acquisitions of the search, for a progress bar."""
+    def most_acquisitions(self) -> int | None:
+        """Most acquisitions of the search, for a progress bar; None if they cannot be counted before."""
         return most_acquisitions(self.configuration.plan)
 
     def result(self) -> SearchResult:
@@ -71,13 +71,14 @@ class Session:
 
 def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
     """The plan with the dark frames that a rig needs; the paper's form of a method takes none before the search."""
-    # The paper's methods measure no noise floor.
-    return replace(plan, dark_frames=0 if plan.as_published else rig.dark_frames, closing_dark=rig.closing_dark)
+    # The paper's methods measure no noise floor, and that of a single pulse is not that of an average.
+    without = plan.as_published or plan.sweep_speed_deg_s is not None
+    return replace(plan, dark_frames=0 if without else rig.dark_frames, closing_dark=rig.closing_dark)
 
 
 def new_session(rig: Rig, plan: SearchPlan) -> Session:
     """A new search, without a journal yet; nothing moves before `Session.events` is iterated."""
-    policy = build(plan, limits=rig.limits.search)
+    policy = build_sweeping(plan, limits=rig.limits.search)
     return Session(policy=policy, rig=rig, configuration=configuration_of(rig, plan))
 
 

@@ -148,6 +148,11 @@ class Study:
         return len(cells(self)) * self.trials * len(self.policies)
 
     @property
+    def sweeps(self) -> bool:
+        """Whether one of its policies sweeps."""
+        return any(policy.sweep for policy in self.policies)
+
+    @property
     def digest(self) -> str:
         """Hash of the study and of the package's version, 16 hexadecimal digits: equal for equal tables."""
         return _digest(self)
@@ -170,6 +175,10 @@ class Cell:
 def _digest(study: Study) -> str:
     # With the version: another one may compute other rows.
     values = msgspec.to_builtins(study) | {"rig": hashable_values(study.rig)}
+    for policy in values["policies"]:
+        # Newer than the first hashes.
+        if not policy["sweep"]:
+            del policy["sweep"]
     return _hashed([values, __version__]).hexdigest()[:16]
 
 

@@ -22,7 +22,9 @@ from markerseek.core import (
     Measured,
     NotConnectedError,
     Permit,
+    PolicyPlan,
     Receiver,
+    RunPlan,
 )
 from markerseek.drivers import EnergyMeter, LaserBoxSettings, metered
 from markerseek.drivers.kdc101 import Kdc101Stage
@@ -67,8 +69,8 @@ def found_on(folder: Path, laser: LaserSettings, keys: LaserBoxSettings) -> tupl
     )
     scanner.guard.arm(by="test")
     # The vertex of a parabola through the top: a function of the intensities alone.
-    policy = build("exhaustive", limits=NEAR, acquisitions=9, as_published=True)
-    events = list(run(policy, scanner, dark_frames=1))
+    policy = build(PolicyPlan(method="exhaustive", acquisitions=9, as_published=True), limits=NEAR)
+    events = list(run(policy, scanner, RunPlan(dark_frames=1)))
     finished = events[-1]
     assert isinstance(finished, Finished)
     assert isinstance(finished.estimate, Found)

@@ -33,6 +33,7 @@ from markerseek.core import (
     Sample,
     ScanGeometry,
     Started,
+    Swept,
     UInt8,
 )
 from markerseek.records import answer_name
@@ -144,8 +145,8 @@ class Streams:
         event = item.event
         self._state |= {"number": item.number, "clock_s": item.clock_s, "target_deg": None}
         match event:
-            case Started(start_deg=start_deg):
-                return [self._turned(start_deg)]
+            case Started(start_deg=angle_deg) | Swept(angle_deg=angle_deg):
+                return [self._turned(angle_deg)]
             case Asked(role=role, index=index, angle_deg=angle_deg):
                 self._state |= {"role": role, "index": index, "target_deg": angle_deg}
             case Measured(sample=sample):

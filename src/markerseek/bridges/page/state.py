@@ -20,6 +20,7 @@ from markerseek.core import (
     Role,
     Sample,
     Started,
+    Swept,
 )
 from markerseek.records import answer_name
 from markerseek.records.journal import Checked, Configuration, Interrupted, JournalEvent, Resuming
@@ -117,9 +118,8 @@ class SnapshotBuilder:
         match event:
             case Started(start_deg=start_deg, limits=limits):
                 return replace(now, phase="ready", probe_deg=start_deg, line=f"started at {start_deg:.2f}°, {limits}")
-            case Asked(role=role, index=index, angle_deg=angle_deg):
-                where = "" if role == "dark" else f" at {angle_deg:.2f}°"
-                return replace(now, phase="moving", target_deg=angle_deg, line=f"{self._name(role, index)}{where}")
+            case Asked() | Swept():
+                return self._turning(event, now)
             case Measured():
                 return self._measured(event, now)
             case Refused(angle_deg=angle_deg, reason=reason):
@@ -143,6 +143,15 @@ class SnapshotBuilder:
                 )
             case Checked(difference=difference):
                 return replace(now, phase="checking", line=f"checked: {difference or 'unchanged'}")
+
+    def _turning(self, event: Asked | Swept, now: Snapshot) -> Snapshot:
+        if isinstance(event, Swept):
+            line = f"the sweep ended at {event.angle_deg:.2f}° after {event.pulses} pulses"
+            return replace(now, target_deg=None, probe_deg=event.angle_deg, line=line)
+        where = "" if event.role == "dark" else f" at {event.angle_deg:.2f}°"
+        swept = f"sweeps to {event.angle_deg:.2f}°"
+        line = f"{self._name(event.role, event.index)}{where}" if event.sweep is None else swept
+        return replace(now, phase="moving", target_deg=event.angle_deg, line=line)
 
     def cut_off(self, reason: str) -> Snapshot:
         """State after the last event of a run that gave no end: where its probe is now is not known."""
