@@ -80,9 +80,16 @@ class Session:
 
 
 def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
-    """The plan with the dark frames that a rig needs; the paper's form of a method takes none before the search."""
-    # The paper's methods measure no noise floor.
-    return replace(plan, dark_frames=0 if plan.as_published else rig.dark_frames, closing_dark=rig.closing_dark)
+    """The plan with what follows from the rig; the paper's form of a method takes no dark frames before the search."""
+    run = rig.run_plan
+    return replace(
+        plan,
+        # The paper's methods measure no noise floor.
+        dark_frames=0 if plan.as_published else run.dark_frames,
+        closing_dark=run.closing_dark,
+        stay=plan.stay or run.stay,
+        angles_deg=rig.angles_deg,
+    )
 
 
 def new_session(rig: Rig, plan: SearchPlan) -> Session:

@@ -129,6 +129,7 @@ def build(plan: PolicyPlan | str, *, limits: Interval | Sequence[SupportsFloat] 
             others=USUAL_OTHERS if plan.others is None else plan.others,
             prior=plan.prior,
             tolerance=plan.tolerance,
+            angles_deg=plan.angles_deg,
         )
     refuse_posterior_settings(chosen.name, others=plan.others, prior=plan.prior, cues=plan.cues)
     ends_early = plan.early_end and chosen.name == "weighted-average"
