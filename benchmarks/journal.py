@@ -90,14 +90,14 @@ class Times:
 def commit_many(commits: int, *, folder: Path | None) -> tuple[list[Times], list[str]]:
     """Times of commits of frames, of commands, and of bare writes, and what else there is to say of them."""
     samples = np.random.default_rng(1).integers(-2048, 2048, SHAPE).astype(np.int16)
-    checkpoint, configuration = _begun_with()
+    checkpoint, configuration = begun_with()
     spans: dict[str, list[tuple[float, float]]] = {FRAME: [], COMMAND: [], BARE: []}
     with tempfile.TemporaryDirectory(dir=folder) as name:
         path = Path(name) / "journal"
         journal = Journal.create(path, configuration)
         with (Path(name) / "bare").open("wb", buffering=0) as bare:
             for index in range(1, commits + 1):
-                asked, measured = Asked(role="search", index=index, angle_deg=1.0), _measured(index, samples)
+                asked, measured = Asked(role="search", index=index, angle_deg=1.0), measured_event(index, samples)
                 spans[COMMAND].append(_once_ms(lambda event=asked: journal.commit(event, clock_s=1.0)))
                 spans[FRAME].append(
                     _once_ms(lambda event=measured: journal.commit(event, clock_s=1.0, checkpoint=checkpoint))
@@ -106,7 +106,7 @@ def commit_many(commits: int, *, folder: Path | None) -> tuple[list[Times], list
         journal.close()
         file_mb = size_bytes_of(path) / 1e6
         reading_ms, _ = _once_ms(lambda: read_journal(path, frames=False))
-    body = len(msgspec.json.encode(_measured(1, samples).sample.reading))
+    body = len(msgspec.json.encode(measured_event(1, samples).sample.reading))
     held = f"{samples.nbytes} bytes of samples, {body} of reading, {len(checkpoint)} of checkpoint"
     end = f"read and checked within {reading_ms:.0f} ms"
     remarks = [f"journal: {held}", f"journal: {file_mb:.0f} MB after {commits} frames, {end}"]
@@ -123,7 +123,8 @@ def _once_ms(work: Callable[[], object]) -> tuple[float, float]:
     return 1e3 * (time.perf_counter() - clock), 1e3 * (time.process_time() - processor)
 
 
-def _begun_with() -> tuple[bytes, Configuration]:
+def begun_with() -> tuple[bytes, Configuration]:
+    """State of a simulated world, and the configuration of its search."""
     rig = rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)
     assert rig.world is not None
     configuration = configuration_of(
@@ -133,7 +134,8 @@ def _begun_with() -> tuple[bytes, Configuration]:
     return rig.world.checkpoint(), configuration
 
 
-def _measured(index: int, samples: np.ndarray) -> Measured:
+def measured_event(index: int, samples: np.ndarray) -> Measured:
+    """An acquisition with a frame."""
     header = FrameHeader(
         sequence=index, token=f"permit-{index}", pulses=16, commanded_deg=1.0, started_s=0.0, ended_s=10.0
     )

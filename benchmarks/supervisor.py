@@ -19,7 +19,7 @@ import tty
 
 import msgspec
 
-from markerseek.supervisor import Line
+from markerseek.files import Line
 
 LEASE_S = 0.1
 SAFE_COMMAND = b"DISARM\n"

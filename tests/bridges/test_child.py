@@ -16,8 +16,7 @@ import pytest
 from markerseek import rigs
 from markerseek.bridges import ChildRun, Outcome, Searches, SearchOptions, SearchRequest
 from markerseek.core import ConfigError, Measured, SearchError, SearchPlan
-from markerseek.records.journal import Interrupted, read_journal
-from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead, StreamItem
+from markerseek.records.journal import Configuration, Entry, Interrupted, JournalItem, read_journal
 from markerseek.runs import new_session, plan_on
 from tests.emulated import emulation
 
@@ -29,8 +28,8 @@ def _own_data_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
 
 
-def events_of(items: list[StreamItem]) -> list[StreamEvent]:
-    return [item for item in items if isinstance(item, StreamEvent)]
+def events_of(items: list[JournalItem]) -> list[Entry]:
+    return [item for item in items if isinstance(item, Entry)]
 
 
 def test_a_child_sends_the_events_and_gives_the_answer_of_the_same_search_in_this_process() -> None:
@@ -39,14 +38,12 @@ def test_a_child_sends_the_events_and_gives_the_answer_of_the_same_search_in_thi
     session = new_session(rig, plan)
     expected = list(session.events())
     with ChildRun(
-        ["search", "--method", "golden-section", "--acquisitions", "5", "--seed", str(SEED), "--no-journal"],
-        frames=True,
+        ["search", "--method", "golden-section", "--acquisitions", "5", "--seed", str(SEED), "--no-journal"]
     ) as child:
         items = list(child.items())
         outcome = child.outcome()
-    assert isinstance(items[0], StreamHead)
-    assert items[0].configuration.plan == plan
-    assert isinstance(items[-1], StreamEnd)
+    assert isinstance(items[0], Configuration)
+    assert items[0].plan == plan
     received = [item.event for item in events_of(items)]
     assert received == expected
     for one, other in zip(received, expected, strict=True):
@@ -60,9 +57,9 @@ def test_a_child_sends_the_events_and_gives_the_answer_of_the_same_search_in_thi
 
 def test_a_child_that_is_stopped_says_so_and_its_exit_code_is_passed_on(tmp_path: Path) -> None:
     journal = tmp_path / "run.journal"
-    child = ChildRun(["search", "--seed", "1", "--pace", "0.2", "--journal", str(journal)])
+    child = ChildRun(["search", "--seed", "1", "--pace", "0.2", "--journal", str(journal)], journal=journal)
     items = child.items()
-    next(item for item in items if isinstance(item, StreamEvent) and isinstance(item.event, Measured))
+    next(item for item in items if isinstance(item, Entry) and isinstance(item.event, Measured))
     for _ in range(20):
         # Escape that is held down; only the first counts.
         child.stop()
@@ -95,7 +92,10 @@ def test_26_7_a_child_whose_bridge_is_killed_or_hangs_stops_the_search_within_5_
     bridge = (
         "import sys\n"
         "from markerseek.bridges import ChildRun\n"
-        f"child = ChildRun(['search', '--seed', '1', '--pace', '0.5', '--journal', {str(journal)!r}])\n"
+        "from pathlib import Path\n"
+        f"journal = {str(journal)!r}\n"
+        "arguments = ['search', '--seed', '1', '--pace', '0.5', '--journal', journal]\n"
+        "child = ChildRun(arguments, journal=Path(journal))\n"
         "for item in child.items():\n"
         "    print(child.process_id, flush=True)\n"
     )
@@ -199,5 +199,5 @@ def test_a_request_becomes_options_that_arm_nothing_and_name_no_file() -> None:
         "--stay",
     ]
     assert json.dumps(SearchOptions(rig=Path("a.toml"), pace=1.0, keep_journal=False).arguments()) == (
-        '["--rig=a.toml", "--pace=1.0", "--no-journal"]'
+        '["--rig=a.toml", "--pace=1.0"]'
     )

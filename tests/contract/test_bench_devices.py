@@ -23,7 +23,7 @@ def receiver_and_laser(folder: Path) -> tuple[Receiver, LaserBox]:
     clock = BenchClock()
     clock.lead(bench.daq.advance)
     laser = LaserBox(port=DirectPort(device=bench.laser_box, clock=clock), clock=clock)
-    return SonixDaqReceiver(settings=SonixDaqSettings(folder=folder), clock=clock), laser
+    return SonixDaqReceiver(settings=SonixDaqSettings(folder=str(folder)), clock=clock), laser
 
 
 class TestLaserBox(LaserContract):

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from markerseek.core import Stage
-from markerseek.drivers import Kdc101DriverSettings, Kdc101Stage
+from markerseek.drivers import Kdc101Settings, Kdc101Stage
 from markerseek.emulators import DirectPort, EmulatedKdc101
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
@@ -22,7 +22,7 @@ class TestKdc101Stage(StageContract):
     @pytest.fixture(autouse=True)
     def _choose(self, stands: EmulatedKdc101, approach_from: str) -> None:
         self.stands = stands
-        self.settings = Kdc101DriverSettings(zero_deg=stands.zero_deg, approach_from=approach_from)  # type: ignore[arg-type]
+        self.settings = Kdc101Settings(port="", zero_deg=stands.zero_deg, approach_from=approach_from)  # type: ignore[arg-type]
 
     def make(self) -> Stage:
         clock = VirtualClock()

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import shutil
-import sqlite3
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 from unittest import mock
 
 from markerseek import rigs
 from markerseek.core import Asked, Event, Interval, Measured, PolicyPlan, Reading, RecordError, Sample, Started
-from markerseek.records.journal import Journal, read_journal
-from markerseek.records.journal.connection import rollback_file
-from markerseek.records.journal.schema import VERSION
+from markerseek.records.journal import Journal, lines, read_journal
 from markerseek.runs.journalled import journalled
 from markerseek.search import build
 from tests.faults.journal_runs import configuration, died_in_commit, measured
@@ -66,39 +63,52 @@ def a_commit_is_on_the_disk() -> None:
 
 
 def copied(place: Path) -> list[object]:
-    """Entries in a copy of the journal and its rollback journal, as after a sudden death."""
-    for copy_of in (lambda path: path, rollback_file):
-        shutil.copyfile(copy_of(place / "a"), copy_of(place / "b"))
+    """Entries in a copy of the journal, as after a sudden death."""
+    shutil.copyfile(place / "a", place / "b")
     return list(read_journal(place / "b").entries)
 
 
-def unreadable_after(*statements: str) -> bool:
-    """Whether a journal, of which the last event has a frame, is refused after these changes."""
+def flipped_at(find: Callable[[bytes], int]) -> bytes:
+    """What is said of a journal, of which the last event has a frame, after a flipped bit."""
     with folder() as place:
         with new(place / "a") as journal:
             for event in (*events(2), measured(3, channels=2)):
                 journal.commit(event, clock_s=0.0)
-        with closing(sqlite3.connect(place / "a")) as connection:
-            for sql in statements:
-                connection.execute(sql)
-            connection.commit()
+        data = bytearray((place / "a").read_bytes())
+        data[find(bytes(data))] ^= 1
+        (place / "a").write_bytes(data)
         try:
             read_journal(place / "a")
-        except RecordError:
-            return True
-        return False
+        except RecordError as refusal:
+            return str(refusal).encode()
+        return b""
 
 
-def a_changed_row_is_refused() -> None:
-    assert unreadable_after("UPDATE events SET clock_s = 9 WHERE number = 3")
+def a_changed_line_is_refused() -> None:
+    assert flipped_at(lambda data: data.index(b'"clock_s":0', data.index(b'"number":       3')) + 10)
 
 
 def changed_samples_are_refused() -> None:
-    assert unreadable_after("UPDATE events SET samples = zeroblob(length(samples)) WHERE samples NOT NULL")
+    assert flipped_at(lambda data: len(data) - 100)
 
 
 def a_changed_configuration_is_refused() -> None:
-    assert unreadable_after("UPDATE run SET configuration = replace(configuration, 'ternary', 'Ternary')")
+    assert flipped_at(lambda data: data.index(b"ternary"))
+
+
+def a_changed_length_is_damage_and_no_torn_end() -> None:
+    """The last entry seems longer than the file."""
+    assert flipped_at(lambda data: data.rindex(b'"frame_bytes":') + len(b'"frame_bytes":') + 6)
+
+
+def entries_of_another_run_are_refused() -> None:
+    with folder() as place:
+        kept(place / "a")
+        kept(place / "b", acquisitions=4)
+        one, other = ((place / name).read_bytes() for name in "ab")
+        at = one.index(b'{"number":       3')
+        (place / "a").write_bytes(one[:at] + other[other.index(b'{"number":       3') :])
+        assert read_whole(place / "a") == -1
 
 
 def every_row_is_read() -> None:
@@ -153,27 +163,21 @@ def a_signal_behind_a_commit_leaves_room_for_a_note() -> None:
         assert read_whole(place / "a") == 3
 
 
-def a_lost_end_is_refused() -> None:
-    assert unreadable_after("DELETE FROM events WHERE number > 5")
-
-
-def a_foreign_rollback_journal_changes_nothing() -> None:
-    """It is undone in a copy, and a journal that is not whole after that is not opened to be written."""
+def a_torn_end_is_cut_off() -> None:
     with folder() as place:
-        kept(place / "a", acquisitions=20)
-        died_in_commit(place / "b", lambda journal: journal.commit(events(1)[0], clock_s=0.0))
-        rollback_file(place / "b").replace(rollback_file(place / "a"))
-        before = (place / "a").read_bytes()
-        with contextlib.suppress(RecordError):
-            Journal.reopen(place / "a")[0].close()
-        assert (place / "a").read_bytes() == before
+        died_in_commit(place / "a", lambda journal: [journal.commit(each, clock_s=0.0) for each in events(2)])
+        journal, held = Journal.reopen(place / "a")
+        with journal:
+            journal.interrupt("made up")
+        assert len(held.entries) == len(events(2))
+        assert read_whole(place / "a") == len(events(2)) + 1
 
 
 def a_newer_journal_is_refused() -> None:
     with folder() as place:
-        kept(place / "a")
-        with closing(sqlite3.connect(place / "a")) as connection:
-            connection.execute(f"PRAGMA user_version = {VERSION + 1}")
+        line, _ = lines.first_line(configuration())
+        held = line[lines.PREFIX_BYTES :].replace(b'"journal":1,', b'"journal":2,').rstrip()
+        (place / "a").write_bytes(lines._chained(0, b"{" + held, b"", previous=0)[0])
         try:
             read_journal(place / "a")
         except RecordError as refusal:
@@ -181,6 +185,16 @@ def a_newer_journal_is_refused() -> None:
         else:
             raise AssertionError("a journal of a newer version is read")
         assert "written by a newer markerseek" in sentence
+
+
+def a_second_writer_is_refused() -> None:
+    with folder() as place, new(place / "a") as journal:
+        try:
+            Journal.reopen(place / "a")
+        except RecordError:
+            journal.commit(events(1)[0], clock_s=0.0)
+            return
+        raise AssertionError("two programs drive one run")
 
 
 def a_deleted_journal_is_noticed() -> None:

@@ -1,4 +1,4 @@
-"""The journal's readers as functions of bytes, for fuzzing: the file and its rollback journal."""
+"""The journal's readers as functions of bytes, for fuzzing."""
 
 from __future__ import annotations
 
@@ -8,21 +8,19 @@ from functools import lru_cache
 from pathlib import Path
 
 from markerseek.core import Asked, Interval, Started
-from markerseek.records.journal import Journal, salvage, verify
-from markerseek.records.journal.connection import rollback_file
+from markerseek.records.journal import Journal, follow, salvage, verify
 from tests.faults.journal_runs import configuration, died_in_commit, measured
 
 
 @lru_cache
 def whole() -> dict[str, bytes]:
-    """A ``closed`` journal of a few entries; the ``file`` and the ``rollback`` of one whose run died in a commit."""
+    """A ``closed`` journal of a few entries, and a ``torn`` one whose run died in a commit."""
     with tempfile.TemporaryDirectory() as name:
-        closed, dead = Path(name) / "run.journal", Path(name) / "dead.journal"
+        closed, torn = Path(name) / "run.journal", Path(name) / "torn.journal"
         with Journal.create(closed, configuration()) as journal:
             _write(journal)
-        died_in_commit(dead, _write)
-        parts = {"closed": closed, "file": dead, "rollback": rollback_file(dead)}
-        return {part: path.read_bytes() for part, path in parts.items()}
+        died_in_commit(torn, _write)
+        return {"closed": closed.read_bytes(), "torn": torn.read_bytes()}
 
 
 def _write(journal: Journal) -> None:
@@ -34,20 +32,10 @@ def _write(journal: Journal) -> None:
 
 def read_file(path: Path) -> None:
     """Every operation on a foreign journal."""
-    rollback_file(path).unlink(missing_ok=True)
-    _read(path)
-
-
-def read_rollback(rollback: Path) -> None:
-    """The same, where what may be damaged is the rollback journal."""
-    path = Path(str(rollback).removesuffix("-journal"))
-    path.write_bytes(whole()["file"])
-    _read(path)
-
-
-def _read(path: Path) -> None:
     salvage(path)
     verify(path)
+    for _ in follow(path, wait=lambda: None):
+        pass
     journal, _ = Journal.reopen(path)
     with journal:
         journal.interrupt("made up")
@@ -55,6 +43,6 @@ def _read(path: Path) -> None:
 
 JOURNALS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] = {
     "journal": ("a.journal", lambda: whole()["closed"], read_file),
-    "journal-rollback": ("a.journal-journal", lambda: whole()["rollback"], read_rollback),
+    "journal-torn": ("a.journal", lambda: whole()["torn"], read_file),
 }
 """As `decoders.DECODERS`."""

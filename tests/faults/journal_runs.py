@@ -22,8 +22,9 @@ from markerseek.core import (
     SearchPlan,
     Started,
 )
-from markerseek.records.journal import Configuration, Journal, read_journal
-from markerseek.runs import configuration_of
+from markerseek.records.journal import Configuration, Entry, Journal, read_journal
+from markerseek.records.journal.lines import entry_line
+from markerseek.runs.journalled import configuration_of
 
 RANGE = Interval(low_deg=-35.0, high_deg=35.0)
 
@@ -82,17 +83,17 @@ def require_all(path: Path, acknowledged: int) -> None:
 
 
 def died_in_commit(path: Path, write: Callable[[Journal], object]) -> None:
-    """Let another process write a journal, and be killed when half of a commit is in the file."""
+    """Let another process write a journal, and be killed when half of an entry is in the file."""
     child = os.fork()
     if child == 0:
         try:
             journal = Journal.create(path, configuration())
             write(journal)
-            # With no room in memory SQLite writes changed pages into the file before the commit.
-            journal._connection.execute("PRAGMA cache_size = 1")
-            journal._connection.execute("BEGIN IMMEDIATE")
-            journal._connection.execute("UPDATE run SET entries = entries + 1")
-            journal._connection.execute("UPDATE events SET samples = zeroblob(300000) WHERE number > 1")
+            last = journal._tail.entry
+            assert last is not None
+            entry = Entry(number=last.number + 1, written="", clock_s=9.0, event=measured(9), checkpoint=None)
+            data, _ = entry_line(entry, previous=journal._tail.checksum)
+            os.pwrite(journal._descriptor, data[: len(data) // 2], journal._tail.end)
         finally:
             os.kill(os.getpid(), signal.SIGKILL)
     os.waitpid(child, 0)

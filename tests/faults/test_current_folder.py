@@ -22,7 +22,8 @@ NAMES = ("serial", "h5py", "msgspec", "numpy", "socket", "struct", "multiprocess
 
 SUPERVISOR = """
 import os
-from markerseek.supervisor import Line, Supervisor
+from markerseek.files import Line
+from markerseek.supervisor import Supervisor
 far, near = os.openpty()
 with Supervisor(lines=[Line(name="laser", path=os.ttyname(near), safe_command=b"DISARM")]) as supervisor:
     assert supervisor.pid

@@ -12,11 +12,13 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, multiple, rule
 
-from markerseek.core import ConfigError, DeviceError, Permit
+from markerseek.core import SWEEP_READING_S, ConfigError, DeviceError, Permit, SweepPermit
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
 
 TRACES = int(os.environ.get("MARKERSEEK_TRACES", "200"))
-FIRING = FiringLimits(pulses_per_permit=8, pulses_per_second=20, pulses_per_session=60, lifetime_s=2.0)
+FIRING = FiringLimits(
+    pulses_per_permit=8, pulses_per_sweep=30, pulses_per_second=20, pulses_per_session=60, lifetime_s=2.0
+)
 ARRIVAL_DEG = 0.1
 
 ANGLES = st.sampled_from([-36.6, -35.0, 0.0, 0.05, 10.0, 35.0, 35.1, math.nan, math.inf]) | st.floats(-37, 37)
@@ -37,6 +39,8 @@ class Traces(RuleBasedStateMachine):
         self.issued: dict[str, Permit] = {}
         self.redeemed: list[tuple[float, Permit]] = []
         self.target_deg = math.nan
+        self.fired: list[tuple[float, int]] = []
+        self.read: tuple[float, float] = (math.nan, math.nan)
 
     def tried(self, step: str, *arguments: object, **named: object) -> bool:
         """Whether the guard allowed a step."""
@@ -114,15 +118,84 @@ class Traces(RuleBasedStateMachine):
         if not self.tried("redeem", permit, angle_deg=angle_deg, now_s=self.now_s):
             return
         assert self.before is State.ARMED
-        assert self.guard.state is State.FIRING
+        sweep = isinstance(permit, SweepPermit)
+        assert self.guard.state is (State.SWEEPING if sweep else State.FIRING)
         assert permit.token not in [old.token for _, old in self.redeemed]
         assert permit.token == list(self.issued)[-1]
         assert abs(angle_deg - permit.angle_deg) <= ARRIVAL_DEG
         assert -36.5 <= angle_deg <= 36.5
         assert self.now_s <= permit.expires_s
         self.redeemed.append((self.now_s, permit))
-        second = sum(old.pulses for then_s, old in self.redeemed if self.now_s - then_s < 1)
+        self.fired.append((self.now_s, permit.pulses_in_1_s))
+        self.read = angle_deg, self.now_s
+        second = sum(pulses for then_s, pulses in self.fired if self.now_s - then_s < 1)
         assert second <= FIRING.pulses_per_second
+
+    @rule(target=permits, angle_deg=ANGLES, to_deg=ANGLES, pulses=st.integers(-1, 40), period_s=st.floats(0.02, 1))
+    def issue_sweep(self, angle_deg: float, to_deg: float, pulses: int, period_s: float) -> object:
+        before = self.guard.state
+        try:
+            wanted = SweepPermit(
+                token="",
+                angle_deg=angle_deg,
+                pulses=pulses,
+                expires_s=0.0,
+                to_deg=to_deg,
+                slowest_deg_s=2.0,
+                fastest_deg_s=12.0,
+                period_s=period_s,
+            )
+            permit = self.guard.issue_sweep(wanted, now_s=self.now_s)
+        except (DeviceError, ConfigError):
+            return multiple()
+        assert before is State.ARMED
+        assert permit.token not in self.issued
+        assert 0 <= pulses <= FIRING.pulses_per_sweep
+        assert -35 <= to_deg <= 35
+        assert permit.expires_s == self.now_s + FIRING.lifetime_s
+        self.issued[permit.token] = permit
+        assert sum(each.pulses for each in self.issued.values()) <= FIRING.pulses_per_session
+        return permit
+
+    @rule(speed_deg_s=st.sampled_from([0.0, 1.0, 5.0, 12.0, 30.0, -5.0, math.nan]), seconds=st.floats(0, 0.2))
+    def read_sweep(self, speed_deg_s: float, seconds: float) -> None:
+        self.now_s += seconds
+        permit, (before_deg, before_s) = self.redeemed[-1][1] if self.redeemed else None, self.read
+        forward = permit.forward if isinstance(permit, SweepPermit) else 1.0
+        angle_deg = before_deg + forward * speed_deg_s * seconds
+        if not self.tried("read_sweep", angle_deg, now_s=self.now_s):
+            return
+        assert self.before is State.SWEEPING
+        assert isinstance(permit, SweepPermit)
+        assert 0 < self.now_s - before_s <= SWEEP_READING_S
+        assert self.now_s <= permit.expires_s
+        low_deg, high_deg = sorted((permit.angle_deg, permit.to_deg))
+        assert low_deg - ARRIVAL_DEG <= angle_deg <= high_deg + ARRIVAL_DEG
+        # What two readings may be off by is part of the limit of speed.
+        assert abs(speed_deg_s) * (self.now_s - before_s) <= 12.0 * (self.now_s - before_s) + 1.001 * ARRIVAL_DEG
+        self.read = angle_deg, self.now_s
+
+    @rule(off_deg=st.sampled_from([0.0, 0.05, 0.2, math.nan]), pulses=st.integers(-1, 45))
+    def end_sweep(self, off_deg: float, pulses: int) -> None:
+        self.now_s += 0.05
+        angle_deg = self.read[0] + off_deg
+        if self.tried("end_sweep", angle_deg, pulses=pulses, now_s=self.now_s):
+            permit = self.redeemed[-1][1]
+            assert self.before is State.SWEEPING
+            assert self.guard.state is State.ARMED
+            assert abs(off_deg) <= ARRIVAL_DEG
+            assert 0 <= pulses <= permit.pulses
+            self.fired.append((self.now_s, permit.pulses_in_1_s))
+
+    @rule(to_deg=st.floats(-35, 35), pulses=st.integers(1, 30), readings=st.integers(0, 5))
+    def sweep(self, to_deg: float, pulses: int, readings: int) -> None:
+        """The regular order of the steps of a sweep, as far as the guard permits."""
+        permit = self.issue_sweep(0.0, to_deg, pulses, 0.1)
+        if isinstance(permit, SweepPermit):
+            self.redeem(permit, 0.0)
+            for _ in range(readings):
+                self.read_sweep(5.0, 0.1)
+            self.end_sweep(0.0, 1)
 
     @rule(angle_deg=st.floats(-35, 35), pulses=st.integers(0, 8))
     def measure(self, angle_deg: float, pulses: int) -> None:
@@ -154,7 +227,7 @@ class Traces(RuleBasedStateMachine):
 
     @invariant()
     def nothing_fires_but_by_the_last_permit(self) -> None:
-        if self.guard.state is State.FIRING:
+        if self.guard.state in (State.FIRING, State.SWEEPING):
             assert self.redeemed
             assert self.redeemed[-1][1].token == list(self.issued)[-1]
 

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from markerseek.core import ChannelFrame, Measured, RecordError, Started
 from markerseek.records.journal import Journal, read_journal, salvage, verify
-from markerseek.records.journal.connection import rollback_file
 from tests.faults.decoders import outcome
 from tests.faults.journal_decoders import JOURNALS
 from tests.faults.journal_runs import RANGE, commit, configuration, measured
@@ -63,8 +62,7 @@ def test_a_torn_file_is_noticed(share: float, closed: Path, tmp_path_factory: py
     path = tmp_path_factory.mktemp("torn") / "run.journal"
     path.write_bytes(data[:size])
     entries = looked_at(path)
-    if size < len(data) - 16_384:
-        assert entries < 25
+    assert (entries == 25) == (size == len(data))
 
 
 @settings(max_examples=120, deadline=None)
@@ -81,26 +79,20 @@ def test_flipped_bits_never_change_what_is_read(
 
 
 @settings(max_examples=60, deadline=None)
-@given(
-    rubbish=st.binary(min_size=1, max_size=300),
-    share=st.floats(0, 1, exclude_max=True),
-    rollback=st.one_of(st.none(), st.binary(max_size=300)),
-)
+@given(rubbish=st.binary(min_size=1, max_size=300), share=st.floats(0, 1, exclude_max=True))
 def test_rubbish_in_a_journal_is_one_kind_of_error(
-    rubbish: bytes, share: float, rollback: bytes | None, closed: Path, tmp_path_factory: pytest.TempPathFactory
+    rubbish: bytes, share: float, closed: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     data = bytearray(closed.read_bytes())
     place = int(share * (len(data) - len(rubbish)))
     data[place : place + len(rubbish)] = rubbish
     path = tmp_path_factory.mktemp("rubbish") / "run.journal"
     path.write_bytes(data)
-    if rollback is not None:
-        rollback_file(path).write_bytes(rollback)
     assert 0 <= looked_at(path) <= 25
 
 
 def test_every_flipped_bit_of_a_frame_is_noticed(closed: Path, tmp_path: Path) -> None:
-    """Bits of the samples themselves, one at a time: what SQLite does not protect, the checksums do."""
+    """Bits of the samples themselves, one at a time."""
     wanted = measured(6, channels=8).sample.frame
     assert isinstance(wanted, ChannelFrame)
     data = closed.read_bytes()
@@ -113,7 +105,7 @@ def test_every_flipped_bit_of_a_frame_is_noticed(closed: Path, tmp_path: Path) -
         held, damage = salvage(path)
         assert len(held.entries) == 12
         assert damage is not None
-        assert "entry 13 (measured) does not agree with its checksum" in str(damage)
+        assert "entry 13: it does not agree with its checksum" in str(damage)
 
 
 @pytest.mark.parametrize(("name", "whole", "read"), JOURNALS.values(), ids=JOURNALS.keys())
@@ -121,15 +113,3 @@ def test_what_is_fuzzed_is_read_while_it_is_whole(
     name: str, whole: Callable[[], bytes], read: Callable[[Path], object], tmp_path: Path
 ) -> None:
     assert outcome(read, tmp_path / name, whole()) == "read"
-
-
-@settings(max_examples=60, deadline=None)
-@given(place=st.floats(0, 1, exclude_max=True), value=st.integers(0, 255), size=st.floats(0, 1))
-def test_a_damaged_rollback_journal_is_read_or_refused(
-    place: float, value: int, size: float, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    name, whole, read = JOURNALS["journal-rollback"]
-    rollback = bytearray(whole())
-    rollback[int(place * len(rollback))] = value
-    torn = bytes(rollback[: round(size * len(rollback))])
-    assert outcome(read, tmp_path_factory.mktemp("rollback") / name, torn) in {"read", "refused"}

@@ -90,7 +90,7 @@ def test_a_search_on_a_full_disk_stops_the_rig_and_is_resumed_with_room(small_di
 
     policy, rig = begin()
     path = small_disk / "run.journal"
-    (small_disk / "ballast").write_bytes(b"0" * (900 << 10))
+    (small_disk / "ballast").write_bytes(b"0" * (1012 << 10))
     with pytest.raises(RecordError, match="make room on the disk"), Journal.create(path, configuration()) as journal:
         for _ in journalled(policy, rig, journal):
             pass
@@ -147,7 +147,7 @@ def test_a_folder_that_cannot_be_written_is_an_error_and_its_journals_are_still_
 
 def test_a_journal_that_cannot_be_begun_leaves_no_file(small_disk: Path) -> None:
     """Or the same command, with room again, would find a file of this name that is none of its own."""
-    (small_disk / "ballast").write_bytes(b"0" * ((1 << 20) - 8192))
+    (small_disk / "ballast").write_bytes(b"0" * (1 << 20))
     with pytest.raises(RecordError, match=r"cannot be written: .*make room on the disk"):
         Journal.create(small_disk / "run.journal", configuration())
     assert [each.name for each in small_disk.iterdir()] == ["ballast"]

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from markerseek.drivers import Kdc101DriverSettings, Kdc101Stage
+from markerseek.drivers import Kdc101Moves, Kdc101Settings, Kdc101Stage
 from markerseek.drivers._apt_line import AptLine
 from markerseek.emulators import EmulatedKdc101
 from markerseek.emulators.kdc101 import Kdc101Emulator
@@ -41,17 +41,19 @@ def move_there(
         clock=clock,
         delays=Delays(rng=rng, share=share, most_s=most_s),
     )
-    settings = Kdc101DriverSettings(
+    settings = Kdc101Settings(
+        port="",
+        zero_deg=0.0,
         speed_deg_s=float(rng.choice(SPEEDS)),
         acceleration_deg_s2=float(rng.choice(ACCELERATIONS)),
         approach_from="above" if number % 2 else "below",
         direction="reverse" if mirrored else "forward",
-        renew_s=float(rng.choice([0.05, 0.1])),
         begin_s=begin_s,
         # Silence longer than this ends a move, and is tested elsewhere: three ways of 0.1 s are within it.
         age_s=1.0,
     )
-    stage = Kdc101Stage(port=port, clock=clock, settings=settings)
+    moves = Kdc101Moves(renew_s=float(rng.choice([0.05, 0.1])))
+    stage = Kdc101Stage(port=port, clock=clock, settings=settings, moves=moves)
     for target_deg in targets_deg:
         assert stage.move_to(target_deg) == pytest.approx(target_deg, abs=0.011)
     return len(targets_deg)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from markerseek.core import MoveError
-from markerseek.drivers import Kdc101DriverSettings, Kdc101Stage
+from markerseek.drivers import Kdc101Settings, Kdc101Stage
 from markerseek.emulators import DirectPort, EmulatedKdc101
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
@@ -64,8 +64,12 @@ class Tour:
         self.clock, self.probe = StruckClock(), SimpleNamespace(angle_deg=start_deg)
         self.emulator = Kdc101Emulator(probe=self.probe, settings=EmulatedKdc101(play_deg=0.0))
         port = LatePort(device=self.emulator, clock=self.clock, late_s=late_s, seed=number)
-        self.settings = Kdc101DriverSettings(
-            speed_deg_s=speed, acceleration_deg_s2=speed, approach_from="above" if number % 2 else "below"
+        self.settings = Kdc101Settings(
+            port="",
+            zero_deg=0.0,
+            speed_deg_s=speed,
+            acceleration_deg_s2=speed,
+            approach_from="above" if number % 2 else "below",
         )
         self.stage = Kdc101Stage(port=port, clock=self.clock, settings=self.settings)
         self.heading: float | None = None

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_searches_and_scans_that_are_killed_lose_nothing_and_resume_to_the_same_result() -> None:
     pytest.importorskip("h5py", reason="needs the extra records")
-    words = ["--kills", "12", "--scans", "3", "--benches", "0", "--every", "80", "--seed", "5"]
+    words = ["--kills", "12", "--scans", "3", "--benches", "0", "--every", "60", "--seed", "5"]
     program = [sys.executable, "-m", "tests.faults.kills", *words]
     done = subprocess.run(program, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

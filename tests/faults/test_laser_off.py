@@ -33,7 +33,8 @@ import sys
 from markerseek.core import Permit
 from markerseek.drivers.clock import SystemClock
 from markerseek.drivers.laserbox import LaserBox
-from markerseek.supervisor import Line, Supervisor
+from markerseek.files import Line
+from markerseek.supervisor import Supervisor
 from markerseek.wire import laserbox as wire
 
 with Supervisor(lines=[Line(name="laser", path=sys.argv[1], safe_command=wire.encode(wire.Disarm()))]) as supervisor:

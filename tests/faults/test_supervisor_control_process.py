@@ -15,7 +15,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from markerseek.supervisor import Line, Supervisor
+from markerseek.files import Line
+from markerseek.supervisor import Supervisor
 from markerseek.supervisor.parent_death import end_with_parent
 from tests.faults.pseudo_terminals import SOON_S, STOP, Device, gone
 
@@ -24,7 +25,8 @@ serial = pytest.importorskip("serial")
 
 CONTROL = """
 import os, sys, time
-from markerseek.supervisor import Line, Supervisor
+from markerseek.files import Line
+from markerseek.supervisor import Supervisor
 laser, stage, phase = sys.argv[1:]
 lines = [Line(name="laser", path=laser, safe_command=b"DISARM*1234\\n"),
          Line(name="stage", path=stage, safe_command=bytes.fromhex("65 04 01 02 50 01"))]

@@ -12,7 +12,8 @@ from collections.abc import Iterator
 import pytest
 
 from markerseek.core import ConfigError, DeviceError, NotConnectedError
-from markerseek.supervisor import Line, Supervisor
+from markerseek.files import Line
+from markerseek.supervisor import Supervisor
 from markerseek.supervisor.messages import MAX_BYTES, Kind, packed, packed_step, step_of, unpacked
 from tests.faults.pseudo_terminals import SOON_S, STOP, Device, gone
 

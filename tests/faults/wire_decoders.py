@@ -25,9 +25,10 @@ from markerseek.emulators import DirectPort
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.sim import VirtualClock
-from markerseek.wire import CONTROLLER, TO_CONTROLLER, AptFramer, Port, apt, igtl, laserbox
+from markerseek.wire import apt, igtl, laserbox
+from markerseek.wire.apt_frames import CONTROLLER, TO_CONTROLLER, AptFramer
+from markerseek.wire.port import Port
 from tests.faults.hostile_folders import FolderClock, whole_folder
-from tests.faults.stream_decoders import read_stream, whole_stream
 
 PULSES = 4
 MAX_READS = 100_000
@@ -260,7 +261,7 @@ def _read_folder(data: bytes) -> None:
     folder = Path(tempfile.mkdtemp(prefix="daq-", dir="/dev/shm"))
     try:
         clock = FolderClock(folder, data)
-        settings = SonixDaqSettings(folder=folder, timeout_s=1.0, stable_s=0.1)
+        settings = SonixDaqSettings(folder=str(folder), timeout_s=1.0, stable_s=0.1)
         receiver = SonixDaqReceiver(settings=settings, clock=clock)
         permit = _permit(clock)
         receiver.arm(permit)
@@ -297,7 +298,6 @@ WIRES: dict[str, tuple[Callable[[], bytes], Callable[[bytes], None]]] = {
     "apt-messages": (_whole_messages, _read_messages),
     "laserbox-lines": (_whole_lines, _read_lines),
     "igtl": (_whole_igtl, _read_igtl),
-    "event-stream": (whole_stream, read_stream),
     "kdc101": (_whole_of(_use_stage, _stage), _scripted(_use_stage, _require_targets_inside)),
     "laserbox": (_whole_of(_use_laser_box, _box), _scripted(_use_laser_box, _require_permits_as_permitted)),
     "laserbox-signed": (_whole_unsigned, _scripted(_use_laser_box, _require_permits_as_permitted, dress=_signed)),

@@ -13,7 +13,7 @@ import pytest
 from markerseek.bridges import Recording, open_recording
 from markerseek.bridges.igtl import SearchService
 from markerseek.core import Measured
-from markerseek.records.stream import StreamEvent
+from markerseek.records.journal import Entry
 from markerseek.wire import igtl
 from tests.igtl.igtl_bridge import bridge
 from tests.igtl.igtl_client import IgtlClient
@@ -43,7 +43,7 @@ def test_a_journal_is_played_to_its_answer_and_commands_are_refused(journal: Pat
     angles = [
         item.event.sample.angle_deg
         for _, item in open_recording(journal).items()
-        if isinstance(item, StreamEvent) and isinstance(item.event, Measured)
+        if isinstance(item, Entry) and isinstance(item.event, Measured)
     ]
     states = [json.loads(each.content.text) for each in messages if each.device == "SearchState"]
     # A client that comes late sees the rest of the angles, in their order.

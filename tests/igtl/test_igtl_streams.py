@@ -15,7 +15,7 @@ from markerseek import rigs
 from markerseek.bridges import Outcome
 from markerseek.bridges.igtl import Stream, Streams
 from markerseek.core import BModeFrame, ChannelFrame, Measured, RFFrame, Sample, ScanGeometry, SearchPlan
-from markerseek.records.stream import StreamEvent, StreamHead
+from markerseek.records.journal import Entry
 from markerseek.runs import configuration_of
 from markerseek.sim import ReceiverSettings, SimulatedSettings
 from markerseek.wire import igtl
@@ -28,12 +28,10 @@ def sent_at_5_degrees(receiver: ReceiverSettings) -> tuple[rigs.Rig, Sample, dic
     scanner.guard.arm(by="a test")
     sample = replace(scanner.measure(5.0), angle_deg=5.0)
     streams = Streams()
-    streams.after(StreamHead(configuration=configuration_of(rig, SearchPlan(method="ternary")), frames=True))
+    streams.after(configuration_of(rig, SearchPlan(method="ternary")))
     event = Measured(role="search", index=1, sample=sample)
     images = {}
-    for each in streams.after(
-        StreamEvent(number=1, written="", clock_s=0.0, event=event, header=None, lost_lines=0, lost_frames=0)
-    ):
+    for each in streams.after(Entry(number=1, written="", clock_s=0.0, event=event, checkpoint=None)):
         if isinstance(each.content, igtl.Image):
             data = igtl.encode(igtl.Message(device=each.device, content=each.content))
             header = igtl.decode_header(data[: igtl.HEADER_BYTES], most_bytes=len(data))
@@ -150,21 +148,14 @@ def test_image_and_transform_carry_one_time_that_of_the_acquisition(kind: str, w
     sample = replace(rig.scanner.measure(5.0), angle_deg=5.0)
     configuration = configuration_of(rig, SearchPlan(method="ternary"))
     streams = Streams()
-    streams.after(
-        StreamHead(
-            configuration=msgspec.structs.replace(configuration, facts=replace(configuration.facts, kind=kind)),
-            frames=True,
-        )
-    )
+    streams.after(msgspec.structs.replace(configuration, facts=replace(configuration.facts, kind=kind)))
     sent = streams.after(
-        StreamEvent(
+        Entry(
             number=1,
             written=written,
             clock_s=sample.frame.header.started_s + 2.5,
             event=Measured(role="search", index=1, sample=sample),
-            header=None,
-            lost_lines=0,
-            lost_frames=0,
+            checkpoint=None,
         )
     )
     assert [each.device for each in sent] == ["ProbeToProbeHome", "BMode_ProbeHome", "PA_ProbeHome", "SearchState"]

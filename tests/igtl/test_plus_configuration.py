@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 
 from markerseek.bridges.igtl import PORT, Streams
 from markerseek.core import Interval, Started
-from markerseek.records.stream import StreamEvent
+from markerseek.records.journal import Entry
 
 FILE = Path(__file__).parents[2] / "examples" / "plus" / "PlusDeviceSet_Server_markerseek.xml"
 
@@ -18,8 +18,7 @@ def test_plus_looks_for_the_transform_that_the_bridge_sends_where_it_sends_it() 
     streams = Streams()
     streams.started()
     event = Started(start_deg=1.0, limits=Interval(low_deg=-10, high_deg=10))
-    streams._state |= {"lost_lines": 0, "lost_frames": 0}
-    item = StreamEvent(number=1, written="", clock_s=0.0, event=event, header=None, lost_lines=0, lost_frames=0)
+    item = Entry(number=1, written="", clock_s=0.0, event=event, checkpoint=None)
     sent = streams.after(item)
     names = [stream.device for stream in sent if stream.content.kind == device.get("MessageType")]
     # PLUS names a transform "<tool>To<reference>".

@@ -90,6 +90,8 @@ def test_replay_of_a_journal(opened, journal, shell):
         slider.press("ArrowRight")
         # Each event is a line of the log; a second key before that would go past the first acquisition.
         sync_api.expect(log).not_to_have_text(before)
+    # What the policy believes after an acquisition comes with the angle that it asks for next.
+    slider.press("ArrowRight")
     wait_for_density(watched.tab, drawn=True)
     # Nothing of a recording is left once another is chosen.
     watched.tab.get_by_label("recording").click()

@@ -56,7 +56,7 @@ class TestStageNode(_OverRos, StageContract):
         stage = Ros2Stage(
             node=node, clock=self.clock(served.step), settings=Ros2StageSettings(), travel=world.limits.search
         )
-        assert stage.simulated
+        assert stage.emulated
         return stage
 
 

@@ -185,4 +185,3 @@ def test_diagnostics_count_searches_and_acquisitions(start: Start, listener: Lis
     assert values["searches"] == "1"
     # Three dark frames, and the confirmation where there is one.
     assert int(values["acquisitions"]) == 3 + result["acquisitions"] + (result["confirmation"] is not None)
-    assert values["lost lines"] == values["lost frames"] == "0"

@@ -17,10 +17,10 @@ from markerseek.cli import doctor
 from markerseek.cli.direction import verdict_of
 from markerseek.core import RigFacts
 from markerseek.drivers import (
-    BenchLaser,
-    Kdc101DriverSettings,
+    Kdc101Settings,
     Kdc101Stage,
     LaserBox,
+    LaserBoxSettings,
     SonixDaqReceiver,
     SonixDaqSettings,
     metered,
@@ -65,14 +65,16 @@ def emulated_rig(folder: Path, *, mirrored: bool, **stage: Any) -> Rig:
     imaging = image_reader(SETTINGS.probe.array, sampling_hz=SETTINGS.receiver.sampling_hz)
     devices: dict[str, Any] = {
         "stage": Kdc101Stage(
-            port=DirectPort(device=bench.stage, clock=clock), clock=clock, settings=Kdc101DriverSettings(**stage)
+            port=DirectPort(device=bench.stage, clock=clock),
+            clock=clock,
+            settings=Kdc101Settings(**{"port": "", "zero_deg": 0.0} | stage),
         ),
         "laser": LaserBox(port=DirectPort(device=bench.laser_box, clock=clock), clock=clock, dark_triggers=4),
         "receiver": SonixDaqReceiver(
-            settings=SonixDaqSettings(folder=folder, timeout_s=3.0, dark_triggers=4), clock=clock
+            settings=SonixDaqSettings(folder=str(folder), timeout_s=3.0), clock=clock, dark_triggers=4
         ),
     }
-    keys = BenchLaser(port="", energy_from="photodiode")
+    keys = LaserBoxSettings(port="", energy_from="photodiode")
     devices["receiver"] = metered(keys, devices["laser"], devices["receiver"], full_scale=2047)
     guard = Guard(limits=SETTINGS.limits, firing=FiringLimits(), admission=Admission())
     scanner = Scanner(**devices, reader=imaging, clock=clock, guard=guard, pulses=4)

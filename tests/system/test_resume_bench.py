@@ -11,11 +11,11 @@ from types import SimpleNamespace
 
 import msgspec
 import pytest
+from msgspec.structs import replace as changed_keys
 
 from markerseek import rigs
 from markerseek.core import ConfigError, Interval, RigFacts, SearchPlan
-from markerseek.drivers import BenchLaser, BenchReceiver, BenchSettings
-from markerseek.drivers.settings import BenchStage
+from markerseek.drivers import BenchSettings, Kdc101Settings, LaserBoxSettings, SonixDaqSettings
 from markerseek.guard import FiringLimits, Limits
 from markerseek.records.journal import Configuration, Journal
 from markerseek.rigs import BenchRecipe, SimulatedRecipe, fingerprint
@@ -54,9 +54,9 @@ def configuration(**changes: object) -> Configuration:
 
 def settings_of(folder: Path) -> BenchSettings:
     return BenchSettings(
-        stage=BenchStage(port=f"{folder}/stage", zero_deg=0.0),
-        laser=BenchLaser(port=f"{folder}/laser"),
-        receiver=BenchReceiver(folder=str(folder)),
+        stage=Kdc101Settings(port=f"{folder}/stage", zero_deg=0.0),
+        laser=LaserBoxSettings(port=f"{folder}/laser"),
+        receiver=SonixDaqSettings(folder=str(folder)),
     )
 
 
@@ -65,8 +65,8 @@ def hostile(folder: Path) -> BenchSettings:
     plain = settings_of(folder)
     return replace(
         plain,
-        stage=replace(plain.stage, port="/elsewhere/stage"),
-        receiver=replace(plain.receiver, start_command=("touch", str(folder / "ran"))),
+        stage=changed_keys(plain.stage, port="/elsewhere/stage"),
+        receiver=changed_keys(plain.receiver, start_command=("touch", str(folder / "ran"))),
         limits=replace(plain.limits, travel=Interval(low_deg=-170.0, high_deg=170.0)),
         firing=FiringLimits(pulses_per_session=10**9),
     )
@@ -127,8 +127,8 @@ def test_ports_limits_budgets_and_programs_are_those_of_the_rig_file_and_shown(s
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda s: replace(s, stage=replace(s.stage, zero_deg=1.0)), "stage.zero_deg is 0.0, was 1.0"),
-        (lambda s: replace(s, laser=replace(s.laser, pulses=8)), "laser.pulses is 16, was 8"),
+        (lambda s: replace(s, stage=changed_keys(s.stage, zero_deg=1.0)), "stage.zero_deg is 0.0, was 1.0"),
+        (lambda s: replace(s, laser=changed_keys(s.laser, pulses=8)), "laser.pulses is 16, was 8"),
         (
             lambda s: replace(s, probe=replace(s.probe, trigger_offset_s=1e-6)),
             "probe.trigger_offset_s is 0.0, was 1e-06",
@@ -203,7 +203,7 @@ def test_a_rig_file_where_none_is_needed_or_of_another_kind_is_refused(shell: Sh
     ("changes", "said"),
     [
         ({"kind": "simulated"}, "says that its rig is simulated and holds the settings of another kind, bench"),
-        ({"recipe": b'{"type":"bench","settings":{}}'}, "missing required field"),
+        ({"recipe": b'{"type":"bench","settings":{}}'}, "the journal's rig cannot be read: the key stage is missing"),
     ],
 )
 def test_a_journal_that_contradicts_itself_is_refused(

@@ -68,13 +68,14 @@ def test_a_search_whose_progress_nobody_reads_goes_on(tmp_path: Path) -> None:
 
 def test_what_a_command_writes_can_be_read_by_its_owner_only(tmp_path: Path) -> None:
     out = tmp_path / "pictures"
-    words = ("--journal", tmp_path / "run.journal", "--events", tmp_path / "run.events", "--plot", "--out", out)
+    journal, events = tmp_path / "run.journal", tmp_path / "run.events"
     before = os.umask(0o022)
     try:
-        subprocess.run(markerseek(*SEARCH, *words), check=True, capture_output=True)
+        for words in (("--journal", journal, "--plot", "--out", out), ("--no-journal", "--events", events)):
+            subprocess.run(markerseek(*SEARCH, *words), check=True, capture_output=True)
     finally:
         os.umask(before)
-    written = [tmp_path / "run.journal", tmp_path / "run.events", out / "search.png", out / "search.html"]
+    written = [journal, events, out / "search.png", out / "search.html"]
     assert {each.name: stat.S_IMODE(each.stat().st_mode) for each in written} == dict.fromkeys(
         (each.name for each in written), 0o600
     )
@@ -104,7 +105,7 @@ def test_colons_in_a_path_are_printed_as_they_are(tmp_path: Path, shell: Shell) 
     assert "a:x:b:smile:.journal" in shell("journal", "list", tmp_path)[1]
 
 
-LAB = ("typer", "rich", "msgspec", "numpy", "h5py", "json", "struct", "socket", "resource", "sqlite3")
+LAB = ("typer", "rich", "msgspec", "numpy", "h5py", "json", "struct", "socket", "resource")
 """What is imported once the command has begun: what Python itself imports first is beyond it."""
 
 

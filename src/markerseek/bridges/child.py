@@ -1,4 +1,4 @@
-"""A command of markerseek as a child process, with its stream of events on a pipe.
+"""A command of markerseek as a child process, whose journal is followed while it is written.
 
 The child has the bridge's terminal: a rig of devices asks there whether it may be armed, and ends with exit code 4 if
 nobody answers. Whoever reads its events sends it a heartbeat meanwhile: it stops, with the laser off, when the bridge
@@ -7,22 +7,24 @@ is killed or hangs (decision 44).
 
 from __future__ import annotations
 
+import math
 import os
-import select
 import signal
 import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import msgspec
 
-from markerseek.records.stream import StreamDecoder, StreamItem
+from markerseek.records.journal import JournalItem, follow
 
 TERMINATE_S = 2.0
 """Time from SIGINT to SIGTERM when a child is stopped, in seconds: SIGINT is ignored in what a script starts with &."""
@@ -33,7 +35,9 @@ BEAT_S = 0.5
 _NO_FAULT = frozenset({0, 3, 4, 128 + signal.SIGINT, 128 + signal.SIGTERM})
 """Exit codes of commands that gave an answer, were not armed, or were stopped."""
 
-_READ_BYTES = 1 << 20
+_POLL_S = 0.004
+"""Time between two looks for a new entry, in seconds."""
+
 _MAX_ANSWER_BYTES = 1 << 24
 """Largest JSON object of a command; the result of 500 acquisitions has 100 kilobytes."""
 
@@ -88,68 +92,74 @@ class Outcome:
 class ChildRun:
     """A running command. Read `items` to its end, then ask for `outcome`; a context manager stops it at the end.
 
-    A search stops when nobody has read `items` for 4 s.
+    A search stops when nobody has read `items` for 4 s. Entries that wait to be read are in the file.
 
-    ``arguments``: command and options, such as ``["search", "--seed", "1"]``; ``--json`` and those of the stream are
-    added. ``frames``: whether the channel data of each acquisition are sent too.
+    ``arguments``: command and options, such as ``["search", "--seed", "1"]``; ``--json`` and those of the bridge are
+    added. ``journal``: the journal that they name; None where they keep none, and a file is made for the run alone.
     """
 
-    def __init__(self, arguments: Sequence[str], *, frames: bool = False) -> None:
-        self._reading, writing = os.pipe()
+    def __init__(self, arguments: Sequence[str], *, journal: Path | None = None) -> None:
         beats, beating = os.pipe()
+        self._folder = tempfile.TemporaryDirectory(prefix="markerseek-") if journal is None else None
+        self._journal = journal if self._folder is None else Path(self._folder.name) / "events"
+        self._beat_s = -math.inf
         # A child that is stopped reads no beats: then they are lost, and nobody waits.
         os.set_blocking(beating, False)
         self._heartbeat = os.fdopen(beating, "wb", buffering=0)
         # A file and no pipe: nobody reads the answer before the end, and a pipe would fill up.
         self._answer = tempfile.TemporaryFile()  # noqa: SIM115  closed in `outcome`
-        self._decoder = StreamDecoder()
         self._outcome: Outcome | None = None
         self._lock = threading.Lock()
         self._stopped = False
         # Until `markerseek.cli.main` handles it: Python would print a traceback if it is stopped while it starts.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        stream = ["--events", f"/dev/fd/{writing}", "--heartbeat", f"/dev/fd/{beats}"]
-        stream += ["--event-frames"] * frames
+        watched = ["--heartbeat", f"/dev/fd/{beats}"]
+        watched += [] if journal is not None else ["--events", str(self._journal)]
         try:
             # -P: a file in the current folder must not replace a module.
             self._process = subprocess.Popen(  # noqa: S603  no shell; the arguments are ours
-                [sys.executable, "-P", "-m", "markerseek", *arguments, *stream, "--json"],
+                [sys.executable, "-P", "-m", "markerseek", *arguments, *watched, "--json"],
                 stdout=self._answer,
-                pass_fds=(writing, beats),
+                pass_fds=(beats,),
             )
         except BaseException:
-            os.close(self._reading)
             self._heartbeat.close()
             self._answer.close()
+            self._clear()
             raise
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-            # The child's copies must be the last: only then do the pipes end with it.
-            os.close(writing)
             os.close(beats)
 
-    def items(self) -> Iterator[StreamItem]:
-        """Head, events and end, each as it arrives; waits for the next, and sends the heartbeat meanwhile.
+    def items(self) -> Iterator[JournalItem]:
+        """Configuration and entries, each as it is written; waits for the next, and sends the heartbeat meanwhile.
 
-        Raises `RecordError` if the child sends something else.
+        Of a run that is continued, all its entries from the first. Raises `RecordError` if the file is damaged.
         """
-        poller = select.poll()
-        poller.register(self._reading, select.POLLIN)
-        while True:
-            # By the thread that reads, and by no timer: it must be late where events are not read any more.
-            with suppress(BrokenPipeError):
+        assert self._journal is not None  # noqa: S101 - made or named when the child was started
+        for item in follow(self._journal, is_over=lambda: not self.running, wait=self._wait):
+            self._beat()
+            yield item
+
+    def _wait(self) -> None:
+        self._beat()
+        time.sleep(_POLL_S)  # noqa: TID251  a file is followed in real time
+
+    def _beat(self) -> None:
+        # By the thread that reads, and by no timer: it must be late where entries are not read any more.
+        if time.monotonic() - self._beat_s > BEAT_S:
+            self._beat_s = time.monotonic()
+            with suppress(BlockingIOError, BrokenPipeError):
                 self._heartbeat.write(b".")
-            if not poller.poll(BEAT_S * 1e3):
-                continue
-            data = os.read(self._reading, _READ_BYTES)
-            if not data:
-                return
-            yield from self._decoder.feed(data)
+
+    def _clear(self) -> None:
+        if self._folder is not None:
+            self._folder.cleanup()
 
     def stop(self) -> None:
         """Stop the run; returns at once, and may be called again, and by any thread.
 
-        The child stops the rig, and its stream ends. After `TERMINATE_S` it is sent SIGTERM as well.
+        The child stops the rig, and ends. After `TERMINATE_S` it is sent SIGTERM as well.
         """
         with self._lock:
             again, self._stopped = self._stopped, True
@@ -175,15 +185,15 @@ class ChildRun:
         return self._process.pid
 
     def outcome(self) -> Outcome:
-        """How it ended; waits for its end. The stream must have been read to its end, or `stop` been called."""
+        """How it ended; waits for its end."""
         code = self._process.wait()
         with self._lock:
             if self._outcome is None:
                 self._answer.seek(0)
                 text = self._answer.read(_MAX_ANSWER_BYTES)
                 self._answer.close()
-                os.close(self._reading)
                 self._heartbeat.close()
+                self._clear()
                 answer = _object(text)
                 self._outcome = Outcome(exit_code=code if code >= 0 else 128 - code, answer=answer)
             return self._outcome

@@ -1,4 +1,4 @@
-"""Recordings as the items that a running search would send, each with its time: journals of runs, and banks."""
+"""Recordings as the items that a running search writes, each with its time: journals of runs, and banks."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from markerseek.bridges.child import Outcome
 from markerseek.core import Measured, Reading, Sample, SearchError, SearchPlan
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank
 from markerseek.records.exports import series_of
-from markerseek.records.journal import JournalEvent, RecordedRun, is_journal, read_journal, result_of
-from markerseek.records.stream import StreamEvent, StreamHead, StreamItem
+from markerseek.records.journal import Entry, JournalItem, RecordedRun, is_journal, read_journal, result_of
 from markerseek.rigs import Rig, replayed
 from markerseek.runs import configuration_of
 
@@ -26,9 +25,9 @@ class Recording:
     name: str
     outcome: Outcome | None
     """Answer of a run that is over; None for a bank, and for a run that was not finished."""
-    _items: Callable[[], Iterator[tuple[float, StreamItem]]]
+    _items: Callable[[], Iterator[tuple[float, JournalItem]]]
 
-    def items(self) -> Iterator[tuple[float, StreamItem]]:
+    def items(self) -> Iterator[tuple[float, JournalItem]]:
         """Its items, each with its time in seconds since the first; frames of a bank are read one at a time.
 
         Raises `RecordError` or `AcquisitionError` if a frame of a bank cannot be read.
@@ -60,28 +59,19 @@ def _outcome(recorded: RecordedRun) -> Outcome | None:
     return Outcome(exit_code=0 if result.found else 3, answer=msgspec.to_builtins(result))
 
 
-def _journal_items(recorded: RecordedRun) -> Iterator[tuple[float, StreamItem]]:
-    first_s = recorded.entries[0].clock_s if recorded.entries else 0.0
-    yield first_s, StreamHead(configuration=recorded.configuration, frames=True)
-    for entry in recorded.entries:
-        yield _timed(entry.number, entry.clock_s, entry.event, written=entry.written)
+def _journal_items(recorded: RecordedRun) -> Iterator[tuple[float, JournalItem]]:
+    yield recorded.entries[0].clock_s if recorded.entries else 0.0, recorded.configuration
+    yield from ((entry.clock_s, entry) for entry in recorded.entries)
 
 
-def _bank_items(rig: Rig, bank: IntensityBank | FrameBank) -> Iterator[tuple[float, StreamItem]]:
+def _bank_items(rig: Rig, bank: IntensityBank | FrameBank) -> Iterator[tuple[float, JournalItem]]:
     """A scan as an exhaustive search that does not end at the marker, in the order of time."""
     series = series_of(bank)
     plan = SearchPlan(method="exhaustive", start_deg=series.angles_deg[0], stay=True)
-    yield series.times_s[0], StreamHead(configuration=configuration_of(rig, plan), frames=True)
+    yield series.times_s[0], configuration_of(rig, plan)
     for number, (index, time_s) in enumerate(zip(series.order, series.times_s, strict=True), start=1):
         event = Measured(role="search", index=number, sample=_sample(rig, bank, index))
-        yield _timed(number, time_s, event)
-
-
-def _timed(number: int, clock_s: float, event: JournalEvent, *, written: str = "") -> tuple[float, StreamItem]:
-    item = StreamEvent(
-        number=number, written=written, clock_s=clock_s, event=event, header=None, lost_lines=0, lost_frames=0
-    )
-    return clock_s, item
+        yield time_s, Entry(number=number, written="", clock_s=time_s, event=event, checkpoint=None)
 
 
 def _sample(rig: Rig, bank: IntensityBank | FrameBank, index: int) -> Sample:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import threading
 from dataclasses import dataclass
 from pathlib import Path
 
 from markerseek.bridges.child import ChildRun
 from markerseek.core import MAX_ACQUISITIONS, ConfigError, SearchError, Tolerance, is_whole
+from markerseek.drivers import BenchSettings
+from markerseek.records.journal import default_journal, make_folder
+from markerseek.rigs import read_rig_file
 from markerseek.search import method_named
 
 
@@ -64,15 +69,32 @@ class SearchOptions:
     """Real seconds per virtual second of a simulated rig."""
     keep_journal: bool = True
     """Whether each search keeps a journal, in the data folder."""
-    frames: bool = False
-    """Whether the bridge gets the channel data."""
 
     def arguments(self) -> list[str]:
         """Options of ``markerseek search``."""
         options = [] if self.rig is None else [f"--rig={self.rig}"]
-        if self.pace:
-            options.append(f"--pace={self.pace}")
-        return options + ["--no-journal"] * (not self.keep_journal)
+        return [*options, f"--pace={self.pace}"] if self.pace else options
+
+    def new_journal(self, *, method: str) -> Path | None:
+        """Journal of a new search; None where none is wanted, and where the data folder of a simulated rig takes none.
+
+        Raises `SearchError` for a rig of devices: exposure of tissue without a record must be asked for.
+        """
+        if not self.keep_journal:
+            return None
+        path = default_journal(method=method)
+        try:
+            make_folder(path.parent)
+            if not os.access(path.parent, os.W_OK):
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        except OSError as problem:
+            if self.rig is None or not isinstance(read_rig_file(self.rig), BenchSettings):
+                return None
+            raise SearchError(
+                f"{path}: no journal can be written there ({problem.strerror}); end the bridge, and start it with "
+                "--no-journal to search without one"
+            ) from problem
+        return path
 
 
 class Searches:
@@ -94,9 +116,11 @@ class Searches:
             if self._running is not None and self._running.running:
                 raise SearchError("a search is running; cancel it, or wait for its result")
             arguments = ["search", *request.arguments(), *self._options.arguments()]
+            journal = self._options.new_journal(method=request.method)
+            arguments.append("--no-journal" if journal is None else f"--journal={journal}")
             if asked_by is not None:
                 arguments.append(f"--asked-by={asked_by}")
-            self._running = ChildRun(arguments, frames=self._options.frames)
+            self._running = ChildRun(arguments, journal=journal)
             return self._running
 
     def cancel(self) -> bool:

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from contextlib import closing
+from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
 
-from markerseek import runs
-from markerseek.cli.event_stream import EventFrames, Events, Heartbeat, StreamOptions
+from markerseek import rigs, runs
 from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig
 from markerseek.cli.options import Arm, AsJson, RigFile
 from markerseek.cli.report import Output, Report, with_version
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_event, stderr
+from markerseek.cli.watched import Events, Heartbeat, WatchOptions
 from markerseek.core import ChannelFrame, MarkerseekError, Measured, Refused, RFFrame, Sample
+
+if TYPE_CHECKING:
+    from markerseek.records.journal import Journal
 
 EXAMPLES = (
     "Examples:\n\n"
@@ -55,7 +58,6 @@ def command(
         float | None, typer.Option(help="Energy of one laser pulse, stored in the bank.")
     ] = None,
     events: Events = None,
-    event_frames: EventFrames = False,
     heartbeat: Heartbeat = None,
     as_json: AsJson = False,
 ) -> None:
@@ -66,7 +68,7 @@ def command(
     from markerseek.records.banks.ipasc import require_new_bank
 
     require_new_bank(out)
-    options = StreamOptions(path=events, frames=event_frames, heartbeat=heartbeat)
+    watch = WatchOptions(events=events, heartbeat=heartbeat)
     announce_compilation()
     taken, dark, refused = 0, 0, 0
     stopped: StoppedBySignal | None = None
@@ -82,16 +84,16 @@ def command(
         )
         try:
             with (
-                options.opened(runs.scan_configuration(assembled, step_deg=step_deg)) as stream,
+                _followed(assembled, watch, step_deg=step_deg) as followed,
                 stopped_by_signals(),
-                options.stopping(),
+                watch.stopping(),
                 progress_bar(angles, what="scanning") as progress,
                 closing(scan),
             ):
                 b_mode = BModeNote()
                 for event in scan:
-                    if stream is not None:
-                        stream.add(event, clock_s=assembled.scanner.clock.now_s())
+                    if followed is not None:
+                        followed.commit(event, clock_s=assembled.scanner.clock.now_s())
                     show_event(progress, event)
                     if isinstance(event, Measured):
                         b_mode.meet(event.sample)
@@ -123,6 +125,15 @@ def command(
     )
     shown = [f"{taken} angles and {dark} dark frames of a {facts.rig_name} in {escape(str(out))}"]
     Output(as_json=as_json).show(Report(values=values, shown=shown))
+
+
+def _followed(rig: rigs.Rig, watch: WatchOptions, *, step_deg: float) -> AbstractContextManager[Journal | None]:
+    """The file of events, for a program that follows the scan."""
+    from markerseek.records.journal import Journal
+
+    if watch.events is None:
+        return nullcontext()
+    return Journal.create(watch.events, runs.scan_configuration(rig, step_deg=step_deg), kept=False)
 
 
 def _print_what_is_left(path: Path, *, planned: int) -> None:

@@ -23,6 +23,7 @@ from markerseek.cli.open_rig import open_rig
 from markerseek.cli.options import AsJson
 from markerseek.cli.terminal import print_json, stdout
 from markerseek.core import ConfigError, DeviceError, Finished, Measured, PolicyPlan
+from markerseek.testing import RuleCheck
 
 EXAMPLES = (
     "Examples:\n\n"
@@ -96,8 +97,8 @@ def command(
         findings.append(_punctuality(lease_s))
         findings.append(_punctuality_under_load(lease_s))
     if rig is not None:
-        findings.append(_rig(rig))
-        if source_deg is not None and findings[-1].state == "ok":
+        findings += _rig(rig)
+        if source_deg is not None and all(finding.state == "ok" for finding in findings if finding.needed):
             right, detail = prove_direction(rig, source_deg=source_deg, arm=arm, as_json=as_json)
             findings.append(CheckResult(what="sense of rotation", state="ok" if right else "broken", detail=detail))
     ok = all(finding.state == "ok" for finding in findings if finding.needed)
@@ -137,14 +138,27 @@ def _packages() -> list[CheckResult]:
     return found
 
 
-def _rig(path: Path) -> CheckResult:
-    """Whether the devices of a rig file answer, are the right ones, and are fit for use."""
+def _rig(path: Path) -> list[CheckResult]:
+    """Whether the devices of a rig file answer and are fit for use, and what foreign drivers were tried by."""
     try:
         with open_rig(path) as (rig, stands_deg):
             detail = f"{rig.facts.description}; stands at {stands_deg:.3f} deg, inside {rig.limits.travel}"
+            checks = rig.checks
     except DeviceError as error:
-        return CheckResult(what=str(path), state="broken", detail=str(error))
-    return CheckResult(what=str(path), state="ok", detail=detail)
+        return [CheckResult(what=str(path), state="broken", detail=str(error))]
+    found = [
+        CheckResult(what=f"contract of {device}", state="ok", detail=_kept(each)) for device, each in checks.items()
+    ]
+    return [*found, CheckResult(what=str(path), state="ok", detail=detail)]
+
+
+def _kept(checks: tuple[RuleCheck, ...]) -> str:
+    """The rules that were kept, and those that were not tried."""
+    untried = [check.rule for check in checks if not check.tried]
+    kept = [check.rule for check in checks if check.tried]
+    return f"kept without a move or light: {'; '.join(kept)}" + (
+        f". NOT TRIED: {'; '.join(untried)}" if untried else ""
+    )
 
 
 def _lease_s(path: Path) -> float | None:

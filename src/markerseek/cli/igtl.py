@@ -68,7 +68,7 @@ def command(
         # A file that cannot be used is refused now, not when somebody asks for a search.
         rigs.read_rig_file(rig)
     recording = None if play is None else bridges.open_recording(play)
-    searches = bridges.Searches(bridges.SearchOptions(rig=rig, pace=pace or 0.0, frames=True))
+    searches = bridges.Searches(bridges.SearchOptions(rig=rig, pace=pace or 0.0))
     service = igtl.SearchService(
         searches if recording is None else None,
         # The name of a file may be no text, and is sent as text.

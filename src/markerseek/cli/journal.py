@@ -1,7 +1,10 @@
-"""``markerseek journal``: lists, prints, checks and recomputes the journals of runs."""
+"""``markerseek journal``: lists, prints, follows, checks and recomputes the journals of runs."""
 
 from __future__ import annotations
 
+import sys
+import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,17 +15,20 @@ from markerseek import runs
 from markerseek.cli import journal_folder
 from markerseek.cli.options import AsJson
 from markerseek.cli.terminal import announce_compilation, new_table, one_line, print_error, print_json, stdout
-from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started
+from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started, Swept
 
 if TYPE_CHECKING:
     from markerseek.records.journal import Entry, RecordedRun
 
 
 app = typer.Typer(
-    name="journal", help="List, print, check, recompute and remove the journals of runs.", no_args_is_help=True
+    name="journal", help="List, print, follow, check, recompute and remove the journals of runs.", no_args_is_help=True
 )
 app.command(name="list", epilog=journal_folder.LIST_EXAMPLES)(journal_folder.list_journals)
 app.command(epilog=journal_folder.PRUNE_EXAMPLES)(journal_folder.prune)
+
+_POLL_S = 0.02
+"""Time between two looks for a new entry, in seconds."""
 
 _File = Annotated[Path, typer.Argument(help="Journal of a run.")]
 
@@ -53,9 +59,28 @@ def show(journal: _File, as_json: AsJson = False) -> None:
         raise typer.Exit(damage.exit_code)
 
 
+@app.command(
+    epilog="Examples:\n\n  markerseek journal follow run.journal\n\n"
+    "  markerseek journal follow run.journal | jq 'select(.kind == \"measured\").body.sample.reading.intensity'"
+)
+def follow(journal: _File) -> None:
+    """Print each entry as a JSON line as soon as it is written, to the end of the run; the first has its configuration.
+
+    A search never waits for it, and it loses no entry however slowly its lines are read.
+    """
+    from markerseek.records.journal import Configuration
+    from markerseek.records.journal import follow as follow_journal
+
+    wait = partial(time.sleep, _POLL_S)  # noqa: TID251  a file is followed in real time
+    for item in follow_journal(journal, wait=wait):
+        known = {"configuration": item.flat()} if isinstance(item, Configuration) else _as_object(item)
+        sys.stdout.buffer.write(msgspec.json.encode(known).replace(b"\n", b" ") + b"\n")
+        sys.stdout.buffer.flush()
+
+
 @app.command(epilog="Example:\n\n  markerseek journal verify run.journal")
 def verify(journal: _File, as_json: AsJson = False) -> None:
-    """Check pages, checksums and the order of the entries; exit code 1 if anything is wrong."""
+    """Check the checksums and the order of all entries; exit code 1 if anything is wrong."""
     from markerseek.records.journal import verify as verify_journal
 
     finding = verify_journal(journal)
@@ -131,8 +156,8 @@ def _line(entry: Entry) -> tuple[str, str, str, str]:
     match entry.event:
         case Started(start_deg=start_deg, limits=limits):
             return "started", f"{start_deg:.3f}", "", f"searches {limits}"
-        case Asked(role=role, index=index, angle_deg=angle_deg):
-            return f"asked: {role} {index}", f"{angle_deg:.3f}", "", ""
+        case Asked() | Swept():
+            return _turning(entry.event)
         case Measured(role=role, index=index, sample=sample):
             return f"measured: {role} {index}", f"{sample.angle_deg:.3f}", f"{sample.reading.intensity:.4g}", ""
         case Refused(angle_deg=angle_deg, reason=reason):
@@ -148,3 +173,12 @@ def _line(entry: Entry) -> tuple[str, str, str, str]:
             return "resuming", "" if check_deg is None else f"{check_deg:.3f}", "", f"armed by {by}{flank}"
         case Checked(reading=reading, difference=difference):
             return "checked", "", f"{reading.intensity:.4g}", difference or "unchanged"
+
+
+def _turning(event: Asked | Swept) -> tuple[str, str, str, str]:
+    angle = f"{event.angle_deg:.3f}"
+    if isinstance(event, Swept):
+        return "swept", angle, "", f"{event.pulses} pulses"
+    if event.sweep is not None:
+        return "asked: sweep", angle, "", f"{event.sweep.speed_deg_s:g} deg/s"
+    return f"asked: {event.role} {event.index}", angle, "", ""

@@ -17,8 +17,8 @@ import typer
 from rich.markup import escape
 
 from markerseek import drivers, rigs
-from markerseek.cli.terminal import one_line, print_json, printable, stderr
-from markerseek.core import ConfigError
+from markerseek.cli.terminal import one_line, print_json, print_warning, printable, stderr
+from markerseek.core import ConfigError, SweepingPolicy
 
 if TYPE_CHECKING:
     from markerseek.sim import SimulatedSettings
@@ -93,10 +93,13 @@ NO_OPTIONS = SimulationOptions()
 
 
 @contextmanager
-def open_rig(path: Path | None, options: SimulationOptions = NO_OPTIONS) -> Iterator[tuple[rigs.Rig, float]]:
+def open_rig(
+    path: Path | None, options: SimulationOptions = NO_OPTIONS, *, sweeps: bool = False
+) -> Iterator[tuple[rigs.Rig, float]]:
     """The rig of a rig file and the angle of its probe in degrees; its devices are closed at the end.
 
-    ``path``: None for the simulated rig with its defaults. Raises `DeviceError` if a device does not answer, or is not
+    ``path``: None for the simulated rig with its defaults. ``sweeps``: whether the gain of a simulated one leaves room
+    for the noise of single pulses. Raises `DeviceError` if a device does not answer, or is not
     ready.
     """
     from markerseek.sim import SimulatedSettings
@@ -112,8 +115,26 @@ def open_rig(path: Path | None, options: SimulationOptions = NO_OPTIONS) -> Iter
             yield rig, rig.scanner.angle_deg
         return
     settings = options.on(settings)
+    if sweeps:
+        settings = replace(settings, receiver=replace(settings.receiver, single_pulses=True))
     seed = _USUAL_SEED if options.seed is None else options.seed
     yield rigs.simulated(seed=seed, settings=settings, pace=options.pace), settings.start_deg
+
+
+def announce_sweeps(rig: rigs.Rig, policy: SweepingPolicy, *, start_deg: float) -> None:
+    """Print how a rig will sweep, and for how long, run-up included."""
+    from markerseek.search.posterior import SweepPosterior
+
+    devices, sweeps = rig.scanner.sweeping, policy.sweeps if isinstance(policy, SweepPosterior) else []
+    places_deg = [start_deg, *(sweep.to_deg for sweep in sweeps)]
+    durations_s = [devices.duration_s(sweep, from_deg=at) for sweep, at in zip(sweeps, places_deg, strict=False)]
+    way = " and ".join(f"{sweep.to_deg:g} deg" for sweep in sweeps)
+    period_s = max(devices.laser.sweep_period_s, devices.receiver.frame_period_s)
+    stderr.print(
+        f"[dim]sweeps from {start_deg:g} deg to {way} at {sweeps[0].speed_deg_s:.1f} deg/s, at most "
+        f"{1 / period_s:.3g} frames a second: {sum(durations_s):.1f} s at most with run-up and braking, then back to "
+        "the marker[/]"
+    )
 
 
 def arm_rig(
@@ -129,8 +150,8 @@ def arm_rig(
         return
     stderr.print(escape(rig.facts.description))
     stderr.print(f"[dim]stands at {rig.scanner.angle_deg:.3f} deg[/]")
-    if isinstance(rig.recipe, rigs.BenchRecipe):
-        print_permissions(rig.recipe.settings)
+    if rig.bench is not None:
+        print_permissions(rig.bench)
     if not arm and not confirmed(f"Arm the laser and {what}?", name=file.name, asked_by=asked_by):
         if as_json:
             print_json({"armed": False, "rig": rig.facts.description})
@@ -177,8 +198,10 @@ def _typed_now(prompt: str) -> str:
 
 def print_permissions(settings: drivers.BenchSettings) -> None:
     """Print what a user's rig file allows once it is armed: limits, pulses, budgets, exposure, its start command."""
-    limits, firing, receiver = settings.limits, settings.firing, settings.receiver
-    command = receiver.start_command if isinstance(receiver, drivers.BenchReceiver) else None
+    limits, firing = settings.limits, settings.firing
+    command = getattr(settings.receiver, "start_command", None)
+    for line in settings.foreign_lines:
+        print_warning(line)
     lines = (
         f"limits: search {limits.search}, travel {limits.travel}",
         f"laser: {settings.laser.pulses} pulses per acquisition at {settings.laser.rate_hz:g} Hz",

@@ -74,6 +74,13 @@ ToleranceMm: TypeAlias = Annotated[
         show_default="1",
     ),
 ]
+Sweeps: TypeAlias = Annotated[
+    bool,
+    typer.Option(
+        "--sweep",
+        help="Turn the probe while the laser fires, one frame a pulse: an answer in seconds (posterior only).",
+    ),
+]
 Stay: TypeAlias = Annotated[bool, typer.Option("--stay", help="Do not turn to the marker at the end.")]
 
 Columns: TypeAlias = Annotated[

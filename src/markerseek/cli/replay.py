@@ -9,10 +9,10 @@ from typing import Annotated, Literal
 import typer
 
 from markerseek import rigs, runs
-from markerseek.cli.event_stream import EventFrames, Events, Heartbeat, StreamOptions
 from markerseek.cli.options import AsJson, Columns, Out, PlanOptions, ProbeName, Stay, Unit, table_format, with_values
 from markerseek.cli.report import Output
 from markerseek.cli.terminal import announce_compilation
+from markerseek.cli.watched import Events, Heartbeat, WatchOptions
 from markerseek.core import MAX_ACQUISITIONS, ConfigError
 
 EXAMPLES = (
@@ -40,12 +40,11 @@ def command(
     unit: Unit = None,
     stay: Stay = False,
     journal: Annotated[
-        Path | None, typer.Option(help="Journal of the run, a new SQLite file; without it, none is kept.")
+        Path | None, typer.Option(help="Journal of the run, a new file; without it, none is kept.")
     ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write replay.png and replay.html into --out.")] = False,
     out: Out = None,
     events: Events = None,
-    event_frames: EventFrames = False,
     heartbeat: Heartbeat = None,
     as_json: AsJson = False,
 ) -> None:
@@ -60,7 +59,7 @@ def command(
     from markerseek.search import method_named
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
-    stream = StreamOptions(path=events, frames=event_frames, heartbeat=heartbeat)
+    watch = WatchOptions(events=events, heartbeat=heartbeat)
     announce_compilation()
     table = table_format(columns, unit)
     # Only the paper's form gets invented data: its section 2.5 interpolates between recorded angles.
@@ -85,7 +84,7 @@ def command(
         recorded_curve = (curve.angle_deg, curve.intensity)
     # Another rig: a recording hands each of its dark frames out once.
     again = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between, table=table)
-    session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None, stream=stream)
+    session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None, watch=watch)
     conclude(
         session.recorder,
         session.configuration,

@@ -9,11 +9,11 @@ import typer
 from rich.markup import escape
 
 from markerseek import drivers, rigs, runs
-from markerseek.cli.event_stream import EventFrames, Events, Heartbeat, StreamOptions
 from markerseek.cli.open_rig import NOT_ARMED, confirmed, person, print_permissions
 from markerseek.cli.options import AsJson, Out
 from markerseek.cli.report import Output
 from markerseek.cli.terminal import announce_compilation, print_json, print_warning, stdout
+from markerseek.cli.watched import Heartbeat, WatchOptions
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
@@ -39,8 +39,6 @@ def command(
     ] = False,
     plot: Annotated[bool, typer.Option("--plot", help="Write resume.png and resume.html into --out.")] = False,
     out: Out = None,
-    events: Events = None,
-    event_frames: EventFrames = False,
     heartbeat: Heartbeat = None,
     as_json: AsJson = False,
 ) -> None:
@@ -56,7 +54,7 @@ def command(
     from markerseek.records.journal import read_journal, result_of, run_state
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
-    stream = StreamOptions(path=events, frames=event_frames, heartbeat=heartbeat)
+    watch = WatchOptions(heartbeat=heartbeat)
     # Frames are needed for the picture only, and have half a megabyte each.
     recorded = read_journal(journal, frames=plot)
     state = run_state(recorded.entries)
@@ -76,7 +74,7 @@ def command(
         announce_compilation()
         if not arm and not _confirmed(recorded, rig, as_json=as_json):
             raise typer.Exit(NOT_ARMED)
-        session = _resume(journal, rig, bench, reset_fault=reset_fault, as_json=as_json, stream=stream)
+        session = _resume(journal, rig, bench, reset_fault=reset_fault, as_json=as_json, watch=watch)
         recorder, imaging, policy = session.recorder, session.rig.imaging, session.policy
     conclude(recorder, recorded.configuration, output, name="resume", imaging=imaging, policy=policy)
 
@@ -120,7 +118,7 @@ def _resume(
     *,
     reset_fault: bool,
     as_json: bool,
-    stream: StreamOptions,
+    watch: WatchOptions,
 ) -> runs.Session:
     """Lock the journal, rebuild rig and policy, and continue the run."""
     from markerseek.cli.session import closed_at_end, run_session
@@ -130,7 +128,7 @@ def _resume(
     kept, recorded = Journal.reopen(journal)
     with closed_at_end(kept), runs.rebuild_rig(recorded.configuration, bench_settings=bench) as rig:
         session = runs.resumed_session(rig, kept, recorded, by=person(), reset_fault=reset_fault)
-        run_session(session, as_json=as_json, rig_file=rig_file, stream=stream)
+        run_session(session, as_json=as_json, rig_file=rig_file, watch=watch)
     return session
 
 

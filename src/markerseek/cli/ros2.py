@@ -59,7 +59,7 @@ def search(
     request = bridges.SearchRequest(
         method=method, acquisitions=acquisitions, stay=stay, tolerance_mm=tolerance_mm, seed=seed
     )
-    searches = bridges.Searches(bridges.SearchOptions(rig=rig, pace=pace or 0.0, frames=True))
+    searches = bridges.Searches(bridges.SearchOptions(rig=rig, pace=pace or 0.0))
     parameters: dict[str, str | int] = {
         "method": method,
         "acquisitions": acquisitions or 0,

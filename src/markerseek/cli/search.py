@@ -12,11 +12,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import runs
-from markerseek.cli.event_stream import EventFrames, Events, Heartbeat, StreamOptions
-from markerseek.cli.open_rig import NO_OPTIONS, SimulationOptions, arm_rig, open_rig
-from markerseek.cli.options import Arm, AsJson, Out, PlanOptions, RigFile, Stay, with_values
+from markerseek.cli.open_rig import NO_OPTIONS, SimulationOptions, announce_sweeps, arm_rig, open_rig
+from markerseek.cli.options import Arm, AsJson, Out, PlanOptions, RigFile, Stay, Sweeps, with_values
 from markerseek.cli.report import Output, Report, drawn, table
 from markerseek.cli.terminal import announce_compilation
+from markerseek.cli.watched import Events, Heartbeat, WatchOptions
 from markerseek.core import ConfigError, MarkerCurve
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek search --seed 1 --plot\n\n"
+    "  markerseek search --sweep --readout-s 0.05\n\n"
     "  markerseek search --method ternary --acquisitions 16 --as-published\n\n"
     "  markerseek search --marker-deg 10 --second-marker-deg -12 --snr-db 30\n\n"
     "  markerseek search --compare posterior,golden-section,ternary --plot\n\n"
@@ -55,9 +56,10 @@ def command(
     arm: Arm = False,
     simulation: SimulationOptions = NO_OPTIONS,
     stay: Stay = False,
+    sweep: Sweeps = False,
     journal: Annotated[
         Path | None,
-        typer.Option(help="Journal of the run, a new SQLite file; without it, one in the user's data folder."),
+        typer.Option(help="Journal of the run, a new file; without it, one in the user's data folder."),
     ] = None,
     no_journal: Annotated[
         bool, typer.Option("--no-journal", help="Keep no journal; the search cannot be resumed.")
@@ -65,7 +67,6 @@ def command(
     plot: Annotated[bool, typer.Option("--plot", help="Write search.png and search.html into --out.")] = False,
     out: Out = None,
     events: Events = None,
-    event_frames: EventFrames = False,
     heartbeat: Heartbeat = None,
     asked_by: Annotated[str | None, typer.Option(hidden=True, help="Who asked a bridge for this search.")] = None,
     as_json: AsJson = False,
@@ -73,25 +74,33 @@ def command(
     """Find the marker on a rig: rotate, fire, measure, decide; then rotate to it and confirm."""
     from markerseek.cli.session import run_new_session
     from markerseek.cli.show_result import conclude
-    from markerseek.search import method_named
+    from markerseek.search import method_named, require_sweeping
 
     # The folder for pictures is tested now: a search on tissue is not repeated for a picture.
     output = Output.asked(as_json=as_json, plot=plot, out=out)
-    stream = StreamOptions(path=events, frames=event_frames, heartbeat=heartbeat)
+    watch = WatchOptions(events=events, heartbeat=heartbeat)
     # An unknown method is an error before devices are opened.
     method_named(options.method)
+    if sweep:
+        require_sweeping(options.plan())
     curve = None if prior is None else runs.former_curve(prior)
     if compare is not None:
+        if sweep:
+            raise ConfigError("--compare names methods that stop for each acquisition; leave --sweep out")
         if journal is not None or options.method != "posterior":
             raise ConfigError("--compare names the methods and keeps no journals; leave --method and --journal out")
         _compare(compare, rig, simulation, options, output, stay=stay, prior=curve)
-    with open_rig(rig, simulation) as (assembled, start_deg):
-        plan = runs.plan_on(assembled, options.plan(start_deg=start_deg, stay=stay, prior=curve))
-        session = runs.new_session(assembled, plan)
+    with open_rig(rig, simulation, sweeps=sweep) as (assembled, start_deg):
+        plan = options.plan(start_deg=start_deg, stay=stay, prior=curve)
+        if sweep:
+            plan = replace(plan, sweep_speed_deg_s=assembled.scanner.sweeping.stage.fastest_sweep_deg_s)
+        session = runs.new_session(assembled, runs.plan_on(assembled, plan))
+        if sweep:
+            announce_sweeps(assembled, session.policy, start_deg=start_deg)
         announce_compilation()
         arm_rig(assembled, file=rig, arm=arm, what="search", as_json=as_json, asked_by=asked_by)
         session = run_new_session(
-            session, as_json=as_json, journal=journal, keep=not no_journal, rig_file=rig, stream=stream
+            session, as_json=as_json, journal=journal, keep=not no_journal, rig_file=rig, watch=watch
         )
     conclude(
         session.recorder,

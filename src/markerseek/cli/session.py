@@ -9,33 +9,31 @@ from pathlib import Path
 
 from rich.markup import escape
 
-from markerseek.cli.event_stream import StreamOptions
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import print_warning, progress_bar, quoted, show_event, stderr
+from markerseek.cli.watched import WatchOptions
 from markerseek.core import ConfigError, Failed, MarkerseekError, RecordError
 from markerseek.records.journal import Checked, Configuration, Journal, default_journal, make_folder
 from markerseek.runs import Session
 
-_NO_STREAM = StreamOptions()
-"""No events are sent."""
+_UNWATCHED = WatchOptions()
+"""No program follows the run."""
 
 
 def run_session(
-    session: Session, *, as_json: bool, rig_file: Path | None = None, stream: StreamOptions = _NO_STREAM
+    session: Session, *, as_json: bool, rig_file: Path | None = None, watch: WatchOptions = _UNWATCHED
 ) -> None:
     """Run a search to its end with a progress bar; Ctrl-C, SIGTERM and SIGHUP stop the rig and end the command.
 
     ``as_json``: whether to print an interruption as JSON. ``rig_file``: rig file of the search; for a rig of devices,
-    the command that resumes it names this file. ``stream``: whether events are sent to other programs. Raises
-    `RecordError` if they cannot be sent where they should; nothing has moved then.
+    the command that resumes it names this file. ``watch``: whether another program must be there.
     """
-    journal = session.journal
+    journal = session.journal if session.journal is not None and session.journal.kept else None
     # A journal describes a simulated rig in full: `resume` takes no rig file for it.
     rig_file = rig_file if session.configuration.facts.kind == "bench" else None
-    with stream.opened(session.configuration) as opened, stopped_by_signals():
-        session = replace(session, stream=opened)
+    with stopped_by_signals():
         try:
-            with stream.stopping():
+            with watch.stopping():
                 _watch(session)
         except StoppedBySignal as stop:
             # Further signals are still ignored here, while the journal is written.
@@ -61,7 +59,7 @@ def run_new_session(
     journal: Path | None = None,
     keep: bool = True,
     rig_file: Path | None = None,
-    stream: StreamOptions = _NO_STREAM,
+    watch: WatchOptions = _UNWATCHED,
 ) -> Session:
     """Run a new search to its end with a new journal; returns the session with that journal.
 
@@ -73,9 +71,15 @@ def run_new_session(
     """
     if journal is not None and not keep:
         raise ConfigError(f"--journal names {journal} and --no-journal wants none; leave one of them out")
+    if keep and watch.events is not None:
+        raise ConfigError(
+            f"--events {watch.events} is for a run without a journal; follow its journal, or add --no-journal"
+        )
     session = replace(session, journal=_new_journal(journal, session.configuration) if keep else None)
+    if watch.events is not None:
+        session = replace(session, journal=Journal.create(watch.events, session.configuration, kept=False))
     with closed_at_end(session.journal):
-        run_session(session, as_json=as_json, rig_file=rig_file, stream=stream)
+        run_session(session, as_json=as_json, rig_file=rig_file, watch=watch)
     return session
 
 

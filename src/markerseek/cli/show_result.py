@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek.cli.report import Output, Report, drawn, facts, file_line
-from markerseek.core import ChannelFrame, Estimate, Floor, NotFound, OtherSource, Policy, RFFrame
+from markerseek.core import ChannelFrame, Estimate, Floor, NotFound, OtherSource, RFFrame, SweepingPolicy
 from markerseek.records import Recorder, SearchResult, answer_name
 from markerseek.records.journal import Configuration, Journal
 from markerseek.search import FALSE_FOUND
@@ -127,7 +127,7 @@ def conclude(
     *,
     name: str,
     imaging: AnyImageReader | None,
-    policy: Policy | None,
+    policy: SweepingPolicy | None,
     journal: Journal | None = None,
     recorded: Curve | None = None,
     from_all: Estimate | None = None,
@@ -153,7 +153,7 @@ def conclude(
         values=values,
         shown=_shown(result, title, from_all),
         pictures=pictures,
-        notes=() if journal is None else (file_line("journal", journal.path),),
+        notes=() if journal is None or not journal.kept else (file_line("journal", journal.path),),
         exit_code=FOUND if result.found else OTHER_ANSWER,
     )
     output.show(report)
@@ -187,11 +187,11 @@ def _all_angles(estimate: Estimate) -> dict[str, object]:
     }
 
 
-def _density(policy: Policy | None) -> Curve | None:
+def _density(policy: SweepingPolicy | None) -> Curve | None:
     """Density of the angle at the end of a search; None for methods without a posterior."""
-    from markerseek.search.posterior import Posterior
+    from markerseek.search.posterior import Posterior, SweepPosterior
 
-    belief = policy.belief if isinstance(policy, Posterior) else None
+    belief = policy.belief if isinstance(policy, Posterior | SweepPosterior) else None
     if belief is None:
         return None
     step_deg = float(belief.angles_deg[1] - belief.angles_deg[0])

@@ -124,7 +124,7 @@ def print_error(error: MarkerseekError, *, as_json: bool) -> None:
 
 
 @contextmanager
-def progress_bar(total: int, *, what: str) -> Iterator[Progress]:
+def progress_bar(total: int | None, *, what: str) -> Iterator[Progress]:
     """A progress bar on standard error; hidden if that is not a terminal."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     # In a log file, Rich would write one line for each update.

@@ -2,6 +2,7 @@
 
 from markerseek.core.array import LinearArray
 from markerseek.core.arrival import Arrival, LocalMaxima, SpotEnergy
+from markerseek.core.belief import AngleBelief
 from markerseek.core.checks import is_finite, is_whole, require_range
 from markerseek.core.errors import (
     AcquisitionError,
@@ -32,16 +33,28 @@ from markerseek.core.estimate import (
     OtherSource,
     Unsure,
 )
-from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Refused, Role, Started
+from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Refused, Role, Started, Swept
 from markerseek.core.facts import RigFacts, RigKind
 from markerseek.core.frame import NO_HEADER, BModeFrame, ChannelFrame, Frame, FrameHeader, ReadingFrame, RFFrame
 from markerseek.core.image import BModeImage, PaImage, ScanGeometry
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerPosition, marker_position
 from markerseek.core.marker_curve import MarkerCurve
-from markerseek.core.permit import Permit
+from markerseek.core.permit import SWEEP_READING_S, Permit, SweepPermit
 from markerseek.core.plan import PolicyPlan, RunPlan, SearchPlan, Tolerance
-from markerseek.core.protocols import Clock, ConfirmablePolicy, Laser, Policy, Reader, Receiver, Stage
+from markerseek.core.protocols import (
+    Clock,
+    ConfirmablePolicy,
+    Laser,
+    Policy,
+    Reader,
+    Receiver,
+    Stage,
+    SweepingLaser,
+    SweepingPolicy,
+    SweepingReceiver,
+    SweepingStage,
+)
 from markerseek.core.reading import (
     MAX_ACQUISITIONS,
     MAX_ARRIVALS,
@@ -51,16 +64,20 @@ from markerseek.core.reading import (
     Sample,
 )
 from markerseek.core.shapes import Bool, Complex128, Float32, Float64, Int16, Int32, Int64, UInt8
+from markerseek.core.sweep import MAX_AHEAD_DEG, Pulse, StageReading, Sweep, SweepTiming, fastest_sweep_deg_s
 
 __all__ = [
     "MAX_ACQUISITIONS",
+    "MAX_AHEAD_DEG",
     "MAX_ARRIVALS",
     "MAX_INTENSITY",
     "MIN_INTENSITY",
     "NO_HEADER",
     "PAPER_RANGE",
+    "SWEEP_READING_S",
     "AcquisitionError",
     "Ambiguous",
+    "AngleBelief",
     "Arrival",
     "Asked",
     "AtBound",
@@ -108,6 +125,7 @@ __all__ = [
     "Permit",
     "Policy",
     "PolicyPlan",
+    "Pulse",
     "RFFrame",
     "Reader",
     "Reading",
@@ -127,11 +145,21 @@ __all__ = [
     "SearchPlan",
     "SpotEnergy",
     "Stage",
+    "StageReading",
     "Started",
+    "Sweep",
+    "SweepPermit",
+    "SweepTiming",
+    "SweepingLaser",
+    "SweepingPolicy",
+    "SweepingReceiver",
+    "SweepingStage",
+    "Swept",
     "Tolerance",
     "UInt8",
     "Unsure",
     "as_interval",
+    "fastest_sweep_deg_s",
     "is_finite",
     "is_whole",
     "marker_position",

@@ -8,10 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
+from markerseek.core.belief import AngleBelief
 from markerseek.core.estimate import Estimate
 from markerseek.core.frame import Frame
 from markerseek.core.interval import Interval
 from markerseek.core.reading import Sample
+from markerseek.core.sweep import Sweep
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,19 +30,27 @@ Role: TypeAlias = Literal["dark", "search", "confirmation"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
-    """One acquisition is about to be made: a move to an angle, then a permit to fire there.
+    """One acquisition is about to be made: a move to an angle, then a permit to fire there; or a sweep.
 
     Attributes
     ----------
     role, index
-        As in `Measured`.
+        As in `Measured`; for a sweep, of its first sample.
     angle_deg
-        Angle that the stage is sent to, in degrees; for a dark frame, the present one.
+        Angle that the stage is sent to, in degrees; for a dark frame, the present one; for a sweep, its end.
+    sweep
+        The sweep, of which a `Measured` or `Refused` follows for each pulse, and `Swept` at its end; None for one
+        acquisition at an angle.
+    belief
+        What the policy believed when it asked; None before the first acquisition with light, and in a run without a
+        record.
     """
 
     role: Role
     index: int
     angle_deg: float
+    sweep: Sweep | None = None
+    belief: AngleBelief | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,13 +73,29 @@ class Measured:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Refused:
-    """An acquisition was refused and will be tried again.
+class Swept:
+    """A sweep is over, and the probe is at rest.
 
     Attributes
     ----------
     angle_deg
-        Angle in degrees at which it was asked for.
+        Readback in degrees.
+    pulses
+        How many pulses were fired in it.
+    """
+
+    angle_deg: float
+    pulses: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refused:
+    """An acquisition was refused and will be tried again; that of one pulse of a sweep is left out.
+
+    Attributes
+    ----------
+    angle_deg
+        Angle in degrees at which it was asked for, in a sweep that at the pulse.
     reason
         Why.
     frame
@@ -97,6 +123,8 @@ class Finished:
         Sum of all rotations by the stage's readback, in degrees.
     elapsed_s
         Time on the rig's clock from `Started`, in seconds.
+    belief
+        As in `Asked`.
     """
 
     estimate: Estimate
@@ -104,6 +132,7 @@ class Finished:
     acquisitions: int
     travel_deg: float
     elapsed_s: float
+    belief: AngleBelief | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,4 +143,4 @@ class Failed:
 
 
 # A union and no base class, as for `Estimate`.
-Event: TypeAlias = Started | Asked | Measured | Refused | Finished | Failed
+Event: TypeAlias = Started | Asked | Measured | Swept | Refused | Finished | Failed

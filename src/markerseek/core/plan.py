@@ -82,6 +82,8 @@ class PolicyPlan:
     angles_deg: tuple[float, ...] | None = None
     """Angles that can be measured, each once, in degrees: those of a recording, among which a posterior chooses. None:
     any of the range."""
+    sweep_speed_deg_s: float | None = None
+    """Speed of the sweeps of a posterior, in degrees per second; None: it stops for each acquisition."""
 
     def __post_init__(self) -> None:
         # Checked before any device is opened: a plan comes from a command line or a page.
@@ -95,6 +97,9 @@ class PolicyPlan:
             raise ConfigError(f"others is {self.others}, it must be a probability from 0 to below 1")
         if self.start_deg is not None and not is_finite(self.start_deg):
             raise ConfigError(f"start_deg is {self.start_deg} deg, it must be a finite number")
+        speed = self.sweep_speed_deg_s
+        if speed is not None and not (is_finite(speed) and speed > 0):
+            raise ConfigError(f"sweep_speed_deg_s is {speed} deg/s, it must be a positive number")
 
 
 @dataclass(frozen=True, kw_only=True)

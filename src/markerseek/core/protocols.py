@@ -6,13 +6,15 @@ Angles are in degrees, times in seconds. A part that cannot do what it is asked 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 from markerseek.core.estimate import Estimate
 from markerseek.core.frame import Frame
 from markerseek.core.interval import Interval
-from markerseek.core.permit import Permit
+from markerseek.core.permit import Permit, SweepPermit
 from markerseek.core.reading import Reading, Sample
+from markerseek.core.sweep import Pulse, StageReading, Sweep
 
 
 @runtime_checkable
@@ -21,6 +23,24 @@ class Policy(Protocol):
 
     def ask(self) -> float | None:
         """Next angle in degrees, or None when the search is over; asking twice changes nothing."""
+
+    def tell(self, sample: Sample) -> None:
+        """Receive one sample; its angle is the one reached."""
+
+    def estimate(self) -> Estimate:
+        """Present answer; allowed at any time, also before the first sample."""
+
+
+@runtime_checkable
+class SweepingPolicy(Protocol):
+    """A policy that may ask for a sweep instead of an angle; every `Policy` is one that never does.
+
+    During a sweep it is told each sample as it comes. The sweep goes on while `ask` returns an equal `Sweep`; anything
+    else ends it: the light first, then the probe brakes.
+    """
+
+    def ask(self) -> float | Sweep | None:
+        """Next angle in degrees or next sweep, or None when the search is over; asking twice changes nothing."""
 
     def tell(self, sample: Sample) -> None:
         """Receive one sample; its angle is the one reached."""
@@ -68,6 +88,38 @@ class Stage(Protocol):
 
 
 @runtime_checkable
+class SweepingStage(Stage, Protocol):
+    """A stage that tells where it is while it turns."""
+
+    @property
+    def fastest_sweep_deg_s(self) -> float:
+        """Largest speed of a sweep in degrees per second, at most `markerseek.core.fastest_sweep_deg_s`."""
+
+    @property
+    def acceleration_deg_s2(self) -> float:
+        """Acceleration at both ends of a sweep, in degrees per second squared."""
+
+    @property
+    def play_deg(self) -> float:
+        """Largest play between encoder and probe where the angle falls, in degrees; 0 where there is none."""
+
+    def prepare_sweep(self, *, speed_deg_s: float) -> None:
+        """Set the speed of a sweep; nothing moves."""
+
+    def begin_sweep(self, to_deg: float) -> None:
+        """Begin to turn there, and return at once; no target is more than `MAX_AHEAD_DEG` ahead."""
+
+    def read_sweep(self) -> StageReading:
+        """Where it is; gives it its next target too, without which it comes to rest."""
+
+    def brake(self) -> None:
+        """Begin to brake, and return at once."""
+
+    def end_sweep(self) -> None:
+        """Restore the speed of moves, once it is at rest; allowed at any time, also twice."""
+
+
+@runtime_checkable
 class Laser(Protocol):
     """Fires pulses of light. There is no "on"."""
 
@@ -76,6 +128,28 @@ class Laser(Protocol):
 
     def disarm(self) -> None:
         """Give up any permit still held; allowed at any time, also twice."""
+
+
+@runtime_checkable
+class SweepingLaser(Laser, Protocol):
+    """A laser that fires single pulses, each with its time."""
+
+    @property
+    def sweep_period_s(self) -> float:
+        """Least time between two of its pulses, in seconds."""
+
+    @property
+    def delay_sigma_s(self) -> float:
+        """Standard deviation of the unknown delay between a pulse and its time, the same for all, in seconds."""
+
+    def begin_sweep(self, permit: SweepPermit) -> None:
+        """Begin to fire the permitted pulses, one every ``permit.period_s``, and return at once."""
+
+    def pulses(self) -> Sequence[Pulse]:
+        """Pulses since the last call, in order."""
+
+    def end_sweep(self) -> int:
+        """End the light, and return how many pulses were fired in all; `pulses` returns those not told yet."""
 
 
 @runtime_checkable
@@ -90,6 +164,24 @@ class Receiver(Protocol):
 
     def acquire(self, permit: Permit) -> Frame:
         """Frame of the trigger that was given since `arm`."""
+
+
+@runtime_checkable
+class SweepingReceiver(Receiver, Protocol):
+    """A receiver that records one frame for each trigger of a sweep."""
+
+    @property
+    def frame_period_s(self) -> float:
+        """Least time between two triggers that it can record, in seconds."""
+
+    def begin_sweep(self, permit: SweepPermit) -> None:
+        """Get ready for one trigger after the other."""
+
+    def frames(self) -> Sequence[Frame]:
+        """Frames that came since the last call, in the order of their triggers; none where it is read at the end."""
+
+    def end_sweep(self) -> Sequence[Frame]:
+        """The frames that have not been returned yet, after the last trigger."""
 
 
 @runtime_checkable

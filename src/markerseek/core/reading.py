@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from markerseek.core.arrival import Arrival, LocalMaxima, SpotEnergy
-from markerseek.core.checks import is_finite
+from markerseek.core.checks import is_finite, require_range
 from markerseek.core.errors import ReadingError
 from markerseek.core.frame import Frame
+from markerseek.core.sweep import SweepTiming
 
 MAX_ACQUISITIONS = 500
 """Most acquisitions of one search, without dark frames."""
@@ -102,17 +103,31 @@ class Sample:
     Attributes
     ----------
     angle_deg
-        Angle that the stage reached, in degrees: not the one it was sent to.
+        Angle that the stage reached, in degrees: not the one it was sent to. In a sweep, that at the pulse.
     reading
         Features of the frame.
     dark
         Whether the laser was off: such a sample gives the noise floor only.
+    angle_sigma_deg
+        Standard deviation of the error of this angle, independent from sample to sample, in degrees.
+    sweep
+        What it shares with the other samples of its sweep; None where the probe was at rest.
     frame
         What the receiver sent, with its header; None for samples that no rig took.
+
+    Raises
+    ------
+    ConfigError
+        If ``angle_sigma_deg`` is negative or no number.
     """
 
     angle_deg: float
     reading: Reading
     dark: bool = False
+    angle_sigma_deg: float = 0.0
+    sweep: SweepTiming | None = None
     # Left out of repr and ==: channel data are large, and samples of a replay must equal those of the run.
     frame: Frame | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        require_range("sample: angle_sigma_deg", self.angle_sigma_deg, low=0, high=10, unit="deg")

@@ -1,43 +1,63 @@
-from ._kdc101_settings import Kdc101Keys
-from ._plus_settings import PlusSettings
-from ._ros2_settings import Ros2StageSettings, RosLaser, RosReceiver
-from ._sonixdaq_settings import SonixDaqKeys
 from .clock import LONGEST_WAIT_S, SystemClock
 from .energy_meter import EnergyMeter, metered
+from .entry import PARTS, AnyEntry, DeviceSettings, LaserSettings, Part, ReceiverSettings, StageSettings, is_emulated
 from .exposure import exposure_line
-from .kdc101 import Kdc101DriverSettings, Kdc101Stage
-from .laserbox import LaserBox
-from .plus import PlusReceiver, connect_plus
-from .ros2_acquisition import Ros2Acquisition
-from .ros2_stage import Ros2Stage
+from .foreign import DryLine, NamedLaser, NamedReceiver, NamedStage
+from .kdc101 import Kdc101Moves, Kdc101Settings, Kdc101Stage
+from .laserbox import LaserBox, LaserBoxSettings
+from .picolas import PicolasLaser, PicolasSettings
+from .plus import PlusReceiver, PlusSettings, connect_plus
+from .ros2_acquisition import Ros2Acquisition, RosLaser, RosReceiver
+from .ros2_stage import Ros2Stage, Ros2StageSettings
 from .serial_port import SerialPort
-from .settings import BenchLaser, BenchProbe, BenchReceiver, BenchSettings
+from .settings import BenchProbe, BenchSettings, BenchSupervisor, bench_settings_from
+from .simulated import SimulatedLaserKeys, SimulatedReceiverKeys, SimulatedStageKeys
 from .sonixdaq import SonixDaqReceiver, SonixDaqSettings
+from .table import DRIVERS, entry_of
 
 __all__ = [
+    "DRIVERS",
     "LONGEST_WAIT_S",
-    "BenchLaser",
+    "PARTS",
+    "AnyEntry",
     "BenchProbe",
-    "BenchReceiver",
     "BenchSettings",
+    "BenchSupervisor",
+    "DeviceSettings",
+    "DryLine",
     "EnergyMeter",
-    "Kdc101DriverSettings",
-    "Kdc101Keys",
+    "Kdc101Moves",
+    "Kdc101Settings",
     "Kdc101Stage",
     "LaserBox",
+    "LaserBoxSettings",
+    "LaserSettings",
+    "NamedLaser",
+    "NamedReceiver",
+    "NamedStage",
+    "Part",
+    "PicolasLaser",
+    "PicolasSettings",
     "PlusReceiver",
     "PlusSettings",
+    "ReceiverSettings",
     "Ros2Acquisition",
     "Ros2Stage",
     "Ros2StageSettings",
     "RosLaser",
     "RosReceiver",
     "SerialPort",
-    "SonixDaqKeys",
+    "SimulatedLaserKeys",
+    "SimulatedReceiverKeys",
+    "SimulatedStageKeys",
     "SonixDaqReceiver",
     "SonixDaqSettings",
+    "StageSettings",
     "SystemClock",
+    "bench_settings_from",
     "connect_plus",
+    "entry_of",
     "exposure_line",
+    "is_emulated",
     "metered",
 ]

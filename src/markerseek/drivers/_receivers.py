@@ -1,18 +1,10 @@
-"""What the receivers of channel data share: a key of their settings, and the frame of one acquisition."""
+"""The frame of one acquisition, as the receivers of channel data make it."""
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from markerseek.core import ChannelFrame, Clock, ConfigError, FrameHeader, Int16, Permit
-
-
-def require_noise_ratio(noise_ratio: float) -> None:
-    """Refuse a factor for the noise of a frame that is not finite or not above 1."""
-    if not 1 < noise_ratio < math.inf:
-        raise ConfigError(f"receiver: noise_ratio is {noise_ratio}, it must be a finite factor above 1")
+from markerseek.core import ChannelFrame, Clock, FrameHeader, Int16, Permit
 
 
 def acquired_frame(

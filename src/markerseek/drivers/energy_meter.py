@@ -1,8 +1,8 @@
 """The energy of a rig's pulses: by the laser box's photodiode, by their pick-up, or from a field of a PLUS server.
 
-Whatever measures it, its value for a usual pulse (`LaserKeys.usual_energy`) makes the energy of a frame's header; the
-scanner divides readings by it. Without that value the rig's answers are as without a meter, and `EnergyMeter.usual`
-says which it should be.
+Whatever measures it, its value for a usual pulse (`LaserSettings.usual_energy`) makes the energy of a frame's header;
+the scanner divides readings by it. Without that value the rig's answers are as without a meter, and
+`EnergyMeter.usual` says which it should be.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from markerseek.core import ChannelFrame, ConfigError, Frame, Laser, NotConnectedError, Permit, Receiver
-from markerseek.drivers._light import LaserKeys
+from markerseek.drivers.entry import LaserSettings
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.plus import PlusReceiver
 from markerseek.signals import pickup_amplitude
@@ -57,7 +57,7 @@ class EnergyMeter:
         return replace(frame, header=replace(frame.header, energy=value / self._usual_energy))
 
 
-def metered(keys: LaserKeys, laser: Laser, receiver: Receiver, *, full_scale: int) -> Receiver:
+def metered(keys: LaserSettings, laser: Laser, receiver: Receiver, *, full_scale: int) -> Receiver:
     """The receiver, as `EnergyMeter` where the rig file names what measures the energy.
 
     ``full_scale``: counts at which the channels clip. Raises `ConfigError` if the rig has no such part,
@@ -68,7 +68,7 @@ def metered(keys: LaserKeys, laser: Laser, receiver: Receiver, *, full_scale: in
 
 
 def _measured_by(
-    keys: LaserKeys, laser: Laser, receiver: Receiver, full_scale: int
+    keys: LaserSettings, laser: Laser, receiver: Receiver, full_scale: int
 ) -> Callable[[Frame], float | None] | None:
     if keys.energy_from == "photodiode":
         if not isinstance(laser, LaserBox):

@@ -7,16 +7,17 @@ is more than a few degrees ahead: a computer that dies leaves the stage there, a
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Literal
 
-from markerseek.core import Clock, DeviceError, Interval, LimitError, MoveError
-from markerseek.drivers._approach import DOWN, UP, plan_approach
+from markerseek.core import Clock, ConfigError, DeviceError, Interval, LimitError, MoveError, require_range
 from markerseek.drivers._apt_line import AptLine
 from markerseek.drivers._kdc101_move import Move, MoveRules
-from markerseek.drivers._kdc101_settings import Kdc101DriverSettings
 from markerseek.drivers._kdc101_setup import set_up
+from markerseek.drivers.entry import Entry, Opening, StageSettings
+from markerseek.files import Line
+from markerseek.guard import Limits
 from markerseek.wire import Port, apt
-
-__all__ = ["Kdc101DriverSettings", "Kdc101Stage"]
 
 _STOP_S = 1.0
 _STOP_AGAIN_S = 0.02
@@ -24,11 +25,131 @@ _SAME_COUNTS = 2
 _READS = 6
 
 
+class Kdc101Settings(
+    StageSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="kdc101"
+):
+    """Keys of the stage in a rig file; angles are the probe's unless they are called the stage's own."""
+
+    port: str
+    """Serial port of its controller."""
+    zero_deg: float
+    """The stage's own reading at which the probe points at 0."""
+    direction: Literal["forward", "reverse"] = "forward"
+    """How the probe is mounted: "forward" if its angle grows with the stage's own reading, "reverse" if it falls. The
+    default is an assumption: ``markerseek doctor --rig RIG.toml --source-deg ANGLE`` tests it."""
+    serial_number: int | None = None
+    """Serial number that the controller must have; None accepts any."""
+    speed_deg_s: float = 10.0
+    acceleration_deg_s2: float = 10.0
+    """``speed_deg_s`` and ``acceleration_deg_s2``: speed and acceleration of its moves, in degrees per second and per
+    second squared; at most 25."""
+    approach_from: Literal["below", "above"] = "below"
+    approach_deg: float = 1.0
+    """``approach_from`` and ``approach_deg``: side, by the probe's angle, from which every target is approached, and
+    over what distance, in degrees: longer than the gears' play."""
+    begin_s: float = 0.5
+    """Time without motion after which it counts as stuck."""
+    age_s: float = 0.3
+    """Greatest age of the controller's answer."""
+
+    def __post_init__(self) -> None:
+        for name, low, high, unit in (
+            ("zero_deg", -360, 360, "deg"),
+            ("speed_deg_s", 0.1, 25, "deg/s"),
+            ("acceleration_deg_s2", 0.1, 25, "deg/s²"),
+            ("approach_deg", 0.01, 5, "deg"),
+            ("begin_s", 0.1, 5, "s"),
+            ("age_s", 0.01, 1, "s"),
+        ):
+            require_range(f"stage: {name}", getattr(self, name), low=low, high=high, unit=unit)
+        if self.approach_from not in ("below", "above"):
+            raise ConfigError(f"stage: approach_from is {self.approach_from!r}, it must be 'below' or 'above'")
+        if self.direction not in ("forward", "reverse"):
+            raise ConfigError(f"stage: direction is {self.direction!r}, it must be 'forward' or 'reverse'")
+
+    @property
+    def sense(self) -> int:
+        """1 if the probe's angle grows with the stage's own reading, -1 if it falls."""
+        return 1 if self.direction == "forward" else -1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kdc101Moves:
+    """How a move is made and checked, which no rig file changes."""
+
+    lead_deg: float = 5.0
+    renew_s: float = 0.1
+    """``lead_deg`` and ``renew_s``: how far ahead a target may be, in degrees, and how often it is renewed, in
+    seconds."""
+    arrival_deg: float = 0.01
+    """Largest distance from its target at which the stage counts as arrived."""
+    unexpected_deg: float = 0.2
+    """Largest distance from where it should be on its way, and at rest."""
+    answer_s: float = 0.1
+    """Time for an answer before the request is repeated."""
+
+    def __post_init__(self) -> None:
+        for name, low, high, unit in (
+            ("lead_deg", 0.5, 5, "deg"),
+            ("renew_s", 0.02, 0.5, "s"),
+            ("arrival_deg", 0.001, 0.1, "deg"),
+            ("unexpected_deg", 0.05, 1, "deg"),
+            ("answer_s", 0.01, 1, "s"),
+        ):
+            require_range(f"stage: {name}", getattr(self, name), low=low, high=high, unit=unit)
+
+
+UP, DOWN = 1, -1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Approach:
+    """Angles to go to in turn: to the last always from the same side, whereby the gears' play does not matter."""
+
+    stops_deg: tuple[float, ...]
+    """Angles to go to; none if the stage is there already, approached from the right side."""
+    direction: int
+    """`UP` if the last is approached from below, `DOWN` if from above."""
+    reversed: bool
+    """Whether that is not the usual side, because the travel range ends too soon."""
+
+
+def plan_approach(
+    target_deg: float,
+    *,
+    here_deg: float,
+    pushed: int | None,
+    usual: int,
+    room_deg: float,
+    travel: Interval,
+    same_deg: float,
+) -> Approach:
+    """Plan the approach of a target.
+
+    ``target_deg``, ``here_deg``: target, and present angle of the stage. ``pushed``: direction of the last move, `UP`
+    or `DOWN`; None if unknown. ``usual``: direction of the last move towards any target. ``room_deg``: length of a move
+    that takes up the backlash. ``travel``: angles at which the stage may be. ``same_deg``: angles no further apart than
+    this count as equal.
+    """
+    direction = usual if target_deg - usual * room_deg in travel else -usual
+    # From a shorter distance, or from the other side, the gears would not yet be pushed when the target is reached.
+    way_deg = direction * (target_deg - here_deg)
+    if pushed == direction and abs(way_deg) <= same_deg:
+        stops: tuple[float, ...] = ()
+    elif way_deg >= (0 if pushed == direction else room_deg):
+        stops = (target_deg,)
+    else:
+        stops = (target_deg - direction * room_deg, target_deg)
+    return Approach(stops_deg=stops, direction=direction, reversed=direction != usual)
+
+
 class Kdc101Stage:
     """A `markerseek.core.Stage` over APT. Making one connects, checks and configures it; nothing moves.
 
     - ``port``: the line to the controller, for instance a `markerseek.drivers.serial_port.SerialPort`.
     - ``clock``: all waiting is done on it, so that each wait renews a lease.
+    - ``settings``: None: those of a controller whose zero is the probe's.
+    - ``travel``: angles at which the probe may be; written to the controller as its soft limits.
     - ``approach_reversed``: whether the last target was approached from the other side, because the travel range ends
       too soon: its angle is off by the backlash of the gears.
 
@@ -37,11 +158,21 @@ class Kdc101Stage:
     does not answer in time.
     """
 
-    def __init__(self, *, port: Port, clock: Clock, settings: Kdc101DriverSettings | None = None) -> None:
-        settings = settings or Kdc101DriverSettings()
+    def __init__(
+        self,
+        *,
+        port: Port,
+        clock: Clock,
+        settings: Kdc101Settings | None = None,
+        travel: Interval | None = None,
+        moves: Kdc101Moves | None = None,
+    ) -> None:
+        settings, moves = settings or Kdc101Settings(port="", zero_deg=0.0), moves or Kdc101Moves()
+        self.limits = travel or Limits().travel
+        _require_wide(self.limits, approach_deg=settings.approach_deg)
         self._settings = settings
         self._clock = clock
-        self._line = AptLine(port=port, clock=clock, answer_s=settings.answer_s, age_s=settings.age_s)
+        self._line = AptLine(port=port, clock=clock, answer_s=moves.answer_s, age_s=settings.age_s)
         self.approach_reversed = False
         self._usual = UP if settings.approach_from == "below" else DOWN
         self._pushed: int | None = None
@@ -52,7 +183,7 @@ class Kdc101Stage:
         )
         connected = set_up(
             self._line,
-            travel=settings.travel,
+            travel=self.limits,
             zero_deg=settings.zero_deg,
             sense=settings.sense,
             velocity=velocity,
@@ -68,17 +199,17 @@ class Kdc101Stage:
             speed=velocity.speed / apt.SPEED_WORD * apt.COUNTS_PER_DEG,
             acceleration=velocity.acceleration / apt.ACCELERATION_WORD * apt.COUNTS_PER_DEG,
             # One count less, since the motor may be anywhere within the count that is read.
-            lead=math.floor(settings.lead_deg * apt.COUNTS_PER_DEG) - 1,
-            renew_s=settings.renew_s,
-            arrival=round(settings.arrival_deg * apt.COUNTS_PER_DEG),
-            unexpected=round(settings.unexpected_deg * apt.COUNTS_PER_DEG),
+            lead=math.floor(moves.lead_deg * apt.COUNTS_PER_DEG) - 1,
+            renew_s=moves.renew_s,
+            arrival=round(moves.arrival_deg * apt.COUNTS_PER_DEG),
+            unexpected=round(moves.unexpected_deg * apt.COUNTS_PER_DEG),
             begin_s=settings.begin_s,
         )
 
     @property
-    def limits(self) -> Interval:
-        """Angles that it accepts."""
-        return self._settings.travel
+    def emulated(self) -> bool:
+        """Whether the controller says that it is an emulator."""
+        return self.identity.emulated
 
     @property
     def seen_deg(self) -> float:
@@ -183,3 +314,40 @@ class Kdc101Stage:
     def _counts_of(self, angle_deg: float) -> int:
         """Nearest counts of an angle that are inside the travel range."""
         return min(max(self._zero + apt.counts_of(self._settings.sense * angle_deg), self._rules.low), self._rules.high)
+
+
+def _require_wide(travel: Interval, *, approach_deg: float) -> None:
+    """Refuse a travel range in which no target could be approached from one side, or of a turn and more."""
+    if not 2 * approach_deg <= travel.width_deg <= 359:
+        raise ConfigError(
+            f"stage: the travel range {travel} must be at least twice approach_deg ({approach_deg} deg) "
+            "wide, and less than a turn"
+        )
+
+
+def _require_room(settings: Kdc101Settings, limits: Limits) -> None:
+    """Refuse a search range whose ends cannot be approached from the usual side."""
+    # Approached from the other side, an angle would be off by the backlash of the gears, and the marker with it.
+    from_below = settings.approach_from == "below"
+    farthest_deg = limits.search.low_deg if from_below else limits.search.high_deg
+    start_deg = farthest_deg - settings.approach_deg if from_below else farthest_deg + settings.approach_deg
+    if start_deg not in limits.travel:
+        raise ConfigError(
+            f"stage: to arrive at {farthest_deg:g} deg from {settings.approach_from} the stage must start at "
+            f"{start_deg:g} deg, outside the travel range {limits.travel}; narrow limits.search, widen "
+            "limits.travel, or shorten stage.approach_deg"
+        )
+
+
+def _open(settings: Kdc101Settings, opening: Opening) -> Kdc101Stage:
+    return Kdc101Stage(port=opening.line, clock=opening.clock, settings=settings, travel=opening.limits.travel)
+
+
+ENTRY: Entry[Kdc101Settings, Kdc101Stage] = Entry(
+    settings=Kdc101Settings,
+    open=_open,
+    describe=lambda settings, stage: f"{stage.identity.model} {stage.identity.serial_number} at {settings.port}",
+    line=lambda settings: Line(name="stage", path=settings.port, safe_command=apt.stop(), rtscts=True),
+    same=("zero_deg", "direction", "approach_from"),
+    require_room=_require_room,
+)

@@ -11,7 +11,17 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TypeGuard, TypeVar
 
-from markerseek.core import Clock, ConfigError, DeviceTimeoutError, LaserError, NotConnectedError, Permit, require_range
+from markerseek.core import (
+    Clock,
+    ConfigError,
+    DeviceTimeoutError,
+    LaserError,
+    NotConnectedError,
+    Permit,
+    require_range,
+)
+from markerseek.drivers.entry import Entry, LaserSettings, Opening
+from markerseek.files import Line
 from markerseek.wire import Port
 from markerseek.wire import laserbox as wire
 
@@ -45,6 +55,17 @@ _CURES = {
     "BUSY": "it still sends the triggers of another firing: does another program use it?",
     "BUDGET": f"it sends at most {wire.MAX_PULSES_PER_MINUTE} pulses a minute: wait a minute, or average fewer",
 }
+
+
+class LaserBoxSettings(
+    LaserSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="laserbox"
+):
+    """Keys of the laser box in a rig file."""
+
+    port: str
+    """Serial port of the laser box."""
+    answer_s: float = 0.5
+    """Longest time for its answer."""
 
 
 class LaserBox:
@@ -87,6 +108,11 @@ class LaserBox:
         self.metered = False
         self.light_per_pulse: float | None = None
         self._settle()
+
+    @property
+    def emulated(self) -> bool:
+        """Whether the box says that it is an emulator."""
+        return self.identity == wire.EMULATOR
 
     def fire(self, permit: Permit) -> int:
         """Fire the permitted pulses and return how many the photodiode saw; 0 pulses trigger the acquisition alone.
@@ -268,3 +294,21 @@ def _answers_disarm(reply: wire.Reply) -> TypeGuard[wire.Disarmed]:
 
 def _cure(reply: wire.Reply) -> str:
     return _CURES[reply.reason] if isinstance(reply, wire.Refusal) else "check its firmware"
+
+
+def _open(settings: LaserBoxSettings, opening: Opening) -> LaserBox:
+    return LaserBox(
+        port=opening.line,
+        clock=opening.clock,
+        rate_hz=settings.rate_hz,
+        dark_triggers=opening.pulses,
+        answer_s=settings.answer_s,
+    )
+
+
+ENTRY: Entry[LaserBoxSettings, LaserBox] = Entry(
+    settings=LaserBoxSettings,
+    open=_open,
+    describe=lambda settings, _laser: f"laserbox at {settings.port}",
+    line=lambda settings: Line(name="laser", path=settings.port, safe_command=wire.encode(wire.Disarm())),
+)

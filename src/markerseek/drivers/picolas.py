@@ -8,16 +8,11 @@ switches it off when the search dies. Prefer the laser box.
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Final
 
 from markerseek.core import Clock, ConfigError, DeviceTimeoutError, LaserError, NotConnectedError, Permit
+from markerseek.drivers.entry import Entry, LaserSettings, Opening
+from markerseek.files import Line
 from markerseek.wire import Port
-
-BAUD: Final = 115200
-"""Bits per second of the line."""
-
-PARITY: Final = "E"
-"""Its parity bit: even."""
 
 SAFE_COMMAND = b"laseroff\r"
 """Command that switches it off; the supervisor sends it."""
@@ -26,6 +21,15 @@ _ANSWER_S = 1.0
 _POLL_S = 0.005
 _SPARE_S = 0.1
 _LONGEST = 256
+
+
+class PicolasSettings(
+    LaserSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="picolas"
+):
+    """Keys of a PicoLAS driver in a rig file."""
+
+    port: str
+    """Serial port of the driver."""
 
 
 class PicolasLaser:
@@ -98,3 +102,17 @@ class PicolasLaser:
                 raise LaserError(f"picolas: {answer[:40]!r}... is no answer; check the port")
         if answer.split()[-1:] != [b"0"]:
             raise LaserError(f"picolas: {command!r} was answered by {answer!r}, expected a last line 0; see its manual")
+
+
+def _open(settings: PicolasSettings, opening: Opening) -> PicolasLaser:
+    return PicolasLaser(port=opening.line, clock=opening.clock, rate_hz=settings.rate_hz)
+
+
+ENTRY: Entry[PicolasSettings, PicolasLaser] = Entry(
+    settings=PicolasSettings,
+    open=_open,
+    describe=lambda settings, _laser: f"picolas at {settings.port}",
+    line=lambda settings: Line(name="laser", path=settings.port, safe_command=SAFE_COMMAND, parity="E"),
+    # Nothing else would switch that laser off when the search is killed.
+    without_supervisor="a PicoLAS driver has no lease of its own",
+)

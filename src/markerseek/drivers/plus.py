@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
 from itertools import pairwise
 from statistics import fmean
 
@@ -14,14 +15,16 @@ from markerseek.core import (
     AcquisitionError,
     ChannelFrame,
     Clock,
+    ConfigError,
     DeviceError,
     DeviceTimeoutError,
     Int16,
     NotConnectedError,
     Permit,
+    require_range,
 )
-from markerseek.drivers._plus_settings import PlusSettings
 from markerseek.drivers._receivers import acquired_frame
+from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
 from markerseek.wire import igtl
 
 MAX_IMAGE_BYTES = 1 << 24
@@ -30,6 +33,41 @@ MAX_IMAGE_BYTES = 1 << 24
 _READ_BYTES = 1 << 18
 _MAX_DRAINED_BYTES = 1 << 26
 _SLICE_S = 0.005
+
+
+class PlusSettings(
+    ReceiverSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="plus"
+):
+    """A PLUS server that sends one int16 IMAGE of channels x samples for each trigger."""
+
+    device: str
+    """Name of the images, as the server sends them: "RfVideo_Reference"."""
+    host: str = "127.0.0.1"
+    port: int = 18944
+    """``host`` and ``port``: where the server is."""
+    connect_s: float = 5.0
+    """Longest time until it answers."""
+    timeout_s: float = 20.0
+    """Longest time from the trigger to the last image."""
+    quiet_s: float = 0.2
+    """Time without an image that is waited for before a trigger and after the last image."""
+    clock_s: float = 0.05
+    """Largest difference between the server's clock and this computer's: images that are older than the trigger by more
+    are refused."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (self.device.isascii() and 0 < len(self.device) <= 20):
+            raise ConfigError(f"receiver: device is {self.device!r}, it must have 1 to 20 characters of ASCII")
+        require_range("receiver: port", self.port, low=1, high=65535)
+        for name, high in (("connect_s", 600), ("timeout_s", 600), ("quiet_s", 60)):
+            require_range(f"receiver: {name}", getattr(self, name), low=0, high=high, unit="s", open_low=True)
+        require_range("receiver: clock_s", self.clock_s, low=0, high=60, unit="s")
+
+    @property
+    def varied(self) -> bool:
+        """Whether the number of pulses may vary: there is an image for each."""
+        return True
 
 
 def connect_plus(settings: PlusSettings) -> socket.socket:
@@ -240,3 +278,15 @@ def _mean(images: list[igtl.Message]) -> Int16[np.ndarray, "channels samples"]:
         raise AcquisitionError(f"plus: images of the shapes {[each.shape for each in counts]} in one acquisition")
     mean: Int16[np.ndarray, "channels samples"] = np.rint(np.mean(counts, axis=0)).astype(np.int16)
     return mean
+
+
+def _open(settings: PlusSettings, opening: Opening) -> PlusReceiver:
+    connection = opening.keep(closing(connect_plus(settings)))
+    return PlusReceiver(connection=connection, clock=opening.clock, settings=settings, dark_triggers=opening.pulses)
+
+
+ENTRY: Entry[PlusSettings, PlusReceiver] = Entry(
+    settings=PlusSettings,
+    open=_open,
+    describe=lambda settings, _receiver: f"PLUS server at {settings.host}, port {settings.port}",
+)

@@ -19,20 +19,47 @@ from markerseek.core import (
     NotConnectedError,
     Permit,
     is_finite,
+    require_range,
 )
 from markerseek.drivers._receivers import acquired_frame
-from markerseek.drivers._ros2_settings import RosReceiver
 from markerseek.drivers._ros2_wait import wait_until
+from markerseek.drivers.entry import Entry, LaserSettings, Opening, ReceiverSettings
 from markerseek.ros import RosNode, messages, topics
 
 _STATE_S = 1.0
 """Longest wait for a node that may not say whether it is simulated, in seconds."""
 
 
+class RosLaser(LaserSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="ros2"):
+    """The laser of an acquisition node, which fires it under its own guard; the receiver's driver must be the same."""
+
+
+class RosReceiver(
+    ReceiverSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="ros2"
+):
+    """The receiver of an acquisition node."""
+
+    request_topic: str = topics.ACQUIRE
+    answer_topic: str = topics.ACQUIRED
+    frame_topic: str = topics.CHANNELS
+    """``request_topic``, ``answer_topic`` and ``frame_topic``: where an acquisition is asked for, where it is answered,
+    and where its channel data come."""
+    connect_s: float = 10.0
+    """Longest time until the node is found."""
+    timeout_s: float = 60.0
+    """Longest time from the request to the frame."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("connect_s", "timeout_s"):
+            require_range(f"receiver: {name}", getattr(self, name), low=0, high=600, unit="s", open_low=True)
+
+
 class Ros2Acquisition:
     """Laser and receiver of an acquisition node: both protocols in one, because one request fires and records.
 
-    ``settings``: its keys in the rig file. Raises `NotConnectedError` if there is no such node.
+    ``settings``: its keys in the rig file. ``emulated``: whether the node says that it is simulated. Raises
+    `NotConnectedError` if there is no such node.
     """
 
     def __init__(self, *, node: RosNode, clock: Clock, settings: RosReceiver) -> None:
@@ -45,7 +72,7 @@ class Ros2Acquisition:
         self._fired: tuple[Permit, float] | None = None
         self._answers: dict[str, messages.Acquired] = {}
         self._frames: dict[int, Int16[np.ndarray, "channels samples"]] = {}
-        self.simulated = False
+        self.emulated = False
         self._states = 0
         node.advertise(settings.request_topic, "std_msgs/msg/String")
         state_topic = topics.beside(settings.answer_topic, topics.ACQUISITION_STATE)
@@ -71,7 +98,7 @@ class Ros2Acquisition:
     def _on_state(self, message: Any) -> None:
         state = messages.decoded(message.data, messages.AcquisitionState)
         self._states += 1
-        self.simulated = self.simulated or (state is not None and state.simulated)
+        self.emulated = self.emulated or (state is not None and state.simulated)
 
     def _on_answer(self, message: Any) -> None:
         answer = messages.decoded(message.data, messages.Acquired)
@@ -112,7 +139,7 @@ class Ros2Acquisition:
         answer = self._answered(permit, "fired", what="laser")
         if answer.error:
             raise LaserError(f"laser: the acquisition node refuses: {answer.error}")
-        if answer.simulated and not self.simulated:
+        if answer.simulated and not self.emulated:
             # It said so too late: what was taken for a laser must not go into a result as one.
             raise NotConnectedError("laser: the acquisition node is simulated, which it did not say in time; try again")
         self._fired = (permit, began_s)
@@ -183,3 +210,28 @@ class Ros2Acquisition:
             sampling_hz=self._settings.sampling_hz,
             energy=answer.energy if permit.pulses else None,
         )
+
+
+def _open_receiver(settings: RosReceiver, opening: Opening) -> Ros2Acquisition:
+    return Ros2Acquisition(node=opening.node, clock=opening.clock, settings=settings)
+
+
+def _open_laser(_settings: RosLaser, opening: Opening) -> Ros2Acquisition:
+    # One node: it is the receiver, which was opened before.
+    node = opening.receiver
+    assert isinstance(node, Ros2Acquisition)  # noqa: S101  `BenchSettings` has checked that they go together
+    return node
+
+
+RECEIVER_ENTRY: Entry[RosReceiver, Ros2Acquisition] = Entry(
+    settings=RosReceiver,
+    open=_open_receiver,
+    describe=lambda settings, node: (
+        f"{'SIMULATED ' if node.emulated else ''}acquisition node on {settings.request_topic}"
+    ),
+    paired=True,
+    is_node=True,
+)
+LASER_ENTRY: Entry[RosLaser, Ros2Acquisition] = Entry(
+    settings=RosLaser, open=_open_laser, describe=lambda _settings, _node: "", paired=True, is_node=True
+)

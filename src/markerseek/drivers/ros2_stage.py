@@ -4,11 +4,20 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
-from markerseek.core import Clock, DeviceTimeoutError, Interval, LimitError, MoveError, NotConnectedError
-from markerseek.drivers._ros2_settings import Ros2StageSettings
+from markerseek.core import (
+    Clock,
+    ConfigError,
+    DeviceTimeoutError,
+    Interval,
+    LimitError,
+    MoveError,
+    NotConnectedError,
+    require_range,
+)
 from markerseek.drivers._ros2_wait import wait_until
+from markerseek.drivers.entry import Entry, Opening, StageSettings
 from markerseek.ros import RosNode, degrees, joint_angle_deg, messages, topics
 
 _TEXT = "std_msgs/msg/String"
@@ -17,10 +26,48 @@ _MAX_WAITING = 200
 """Most messages that are handled before a move, or before the angle is given."""
 
 
+class Ros2StageSettings(
+    StageSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="ros2"
+):
+    """A stage node that takes an angle on one topic and returns the angle reached on another."""
+
+    command_topic: str = topics.MOVE_JP
+    reached_topic: str = topics.MEASURED_JS
+    """``command_topic`` and ``reached_topic``: where the angle to go to is published, and where the angle reached is
+    read."""
+    state_topic: str | None = topics.STATE
+    """State of the node: a move ends when it is busy and then idle. JSON in a String, as of ours, or CRTK's
+    operating_state. None: the move ends with an angle near the target."""
+    message: Literal["joint_state", "float64"] = "joint_state"
+    """Type of both: ``joint_state``, in radians and with a stamp, or ``float64``, as of a LabVIEW bridge."""
+    unit: Literal["rad", "deg"] = "rad"
+    """Unit of ``float64``."""
+    connect_s: float = 10.0
+    """Longest time until its node is found."""
+    timeout_s: float = 60.0
+    """Longest duration of a move."""
+    arrival_deg: float = 0.05
+    """Largest distance from the target at which an angle counts as reached."""
+    age_s: float | None = 1.0
+    """Greatest age of an angle; None for nodes that publish it after a move only."""
+
+    def __post_init__(self) -> None:
+        for name, high in (("connect_s", 600), ("timeout_s", 600)):
+            require_range(f"stage: {name}", getattr(self, name), low=0, high=high, unit="s", open_low=True)
+        require_range("stage: arrival_deg", self.arrival_deg, low=0.001, high=0.1, unit="deg")
+        if self.age_s is not None:
+            require_range("stage: age_s", self.age_s, low=0.05, high=60, unit="s")
+        if self.message == "joint_state" and self.unit != "rad":
+            raise ConfigError("stage: unit is deg, and a joint_state is in radians; use message = 'float64', or 'rad'")
+        if self.message == "float64" and self.state_topic is not None:
+            raise ConfigError("stage: message is float64, and such nodes publish no state; add state_topic = 'none'")
+
+
 class Ros2Stage:
     """A stage node of this or another program.
 
-    ``settings``: its keys in the rig file. ``travel``: angles that it may be sent to. Raises `NotConnectedError` if
+    ``settings``: its keys in the rig file. ``travel``: angles that it may be sent to. ``emulated``: whether the node
+    says that it is simulated. Raises `NotConnectedError` if
     there is no such node, or it says no angle.
     """
 
@@ -34,7 +81,7 @@ class Ros2Stage:
         self._readings = 0
         self._in_degrees = False
         self._states, self._listens = 0, False
-        self.simulated = False
+        self.emulated = False
         self._busy = self._was_busy = self._commanded = False
         self._idle_ns = 0
         self._refused: tuple[int, str] | None = None
@@ -101,7 +148,7 @@ class Ros2Stage:
         if state is None:
             return
         self._states += 1
-        self.simulated = state.simulated
+        self.emulated = state.simulated
         self._busy = state.is_busy
         self._was_busy = self._was_busy or state.is_busy
         if not state.is_busy:
@@ -180,3 +227,15 @@ class Ros2Stage:
         # A command that was sent a moment ago moves the stage before its node says that it is busy.
         if self._settings.state_topic is not None and (self._busy or self._commanded):
             self._node.publish(self._stop_topic, messages.empty(self._node.kinds))
+
+
+def _open(settings: Ros2StageSettings, opening: Opening) -> Ros2Stage:
+    return Ros2Stage(node=opening.node, clock=opening.clock, settings=settings, travel=opening.limits.travel)
+
+
+ENTRY: Entry[Ros2StageSettings, Ros2Stage] = Entry(
+    settings=Ros2StageSettings,
+    open=_open,
+    describe=lambda settings, stage: f"{'SIMULATED ' if stage.emulated else ''}stage node on {settings.command_topic}",
+    is_node=True,
+)

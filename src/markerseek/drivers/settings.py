@@ -1,64 +1,25 @@
-"""Settings of a rig of real devices: the keys of a rig file of kind "bench".
+"""Settings of a rig of devices: the keys of a rig file of kind "bench".
 
+A table that names a driver has the keys of that driver, which stand in its file.
 What has no default cannot be guessed: a port, a folder, and the stage's reading at which the probe points at 0.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from pathlib import Path
+from typing import Any
+
+import msgspec
 
 from markerseek.core import ConfigError, require_range
-from markerseek.drivers._kdc101_settings import Kdc101Keys
-from markerseek.drivers._light import LaserKeys
-from markerseek.drivers._plus_settings import PlusSettings
-from markerseek.drivers._receivers import require_noise_ratio
-from markerseek.drivers._ros2_settings import Ros2StageSettings, RosLaser, RosReceiver
-from markerseek.drivers._sonixdaq_settings import SonixDaqKeys
+from markerseek.drivers.entry import PARTS, LaserSettings, Part, ReceiverSettings, StageSettings
+from markerseek.drivers.foreign import AnyForeign, Foreign, foreign_line, require_class, split_keys
+from markerseek.drivers.table import default_driver, entry_named, entry_of
+from markerseek.files import Line, settings_from
 from markerseek.guard import FiringLimits, Limits
 from markerseek.signals import ProbeKeys, probe_preset
-from markerseek.wire import sonixdaq
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BenchStage(Kdc101Keys):
-    """The rotation stage: its port and the keys of `Kdc101Keys`; ``zero_deg`` is required."""
-
-    port: str
-    """Serial port of its controller."""
-    zero_deg: float
-    driver: Literal["kdc101"] = "kdc101"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BenchLaser(LaserKeys):
-    """The laser: its port and the keys of `LaserKeys`."""
-
-    port: str
-    """Serial port of the laser box, or of the PicoLAS driver."""
-    driver: Literal["laserbox", "picolas"] = "laserbox"
-    """Which of them it is; ``picolas`` was never tested on hardware, counts no pulses and has no lease of its own."""
-    answer_s: float = 0.5
-    """Longest time for the laser box's answer; the PicoLAS driver's is fixed."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BenchReceiver(SonixDaqKeys):
-    """The data acquisition: its folder and the keys of `SonixDaqKeys`."""
-
-    folder: str
-    """Where the SonixDAQ's software writes its channel files, of either SDK."""
-    driver: Literal["sonixdaq"] = "sonixdaq"
-    """Driver of the data acquisition."""
-    frames: Literal["triggered", "fixed"] = "fixed"
-    """How many pulses it records: as many as it is triggered, or a fixed number. With ``triggered`` their number varies
-    from acquisition to acquisition, so that a file shows which trigger it answers."""
-    noise_ratio: float = 2.0
-    """Factor by which a frame's noise may differ from that of the run's first, see `markerseek.guard.Admission`."""
-
-    def __post_init__(self) -> None:
-        SonixDaqKeys.__post_init__(self)
-        require_noise_ratio(self.noise_ratio)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,10 +37,6 @@ class BenchProbe(ProbeKeys):
     angle alone."""
 
     def __post_init__(self) -> None:
-        if self.elements not in (None, sonixdaq.CHANNELS):
-            raise ConfigError(
-                f"probe: elements is {self.elements}, the SonixDAQ records {sonixdaq.CHANNELS} channels; leave it out"
-            )
         if self.face_radius_m is not None:
             require_range("probe: face_radius_m", self.face_radius_m, low=0, high=0.05, unit="m", open_low=True)
         if self.sound_speed_m_s is not None:
@@ -105,9 +62,9 @@ class BenchSupervisor:
 class BenchSettings:
     """A rig of real devices, or of what emulates them byte for byte."""
 
-    stage: BenchStage | Ros2StageSettings
-    laser: BenchLaser | RosLaser
-    receiver: BenchReceiver | PlusSettings | RosReceiver
+    stage: StageSettings
+    laser: LaserSettings
+    receiver: ReceiverSettings
     probe: BenchProbe = field(default_factory=BenchProbe)
     limits: Limits = field(default_factory=Limits)
     """Angles that may be searched, and at which the probe may be."""
@@ -118,35 +75,26 @@ class BenchSettings:
     def __post_init__(self) -> None:
         # Raises where the keys do not fit one another, before anything is opened.
         self.probe.on(probe_preset(self.probe.preset), sampling_hz=self.receiver.sampling_hz)
+        if self.receiver.channels is not None and self.probe.elements not in (None, self.receiver.channels):
+            raise ConfigError(
+                f"probe: elements is {self.probe.elements}, the receiver ({self.receiver.driver}) records "
+                f"{self.receiver.channels} channels; leave it out"
+            )
         if not max(self.pulses) <= min(self.firing.pulses_per_permit, 1024):
             raise ConfigError(
                 f"laser: pulses is {self.laser.pulses}, firing.pulses_per_permit is {self.firing.pulses_per_permit}, "
                 f"and up to {max(self.pulses)} are fired at once, at most 1024; average fewer, or permit more"
             )
-        if isinstance(self.laser, RosLaser) != isinstance(self.receiver, RosReceiver):
+        laser, receiver = entry_of("laser", self.laser), entry_of("receiver", self.receiver)
+        if (laser.paired or receiver.paired) and self.laser.driver != self.receiver.driver:
+            name = self.laser.driver if laser.paired else self.receiver.driver
             raise ConfigError(
-                f"laser.driver is {self.laser.driver!r} and receiver.driver is {self.receiver.driver!r}; an "
-                "acquisition node has both: name ros2 in both, or in neither"
+                f"laser.driver is {self.laser.driver!r} and receiver.driver is {self.receiver.driver!r}; {name} is of "
+                f"both: name {name} in both, or in neither"
             )
-        if isinstance(self.stage, BenchStage):
-            self._require_room_to_approach(self.stage)
-        # Nothing else would switch that laser off when the search is killed.
-        if self.laser.driver == "picolas" and not self.supervisor.enabled:
-            raise ConfigError(
-                "supervisor: enabled is false, and a PicoLAS driver has no lease of its own; keep it enabled"
-            )
-
-    def _require_room_to_approach(self, stage: BenchStage) -> None:
-        # Approached from the other side, an angle would be off by the backlash of the gears, and the marker with it.
-        from_below = stage.approach_from == "below"
-        farthest_deg = self.limits.search.low_deg if from_below else self.limits.search.high_deg
-        start_deg = farthest_deg - stage.approach_deg if from_below else farthest_deg + stage.approach_deg
-        if start_deg not in self.limits.travel:
-            raise ConfigError(
-                f"stage: to arrive at {farthest_deg:g} deg from {stage.approach_from} the stage must start at "
-                f"{start_deg:g} deg, outside the travel range {self.limits.travel}; narrow limits.search, widen "
-                "limits.travel, or shorten stage.approach_deg"
-            )
+        entry_of("stage", self.stage).require_room(self.stage, self.limits)
+        if laser.without_supervisor and not self.supervisor.enabled:
+            raise ConfigError(f"supervisor: enabled is false, and {laser.without_supervisor}; keep it enabled")
 
     @property
     def pulses(self) -> tuple[int, ...]:
@@ -155,8 +103,86 @@ class BenchSettings:
         Only the last equals the number of a dark frame's triggers, so that neighbours always differ.
         """
         usual = self.laser.pulses
-        receiver = self.receiver
-        if isinstance(receiver, RosReceiver) or (isinstance(receiver, BenchReceiver) and receiver.frames == "fixed"):
+        if not self.receiver.varied:
             return (usual,)
         # One more, one less, as set: close to the pulses that were set, and no two neighbours equal.
         return tuple(number for number in (usual + 1, usual - 1, usual) if number > 0)
+
+    @property
+    def lines(self) -> list[Line]:
+        """The serial lines, each with the command that makes its device safe."""
+        # The laser first: the supervisor sends the safe commands in this order.
+        found = [
+            entry_of(part, getattr(self, part)).line(getattr(self, part)) for part in ("laser", "stage", "receiver")
+        ]
+        return [line for line in found if line is not None]
+
+    @property
+    def foreign(self) -> dict[Part, AnyForeign]:
+        """Settings of the foreign drivers."""
+        return {part: getattr(self, part) for part in PARTS if isinstance(getattr(self, part), Foreign)}
+
+    @property
+    def foreign_lines(self) -> list[str]:
+        """What a person must know of each foreign driver before arming it."""
+        supervised = self.supervisor.enabled
+        return [foreign_line(part, settings, supervised=supervised) for part, settings in self.foreign.items()]
+
+    @property
+    def comparable(self) -> tuple[str, ...]:
+        """Keys that change angles or intensities, so that acquisitions with others are not comparable.
+
+        A final dot is a table, or all keys of it.
+        """
+        keys = [f"{part}.{key}" for part in PARTS for key in entry_of(part, getattr(self, part)).same]
+        return (
+            *keys,
+            "stage.driver",
+            "laser.pulses",
+            "laser.energy_from",
+            "laser.usual_energy",
+            "laser.pickup_us",
+            "laser.energy_field",
+            "receiver.driver",
+            "receiver.sampling_hz",
+            "probe.",
+            "limits.search.",
+        )
+
+    def table(self) -> dict[str, Any]:
+        """The settings as a rig file has them, as plain values."""
+        table: dict[str, Any] = msgspec.to_builtins(self)
+        for part in self.foreign:
+            keys = table[part].pop("keys")
+            # Where its module lies is found again by the rig file that a person names.
+            del table[part]["beside"]
+            table[part] |= keys
+        return table
+
+
+def bench_settings_from(table: Mapping[str, object], *, beside: str = "") -> BenchSettings:
+    """Settings of a rig of devices from the tables of a rig file, or from those that a journal holds.
+
+    ``beside``: folder of the rig file, in which the module of a driver may lie; empty for a journal, whose foreign
+    drivers are not imported. Raises `ConfigError` if a key is unknown or missing, or a value does not fit.
+    """
+    whole, kinds = dict(table), dict[str, type]()
+    for part in PARTS:
+        keys = whole.get(part)
+        if not isinstance(keys, Mapping):
+            continue
+        entry = entry_named(part, default_driver(part, keys))
+        kinds[part] = entry.settings
+        if entry.settings in Foreign:
+            whole[part] = {**split_keys(keys, entry.settings), "beside": beside}
+            continue
+        # The name of a driver chooses its settings, and is no key of them.
+        given = {key: value for key, value in keys.items() if key != "driver"}
+        # Relative to the file, so that the command works from any current folder.
+        paths = {key: str(Path(beside, value)) for key in entry.paths if isinstance(value := given.get(key), str)}
+        whole[part] = given | {key: value for key, value in paths.items() if given[key] != "none"}
+    settings = settings_from(whole, BenchSettings, choose=lambda name, _table: kinds.get(name))
+    if beside:
+        for part, each in settings.foreign.items():
+            require_class(part, each)
+    return settings

@@ -11,34 +11,85 @@ of the permit; the scanner varies it where the device allows (decision 16).
 
 from __future__ import annotations
 
+import os
+import subprocess
+import tempfile
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import ClassVar, Literal
+
 from markerseek.core import (
     AcquisitionError,
     ChannelFrame,
     Clock,
+    ConfigError,
     DeviceTimeoutError,
+    NotConnectedError,
     Permit,
+    RecordError,
+    require_range,
 )
 from markerseek.drivers._receivers import acquired_frame
-from markerseek.drivers._sonixdaq_settings import SonixDaqSettings
-from markerseek.drivers.daq_folder import DaqFolder, FolderState, numbered
-from markerseek.drivers.program import run_to_its_end
+from markerseek.drivers.daq_folder import DaqFolder, FolderState
+from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
 from markerseek.wire import sonixdaq as wire
 
-__all__ = ["SonixDaqReceiver", "SonixDaqSettings"]
+_POLL_S, _EXIT_POLL_S = 0.05, 0.02
 
-_POLL_S = 0.05
+
+class SonixDaqSettings(
+    ReceiverSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="sonixdaq"
+):
+    """Keys of a SonixDAQ in a rig file."""
+
+    channels: ClassVar[int | None] = wire.CHANNELS
+
+    folder: str
+    """Where its software writes the channel files, of either SDK, over those of the acquisition before."""
+    timeout_s: float = 60.0
+    """Longest time from the trigger to the complete files; they take about 10 s (paper, section 4)."""
+    stable_s: float = 0.2
+    """Time for which complete files must stay unchanged before they are read."""
+    readout_s: float = 12.0
+    """Longest time from a trigger to the last file: a folder unchanged for that long is settled."""
+    frames: Literal["triggered", "fixed"] = "fixed"
+    """How many pulses it records: as many as it is triggered, or a fixed number. With ``triggered`` their number varies
+    from acquisition to acquisition, so that a file shows which trigger it answers."""
+    start_command: tuple[str, ...] | None = None
+    """Program and arguments that prepare the device for a trigger; no shell is involved, and ``{frames}`` in them is
+    replaced by the number of pulses to come. None: it is always ready."""
+    start_timeout_s: float = 10.0
+    """Longest duration of that command."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("timeout_s", "readout_s", "start_timeout_s"):
+            require_range(f"sonixdaq: {name}", getattr(self, name), low=0, high=600, unit="s", open_low=True)
+        if not 0 <= self.stable_s < self.timeout_s:
+            raise ConfigError(f"sonixdaq: stable_s is {self.stable_s} s, it must lie in [0, {self.timeout_s:g}) s")
+        if self.start_command is not None and not (self.start_command and self.start_command[0]):
+            raise ConfigError("sonixdaq: start_command is empty; leave it out, or name a program and its arguments")
+
+    @property
+    def varied(self) -> bool:
+        """Whether the number of pulses may vary."""
+        return self.frames == "triggered"
 
 
 class SonixDaqReceiver:
     """Reads the channel files that a SonixDAQ writes.
 
-    Raises `NotConnectedError` if the folder cannot be read.
+    ``dark_triggers``: triggers of a dark acquisition, and so the pulses that it averages. Raises `NotConnectedError` if
+    the folder cannot be read.
     """
 
-    def __init__(self, *, settings: SonixDaqSettings, clock: Clock) -> None:
+    def __init__(self, *, settings: SonixDaqSettings, clock: Clock, dark_triggers: int = 16) -> None:
+        if dark_triggers < 1:
+            raise ConfigError(f"sonixdaq: dark_triggers is {dark_triggers}, at least 1 is needed")
         self._settings = settings
         self._clock = clock
-        self._folder = DaqFolder(settings.folder)
+        self._dark_triggers = dark_triggers
+        self._folder = DaqFolder(Path(settings.folder))
         self._sequence = 0
         self._armed: tuple[Permit, FolderState, float] | None = None
         self._untouched: tuple[FolderState, float] | None = (self._folder.state(), clock.now_s())
@@ -128,10 +179,10 @@ class SonixDaqReceiver:
 
     def _triggers(self, permit: Permit) -> int:
         """Number of triggers that the laser box sends under a permit."""
-        return permit.pulses or self._settings.dark_triggers
+        return permit.pulses or self._dark_triggers
 
-    def _await_files(self, before: FolderState) -> tuple[dict[int, str], FolderState]:
-        """Names of the new files by number, once they are complete and unchanged, and the folder's state then."""
+    def _await_files(self, before: FolderState) -> tuple[list[str], FolderState]:
+        """Names of the new files, once they are complete and unchanged, and the folder's state then."""
         ends_s = self._clock.now_s() + self._settings.timeout_s
         seen, since_s = before, self._clock.now_s()
         while True:
@@ -139,8 +190,8 @@ class SonixDaqReceiver:
             state, now_s = self._folder.state(), self._clock.now_s()
             if state != seen:
                 seen, since_s = state, now_s
-            names = numbered([name for name, file in state.items() if before.get(name) != file])
-            complete = len(names) == wire.CHANNELS and all(self._folder.is_complete(name) for name in names.values())
+            names = _numbered(name for name, file in state.items() if before.get(name) != file)
+            complete = len(names) == wire.CHANNELS and all(map(self._folder.is_complete, names))
             if complete and now_s - since_s >= self._settings.stable_s:
                 return names, state
             if not now_s <= ends_s:
@@ -150,3 +201,67 @@ class SonixDaqReceiver:
                     "folder and free space, or raise timeout_s"
                 )
             self._clock.wait(_POLL_S)
+
+
+def _numbered(names: Iterable[str]) -> list[str]:
+    """Channel files by their number; `AcquisitionError` if two new ones are of one channel."""
+    try:
+        return [name for _, name in sorted(wire.by_number(names).items())]
+    except RecordError as error:
+        raise AcquisitionError(f"sonixdaq: new files: {error}") from error
+
+
+def run_to_its_end(command: Sequence[str], *, timeout_s: float, clock: Clock, what: str) -> None:
+    """Run a program, waiting on the clock; it is killed if that takes too long, or if the search is interrupted.
+
+    ``command``: program and arguments; no shell reads them. ``timeout_s``: longest time that it may take. ``what``:
+    name of its device, for the messages. Raises `NotConnectedError` if it cannot be run, or ends with another code than
+    0; its last line of output is in the message. Raises `DeviceTimeoutError` if it takes too long.
+    """
+    # A file and no pipe: a program that prints more than a pipe holds would block for ever.
+    with tempfile.TemporaryFile() as output:
+        try:
+            # S603: the program is named by the owner of the rig file, who may run any program anyway.
+            process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=output)  # noqa: S603
+        except (OSError, ValueError) as error:
+            raise NotConnectedError(
+                f"{what}: the start command {command[0]!r} cannot be run ({error}); check start_command in the rig file"
+            ) from error
+        try:
+            _await_exit(process, command[0], timeout_s=timeout_s, clock=clock, what=what)
+        finally:
+            process.kill()
+            process.wait()
+        if process.returncode != 0:
+            output.seek(max(0, output.seek(0, os.SEEK_END) - 500))
+            last = output.read().decode("utf-8", "replace").strip().rpartition("\n")[2]
+            raise NotConnectedError(
+                f"{what}: the start command {command[0]!r} ended with code {process.returncode}"
+                f"{': ' + last if last else ''}; try it by hand"
+            )
+
+
+def _await_exit(process: subprocess.Popen[bytes], program: str, *, timeout_s: float, clock: Clock, what: str) -> None:
+    # Polled, since `Popen.wait` would block this thread, whose waits on the clock renew the lease.
+    ends_s = clock.now_s() + timeout_s
+    while process.poll() is None:
+        if not clock.now_s() <= ends_s:
+            raise DeviceTimeoutError(
+                f"{what}: the start command {program!r} took more than {timeout_s:g} s and was ended; try it by hand "
+                "or raise start_timeout_s"
+            )
+        clock.wait(_EXIT_POLL_S)
+
+
+def _open(settings: SonixDaqSettings, opening: Opening) -> SonixDaqReceiver:
+    return SonixDaqReceiver(settings=settings, clock=opening.clock, dark_triggers=opening.pulses)
+
+
+ENTRY: Entry[SonixDaqSettings, SonixDaqReceiver] = Entry(
+    settings=SonixDaqSettings,
+    open=_open,
+    describe=lambda settings, _receiver: (
+        f"SonixDAQ in {settings.folder}" + ("" if settings.varied else " (a fixed number of pulses, no watermark)")
+    ),
+    paths=("folder",),
+)

@@ -8,29 +8,29 @@ complete; `create_atomically` is the step that `new_file` adds checks to.
 from markerseek.files.atomic import create_atomically, new_file, replace_file, require_new, sync_folder
 from markerseek.files.csv_rows import CsvRows, csv_rows
 from markerseek.files.inputs import MIB, as_read_error, open_input, read_input, require_input
-from markerseek.files.serial_line import SERIAL_ERRORS, Parity, open_serial
-from markerseek.files.settings import convert_settings, in_words, known_keys, read_toml, require_choice, require_key
+from markerseek.files.serial_line import SERIAL_ERRORS, Line, Parity, open_serial
+from markerseek.files.settings import nearest_key, read_toml, require_key, setting_from, settings_from
 
 __all__ = [
     "MIB",
     "SERIAL_ERRORS",
     "CsvRows",
+    "Line",
     "Parity",
     "as_read_error",
-    "convert_settings",
     "create_atomically",
     "csv_rows",
-    "in_words",
-    "known_keys",
+    "nearest_key",
     "new_file",
     "open_input",
     "open_serial",
     "read_input",
     "read_toml",
     "replace_file",
-    "require_choice",
     "require_input",
     "require_key",
     "require_new",
+    "setting_from",
+    "settings_from",
     "sync_folder",
 ]

@@ -1,17 +1,47 @@
-"""Opens a serial port: 8 data bits, 1 stop bit, locked against other programs. Only this file uses pyserial."""
+"""A serial line and how it is opened: 8 data bits, 1 stop bit, locked against others. Only this file uses pyserial."""
 
 from __future__ import annotations
 
 import termios
-from typing import Any, Literal, TypeAlias
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias, get_args
 
-from markerseek.core import NotConnectedError, needs_package
+from markerseek.core import ConfigError, NotConnectedError, needs_package, require_range
 
 Parity: TypeAlias = Literal["N", "E", "O"]
 """Parity bit: none, even or odd."""
 
 SERIAL_ERRORS = (OSError, termios.error)
 """Errors of a line that has been unplugged: pyserial's are OSErrors, a broken pseudo-terminal gives termios.error."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Line:
+    """A serial line, and the command that makes its device safe."""
+
+    name: str
+    """Its name in this rig."""
+    path: str
+    safe_command: bytes
+    """Message that takes the laser's permit away, or stops the stage; valid at any time, also twice."""
+    baud: int = 115200
+    parity: Parity = "N"
+    rtscts: bool = False
+    """``baud``, ``parity`` and ``rtscts``: how it is opened: 8 data bits, 1 stop bit; ``rtscts`` for the handshake by
+    two wires."""
+
+    def __post_init__(self) -> None:
+        if not self.safe_command:
+            raise ConfigError(f"line {self.name!r}: safe_command is empty; give the command that makes the device safe")
+        require_range(f"line {self.name!r}: baud", self.baud, low=1200, high=4_000_000)
+        if not isinstance(self.baud, int):
+            raise ConfigError(f"line {self.name!r}: baud is {self.baud!r}, it must be a whole number")
+        if self.parity not in get_args(Parity):
+            raise ConfigError(
+                f"line {self.name!r}: parity is {self.parity!r}, it must be one of: {', '.join(get_args(Parity))}"
+            )
+        if not isinstance(self.rtscts, bool):
+            raise ConfigError(f"line {self.name!r}: rtscts is {self.rtscts!r}, it must be True or False")
 
 
 def open_serial(path: str, *, baud: int, parity: Parity, write_timeout_s: float, rtscts: bool = False) -> Any:

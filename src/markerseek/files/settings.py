@@ -1,4 +1,4 @@
-"""Reads TOML settings into dataclasses whose fields have the same names; used for rig files and studies.
+"""Reads settings, as TOML has them, into dataclasses and structs whose fields have the same names.
 
 An unknown key is an error that names the nearest known one: a misspelt limit must not fall back to its default.
 """
@@ -6,11 +6,12 @@ An unknown key is an error that names the nearest known one: a misspelt limit mu
 from __future__ import annotations
 
 import dataclasses
+import datetime as dt
 import difflib
-import re
 import tomllib
 import types
 import typing
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
 import msgspec
@@ -75,109 +76,155 @@ def _require_plain(value: object, *, depth: int = 0) -> None:
         raise ValueError("a whole number has more than 64 bits")
 
 
-def known_keys(table: dict[str, object], settings: type, *, prefix: str = "") -> dict[str, object]:
-    """The table with ``"none"`` replaced by None; every key must be a field of the settings.
+SettingsT = typing.TypeVar("SettingsT")
 
-    ``settings``: dataclass whose fields are the keys allowed; fields that are dataclasses themselves are checked
-    likewise. ``prefix``: dotted path of the table, for the message, with the final dot.
+Choose: typing.TypeAlias = Callable[[str, Mapping[str, object]], type | None]
+"""Chooses the settings of a table by its name and keys; None leaves them to the type of the field."""
+
+
+def settings_from(
+    table: object, kind: type[SettingsT], *, name: str = "", choose: Choose = lambda _name, _table: None
+) -> SettingsT:
+    """Settings from a table of plain values, of TOML or JSON; the text ``"none"`` is the value None.
+
+    ``kind``: dataclass or struct whose fields are the keys. ``name``: dotted path of the table, for messages; empty for
+    a whole file. ``choose``: names the type of a nested table whose field allows several. Raises `ConfigError` if a key
+    is unknown or missing, or a value does not fit.
     """
-    hints = typing.get_type_hints(settings)
-    known: dict[str, object] = {}
+    if not isinstance(table, Mapping):
+        raise ConfigError(f"{name or 'the file'} is {_kind_of(table)}, it must be a table")
+    hints, required = typing.get_type_hints(kind), _fields(kind) or {}
+    prefix = f"{name}." if name else ""
+    values: dict[str, object] = {}
     for key, value in table.items():
-        part = _dataclass_in(hints[require_key(key, settings, prefix=prefix)], value, name=prefix + key)
-        if isinstance(value, dict) and part is not None:
-            known[key] = known_keys(value, part, prefix=f"{prefix}{key}.")
-        else:
-            known[key] = None if value == "none" else value
-            require_choice(known[key], hints[key], name=prefix + key)
-    return known
+        require_key(key, kind, prefix=prefix)
+        chosen = choose(prefix + key, value) if isinstance(value, Mapping) else None
+        values[key] = setting_from(value, chosen or hints[key], name=prefix + key, choose=choose)
+    for key, needed in required.items():
+        if needed and key not in values:
+            raise ConfigError(f"the key {prefix}{key} is missing; add it")
+    return kind(**values)
 
 
-_TYPES = {
-    "int": "a whole number",
-    "float": "a number",
-    "str": "text",
-    "bool": "true or false",
-    "array": "a list",
-    "object": "a table",
-    "null": '"none"',
-    "datetime": "a date",
-    "date": "a date",
-    "time": "a time of day",
-}
-"""Types as msgspec names them, and as people do."""
+def setting_from(
+    value: object, hint: typing.Any, *, name: str, choose: Choose = lambda _name, _table: None
+) -> typing.Any:
+    """The value of one setting as its type wants it; `ConfigError` if it does not fit.
 
-_PLACE = re.compile(r" - at `(?:key in )?\$\.?(.*)`$", re.DOTALL)
-_WRONG_TYPE = re.compile(r"Expected `([^`]*)`, got `([^`]*)`$")
-_MISSING = re.compile(r"Object missing required field `([^`]*)`$")
-
-
-def in_words(problem: msgspec.ValidationError, *, name: str = "") -> str:
-    """Message of a setting that does not fit, in words instead of msgspec's.
-
-    ``name``: name of what was converted; empty where that is the whole file.
+    ``hint``: type of the setting. ``name``: dotted path of the key, for messages.
     """
-    text = str(problem)
-    place = _PLACE.search(text)
-    if place is not None:
-        text = text[: place.start()]
-        name = f"{name}.{place[1]}" if name and place[1] else name or place[1]
-    if wrong := _WRONG_TYPE.match(text):
-        wanted, got = (" or ".join(_TYPES.get(each, each) for each in names.split(" | ")) for names in wrong.groups())
-        return f"{name or 'the file'} is {got}, it must be {wanted}"
-    if missing := _MISSING.match(text):
-        return f"the key {name + '.' if name else ''}{missing[1]} is missing; add it"
-    # The settings' own checks name the key.
-    return text
+    value = None if value == "none" else value
+    if typing.get_origin(hint) is typing.Literal:
+        if value not in typing.get_args(hint):
+            raise ConfigError(f"{name} is {value!r}, it must be one of: {', '.join(map(str, typing.get_args(hint)))}")
+        return value
+    if _is_union(hint):
+        return _one_of(value, typing.get_args(hint), name=name, choose=choose)
+    if _fields(hint) is not None:
+        return value if isinstance(value, hint) else settings_from(value, hint, name=name, choose=choose)
+    if isinstance(value, list) and typing.get_origin(hint) is tuple:
+        return _each(value, typing.get_args(hint), name=name, choose=choose)
+    try:
+        return msgspec.convert(value, hint)
+    except msgspec.ValidationError as problem:
+        raise ConfigError(f"{name} is {_kind_of(value)}, it must be {_in_words(hint)}") from problem
 
 
-def require_choice(value: object, hint: object, *, name: str) -> None:
-    """Refuse a value that a ``Literal`` does not list; other types are not checked."""
-    if typing.get_origin(hint) is typing.Literal and value not in typing.get_args(hint):
-        raise ConfigError(f"{name} is {value!r}, it must be one of: {', '.join(map(str, typing.get_args(hint)))}")
+def _one_of(value: object, hints: tuple[typing.Any, ...], *, name: str, choose: Choose) -> object:
+    """The value as one of several types: a table as settings, a list as a tuple, and None only where it is allowed."""
+    if value is None and types.NoneType in hints:
+        return None
+    fitting = [hint for hint in hints if _holds(hint, value)]
+    if not fitting:
+        raise ConfigError(f"{name} is {_kind_of(value)}, it must be {' or '.join(map(_in_words, hints))}")
+    # A whole number fits a float too, and would become one: the type that the value has comes first.
+    chosen = next((hint for hint in fitting if hint is type(value)), fitting[0])
+    return setting_from(value, chosen, name=name, choose=choose)
 
 
-def require_key(key: str, settings: type, *, prefix: str = "") -> str:
+def _holds(hint: typing.Any, value: object) -> bool:
+    if isinstance(value, Mapping):
+        return _fields(hint) is not None or typing.get_origin(hint) is dict
+    if isinstance(value, list):
+        return typing.get_origin(hint) in (tuple, list)
+    if typing.get_origin(hint) is typing.Literal:
+        return value in typing.get_args(hint)
+    try:
+        msgspec.convert(value, hint)
+    except (msgspec.ValidationError, TypeError):
+        return False
+    return True
+
+
+def _each(value: list[object], hints: tuple[typing.Any, ...], *, name: str, choose: Choose) -> tuple[object, ...]:
+    """A list as a tuple of the same type each, or of as many as there are types."""
+    if hints[-1] is Ellipsis:
+        hints = hints[:1] * len(value)
+    if len(value) != len(hints):
+        raise ConfigError(f"{name} has {len(value)} values, it must have {len(hints)}")
+    pairs = zip(value, hints, strict=True)
+    return tuple(
+        setting_from(each, hint, name=f"{name}[{index}]", choose=choose) for index, (each, hint) in enumerate(pairs)
+    )
+
+
+def _is_union(hint: typing.Any) -> bool:
+    return typing.get_origin(hint) in (types.UnionType, typing.Union)
+
+
+def _fields(kind: typing.Any) -> dict[str, bool] | None:
+    """Fields of settings by name, and whether they are required; None of a type that has none."""
+    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
+        return {
+            each.name: each.default is dataclasses.MISSING and each.default_factory is dataclasses.MISSING
+            for each in dataclasses.fields(kind)
+        }
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        return {each.name: each.required for each in msgspec.structs.fields(kind)}
+    return None
+
+
+_KINDS: dict[type, str] = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "text",
+    list: "a list",
+    tuple: "a list",
+    dict: "a table",
+    types.NoneType: '"none"',
+    dt.datetime: "a date",
+    dt.date: "a date",
+    dt.time: "a time of day",
+}
+"""Types of TOML in words."""
+
+
+def _kind_of(value: object) -> str:
+    return _KINDS.get(type(value), type(value).__name__)
+
+
+def _in_words(hint: typing.Any) -> str:
+    """What a type allows, in words."""
+    if _is_union(hint):
+        return " or ".join(map(_in_words, typing.get_args(hint)))
+    if typing.get_origin(hint) is typing.Literal:
+        return "one of " + ", ".join(map(repr, typing.get_args(hint)))
+    return "a table" if _fields(hint) is not None else _KINDS.get(typing.get_origin(hint) or hint, "something else")
+
+
+def require_key(key: str, kind: type, *, prefix: str = "") -> str:
     """The key, if the settings have a field of that name."""
-    names = [field.name for field in dataclasses.fields(settings)]
+    return nearest_key(key, _fields(kind) or (), prefix=prefix)
+
+
+def nearest_key(key: str, names: Collection[str], *, prefix: str = "") -> str:
+    """The key, if it is one of the names; else a `ConfigError` that names the nearest.
+
+    ``prefix``: dotted path of its table, for the message, with the final dot.
+    """
     if key in names:
         return key
     near = difflib.get_close_matches(key, names, n=1)
     hint = f"did you mean {prefix}{near[0]}?" if near else f"known here: {', '.join(names)}"
     raise ConfigError(f"the key {prefix}{key} is unknown; {hint}")
-
-
-def convert_settings(table: object, settings: type[_Settings]) -> _Settings:
-    """Settings from a table of plain values.
-
-    ``table``: from `known_keys`, or from JSON. ``settings``: dataclass of them; of a field with several dataclasses,
-    the ``driver`` of its table names the one. Raises `msgspec.ValidationError` if a value does not fit, or a key is
-    missing.
-    """
-    if not isinstance(table, dict):
-        raise msgspec.ValidationError(f"Expected `object`, got `{type(table).__name__}`")
-    hints = typing.get_type_hints(settings)
-    parts: list[typing.Any] = []
-    for field in dataclasses.fields(settings):  # type: ignore[arg-type]
-        chosen = _dataclass_in(hints[field.name], table.get(field.name), name=field.name) or hints[field.name]
-        required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-        parts.append((field.name, chosen) if required else (field.name, chosen | msgspec.UnsetType, msgspec.UNSET))
-    # msgspec knows no union of dataclasses: it converts to a struct in which the choices are made.
-    held = msgspec.convert(table, msgspec.defstruct(settings.__name__, parts, kw_only=True))
-    given = {name: getattr(held, name) for name in held.__struct_fields__}
-    return settings(**{name: value for name, value in given.items() if value is not msgspec.UNSET})
-
-
-_Settings = typing.TypeVar("_Settings")
-
-
-def _dataclass_in(hint: object, value: object, *, name: str) -> type | None:
-    """The dataclass that a type hint allows, if any; of several, the first that has the driver of this table."""
-    choices = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
-    kinds = [kind for kind in choices if isinstance(kind, type) and dataclasses.is_dataclass(kind)]
-    if len(kinds) < 2 or not isinstance(value, dict) or "driver" not in value:
-        return kinds[0] if kinds else None
-    drivers = {name: kind for kind in kinds for name in typing.get_args(typing.get_type_hints(kind)["driver"])}
-    if value["driver"] not in drivers:
-        raise ConfigError(f"{name}.driver is {value['driver']!r}, it must be one of: {', '.join(drivers)}")
-    return drivers[value["driver"]]

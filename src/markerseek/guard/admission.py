@@ -63,34 +63,26 @@ class Admission:
         """
         header = frame.header
         if header.token != permit.token:
-            raise AcquisitionError(
-                f"stale frame: it carries the token {header.token!r}, {permit.token!r} was asked for; take it again"
-            )
+            raise AcquisitionError(f"stale frame: of {header.token!r}, not of {permit.token!r}; take it again")
         if previous is not None and not header.sequence > previous.header.sequence:
-            raise AcquisitionError(
-                f"frame out of order: sequence number {header.sequence} after {previous.header.sequence}; take it again"
-            )
-        if header.pulses != permit.pulses:
-            raise AcquisitionError(f"{header.pulses} pulses were seen, {permit.pulses} were permitted; check the laser")
-        if header.commanded_deg != permit.angle_deg:
-            raise AcquisitionError(
-                f"the frame is of {header.commanded_deg} deg, {permit.angle_deg} deg was asked for; take it again"
-            )
+            raise AcquisitionError(f"frame {header.sequence} after {previous.header.sequence}: out of order; try again")
+        pulses, to_deg = permit.pulses_in_frame, permit.commanded_deg
+        if header.pulses != pulses:
+            raise AcquisitionError(f"{header.pulses} pulses were seen, {pulses} were permitted; check the laser")
+        if header.commanded_deg != to_deg:
+            raise AcquisitionError(f"the frame is of {header.commanded_deg} deg, not of {to_deg} deg; take it again")
         if header.angle_before_deg is None or header.angle_after_deg is None:
             raise AcquisitionError("the frame carries no readback of the angle; the scanner must add it")
+        most_deg = max(self.settled_deg, permit.turned_deg)
         moved_deg = abs(header.angle_after_deg - header.angle_before_deg)
-        if not moved_deg <= self.settled_deg:
-            why = f"the probe moved by {moved_deg:.3f} deg during the acquisition, the limit is {self.settled_deg} deg"
+        if not moved_deg <= most_deg:
+            why = f"the probe moved by {moved_deg:.3f} deg during the acquisition, the limit is {most_deg} deg"
             raise AcquisitionError(f"{why}; let it settle")
         if not issued_s <= header.started_s <= header.ended_s <= now_s <= header.ended_s + self.age_s:
-            raise AcquisitionError(
-                f"stale frame: taken from {header.started_s:.3f} to {header.ended_s:.3f} s, permitted at "
-                f"{issued_s:.3f} s, and it is {now_s:.3f} s now; the limit of age is {self.age_s} s; take it again"
-            )
+            when = f"{header.started_s:.3f} to {header.ended_s:.3f} s, permitted at {issued_s:.3f} s, now {now_s:.3f} s"
+            raise AcquisitionError(f"stale frame: taken {when}; the limit of age is {self.age_s} s; take it again")
         if previous is not None and _shape(frame) != _shape(previous):
-            raise AcquisitionError(
-                f"the frame is {_shape(frame)}, the one before was {_shape(previous)}; was a setting changed in a run?"
-            )
+            raise AcquisitionError(f"the frame is {_shape(frame)}, not {_shape(previous)}; was a setting changed?")
         if not self.repeats and _is_old(frame, previous):
             raise AcquisitionError("stale frame: its data are constant, 0, or those of the frame before; take it again")
 
@@ -131,13 +123,9 @@ class Admission:
         if self.dark_alarm is None or not sigma or not cells:
             return None
         limit = sigma * math.sqrt(2 * math.log(cells / self.dark_alarm))
-        if reading.intensity <= limit:
-            return None
-        return (
-            f"the frame was taken without light, yet it holds a source: its intensity is {reading.intensity:.4g}, "
-            f"noise alone reaches {limit:.4g}; it belongs to another acquisition, wholly or in part, or light came: "
-            "restart the data acquisition, so that no trigger is left over in it, and begin a new search"
-        )
+        why = f"the frame was taken without light, yet it holds a source of {reading.intensity:.4g}, while noise"
+        cure = "it is of another acquisition, or light came: restart the data acquisition, and begin a new search"
+        return None if reading.intensity <= limit else f"{why} alone reaches {limit:.4g}; {cure}"
 
 
 def _shape(frame: Frame) -> str:

@@ -8,10 +8,7 @@ from markerseek.core import is_finite, is_whole, require_range
 
 
 class Lease:
-    """Lapses when the control loop stops stepping.
-
-    ``period_s``: longest time between two steps, in (0, 1] s: a lease without a period would never end.
-    """
+    """Lapses when no step of the control loop comes for ``period_s``, in (0, 1] s: one without would never end."""
 
     def __init__(self, *, period_s: float) -> None:
         require_range("lease: period_s", period_s, low=0, high=1, unit="s", open_low=True)

@@ -6,6 +6,7 @@ import math
 from enum import Enum
 
 from markerseek.core import (
+    SWEEP_READING_S,
     AcquisitionError,
     ConfigError,
     DeviceError,
@@ -15,6 +16,7 @@ from markerseek.core import (
     MoveError,
     Permit,
     Reading,
+    SweepPermit,
     is_finite,
     is_whole,
 )
@@ -24,12 +26,13 @@ from markerseek.guard.permits import FiringLimits, Permits
 
 
 class State(Enum):
-    """State of a rig: DISARMED does nothing, ARMED begins steps, MOVING and FIRING are steps, FAULT needs a reset."""
+    """State of a rig: ARMED begins steps, MOVING, FIRING and SWEEPING are steps, FAULT needs a person's reset."""
 
     DISARMED = "disarmed"
     ARMED = "armed"
     MOVING = "moving"
     FIRING = "firing"
+    SWEEPING = "sweeping"
     FAULT = "fault"
 
 
@@ -39,7 +42,6 @@ class Guard:
     It touches no device. A step that is refused by a `LimitError` changes nothing; evidence that a device did not do
     its part is raised after the state has become FAULT.
 
-    ``limits``: angles that may be searched, and at which the probe may be. ``firing``: limits of the laser's pulses.
     ``arrival_deg``: most that the readback may differ from the angle asked for.
     """
 
@@ -52,9 +54,9 @@ class Guard:
         self._permits = Permits(firing)
         self._state = State.DISARMED
         self._fault: str | None = None
-        self._issued_s = math.nan
+        self._issued_s, self._read = math.nan, (math.nan, math.nan)
         self._previous: Frame | None = None
-        self._usual_sigma: dict[bool, float | None] = {}
+        self._usual_sigma: dict[int, float | None] = {}
 
     @property
     def state(self) -> State:
@@ -75,7 +77,7 @@ class Guard:
         """Take over the last frame that this run admitted under an earlier guard; only while DISARMED."""
         self._require("recall", State.DISARMED)
         self._previous = frame
-        self._usual_sigma.setdefault(frame.header.pulses > 0, reading.noise_sigma)
+        self._usual_sigma.setdefault(frame.header.pulses, reading.noise_sigma)
 
     def charge(self, pulses: int) -> None:
         """Count pulses that an earlier guard permitted in this session."""
@@ -135,8 +137,15 @@ class Guard:
         self._issued_s = now_s
         return permit
 
+    def issue_sweep(self, wanted: SweepPermit, *, now_s: float) -> SweepPermit:
+        """The permit that is wanted for one sweep, which must end in the search range; the state stays ARMED."""
+        self._require("permit pulses", State.ARMED)
+        self.limits.require_search(wanted.to_deg)
+        self._issued_s = now_s
+        return self._permits.issue_sweep(wanted, now_s=now_s)
+
     def redeem(self, permit: Permit, *, angle_deg: float, now_s: float) -> None:
-        """ARMED -> FIRING, if the permit holds here and now; it is used up in any case."""
+        """ARMED -> FIRING or SWEEPING, if the permit holds here and now; it is used up in any case."""
         self._require("fire", State.ARMED)
         try:
             self._permits.redeem(permit, now_s=now_s)
@@ -145,13 +154,44 @@ class Guard:
         angle_deg = self.readback(angle_deg)
         self._require_at(permit.angle_deg, angle_deg, "the permit holds at", "nothing was fired; check what moved it")
         self._state, self._firing = State.FIRING, permit.pulses
+        if isinstance(permit, SweepPermit):
+            self._state, self._sweep, self._read = State.SWEEPING, permit, (angle_deg, now_s)
+
+    def read_sweep(self, angle_deg: float, *, now_s: float) -> bool:
+        """Whether the probe may be lit at this readback of a sweep: not while it is slower than permitted.
+
+        Faster, backwards, out of its angles, or later than `SWEEP_READING_S` after the readback before ends in FAULT.
+        """
+        self._require("sweep", State.SWEEPING)
+        sweep, angle_deg, (before_deg, before_s) = self._sweep, self.readback(angle_deg), self._read
+        turned_deg, elapsed_s = sweep.forward * (angle_deg - before_deg), now_s - before_s
+        beyond_deg = max(sweep.forward * (angle_deg - sweep.to_deg), sweep.forward * (sweep.angle_deg - angle_deg))
+        in_time = 0 < elapsed_s <= SWEEP_READING_S and now_s <= sweep.expires_s
+        most_deg = sweep.fastest_deg_s * elapsed_s + self._arrival_deg
+        if not (in_time and beyond_deg <= self._arrival_deg and -self._arrival_deg <= turned_deg <= most_deg):
+            why = f"the probe turned by {turned_deg:.3f} deg in {elapsed_s:.3f} s to {angle_deg:.3f} deg"
+            raise self._failed(MoveError(f"{why} at {now_s:.3f} s, outside {sweep}; check stage and host"))
+        self._read = angle_deg, now_s
+        return turned_deg >= sweep.slowest_deg_s * elapsed_s
+
+    def end_sweep(self, angle_deg: float, *, pulses: int, now_s: float) -> None:
+        """SWEEPING -> ARMED, at rest at that readback, after no more pulses than permitted."""
+        before_deg, _ = self._read
+        self.read_sweep(angle_deg, now_s=now_s)
+        self._require_at(before_deg, angle_deg, "the sweep ended at", "the stage does not stop")
+        self._permits.count(self._sweep, now_s=now_s)
+        self._require_fired(pulses, least=0)
+        self._state, self._firing = State.ARMED, pulses
+
+    def admit_sweep(self, frames: int) -> None:
+        """Refuse a sweep as a whole unless as many frames came as pulses were fired; the state stays."""
+        if frames != self._firing:
+            raise AcquisitionError(f"{frames} frames of {self._firing} pulses: no angle is known; check the trigger")
 
     def end_fire(self, fired: int) -> None:
         """FIRING -> ARMED, when as many pulses were fired as were permitted."""
         self._require("end a firing", State.FIRING)
-        if not is_whole(fired) or fired != self._firing:
-            reason = f"the laser fired {fired} pulses, {self._firing} were permitted; check the laser and its trigger"
-            raise self._failed(LaserError(reason))
+        self._require_fired(fired, least=self._firing)
         self._state = State.ARMED
 
     def admit_frame(self, frame: Frame, *, permit: Permit, now_s: float) -> None:
@@ -164,12 +204,12 @@ class Guard:
 
         A dark frame that holds a source ends in FAULT: if frames come late, a second try would hide it.
         """
-        lit, dark_sigma = frame.header.pulses > 0, self._usual_sigma.get(False) or 0
-        usual_sigma = self._usual_sigma.get(lit) or max(reading.noise_sigma or 0, dark_sigma)
+        pulses, dark_sigma = frame.header.pulses, self._usual_sigma.get(0) or 0
+        usual_sigma = self._usual_sigma.get(pulses) or max(reading.noise_sigma or 0, dark_sigma)
         self._admission.admit_reading(reading, frame=frame, usual_sigma=usual_sigma)
-        if not lit and (source := self._admission.source_in_dark(reading)) is not None:
+        if not pulses and (source := self._admission.source_in_dark(reading)) is not None:
             raise self._failed(AcquisitionError(source))
-        self._usual_sigma.setdefault(lit, reading.noise_sigma)
+        self._usual_sigma.setdefault(pulses, reading.noise_sigma)
 
     def _failed(self, error: DeviceError) -> DeviceError:
         self.fail(str(error))
@@ -181,6 +221,11 @@ class Guard:
             return
         cure = f"a person must reset it after: {self._fault}" if self._fault else "arm it, and end each step first"
         raise LimitError(f"guard: {self._state.value}, not allowed to {step}; {cure}")
+
+    def _require_fired(self, fired: int, *, least: int) -> None:
+        if not (is_whole(fired) and least <= fired <= self._firing):
+            reason = f"the laser fired {fired} pulses, {self._firing} were permitted; check the laser and its trigger"
+            raise self._failed(LaserError(reason))
 
     def _require_at(self, wanted_deg: float, angle_deg: float, what: str, cure: str) -> None:
         # `not <=` and never `>`: a NaN must fail.

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from markerseek.core import ConfigError, LaserError, LimitError, Permit, is_finite, is_whole, require_range
+from markerseek.core import ConfigError, LaserError, LimitError, Permit, SweepPermit, is_finite, is_whole, require_range
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -14,6 +14,8 @@ class FiringLimits:
 
     pulses_per_permit: int = 128
     """Most pulses in one acquisition."""
+    pulses_per_sweep: int = 10_000
+    """Most pulses in one sweep."""
     pulses_per_second: int = 1000
     """Most pulses under permits that are used within any one second."""
     pulses_per_session: int = 100_000
@@ -22,7 +24,7 @@ class FiringLimits:
     """Time after which a permit is void."""
 
     def __post_init__(self) -> None:
-        for name in ("pulses_per_permit", "pulses_per_second", "pulses_per_session"):
+        for name in ("pulses_per_permit", "pulses_per_sweep", "pulses_per_second", "pulses_per_session"):
             value = getattr(self, name)
             if not (is_whole(value) and value >= 1):
                 raise ConfigError(f"firing limits: {name} is {value}, it must be a whole number of at least 1")
@@ -32,8 +34,8 @@ class FiringLimits:
 class Permits:
     """Issues permits, redeems each once, and counts the pulses that they allow.
 
-    Pulses are counted when they are permitted, not when they are reported: a laser that does not report what
-    it fired cannot exceed the session's budget. One permit is open at a time: a new one voids the one before.
+    Pulses are counted when they are permitted: a laser that does not report what it fired cannot exceed the session's
+    budget. One permit is open at a time: a new one voids the one before.
     """
 
     def __init__(self, limits: FiringLimits) -> None:
@@ -57,30 +59,31 @@ class Permits:
     def issue(self, *, angle_deg: float, pulses: int, now_s: float) -> Permit:
         """Permit for one acquisition at one angle, now on the rig's clock; 0 pulses take a dark frame.
 
-        `LimitError` if one acquisition or the session would exceed its pulses, or a value is no number; nothing was
-        permitted then.
+        `LimitError` if its pulses exceed a limit, or a value is no number; nothing was permitted then.
         """
-        if not (is_whole(pulses) and is_finite(angle_deg) and is_finite(now_s)):
-            raise LimitError(
-                f"a permit for {pulses!r} pulses at {angle_deg!r} deg, {now_s!r} s: pulses must be a whole number, the "
-                "other two finite numbers; nothing was permitted"
-            )
-        if not 0 <= pulses <= self._limits.pulses_per_permit:
-            raise LimitError(
-                f"{pulses} pulses in one acquisition; the limit is {self._limits.pulses_per_permit}: average fewer"
-            )
-        if not self._pulses + pulses <= self._limits.pulses_per_session:
-            raise LimitError(
-                f"{self._pulses} pulses were permitted in this session and {pulses} more are asked for; the limit is "
-                f"{self._limits.pulses_per_session}: a person must start a new session"
-            )
-        self._issued += 1
-        self._pulses += pulses
-        expires_s = now_s + self._limits.lifetime_s
-        token = f"permit-{self._issued}"
-        permit = Permit(token=token, angle_deg=float(angle_deg), pulses=int(pulses), expires_s=float(expires_s))
+        token, expires_s = self._charge(pulses, angle_deg, now_s, most=self._limits.pulses_per_permit)
+        permit = Permit(token=token, angle_deg=float(angle_deg), pulses=int(pulses), expires_s=expires_s)
         self._open = {permit}
         return permit
+
+    def issue_sweep(self, wanted: SweepPermit, *, now_s: float) -> SweepPermit:
+        """The permit that is wanted for one sweep, with token and expiry; refused as by `issue`."""
+        token, expires_s = self._charge(wanted.pulses, wanted.angle_deg, now_s, most=self._limits.pulses_per_sweep)
+        permit = replace(wanted, token=token, expires_s=expires_s)
+        self._open = {permit}
+        return permit
+
+    def _charge(self, pulses: int, angle_deg: float, now_s: float, *, most: int) -> tuple[str, float]:
+        if not (is_whole(pulses) and is_finite(angle_deg) and is_finite(now_s)):
+            raise LimitError(f"{pulses!r} pulses at {angle_deg!r} deg, {now_s!r} s: no number; nothing was permitted")
+        if not 0 <= pulses <= most:
+            raise LimitError(f"{pulses} pulses under one permit; the limit is {most}: ask for fewer")
+        if not self._pulses + pulses <= self._limits.pulses_per_session:
+            why = f"{self._pulses} pulses were permitted in this session and {pulses} more are asked for; the limit is"
+            raise LimitError(f"{why} {self._limits.pulses_per_session}: a person must start a new session")
+        self._issued += 1
+        self._pulses += pulses
+        return f"permit-{self._issued}", float(now_s + self._limits.lifetime_s)
 
     def redeem(self, permit: Permit, *, now_s: float) -> None:
         """Use up a permit, at the moment at which the laser is to fire.
@@ -96,13 +99,15 @@ class Permits:
             raise LaserError(f"the permit {permit.token!r} has expired; nothing was fired; what took so long?")
         while self._used and not now_s - self._used[0][0] < 1:
             self._used.popleft()
-        recent = sum(pulses for _, pulses in self._used)
-        if not recent + permit.pulses <= self._limits.pulses_per_second:
-            raise LimitError(
-                f"{recent} pulses within a second and {permit.pulses} more are asked for; the limit is "
-                f"{self._limits.pulses_per_second}: fire more slowly; nothing was fired"
-            )
-        self._used.append((now_s, permit.pulses))
+        recent, more = sum(pulses for _, pulses in self._used), permit.pulses_in_1_s
+        if not recent + more <= self._limits.pulses_per_second:
+            why = f"{recent} pulses within a second and {more} more are asked for; the limit is"
+            raise LimitError(f"{why} {self._limits.pulses_per_second}: fire more slowly; nothing was fired")
+        self.count(permit, now_s=now_s)
+
+    def count(self, permit: Permit, *, now_s: float) -> None:
+        """Count what a permit allows within a second as fired just now."""
+        self._used.append((now_s, permit.pulses_in_1_s))
 
     def void(self) -> None:
         """Void the open permit, if there is one."""

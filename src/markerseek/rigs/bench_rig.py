@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from markerseek.core import Clock, ConfigError, Laser, Receiver, RigFacts, Stage
-from markerseek.drivers import BenchProbe, BenchSettings, Ros2StageSettings, RosReceiver, SystemClock, metered
+from markerseek.drivers import PARTS, BenchProbe, BenchSettings, Part, SystemClock, entry_of, is_emulated, metered
 from markerseek.guard import Guard
-from markerseek.rigs.bench_devices import OpenDevices, acquisition_of, emulated, guard_of, lines_of, stage_of
+from markerseek.rigs.bench_devices import OpenDevices, guard_of
 from markerseek.rigs.recipe import BenchRecipe
 from markerseek.rigs.rig import Rig, fingerprint, with_probe
 from markerseek.rigs.simulated_devices import DARK_FRAMES
@@ -37,9 +37,10 @@ def bench(settings: BenchSettings) -> Rig:
 def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageReader) -> Rig:
     # Each wait of the control loop renews the supervisor's lease; a hung loop does not, and is stopped.
     clock = SystemClock(beat=devices.supervisor.beat if devices.supervisor else None)
-    stage, stage_name = stage_of(settings, devices, clock)
-    laser, receiver, acquisition_name = acquisition_of(settings, devices, clock)
-    emulated_parts = emulated(stage, laser, receiver)
+    stage, stage_name = devices.stage(clock)
+    laser, receiver, acquisition_name = devices.acquisition(clock)
+    opened = zip(PARTS, (stage, laser, receiver), strict=True)
+    emulated = tuple(part for part, device in opened if is_emulated(device))
     receiver = metered(settings.laser, laser, receiver, full_scale=imaging.preset.full_scale)
     scanner = Scanner(
         stage=stage,
@@ -54,12 +55,12 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
     facts = RigFacts(
         kind="bench",
         description=f"{stage_name}, {acquisition_name}"
-        + ("" if settings.supervisor.enabled or not lines_of(settings) else ", WITHOUT a supervisor"),
+        + ("" if settings.supervisor.enabled or not settings.lines else ", WITHOUT a supervisor"),
         fingerprint=fingerprint(settings),
         search=settings.limits.search,
         face_radius_m=settings.probe.face_radius_m,
         # By what the devices answer and not by a key: a rig file may be copied from an emulated bench to a real one.
-        emulated=emulated_parts,
+        emulated=emulated,
     )
     return Rig(
         facts=with_probe(facts, imaging),
@@ -73,6 +74,8 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         closing_dark=True,
         recipe=BenchRecipe.of(settings),
         devices=devices,
+        bench=settings,
+        checks=devices.checks,
     )
 
 
@@ -110,9 +113,10 @@ def bench_part(
 
     ``beat``: called while a device works, at least every 20 ms; it may raise an exception, which ends the step.
     """
-    if isinstance(settings.stage if part == "stage" else settings.receiver, Ros2StageSettings | RosReceiver):
+    served: tuple[Part, ...] = ("stage",) if part == "stage" else ("laser", "receiver")
+    if any(entry_of(each, getattr(settings, each)).is_node for each in served):
         raise ConfigError(f"the {part} of this rig file is itself a ROS 2 node; name the rig file of its devices")
-    devices = OpenDevices(settings, names=("stage",) if part == "stage" else ("laser",))
+    devices = OpenDevices(settings, parts=served)
     try:
         supervisor = devices.supervisor
 
@@ -124,9 +128,9 @@ def bench_part(
         clock = SystemClock(beat=step)
         held: Stage | tuple[Laser, Receiver]
         if part == "stage":
-            held, description = stage_of(settings, devices, clock)
+            held, description = devices.stage(clock)
         else:
-            laser, receiver, description = acquisition_of(settings, devices, clock)
+            laser, receiver, description = devices.acquisition(clock)
             preset = imaging_of(settings.probe, sampling_hz=settings.receiver.sampling_hz).preset
             held = laser, metered(settings.laser, laser, receiver, full_scale=preset.full_scale)
         return BenchPart(part=held, guard=guard_of(settings), clock=clock, description=description, devices=devices)

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from markerseek.core import ConfigError, RecordError
-from markerseek.files import convert_settings, in_words, known_keys, read_toml
+from markerseek.files import read_toml, settings_from
 from markerseek.records.banks import FrameBank, IntensityBank
 from markerseek.signals import PRESET_NAMES, ProbeKeys, ProbePreset, is_own, probe_preset
 
@@ -36,10 +36,8 @@ def read_probe_file(path: Path) -> ProbePreset:
     """
     table = read_toml(path, what="probe file")
     try:
-        keys = convert_settings(known_keys(table, _ProbeFile), _ProbeFile)
+        keys = settings_from(table, _ProbeFile)
         return keys.on(_start(keys), sampling_hz=keys.sampling_hz, name=path.name)
-    except msgspec.ValidationError as problem:
-        raise ConfigError(f"{path}: {in_words(problem)}") from problem
     except ConfigError as problem:
         raise ConfigError(f"{path}: {problem}") from problem
 

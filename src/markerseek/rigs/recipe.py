@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import msgspec
 
 from markerseek.core import ConfigError, RecordError
-from markerseek.drivers import BenchSettings
-from markerseek.files import convert_settings
+from markerseek.drivers import BenchSettings, bench_settings_from
 from markerseek.records.banks import DEFAULT_FORMAT, TableFormat
 from markerseek.signals import ProbePreset
 from markerseek.sim import SimulatedSettings
@@ -38,22 +37,22 @@ class ReplayedRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="replayed"):
 
 
 class BenchRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="bench"):
-    """Arguments of `markerseek.rigs.bench_rig.bench`; ``held`` is its settings as JSON."""
+    """Arguments of `markerseek.rigs.bench_rig.bench`, as the tables of its rig file."""
 
-    # JSON, because msgspec reads no field that can be one of several dataclasses, as a stage can.
-    held: msgspec.Raw = msgspec.field(name="settings")
+    # Plain values: the drivers that they name are looked up when they are compared with a rig file.
+    tables: dict[str, Any] = msgspec.field(name="settings")
 
     @classmethod
     def of(cls, settings: BenchSettings) -> BenchRecipe:
         """Recipe with these settings."""
-        return cls(held=msgspec.Raw(msgspec.json.encode(settings)))
+        return cls(tables=settings.table())
 
     @property
     def settings(self) -> BenchSettings:
-        """The settings; `RecordError` if the JSON holds none."""
+        """The settings; `RecordError` if the tables hold none."""
         try:
-            return convert_settings(msgspec.json.decode(self.held), BenchSettings)
-        except (msgspec.MsgspecError, ConfigError, RecursionError) as problem:
+            return bench_settings_from(self.tables)
+        except (ConfigError, RecursionError) as problem:
             raise RecordError(f"the journal's rig cannot be read: {problem}") from problem
 
 

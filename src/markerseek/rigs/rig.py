@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -18,6 +19,7 @@ from markerseek.rigs.recipe import Recipe
 from markerseek.scan import Scanner
 from markerseek.signals import AnyImageReader
 from markerseek.sim import SimulatedSettings, hashable_values
+from markerseek.testing import RuleCheck
 from markerseek.vision import TipSettings
 
 
@@ -67,6 +69,10 @@ class Rig:
     """Simulated world or replayed recording, whose state a journal stores with each commit; None for real devices."""
     devices: Devices | None = None
     """The lines to real devices; None where no hardware is involved."""
+    bench: BenchSettings | None = None
+    """Settings of a rig of devices, as its rig file has them; None of any other rig."""
+    checks: Mapping[str, tuple[RuleCheck, ...]] = field(default_factory=dict)
+    """Rules that foreign drivers were tried by when they were opened, by part and driver."""
 
     @property
     def run_plan(self) -> RunPlan:
@@ -114,6 +120,8 @@ def fingerprint(of: SimulatedSettings | BenchSettings | IntensityBank | FrameBan
     adds a field.
     """
     plain: object = hashable_values(of) if isinstance(of, SimulatedSettings) else of
+    if isinstance(of, BenchSettings):
+        plain = of.table()
     if isinstance(of, IntensityBank | FrameBank):
         facts = msgspec.to_builtins(of.facts)
         known = {name: value for name, value in facts.items() if value is not None}

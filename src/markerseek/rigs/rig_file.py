@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
-import msgspec
-
 from markerseek.core import ConfigError
-from markerseek.drivers import BenchReceiver, BenchSettings
-from markerseek.files import convert_settings, in_words, known_keys, read_toml
+from markerseek.drivers import BenchSettings, bench_settings_from
+from markerseek.files import read_toml, settings_from
 from markerseek.sim import SimulatedSettings
 
-_SETTINGS: dict[str, type[SimulatedSettings] | type[BenchSettings]] = {
-    "simulated": SimulatedSettings,
-    "bench": BenchSettings,
-}
-
-KINDS = tuple(_SETTINGS)
+KINDS = ("simulated", "bench")
 """Kinds of rig that a file can describe."""
 
 
@@ -26,27 +18,21 @@ def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
 
     ``path``: TOML file. ``kind`` names the kind of rig: ``simulated``, or ``bench`` for one of real devices. The other
     keys are those of `SimulatedSettings` or `BenchSettings`. The text ``"none"`` means None, such as no lens. A
-    receiver's folder is relative to the rig file.
+    receiver's folder is relative to the rig file, and the module of a foreign driver is looked for beside it.
     """
     table = read_toml(path, what="rig file")
     if "kind" not in table:
         raise ConfigError(f'{path}: the key kind is missing; write kind = "simulated" or kind = "bench" at its top')
-    # Removed here, because it selects the dataclass that knows the other keys.
+    # Removed here, because it selects the settings that know the other keys.
     kind = table.pop("kind")
-    if not isinstance(kind, str) or kind not in _SETTINGS:
+    if kind not in KINDS:
         raise ConfigError(f"{path}: kind is {kind!r}, it must be one of: {', '.join(KINDS)}")
-    wanted = _SETTINGS[kind]
     try:
-        settings = convert_settings(known_keys(table, wanted), wanted)
-    except msgspec.ValidationError as problem:
-        raise ConfigError(f"{path}: {in_words(problem)}") from problem
+        if kind == "simulated":
+            return settings_from(table, SimulatedSettings)
+        return bench_settings_from(table, beside=str(path.parent.absolute()))
     except ConfigError as problem:
         raise ConfigError(f"{path}: {problem}") from problem
-    if isinstance(settings, BenchSettings) and isinstance(settings.receiver, BenchReceiver):
-        # Relative to the file, so that the command works from any current folder.
-        folder = path.parent / settings.receiver.folder
-        return replace(settings, receiver=replace(settings.receiver, folder=str(folder)))
-    return settings
 
 
 def read_simulated(path: Path | None, *, cure: str) -> SimulatedSettings:

@@ -130,10 +130,14 @@ def _own_gain(settings: SimulatedSettings, sigma_over_largest: float) -> float:
 
     Usually `_USUAL_COUNTS`; less where the noise is strong, more where it would drown in the rounding.
     """
-    flash = 1 + _JITTER_SIGMAS * settings.laser.energy_jitter / math.sqrt(settings.laser.pulses)
+    averaged = math.sqrt(settings.laser.pulses)
+    flash = 1 + _JITTER_SIGMAS * settings.laser.energy_jitter / averaged
+    noise = _NOISE_SIGMAS * sigma_over_largest
+    if settings.receiver.single_pulses:
+        flash, noise = 1 + _JITTER_SIGMAS * settings.laser.energy_jitter, noise * averaged
     # One count below full scale, at which the guard takes a channel for saturated.
     markers = 2 if settings.second.present else 1
-    most = (LARGEST_COUNT - 1) / (markers * _OFF_PLANE * flash + _NOISE_SIGMAS * sigma_over_largest)
+    most = (LARGEST_COUNT - 1) / (markers * _OFF_PLANE * flash + noise)
     return min(max(_USUAL_COUNTS, _MIN_SIGMA / sigma_over_largest), most)
 
 

@@ -72,6 +72,8 @@ def rig_in_world(
         rate_hz=light.rate_hz,
         energy_spread=light.energy_spread,
         energy_drift_per_min=light.energy_drift_per_min,
+        stamp_delay_s=light.stamp_delay_s,
+        probe_deg=stage.probe_deg,
         rng=rng,
     )
     receiver = SimulatedReceiver(
@@ -80,6 +82,7 @@ def rig_in_world(
         readout_s=settings.receiver.readout_s,
         b_mode=b_mode,
         meter_noise=light.energy_meter_noise,
+        frame_period_s=settings.receiver.frame_period_s,
         rng=rng,
     )
     scanner = Scanner(

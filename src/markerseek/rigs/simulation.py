@@ -93,6 +93,7 @@ def simulated(
         energy_jitter=settings.laser.energy_jitter,
         start_deg=settings.start_deg,
         rng=rng,
+        averaged=settings.laser.pulses,
     )
     # Not the tissue's sound speed: a user images with a preset, and the error is part of the result.
     imaging: AnyImageReader = image_reader(settings.probe.array, sampling_hz=settings.receiver.sampling_hz)

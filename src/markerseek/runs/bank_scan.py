@@ -61,7 +61,7 @@ def bank_facts(facts: RigFacts, *, description: str, clock_zero_unix_s: float) -
 
 
 def scan_configuration(rig: Rig, *, step_deg: float) -> Configuration:
-    """Configuration of a scan for its stream of events: that of an exhaustive search which does not end at the marker.
+    """Configuration of a scan for those who follow it: that of an exhaustive search which does not end at the marker.
 
     Arguments and errors as of `scan_angles`.
     """

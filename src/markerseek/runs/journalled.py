@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 
 import msgspec
 
-from markerseek.core import Clock, Event, Failed, Measured, Policy, Refused, SearchPlan, Started
+from markerseek.core import Clock, Event, Failed, Measured, Refused, SearchPlan, Started, SweepingPolicy, Swept
 from markerseek.records.journal import Configuration, Journal
-from markerseek.records.stream import EventStream
 from markerseek.rigs import ReaderRecipe, Rig, SpareRecipe, TipRecipe
+from markerseek.runs.beliefs import Beliefs
 from markerseek.scan import RunLimits, run
 from markerseek.signals import SpareReader
 
@@ -36,7 +36,7 @@ def _reader_recipe(rig: Rig) -> ReaderRecipe:
 
 
 def journalled(
-    policy: Policy, rig: Rig, journal: Journal, *, limits: RunLimits = _RUN_LIMITS
+    policy: SweepingPolicy, rig: Rig, journal: Journal, *, limits: RunLimits = _RUN_LIMITS
 ) -> Generator[Event, None, None]:
     """`run` with each event committed to a journal before it is yielded, and so before the policy receives it.
 
@@ -44,19 +44,13 @@ def journalled(
     written; the rig is stopped.
     """
     clock = rig.scanner.clock
-    events = run(policy, rig.scanner, journal.configuration.plan, limits=limits)
+    plan = journal.configuration.plan
+    events = run(policy, rig.scanner, plan, limits=limits)
+    beliefs = Beliefs(policy, plan)
     with closing_run(events, clock, journal):
-        for event in events:
+        for event in map(beliefs.added, events):
             # Before the yield: a policy must never act on a measurement that a crash could lose.
             commit_event(event, clock, rig, journal)
-            yield event
-
-
-def streamed(events: Generator[Event, None, None], stream: EventStream, clock: Clock) -> Generator[Event, None, None]:
-    """A run without a journal, with each event sent to a stream before it is yielded; closed with this generator."""
-    with closing(events):
-        for event in events:
-            stream.add(event, clock_s=clock.now_s())
             yield event
 
 
@@ -79,6 +73,6 @@ def closing_run(events: Generator[Event, None, None], clock: Clock, journal: Jou
 def commit_event(event: Event, clock: Clock, rig: Rig, journal: Journal) -> None:
     """Commit an event, with the state of a simulated world where it has changed; `RecordError` if that fails."""
     # `Asked` and `Finished` change nothing in a simulated world: no checkpoint is needed.
-    changed = rig.world is not None and isinstance(event, Started | Measured | Refused | Failed)
+    changed = rig.world is not None and isinstance(event, Started | Measured | Swept | Refused | Failed)
     checkpoint = rig.world.checkpoint() if rig.world is not None and changed else None
     journal.commit(event, clock_s=clock.now_s(), checkpoint=checkpoint)

@@ -11,12 +11,11 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from markerseek.core import ConfigError, Float64, RecordError, require_range
-from markerseek.files import MIB, as_read_error, csv_rows, in_words, known_keys, read_input, read_toml
+from markerseek.files import MIB, as_read_error, csv_rows, read_input, read_toml, settings_from
 from markerseek.geometry import Camera, RigidTransform, StereoCameras, triangulate
 from markerseek.runs.former_search import read_marker
 from markerseek.runs.registration import PointPair
@@ -232,11 +231,9 @@ def read_stereo(path: Path) -> StereoSettings:
     """
     table = read_toml(path, what="stereo calibration")
     try:
-        settings = msgspec.convert(known_keys(table, StereoSettings), StereoSettings)
+        settings = settings_from(table, StereoSettings)
         # The base is checked with the pair.
         settings.cameras  # noqa: B018
-    except msgspec.ValidationError as problem:
-        raise ConfigError(f"{path}: {in_words(problem)}") from problem
     except ConfigError as problem:
         raise ConfigError(f"{path}: {problem}") from problem
     return settings

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from markerseek.core import ConfigError, ConfirmablePolicy, Measured, Policy, Reader, RecordError
+from markerseek.core import ConfigError, ConfirmablePolicy, Measured, Reader, RecordError, Sweep, SweepingPolicy
 from markerseek.drivers import BenchSettings
 from markerseek.records.journal import Configuration, RecordedRun
 from markerseek.rigs import (
@@ -22,7 +22,7 @@ from markerseek.rigs import (
     simulated,
 )
 from markerseek.runs.same_bench import require_same_measurement
-from markerseek.search import build
+from markerseek.search import build_sweeping
 from markerseek.signals import AnyImageReader, ImageReader, IntensityReader, ProbePreset, SpareReader
 from markerseek.vision import TipReader
 
@@ -141,13 +141,13 @@ def _recipe(configuration: Configuration) -> Recipe | None:
     return recipe
 
 
-def rebuild_policy(configuration: Configuration) -> Policy:
+def rebuild_policy(configuration: Configuration) -> SweepingPolicy:
     """The policy of a journal in its state before the run."""
-    return build(configuration.plan, limits=configuration.facts.search)
+    return build_sweeping(configuration.plan, limits=configuration.facts.search)
 
 
-def next_angle(recorded: RecordedRun, policy: Policy) -> float | None:
-    """Next angle of a run in degrees; None if the policy needs no more.
+def next_angle(recorded: RecordedRun, policy: SweepingPolicy) -> float | None:
+    """Next angle of a run in degrees, of a sweep its end; None if the policy needs no more.
 
     ``policy``: the policy in its state before the run; it is fed the recorded samples.
     """
@@ -158,4 +158,5 @@ def next_angle(recorded: RecordedRun, policy: Policy) -> float | None:
             policy.tell(entry.event.sample)
         elif isinstance(policy, ConfirmablePolicy):
             policy.confirm(entry.event.sample)
-    return policy.ask()
+    asked = policy.ask()
+    return asked.to_deg if isinstance(asked, Sweep) else asked

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 from markerseek.core import (
@@ -16,12 +17,18 @@ from markerseek.core import (
     Refused,
     Sample,
     SaturationError,
+    Sweep,
+    Swept,
 )
+from markerseek.guard import FiringLimits
 from markerseek.records.journal import Checked, Entry, Journal, Resuming
 from markerseek.scan import SEEN_SIGMAS, AnyScanner, larger_noise, moved_source
 
 SHARE = 0.1
 """Allowed relative change of an intensity: about the drift of a laser's energy."""
+
+PULSE_SHARE = 0.4
+"""The same against a sample of a sweep: the energy of one pulse differs by up to 10 % from its mean."""
 
 SIGMAS = 6.0
 """Allowed change in addition, in standard deviations of the noise."""
@@ -59,23 +66,36 @@ def pulses_before(entries: Sequence[Entry], *, pulses: int, attempts: int) -> in
     """Upper bound of the laser pulses that a run has fired so far.
 
     Each acquisition counts once, and once more for each refusal, whether or not it was fired before the run died; each
-    check counts as often as it may be tried.
+    check counts as often as it may be tried. A sweep that broke off counts as many as may have been permitted.
 
     ``attempts``: how often one acquisition may be tried.
     """
-    permits = 0
+    permits = swept = open_sweep = 0
     lit = False
     for entry in entries:
         match entry.event:
-            case Asked(role=role):
+            case Asked(role=role, sweep=sweep):
+                swept += open_sweep
+                open_sweep = 0 if sweep is None else most_pulses(sweep)
                 # A dark acquisition fires no pulse.
-                lit = role != "dark"
+                lit = role != "dark" and sweep is None
                 permits += lit
             case Refused():
                 permits += lit
+            case Swept(pulses=fired):
+                swept += fired
+                open_sweep = 0
             case Resuming(check_deg=check_deg, flank_deg=flank_deg):
                 permits += attempts * sum(angle_deg is not None for angle_deg in (check_deg, flank_deg))
-    return permits * pulses
+    return permits * pulses + swept + open_sweep
+
+
+def most_pulses(sweep: Sweep) -> int:
+    """Most pulses that a sweep may have been permitted: by its spacing, else by the guard."""
+    most = FiringLimits().pulses_per_sweep
+    if sweep.from_deg is None or not sweep.spacing_deg > 0:
+        return most
+    return min(most, 2 * math.ceil(abs(sweep.to_deg - sweep.from_deg) / sweep.spacing_deg) + 2)
 
 
 def require_unchanged(
@@ -100,8 +120,10 @@ def require_unchanged(
         try:
             arm()
             for sample in samples:
-                now = _measured(scanner, commanded_deg(sample), attempts)
-                difference = change_of(sample.reading, now.reading)
+                # A sweep may end slightly outside the range.
+                now = _measured(scanner, scanner.limits.search.nearest(commanded_deg(sample)), attempts)
+                share = SHARE if sample.sweep is None else PULSE_SHARE
+                difference = change_of(sample.reading, now.reading, share=share)
                 frame = None if isinstance(now.frame, ReadingFrame) else now.frame
                 journal.commit(Checked(reading=now.reading, difference=difference, frame=frame), clock_s=clock.now_s())
                 if difference is not None:
@@ -134,13 +156,20 @@ def _measured(scanner: AnyScanner, angle_deg: float, attempts: int) -> Sample:
 
 
 def commanded_deg(sample: Sample) -> float:
-    """Angle in degrees to which the stage was sent for a sample; the one reached can lie slightly outside the range."""
-    return sample.angle_deg if sample.frame is None else sample.frame.header.commanded_deg
+    """Angle in degrees to which the stage is sent to measure a sample again.
+
+    That to which it was sent before, for the one reached can lie slightly outside the range; in a sweep, the reached.
+    """
+    at_rest = sample.frame is not None and sample.sweep is None
+    return sample.frame.header.commanded_deg if at_rest and sample.frame is not None else sample.angle_deg
 
 
-def change_of(before: Reading, now: Reading) -> str | None:
-    """Description of the change between two readings at one angle; None if noise can explain it."""
-    allowed = SHARE * max(before.intensity, now.intensity) + SIGMAS * larger_noise(before, now)
+def change_of(before: Reading, now: Reading, *, share: float = SHARE) -> str | None:
+    """Description of the change between two readings at one angle; None if noise can explain it.
+
+    ``share``: allowed relative change of the intensity.
+    """
+    allowed = share * max(before.intensity, now.intensity) + SIGMAS * larger_noise(before, now)
     # `not <=` and not `>`, so that NaN counts as a change.
     if not abs(now.intensity - before.intensity) <= allowed:
         return (

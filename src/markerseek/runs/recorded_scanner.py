@@ -6,9 +6,22 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Generator, Sequence
 
-from markerseek.core import AcquisitionError, Clock, ConfigError, Frame, Measured, RecordError, Refused, Sample, Started
+from markerseek.core import (
+    AcquisitionError,
+    Asked,
+    Clock,
+    ConfigError,
+    Frame,
+    Measured,
+    RecordError,
+    Refused,
+    Sample,
+    Started,
+    Sweep,
+    Swept,
+)
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
 from markerseek.records.journal import Entry
 from markerseek.scan import AnyScanner
@@ -64,7 +77,9 @@ class RecordedScanner:
         self._same_clock = same_clock
         self._active: AnyScanner | None = None
         self._refused_frame: Frame | None = None
-        self._outcomes = deque(entry for entry in entries if isinstance(entry.event, Measured | Refused))
+        # `Asked` ends a sweep that was broken off.
+        kept = (Asked, Measured, Refused, Swept)
+        self._outcomes = deque(entry for entry in entries if isinstance(entry.event, kept))
         self._clock = ReplayedClock(first.clock_s)
         # Never armed, so that it refuses every permit.
         idle = Guard(limits=limits, firing=FiringLimits(), admission=Admission())
@@ -101,6 +116,25 @@ class RecordedScanner:
         """The next sample of the journal, or one of the rig with the laser kept off."""
         return self._next() or self._rig().measure_dark()
 
+    def sweep(
+        self, sweep: Sweep, *, number: int, goes_on: Callable[[], bool]
+    ) -> Generator[Sample | Refused | Swept, None, None]:
+        """The outcomes of the next sweep of the journal, or a sweep of the rig.
+
+        Where the journal ends in mid-sweep, its outcomes end without `Swept`, and the rig makes the next one.
+        """
+        if not self._has_outcome():
+            yield from self._rig().sweep(sweep, number=number, goes_on=goes_on)
+            return
+        while self._outcomes and not isinstance(self._outcomes[0].event, Asked):
+            entry = self._outcomes.popleft()
+            self._clock.show(entry.clock_s)
+            match entry.event:
+                case Measured(sample=sample):
+                    yield sample
+                case Refused() | Swept() as outcome:
+                    yield outcome
+
     @property
     def refused_frame(self) -> Frame | None:
         """Frame of the last acquisition if it was refused, then or now."""
@@ -117,7 +151,7 @@ class RecordedScanner:
             self._active.stop()
 
     def _next(self) -> Sample | None:
-        if not self._outcomes:
+        if not self._has_outcome():
             return None
         entry = self._outcomes.popleft()
         # The durations in `Finished` are differences of this clock, and must come out as in the first run.
@@ -127,6 +161,12 @@ class RecordedScanner:
             self._refused_frame = entry.event.frame
             raise AcquisitionError(entry.event.reason)
         return entry.event.sample if isinstance(entry.event, Measured) else None
+
+    def _has_outcome(self) -> bool:
+        """Whether the journal holds another outcome, of the `Asked` that come before it."""
+        while self._outcomes and isinstance(self._outcomes[0].event, Asked):
+            self._outcomes.popleft()
+        return bool(self._outcomes)
 
     def _rig(self) -> AnyScanner:
         if self._active is None:

@@ -13,20 +13,32 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from markerseek.core import Asked, DeviceError, Event, Finished, Measured, Policy, RecordError, Refused, Started
+from markerseek.core import (
+    Asked,
+    DeviceError,
+    Event,
+    Finished,
+    Measured,
+    RecordError,
+    Refused,
+    Started,
+    SweepingPolicy,
+    Swept,
+)
 from markerseek.records.journal import Entry, Journal, RecordedRun, Resuming, RunState, run_state, versions
 from markerseek.rigs import Rig
+from markerseek.runs.beliefs import Beliefs
 from markerseek.runs.journalled import closing_run, commit_event
 from markerseek.runs.recheck import commanded_deg, pulses_before, require_unchanged, samples_to_recheck
 from markerseek.runs.recorded_scanner import RecordedScanner
 from markerseek.scan import AnyScanner, RunLimits, run
 
-RUN_EVENTS = (Started, Asked, Measured, Refused, Finished)
+RUN_EVENTS = (Started, Asked, Measured, Swept, Refused, Finished)
 """Events that are replayed; a fault is not one of them, because it has been reset."""
 
 
 def resumed(
-    policy: Policy,
+    policy: SweepingPolicy,
     rig: Rig,
     journal: Journal,
     recorded: RecordedRun,
@@ -53,6 +65,7 @@ def resumed(
     scanner = step.scanner
     pending = deque(repeated)
     events = run(policy, scanner, journal.configuration.plan)
+    beliefs = Beliefs(policy, journal.configuration.plan)
     with closing_run(events, scanner.clock, journal):
         # A run that died before its first event has nothing to repeat.
         if not pending:
@@ -60,12 +73,14 @@ def resumed(
         for event in events:
             if pending:
                 _require_same(event, pending.popleft(), recorded)
+                beliefs.see(event)
                 yield event
                 if not pending:
                     step.take()
             else:
-                commit_event(event, scanner.clock, rig, journal)
-                yield event
+                believed = beliefs.added(event)
+                commit_event(believed, scanner.clock, rig, journal)
+                yield believed
 
 
 class _Handover:

@@ -7,34 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import msgspec
-
 from markerseek.core import ConfigError
 from markerseek.drivers import BenchSettings
 from markerseek.records.journal import Configuration
 from markerseek.rigs import fingerprint
 
-SAME = (
-    "stage.driver",
-    "stage.zero_deg",
-    "stage.direction",
-    "stage.approach_from",
-    "laser.pulses",
-    "laser.energy_from",
-    "laser.usual_energy",
-    "laser.pickup_us",
-    "laser.energy_field",
-    "receiver.driver",
-    "receiver.sampling_hz",
-    "probe.",
-    "limits.search.",
-)
-"""Keys that change angles or intensities, so that new acquisitions would not be comparable; a final dot is a table."""
-
 
 def differences_of_benches(recorded: BenchSettings, named: BenchSettings) -> dict[str, str]:
     """Settings in the user's rig file that differ from those in the journal: a description by dotted key."""
-    was, now = _by_key(msgspec.to_builtins(recorded)), _by_key(msgspec.to_builtins(named))
+    was, now = _by_key(recorded.table()), _by_key(named.table())
     keys = sorted(was.keys() | now.keys())
     return {key: f"{key} is {now.get(key)}, was {was.get(key)}" for key in keys if was.get(key) != now.get(key)}
 
@@ -46,7 +27,8 @@ def require_same_measurement(configuration: Configuration, recorded: BenchSettin
     travel limits and budgets.
     """
     found = differences_of_benches(recorded, named)
-    refused = [difference for key, difference in found.items() if key.startswith(SAME)]
+    # A port may change from day to day: it says where a device is plugged in, and not what it measures.
+    refused = [text for key, text in found.items() if key.startswith(named.comparable) and not key.endswith(".port")]
     # The journal states the range twice, in the recipe and in the facts; both must be that of the file.
     if not refused and configuration.facts.search != named.limits.search:
         refused = [f"limits.search is {named.limits.search}, the journal searches {configuration.facts.search}"]

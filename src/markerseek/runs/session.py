@@ -6,23 +6,22 @@ from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 
-from markerseek.core import Event, Policy, SearchPlan
+from markerseek.core import Event, SearchPlan, SweepingPolicy
 from markerseek.records import Recorder, SearchResult
-from markerseek.records.journal import Configuration, Interrupted, Journal, RecordedRun
-from markerseek.records.stream import EventStream
+from markerseek.records.journal import Configuration, Journal, RecordedRun
 from markerseek.rigs import Rig
-from markerseek.runs.journalled import configuration_of, journalled, streamed
+from markerseek.runs.journalled import configuration_of, journalled
 from markerseek.runs.rebuild import rebuild_policy
 from markerseek.runs.resume import resumed
 from markerseek.scan import run
-from markerseek.search import build, most_acquisitions
+from markerseek.search import build_sweeping, most_acquisitions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Session:
     """A search on a rig. Iterate over `events`, then ask for `result`."""
 
-    policy: Policy
+    policy: SweepingPolicy
     rig: Rig
     configuration: Configuration
     """Plan of the search and facts of the rig, as a journal holds them."""
@@ -33,8 +32,6 @@ class Session:
     reset_fault: bool = False
     """``by`` and ``reset_fault``: for a resumed run: who arms the rig, and whether that person has inspected it after a
     fault."""
-    stream: EventStream | None = None
-    """Receives each event after its commit, for programs that watch."""
     recorder: Recorder = field(default_factory=Recorder)
     """Collects the samples and the answer for the result."""
 
@@ -52,26 +49,19 @@ class Session:
 
     def _run(self) -> Generator[Event, None, None]:
         if self.journal is None:
-            events = run(self.policy, self.rig.scanner, self.configuration.plan)
-            return events if self.stream is None else streamed(events, self.stream, self.rig.scanner.clock)
-        if self.stream is not None:
-            if self.recorded is not None:
-                self.stream.repeat(self.recorded.entries)
-            self.journal.watch(self.stream.put)
+            return run(self.policy, self.rig.scanner, self.configuration.plan)
         if self.recorded is None:
             return journalled(self.policy, self.rig, self.journal)
         return resumed(self.policy, self.rig, self.journal, self.recorded, by=self.by, reset_fault=self.reset_fault)
 
     def interrupt(self, reason: str) -> None:
-        """`Journal.interrupt`, or, where no journal is kept, the same event to the stream."""
+        """`Journal.interrupt`, where a journal is kept."""
         if self.journal is not None:
             self.journal.interrupt(reason)
-        elif self.stream is not None and self.recorder.finished is None:
-            self.stream.add(Interrupted(reason=reason), clock_s=self.rig.scanner.clock.now_s())
 
     @property
-    def most_acquisitions(self) -> int:
-        """Most acquisitions of the search, for a progress bar."""
+    def most_acquisitions(self) -> int | None:
+        """Most acquisitions of the search, for a progress bar; None if they cannot be counted before."""
         return most_acquisitions(self.configuration.plan)
 
     def result(self) -> SearchResult:
@@ -82,10 +72,11 @@ class Session:
 def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
     """The plan with what follows from the rig; the paper's form of a method takes no dark frames before the search."""
     run = rig.run_plan
+    # The paper's methods measure no noise floor, and that of a single pulse is not that of an average.
+    without = plan.as_published or plan.sweep_speed_deg_s is not None
     return replace(
         plan,
-        # The paper's methods measure no noise floor.
-        dark_frames=0 if plan.as_published else run.dark_frames,
+        dark_frames=0 if without else run.dark_frames,
         closing_dark=run.closing_dark,
         stay=plan.stay or run.stay,
         angles_deg=rig.angles_deg,
@@ -94,7 +85,7 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
 
 def new_session(rig: Rig, plan: SearchPlan) -> Session:
     """A new search, without a journal yet; nothing moves before `Session.events` is iterated."""
-    policy = build(plan, limits=rig.limits.search)
+    policy = build_sweeping(plan, limits=rig.limits.search)
     return Session(policy=policy, rig=rig, configuration=configuration_of(rig, plan))
 
 

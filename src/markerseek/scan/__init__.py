@@ -5,6 +5,16 @@ A recorded scan over all angles is a bank (`markerseek.records.banks`).
 
 from markerseek.scan.confirmation import SEEN_SIGMAS, larger_noise, moved_source
 from markerseek.scan.loop import AnyScanner, RunLimits, run
-from markerseek.scan.scanner import Scanner, Watchdog
+from markerseek.scan.scanner import Scanner, Watchdog, divided_reading
 
-__all__ = ["SEEN_SIGMAS", "AnyScanner", "RunLimits", "Scanner", "Watchdog", "larger_noise", "moved_source", "run"]
+__all__ = [
+    "SEEN_SIGMAS",
+    "AnyScanner",
+    "RunLimits",
+    "Scanner",
+    "Watchdog",
+    "divided_reading",
+    "larger_noise",
+    "moved_source",
+    "run",
+]

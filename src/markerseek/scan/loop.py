@@ -7,7 +7,9 @@ a journal or a test can watch it; closing it stops the stage and takes the laser
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, replace
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Protocol
 
 from markerseek.core import (
@@ -23,7 +25,6 @@ from markerseek.core import (
     Found,
     Frame,
     Measured,
-    Policy,
     Refused,
     Role,
     RunPlan,
@@ -31,6 +32,9 @@ from markerseek.core import (
     SaturationError,
     SearchError,
     Started,
+    Sweep,
+    SweepingPolicy,
+    Swept,
 )
 from markerseek.guard import Guard, Limits, State
 from markerseek.scan.confirmation import apply_confirmation
@@ -65,6 +69,11 @@ class AnyScanner(Protocol):
     def measure_dark(self) -> Sample:
         """One acquisition at the present angle, with the laser off."""
 
+    def sweep(
+        self, sweep: Sweep, *, number: int, goes_on: Callable[[], bool]
+    ) -> Generator[Sample | Refused | Swept, None, None]:
+        """The samples of one sweep while it goes on, or why the frame of a pulse was refused; then its end."""
+
     def stop(self) -> None:
         """Disarm the guard and the laser, then stop the stage; allowed twice."""
 
@@ -85,7 +94,7 @@ _RUN_LIMITS, _RUN_PLAN = RunLimits(), RunPlan()
 
 
 def run(
-    policy: Policy,
+    policy: SweepingPolicy,
     scanner: AnyScanner,
     plan: RunPlan = _RUN_PLAN,
     *,
@@ -112,7 +121,7 @@ def run(
     Yields
     ------
     Event
-        Started; Asked, Refused and Measured; then Finished, or Failed followed by its error.
+        Started; Asked, Refused, Measured and Swept; then Finished, or Failed followed by its error.
 
     Raises
     ------
@@ -128,15 +137,24 @@ def run(
         for index in range(1, plan.dark_frames + 1):
             dark = yield from _dark(scanner, index, place_deg, limits.attempts)
             policy.tell(dark)
-        acquisitions, confirmations = 0, 0
+        # Steps: a sweep of many acquisitions is one of them.
+        steps, sweeps, acquisitions, confirmations = 0, 0, 0, 0
         confirmation: Sample | None = None
         searching = True
         while searching:
             # The caller owns the loop (ask and tell): all that is measured is yielded, journalled and limited here.
-            while (asked_deg := policy.ask()) is not None:
-                _require_budget(acquisitions, scanner.clock.now_s() - began_s, limits)
+            while (asked := policy.ask()) is not None:
+                _require_budget(steps, scanner.clock.now_s() - began_s, limits)
+                steps += 1
+                if isinstance(asked, Sweep):
+                    done = _SweepsDone(sweeps=sweeps, acquisitions=acquisitions, way_deg=[place_deg])
+                    yield from _swept(scanner, policy, asked, done, attempts=limits.attempts)
+                    travel_deg += sum(abs(to - at) for at, to in pairwise(done.way_deg))
+                    sweeps, acquisitions, place_deg = done.sweeps, done.acquisitions, done.way_deg[-1]
+                    lit += done.samples
+                    continue
                 acquisitions += 1
-                sample = yield from _measured(scanner, "search", acquisitions, asked_deg, limits.attempts)
+                sample = yield from _measured(scanner, "search", acquisitions, asked, limits.attempts)
                 # Without its frame: 128 channels of some thousand samples each, over hundreds of acquisitions.
                 lit.append(replace(sample, frame=None))
                 travel_deg += abs(sample.angle_deg - place_deg)
@@ -194,6 +212,64 @@ def _measured(
     sample = yield from _admitted(scanner, lambda: scanner.measure(angle_deg), angle_deg, attempts)
     yield Measured(role=role, index=index, sample=sample)
     return sample
+
+
+@dataclass(slots=True, kw_only=True)
+class _SweepsDone:
+    """How far a run has come with its sweeps."""
+
+    sweeps: int
+    acquisitions: int
+    way_deg: list[float]
+    """Where the probe was before and after, and at each pulse."""
+    samples: list[Sample] = field(default_factory=list)
+    """Without their frames."""
+    wanted: bool = True
+    """Whether the policy still asks for the sweep."""
+
+
+def _swept(
+    scanner: AnyScanner, policy: SweepingPolicy, asked: Sweep, done: _SweepsDone, *, attempts: int
+) -> Generator[Event, None, None]:
+    """A sweep: the policy is told each sample as it comes, and may end it early.
+
+    One that was broken off by a kill, or refused whole, is made anew from its beginning while the policy wants it.
+    """
+    begin_deg = done.way_deg[-1] if asked.from_deg is None else asked.from_deg
+    # Always stated: a run that is resumed goes on from another angle.
+    from_deg = scanner.limits.search.nearest(begin_deg)
+    sweep = replace(asked, from_deg=from_deg)
+    scanner.limits.require_search(sweep.to_deg)
+    for attempt in range(1, attempts + 1):
+        done.sweeps += 1
+        done.way_deg.append(from_deg)
+        yield Asked(role="search", index=done.acquisitions + 1, angle_deg=sweep.to_deg, sweep=sweep)
+        try:
+            with closing(scanner.sweep(sweep, number=done.sweeps, goes_on=lambda: done.wanted)) as outcomes:
+                for outcome in outcomes:
+                    if not isinstance(outcome, Sample):
+                        yield outcome
+                        if isinstance(outcome, Swept):
+                            done.way_deg.append(outcome.angle_deg)
+                            return
+                        continue
+                    done.acquisitions += 1
+                    yield Measured(role="search", index=done.acquisitions, sample=outcome)
+                    done.samples.append(replace(outcome, frame=None))
+                    done.way_deg.append(outcome.angle_deg)
+                    policy.tell(outcome)
+                    # Asked after each sample until it wants no more: a run that is repeated must ask as often.
+                    done.wanted = done.wanted and policy.ask() == asked
+        except SaturationError:
+            raise
+        except AcquisitionError as refusal:
+            # A policy cannot forget: if some samples of a sweep were told, it cannot be refused whole any more.
+            if done.samples or scanner.guard.state is State.FAULT or attempt == attempts:
+                scanner.guard.fail(str(refusal))
+                raise
+            yield Refused(angle_deg=sweep.to_deg, reason=str(refusal))
+        if not done.wanted:
+            return
 
 
 def _admitted(

@@ -1,11 +1,12 @@
-"""`Scanner`: one acquisition at one angle; the guard must permit each step."""
+"""`Scanner`: one acquisition at one angle, or one sweep; the guard must permit each step."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from types import TracebackType
-from typing import Protocol
+from typing import Protocol, cast
 
 import numpy as np
 
@@ -18,14 +19,25 @@ from markerseek.core import (
     Reader,
     Reading,
     Receiver,
+    Refused,
     Sample,
+    SaturationError,
     Stage,
+    StageReading,
+    Sweep,
+    SweepPermit,
+    Swept,
     is_finite,
 )
 from markerseek.guard import Guard, Limits, State
+from markerseek.scan.sweeping import SweepingDevices, SweepInProgress, SweptFrame
 
 MIN_ENERGY = 0.1
 """Least measured energy over the usual one with which a reading is used; the most is as much above it."""
+
+
+_THERE_DEG = 0.1
+"""A probe so near to the beginning of a sweep is not moved there."""
 
 
 class Watchdog(Protocol):
@@ -107,11 +119,7 @@ class Scanner:
         not armed; nothing was moved. Raises `AcquisitionError` if the frame was refused; it may be taken again. Raises
         `DeviceError` if a device did not do its part; the guard is in FAULT then.
         """
-        self._arm_itself()
-        self.guard.begin_move(angle_deg)
-        with self._faulting, self._watchdog_held:
-            reached_deg = self._stage.move_to(angle_deg)
-        self.guard.end_move(reached_deg)
+        self._move(angle_deg)
         self._acquired += 1
         return self._acquire(angle_deg, pulses=self._pulses[(self._acquired - 1) % len(self._pulses)])
 
@@ -123,10 +131,97 @@ class Scanner:
         self._arm_itself()
         return self._acquire(self.angle_deg, pulses=0)
 
+    @property
+    def sweeping(self) -> SweepingDevices:
+        """Its devices as those of a sweep; `ConfigError` says why this rig cannot sweep."""
+        return SweepingDevices.of(self._stage, self._laser, self._receiver)
+
+    def sweep(
+        self, sweep: Sweep, *, number: int, goes_on: Callable[[], bool]
+    ) -> Generator[Sample | Refused | Swept, None, None]:
+        """Turn the probe while the laser fires: a sample for each pulse, or why its frame was refused; then `Swept`.
+
+        ``number``: number of the sweep in its run. ``goes_on``: whether more of it is wanted; if not, it ends the
+        light, then the probe brakes. Raises `ConfigError` if the rig cannot sweep so; `LimitError` as `measure`. Raises
+        `AcquisitionError` if frames and pulses do not belong together, which refuses the sweep as a whole. Raises
+        `DeviceError` if a device did not do its part; the guard is in FAULT then.
+        """
+        devices = self.sweeping
+        if sweep.from_deg is not None and not abs(self.angle_deg - sweep.from_deg) <= _THERE_DEG:
+            self._move(sweep.from_deg)
+        self._arm_itself()
+        self._settle()
+        wanted = devices.permit(sweep, from_deg=self.angle_deg)
+        now_s = self.clock.now_s()
+        permit = self.guard.issue_sweep(wanted, now_s=now_s)
+        devices.require_in_time(sweep, permit, now_s=now_s)
+        with self._faulting:
+            devices.stage.prepare_sweep(speed_deg_s=sweep.speed_deg_s)
+        with self._refusable:
+            devices.receiver.begin_sweep(permit)
+        from_deg, now_s = self.angle_deg, self.clock.now_s()
+        self.guard.redeem(permit, angle_deg=from_deg, now_s=now_s)
+        progress = SweepInProgress(
+            devices,
+            permit,
+            speed_deg_s=sweep.speed_deg_s,
+            guard=self.guard,
+            clock=self.clock,
+            held=self._watchdog_held,
+            number=number,
+            at=StageReading(angle_deg=from_deg, asked_s=now_s, answered_s=now_s),
+        )
+        try:
+            with self._refusable:
+                swept = yield from self._samples(progress.frames(goes_on), permit)
+        except AcquisitionError as refusal:
+            if self.guard.state is State.SWEEPING:
+                self.guard.fail(str(refusal))
+            raise
+        finally:
+            # Broken off while it turns, or by a fault: the light ends first.
+            if self.guard.state in (State.SWEEPING, State.FAULT):
+                self._end_light_and_motion()
+        self._settled = True
+        yield swept
+
+    def _samples(
+        self, frames: Generator[SweptFrame, None, Swept], permit: SweepPermit
+    ) -> Generator[Sample | Refused | Swept, None, Swept]:
+        """Samples of the frames of a sweep, which the guard admits; returns what the frames return."""
+        while True:
+            try:
+                swept = next(frames)
+            except StopIteration as end:
+                return cast("Swept", end.value)
+            self.guard.admit_frame(swept.frame, permit=permit, now_s=self.clock.now_s())
+            yield self._read(swept)
+
+    def _read(self, swept: SweptFrame) -> Sample | Refused:
+        """The sample of a frame of a sweep, or why the frame says nothing; the sweep goes on in either case."""
+        frame = swept.frame
+        try:
+            reading = _per_energy(self._reader.read(frame), frame.header.energy)
+            self.guard.admit_reading(reading, frame=frame)
+        except SaturationError:
+            raise
+        except AcquisitionError as refusal:
+            return Refused(angle_deg=swept.angle_deg, reason=str(refusal), frame=frame)
+        return Sample(
+            angle_deg=swept.angle_deg,
+            reading=reading,
+            angle_sigma_deg=swept.angle_sigma_deg,
+            sweep=swept.timing,
+            frame=frame,
+        )
+
     def stop(self) -> None:
         """Disarm the guard, take the laser's permit away, then stop the stage; a fault stays one."""
         # The laser first, and the stage even if that fails: light is the greater danger.
         self.guard.disarm()
+        self._end_light_and_motion()
+
+    def _end_light_and_motion(self) -> None:
         try:
             with self._faulting:
                 self._laser.disarm()
@@ -134,13 +229,23 @@ class Scanner:
             with self._faulting:
                 self._stage.stop()
 
-    def _acquire(self, commanded_deg: float, *, pulses: int) -> Sample:
-        self._refused_frame = None
+    def _move(self, angle_deg: float) -> None:
+        self._arm_itself()
+        self.guard.begin_move(angle_deg)
+        with self._faulting, self._watchdog_held:
+            reached_deg = self._stage.move_to(angle_deg)
+        self.guard.end_move(reached_deg)
+
+    def _settle(self) -> None:
         if not self._settled:
             # After an acquisition that failed, its frame may arrive late and would pass for the answer to this permit.
             with self._refusable:
                 self._receiver.settle()
         self._settled = False
+
+    def _acquire(self, commanded_deg: float, *, pulses: int) -> Sample:
+        self._refused_frame = None
+        self._settle()
         permit = self.guard.issue(angle_deg=commanded_deg, pulses=pulses, now_s=self.clock.now_s())
         with self._refusable:
             self._receiver.arm(permit)
@@ -187,7 +292,7 @@ class _FaultOnError:
             self._guard.fail(f"{type(error).__name__}: {error}")
 
 
-class _WatchdogHeld:
+class _WatchdogHeld(AbstractContextManager[None]):
     """Holds the watchdog's lease during one step."""
 
     def __init__(self, watchdog: Watchdog | None) -> None:
@@ -211,6 +316,11 @@ def _per_energy(reading: Reading, energy: float | None) -> Reading:
             f"the energy of the pulses is {energy} of the usual one, it must lie between {MIN_ENERGY} and "
             f"{1 / MIN_ENERGY:g}; look at the laser and its energy meter"
         )
+    return divided_reading(reading, energy)
+
+
+def divided_reading(reading: Reading, energy: float) -> Reading:
+    """The reading with all its heights, noise included, divided by a positive number."""
     maxima = reading.local_maxima
     if maxima is not None:
         scaled = np.frombuffer(maxima.intensities, "<f4") / np.float32(energy)

@@ -14,9 +14,11 @@ from markerseek.search.methods import (
     METHODS,
     Method,
     build,
+    build_sweeping,
     method_named,
     most_acquisitions,
     refuse_posterior_settings,
+    require_sweeping,
 )
 from markerseek.search.peak import Peak, peak_of
 from markerseek.search.policy import SearchPolicy, check_acquisitions
@@ -44,6 +46,7 @@ __all__ = [
     "TrackingPolicy",
     "WeightedAverage",
     "build",
+    "build_sweeping",
     "check_acquisitions",
     "curve_of",
     "equal_steps",
@@ -53,5 +56,6 @@ __all__ = [
     "peak_of",
     "peak_passed",
     "refuse_posterior_settings",
+    "require_sweeping",
     "weighted_average",
 ]

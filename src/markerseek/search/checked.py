@@ -60,6 +60,11 @@ class CheckedPolicy(SearchPolicy):
         self._early_threshold = early_threshold
         self._tolerance = tolerance
 
+    @property
+    def inner(self) -> PaperPolicy:
+        """The method as published."""
+        return self._inner
+
     def _next_deg(self) -> float | None:
         """Next angle of the method in degrees; None at its end."""
         if self._early_threshold is not None:

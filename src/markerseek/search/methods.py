@@ -5,15 +5,18 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import SupportsFloat
+from typing import TYPE_CHECKING, SupportsFloat
 
-from markerseek.core import PAPER_RANGE, ConfigError, Interval, Policy, PolicyPlan, as_interval
+from markerseek.core import PAPER_RANGE, ConfigError, Interval, Policy, PolicyPlan, SweepingPolicy, as_interval
 from markerseek.search.average import THRESHOLD
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
 from markerseek.search.checked import CheckedPolicy
 from markerseek.search.manual import TURNS, ScriptedManual
 from markerseek.search.policy import PaperPolicy, check_acquisitions
 from markerseek.search.sweep import Exhaustive, WeightedAverage
+
+if TYPE_CHECKING:
+    from markerseek.search.posterior import Posterior
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,31 +109,15 @@ def build(plan: PolicyPlan | str, *, limits: Interval | Sequence[SupportsFloat] 
     """
     if isinstance(plan, str):
         plan = PolicyPlan(method=plan)
+    if plan.sweep_speed_deg_s is not None:
+        raise ConfigError(f"{plan.method}: a plan of sweeps is given to a policy of single angles; use build_sweeping")
     chosen = method_named(plan.method)
     number = chosen.acquisitions if plan.acquisitions is None else plan.acquisitions
     number = check_acquisitions(number, least=chosen.least, method=chosen.name)
     searched = as_interval(limits, name="limits")
     start_deg = None if plan.start_deg is None else float(plan.start_deg)
     if chosen.name == "posterior":
-        if plan.as_published:
-            raise ConfigError(
-                "posterior: it is markerseek's own and was not published; leave out as_published, or name a method of "
-                "the paper, for instance weighted-average"
-            )
-        # Imported here: other methods need neither SciPy nor the compiled kernels.
-        from markerseek.search.posterior import CUES, TARGET_SIGMA_DEG, USUAL_OTHERS, Posterior
-
-        return Posterior(
-            limits=searched,
-            acquisitions=number,
-            start_deg=start_deg,
-            target_sigma_deg=TARGET_SIGMA_DEG if plan.early_end else 0.0,
-            cues=CUES if plan.cues is None else plan.cues,
-            others=USUAL_OTHERS if plan.others is None else plan.others,
-            prior=plan.prior,
-            tolerance=plan.tolerance,
-            angles_deg=plan.angles_deg,
-        )
+        return _posterior(plan, limits=searched)
     refuse_posterior_settings(chosen.name, others=plan.others, prior=plan.prior, cues=plan.cues)
     ends_early = plan.early_end and chosen.name == "weighted-average"
     inner = _MAKERS[chosen.name](
@@ -143,6 +130,57 @@ def build(plan: PolicyPlan | str, *, limits: Interval | Sequence[SupportsFloat] 
     )
 
 
+def build_sweeping(plan: PolicyPlan, *, limits: Interval) -> SweepingPolicy:
+    """Return a policy for one search, as `build`, which sweeps where its plan says so.
+
+    The most acquisitions of its plan are those at rest, which follow where sweeps are not enough.
+    """
+    if plan.sweep_speed_deg_s is None:
+        return build(plan, limits=limits)
+    require_sweeping(plan)
+    from markerseek.search.posterior import SweepPosterior
+
+    return SweepPosterior(
+        lambda: _posterior(plan, limits=limits),
+        limits=limits,
+        speed_deg_s=plan.sweep_speed_deg_s,
+        start_deg=plan.start_deg,
+    )
+
+
+def _posterior(plan: PolicyPlan, *, limits: Interval) -> Posterior:
+    """The posterior of a plan, at rest."""
+    if plan.as_published:
+        raise ConfigError(
+            "posterior: it is markerseek's own and was not published; leave out as_published, or name a method of "
+            "the paper, for instance weighted-average"
+        )
+    # Imported here: other methods need neither SciPy nor the compiled kernels.
+    from markerseek.search.posterior import CUES, TARGET_SIGMA_DEG, USUAL_OTHERS, Posterior
+
+    chosen = method_named(plan.method)
+    number = chosen.acquisitions if plan.acquisitions is None else plan.acquisitions
+    return Posterior(
+        limits=limits,
+        acquisitions=check_acquisitions(number, least=chosen.least, method=chosen.name),
+        start_deg=None if plan.start_deg is None else float(plan.start_deg),
+        target_sigma_deg=TARGET_SIGMA_DEG if plan.early_end else 0.0,
+        cues=CUES if plan.cues is None else plan.cues,
+        others=USUAL_OTHERS if plan.others is None else plan.others,
+        prior=plan.prior,
+        tolerance=plan.tolerance,
+        angles_deg=plan.angles_deg,
+    )
+
+
+def require_sweeping(plan: PolicyPlan) -> None:
+    """Refuse sweeps for a plan of another method, or of one that uses every acquisition."""
+    if plan.method != "posterior" or plan.as_published:
+        raise ConfigError(f"{plan.method}: it asks for one angle after another; only posterior sweeps")
+    if not plan.early_end:
+        raise ConfigError("posterior: early_end is False, and sweeps end once the angle is known; leave it out")
+
+
 def refuse_posterior_settings(method: str, **settings: object) -> None:
     """Refuse settings that only the posterior has, given to another method.
 
@@ -153,8 +191,10 @@ def refuse_posterior_settings(method: str, **settings: object) -> None:
             raise ConfigError(f"{method}: {name} is given, but only the posterior has this setting; leave it out")
 
 
-def most_acquisitions(plan: PolicyPlan) -> int:
-    """Return the most acquisitions of a plan: its own number, or that of its method."""
+def most_acquisitions(plan: PolicyPlan) -> int | None:
+    """Return the most acquisitions of a plan, its own number or that of its method; None where it sweeps."""
+    if plan.sweep_speed_deg_s is not None:
+        return None
     return plan.acquisitions or method_named(plan.method).acquisitions
 
 

@@ -26,7 +26,7 @@ from markerseek.sim.settings import (
 )
 from markerseek.sim.stage import SimulatedStage, StageMotion
 from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
-from markerseek.sim.world import Flash, SimulatedWorld, World, flash_of
+from markerseek.sim.world import Flash, SimulatedWorld, World, flash_of, noise_gain
 
 __all__ = [
     "RECEIVER_FAULTS",
@@ -71,6 +71,7 @@ __all__ = [
     "flash_of",
     "hashable_values",
     "largest_noise",
+    "noise_gain",
     "post_beamformed",
     "spot_images",
     "swing_deg",

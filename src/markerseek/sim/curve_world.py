@@ -23,7 +23,7 @@ import numpy as np
 from markerseek.core import ConfigError, Float64, FrameHeader, ReadingFrame
 from markerseek.sim.curves import IntensityCurve
 from markerseek.sim.settings import SimulatedSettings
-from markerseek.sim.world import Flash, flash_of
+from markerseek.sim.world import Flash, flash_of, noise_gain
 
 _CELLS_AT = 1e-3
 """Probability of a false alarm at which a reading's number of cells is defined."""
@@ -40,7 +40,8 @@ class CurveWorld:
     ``curve``: None is a world without a marker. ``peak``: noise-free intensity with the probe on the marker.
     ``noise_sigma``: standard deviation of the beamformed noise (one quadrature) in the same unit. ``cells``: number of
     independent envelope cells of an image. ``energy_jitter``: standard deviation of a pulse's energy over its mean.
-    ``noise_stated``: whether a frame states the noise and the cells; those of a CSV do not.
+    ``noise_stated``: whether a frame states the noise and the cells; those of a CSV do not. ``averaged``: as of
+    `World`.
     """
 
     def __init__(
@@ -55,6 +56,7 @@ class CurveWorld:
         start_deg: float,
         rng: np.random.Generator,
         noise_stated: bool = True,
+        averaged: int | None = None,
     ) -> None:
         for name, value in (("peak", peak), ("noise_sigma", noise_sigma)):
             if not 0 < value < math.inf:
@@ -71,6 +73,7 @@ class CurveWorld:
         self._energy_jitter = energy_jitter
         self._rng = rng
         self._noise_stated = noise_stated
+        self._averaged = averaged
 
     @classmethod
     def of_settings(
@@ -96,6 +99,7 @@ class CurveWorld:
             start_deg=settings.start_deg,
             rng=rng,
             noise_stated=noise_stated,
+            averaged=settings.laser.pulses,
         )
 
     def flash(self, *, pulses: int, at_s: float) -> None:
@@ -106,16 +110,17 @@ class CurveWorld:
         """Frame with the intensity after a flash; after none, that of noise alone."""
         # Drawn also where the marker is far stronger: the numbers that follow must not depend on the curve.
         largest = largest_noise(self._rng, cells=self._cells)
+        noise_sigma = self._noise_sigma * (1.0 if flash is None else noise_gain(self._averaged, flash))
         if flash is not None and self._curve is not None:
-            snr = flash.energy * self._peak / self._noise_sigma
+            snr = flash.energy * self._peak / noise_sigma
             heights = self._curve.peaks(self.angle_deg - self._marker_deg)
             noise = self._rng.standard_normal((len(heights), 4)).tolist()
             for height, (along, *across) in zip(heights, noise, strict=True):
                 largest = max(largest, math.hypot(snr * height + along, *across))
         return ReadingFrame(
             header=header,
-            intensity=largest * self._noise_sigma,
-            noise_sigma=self._noise_sigma if self._noise_stated else None,
+            intensity=largest * noise_sigma,
+            noise_sigma=noise_sigma if self._noise_stated else None,
             cells=self._cells if self._noise_stated else None,
         )
 

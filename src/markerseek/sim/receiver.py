@@ -3,11 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from markerseek.core import AcquisitionError, ChannelFrame, Clock, ConfigError, Frame, FrameHeader, Permit, RFFrame
+from markerseek.core import (
+    AcquisitionError,
+    ChannelFrame,
+    Clock,
+    ConfigError,
+    Frame,
+    FrameHeader,
+    Permit,
+    RFFrame,
+    SweepPermit,
+)
 from markerseek.sim.bmode import BModeWorld
 from markerseek.sim.world import Flash, SimulatedWorld
 
@@ -21,6 +32,8 @@ class SimulatedReceiver:
     ``readout_s``: time to read one acquisition from the device: about 10 s for SonixDAQ files (paper, section 4).
     ``b_mode``: the same tissue in B-mode, of which an image is taken after each frame of counts, without light.
     ``meter_noise``: relative standard deviation of an energy meter, whose value stands in the header.
+    ``frame_period_s``: least time between two triggers of a sweep. One that needs longer than that to be read is read
+    at the end of a sweep, once.
     """
 
     def __init__(
@@ -31,6 +44,7 @@ class SimulatedReceiver:
         readout_s: float,
         b_mode: BModeWorld | None = None,
         meter_noise: float | None = None,
+        frame_period_s: float = 0.05,
         rng: np.random.Generator | None = None,
     ) -> None:
         if meter_noise is not None and rng is None:
@@ -43,7 +57,10 @@ class SimulatedReceiver:
         self._b_mode = b_mode
         self._meter_noise = meter_noise
         self._rng = rng
+        self.frame_period_s = frame_period_s
         self.sequence = 0
+        self._sweep: SweepPermit | None = None
+        self._heard = 0
         self._armed: tuple[Permit, int, float] | None = None
 
     def settle(self) -> None:
@@ -80,6 +97,44 @@ class SimulatedReceiver:
         self._b_mode.angle_deg = self._world.angle_deg
         self._clock.wait(B_MODE_S)
         return replace(frame, b_mode=self._b_mode.image())
+
+    def begin_sweep(self, permit: SweepPermit) -> None:
+        """Get ready for one flash after the other."""
+        self._sweep, self._heard = permit, len(self._world.flashes)
+
+    def frames(self) -> Sequence[Frame]:
+        """Frames of the flashes that have been read by now; none where they are read at the end."""
+        return self._swept(self._clock.now_s()) if self._readout_s <= self.frame_period_s else ()
+
+    def end_sweep(self) -> Sequence[Frame]:
+        """The frames that are left, after the read-out."""
+        self._clock.wait(self._readout_s)
+        frames = self._swept(self._clock.now_s())
+        self._sweep = None
+        return frames
+
+    def _swept(self, now_s: float) -> list[Frame]:
+        """Frames of the flashes that were read until then, with the probe where it was at each."""
+        frames: list[Frame] = []
+        stands_deg = self._world.angle_deg
+        for flash in self._world.flashes[self._heard :]:
+            if self._sweep is None or not flash.at_s + min(self._readout_s, self.frame_period_s) <= now_s:
+                break
+            self._heard += 1
+            self.sequence += 1
+            header = FrameHeader(
+                sequence=self.sequence,
+                token=self._sweep.token,
+                pulses=flash.pulses,
+                commanded_deg=self._sweep.to_deg,
+                started_s=flash.at_s,
+                ended_s=now_s,
+                energy=self._energy(flash),
+            )
+            self._world.angle_deg = stands_deg if flash.angle_deg is None else flash.angle_deg
+            frames.append(self._world.frame(flash, header=header))
+        self._world.angle_deg = stands_deg
+        return frames
 
     def _energy(self, flash: Flash) -> float | None:
         """What the meter says of a flash."""

@@ -53,6 +53,8 @@ class LaserSettings:
     """Standard deviation of ln energy from one acquisition to the next, beside that of the pulses."""
     energy_drift_per_min: float = 0.0
     """Change of ln energy in a minute."""
+    stamp_delay_s: float = 0.0
+    """Time from the stamp of a pulse to its light in a sweep, which nothing in the rig knows."""
     energy_meter_noise: float | None = None
     """Relative standard deviation of an energy meter, whose value stands in the header of each frame."""
 
@@ -63,6 +65,7 @@ class LaserSettings:
         require_range("laser: energy_drift_per_min", self.energy_drift_per_min, low=-1, high=1)
         if self.energy_meter_noise is not None:
             require_range("laser: energy_meter_noise", self.energy_meter_noise, low=0, high=0.3)
+        require_range("laser: stamp_delay_s", self.stamp_delay_s, low=-0.1, high=0.1, unit="s")
         require_range("laser: rate_hz", self.rate_hz, low=0, high=1000, unit="Hz", open_low=True)
         most = FiringLimits().pulses_per_permit
         if not 1 <= self.pulses <= most:
@@ -95,6 +98,10 @@ class ReceiverSettings:
     samples: int = 2080
     readout_s: float = 10.0
     """Time to read one acquisition: 10 s with SonixDAQ files (paper, section 4)."""
+    frame_period_s: float = 0.05
+    """Least time between two frames of a sweep; if readout_s is longer, all are read at the end of the sweep."""
+    single_pulses: bool = False
+    """Whether the gain that it chooses leaves room for the noise of a single pulse, as a sweep needs."""
     trigger_offset_s: float = 0.0
     """Time from the trigger to the middle of the laser pulse."""
     peak_counts: float | None = None
@@ -122,6 +129,7 @@ class ReceiverSettings:
             raise ConfigError(
                 f'receiver: peak_counts is {self.peak_counts}, it must lie in (0, 1e6]; "none" chooses it to fit'
             )
+        require_range("receiver: frame_period_s", self.frame_period_s, low=1e-3, high=10, unit="s")
         require_range("receiver: readout_s", self.readout_s, low=0, high=3600, unit="s", cure="10 s is usual")
 
 
@@ -179,6 +187,10 @@ def changed_settings(
     return settings
 
 
+_NEWER_RECEIVER = ("data", "receive_focus_m", "b_mode", "frame_period_s", "single_pulses")
+_NEWER_LASER = ("energy_spread", "energy_drift_per_min", "energy_meter_noise", "stamp_delay_s")
+
+
 def hashable_values(settings: SimulatedSettings) -> dict[str, Any]:
     """Settings as plain values for a hash, without those that are newer than the hashes and have their default.
 
@@ -186,8 +198,8 @@ def hashable_values(settings: SimulatedSettings) -> dict[str, Any]:
     """
     values: dict[str, Any] = msgspec.to_builtins(settings)
     usual: dict[str, Any] = msgspec.to_builtins(SimulatedSettings())
-    newer = [("receiver", name) for name in ("data", "receive_focus_m", "b_mode")]
-    newer += [("laser", name) for name in ("energy_spread", "energy_drift_per_min", "energy_meter_noise")]
+    newer = [("receiver", name) for name in _NEWER_RECEIVER]
+    newer += [("laser", name) for name in _NEWER_LASER]
     for part, name in newer:
         if values[part][name] == usual[part][name]:
             del values[part][name]

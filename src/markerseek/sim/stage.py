@@ -6,7 +6,17 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from markerseek.core import Clock, ConfigError, Interval, LimitError, require_range
+from markerseek.core import (
+    MAX_AHEAD_DEG,
+    Clock,
+    ConfigError,
+    Interval,
+    LimitError,
+    StageReading,
+    fastest_sweep_deg_s,
+    require_range,
+)
+from markerseek.sim.trapezoid import Leg
 from markerseek.sim.world import SimulatedWorld
 
 
@@ -48,8 +58,13 @@ class StageMotion:
         return distance / self.speed_deg_s + self.speed_deg_s / self.acceleration_deg_s2
 
 
+_ANSWER_S, _READ_AFTER = 4e-3, 0.75
+"""Time from a question to its answer in a sweep, in seconds, and the share of it after which the encoder is read: a
+driver that takes the middle is 1 ms off."""
+
+
 class SimulatedStage:
-    """Turns the world's probe, in virtual time."""
+    """Turns the world's probe, in virtual time. In a sweep it is somewhere at every moment."""
 
     def __init__(self, *, world: SimulatedWorld, clock: Clock, motion: StageMotion, travel: Interval) -> None:
         self.limits = travel
@@ -59,6 +74,9 @@ class SimulatedStage:
         # Whole counts: readback and setpoint differ by up to half a count, as on the device.
         self.counts = round(world.angle_deg * motion.counts_per_deg)
         self._on_its_way: Callable[[], float] | None = None
+        self._sweep_deg_s = motion.speed_deg_s
+        self._sweep_from_deg = self._sweep_to_deg = 0.0
+        self._legs: list[Leg] = []
 
     @property
     def seen_deg(self) -> float:
@@ -68,6 +86,7 @@ class SimulatedStage:
     @property
     def angle_deg(self) -> float:
         """Readback: the motor's encoder, in degrees; it does not know of the play."""
+        self._follow()
         return self.counts / self._motion.counts_per_deg
 
     def move_to(self, angle_deg: float) -> float:
@@ -75,9 +94,8 @@ class SimulatedStage:
 
         Raises `LimitError` if the angle is NaN or outside the travel range; nothing moves.
         """
-        # An interval contains no NaN.
-        if angle_deg not in self.limits:
-            raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
+        self._require_inside(angle_deg)
+        self.end_sweep()
         # At the lower end of the travel there is no room below the target: the play then stays above.
         below_deg = max(angle_deg - self._motion.approach_deg, self.limits.low_deg)
         if angle_deg < self.angle_deg and below_deg < angle_deg:
@@ -87,7 +105,100 @@ class SimulatedStage:
         return self.angle_deg
 
     def stop(self) -> None:
-        """Nothing to do: a move of this stage is over when `move_to` returns."""
+        """Brake, in a sweep; a move of this stage is over when `move_to` returns."""
+        self.brake()
+
+    @property
+    def fastest_sweep_deg_s(self) -> float:
+        """Largest speed of a sweep, in degrees per second."""
+        return min(self._motion.speed_deg_s, fastest_sweep_deg_s(self._motion.acceleration_deg_s2))
+
+    @property
+    def acceleration_deg_s2(self) -> float:
+        """Acceleration, in degrees per second squared."""
+        return self._motion.acceleration_deg_s2
+
+    @property
+    def play_deg(self) -> float:
+        """Play between encoder and probe where the angle falls, in degrees."""
+        return self._motion.backlash_deg
+
+    def prepare_sweep(self, *, speed_deg_s: float) -> None:
+        """Set the speed of a sweep."""
+        self._sweep_deg_s = speed_deg_s
+
+    def begin_sweep(self, to_deg: float) -> None:
+        """Begin to turn there; `LimitError` if that is outside the travel range."""
+        self._require_inside(to_deg)
+        self.end_sweep()
+        # It turns one way only, so that the play is taken up from where the probe was at the beginning.
+        self._sweep_to_deg, self._sweep_from_deg = to_deg, self._world.angle_deg
+        self._legs = [self._leg(self.angle_deg, 0.0)]
+
+    def read_sweep(self) -> StageReading:
+        """Where the encoder is, read some time after it was asked; the next target is given with the answer."""
+        asked_s = self._clock.now_s()
+        self._clock.wait(_READ_AFTER * _ANSWER_S)
+        angle_deg = self.angle_deg
+        self._clock.wait((1 - _READ_AFTER) * _ANSWER_S)
+        if self._legs:
+            here_deg, speed_deg_s = self._legs[-1].at(self._clock.now_s())
+            self._legs.append(self._leg(here_deg, speed_deg_s))
+        return StageReading(angle_deg=angle_deg, asked_s=asked_s, answered_s=self._clock.now_s())
+
+    def brake(self) -> None:
+        """Begin to brake: the target is where it can come to rest."""
+        if self._legs:
+            here_deg, speed_deg_s = self._legs[-1].at(self._clock.now_s())
+            way_deg = speed_deg_s**2 / (2 * self._motion.acceleration_deg_s2)
+            self._sweep_to_deg = here_deg + math.copysign(way_deg, self._sweep_to_deg - here_deg)
+            self._legs.append(self._leg(here_deg, speed_deg_s))
+
+    def end_sweep(self) -> None:
+        """Come to rest; moves have their own speed here."""
+        if self._legs:
+            while self._legs[-1].at(self._clock.now_s())[1] > 0:
+                self._clock.wait(0.01)
+            self._follow()
+            self._legs = []
+
+    def probe_deg(self, at_s: float) -> float:
+        """True angle of the probe at a time of the present sweep; outside of one, its angle now."""
+        leg = next((each for each in reversed(self._legs) if each.began_s <= at_s), None)
+        if leg is None:
+            return self._world.angle_deg
+        return self._pushed_deg(leg.at(at_s)[0], before_deg=self._sweep_from_deg)
+
+    def _leg(self, here_deg: float, speed_deg_s: float) -> Leg:
+        """The way to a target that is at most some degrees ahead."""
+        left_deg = self._sweep_to_deg - here_deg
+        return Leg(
+            began_s=self._clock.now_s(),
+            start_deg=here_deg,
+            speed_deg_s=speed_deg_s,
+            target_deg=here_deg + math.copysign(min(abs(left_deg), MAX_AHEAD_DEG), left_deg),
+            top_deg_s=self._sweep_deg_s,
+            acceleration_deg_s2=self._motion.acceleration_deg_s2,
+        )
+
+    def _follow(self) -> None:
+        """Set encoder and probe to where they are now, in a sweep."""
+        if self._legs:
+            motor_deg, _ = self._legs[-1].at(self._clock.now_s())
+            self.counts = round(motor_deg * self._motion.counts_per_deg)
+            self._world.angle_deg = self._pushed_deg(motor_deg, before_deg=self._sweep_from_deg)
+
+    def _pushed_deg(self, motor_deg: float, *, before_deg: float) -> float:
+        """True angle of a probe that was elsewhere before the motor came.
+
+        Pushed from below it is at the motor's angle, pulled from above it lags by the play.
+        """
+        return min(max(before_deg, motor_deg), motor_deg + self._motion.backlash_deg)
+
+    def _require_inside(self, angle_deg: float) -> None:
+        # An interval contains no NaN.
+        if angle_deg not in self.limits:
+            raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
 
     def _turn(self, angle_deg: float) -> None:
         """Move the motor by whole counts; the probe follows once the play is taken up."""
@@ -110,6 +221,4 @@ class SimulatedStage:
             raise
         finally:
             self._on_its_way = None
-            # Pushed from below the probe is at the encoder's angle; pulled from above it lags by the play.
-            play_deg = self._motion.backlash_deg
-            self._world.angle_deg = min(max(self._world.angle_deg, self.angle_deg), self.angle_deg + play_deg)
+            self._world.angle_deg = self._pushed_deg(self.angle_deg, before_deg=self._world.angle_deg)

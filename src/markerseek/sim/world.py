@@ -6,6 +6,7 @@ those reports with this state.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -24,6 +25,8 @@ class Flash:
     at_s: float
     pulses: int
     energy: float
+    angle_deg: float | None = None
+    """True angle of the probe then, where it turns; None where it is at rest until its frame is read."""
 
 
 def flash_of(rng: np.random.Generator, *, pulses: int, at_s: float, energy_jitter: float) -> Flash:
@@ -31,6 +34,11 @@ def flash_of(rng: np.random.Generator, *, pulses: int, at_s: float, energy_jitte
     # The mean of n independent pulses scatters by 1/sqrt(n) of one; a draw below 0 would be light of negative energy.
     energy = 1.0 + energy_jitter * rng.standard_normal() / np.sqrt(pulses)
     return Flash(at_s=at_s, pulses=pulses, energy=max(energy, 0.0))
+
+
+def noise_gain(averaged: int | None, flash: Flash) -> float:
+    """Noise of a frame of this flash over that of an average of so many pulses; 1 where None."""
+    return 1.0 if averaged is None else math.sqrt(averaged / flash.pulses)
 
 
 class SimulatedWorld(Protocol):
@@ -51,6 +59,7 @@ class World:
 
     ``absorbers``: absorbers; none is a world without a marker. ``noise``: noise of one acquisition, after averaging, in
     counts, the unit of the channel data. ``energy_jitter``: standard deviation of a pulse's energy over its mean.
+    ``averaged``: pulses over which that noise is averaged; None: it is the same for any number.
     """
 
     def __init__(
@@ -62,6 +71,7 @@ class World:
         energy_jitter: float,
         start_deg: float,
         rng: np.random.Generator,
+        averaged: int | None = None,
     ) -> None:
         self.model = model
         self.angle_deg = start_deg
@@ -70,6 +80,7 @@ class World:
         self._noise = noise
         self._energy_jitter = energy_jitter
         self._rng = rng
+        self._averaged = averaged
 
     def flash(self, *, pulses: int, at_s: float) -> None:
         """Light the tissue with the mean energy of this number of pulses, each with its jitter."""
@@ -89,6 +100,7 @@ class World:
             self._rng, channels=model.probe.array.elements, samples=model.samples, sampling_hz=model.sampling_hz
         )
         if flash is not None:
+            data *= np.float32(noise_gain(self._averaged, flash))
             # In single precision: a NumPy double would make the product, of the size of a frame, a double one.
             data += np.float32(flash.energy) * _without_noise(model, self._absorbers, self.angle_deg)
         return digitise(data)

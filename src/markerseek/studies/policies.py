@@ -23,9 +23,18 @@ from markerseek.core import (
     MarkerseekError,
     Policy,
     PolicyPlan,
+    SweepingPolicy,
     Tolerance,
 )
-from markerseek.search import METHODS, Method, build, check_acquisitions, method_named, refuse_posterior_settings
+from markerseek.search import (
+    METHODS,
+    Method,
+    build_sweeping,
+    check_acquisitions,
+    method_named,
+    refuse_posterior_settings,
+    require_sweeping,
+)
 
 
 def _method_of(name: str) -> Method:
@@ -58,6 +67,8 @@ class PolicySettings:
     """Whether a posterior is given the intensity curve of another marker on the same rig, which it has found before."""
     cues: tuple[str, ...] | None = None
     """Features of a reading that a posterior may use, as for `markerseek.search.posterior.Posterior`; None: all."""
+    sweep: bool = False
+    """Whether a posterior sweeps, at the fastest speed of the rig's stage."""
     tolerance_mm: float = 1.0
     """How well the angle of a marker that is found must be known, as in `markerseek.core.Tolerance`."""
 
@@ -74,6 +85,8 @@ class PolicySettings:
         least = _method_of(self.method).least
         if self.acquisitions is not None:
             check_acquisitions(self.acquisitions, least=least, method=self.method)
+        if self.sweep:
+            require_sweeping(PolicyPlan(method=self.method, as_published=self.as_published, early_end=self.early_end))
         if self.method != "posterior":
             refuse_posterior_settings(self.method, others=self.others, prior=self.prior, cues=self.cues)
 
@@ -89,6 +102,7 @@ class PolicySettings:
             ("others", self.others, None),
             ("prior", self.prior, False),
             ("cues", self.cues, None),
+            ("sweep", self.sweep, False),
         )
         for name, value, usual in settings:
             if value != usual:
@@ -111,16 +125,23 @@ class PolicySettings:
         others = "" if self.others is None else ", single" if self.others == 0 else f", others {self.others:g}"
         prior = ", with prior" if self.prior else ""
         cues = "" if self.cues is None else f", {' and '.join(self.cues)} only"
+        sweep = ", sweeping" if self.sweep else ""
         tolerance = "" if self.tolerance_mm == 1.0 else f", ± {self.tolerance_mm:g} mm"
-        return f"{self.method}{form}, {self.most}{end}{others}{prior}{cues}{tolerance}"
+        return f"{self.method}{form}, {self.most}{end}{others}{prior}{cues}{sweep}{tolerance}"
 
 
 def build_policy(
-    settings: PolicySettings, *, limits: Interval, start_deg: float | None, prior: MarkerCurve | None = None
-) -> Policy:
+    settings: PolicySettings,
+    *,
+    limits: Interval,
+    start_deg: float | None,
+    prior: MarkerCurve | None = None,
+    sweep_speed_deg_s: float | None = None,
+) -> SweepingPolicy:
     """Return a policy for one search.
 
-    ``prior``: intensity curve of a former marker on this rig, for a posterior.
+    ``prior``: intensity curve of a former marker on this rig, for a posterior. ``sweep_speed_deg_s``: speed of its
+    sweeps, for one that sweeps.
     """
     if is_own(settings.method):
         return _build_own(settings.method, limits=limits, acquisitions=settings.most)
@@ -129,7 +150,7 @@ def build_policy(
         return build_adapter(
             settings.method, limits=limits, acquisitions=settings.most, as_published=settings.as_published
         )
-    return build(
+    return build_sweeping(
         PolicyPlan(
             method=settings.method,
             acquisitions=settings.acquisitions,
@@ -140,6 +161,7 @@ def build_policy(
             prior=prior,
             cues=settings.cues,
             tolerance=settings.tolerance,
+            sweep_speed_deg_s=sweep_speed_deg_s,
         ),
         limits=limits,
     )

@@ -26,7 +26,7 @@ import msgspec
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError
-from markerseek.files import in_words, known_keys, read_toml, require_choice, require_key
+from markerseek.files import read_toml, require_key, setting_from, settings_from
 from markerseek.sim import PowerCurve, SimulatedSettings, hashable_values
 from markerseek.studies.policies import PolicySettings
 from markerseek.studies.scene import SceneSettings
@@ -148,6 +148,11 @@ class Study:
         return len(cells(self)) * self.trials * len(self.policies)
 
     @property
+    def sweeps(self) -> bool:
+        """Whether one of its policies sweeps."""
+        return any(policy.sweep for policy in self.policies)
+
+    @property
     def digest(self) -> str:
         """Hash of the study and of the package's version, 16 hexadecimal digits: equal for equal tables."""
         return _digest(self)
@@ -170,6 +175,10 @@ class Cell:
 def _digest(study: Study) -> str:
     # With the version: another one may compute other rows.
     values = msgspec.to_builtins(study) | {"rig": hashable_values(study.rig)}
+    for policy in values["policies"]:
+        # Newer than the first hashes.
+        if not policy["sweep"]:
+            del policy["sweep"]
     return _hashed([values, __version__]).hexdigest()[:16]
 
 
@@ -279,12 +288,7 @@ def _changed(settings: T, path: Sequence[str], value: Value, *, whole: str) -> T
         if not dataclasses.is_dataclass(part):
             raise ConfigError(f"vary: {whole}: {name} has no settings of its own")
         return dataclasses.replace(settings, **{name: _changed(part, path[1:], value, whole=whole)})  # type: ignore[type-var]
-    hint = typing.get_type_hints(type(settings))[name]
-    require_choice(value, hint, name=f"vary: {whole}")
-    try:
-        fitting = msgspec.convert(value, hint)
-    except msgspec.ValidationError as problem:
-        raise ConfigError(in_words(problem, name=f"vary: {whole}")) from problem
+    fitting = setting_from(value, typing.get_type_hints(type(settings))[name], name=f"vary: {whole}")
     return dataclasses.replace(settings, **{name: fitting})  # type: ignore[type-var]
 
 
@@ -301,13 +305,9 @@ def read_study(path: Path) -> Study:
     """
     table = read_toml(path, what="study file")
     try:
-        # The check of keys does not look into lists of tables: each policy is checked by itself.
         policies = [expanded for entry in _tables(table.pop("policies", [])) for expanded in _policies(entry)]
         vary = [{"key": key, "values": values} for key, values in _flat(table.pop("vary", {}))]
-        settings = known_keys(table, Study)
-        return msgspec.convert({"name": path.stem, **settings, "policies": policies, "vary": vary}, Study)
-    except msgspec.ValidationError as problem:
-        raise ConfigError(f"{path}: {in_words(problem)}") from problem
+        return settings_from({"name": path.stem, **table, "policies": policies, "vary": vary}, Study)
     except ConfigError as problem:
         raise ConfigError(f"{path}: {problem}") from problem
 
@@ -318,11 +318,13 @@ def _tables(entries: object) -> list[dict[str, object]]:
     return entries
 
 
-def _policies(entry: dict[str, object]) -> list[dict[str, object]]:
-    """One table of a policy for each number of acquisitions."""
-    known = known_keys(entry, PolicySettings, prefix="policies.")
-    numbers = known.get("acquisitions")
-    return [{**known, "acquisitions": number} for number in (numbers if isinstance(numbers, list) else [numbers])]
+def _policies(entry: dict[str, object]) -> list[PolicySettings]:
+    """One policy for each number of acquisitions."""
+    numbers = entry.get("acquisitions", "none")
+    return [
+        settings_from({**entry, "acquisitions": number}, PolicySettings, name="policies")
+        for number in (numbers if isinstance(numbers, list) else [numbers])
+    ]
 
 
 def _flat(table: object, prefix: str = "") -> list[tuple[str, list[object]]]:

@@ -209,10 +209,16 @@ def _search(
     study: Study, settings: PolicySettings, rig: rigs.Rig, *, prior: MarkerCurve | None = None
 ) -> tuple[Finished, int, tuple[float, ...]]:
     """End of a search, number of refused frames, and answers at the marks; `DeviceError` if a device ended it."""
-    policy = build_policy(settings, limits=rig.limits.search, start_deg=rig.stage.angle_deg, prior=prior)
+    policy = build_policy(
+        settings,
+        limits=rig.limits.search,
+        start_deg=rig.stage.angle_deg,
+        prior=prior,
+        sweep_speed_deg_s=rig.scanner.sweeping.stage.fastest_sweep_deg_s if settings.sweep else None,
+    )
     refused = 0
     marks_deg: list[float] = []
-    dark_frames = 0 if settings.as_published else rig.dark_frames
+    dark_frames = 0 if settings.as_published or settings.sweep else rig.dark_frames
     try:
         for event in run(policy, rig.scanner, RunPlan(dark_frames=dark_frames, stay=study.stay)):
             if isinstance(event, Refused):

@@ -39,8 +39,9 @@ from markerseek.core import (
     ReadingFrame,
 )
 from markerseek.rigs import image_reader
+from markerseek.scan import divided_reading
 from markerseek.signals import FALSE_PER_FRAME, MIN_CHANNELS, ImageReader, beamformed_sigma, found_level
-from markerseek.sim import Flash, SimulatedSettings, flash_of, largest_noise
+from markerseek.sim import Flash, SimulatedSettings, flash_of, largest_noise, noise_gain
 from markerseek.studies.unknowns import Unknowns
 
 PEAK_COUNTS = 20_000.0
@@ -208,6 +209,7 @@ class WindowWorld:
         self._sigma = gain * sigma
         self._noise = Noise(white_sigma=gain * white_sigma)
         self._marker = replace(window.marker, strength=gain * window.marker.strength)
+        self._averaged = settings.laser.pulses
 
     def flash(self, *, pulses: int, at_s: float) -> None:
         """Light the tissue with the mean energy of this number of pulses, each with its jitter."""
@@ -215,7 +217,12 @@ class WindowWorld:
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> _PrecomputedFrame:
         """Frame with the reading after a flash; after none, that of noise alone."""
-        reading = self._reading(flash)
+        noise = 1.0 if flash is None else noise_gain(self._averaged, flash)
+        # The noise of fewer pulses is computed as a weaker signal, for strong noise would not fit into 16 bits.
+        weaker = flash if flash is None or noise == 1 else replace(flash, energy=flash.energy / noise)
+        reading = self._reading(weaker)
+        if noise != 1:
+            reading = divided_reading(reading, 1 / noise)
         return _PrecomputedFrame(
             header=header,
             intensity=reading.intensity,

@@ -152,7 +152,12 @@ def study_rig(study: Study, cell: Cell, draw: Draw) -> rigs.Rig:
 def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, draw: Draw) -> rigs.Rig:
     """Rig with everything drawn, with frames or with readings."""
     model, rng = unknowns.model, np.random.default_rng(draw.noise_seed)
-    settings = replace(settings, probe=model.probe, laser=replace(settings.laser, pulses=unknowns.pulses))
+    settings = replace(settings, probe=model.probe)
+    if study.sweeps:
+        # The peak SNR is that of an average of as many pulses as the rig's file names: of one, it must not be drawn.
+        settings = replace(settings, receiver=replace(settings.receiver, single_pulses=True))
+    else:
+        settings = replace(settings, laser=replace(settings.laser, pulses=unknowns.pulses))
     imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
     reader: Reader
     if study.level == "frames":
@@ -165,6 +170,7 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, dr
             energy_jitter=settings.laser.energy_jitter,
             start_deg=settings.start_deg,
             rng=rng,
+            averaged=settings.laser.pulses,
         )
     else:
         reader = PrecomputedReader()
@@ -195,6 +201,8 @@ def _scene(unknowns: Unknowns, settings: SimulatedSettings, beside: DrawnScene, 
     others = [_scaled_to_level(each, model, marker_peak=scene.peak) for each in drawn]
     noise = scene.noise
     total, peak_counts = math.hypot(noise.white_sigma, noise.coloured_sigma), scene.peak_counts
+    if settings.receiver.single_pulses:
+        total *= math.sqrt(settings.laser.pulses)
     # A source near the probe reaches fewer channels, and must be stronger in each to be as loud in the image. Its sound
     # may overlap the marker's.
     loudest = peak_counts + max((largest_count([each], model, each) for each in others), default=0.0)

@@ -6,7 +6,6 @@ late while the lease is held, and when it is terminated itself. It relays bytes 
 """
 
 from markerseek.supervisor.client import Supervisor
-from markerseek.supervisor.lines import Line
 from markerseek.supervisor.port import SupervisedPort
 
-__all__ = ["Line", "SupervisedPort", "Supervisor"]
+__all__ = ["SupervisedPort", "Supervisor"]

@@ -8,7 +8,7 @@ import sys
 import msgspec
 
 from markerseek.core import MarkerseekError
-from markerseek.supervisor.lines import Line
+from markerseek.files import Line
 from markerseek.supervisor.messages import MAX_BYTES, Kind, packed
 from markerseek.supervisor.parent_death import set_realtime_priority
 from markerseek.supervisor.process import SupervisorProcess

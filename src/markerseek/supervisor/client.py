@@ -18,8 +18,8 @@ from typing import Self
 import msgspec
 
 from markerseek.core import ConfigError, NotConnectedError
+from markerseek.files import Line
 from markerseek.guard import Lease
-from markerseek.supervisor.lines import Line
 from markerseek.supervisor.messages import MAX_BYTES, Kind, packed, packed_step, unpacked
 from markerseek.supervisor.parent_death import set_realtime_priority
 from markerseek.supervisor.port import SupervisedPort

@@ -13,8 +13,9 @@ from collections import deque
 from collections.abc import Sequence
 
 from markerseek.core import DeviceError
+from markerseek.files import Line
 from markerseek.guard import Lease
-from markerseek.supervisor.lines import Line, open_line
+from markerseek.supervisor.lines import open_line
 from markerseek.supervisor.messages import Kind, packed, step_of, unpacked
 from markerseek.supervisor.parent_death import end_with_parent
 

@@ -4,24 +4,55 @@
 
 from __future__ import annotations
 
+import inspect
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from typing import ClassVar, TypeGuard
 
 from markerseek.core import (
     AcquisitionError,
     Frame,
+    Interval,
     Laser,
     LaserError,
     LimitError,
     Permit,
     Receiver,
     Stage,
+    is_finite,
 )
 from markerseek.testing._refused import refused
 
 
 def _permit(token: str, *, pulses: int = 4) -> Permit:
     return Permit(token=token, angle_deg=0.0, pulses=pulses, expires_s=math.inf)
+
+
+def _require_call(method: Callable[..., object], *arguments: object) -> None:
+    """Fail unless a method can be called with these arguments."""
+    try:
+        inspect.signature(method).bind(*arguments)
+    except TypeError as problem:
+        raise AssertionError(f"{getattr(method, '__name__', method)} cannot be called so: {problem}") from None
+    # Written in C, and without a signature that Python could read.
+    except ValueError:
+        return
+
+
+MAX_RESOLUTION_DEG = 0.1
+"""Coarsest resolution of a stage: further from its target than this, the guard takes a move for a fault."""
+
+
+def is_resolution(value: object) -> TypeGuard[float]:
+    """Whether it is a resolution that a stage can have, in degrees."""
+    return is_finite(value) and 0 < value <= MAX_RESOLUTION_DEG
+
+
+def _require_flag(device: object) -> None:
+    """Fail where it says something else of being an emulator than yes or no."""
+    says = getattr(device, "emulated", False)
+    assert isinstance(says, bool), f"emulated is {says!r}, it must be True or False"
 
 
 class StageContract:
@@ -31,9 +62,21 @@ class StageContract:
     ----------
     resolution_deg
         Most that the readback may differ from an angle asked for, in degrees.
+    reaches
+        Angles that its limits must hold; None: any.
+    at_rest, held_dry
+        Names of the tests that neither move it nor need anything of it but a stop, and of those that would not either
+        if its line were held dry: what a rig tries before it is armed.
     """
 
     resolution_deg: float = 1e-3
+    reaches: Interval | None = None
+    at_rest: ClassVar[tuple[str, ...]] = (
+        "test_it_has_what_a_stage_has",
+        "test_its_readback_at_rest_is_an_angle_inside_its_limits",
+        "test_stopping_is_allowed_at_any_time_and_twice",
+    )
+    held_dry: ClassVar[tuple[str, ...]] = ("test_it_refuses_what_is_no_angle_inside_its_limits",)
 
     def make(self) -> Stage:
         """Return a stage at rest."""
@@ -50,24 +93,57 @@ class StageContract:
             assert abs(reached - target) <= self.resolution_deg
             assert stage.angle_deg == reached
 
-    def test_it_refuses_to_leave_its_limits_and_stays_where_it_is(self) -> None:
+    def test_it_has_what_a_stage_has(self) -> None:
+        """It has angle_deg, limits, move_to(angle_deg) and stop()."""
+        stage = self.make()
+        assert isinstance(stage, Stage), "one of them is missing"
+        _require_flag(stage)
+        says = getattr(stage, "resolution_deg", MAX_RESOLUTION_DEG)
+        assert is_resolution(says), (
+            f"resolution_deg is {says!r}, it must be above 0 and at most {MAX_RESOLUTION_DEG} deg"
+        )
+        _require_call(stage.move_to, 0.0)
+        _require_call(stage.stop)
+        assert isinstance(stage.limits, Interval), f"limits is {stage.limits!r}, not a markerseek.core.Interval"
+        reaches = self.reaches or stage.limits
+        for end_deg in (reaches.low_deg, reaches.high_deg):
+            assert end_deg in stage.limits, f"its limits {stage.limits} do not hold the search range {reaches}"
+
+    def test_its_readback_at_rest_is_an_angle_inside_its_limits(self) -> None:
+        """Its readback at rest is a finite number of degrees inside its limits, and stays."""
+        stage = self.make()
+        first = stage.angle_deg
+        for angle_deg in (first, stage.angle_deg, stage.angle_deg):
+            assert is_finite(angle_deg), f"angle_deg is {angle_deg!r}"
+            assert angle_deg in stage.limits, f"angle_deg is {angle_deg} deg, outside {stage.limits}"
+            assert abs(angle_deg - first) <= self.resolution_deg, f"angle_deg is {first}, then {angle_deg} deg"
+
+    def test_it_refuses_what_is_no_angle_inside_its_limits(self) -> None:
+        """It refuses an angle beyond its limits, and NaN, by LimitError before it sends anything."""
+        stage = self.make()
+        beyond = (math.nan, math.inf, -math.inf, stage.limits.low_deg - 0.5, stage.limits.high_deg + 0.5)
+        for target in beyond:
+            with refused(LimitError, f"the stage accepted {target} deg outside of {stage.limits}"):
+                stage.move_to(target)
+
+    def test_it_stays_where_it_is_when_it_refuses(self) -> None:
         """Beyond the limits, and at NaN, nothing moves."""
         stage = self.make()
         stage.move_to(stage.limits.centre_deg)
         before = stage.angle_deg
-        beyond = (stage.limits.low_deg - 0.5, stage.limits.high_deg + 0.5, math.nan, math.inf, -math.inf)
-        for target in beyond:
+        for target in (stage.limits.low_deg - 0.5, stage.limits.high_deg + 0.5, math.nan, math.inf, -math.inf):
             with refused(LimitError, f"the stage accepted {target} deg outside of {stage.limits}"):
                 stage.move_to(target)
             assert stage.angle_deg == before
 
     def test_stopping_is_allowed_at_any_time_and_twice(self) -> None:
-        """A stop at rest changes nothing."""
+        """A stop at rest is allowed, also twice, and changes nothing."""
         stage = self.make()
         before = stage.angle_deg
         stage.stop()
         stage.stop()
-        assert stage.angle_deg == before
+        after = stage.angle_deg
+        assert abs(after - before) <= self.resolution_deg, f"angle_deg was {before}, and is {after} deg"
 
     def test_it_moves_again_after_a_stop(self) -> None:
         """A stop at rest does not block the next move."""
@@ -86,11 +162,31 @@ class StageContract:
 
 
 class LaserContract:
-    """Contract of a laser; a subclass makes one."""
+    """Contract of a laser; a subclass makes one.
+
+    Attributes
+    ----------
+    at_rest, held_dry
+        As of `StageContract`: tests without light, and those that have none if its line is held dry.
+    """
+
+    at_rest: ClassVar[tuple[str, ...]] = (
+        "test_it_has_what_a_laser_has",
+        "test_disarming_is_allowed_at_any_time_and_twice",
+    )
+    held_dry: ClassVar[tuple[str, ...]] = ("test_an_expired_permit_fires_nothing",)
 
     def make(self) -> Laser:
         """Return a laser that has fired nothing."""
         raise AssertionError("say how the laser is made: override make()")
+
+    def test_it_has_what_a_laser_has(self) -> None:
+        """It has fire(permit) and disarm()."""
+        laser = self.make()
+        assert isinstance(laser, Laser), "one of them is missing"
+        _require_flag(laser)
+        _require_call(laser.fire, _permit("none"))
+        _require_call(laser.disarm)
 
     def test_it_fires_what_is_permitted_and_no_more(self) -> None:
         """The pulses reported are those permitted, also when there are none."""
@@ -106,24 +202,45 @@ class LaserContract:
             laser.fire(_permit("once"))
 
     def test_an_expired_permit_fires_nothing(self) -> None:
-        """A permit that was void from the start is refused."""
+        """It refuses a permit that has expired by LaserError."""
         laser = self.make()
         with refused(LaserError, "the laser fired under an expired permit"):
             laser.fire(replace(_permit("late"), expires_s=-math.inf))
 
     def test_disarming_is_allowed_at_any_time_and_twice(self) -> None:
-        """A laser without a permit can be disarmed."""
+        """It can be disarmed without a permit, also twice."""
         laser = self.make()
         laser.disarm()
         laser.disarm()
 
 
 class ReceiverContract:
-    """Contract of a receiver; a subclass makes one, with the laser that triggers it."""
+    """Contract of a receiver; a subclass makes one, with the laser that triggers it.
+
+    Attributes
+    ----------
+    at_rest
+        As of `StageContract`: tests that need no trigger.
+    """
+
+    at_rest: ClassVar[tuple[str, ...]] = ("test_it_has_what_a_receiver_has", "test_without_arming_there_is_no_frame")
 
     def make(self) -> tuple[Receiver, Laser]:
         """Return a receiver and the laser that triggers it."""
         raise AssertionError("say how the receiver and its laser are made: override make()")
+
+    def make_receiver(self) -> Receiver:
+        """Return a receiver alone, for the tests that need no trigger."""
+        return self.make()[0]
+
+    def test_it_has_what_a_receiver_has(self) -> None:
+        """It has settle(), arm(permit) and acquire(permit)."""
+        receiver = self.make_receiver()
+        assert isinstance(receiver, Receiver), "one of them is missing"
+        _require_flag(receiver)
+        _require_call(receiver.settle)
+        _require_call(receiver.arm, _permit("none"))
+        _require_call(receiver.acquire, _permit("none"))
 
     def test_a_frame_answers_its_permit_in_order(self) -> None:
         """Token, pulses and angle are those of the permit; sequence numbers rise."""
@@ -143,8 +260,8 @@ class ReceiverContract:
             previous = header.sequence
 
     def test_without_arming_there_is_no_frame(self) -> None:
-        """A receiver that is not armed returns no frame."""
-        receiver, _laser = self.make()
+        """It returns no frame without being armed, but raises AcquisitionError."""
+        receiver = self.make_receiver()
         with refused(AcquisitionError, "the receiver returned a frame without being armed"):
             receiver.acquire(_permit("never armed"))
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -109,3 +110,53 @@ def decode_samples(body: bytes, header: DaqHeader) -> Int16[np.ndarray, "frames 
     """Samples of a channel file, one row per pulse, from the bytes after the header."""
     # astype without a copy where the computer is little-endian, as nearly all are.
     return np.frombuffer(body, dtype="<i2").reshape(header.frames, header.samples).astype(np.int16, copy=False)
+
+
+def by_number(names: Iterable[str]) -> dict[int, str]:
+    """The channel files among these names by their number; `RecordError` if two are of one channel."""
+    found: dict[int, str] = {}
+    for name in names:
+        number = file_number(name)
+        if number is None:
+            continue
+        if number in found:
+            raise RecordError(
+                f"{found[number]} and {name} are both channel {number}; keep one acquisition per folder, and let one "
+                "program of one SDK write there"
+            )
+        found[number] = name
+    return found
+
+
+def averaged(files: Iterable[tuple[str, bytes]]) -> tuple[Int16[np.ndarray, "channels samples"], int]:
+    """Samples of all channels by element, averaged over the pulses, and the number of pulses.
+
+    ``files``: name and bytes of each channel file. Raises `RecordError` if they are not all of one acquisition.
+    """
+    first: DaqHeader | None = None
+    samples = np.empty((CHANNELS, 0), np.int16)
+    for name, data in files:
+        number, header = file_number(name), decode_header(data[:HEADER_BYTES], size=len(data), name=name)
+        if header.samples > MAX_SAMPLES:
+            raise RecordError(
+                f"{name}: it holds {header.samples} samples of each pulse, at most {MAX_SAMPLES} are read; record a "
+                "shorter time"
+            )
+        if first is None:
+            first, samples = header, np.empty((CHANNELS, header.samples), np.int16)
+        # Files of two acquisitions would give a frame whose channels belong to different shots.
+        if header != first:
+            raise RecordError(
+                f"{name}: {header.frames} pulses of {header.samples} samples under a header of {header.length} bytes "
+                f"found, {first.frames} of {first.samples} under {first.length} expected as in the files before it; "
+                "the folder mixes acquisitions: acquire it again"
+            )
+        if number is None or header.channel not in (None, number):
+            raise RecordError(
+                f"{name}: channel {header.channel} is in its header; the files are out of order: acquire again"
+            )
+        pulses = decode_samples(data[header.length :], header)
+        # The connector permutes the channels: file numbers are not element numbers.
+        # In float64: the sum of many int16 pulses overflows int16.
+        samples[element_of_file(number)] = np.rint(pulses.mean(axis=0, dtype=np.float64))
+    return samples, 0 if first is None else first.frames

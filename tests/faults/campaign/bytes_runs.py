@@ -168,8 +168,9 @@ class ByteRun:
             port=DirectPort(device=bench.laser_box, clock=clock), clock=clock, rate_hz=100.0, dark_triggers=PULSES
         )
         receiver = SonixDaqReceiver(
-            settings=SonixDaqSettings(folder=self.folder / "daq", timeout_s=3.0, readout_s=0.4, dark_triggers=PULSES),
+            settings=SonixDaqSettings(folder=str(self.folder / "daq"), timeout_s=3.0, readout_s=0.4),
             clock=clock,
+            dark_triggers=PULSES,
         )
         guard = Guard(limits=self.settings.limits, firing=FiringLimits(), admission=Admission(dark_alarm=DARK_ALARM))
         guard.arm(by="the campaign")

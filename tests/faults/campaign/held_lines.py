@@ -10,7 +10,8 @@ from types import TracebackType
 from typing import Self
 
 from markerseek.core import Permit
-from markerseek.supervisor import Line, Supervisor
+from markerseek.files import Line
+from markerseek.supervisor import Supervisor
 
 SAFE_COMMAND = b"DISARM\n"
 RECEIVE_TIMEOUT_S = 10.0

@@ -256,7 +256,9 @@ class Restart:
             share=share or 0.0,
         )
         receiver = SonixDaqReceiver(
-            settings=SonixDaqSettings(folder=self._folder, dark_triggers=PULSES, readout_s=1.2 * READOUT_S), clock=clock
+            settings=SonixDaqSettings(folder=str(self._folder), readout_s=1.2 * READOUT_S),
+            clock=clock,
+            dark_triggers=PULSES,
         )
         if self._bare:
             receiver.settle = lambda: None  # type: ignore[method-assign]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
-import sqlite3
 from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
 from typing import Any, Literal
 from unittest import mock
 
 from markerseek.core import Policy
+from markerseek.records.journal import writer
 from markerseek.rigs import Rig
 
 _VERBS = {
@@ -71,15 +72,14 @@ class Fuse:
                 setattr(part, verb, self.around(getattr(part, verb), _VERBS[verb]))
 
 
-def fused_sqlite(fuse: Fuse) -> mock._patch[Any]:
-    """SQLite whose every statement is two steps."""
-
-    class Connection(sqlite3.Connection):
-        def execute(self, sql: str, *args: Any) -> Any:
-            return fuse.around(super().execute, f"SQLite {sql.split(maxsplit=1)[0]}")(sql, *args)
-
-        def close(self) -> None:
-            fuse.around(super().close, "SQLite closes")()
-
-    connect = sqlite3.connect
-    return mock.patch("sqlite3.connect", lambda *args, **named: connect(*args, factory=Connection, **named))
+def fused_writes(fuse: Fuse) -> AbstractContextManager[object]:
+    """Writes and flushes of the journal that are two steps each."""
+    stack = ExitStack()
+    for where, call, what in (
+        (writer, "_write", "journal is written"),
+        (writer, "flush", "journal is flushed"),
+        (os, "ftruncate", "journal is cut"),
+        (os, "link", "journal is named"),
+    ):
+        stack.enter_context(mock.patch.object(where, call, fuse.around(getattr(where, call), what)))
+    return stack

@@ -62,7 +62,7 @@ def new_path(suffix: str = ".journal") -> Path:
 
 
 def copy_of(path: Path) -> Path:
-    """A copy of a journal, with the rollback journal that a kill left beside it."""
+    """A copy of a journal, with whatever a kill left beside it."""
     copied = new_path()
     for part in path.parent.glob(f"{path.name}*"):
         shutil.copyfile(part, f"{copied}{part.name.removeprefix(path.name)}")

@@ -23,6 +23,6 @@ def hasty(policy: Policy, rig: Rig, journal: Journal) -> Iterator[Event]:
 
 if __name__ == "__main__":
     with mock.patch("tests.faults.kills.searches.journalled", hasty):
-        tally = at_steps("intensities", range(60, 400, 30))
+        tally = at_steps("intensities", range(40, 320, 25))
     row = tally.row("intensities", "every step")
     sys.stdout.write(f"{row.kills} {row.lost} {len(tally.wrong)}\n")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import platform
-import sqlite3
 import subprocess
 import textwrap
 from pathlib import Path
@@ -52,7 +51,7 @@ def report(tally: Tally, *, seed: int, every: int, took_s: float) -> str:
 
 
 def _versions() -> str:
-    ours = f"Python {platform.python_version()}, SQLite {sqlite3.sqlite_version}, HDF5 {h5py.version.hdf5_version}"
+    ours = f"Python {platform.python_version()}, HDF5 {h5py.version.hdf5_version}"
     return f"{ours}, NumPy {np.__version__}, {platform.system()} {platform.machine()}"
 
 

@@ -27,7 +27,7 @@ from markerseek.runs.resume import resumed
 from markerseek.search import build
 from markerseek.sim import GaussianCurve, ReceiverSettings, SimulatedSettings
 
-from .fuse import Fuse, fused_sqlite
+from .fuse import Fuse, fused_writes
 
 SEED = 7
 MARKER_DEG = 6.3
@@ -89,7 +89,7 @@ class Search:
         policy, rig, configuration = self.begin()
         fuse = Fuse(blows_at, ack_fd=ack_fd)
         fuse.into(policy, rig)
-        with fused_sqlite(fuse), arming_watched(rig) if resume else ExitStack():
+        with fused_writes(fuse), arming_watched(rig) if resume else ExitStack():
             if resume:
                 kept, held = Journal.reopen(journal)
                 events = resumed(policy, rig, kept, held, by=PERSON)

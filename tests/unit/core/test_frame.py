@@ -27,7 +27,6 @@ from markerseek.core import (
 )
 from markerseek.records.journal import Checked, Journal, JournalEvent, read_journal
 from markerseek.records.journal.encoding import decode, encode
-from markerseek.records.stream import EventStream, StreamDecoder, StreamEvent
 from tests.unit.records.journal.synthetic_journals import FULL_READING, HEADER, configuration
 
 GEOMETRY = ScanGeometry(first_lateral_m=-0.02, lateral_step_m=1e-4, first_depth_m=0.01, depth_step_m=2e-4)
@@ -68,18 +67,6 @@ def test_a_journal_holds_each_kind_wherever_a_frame_may_be(frame: Frame, tmp_pat
     assert isinstance(held[2], Checked)
     for again in (held[0].frame, held[1].sample.frame, held[2].frame):
         assert_same(again, frame)
-
-
-@pytest.mark.parametrize("frames", [True, False])
-@pytest.mark.parametrize("frame", FRAMES, ids=lambda frame: type(frame).__name__)
-def test_a_stream_sends_each_kind_of_frame_or_leaves_it_out(frame: Frame, tmp_path: Path, frames: bool) -> None:
-    with EventStream(tmp_path / "events", configuration(), frames=frames) as stream:
-        stream.add(Refused(angle_deg=1.0, reason="moved", frame=frame), clock_s=0.0)
-    _, item, _ = StreamDecoder().feed((tmp_path / "events").read_bytes())
-    assert isinstance(item, StreamEvent)
-    assert isinstance(item.event, Refused)
-    assert item.header == HEADER
-    assert_same(item.event.frame, frame if frames else None)
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=lambda frame: type(frame).__name__)

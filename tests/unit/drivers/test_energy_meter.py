@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace as changed_keys
 
 from markerseek import rigs
 from markerseek.core import (
@@ -21,9 +22,11 @@ from markerseek.core import (
     Measured,
     NotConnectedError,
     Permit,
+    PolicyPlan,
     Receiver,
+    RunPlan,
 )
-from markerseek.drivers import BenchLaser, EnergyMeter, metered
+from markerseek.drivers import EnergyMeter, LaserBoxSettings, metered
 from markerseek.drivers.kdc101 import Kdc101Stage
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
@@ -38,12 +41,12 @@ from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, Receive
 
 FULL_SCALE = 2047
 NEAR = Interval(low_deg=-12.0, high_deg=-4.0)
-KEYS = BenchLaser(port="", energy_from="photodiode", usual_energy=LIGHT_COUNTS)
+KEYS = LaserBoxSettings(port="", energy_from="photodiode", usual_energy=LIGHT_COUNTS)
 STEADY = LaserSettings(energy_jitter=0.0, energy_meter_noise=0.0)
 UNSTEADY = replace(STEADY, energy_spread=0.05)
 
 
-def found_on(folder: Path, laser: LaserSettings, keys: BenchLaser) -> tuple[list[Measured], Found]:
+def found_on(folder: Path, laser: LaserSettings, keys: LaserBoxSettings) -> tuple[list[Measured], Found]:
     """Search the emulated bench with the drivers, in virtual time."""
     settings = SimulatedSettings(
         marker=MarkerSettings(angle_deg=-8.0),
@@ -66,8 +69,8 @@ def found_on(folder: Path, laser: LaserSettings, keys: BenchLaser) -> tuple[list
     )
     scanner.guard.arm(by="test")
     # The vertex of a parabola through the top: a function of the intensities alone.
-    policy = build("exhaustive", limits=NEAR, acquisitions=9, as_published=True)
-    events = list(run(policy, scanner, dark_frames=1))
+    policy = build(PolicyPlan(method="exhaustive", acquisitions=9, as_published=True), limits=NEAR)
+    events = list(run(policy, scanner, RunPlan(dark_frames=1)))
     finished = events[-1]
     assert isinstance(finished, Finished)
     assert isinstance(finished.estimate, Found)
@@ -79,7 +82,7 @@ def test_an_unsteady_laser_on_the_emulated_bench_with_a_light_meter_gives_the_an
 ) -> None:
     _, steady = found_on(tmp_path / "steady", STEADY, KEYS)
     events, measured = found_on(tmp_path / "measured", UNSTEADY, KEYS)
-    _, unmeasured = found_on(tmp_path / "unmeasured", UNSTEADY, replace(KEYS, energy_from=None))
+    _, unmeasured = found_on(tmp_path / "unmeasured", UNSTEADY, changed_keys(KEYS, energy_from=None))
     energies = [event.sample.frame.header.energy for event in events if event.sample.frame is not None]
     assert energies[0] is None  # the dark frame
     assert 0.01 < np.std([energy for energy in energies if energy is not None]) < 0.1
@@ -89,7 +92,7 @@ def test_an_unsteady_laser_on_the_emulated_bench_with_a_light_meter_gives_the_an
 
 def test_a_box_of_version_1_measures_nothing_and_is_used_as_before(tmp_path: Path) -> None:
     counting = replace(STEADY, energy_meter_noise=None)
-    _, found = found_on(tmp_path / "counting", counting, replace(KEYS, energy_from=None))
+    _, found = found_on(tmp_path / "counting", counting, changed_keys(KEYS, energy_from=None))
     assert found.mean_deg == pytest.approx(-8.0, abs=0.5)
     with pytest.raises(NotConnectedError, match=r"only counts pulses .*load a firmware with a light meter"):
         found_on(tmp_path / "asked", counting, KEYS)
@@ -123,7 +126,7 @@ def test_the_pick_up_in_the_channels_measures_the_energy() -> None:
     """Energies that differ by 30 %, from a window of 1 µs; a dark frame has none."""
     rig = rigs.simulated(seed=4, settings=SimulatedSettings(noise=NoiseSettings(peak_snr_db=40.0)))
     energies = [1.0, 0.7, 1.3, 0.9]
-    keys = replace(KEYS, energy_from="pickup", pickup_us=(0.0, 1.0), usual_energy=None)
+    keys = changed_keys(KEYS, energy_from="pickup", pickup_us=(0.0, 1.0), usual_energy=None)
     receiver = WithPickup(rig.receiver, [*energies, *energies])
     unscaled = metered(keys, rig.laser, receiver, full_scale=FULL_SCALE)
     assert isinstance(unscaled, EnergyMeter)
@@ -131,7 +134,9 @@ def test_the_pick_up_in_the_channels_measures_the_energy() -> None:
     assert [energy_of(rig, unscaled, pulses=16) for _ in energies] == [None] * 4
     usual = unscaled.usual
     assert usual is not None
-    scaled = metered(replace(keys, usual_energy=usual / np.mean(energies)), rig.laser, receiver, full_scale=FULL_SCALE)
+    scaled = metered(
+        changed_keys(keys, usual_energy=usual / np.mean(energies)), rig.laser, receiver, full_scale=FULL_SCALE
+    )
     assert [energy_of(rig, scaled, pulses=16) for _ in energies] == pytest.approx(energies, rel=0.01)
     assert energy_of(rig, scaled, pulses=0) is None
 
@@ -172,17 +177,17 @@ def test_noise_alone_has_no_pick_up_and_one_that_is_clipped_is_refused() -> None
 )
 def test_keys_that_do_not_fit_are_refused(keys: dict[str, object], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        BenchLaser(port="", **keys)  # type: ignore[arg-type]
+        LaserBoxSettings(port="", **keys)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
         (KEYS, "energy_from is photodiode, which needs laser.driver laserbox"),
-        (replace(KEYS, energy_from="metadata", energy_field="Energy"), "which needs receiver.driver plus"),
+        (changed_keys(KEYS, energy_from="metadata", energy_field="Energy"), "which needs receiver.driver plus"),
     ],
 )
-def test_a_rig_without_such_a_meter_is_refused(keys: BenchLaser, message: str) -> None:
+def test_a_rig_without_such_a_meter_is_refused(keys: LaserBoxSettings, message: str) -> None:
     rig = rigs.simulated(seed=1)
     with pytest.raises(ConfigError, match=message):
         metered(keys, rig.laser, rig.receiver, full_scale=FULL_SCALE)

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from markerseek.core import ConfigError
-from markerseek.drivers import BenchLaser, exposure_line
+from markerseek.drivers import LaserBoxSettings, exposure_line
 from markerseek.drivers.exposure import CAVEAT, correction_c_a, skin_limit_j_m2
 
 NAN, INF = math.nan, math.inf
@@ -77,7 +77,7 @@ LIGHT = {"wavelength_nm": 785.0, "pulse_energy_j": 2e-6, "pulse_width_s": 100e-9
 
 
 def test_the_exposure_by_a_rig_s_laser_is_one_line_that_names_the_officer() -> None:
-    laser = BenchLaser(port="p", pulses=16, rate_hz=1000.0, **LIGHT)  # type: ignore[arg-type]
+    laser = LaserBoxSettings(port="p", pulses=16, rate_hz=1000.0, **LIGHT)  # type: ignore[arg-type]
     assert exposure_line(laser) == (
         "skin exposure: a pulse is 0.9% of its limit, an acquisition of 16 pulses 0.7%, 1000 Hz without a pause 88.0%. "
         "A laser safety officer must confirm this; the eye's limit is hundreds of times lower."
@@ -85,7 +85,7 @@ def test_the_exposure_by_a_rig_s_laser_is_one_line_that_names_the_officer() -> N
 
 
 def test_the_keys_that_are_missing_are_named() -> None:
-    laser = BenchLaser(port="p", wavelength_nm=785.0, pulse_width_s=1e-7)
+    laser = LaserBoxSettings(port="p", wavelength_nm=785.0, pulse_width_s=1e-7)
     assert exposure_line(laser) == (
         f"skin exposure: not shown, the rig file has no laser.pulse_energy_j, laser.spot_diameter_m. {CAVEAT}"
     )
@@ -95,4 +95,4 @@ def test_the_keys_that_are_missing_are_named() -> None:
 @pytest.mark.parametrize("value", [0.0, -1.0, 2000.0, INF, NAN])
 def test_light_that_no_limit_holds_for_is_refused(name: str, value: float) -> None:
     with pytest.raises(ConfigError, match=f"laser: {name} is {value}"):
-        BenchLaser(port="p", **(LIGHT | {name: value}))  # type: ignore[arg-type]
+        LaserBoxSettings(port="p", **(LIGHT | {name: value}))  # type: ignore[arg-type]

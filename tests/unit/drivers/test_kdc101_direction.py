@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from markerseek.core import ConfigError, Interval, LimitError
-from markerseek.drivers import Kdc101DriverSettings
+from markerseek.drivers import Kdc101Settings
 from markerseek.wire import apt
 from tests.unit.drivers.kdc101_bench import bench
 
@@ -85,4 +85,4 @@ def test_a_mirrored_probe_under_the_default_goes_to_the_mirrored_angle() -> None
 
 def test_another_word_is_refused() -> None:
     with pytest.raises(ConfigError, match="direction is 'left', it must be 'forward' or 'reverse'"):
-        Kdc101DriverSettings(direction="left")  # type: ignore[arg-type]
+        Kdc101Settings(port="", zero_deg=0.0, direction="left")  # type: ignore[arg-type]

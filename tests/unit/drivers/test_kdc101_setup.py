@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 
 from markerseek.core import ConfigError, DeviceTimeoutError, Interval, LimitError, MoveError, NotConnectedError
-from markerseek.drivers import Kdc101DriverSettings
 from markerseek.wire import AptFramer, apt
 from tests.unit.drivers.kdc101_bench import bench
 
@@ -86,4 +85,4 @@ def test_nobody_there() -> None:
 )
 def test_settings_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=next(iter(wrong))):
-        Kdc101DriverSettings(**wrong)
+        bench().stage(**wrong)

@@ -20,7 +20,7 @@ from markerseek.core import (
     Permit,
     Receiver,
 )
-from markerseek.drivers import BenchLaser, PlusReceiver, PlusSettings, connect_plus, metered
+from markerseek.drivers import LaserBoxSettings, PlusReceiver, PlusSettings, connect_plus, metered
 from markerseek.rigs import read_rig_file
 from markerseek.sim import VirtualClock
 from markerseek.testing import ReceiverContract
@@ -121,7 +121,7 @@ def test_a_dark_frame_has_the_triggers_of_the_laser(plus: EmulatedPlus) -> None:
 
 @pytest.mark.parametrize("said", [["2.0", "3.0"], ["2.0", "much"], ["2.0", None]])
 def test_the_energy_is_the_mean_of_the_named_field_of_the_images(plus: EmulatedPlus, said: list[str | None]) -> None:
-    keys = BenchLaser(port="", energy_from="metadata", energy_field="PulseEnergy", usual_energy=2.0)
+    keys = LaserBoxSettings(port="", energy_from="metadata", energy_field="PulseEnergy", usual_energy=2.0)
     receiver = metered(keys, plus, plus.receiver, full_scale=2047)
     receiver.arm(permit(2))
     for value in said:

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import math
 import tomllib
-from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Literal
 
 import pytest
 
 from markerseek.core import ConfigError, Interval
-from markerseek.drivers import BenchLaser, BenchProbe, BenchReceiver, BenchSettings
-from markerseek.drivers.settings import BenchStage, BenchSupervisor
+from markerseek.drivers import (
+    BenchProbe,
+    BenchSettings,
+    BenchSupervisor,
+    Kdc101Settings,
+    LaserBoxSettings,
+    PicolasSettings,
+    SonixDaqSettings,
+)
 from markerseek.guard import Limits
 from markerseek.rigs import read_rig_file
 
@@ -29,14 +35,6 @@ def read(folder: Path, text: str) -> BenchSettings:
     return settings
 
 
-def every_key(settings: object, prefix: str = "") -> set[str]:
-    keys: set[str] = set()
-    for field in fields(settings):  # type: ignore[arg-type]
-        value = getattr(settings, field.name)
-        keys |= every_key(value, f"{prefix}{field.name}.") if is_dataclass(value) else {prefix + field.name}
-    return keys
-
-
 def keys_of(table: dict[str, object], prefix: str = "") -> set[str]:
     keys: set[str] = set()
     for key, value in table.items():
@@ -47,11 +45,11 @@ def keys_of(table: dict[str, object], prefix: str = "") -> set[str]:
 def test_the_commented_example_names_every_key_and_holds_the_defaults() -> None:
     settings = read_rig_file(EXAMPLE)
     assert isinstance(settings, BenchSettings)
-    assert keys_of(tomllib.loads(EXAMPLE.read_text(encoding="utf-8"))) == every_key(settings) | {"kind"}
+    assert keys_of(tomllib.loads(EXAMPLE.read_text(encoding="utf-8"))) == keys_of(settings.table()) | {"kind"}
     assert settings == BenchSettings(
-        stage=BenchStage(port="/dev/ttyUSB0", zero_deg=0.0),
-        laser=BenchLaser(port="/dev/ttyACM0"),
-        receiver=BenchReceiver(folder=str(EXAMPLE.parent / "daq")),
+        stage=Kdc101Settings(port="/dev/ttyUSB0", zero_deg=0.0),
+        laser=LaserBoxSettings(port="/dev/ttyACM0"),
+        receiver=SonixDaqSettings(folder=str(EXAMPLE.parent / "daq")),
     )
 
 
@@ -101,10 +99,10 @@ def test_a_file_with_a_fault_is_refused_with_file_key_and_cure(tmp_path: Path, t
 @pytest.mark.parametrize(
     ("kind", "change"),
     [
-        (BenchLaser, {"port": "a", "pulses": 0}),
-        (BenchLaser, {"port": "a", "rate_hz": math.inf}),
-        (BenchReceiver, {"noise_ratio": 1.0}),
-        (BenchReceiver, {"noise_ratio": math.nan}),
+        (LaserBoxSettings, {"port": "a", "pulses": 0}),
+        (LaserBoxSettings, {"port": "a", "rate_hz": math.inf}),
+        (SonixDaqSettings, {"noise_ratio": 1.0}),
+        (SonixDaqSettings, {"noise_ratio": math.nan}),
         (BenchProbe, {"face_radius_m": 0.0}),
         (BenchProbe, {"face_radius_m": math.nan}),
         (BenchProbe, {"sound_speed_m_s": 1.54}),
@@ -115,15 +113,15 @@ def test_a_file_with_a_fault_is_refused_with_file_key_and_cure(tmp_path: Path, t
 )
 def test_values_out_of_range_are_refused(kind: type, change: dict[str, object]) -> None:
     with pytest.raises(ConfigError, match=next(name for name in change if name != "port")):
-        kind(**{"folder": "a"} | change if kind is BenchReceiver else change)
+        kind(**{"folder": "a"} | change if kind is SonixDaqSettings else change)
 
 
 def test_a_picolas_driver_needs_the_supervisor() -> None:
     with pytest.raises(ConfigError, match="a PicoLAS driver has no lease of its own; keep it enabled"):
         BenchSettings(
-            stage=BenchStage(port="a", zero_deg=0.0),
-            laser=BenchLaser(port="b", driver="picolas"),
-            receiver=BenchReceiver(folder="c"),
+            stage=Kdc101Settings(port="a", zero_deg=0.0),
+            laser=PicolasSettings(port="b"),
+            receiver=SonixDaqSettings(folder="c"),
             supervisor=BenchSupervisor(enabled=False),
         )
 
@@ -134,9 +132,9 @@ def test_a_search_that_could_not_be_approached_from_one_side_is_refused(
 ) -> None:
     def settings(limits: Limits) -> BenchSettings:
         return BenchSettings(
-            stage=BenchStage(port="a", zero_deg=0.0, approach_from=side),
-            laser=BenchLaser(port="b"),
-            receiver=BenchReceiver(folder="c"),
+            stage=Kdc101Settings(port="a", zero_deg=0.0, approach_from=side),
+            laser=LaserBoxSettings(port="b"),
+            receiver=SonixDaqSettings(folder="c"),
             limits=limits,
         )
 

@@ -16,8 +16,8 @@ from tests.unit.drivers.test_sonixdaq import Bench
 
 def settling(bench: Bench, *, readout_s: float = 2.0) -> SonixDaqReceiver:
     """Another process's driver on the same folder."""
-    watched = SonixDaqSettings(folder=bench.folder, dark_triggers=4, timeout_s=5.0, readout_s=readout_s)
-    return SonixDaqReceiver(settings=watched, clock=bench.clock)
+    watched = SonixDaqSettings(folder=str(bench.folder), timeout_s=5.0, readout_s=readout_s)
+    return SonixDaqReceiver(settings=watched, clock=bench.clock, dark_triggers=4)
 
 
 def permit(token: str = "a", pulses: int = 4) -> Permit:
@@ -104,8 +104,8 @@ def test_a_device_that_counts_completes_a_cut_train_with_the_next_triggers(tmp_p
 def test_the_start_command_gets_the_number_of_pulses(bench: Bench, tmp_path: Path) -> None:
     code = "import pathlib, sys; pathlib.Path(sys.argv[1]).write_text(sys.argv[2])"
     command = (sys.executable, "-c", code, str(tmp_path / "said"), "n={frames}")
-    watched = SonixDaqSettings(folder=bench.folder, dark_triggers=4, stable_s=0.0, start_command=command)
-    receiver = SonixDaqReceiver(settings=watched, clock=SystemClock())
+    watched = SonixDaqSettings(folder=str(bench.folder), stable_s=0.0, start_command=command)
+    receiver = SonixDaqReceiver(settings=watched, clock=SystemClock(), dark_triggers=4)
     for pulses, said in ((5, "n=5"), (0, "n=4")):
         receiver.arm(permit(str(pulses), pulses))
         assert (tmp_path / "said").read_text() == said

@@ -39,7 +39,7 @@ class VirtualBench:
         self.scanner = Scanner(
             stage=self.stage,
             laser=LaserBox(port=DirectPort(device=self.emulated.laser_box, clock=clock), clock=clock),
-            receiver=SonixDaqReceiver(settings=SonixDaqSettings(folder=folder, timeout_s=3.0), clock=clock),
+            receiver=SonixDaqReceiver(settings=SonixDaqSettings(folder=str(folder), timeout_s=3.0), clock=clock),
             reader=image_reader(SETTINGS.probe.array, sampling_hz=SETTINGS.receiver.sampling_hz),
             clock=clock,
             guard=self.guard,

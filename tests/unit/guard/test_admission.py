@@ -21,6 +21,7 @@ from markerseek.core import (
     RFFrame,
     SaturationError,
     ScanGeometry,
+    SpotEnergy,
 )
 from markerseek.guard import Admission
 from tests.unit.core.damaged import damaged
@@ -74,6 +75,9 @@ def test_the_answer_to_the_permit_is_admitted() -> None:
     admit(B_MODE, previous=B_MODE_BEFORE)
     Admission().admit_reading(READING, frame=FRAME, usual_sigma=None)
     Admission().admit_reading(Reading(intensity=0.0), frame=INTENSITY, usual_sigma=None)
+    # What a spot holds was checked when it was made.
+    spot = SpotEnergy(amplitude=10.0, relative_sigma=0.1, lateral_m=0.0, depth_m=0.05)
+    Admission().admit_reading(Reading(intensity=10.0, spot=spot), frame=FRAME, usual_sigma=None)
 
 
 @pytest.mark.parametrize(
@@ -81,15 +85,15 @@ def test_the_answer_to_the_permit_is_admitted() -> None:
     [
         (
             {"token": "permit-6"},
-            "stale frame: it carries the token 'permit-6', 'permit-7' was asked for; take it again",
+            "stale frame: of 'permit-6', not of 'permit-7'; take it again",
         ),
-        ({"sequence": 3}, "frame out of order: sequence number 3 after 3; take it again"),
-        ({"sequence": 2}, "frame out of order: sequence number 2 after 3; take it again"),
+        ({"sequence": 3}, "frame 3 after 3: out of order; try again"),
+        ({"sequence": 2}, "frame 2 after 3: out of order; try again"),
         ({"pulses": 15}, "15 pulses were seen, 16 were permitted; check the laser"),
         ({"pulses": 0}, "0 pulses were seen, 16 were permitted; check the laser"),
         ({"pulses": 17}, "17 pulses were seen, 16 were permitted; check the laser"),
-        ({"commanded_deg": 2.0}, "the frame is of 2.0 deg, 3.0 deg was asked for; take it again"),
-        ({"commanded_deg": NAN}, "the frame is of nan deg, 3.0 deg was asked for; take it again"),
+        ({"commanded_deg": 2.0}, "the frame is of 2.0 deg, not of 3.0 deg; take it again"),
+        ({"commanded_deg": NAN}, "the frame is of nan deg, not of 3.0 deg; take it again"),
         ({"angle_before_deg": None}, "the frame carries no readback of the angle; the scanner must add it"),
         ({"angle_after_deg": None}, "the frame carries no readback of the angle; the scanner must add it"),
         (
@@ -141,8 +145,8 @@ def test_a_frame_is_of_its_own_time(
         with pytest.raises(AcquisitionError) as refusal:
             admit(frame, issued_s=issued_s, now_s=now_s)
         assert str(refusal.value) == (
-            f"stale frame: taken from {started_s:.3f} to {ended_s:.3f} s, permitted at {issued_s:.3f} s, and it is "
-            f"{now_s:.3f} s now; the limit of age is 5.0 s; take it again"
+            f"stale frame: taken {started_s:.3f} to {ended_s:.3f} s, permitted at {issued_s:.3f} s, now {now_s:.3f} s; "
+            "the limit of age is 5.0 s; take it again"
         )
 
 
@@ -160,9 +164,7 @@ def test_a_frame_is_of_its_own_time(
 def test_a_frame_keeps_its_shape_within_a_run(previous: Frame, was: str) -> None:
     with pytest.raises(AcquisitionError) as refusal:
         admit(FRAME, previous=previous)
-    assert str(refusal.value) == (
-        f"the frame is of shape (128, 8) at 4e+07 Hz, the one before was {was}; was a setting changed in a run?"
-    )
+    assert str(refusal.value) == f"the frame is of shape (128, 8) at 4e+07 Hz, not {was}; was a setting changed?"
 
 
 @pytest.mark.parametrize(
@@ -182,10 +184,8 @@ def test_a_frame_keeps_its_shape_within_a_run(previous: Frame, was: str) -> None
 def test_a_b_mode_image_keeps_its_shape_and_place_within_a_run(previous: Frame, was: str) -> None:
     with pytest.raises(AcquisitionError) as refusal:
         admit(B_MODE, previous=previous)
-    assert str(refusal.value) == (
-        f"the frame is a B-mode image of shape (3, 4), {GEOMETRY}, the one before was {was}; "
-        "was a setting changed in a run?"
-    )
+    expected = f"the frame is a B-mode image of shape (3, 4), {GEOMETRY}, not {was}; was a setting changed?"
+    assert str(refusal.value) == expected
 
 
 @pytest.mark.parametrize(
@@ -360,9 +360,13 @@ def test_a_dark_frame_holds_no_more_than_noise_reaches(changes: dict[str, float]
     assert (said is None) == believed
     assert Admission().source_in_dark(reading) is None
     if said is not None:
-        assert f"taken without light, yet it holds a source: its intensity is {reading.intensity:.4g}" in said
-        assert said.endswith(
-            "light came: restart the data acquisition, so that no trigger is left over in it, and begin a new search"
+        assert reading.noise_sigma is not None
+        assert reading.cells is not None
+        limit = reading.noise_sigma * math.sqrt(2 * math.log(reading.cells / 1e-6))
+        assert said == (
+            f"the frame was taken without light, yet it holds a source of {reading.intensity:.4g}, while noise alone "
+            f"reaches {limit:.4g}; it is of another acquisition, or light came: restart the data acquisition, and "
+            "begin a new search"
         )
 
 

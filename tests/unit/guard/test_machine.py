@@ -7,10 +7,13 @@ from collections.abc import Callable
 
 import pytest
 
-from markerseek.core import ConfigError, Interval, LaserError, LimitError, MoveError, Permit
+from markerseek.core import ConfigError, Interval, LaserError, LimitError, MoveError, Permit, SweepPermit
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
 
 FOREIGN = Permit(token="foreign", angle_deg=0.0, pulses=1, expires_s=1e9)
+WANTED = SweepPermit(
+    token="", angle_deg=0.0, pulses=16, expires_s=0.0, to_deg=9.0, slowest_deg_s=2.0, fastest_deg_s=12.0, period_s=0.05
+)
 
 
 def guard(state: State = State.ARMED) -> Guard:
@@ -26,6 +29,8 @@ def guard(state: State = State.ARMED) -> Guard:
         made.begin_move(5.0)
     if state is State.FIRING:
         made.redeem(made.issue(angle_deg=0.0, pulses=16, now_s=0.0), angle_deg=0.0, now_s=0.0)
+    if state is State.SWEEPING:
+        made.redeem(made.issue_sweep(WANTED, now_s=0.0), angle_deg=0.0, now_s=0.0)
     return made
 
 
@@ -35,8 +40,11 @@ STEPS: dict[str, tuple[Callable[[Guard], object], set[State], str]] = {
     "begin_move": (lambda it: it.begin_move(1.0), {State.ARMED}, "move"),
     "end_move": (lambda it: it.end_move(5.0), {State.MOVING}, "end a move"),
     "issue": (lambda it: it.issue(angle_deg=0.0, pulses=1, now_s=0.0), {State.ARMED}, "permit pulses"),
+    "issue_sweep": (lambda it: it.issue_sweep(WANTED, now_s=0.0), {State.ARMED}, "permit pulses"),
     "redeem": (lambda it: it.redeem(FOREIGN, angle_deg=0.0, now_s=0.0), {State.ARMED}, "fire"),
     "end_fire": (lambda it: it.end_fire(16), {State.FIRING}, "end a firing"),
+    "read_sweep": (lambda it: it.read_sweep(0.0, now_s=0.1), {State.SWEEPING}, "sweep"),
+    "end_sweep": (lambda it: it.end_sweep(0.0, pulses=0, now_s=0.1), {State.SWEEPING}, "sweep"),
 }
 
 
@@ -62,7 +70,7 @@ def test_a_step_out_of_its_state_is_refused_and_changes_nothing(name: str, state
     assert str(refusal.value) == f"guard: {state.value}, not allowed to {words}; {cure}"
     assert made.state is state
     assert made.fault == ("the stage is on fire" if state is State.FAULT else None)
-    assert made.pulses_permitted == (16 if state is State.FIRING else 0)
+    assert made.pulses_permitted == (16 if state in (State.FIRING, State.SWEEPING) else 0)
 
 
 def test_a_measurement_goes_through_the_states() -> None:
@@ -219,7 +227,7 @@ def test_a_permit_expires_by_the_rigs_clock() -> None:
 def test_a_dose_that_is_exceeded_is_refused_and_no_fault() -> None:
     made = Guard(limits=Limits(), firing=FiringLimits(pulses_per_second=20), admission=Admission())
     made.arm(by="a test")
-    with pytest.raises(LimitError, match="129 pulses in one acquisition"):
+    with pytest.raises(LimitError, match="129 pulses under one permit"):
         made.issue(angle_deg=0.0, pulses=129, now_s=0.0)
     made.redeem(made.issue(angle_deg=0.0, pulses=16, now_s=0.0), angle_deg=0.0, now_s=0.0)
     made.end_fire(16)

@@ -42,7 +42,7 @@ def test_frames_are_admitted_in_order_and_a_new_run_begins_anew() -> None:
     made = guard()
     permit = made.issue(angle_deg=0.0, pulses=16, now_s=5.0)
     frame(made, permit, sequence=8, intensity=1.0, started_s=5.0)
-    with pytest.raises(AcquisitionError, match="sequence number 8 after 8"):
+    with pytest.raises(AcquisitionError, match="frame 8 after 8"):
         frame(made, permit, sequence=8, intensity=2.0, started_s=5.0)
     with pytest.raises(AcquisitionError, match="those of the frame before"):
         frame(made, permit, sequence=9, intensity=1.0, started_s=5.0)
@@ -143,7 +143,7 @@ def test_a_guard_that_recalls_a_run_refuses_what_the_first_one_would_have() -> N
     assert made.pulses_permitted == 32
     made.arm(by="a test")
     permit = made.issue(angle_deg=0.0, pulses=16, now_s=5.0)
-    with pytest.raises(AcquisitionError, match="sequence number 8 after 8"):
+    with pytest.raises(AcquisitionError, match="frame 8 after 8"):
         frame(made, permit, sequence=8, intensity=2.0, started_s=5.0)
     with pytest.raises(AcquisitionError, match="those of the frame before"):
         frame(made, permit, sequence=9, intensity=1.0, started_s=5.0)

@@ -25,7 +25,7 @@ def test_one_acquisition_has_a_limit_of_pulses(pulses: int) -> None:
     permits = Permits(FiringLimits())
     with pytest.raises(LimitError) as refusal:
         permits.issue(angle_deg=0.0, pulses=pulses, now_s=0.0)
-    assert str(refusal.value) == f"{pulses} pulses in one acquisition; the limit is 128: average fewer"
+    assert str(refusal.value) == f"{pulses} pulses under one permit; the limit is 128: ask for fewer"
     assert permits.pulses_permitted == 0
 
 

@@ -88,7 +88,10 @@ def test_a_bench_takes_the_same_keys(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("probe", "message"),
-    [("elements = 64\n", "probe: elements is 64, the SonixDAQ records 128"), ("low_hz = 9.5e6\n", "the band is 9.5e")],
+    [
+        ("elements = 64\n", r"probe: elements is 64, the receiver \(sonixdaq\) records 128"),
+        ("low_hz = 9.5e6\n", "the band is 9.5e"),
+    ],
 )
 def test_a_bench_refuses_a_probe_that_cannot_be(tmp_path: Path, probe: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):

@@ -14,14 +14,11 @@ from markerseek.bridges.igtl.streams import Stream, Streams
 from markerseek.bridges.recordings import Recording
 from markerseek.bridges.searches import Searches
 from markerseek.core import ConfigError, RecordError, SearchError
-from markerseek.records.stream import StreamItem
+from markerseek.records.journal import JournalItem
 from markerseek.runs import KnownRegistration
 
 ALIVE_S = 1.0
 """Time from one sign of life to the next, in seconds."""
-
-_MAX_ITEMS = 64
-"""Most items of a search's stream that wait to be sent; a frame has half a megabyte."""
 
 
 class SearchService:
@@ -122,31 +119,21 @@ class SearchService:
 
     async def _follow(self, child: ChildRun) -> None:
         """Send what a search shows, to its end."""
-        items: asyncio.Queue[StreamItem | None] = asyncio.Queue(_MAX_ITEMS)
-        reading = asyncio.create_task(self._read(child, items))
         try:
-            while (item := await items.get()) is not None:
+            async for item in _each(child.items()):
                 await self._show(item)
+        except RecordError as problem:
+            self._on_note(str(problem))
+            child.stop()
         except BaseException:
             # A defect here must not leave a search behind that nobody watches.
             child.stop()
             raise
-        await reading
         outcome = await asyncio.to_thread(child.outcome)
         self._on_note(outcome.message)
         self._publish(self._streams.ended(outcome))
 
-    async def _read(self, child: ChildRun, items: asyncio.Queue[StreamItem | None]) -> None:
-        """Read the stream while images are made, so that it loses none."""
-        try:
-            async for item in _each(child.items()):
-                await items.put(item)
-        except RecordError as problem:
-            self._on_note(str(problem))
-            child.stop()
-        await items.put(None)
-
-    async def _show(self, item: StreamItem) -> None:
+    async def _show(self, item: JournalItem) -> None:
         # In a thread: an image takes milliseconds, in which no client must wait.
         self._publish(await asyncio.to_thread(self._streams.after, item))
 

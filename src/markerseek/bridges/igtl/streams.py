@@ -33,12 +33,12 @@ from markerseek.core import (
     Sample,
     ScanGeometry,
     Started,
+    Swept,
     UInt8,
 )
 from markerseek.records import answer_name
 from markerseek.records.exports import image_to_probe, probe_to_probe_home
-from markerseek.records.journal import Checked, Interrupted
-from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead, StreamItem
+from markerseek.records.journal import Checked, Configuration, Entry, Interrupted, JournalItem
 from markerseek.ros import messages
 from markerseek.runs import KnownRegistration, rebuild_image_reader
 from markerseek.signals import AnyImageReader
@@ -112,47 +112,41 @@ class Streams:
         self._sentence = f"plays {self._recording}" if playing else "the search begins"
         return [*_marker(None), self.status, self._said()]
 
-    def after(self, item: StreamItem) -> list[Stream]:
-        """What changes with one item of a search's stream."""
+    def after(self, item: JournalItem) -> list[Stream]:
+        """What changes with one item of a search's journal."""
         match item:
-            case StreamHead(configuration=configuration):
-                facts, plan = configuration.facts, configuration.plan
-                self._imaging = rebuild_image_reader(configuration)
+            case Configuration(facts=facts, plan=plan):
+                self._imaging = rebuild_image_reader(item)
                 self._face_radius_m = facts.face_radius_m
                 self._state |= {"rig": facts.kind, "emulated": facts.emulated, "method": plan.method}
-                self._state |= {"acquisitions": 0, "refused": 0, "lost_lines": 0, "lost_frames": 0}
+                self._state |= {"acquisitions": 0, "refused": 0}
                 if self._face_radius_m is None:
                     self._state["no_image"] = (
                         "the rig has no probe.face_radius_m, so that the place of images is unknown"
                     )
                 self._sentence += f", on a {facts.kind} rig"
                 return [self.status, self._said()]
-            case StreamEvent():
-                self._state["lost_lines"] += item.lost_lines
-                self._state["lost_frames"] += item.lost_frames
+            case Entry():
                 streams = [*self._after_event(item), self._said()]
                 # One time for all: an image belongs to the transform of its acquisition.
                 return [replace(each, time_s=self._time_s(item)) for each in streams]
-            case StreamEnd():
-                return []
 
-    def _time_s(self, item: StreamEvent) -> float:
+    def _time_s(self, item: Entry) -> float:
         """When an event was, in seconds since 1970: of an acquisition its first moment, not that of its message."""
         written_s = _written_s(item.written)
         # A simulated clock runs ahead of the time of day.
         if not isinstance(item.event, Measured) or self._state.get("rig") != "bench":
             return written_s
         frame = item.event.sample.frame
-        header = frame.header if frame is not None else item.header
-        since_s = 0.0 if header is None else item.clock_s - header.started_s
+        since_s = 0.0 if frame is None else item.clock_s - frame.header.started_s
         return written_s - since_s if 0 <= since_s <= written_s else written_s
 
-    def _after_event(self, item: StreamEvent) -> list[Stream]:
+    def _after_event(self, item: Entry) -> list[Stream]:
         event = item.event
         self._state |= {"number": item.number, "clock_s": item.clock_s, "target_deg": None}
         match event:
-            case Started(start_deg=start_deg):
-                return [self._turned(start_deg)]
+            case Started(start_deg=angle_deg) | Swept(angle_deg=angle_deg):
+                return [self._turned(angle_deg)]
             case Asked(role=role, index=index, angle_deg=angle_deg):
                 self._state |= {"role": role, "index": index, "target_deg": angle_deg}
             case Measured(sample=sample):

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from markerseek.bridges.page.belief import ShownBelief
-from markerseek.bridges.page.models import mark, mean_deg, other_angles_deg, rounded
+from markerseek.bridges.page.models import mark, mean_deg, other_angles_deg
 from markerseek.bridges.page.state import Point, Snapshot
-from markerseek.core import Interval
+from markerseek.core import AngleBelief, Interval
 
 BLUE, SKY, ORANGE, GREEN, GREY = "#2a88c8", "#56b4e9", "#d55e00", "#009e73", "#8a8f98"
 """Colours that the colour-blind can tell apart, after Okabe and Ito: samples, density, answer, truth, the rest."""
@@ -43,7 +42,7 @@ def curve_options(snapshot: Snapshot, limits: Interval, *, known: tuple[str, flo
             _axis("intensity [a.u.]", gap_px=46) | {"boundaryGap": ["0%", "12%"]},
             # Only the posterior has one.
             _axis("probability [1/deg]", gap_px=36)
-            | {"splitLine": {"show": False}, "show": bool(belief and belief.angles_deg.size)},
+            | {"splitLine": {"show": False}, "show": bool(belief and belief.angles_deg)},
         ],
         "series": [
             {
@@ -72,11 +71,11 @@ def curve_options(snapshot: Snapshot, limits: Interval, *, known: tuple[str, flo
     }
 
 
-def _density(belief: ShownBelief | None) -> dict[str, list[float]]:
+def _density(belief: AngleBelief | None) -> dict[str, tuple[float, ...]]:
     """Angles in degrees, and the probability density there in 1/deg."""
     if belief is None:
-        return {"angle": [], "density": []}
-    return {"angle": rounded(belief.angles_deg, 3), "density": rounded(belief.density_per_deg, 5)}
+        return {"angle": (), "density": ()}
+    return {"angle": belief.angles_deg, "density": belief.density_per_deg}
 
 
 def _axis(name: str, *, gap_px: int) -> dict[str, Any]:
@@ -98,7 +97,9 @@ def _dot(point: Point, snapshot: Snapshot) -> dict[str, Any]:
     """One acquisition; in a weighted average its size is its weight."""
     confirms = point.role == "confirmation"
     weights = snapshot.belief.weights if snapshot.belief else ()
-    size = 4 + 10 * weights[point.number - 1] if weights and not confirms else 13 if confirms else 9
+    # An acquisition that has just been made has no weight until the policy has received it.
+    weighed = not confirms and point.number <= len(weights)
+    size = 4 + 10 * weights[point.number - 1] if weighed else 13 if confirms else 9
     return {
         "value": [round(point.angle_deg, 3), float(f"{point.intensity:.5g}"), mark(point, snapshot)],
         "symbol": "rect" if confirms else "circle",

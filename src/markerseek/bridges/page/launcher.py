@@ -27,9 +27,9 @@ class Launcher:
         # The thread is made now, not at the first child.
         self._thread_id = self._starter.submit(threading.get_native_id).result()
 
-    def __call__(self, arguments: Sequence[str]) -> ChildRun:
-        """Start a command with its frames on the stream."""
-        return self._starter.submit(ChildRun, arguments, frames=True).result()
+    def __call__(self, arguments: Sequence[str], journal: Path | None) -> ChildRun:
+        """Start a command; arguments as of `ChildRun`."""
+        return self._starter.submit(ChildRun, arguments, journal=journal).result()
 
     def lower_others(self) -> None:
         """Lower the priority of all other threads of this process, and so of those that they make."""

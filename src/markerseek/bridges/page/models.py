@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from markerseek.bridges.page.belief import ShownBelief, angles_text
 from markerseek.bridges.page.picture import Picture, drawn_background
-from markerseek.bridges.page.state import Phase, Point, Snapshot
-from markerseek.core import Ambiguous, Found, Interval, NotFound, Unsure
+from markerseek.bridges.page.state import Phase, Point, Snapshot, angles_text
+from markerseek.core import Ambiguous, AngleBelief, Found, Interval, NotFound, Unsure
+from markerseek.records import answer_name
 
 FACE_SHARE = 0.28
 """Radius of the probe over that of the fan, as drawn."""
@@ -34,16 +34,16 @@ def fan_model(snapshot: Snapshot, search: Interval, *, duration_s: float, known_
         # A new number begins a new movement of the needle.
         "move": snapshot.number,
         "duration": round(duration_s, 3),
-        "angles": rounded(belief.angles_deg, 3) if belief else [],
-        "density": rounded(belief.density_per_deg, 5) if belief else [],
+        "angles": belief.angles_deg if belief else (),
+        "density": belief.density_per_deg if belief else (),
         "points": _fan_points(snapshot),
         "mean": mean_deg(snapshot),
         "others": other_angles_deg(snapshot),
         "interval": belief.interval95_deg if belief else None,
         "bracket": belief.bracket_deg if belief else None,
         "truth": known_deg,
-        "choice_deg": rounded(belief.choice_deg, 3) if belief else [],
-        "choice_sigma": rounded(belief.choice_sigma_deg, 4) if belief else [],
+        "choice_deg": belief.choice_deg if belief else (),
+        "choice_sigma": belief.choice_sigma_deg if belief else (),
     }
 
 
@@ -91,8 +91,9 @@ def mark(point: Point, snapshot: Snapshot) -> str:
     """Number of an acquisition; for a confirmation a tick if it has confirmed a marker, else empty."""
     if point.role != "confirmation":
         return str(point.number)
-    found = snapshot.phase == "finished" and snapshot.belief is not None and snapshot.belief.is_found
-    return "✓" if found else ""
+    belief = snapshot.belief
+    claimed = belief is not None and belief.claims and isinstance(belief.estimate, Found)
+    return "✓" if snapshot.phase == "finished" and claimed else ""
 
 
 def image_model(picture: Picture | None, *, floor: float | None, imaged: bool = True) -> dict[str, Any]:
@@ -137,7 +138,7 @@ def number_rows(snapshot: Snapshot, *, name: str, pulse_j: float | None) -> list
     ]
     if belief is not None:
         others = [f"{each.relative_db:+.1f} dB at {each.angle_deg:.2f}°" for each in belief.estimate.others]
-        none = "none seen" if belief.angles_deg.size else "not looked for"
+        none = "none seen" if belief.angles_deg else "not looked for"
         rows.append(("other sources", ", ".join(others[:2]) or none))
         surveyed = belief.estimate.surveyed
         rows.append(("surveyed", "–" if surveyed is None else f"{100 * surveyed:.1f} % of range"))
@@ -153,7 +154,7 @@ def number_rows(snapshot: Snapshot, *, name: str, pulse_j: float | None) -> list
     return rows
 
 
-def interval_text(belief: ShownBelief) -> str:
+def interval_text(belief: AngleBelief) -> str:
     """The 95 % interval of an angle, and how far it reaches from it at the marker, where that is known."""
     low_deg, high_deg = belief.interval95_deg or (math.nan, math.nan)
     half_width_m = belief.estimate.half_width_m if isinstance(belief.estimate, Found | Unsure) else None
@@ -173,7 +174,7 @@ def snr_text(snapshot: Snapshot) -> str:
 def _expected_sigma_deg(snapshot: Snapshot) -> float | None:
     """Standard deviation expected after the acquisition on its way, in degrees; None where none was weighed up."""
     belief = snapshot.belief
-    if belief is None or snapshot.target_deg is None or not belief.choice_deg.size:
+    if belief is None or snapshot.target_deg is None or not belief.choice_deg:
         return None
     return float(np.interp(snapshot.target_deg, belief.choice_deg, belief.choice_sigma_deg))
 
@@ -198,12 +199,7 @@ def answer_text(snapshot: Snapshot) -> str:
     if not snapshot.belief.claims:
         return "claim: none: the paper's form of a method always answers, also where there is no marker"
     if snapshot.phase in _ENDED:
-        return f"{_ENDED[snapshot.phase]}; until then {snapshot.belief.answer}"
+        return f"{_ENDED[snapshot.phase]}; until then {answer_name(snapshot.belief.estimate)}"
     reason = getattr(snapshot.belief.estimate, "reason", None)
-    text = snapshot.belief.answer + (f": {reason}" if reason else "")
+    text = answer_name(snapshot.belief.estimate) + (f": {reason}" if reason else "")
     return text if snapshot.phase == "finished" else f"so far {text}"
-
-
-def rounded(values: Any, digits: int) -> list[float]:
-    """Numbers with so many decimals, as they are sent."""
-    return [round(float(value), digits) for value in values]

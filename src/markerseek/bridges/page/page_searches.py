@@ -11,7 +11,6 @@ from pathlib import Path
 
 from markerseek.bridges.page.change_signal import ChangeSignal
 from markerseek.bridges.page.child_search import ChildSearch, Launch
-from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.core import Interval, SearchError
 from markerseek.drivers import BenchSettings
@@ -96,7 +95,7 @@ class PageSearches:
                 raise SearchError("there is no search to go on with here; start one, or resume it in the terminal")
             # Armed at once: nothing here emits light.
             arguments = ["resume", str(before.journal), "--arm"]
-            self.search = self._live(arguments, journal=before.journal, before=before.last_run)
+            self.search = self._live(arguments, journal=before.journal)
 
     @property
     def paused(self) -> bool:
@@ -105,10 +104,10 @@ class PageSearches:
         if not self.rig.simulated or last is None or last.status != "ended" or last.journal is None:
             return False
         answered = last.outcome is not None and last.outcome.answered
-        run = last.last_run
-        if run is None or answered:
+        run = last.run
+        if answered or not last.journal.exists():
             return False
-        return run.snapshots[-1].phase not in {"finished", "fault"} and last.journal.exists()
+        return run is None or run.snapshots[-1].phase not in {"finished", "fault"}
 
     def start_race(self, one: PageSettings, other: PageSettings) -> None:
         """Start two searches on the same simulated rig, side by side; they keep no journal."""
@@ -175,7 +174,5 @@ class PageSearches:
                 raise SearchError("a search runs; stop it, or wait for its end")
             yield
 
-    def _live(
-        self, arguments: Sequence[str], *, journal: Path | None = None, before: RunHistory | None = None
-    ) -> ChildSearch:
-        return ChildSearch(self._launch, arguments, journal=journal, before=before, on_change=self.changes.tell)
+    def _live(self, arguments: Sequence[str], *, journal: Path | None = None) -> ChildSearch:
+        return ChildSearch(self._launch, arguments, journal=journal, on_change=self.changes.tell)

@@ -12,11 +12,22 @@ from typing import Any
 import msgspec
 from nicegui import run, ui
 
-from markerseek.bridges.page.belief import answer_in_words, is_claimed
 from markerseek.core import MarkerseekError, SearchError
 
 REPORT_S = 120.0
 """Longest time to draw a report, in seconds."""
+
+
+def is_claimed(answer: Mapping[str, Any]) -> bool:
+    """Whether a search claims its angle; the paper's form of a method answers always and claims nothing."""
+    return bool(answer["answer"] == "found" and not answer["as_published"])
+
+
+def answer_in_words(answer: Mapping[str, Any]) -> str:
+    """The answer of a search, with an angle as the command line prints it."""
+    if answer["as_published"]:
+        return f"angle {answer['angle_deg']:.3f}°, claim: none"
+    return f"found at {answer['angle_deg']:.3f}°" if is_claimed(answer) else str(answer["answer"])
 
 
 def make_report(journal: Path) -> dict[str, bytes]:

@@ -9,10 +9,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from markerseek.bridges.page.belief import PolicyMirror
 from markerseek.bridges.page.picture import Picture, picture_of
 from markerseek.bridges.page.state import Snapshot, SnapshotBuilder
-from markerseek.core import NO_HEADER, PAPER_RANGE, ChannelFrame, Measured, RFFrame, SearchPlan
+from markerseek.core import NO_HEADER, ChannelFrame, Measured, RFFrame, SearchPlan
 from markerseek.records.journal import Configuration, JournalEvent, RecordedRun
 from markerseek.runs import rebuild_image_reader
 from markerseek.signals import PRESET_NAMES, ImageReader, probe_preset
@@ -22,12 +21,13 @@ from markerseek.sim import StageMotion
 class RunHistory:
     """The snapshots and images of one run; one thread adds events, others read.
 
-    ``configuration``: plan and rig of the run.
+    ``configuration``: plan and rig of the run. ``has_policy``: whether a policy decides; False where a person turns the
+    probe.
     """
 
     def __init__(self, configuration: Configuration, *, has_policy: bool = True) -> None:
         self.configuration = configuration
-        self._state = SnapshotBuilder(configuration, has_policy=has_policy)
+        self._state = SnapshotBuilder(configuration)
         # Only ever appended to, so that another thread may read it at any time.
         self.snapshots: list[Snapshot] = [self._state.snapshot]
         self.pictures: dict[int, Picture] = {}
@@ -41,21 +41,16 @@ class RunHistory:
         event: JournalEvent,
         *,
         clock_s: float,
-        pulses: int | None = None,
-        lost: int = 0,
         on_change: Callable[[], None] = lambda: None,
     ) -> None:
         """Take one more event.
 
-        ``pulses``: pulses of its frame where the frame itself was not sent; None: those of the frame. ``lost``: events
-        that were lost just before. ``on_change``: called once the event can be shown, and again once its image can.
+        ``on_change``: called once the event can be shown, and again once its image can.
         """
-        self.snapshots.append(self._state.add(event, clock_s=clock_s, pulses=pulses, lost=lost))
+        self.snapshots.append(self._state.add(event, clock_s=clock_s))
         on_change()
-        # The image last: it takes as long as the belief, which is awaited more.
         if self._imaging is not None and isinstance(event, Measured) and not event.sample.dark:
             sample = event.sample
-            # A stream drops frames where its reader is slow: then there is no image, and nothing else is lost.
             if isinstance(sample.frame, ChannelFrame | RFFrame):
                 self.pictures[self.snapshots[-1].number] = picture_of(sample, self._imaging)
                 on_change()
@@ -96,8 +91,7 @@ class RunHistory:
 
 
 def warm_up() -> None:
-    """Load the compiled kernels of posterior and images, which takes a second, before the first search needs them."""
-    PolicyMirror(SearchPlan(method="posterior"), limits=PAPER_RANGE)
+    """Load the compiled kernels of images, which takes a second, before the first search needs them."""
     preset = probe_preset(PRESET_NAMES[0])
     samples = np.zeros((preset.array.elements, 2080), dtype=np.int16)
     ImageReader(preset).picture(ChannelFrame(header=NO_HEADER, samples=samples, sampling_hz=preset.sampling_hz))

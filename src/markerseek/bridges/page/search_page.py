@@ -48,8 +48,7 @@ def status_text(live: ChildSearch | None, *, simulated: bool) -> str:
     if live is None:
         return "ready: press Start"
     if live.status == "ended":
-        lost = f" ({live.lost} events were lost on their way to this page)" if live.lost else ""
-        return (f"fault: {live.message}" if live.failed else live.message) + lost
+        return f"fault: {live.message}" if live.failed else live.message
     if live.status == "starting" and not simulated:
         return "starting: the terminal where the page was started asks whether to arm"
     if live.status == "running" and live.run is not None:

@@ -6,17 +6,21 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
-from markerseek.bridges.page.belief import PolicyMirror, ShownBelief, angles_text
 from markerseek.core import (
+    Ambiguous,
+    AngleBelief,
     Asked,
+    Estimate,
     Failed,
     Finished,
     Measured,
+    NotFound,
     Refused,
     RigKind,
     Role,
     Sample,
     Started,
+    Swept,
 )
 from markerseek.records import answer_name
 from markerseek.records.journal import Checked, Configuration, Interrupted, JournalEvent, Resuming
@@ -50,8 +54,8 @@ class Snapshot:
     """Angle to which the stage was sent and which is not read back yet; None when nothing moves."""
     points: tuple[Point, ...] = ()
     """Acquisitions with light, in order."""
-    belief: ShownBelief | None = None
-    """None before the first acquisition with light."""
+    belief: AngleBelief | None = None
+    """What the policy believed when it last asked; None before the first acquisition with light."""
     travel_deg: float = 0.0
     elapsed_s: float = 0.0
     """``travel_deg`` and ``elapsed_s``: rotation in degrees, and time on the rig's clock in seconds, since the
@@ -85,34 +89,27 @@ class Snapshot:
 class SnapshotBuilder:
     """Makes a snapshot of a run after each of its events.
 
-    ``configuration``: plan of the search and facts of the rig. ``has_policy``: whether a policy decides; False where a
-    person turns the probe.
+    ``configuration``: plan of the search and facts of the rig.
     """
 
-    def __init__(self, configuration: Configuration, *, has_policy: bool = True) -> None:
-        limits = configuration.facts.search
-        self._mirror: PolicyMirror | None = PolicyMirror(configuration.plan, limits=limits) if has_policy else None
+    def __init__(self, configuration: Configuration) -> None:
         self._as_published = configuration.plan.as_published
         self._started_s = 0.0
         self.snapshot = Snapshot(rig=configuration.facts.kind)
 
-    def add(self, event: JournalEvent, *, clock_s: float, pulses: int | None = None, lost: int = 0) -> Snapshot:
+    def add(self, event: JournalEvent, *, clock_s: float) -> Snapshot:
         """State after one more event.
 
-        ``clock_s``: the rig's clock when it was committed. ``pulses``: pulses of its frame where the frame itself is
-        missing; None: those of the frame. ``lost``: events that were lost just before. From then on nothing is said of
-        what the search believes, because a policy that was told less would believe something else.
+        ``clock_s``: the rig's clock when it was committed.
         """
         if isinstance(event, Started):
             self._started_s = clock_s
-        if lost:
-            self._mirror = None
         now = replace(
             self.snapshot,
             number=self.snapshot.number + 1,
             elapsed_s=clock_s - self._started_s,
-            pulses=self.snapshot.pulses + (_pulses(event) if pulses is None else pulses),
-            belief=None if self._mirror is None else self.snapshot.belief,
+            pulses=self.snapshot.pulses + _pulses(event),
+            belief=getattr(event, "belief", None) or self.snapshot.belief,
         )
         self.snapshot = self._after(event, now)
         return self.snapshot
@@ -121,9 +118,8 @@ class SnapshotBuilder:
         match event:
             case Started(start_deg=start_deg, limits=limits):
                 return replace(now, phase="ready", probe_deg=start_deg, line=f"started at {start_deg:.2f}°, {limits}")
-            case Asked(role=role, index=index, angle_deg=angle_deg):
-                where = "" if role == "dark" else f" at {angle_deg:.2f}°"
-                return replace(now, phase="moving", target_deg=angle_deg, line=f"{self._name(role, index)}{where}")
+            case Asked() | Swept():
+                return self._turning(event, now)
             case Measured():
                 return self._measured(event, now)
             case Refused(angle_deg=angle_deg, reason=reason):
@@ -134,8 +130,7 @@ class SnapshotBuilder:
                 # The paper's form of a method always answers, and claims nothing.
                 name = "angle, not claimed" if self._as_published else answer_name(estimate)
                 line = ": ".join(filter(None, (name, angles_text(estimate))))
-                belief = None if now.belief is None else replace(now.belief, estimate=estimate)
-                return replace(now, phase="finished", target_deg=None, belief=belief, line=line)
+                return replace(now, phase="finished", target_deg=None, line=line)
             case Failed(error=error):
                 return replace(now, phase="fault", target_deg=None, line=f"fault: {error}")
             case Interrupted(reason=reason):
@@ -148,6 +143,15 @@ class SnapshotBuilder:
                 )
             case Checked(difference=difference):
                 return replace(now, phase="checking", line=f"checked: {difference or 'unchanged'}")
+
+    def _turning(self, event: Asked | Swept, now: Snapshot) -> Snapshot:
+        if isinstance(event, Swept):
+            line = f"the sweep ended at {event.angle_deg:.2f}° after {event.pulses} pulses"
+            return replace(now, target_deg=None, probe_deg=event.angle_deg, line=line)
+        where = "" if event.role == "dark" else f" at {event.angle_deg:.2f}°"
+        swept = f"sweeps to {event.angle_deg:.2f}°"
+        line = f"{self._name(event.role, event.index)}{where}" if event.sweep is None else swept
+        return replace(now, phase="moving", target_deg=event.angle_deg, line=line)
 
     def cut_off(self, reason: str) -> Snapshot:
         """State after the last event of a run that gave no end: where its probe is now is not known."""
@@ -165,10 +169,6 @@ class SnapshotBuilder:
         sample = event.sample
         name = self._name(event.role, event.index)
         line = f"{name}: {sample.angle_deg:.2f}°, intensity {sample.reading.intensity:.4g}"
-        if self._mirror is not None:
-            tell = self._mirror.confirm if event.role == "confirmation" else self._mirror.tell
-            # Without its frame of half a megabyte: a page keeps its runs for a while, and no search looks at frames.
-            tell(replace(sample, frame=None))
         now = replace(now, phase="measured", target_deg=None, probe_deg=sample.angle_deg, line=line)
         if sample.dark:
             return now
@@ -179,10 +179,18 @@ class SnapshotBuilder:
         return replace(
             now,
             points=(*now.points, point),
-            belief=None if self._mirror is None else self._mirror.belief(),
             travel_deg=now.travel_deg + moved_deg,
             snr_db=_larger(now.snr_db, _snr_db(sample)),
         )
+
+
+def angles_text(estimate: Estimate) -> str:
+    """Angles that an answer names; empty where nothing was detected, because the angle is then that of the noise."""
+    if isinstance(estimate, NotFound):
+        return ""
+    if isinstance(estimate, Ambiguous):
+        return " or ".join(f"{each:.1f}°" for each in estimate.modes_deg)
+    return f"{estimate.mean_deg:.3f}°"
 
 
 _ROLES: dict[Role, str] = {"dark": "dark frame", "search": "acquisition", "confirmation": "confirmation"}

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from markerseek.bridges.recordings import Recording
 from markerseek.bridges.ros2.sample_topics import SampleTopics
 from markerseek.core import Measured, require_range
-from markerseek.records.stream import StreamEvent, StreamHead
+from markerseek.records.journal import Configuration, Entry
 from markerseek.ros import RosNode, messages, topics
 
 _FIND_S = 2.0
@@ -43,11 +43,11 @@ def play(recording: Recording, node: RosNode, *, pace: float, until: Callable[[]
         if until():
             break
         match item:
-            case StreamHead():
+            case Configuration():
                 publisher.begin(item, played=True, recording=recording.name)
                 _wait_for_subscribers(node)
                 began_s = time.monotonic()
-            case StreamEvent(event=Measured() as event):
+            case Entry(event=Measured() as event):
                 publisher.publish(event, played=True)
                 played += 1
         node.spin(0.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from markerseek.core import BModeImage, ChannelFrame, Measured, RFFrame
-from markerseek.records.stream import StreamHead
+from markerseek.records.journal import Configuration
 from markerseek.ros import RosNode, messages, topics
 from markerseek.runs import KnownRegistration, rebuild_image_reader
 from markerseek.signals import AnyImageReader
@@ -38,12 +38,11 @@ class SampleTopics:
         ):
             node.advertise(topic, kind)
 
-    def begin(self, head: StreamHead, **facts: object) -> None:
+    def begin(self, configuration: Configuration, **facts: object) -> None:
         """Begin a run or a recording.
 
-        ``head``: its configuration; published as JSON, and kept for subscribers that come later.
+        ``configuration``: published as JSON, and kept for subscribers that come later.
         """
-        configuration = head.configuration
         self._imaging = rebuild_image_reader(configuration)
         self._face_radius_m, self._brightest = configuration.facts.face_radius_m, 0.0
         known = configuration.flat()

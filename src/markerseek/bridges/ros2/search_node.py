@@ -11,8 +11,7 @@ from markerseek.bridges.ros2.sample_topics import SampleTopics
 from markerseek.bridges.ros2.serving import Diagnostics
 from markerseek.bridges.searches import Searches, SearchRequest
 from markerseek.core import Failed, Measured, RecordError, Refused, SearchError
-from markerseek.records.journal import Checked
-from markerseek.records.stream import StreamEvent, StreamHead, StreamItem
+from markerseek.records.journal import Checked, Configuration, Entry, JournalItem
 from markerseek.ros import RosNode, messages, topics
 
 
@@ -31,8 +30,8 @@ class SearchNode:
         self._searches, self._request = searches, request
         self._topics = SampleTopics(node=node, publishes_angle=publishes_angle)
         self._child: ChildRun | None = None
-        self._items: queue.SimpleQueue[StreamItem | Outcome] = queue.SimpleQueue()
-        self._counts = {"searches": 0, "acquisitions": 0, "refused": 0, "lost lines": 0, "lost frames": 0}
+        self._items: queue.SimpleQueue[JournalItem | Outcome] = queue.SimpleQueue()
+        self._counts = {"searches": 0, "acquisitions": 0, "refused": 0}
         self._fault: str | None = None
         self._diagnostics = Diagnostics(node)
         node.advertise(topics.RESULT, "std_msgs/msg/String", latched=True)
@@ -71,7 +70,7 @@ class SearchNode:
         threading.Thread(target=self._read, args=(self._child,), daemon=True).start()
 
     def _read(self, child: ChildRun) -> None:
-        """Read the child's stream in a thread of its own: waiting there must not hold up the network."""
+        """Follow the child in a thread of its own: waiting there must not hold up the network."""
         try:
             for item in child.items():
                 self._items.put(item)
@@ -94,13 +93,11 @@ class SearchNode:
         while self.running:
             self._publish(self._items.get())
 
-    def _publish(self, item: StreamItem | Outcome) -> None:
+    def _publish(self, item: JournalItem | Outcome) -> None:
         match item:
-            case StreamHead():
+            case Configuration():
                 self._topics.begin(item)
-            case StreamEvent(event=event):
-                self._counts["lost lines"] += item.lost_lines
-                self._counts["lost frames"] += item.lost_frames
+            case Entry(event=event):
                 if isinstance(event, Measured):
                     self._counts["acquisitions"] += 1
                     self._topics.publish(event)

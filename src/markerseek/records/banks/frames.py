@@ -130,57 +130,16 @@ def _mat_frame(path: Path, arrays: Mapping[str, np.ndarray]) -> Int16[np.ndarray
 
 
 def _load_daq_folder(folder: Path) -> tuple[Int16[np.ndarray, "channels samples"], int]:
-    files = _daq_files(folder)
-    first, _ = _daq_file(files[0])
-    samples = np.empty((sonixdaq.CHANNELS, first.samples), np.int16)
-    for number, path in sorted(files.items()):
-        header, body = _daq_file(path)
-        # Files of two acquisitions would give a frame whose channels belong to different shots.
-        if header != first:
-            raise RecordError(
-                f"{path}: {header.frames} pulses of {header.samples} samples under a header of "
-                f"{header.length} bytes found, {first.frames} of {first.samples} under {first.length} expected as in "
-                f"{files[0].name}; the folder mixes acquisitions: acquire it again"
-            )
-        pulses = sonixdaq.decode_samples(body, header)
-        # The connector permutes the channels: file numbers are not element numbers.
-        # In float64: the sum of many int16 pulses overflows int16.
-        samples[sonixdaq.element_of_file(number)] = np.rint(pulses.mean(axis=0, dtype=np.float64))
-    return samples, first.frames
-
-
-def _daq_files(folder: Path) -> dict[int, Path]:
-    """Channel files by number, all 128 of them."""
-    files: dict[int, Path] = {}
-    for path in sorted(folder.iterdir()):
-        number = sonixdaq.file_number(path.name)
-        if number is None:
-            continue
-        if number in files:
-            raise RecordError(
-                f"{folder}: {files[number].name} and {path.name} are both channel {number}; "
-                "keep one acquisition per folder"
-            )
-        files[number] = path
-    if len(files) != sonixdaq.CHANNELS:
-        missing = next(number for number in range(sonixdaq.CHANNELS) if number not in files)
-        raise RecordError(
-            f"{folder}: {len(files)} channel files (.daq) found, {sonixdaq.CHANNELS} expected; the first that is "
-            f"missing is CH{missing:03d}: wait until the acquisition is complete, or acquire it again"
-            + ("" if files else f"; if it holds a scan of many angles, see 'markerseek bank info {folder}'")
-        )
-    return files
-
-
-def _daq_file(path: Path) -> tuple[sonixdaq.DaqHeader, bytes]:
-    data = read_input(path, most_bytes=_MAX_CHANNEL_BYTES)
     try:
-        header = sonixdaq.decode_header(data[: sonixdaq.HEADER_BYTES], size=len(data), name=path.name)
+        files = sonixdaq.by_number(sorted(path.name for path in folder.iterdir()))
+        if len(files) == sonixdaq.CHANNELS:
+            read = ((name, read_input(folder / name, most_bytes=_MAX_CHANNEL_BYTES)) for name in files.values())
+            return sonixdaq.averaged(read)
     except RecordError as error:
-        raise RecordError(f"{path.parent}: {error}") from error
-    if header.samples > sonixdaq.MAX_SAMPLES:
-        raise RecordError(
-            f"{path}: it holds {header.samples} samples of each pulse, at most {sonixdaq.MAX_SAMPLES} are read; "
-            "record a shorter time"
-        )
-    return header, data[header.length :]
+        raise RecordError(f"{folder}: {error}") from error
+    missing = next(number for number in range(sonixdaq.CHANNELS) if number not in files)
+    raise RecordError(
+        f"{folder}: {len(files)} channel files (.daq) found, {sonixdaq.CHANNELS} expected; the first that is "
+        f"missing is CH{missing:03d}: wait until the acquisition is complete, or acquire it again"
+        + ("" if files else f"; if it holds a scan of many angles, see 'markerseek bank info {folder}'")
+    )

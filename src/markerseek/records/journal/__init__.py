@@ -1,13 +1,13 @@
-"""Journals: all events of a run in one SQLite file, each committed before the search acts on it.
+"""Journals: all events of a run in one file that only grows, each on the disk before the search acts on it.
 
-`Journal` writes, `read_journal` reads and checks, `verify` reports all damage. Numbers are stored exactly, so that a
-run can be repeated bit for bit.
+`Journal` writes, `read_journal` reads and checks, `verify` reports all damage, `follow` reads while a run goes on.
+Numbers are stored exactly, so that a run can be repeated bit for bit.
 """
 
 from markerseek.records.configuration import Configuration, versions
-from markerseek.records.journal.connection import is_journal, journals_folder
 from markerseek.records.journal.encoding import decode, encode
 from markerseek.records.journal.events import Checked, Entry, Interrupted, JournalEvent, RecordedError, Resuming
+from markerseek.records.journal.file import is_journal, journals_folder
 from markerseek.records.journal.folder import (
     JournalSummary,
     Prunable,
@@ -19,7 +19,16 @@ from markerseek.records.journal.folder import (
     size_bytes_of,
     summary,
 )
-from markerseek.records.journal.reader import JournalCheck, RecordedRun, read_journal, result_of, salvage, verify
+from markerseek.records.journal.reader import (
+    JournalCheck,
+    JournalItem,
+    RecordedRun,
+    follow,
+    read_journal,
+    result_of,
+    salvage,
+    verify,
+)
 from markerseek.records.journal.sequence import RunState, run_state
 from markerseek.records.journal.writer import Journal
 
@@ -31,6 +40,7 @@ __all__ = [
     "Journal",
     "JournalCheck",
     "JournalEvent",
+    "JournalItem",
     "JournalSummary",
     "Prunable",
     "RecordedError",
@@ -40,6 +50,7 @@ __all__ = [
     "decode",
     "default_journal",
     "encode",
+    "follow",
     "is_journal",
     "journals_folder",
     "journals_in",

@@ -1,8 +1,8 @@
-"""Encodes events as rows of a journal: kind, JSON body, and the raw samples or pixels of a frame.
+"""Encodes events for a journal: kind, JSON body, and the raw samples or pixels of a frame.
 
 The body of an event is its dataclass, field by field. Where a field can hold one of several classes (a frame, an
-estimate), ``type`` names the class. Two things are stored elsewhere: the arrays of a frame in their own column, one
-behind the other, and the confirmation of `Finished` in the entry of that acquisition.
+estimate), ``type`` names the class. Two things are stored elsewhere: the arrays of a frame behind the line, one behind
+the other, and the confirmation of `Finished` in the entry of that acquisition.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
-from datetime import UTC, datetime
 from functools import cache
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
@@ -29,13 +28,13 @@ from markerseek.core import (
     Refused,
     Sample,
     Started,
+    Swept,
 )
 from markerseek.records.journal.events import Checked, Interrupted, JournalEvent, RecordedError, Resuming
-from markerseek.records.journal.schema import Row
 
 _KINDS: dict[str, type[JournalEvent]] = {
     each.__name__.lower(): each
-    for each in (Started, Asked, Measured, Refused, Finished, Failed, Interrupted, Resuming, Checked)
+    for each in (Started, Asked, Measured, Swept, Refused, Finished, Failed, Interrupted, Resuming, Checked)
 }
 _TYPED = frozenset((*get_args(Frame), *get_args(Estimate)))
 """Classes whose name is stored with their fields."""
@@ -49,7 +48,7 @@ _ARRAYS = {"samples": "<i2", "pixels": "|u1"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EncodedEvent:
-    """An event as columns of a row."""
+    """An event as it is stored."""
 
     kind: str
     """Name of its class in lower case."""
@@ -58,21 +57,6 @@ class EncodedEvent:
     samples: memoryview | None
     """Arrays of its frame, one behind the other, row after row: counts as little-endian int16, grey values as uint8;
     None where it has none."""
-
-    def row(self, number: int, *, clock_s: float, written: str | None = None, checkpoint: bytes | None = None) -> Row:
-        """Row of a journal, without its checksum.
-
-        ``number``, ``clock_s``, ``written``, ``checkpoint``: None for ``written``: now.
-        """
-        return Row(
-            number=number,
-            kind=self.kind,
-            written=written or datetime.now(UTC).isoformat(),
-            clock_s=require_finite(float(clock_s), what="the rig's clock"),
-            body=self.body.decode(),
-            checkpoint=None if checkpoint is None else checkpoint.decode(),
-            checksum=0,
-        )
 
 
 def encode(event: JournalEvent) -> EncodedEvent:
@@ -95,15 +79,15 @@ def encode(event: JournalEvent) -> EncodedEvent:
 
 
 def decode(kind: str, body: bytes, samples: bytes | memoryview | None, *, confirmation: Sample | None) -> JournalEvent:
-    """Decode the event of a row.
+    """Decode the event of an entry.
 
     ``confirmation``: the confirming acquisition that was read before, to which `Finished` refers. Raises `RecordError`
-    if the row cannot have been written by `encode`.
+    if it cannot have been written by `encode`.
     """
     if kind not in _KINDS:
         raise RecordError(f"an entry of the unknown kind {kind[:40]!r}")
     try:
-        # Any of these errors means that `encode` did not write the row.
+        # Any of these errors means that `encode` did not write it.
         arrays = _Arrays(samples)
         event: JournalEvent = _built(_KINDS[kind], msgspec.json.decode(body), arrays)
         arrays.require_end()
@@ -205,7 +189,7 @@ class _Array(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class _Arrays:
-    """The arrays of a row, read-only views of its blob, in the shapes that the body names."""
+    """The arrays of an entry, read-only views of its blob, in the shapes that the body names."""
 
     def __init__(self, blob: bytes | memoryview | None) -> None:
         self._left = memoryview(b"" if blob is None else blob)

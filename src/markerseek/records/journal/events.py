@@ -55,7 +55,7 @@ class RecordedError(Exception):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry:
-    """One committed row."""
+    """One committed event."""
 
     number: int
     """Counted from 1."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import closing, suppress
+import os
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,15 +13,9 @@ import msgspec
 
 from markerseek.core import ConfigError, Finished, RecordError
 from markerseek.files import sync_folder
-from markerseek.records.journal.connection import (
-    as_record_error,
-    connect,
-    journals_folder,
-    require_journal_file,
-    resolve_link,
-    rollback_file,
-)
 from markerseek.records.journal.encoding import escaped
+from markerseek.records.journal.file import as_record_error, journals_folder, lock, open_for_reading
+from markerseek.records.journal.lines import EntryReader
 from markerseek.records.journal.reader import salvage
 from markerseek.records.journal.sequence import run_state
 from markerseek.records.result import answer_name
@@ -54,7 +49,6 @@ class JournalSummary(msgspec.Struct, frozen=True, kw_only=True):
     path: str
     """The file; bytes of its name that are not Unicode are written as escapes."""
     size_bytes: int
-    """Its size with that of its rollback journal."""
     begun: str | None = None
     """When its run began, UTC, ISO 8601."""
     method: str | None = None
@@ -63,8 +57,8 @@ class JournalSummary(msgspec.Struct, frozen=True, kw_only=True):
     emulated: tuple[str, ...] = ()
     """``method``, ``as_published``, ``rig`` and ``emulated``: the policy's name and whether it is in the paper's form,
     the kind of the rig, and its emulated devices."""
-    state: Literal["finished", "fault", "open", "damaged", "unreadable"]
-    """"damaged" if only a part can be read, "unreadable" if nothing can be read now."""
+    state: Literal["finished", "fault", "open", "running", "damaged", "unreadable"]
+    """"running" while a program writes it, "damaged" if only a part can be read, "unreadable" if nothing can."""
     answer: str | None = None
     angle_deg: float | None = None
     """``answer`` and ``angle_deg``: the answer of a run that is over, and the angle in degrees to which it points."""
@@ -94,7 +88,7 @@ def summary(path: Path) -> JournalSummary:
         as_published=recorded.configuration.plan.as_published,
         rig=recorded.configuration.facts.kind,
         emulated=recorded.configuration.facts.emulated,
-        state=state.state if damage is None else "damaged",
+        state="damaged" if damage is not None else "running" if recorded.is_written else state.state,
         answer=None if over is None else answer_name(over.estimate),
         angle_deg=None if over is None else over.estimate.mean_deg,
         acquisitions=state.acquisitions,
@@ -104,7 +98,7 @@ def summary(path: Path) -> JournalSummary:
 
 def _without(path: Path, problem: RecordError) -> str:
     # The list prints the path once, so that the message need not begin with it.
-    return escaped(str(problem).removeprefix(f"{resolve_link(path)}: "))
+    return escaped(str(problem).removeprefix(f"{path}: "))
 
 
 def journals_in(folder: Path) -> list[Path]:
@@ -124,13 +118,10 @@ def journals_in(folder: Path) -> list[Path]:
 
 
 def size_bytes_of(path: Path) -> int:
-    """Bytes of a journal and of its rollback file; a missing file counts 0."""
-    path, total = resolve_link(path), 0
-    for part in (path, rollback_file(path)):
-        # The name of a journal can be too long for that of a rollback file.
-        with suppress(OSError):
-            total += part.stat().st_size
-    return total
+    """Bytes of a journal; a missing file counts 0."""
+    with suppress(OSError):
+        return path.stat().st_size
+    return 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,8 +131,7 @@ class Prunable:
     old: tuple[JournalSummary, ...]
     """Journals that may go, the oldest first."""
     kept: tuple[JournalSummary, ...]
-    """Summaries of old journals that stay: their run is not over, or they cannot be read, for example because the run
-    is going on."""
+    """Summaries of old journals that stay: their run is not over, or they cannot be read."""
 
 
 def prunable(
@@ -176,16 +166,18 @@ def prunable(
 
 
 def remove_journal(path: Path) -> None:
-    """Remove a journal with its rollback file.
+    """Remove a journal.
 
-    Raises `RecordError` if a program has it open, it is no journal, or it cannot be removed.
+    Raises `RecordError` if a program writes it, it is no journal, or it cannot be removed.
     """
     with as_record_error(path, verb="removed"):
         if path.is_symlink():
             raise RecordError(f"{path}: it is a symbolic link; remove it by hand")
-        require_journal_file(path)
-        with closing(connect(path, mode="rw")) as connection:
-            # Fails while a run holds its lock, and keeps a `resume` out until the file is gone.
-            connection.execute("BEGIN EXCLUSIVE")
+        descriptor = open_for_reading(path)
+        try:
+            # Fails while a run holds it, and keeps a `resume` out until the file is gone.
+            lock(descriptor)
+            EntryReader(path, descriptor)
             path.unlink()
-            rollback_file(path).unlink(missing_ok=True)
+        finally:
+            os.close(descriptor)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from markerseek.core import Asked, Failed, Finished, Found, Interval, Measured, Refused, Started
+from markerseek.core import Asked, Failed, Finished, Found, Interval, Measured, Refused, Started, Swept
 from markerseek.records.configuration import Configuration
 from markerseek.records.journal.events import Checked, Entry, Interrupted, JournalEvent, Resuming
 
@@ -56,8 +56,17 @@ _STEPS: dict[type, tuple[type, ...]] = {
     Refused: (Measured, Refused),
     Measured: (Asked, Finished),
     Finished: (),
+    Swept: (Asked, Finished),
 }
 """Events that may follow each event of a run, apart from interruptions in between."""
+
+_SWEEPING_STEPS: dict[type, tuple[type, ...]] = {
+    Asked: (Measured, Refused, Swept, Asked),
+    Refused: (Measured, Refused, Swept, Asked),
+    Measured: (Measured, Refused, Swept, Asked, Finished),
+}
+"""The same in a sweep. One that a kill broke off, or that was refused, has no end: it is asked for again, or was not
+needed any more."""
 
 
 def order_faults(entries: Sequence[Entry]) -> list[tuple[int, str]]:
@@ -68,17 +77,19 @@ def order_faults(entries: Sequence[Entry]) -> list[tuple[int, str]]:
     faults: list[tuple[int, str]] = []
     step: type | None = None
     asked: Asked | None = None
+    since = 0
     last: JournalEvent | None = None
     for entry in entries:
         event = entry.event
         fault = _fault_of(event, last)
         if type(event) in _STEPS:
-            fault = fault or _fault_of_step(event, step, asked)
+            fault = fault or _fault_of_step(event, step, asked, since)
             step = type(event)
+            since += isinstance(event, Measured)
         if fault is not None:
             faults.append((entry.number, fault))
         if isinstance(event, Asked):
-            asked = event
+            asked, since = event, 0
         last = event
     return faults
 
@@ -106,13 +117,20 @@ def _fault_of(event: JournalEvent, last: JournalEvent | None) -> str | None:
     return None
 
 
-def _fault_of_step(event: JournalEvent, step: type | None, asked: Asked | None) -> str | None:
-    """Reason why a step of the run cannot follow the step before it; None if it can."""
+def _fault_of_step(event: JournalEvent, step: type | None, asked: Asked | None, since: int) -> str | None:
+    """Reason why a step of the run cannot follow the step before it; None if it can.
+
+    ``since``: acquisitions made since it was asked: of a sweep there are many.
+    """
     if isinstance(event, Started):
         return None if step is None else "a run begins once, with its first entry"
-    if step is None or type(event) not in _STEPS[step]:
+    sweeping = asked is not None and asked.sweep is not None
+    steps = _STEPS | _SWEEPING_STEPS if sweeping else _STEPS
+    if step is None or type(event) not in steps[step] or (isinstance(event, Swept) and not sweeping):
         return f"{type(event).__name__} cannot follow {step.__name__ if step else 'nothing'}"
-    if isinstance(event, Measured) and (asked is None or (event.role, event.index) != (asked.role, asked.index)):
+    if isinstance(event, Measured) and (
+        asked is None or (event.role, event.index) != (asked.role, asked.index + since * sweeping)
+    ):
         return f"acquisition {event.index} ({event.role}) was not asked for"
     return None
 
@@ -142,7 +160,7 @@ def angle_faults(configuration: Configuration, entries: Iterable[Entry]) -> list
                 angles = [(angle_deg, _TURN if dark else search)]
             case Measured(sample=sample):
                 angles = [(sample.angle_deg, _TURN if sample.dark else reached)]
-            case Refused(angle_deg=angle_deg):
+            case Refused(angle_deg=angle_deg) | Swept(angle_deg=angle_deg):
                 angles = [(angle_deg, _TURN if dark else reached)]
             case Resuming(check_deg=check_deg, flank_deg=flank_deg):
                 angles = [(check_deg, reached), (flank_deg, reached)]

@@ -1,171 +1,174 @@
-"""Writes a journal: one transaction per event, flushed to disk when `commit` returns."""
+"""Writes a journal: one entry an event, on the disk when `commit` returns."""
 
 from __future__ import annotations
 
 import contextlib
-import sqlite3
-from collections.abc import Callable
+import os
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
 
-import msgspec
-
 from markerseek.core import Failed, Finished, RecordError
-from markerseek.files import sync_folder
+from markerseek.files import create_atomically
 from markerseek.records.configuration import Configuration
-from markerseek.records.journal.connection import (
-    as_record_error,
-    connect,
-    exists_error,
-    remove_rollback_file,
-    resolve_link,
-    rollback_file,
-)
-from markerseek.records.journal.encoding import encode, json_values
 from markerseek.records.journal.events import Entry, Interrupted, JournalEvent
-from markerseek.records.journal.file_identity import FileIdentity, copied
-from markerseek.records.journal.reader import RecordedRun, read_journal
-from markerseek.records.journal.schema import Row, add_row, create_tables, row_checksum, stored_tail
+from markerseek.records.journal.file import (
+    as_record_error,
+    exists_error,
+    flush,
+    lock,
+    open_for_reading,
+    open_for_writing,
+    rescued,
+)
+from markerseek.records.journal.lines import EntryReader, entry_line, first_line
+from markerseek.records.journal.reader import RecordedRun
 from markerseek.records.journal.sequence import angle_faults
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Tail:
+    """Last entry of the file, the bytes up to its end, and its checksum."""
+
+    entry: Entry | None
+    end: int
+    checksum: int
 
 
 class Journal:
     """The journal of one run, open for writing; made by `create` or `reopen`."""
 
-    def __init__(self, recorded: RecordedRun, connection: sqlite3.Connection) -> None:
-        self.path = recorded.path
-        self.configuration = recorded.configuration
-        self._connection = connection
+    def __init__(self, path: Path, configuration: Configuration, descriptor: int, tail: _Tail, *, kept: bool) -> None:
+        self.path = path
+        self.configuration = configuration
+        self.kept = kept
+        """Whether it outlives the run; what is read by a program that follows the run, and then deleted, is not flushed
+        to the disk."""
+        self._descriptor = descriptor
         self._open = True
-        self._file_identity = FileIdentity(recorded.path)
-        self._number = len(recorded.entries)
-        self._checksum = recorded.last_checksum
-        self._uncertain: tuple[Row, JournalEvent, memoryview | None] | None = None
-        self._watcher: Callable[[Row, memoryview | None], None] | None = None
+        self._tail = tail
+        self._uncertain: _Tail | None = None
         self._lost: RecordError | None = None
-        self._last = recorded.entries[-1].event if recorded.entries else None
-        self._clock_s = recorded.entries[-1].clock_s if recorded.entries else 0.0
 
     @classmethod
-    def create(cls, path: Path, configuration: Configuration) -> Self:
+    def create(cls, path: Path, configuration: Configuration, *, kept: bool = True) -> Self:
         """New journal, with the configuration committed.
 
         Raises `RecordError` if the file exists or cannot be written; nothing is left behind.
         """
-        as_json = msgspec.json.encode(json_values(configuration, what="the configuration"))
         try:
-            # msgspec checks value ranges only on decoding, and a written journal must be readable.
-            msgspec.json.decode(as_json, type=Configuration)
-        except msgspec.ValidationError as problem:
-            raise RecordError(f"{path}: the configuration cannot be recorded: {problem}") from problem
-        path = resolve_link(path)
-        with as_record_error(path, verb="written"):
-            if rollback_file(path).exists() and not path.exists():
-                # SQLite would delete it, and with it the last chance to repair a moved journal.
-                raise RecordError(
-                    f"{path}: the rollback journal of a file that is gone lies there, {rollback_file(path)}; "
-                    "put both together, or name a new file"
-                )
-            try:
-                path.open("xb").close()
-            except FileExistsError as problem:
-                raise exists_error(path) from problem
-            with contextlib.ExitStack() as undo:
-                for made in (rollback_file(path), path):
-                    undo.callback(made.unlink, missing_ok=True)
-                connection = undo.enter_context(contextlib.closing(connect(path, mode="rw")))
-                first = create_tables(connection, as_json)
-                # The name of a new file is durable only when its folder has been flushed.
-                sync_folder(path.parent)
-                undo.pop_all()
-        recorded = RecordedRun(path=path, configuration=configuration, entries=(), last_checksum=first)
-        return cls(recorded, connection)
+            line, checksum = first_line(configuration)
+        except RecordError as problem:
+            raise RecordError(f"{path}: {problem}") from problem
+        with as_record_error(path, verb="written"), contextlib.ExitStack() as undo:
+            if path.exists() or path.is_symlink():
+                raise exists_error(path)
+            # Under its own name only once it is complete, so that whoever follows it finds its first line.
+            with create_atomically(path) as part:
+                descriptor = os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+                undo.callback(os.close, descriptor)
+                lock(descriptor)
+                _write(descriptor, line, at=0)
+            undo.pop_all()
+        return cls(path, configuration, descriptor, _Tail(entry=None, end=len(line), checksum=checksum), kept=kept)
 
     @classmethod
     def reopen(cls, path: Path) -> tuple[Self, RecordedRun]:
-        """Open the journal of a run to continue it; returns it and its entries so far."""
-        path = resolve_link(path)
-        # Read from a copy first: the unfinished commit is undone in the file itself only if the copy is undamaged.
-        recorded = read_journal(path)
-        for number, reason in angle_faults(recorded.configuration, recorded.entries):
-            raise RecordError(
-                f"{path}: entry {number}: {reason}; the journal is damaged or foreign, begin a new search"
-            )
+        """Open the journal of a run to continue it; returns it and its entries so far.
+
+        An entry that was never finished, because its process died, is cut off.
+        """
         with as_record_error(path, verb="written"), contextlib.ExitStack() as undo:
-            connection = undo.enter_context(contextlib.closing(connect(path, mode="rw")))
-            # Takes the lock. SQLite opens a read-only file without an error, so that only a write detects it.
-            connection.execute("BEGIN EXCLUSIVE")
-            connection.execute("UPDATE run SET entries = entries")
-            connection.execute("ROLLBACK")
-            if stored_tail(connection) != (len(recorded.entries), recorded.last_checksum):
-                raise RecordError(f"{path}: another markerseek wrote it meanwhile; look at it, then resume it")
-            journal = cls(recorded, connection)
+            descriptor = _open_whole(path)
+            undo.callback(os.close, descriptor)
+            reader = EntryReader(path, descriptor)
+            entries: list[Entry] = []
+            while (entry := reader.next()) is not None:
+                entries.append(entry)
+            for number, reason in angle_faults(reader.configuration, entries):
+                raise RecordError(
+                    f"{path}: entry {number}: {reason}; the journal is damaged or foreign, begin a new search"
+                )
+            os.ftruncate(descriptor, reader.end)
+            tail = _Tail(entry=entries[-1] if entries else None, end=reader.end, checksum=reader.checksum)
             undo.pop_all()
-        return journal, recorded
+        recorded = RecordedRun(path=path, configuration=reader.configuration, entries=tuple(entries))
+        return cls(path, reader.configuration, descriptor, tail, kept=True), recorded
 
     def commit(self, event: JournalEvent, *, clock_s: float, checkpoint: bytes | None = None) -> Entry:
         """Write an event to disk; once this returns, it survives the death of the process.
 
         ``checkpoint``: state of the simulated world after it, as JSON. Raises `RecordError` if it cannot be written;
-        earlier entries are not changed. Or if the file was deleted or replaced: it is then copied to a new file, which
-        the message names, and `path` is changed to it.
+        earlier entries are not changed. Or if the file was deleted: it is then copied to a new file, which the message
+        names, and `path` is changed to it.
         """
         if self._lost is not None:
             raise self._lost
-        encoded = encode(event)
         self._settle()
         self._require_present()
-        row = encoded.row(self._number + 1, clock_s=clock_s, checkpoint=checkpoint)
-        row = msgspec.structs.replace(row, checksum=row_checksum(self._checksum, row, encoded.samples))
-        # A signal can arrive between the commit and the lines after it: `_settle` then asks the file.
-        self._uncertain = row, event, encoded.samples
+        entry = Entry(
+            number=1 if self._tail.entry is None else self._tail.entry.number + 1,
+            written=datetime.now(UTC).isoformat(),
+            clock_s=clock_s,
+            event=event,
+            checkpoint=checkpoint,
+        )
+        data, checksum = entry_line(entry, previous=self._tail.checksum)
+        # A signal can arrive between the write and the lines after it: `_settle` then asks the file.
+        self._uncertain = _Tail(entry=entry, end=self._tail.end + len(data), checksum=checksum)
         with as_record_error(self.path, verb="written"):
-            add_row(self._connection, row, encoded.samples)
-        self._note(row, event, encoded.samples)
+            try:
+                _write(self._descriptor, data, at=self._tail.end)
+                self._flush()
+            except OSError:
+                with contextlib.suppress(OSError):
+                    os.ftruncate(self._descriptor, self._tail.end)
+                self._uncertain = None
+                raise
+        self._note()
         self._require_present()
-        return Entry(number=row.number, written=row.written, clock_s=row.clock_s, event=event, checkpoint=checkpoint)
+        return entry
+
+    def _flush(self) -> None:
+        if self.kept:
+            flush(self._descriptor)
+
+    def _note(self) -> None:
+        if self._uncertain is not None:
+            self._tail, self._uncertain = self._uncertain, None
 
     def _settle(self) -> None:
-        """Find out from the file whether the last commit succeeded, after an error or signal in the middle of it."""
+        """Find out from the file whether the last entry was written, after a signal in the middle of it."""
         if self._uncertain is None or not self._open:
             return
-        row, event, samples = self._uncertain
         with as_record_error(self.path, verb="written"):
-            if self._connection.in_transaction:
-                self._connection.execute("ROLLBACK")
-            committed = stored_tail(self._connection) == (row.number, row.checksum)
-        if committed:
-            self._note(row, event, samples)
-        self._uncertain = None
+            if os.fstat(self._descriptor).st_size >= self._uncertain.end:
+                self._flush()
+                self._note()
+            else:
+                os.ftruncate(self._descriptor, self._tail.end)
+                self._uncertain = None
 
     def _require_present(self) -> None:
-        """Copy the journal to a new file and raise a `RecordError` if it was deleted or replaced."""
+        """Raise a `RecordError` if the file was changed or deleted; a deleted one is copied to a new file."""
         with as_record_error(self.path, verb="written"):
-            loss = self._file_identity.loss()
-        if loss is None:
-            return
-        finding = f"{self.path}: {loss} was removed or replaced while the run was written"
-        try:
-            self.path = copied(self._connection, self.path)
-        except (OSError, sqlite3.Error, RecordError) as problem:
-            self._lost = RecordError(f"{finding}, and no copy could be made ({problem}): what it held is gone")
-        else:
-            self._lost = RecordError(f"{finding}; everything up to now is in {self.path}")
-        raise self._lost
-
-    def _note(self, row: Row, event: JournalEvent, samples: memoryview | None) -> None:
-        self._number, self._checksum = row.number, row.checksum
-        self._last, self._clock_s = event, row.clock_s
-        self._uncertain = None
-        if self._watcher is not None:
-            self._watcher(row, samples)
-
-    def watch(self, watcher: Callable[[Row, memoryview | None], None]) -> None:
-        """Hand the row and the samples of each event to a watcher from now on, after its commit.
-
-        ``watcher``: it must return at once, and raise nothing.
-        """
-        self._watcher = watcher
+            status = os.fstat(self._descriptor)
+        if status.st_size != self._tail.end:
+            self._lost = RecordError(
+                f"{self.path}: another program changed it while the run was written: it has {status.st_size} bytes, "
+                f"{self._tail.end} were written; 'markerseek journal show' prints as much of it as is whole"
+            )
+        elif status.st_nlink == 0 and self.kept:
+            finding = f"{self.path}: it was removed or replaced while the run was written"
+            try:
+                self.path = rescued(self._descriptor, self.path)
+            except (OSError, RecordError) as problem:
+                self._lost = RecordError(f"{finding}, and no copy could be made ({problem}): what it held is gone")
+            else:
+                self._lost = RecordError(f"{finding}; everything up to now is in {self.path}")
+        if self._lost is not None:
+            raise self._lost
 
     def interrupt(self, reason: str) -> None:
         """Record that the run was interrupted, once the rig has been stopped; does nothing if it is over.
@@ -184,24 +187,27 @@ class Journal:
     def last(self) -> JournalEvent | None:
         """What was committed last; None before the first."""
         self._settle()
-        return self._last
+        return None if self._tail.entry is None else self._tail.entry.event
+
+    @property
+    def _clock_s(self) -> float:
+        return 0.0 if self._tail.entry is None else self._tail.entry.clock_s
 
     def close(self) -> None:
         """Release the file; allowed twice.
 
-        Raises `RecordError` if SQLite cannot close it; committed entries are in the file. Or if the file was deleted,
-        as in `commit`.
+        Raises `RecordError` if the file was changed or deleted, as in `commit`.
         """
         if not self._open:
             return
-        self._open = False
-        with as_record_error(self.path, verb="closed"), contextlib.closing(self._connection) as connection:
-            if connection.in_transaction:
-                connection.execute("ROLLBACK")
-            if self._lost is not None:
-                return
-            self._require_present()
-            remove_rollback_file(connection)
+        try:
+            self._settle()
+            if self._lost is None:
+                self._require_present()
+        finally:
+            self._open = False
+            with as_record_error(self.path, verb="closed"):
+                os.close(self._descriptor)
 
     def __enter__(self) -> Self:
         """The journal itself."""
@@ -211,3 +217,18 @@ class Journal:
         """Close it; an error of closing does not replace one of the block."""
         with contextlib.suppress(*(() if kind is None else (RecordError,))):
             self.close()
+
+
+def _open_whole(path: Path) -> int:
+    with as_record_error(path, verb="read"):
+        descriptor = open_for_reading(path)
+        os.close(descriptor)
+    return open_for_writing(path)
+
+
+def _write(descriptor: int, data: bytes, *, at: int) -> None:
+    """Write all of it; a disk that fills up takes a part before it reports so."""
+    left = memoryview(data)
+    while left:
+        written = os.pwrite(descriptor, left, at)
+        left, at = left[written:], at + written

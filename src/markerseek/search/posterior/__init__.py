@@ -4,5 +4,15 @@ from markerseek.search.posterior.belief import Belief, Choice
 from markerseek.search.posterior.policy import CUES, TARGET_SIGMA_DEG, Posterior
 from markerseek.search.posterior.steadiness import energy_spread
 from markerseek.search.posterior.survey import USUAL_OTHERS
+from markerseek.search.posterior.sweeping import SweepPosterior
 
-__all__ = ["CUES", "TARGET_SIGMA_DEG", "USUAL_OTHERS", "Belief", "Choice", "Posterior", "energy_spread"]
+__all__ = [
+    "CUES",
+    "TARGET_SIGMA_DEG",
+    "USUAL_OTHERS",
+    "Belief",
+    "Choice",
+    "Posterior",
+    "SweepPosterior",
+    "energy_spread",
+]

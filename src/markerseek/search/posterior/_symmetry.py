@@ -38,13 +38,14 @@ def _covariance(
     distance: Float64[np.ndarray, " groups"],
     slope: Float64[np.ndarray, " groups"],
     width: Float64[np.ndarray, " groups"],
+    shift: Float64[np.ndarray, "groups shifts"],
     log_levels: Float64[np.ndarray, " levels"],
     sigmas: Float64[np.ndarray, " levels"],
     out: Float64[np.ndarray, "groups groups"],
 ) -> None:
     """Fill in the lower half of (8), ``distance`` in units of ℓF.
 
-    ``slope`` and ``width`` are of `_unresolved`.
+    ``slope`` and ``width`` are of `_unresolved`, ``shift`` of `_shifted`.
     """
     count = level.size
     sigma = np.empty(count)
@@ -56,7 +57,11 @@ def _covariance(
             apart, across = distance[i] - distance[k], distance[i] + distance[k]
             out[i, k] = sigma[i] * sigma[k] * (1 / (1 + 0.5 * apart * apart) + 1 / (1 + 0.5 * across * across))
             out[i, k] += slope[i] * slope[k] + width[i] * width[k]
+            for s in range(shift.shape[1]):
+                out[i, k] += shift[i, s] * shift[k, s]
         out[i, i] = own * own + slope[i] ** 2 + width[i] ** 2
+        for s in range(shift.shape[1]):
+            out[i, i] += shift[i, s] ** 2
 
 
 @compiled
@@ -198,6 +203,30 @@ def _unresolved(
 
 
 @compiled
+def _shifted(
+    log_curve: Float64[np.ndarray, " distances"],
+    place_deg: Float64[np.ndarray, " groups"],
+    side: Float64[np.ndarray, " groups"],
+    step_deg: float,
+    shift_deg: Float64[np.ndarray, "strong shifts"],
+    share: Float64[np.ndarray, " strong"],
+    group: Int64[np.ndarray, " strong"],
+    steepness: Float64[np.ndarray, " groups"],
+    shift: Float64[np.ndarray, "groups shifts"],
+) -> None:
+    """Fill in the change of ln S with the probe's angle, per degree, and with a standard deviation of each shift."""
+    shift[:] = 0.0
+    for c in range(place_deg.size):
+        away = place_deg[c] / step_deg
+        change = log_level(log_curve, away + 1) - log_level(log_curve, abs(away - 1))
+        steepness[c] = side[c] * change / (2 * step_deg)
+    # To first order: a shift is some hundredths of a degree, and the narrowest curve two degrees wide.
+    for i in range(group.size):
+        for s in range(shift_deg.shape[1]):
+            shift[group[i], s] += share[i] * steepness[group[i]] * shift_deg[i, s]
+
+
+@compiled
 def _log_tables_at(
     tables: Float64[np.ndarray, "weak errors entries"],
     table_levels: Float64[np.ndarray, " errors"],
@@ -229,6 +258,9 @@ def symmetric_likelihood(
     log_intensity: Float64[np.ndarray, " samples"],
     noise: Float64[np.ndarray, " strong"],
     group: Int64[np.ndarray, " strong"],
+    energy_share: Float64[np.ndarray, " strong"],
+    angle_sigma_deg: Float64[np.ndarray, " strong"],
+    shift_deg: Float64[np.ndarray, "strong shifts"],
     sample_error: Float64[np.ndarray, " members"],
     log_levels: Float64[np.ndarray, " levels"],
     sigmas: Float64[np.ndarray, " levels"],
@@ -246,7 +278,8 @@ def symmetric_likelihood(
     ``sample_error`` goes with each shape; a shape may come with several, after one another. The strong samples come
     first, those of a ``group`` after one another, and count by `_log_density`, the others by their table at the
     amplitude of those. Each angle stands for all within ``blur_deg`` about it, each shape for any ln F within
-    ``log_width``; 0: for itself.
+    ``log_width``; 0: for itself. A strong sample's angle has an error of its own, and is shifted by unknowns that
+    others share, each normal, by ``shift_deg`` for a standard deviation.
     """
     strong = noise.size
     groups = group[strong - 1] + 1
@@ -254,6 +287,7 @@ def symmetric_likelihood(
     beside, share, apart, known = np.empty(strong), np.empty(strong), np.empty(strong), np.zeros(groups)
     place_deg, height, side = np.empty(groups), np.empty(groups), np.empty(groups)
     slope, width, mean, precision = np.empty(groups), np.empty(groups), np.empty(groups), np.empty(groups)
+    steepness, shift = np.empty(groups), np.empty((groups, shift_deg.shape[1]))
     shared, matrix, inverse = np.empty((groups, groups)), np.empty((groups, groups)), np.empty((groups, groups))
     unit, whitened, own = np.empty(groups), np.empty(groups), np.empty(groups)
     for i in range(strong):
@@ -276,12 +310,14 @@ def symmetric_likelihood(
                     away_deg, level[:strong], share, group, log_levels, sigmas, length_deg, place_deg, height, beside
                 )
                 _unresolved(curve, place_deg, side, step_deg, blur_deg, log_width, slope, width)
-                _covariance(height, place_deg / length_deg, slope, width, log_levels, sigmas, shared)
+                _shifted(curve, place_deg, side, step_deg, shift_deg, share, group, steepness, shift)
+                _covariance(height, place_deg / length_deg, slope, width, shift, log_levels, sigmas, shared)
             precision[:] = 0.0
             mean[:] = 0.0
             for i in range(strong):
                 # ln y of a strong sample is normal with the standard deviation σ/y.
-                variance = noise[i] ** 2 + sample_error[j] ** 2
+                by_angle = steepness[group[i]] * angle_sigma_deg[i]
+                variance = noise[i] ** 2 + (energy_share[i] * sample_error[j]) ** 2 + by_angle**2
                 weight[i], apart[i] = 1 / variance, 1 / (variance + beside[i])
                 precision[group[i]] += weight[i]
                 mean[group[i]] += weight[i] * value[i]

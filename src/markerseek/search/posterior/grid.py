@@ -70,7 +70,8 @@ class Grid:
 
     ``angles_deg``: angles of the marker that are considered. ``members``: which curves of the family. ``lowest``: ln of
     the lowest amplitude, over the unit of the search. ``phases``: step of ln amplitude, in steps of the table,
-    `TABLE_STEP`. ``blur``: relative error that the grid's own steps add to the model's.
+    `TABLE_STEP`. ``blur``: relative error that the grid's own steps add to the model's. ``energy_error``: that which
+    the laser's energy adds beyond what the model's holds.
     """
 
     def __init__(
@@ -84,6 +85,7 @@ class Grid:
         amplitudes: int,
         blur: float,
         log_amplitude_prior: tuple[float, float] | None = None,
+        energy_error: float = 0.0,
     ) -> None:
         self.angles_deg = angles_deg
         self.members = members
@@ -91,7 +93,8 @@ class Grid:
         self._shapes = shapes
         self._phases = phases
         # The curve changes between two cells: that too is an error of the model, added as squares.
-        self._errors = tuple(np.hypot(ERRORS, blur).tolist())
+        self._errors = np.hypot(ERRORS, blur)
+        self._energy_error = energy_error
         # Single precision halves the memory that each sample passes through; ln p stays exact to 1e-5.
         self._cube: Float32[np.ndarray, "angles shapes amplitudes"] = np.zeros(
             (angles_deg.size, members.size, amplitudes), np.float32
@@ -110,6 +113,11 @@ class Grid:
         return self._log_amplitude_prior
 
     @property
+    def energy_error(self) -> float:
+        """Relative error by the laser's energy, as given."""
+        return self._energy_error
+
+    @property
     def step_amplitude(self) -> float:
         """Step of ln amplitude."""
         return self._phases * TABLE_STEP
@@ -117,7 +125,8 @@ class Grid:
     def add(self, observation: Observation) -> None:
         """Add the log-likelihood of one observation."""
         self._strong += observation.strong
-        tables = _tables(observation, self._errors, phases=self._phases, amplitudes=self.log_amplitude.size)
+        errors = np.hypot(self._errors, self._energy_error * observation.energy_share)
+        tables = _tables(observation, tuple(errors.tolist()), phases=self._phases, amplitudes=self.log_amplitude.size)
         _grid.add_sample(
             self._cube,
             self._alive,
@@ -193,6 +202,7 @@ def finer(
         amplitudes=AMPLITUDES,
         blur=_blur(step_deg),
         log_amplitude_prior=coarse.log_amplitude_prior,
+        energy_error=coarse.energy_error,
     )
     for observation in observations:
         grid.add(observation)

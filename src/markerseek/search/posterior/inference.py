@@ -32,6 +32,9 @@ from markerseek.search.posterior.prior import log_amplitude_prior, shapes_with
 from markerseek.search.posterior.shapes import Shapes
 from markerseek.search.posterior.symmetry import (
     MIN_STRONG,
+    PULSE_ERRORS,
+    SAMPLE_ERRORS,
+    USUAL_PULSE_ERROR,
     USUAL_SAMPLE_ERROR,
     grouped,
     hypotheses_of,
@@ -127,6 +130,7 @@ class Inference:
         self._scale = Scale(unit=0.0, sigma=1.0, marker_m=None, cells=1)
         self._observations: list[Observation] = []
         self._added: list[tuple[float, float, int | None]] = []
+        self._swept = False
 
     def posterior(self, lit: Sequence[Sample], noise: SearchNoise, *, particles: int) -> AnglePosterior:
         """Return the posterior of all samples; only the new ones are added to the coarse grid.
@@ -173,8 +177,10 @@ class Inference:
         known = [(sample.angle_deg, sample.reading.intensity, sample.reading.cells) for sample in lit]
         same = known[: len(self._added)] == self._added
         self._added = known
-        if self._grid is None or not same or scale.replaces(self._scale, stated=stated):
+        swept = any(sample.sweep is not None for sample in lit)
+        if self._grid is None or not same or swept != self._swept or scale.replaces(self._scale, stated=stated):
             self._scale = scale
+            self._swept = swept
             self._observations = []
             prior = None if self._prior is None else log_amplitude_prior(self._prior, unit=scale.unit)
             self._grid = Grid(
@@ -187,9 +193,10 @@ class Inference:
                 amplitudes=18,
                 blur=0.125,
                 log_amplitude_prior=prior,
+                energy_error=USUAL_PULSE_ERROR if swept else 0.0,
             )
         for sample in lit[len(self._observations) :]:
-            observation = self._scale.observation(sample, use_lateral="lateral" in self._cues)
+            observation = self._scale.observation(sample, use_lateral="lateral" in self._cues, swept=swept)
             self._observations.append(observation)
             if "intensity" in self._cues:
                 self._grid.add(observation)
@@ -255,6 +262,7 @@ def refine(
     gives ln of the prior of angles, the likelihoods of other cues included. ``particles``: markers to draw.
     """
     grid, best = coarse, known
+    swept = any(each.sweep is not None for each in observations)
     samples = grouped(observations, fwhm_deg=float(known.shape @ shapes.fwhm_deg[coarse.members]))
     symmetric = sum(map(len, samples.strong)) >= MIN_STRONG
     # One refinement is enough before the symmetric likelihood, which has its own angles.
@@ -284,13 +292,13 @@ def refine(
             fwhm_deg=fwhm_deg,
             strong=[],
             log_gain=None,
-            sample_error=USUAL_SAMPLE_ERROR,
+            sample_error=USUAL_PULSE_ERROR if swept else USUAL_SAMPLE_ERROR,
         )
     samples, log_gain = with_energies(samples)
     # The template's error is g now: few shapes are enough, the Gaussian process makes up for the others.
     members = grid.members[np.sort(np.argsort(-best.shape, kind="stable")[:SYMMETRY_SHAPES])]
     angles_deg, probability = grid.angles_deg, best.angle
-    hypotheses = hypotheses_of(shapes, members)
+    hypotheses = hypotheses_of(shapes, members, PULSE_ERRORS if swept else SAMPLE_ERRORS)
     # A posterior wider than the curve may have a narrow mode beside a wide one, and coarse angles would step over it.
     least_step_deg = SYMMETRY_STEP * float(shapes.fwhm_deg[members].min())
     half_deg = _half_width_deg(angles_deg, probability)

@@ -21,7 +21,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from markerseek.core import MIN_INTENSITY, Float64, Sample
+from markerseek.core import MIN_INTENSITY, Float64, Sample, SweepTiming
 from markerseek.search.floor import MAX_CELLS, SearchNoise
 from markerseek.search.posterior import _grid
 
@@ -61,6 +61,10 @@ DEEP, DEEP_ERROR = 0.08, 0.01
 edge waves, of an exponential and of a Gaussian are orders of magnitude apart, and where little noise shows them, many
 samples, which would outvote those of the top."""
 
+AT_REST = 0.5
+"""Error of a sample at rest by the laser's energy, over that of a single pulse of a sweep: such a sample is the mean of
+an unknown number of pulses, usually 16, and the energy drifts besides."""
+
 CLEAR_SNR = 6.0
 """Intensity over σ from which a peak's lateral position and arrival are the marker's."""
 
@@ -81,6 +85,12 @@ class Observation:
     spot: tuple[float, float] | None = None
     """ln of the amplitude of the spot's energy over the unit of the search, and the standard deviation that noise gives
     it; None where it is not known."""
+    sweep: SweepTiming | None = None
+    """What its angle shares with those of its sweep; None where the probe was at rest."""
+    angle_sigma_deg: float = 0.0
+    """Standard deviation of the error of its angle by itself."""
+    energy_share: float = 1.0
+    """What the laser's energy adds to it, over the `Hypotheses.sample_error` of a search."""
 
     @property
     def strong(self) -> bool:
@@ -111,8 +121,11 @@ class Scale:
         # The amplitudes of the coarse grid reach from 0.5 to 82 units.
         return moved or not steady or not former.unit <= self.unit <= 3 * former.unit
 
-    def observation(self, sample: Sample, *, use_lateral: bool) -> Observation:
-        """Return a sample in the terms of the likelihood; its lateral position counts if ``use_lateral``."""
+    def observation(self, sample: Sample, *, use_lateral: bool, swept: bool) -> Observation:
+        """Return a sample in the terms of the likelihood; its lateral position counts if ``use_lateral``.
+
+        ``swept``: whether the search has sweeps, in which each sample is of one pulse.
+        """
         reading = sample.reading
         sigma = reading.noise_sigma if reading.noise_sigma is not None and reading.noise_sigma > 0 else self.sigma
         # An intensity of 0 has no logarithm; a hundredth of σ is as improbable.
@@ -131,6 +144,9 @@ class Scale:
             spot=None
             if reading.spot is None
             else (math.log(reading.spot.amplitude) - math.log(self.unit), reading.spot.relative_sigma),
+            sweep=sample.sweep,
+            angle_sigma_deg=sample.angle_sigma_deg,
+            energy_share=AT_REST if swept and sample.sweep is None else 1.0,
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 from markerseek.core import (
     PAPER_RANGE,
@@ -73,6 +74,19 @@ FLOOR_SNR = 4.2
 
 
 _USUAL = Tolerance()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Progress:
+    """How well the centre of the strongest source's curve is known."""
+
+    mean_deg: float
+    sigma_deg: float
+    """``mean_deg`` and ``sigma_deg``: mean and standard deviation of the centre's angle."""
+    fwhm_deg: float
+    """Full width of the curve at half maximum."""
+    target_deg: float
+    """Standard deviation with which it is known well enough."""
 
 
 class Posterior(SearchPolicy):
@@ -145,6 +159,7 @@ class Posterior(SearchPolicy):
         self._candidates = Candidates(limits=limits, shapes=self._shapes, cues=chosen, single=others == 0, prior=prior)
         self._left_deg = None if angles_deg is None else list(angles_deg)
         self._asked = 0
+        self._range_swept = False
         self._confirmation_taken = False
         self._confirmation_failure: str | None = None
         self._cached_noise: SearchNoise | None = None
@@ -164,10 +179,28 @@ class Posterior(SearchPolicy):
         super().tell(sample)
         if not sample.dark:
             self._asked += 1
-            if self._left_deg is not None:
+            if self._left_deg is not None and asked_deg is not None:
                 self._left_deg.remove(asked_deg)
             self._confirmation_taken, self._confirmation_failure = False, None
         self._cached_noise = self._cached_first = self._cached = None
+
+    def tell_swept(self, sample: Sample) -> None:
+        """Take one sample of a sweep, which was not asked for by its angle and does not count as an acquisition.
+
+        Raises
+        ------
+        SearchError
+            If the sample is not usable (`check_sample`).
+        """
+        check_sample(sample)
+        self._lit.append(sample)
+        self._confirmation_taken, self._confirmation_failure = False, None
+        self._next = self._cached_noise = self._cached_first = self._cached = None
+
+    def state_swept(self) -> None:
+        """Take for granted from now on that sweeps have surveyed the range, as far as single pulses can."""
+        self._range_swept = True
+        self._next = None
 
     def confirm(self, sample: Sample) -> None:
         """Take the acquisition at the angle found, as one more sample.
@@ -198,7 +231,7 @@ class Posterior(SearchPolicy):
             self._state(),
             limits=self._limits,
             others=self._others,
-            spent=self._asked >= min(self._budget, SURVEY_UNTIL),
+            spent=self._range_swept or self._asked >= min(self._budget, SURVEY_UNTIL),
             tolerance=self._tolerance,
             weaker_than_predicted=self._confirmation_failure,
             more="take more acquisitions" if self._left_deg != [] else "record smaller steps",
@@ -212,6 +245,21 @@ class Posterior(SearchPolicy):
         source = self._state().sources[0]
         return belief_of(
             source.posterior, self._shapes, limits=self._limits, floor=FLOOR_SNR, detected=self._detected()
+        )
+
+    @property
+    def progress(self) -> Progress | None:
+        """How well the strongest source is known; None before one is detected."""
+        if not self._lit or not self._detected():
+            return None
+        first = self._first()
+        if first.missing is not None:
+            return None
+        return Progress(
+            mean_deg=first.posterior.mean_deg,
+            sigma_deg=first.posterior.centre_sigma_deg,
+            fwhm_deg=first.posterior.fwhm_deg,
+            target_deg=self._needed_sigma_deg(first),
         )
 
     def _noise(self) -> SearchNoise:
@@ -285,8 +333,7 @@ class Posterior(SearchPolicy):
         """Next angle once the strongest source is known, in degrees; None if the search is done."""
         state = self._state()
         first = state.sources[0]
-        tolerated_deg = self._tolerance.half_width_deg(marker_radius_m(first.samples))
-        target_deg = min(self._target_deg, tolerated_deg / TOLERATED_SIGMAS)
+        target_deg = self._needed_sigma_deg(first)
         imprecise = first.posterior.centre_sigma_deg > target_deg
         if not self._single:
             angle_deg = self._other_source_deg(state, imprecise=imprecise)
@@ -301,6 +348,11 @@ class Posterior(SearchPolicy):
         if done or (narrow and self._confirmation_failure is None):
             return None
         return self._informative_deg(first)
+
+    def _needed_sigma_deg(self, source: Candidate) -> float:
+        """Standard deviation with which the centre of a source's curve is known well enough, in degrees."""
+        tolerated_deg = self._tolerance.half_width_deg(marker_radius_m(source.samples))
+        return min(self._target_deg, tolerated_deg / TOLERATED_SIGMAS)
 
     def _other_source_deg(self, state: SearchState, *, imprecise: bool) -> float | None:
         """Next angle to look for another source, in degrees; None if none is left."""
@@ -323,7 +375,7 @@ class Posterior(SearchPolicy):
     def _is_surveyed_further(self, survey: Survey) -> bool:
         """Whether another source may still be the marker, and an acquisition would say enough of it."""
         probability = hidden_probability(survey, others=self._others)
-        if self._asked >= SURVEY_UNTIL:
+        if self._range_swept or self._asked >= SURVEY_UNTIL:
             return probability > STATED
         if probability > SURE:
             return True

@@ -32,7 +32,10 @@ TAIL_SHARE = 0.5
 """Share of the highest prediction below which a curve may have nulls."""
 
 LASER_ERROR = 0.04
-"""Relative error of a sample by itself, the laser's energy."""
+"""Relative error of a sample by itself, the laser's energy; of a single pulse of a sweep what the samples show."""
+
+USUAL_SAMPLES = 12
+"""Samples of a search at rest, of which one is as far from the prediction by chance as of those of a sweep."""
 
 
 def predicted(
@@ -82,7 +85,10 @@ def discrepant_sample(source: Candidate, shapes: Shapes, *, sigmas: float) -> Sa
     # The family has no nulls, but the tails of a real curve do: what is missing there is no second hump.
     away[(measured < height) & (height < TAIL_SHARE * height.max())] = 0.0
     worst = int(np.argmax(away))
-    return source.samples[worst] if away[worst] > sigmas else None
+    swept = sum(sample.sweep is not None for sample in source.samples)
+    # Of the many samples of a sweep some are farther by chance: all together no more often than of so many at rest.
+    allowed = float(ndtri(1 - (1 - ndtr(sigmas)) * min(1.0, USUAL_SAMPLES / max(swept, 1))))
+    return source.samples[worst] if away[worst] > allowed else None
 
 
 def predictive_check(source: Candidate, shapes: Shapes) -> str | None:
@@ -112,8 +118,9 @@ def _prediction(
     # A weak sample is as high as noise is by itself.
     noise = np.array([math.sqrt(2 * math.log(max(2, sample.reading.cells or MAX_CELLS))) for sample in samples])
     height = np.hypot(signal, noise)
+    laser = np.array([LASER_ERROR if sample.sweep is None else posterior.sample_error for sample in samples])
     # As in the likelihood: the form of deep tails is known that well at best.
     deep = np.where(fallen > -math.log(DEEP), DEEP_ERROR * math.exp(float(np.mean(posterior.log_snr))), 0.0)
-    own = (signal * log_height.std(axis=0)) ** 2 + (error**2 + LASER_ERROR**2) * height**2
+    own = (signal * log_height.std(axis=0)) ** 2 + (error**2 + laser**2) * height**2
     spread = np.sqrt(own + np.maximum(deep, 1.0) ** 2)
     return posterior.sigma * height, posterior.sigma * spread

@@ -19,6 +19,7 @@ samples y is the root of the spot's energy (`Reading.spot`) where that is known,
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -58,8 +59,23 @@ SAMPLE_ERRORS: tuple[tuple[float, float], ...] = (
 )
 """Relative errors e of one sample by itself, the laser's energy, and the prior probability of each."""
 
+PULSE_ERRORS: tuple[tuple[float, float], ...] = (
+    (0.01, 0.2),
+    (0.03, 0.2),
+    (0.06, 0.25),
+    (0.1, 0.25),
+    (0.15, 0.1),
+)
+"""The same in a search with sweeps, in which a sample is of one pulse: diodes are steady to 1 to 2 %, Q-switched lasers
+to 3 to 10 %; where each pulse's energy is measured, less is left."""
+
+
 USUAL_SAMPLE_ERROR = sum(error * share for error, share in SAMPLE_ERRORS)
-"""Their mean, before any sample says more."""
+"""Mean of the former, before any sample says more."""
+
+USUAL_PULSE_ERROR = math.sqrt(sum(error**2 * share for error, share in PULSE_ERRORS))
+"""Root mean square of the latter."""
+
 
 LOG_WIDTH_STEP = 3 * float(np.log(WIDTHS_DEG[1] / WIDTHS_DEG[0]))
 """Step of ln F between the shapes that are considered, every third of the family: each stands for those in between."""
@@ -73,6 +89,9 @@ MAX_GROUPS = 24
 GROUP_WIDTHS = 0.01, 0.02, 0.04
 """Width of a group over the full width at half maximum: the first with which there are no more groups than that, or the
 last. In wider ones the curve's own bend looked like an unsteady laser."""
+
+SWEPT_GROUP_WIDTHS = *GROUP_WIDTHS, 0.08, 0.16
+"""The same in a search with sweeps, where samples cover all of the curve, and a pulse's energy exceeds the bend."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -93,10 +112,12 @@ class Hypotheses:
         )
 
 
-def hypotheses_of(shapes: Shapes, members: Int64[np.ndarray, " members"]) -> Hypotheses:
-    """Return these shapes, each with all of `SAMPLE_ERRORS`."""
-    sample_error, share = np.tile(np.array(SAMPLE_ERRORS), (members.size, 1)).T
-    member = np.repeat(members, len(SAMPLE_ERRORS))
+def hypotheses_of(
+    shapes: Shapes, members: Int64[np.ndarray, " members"], errors: Sequence[tuple[float, float]] = SAMPLE_ERRORS
+) -> Hypotheses:
+    """Return these shapes, each with all of the errors."""
+    sample_error, share = np.tile(np.array(errors), (members.size, 1)).T
+    member = np.repeat(members, len(errors))
     return Hypotheses(member=member, sample_error=sample_error, log_prior=shapes.log_prior[member] + np.log(share))
 
 
@@ -136,6 +157,11 @@ def _without_outliers(group: list[Observation]) -> list[Observation]:
     return [each for each, far in zip(group, away > OUTLIER_SIGMAS * usual, strict=True) if not far]
 
 
+def _sweep(observation: Observation) -> int:
+    """Number of its sweep; 0 for none."""
+    return 0 if observation.sweep is None else observation.sweep.number
+
+
 def grouped(observations: Sequence[Observation], *, fwhm_deg: float) -> Grouped:
     """Return the observations, the strong ones in groups.
 
@@ -143,13 +169,15 @@ def grouped(observations: Sequence[Observation], *, fwhm_deg: float) -> Grouped:
     """
     strong: list[Observation] = []
     others: list[Observation] = []
-    for each in sorted(observations, key=lambda observation: observation.angle_deg):
+    for each in sorted(observations, key=lambda observation: (_sweep(observation), observation.angle_deg)):
         (strong if each.strong else others).append(each)
     groups: list[list[Observation]] = []
-    for width in GROUP_WIDTHS:
+    for width in SWEPT_GROUP_WIDTHS if strong and _sweep(strong[-1]) else GROUP_WIDTHS:
         groups = []
         for each in strong:
-            if groups and each.angle_deg - groups[-1][0].angle_deg <= width * fwhm_deg:
+            # What shifts the angles of one sweep does not shift those of another.
+            near = groups and each.angle_deg - groups[-1][0].angle_deg <= width * fwhm_deg
+            if near and _sweep(each) == _sweep(groups[-1][0]):
                 groups[-1].append(each)
             else:
                 groups.append([each])
@@ -222,6 +250,9 @@ def symmetric_log_likelihood(
         np.array([each.log_intensity for each in (*strong, *weak)]),
         PEAK_NOISE * np.array([each.noise for each in strong]),
         np.repeat(np.arange(len(observations.strong)), [len(group) for group in observations.strong]),
+        np.array([each.energy_share for each in strong]),
+        np.array([each.angle_sigma_deg for each in strong]),
+        shift_sigmas_deg(strong),
         hypotheses.sample_error,
         TEMPLATE_LOG_LEVELS,
         TEMPLATE_SIGMAS,
@@ -235,3 +266,20 @@ def symmetric_log_likelihood(
         log_amplitude,
     )
     return log_p, log_amplitude
+
+
+def shift_sigmas_deg(observations: Sequence[Observation]) -> Float64[np.ndarray, "observations shifts"]:
+    """Return by how much each unknown that samples of sweeps share shifts their angles, a standard deviation of it.
+
+    The first is the delay between pulse and angle, common to all sweeps; each further one is the play of one sweep.
+    Samples at rest have no part in them. There are none where no sample is shifted.
+    """
+    sweeps = [each.sweep for each in observations]
+    played = sorted({sweep.number for sweep in sweeps if sweep is not None and sweep.play_sigma_deg > 0})
+    shifts = np.zeros((len(sweeps), 1 + len(played)))
+    for row, sweep in zip(shifts, sweeps, strict=True):
+        if sweep is not None:
+            row[0] = sweep.speed_deg_s * sweep.delay_sigma_s
+            if sweep.play_sigma_deg > 0:
+                row[1 + played.index(sweep.number)] = sweep.play_sigma_deg
+    return shifts if shifts.any() else shifts[:, :0]

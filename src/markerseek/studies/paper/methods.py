@@ -18,6 +18,7 @@ from markerseek.core import (
     RunPlan,
     Sample,
     SearchError,
+    SweepingPolicy,
 )
 from markerseek.scan import Scanner, run
 from markerseek.search import build
@@ -126,7 +127,7 @@ class SearchTrace(NamedTuple):
 
 
 def searched(
-    policy: Policy, scanner: Scanner, *, stay: bool = True, dark_frames: int = 0, counts: Collection[int] = ()
+    policy: SweepingPolicy, scanner: Scanner, *, stay: bool = True, dark_frames: int = 0, counts: Collection[int] = ()
 ) -> SearchTrace:
     """Run a search on a rig.
 

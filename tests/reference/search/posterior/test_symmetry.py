@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.special import logsumexp, softmax
 from scipy.stats import multivariate_normal
 
-from markerseek.core import PAPER_RANGE, Floor, Reading, Sample
+from markerseek.core import PAPER_RANGE, Floor, Reading, Sample, SweepTiming
 from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior._symmetry import expected_variance
 from markerseek.search.posterior.grid import ERRORS, LEVELS
@@ -32,6 +33,7 @@ from markerseek.search.posterior.symmetry import (
     GROUP_WIDTHS,
     LOG_WIDTH_STEP,
     MAX_GROUPS,
+    PULSE_ERRORS,
     SAMPLE_ERRORS,
     TEMPLATE_LOG_LEVELS,
     TEMPLATE_SIGMAS,
@@ -39,6 +41,7 @@ from markerseek.search.posterior.symmetry import (
     grouped,
     hypotheses_of,
     median_of,
+    shift_sigmas_deg,
     symmetric_log_likelihood,
 )
 
@@ -88,6 +91,21 @@ def covariance(member, offset_deg, noise, error, blur_deg=0.0):
     return template + np.outer(width, width) + np.outer(slope, slope) + np.diag(noise**2 + error**2)
 
 
+def shared_by_sweeps(samples, angle_deg, member):
+    """Covariance of ln y by what shifts the angles of sweeps, to first order: S' of each times its shift."""
+    offset_deg = np.array([sample.angle_deg for sample in samples]) - angle_deg
+    steep = (log_levels(member, np.abs(offset_deg + STEP_DEG)) - log_levels(member, np.abs(offset_deg - STEP_DEG))) / (
+        2 * STEP_DEG
+    )
+    shifts = np.zeros((len(samples), len(samples)))
+    for i, one in enumerate(samples):
+        for k, other in enumerate(samples):
+            if one.sweep is not None and other.sweep is not None:
+                shifts[i, k] = one.sweep.delay_sigma_s**2 * one.sweep.speed_deg_s * other.sweep.speed_deg_s
+                shifts[i, k] += one.sweep.play_sigma_deg**2 * (one.sweep.number == other.sweep.number)
+    return np.outer(steep, steep) * (shifts + np.diag([sample.angle_sigma_deg**2 for sample in samples]))
+
+
 def brute_force(samples, angle_deg, member, error, blur_deg=0.0):
     """Ln p, the amplitude summed over a fine grid, and any one sample an outlier."""
     measured_deg = np.array([sample.angle_deg for sample in samples])
@@ -95,7 +113,9 @@ def brute_force(samples, angle_deg, member, error, blur_deg=0.0):
         member, np.abs(measured_deg - angle_deg)
     )
     noise = PEAK_NOISE * np.array([sample.noise for sample in samples])
-    whole = covariance(member, measured_deg - angle_deg, noise, error, blur_deg)
+    errors = error * np.array([sample.energy_share for sample in samples])
+    whole = covariance(member, measured_deg - angle_deg, noise, errors, blur_deg)
+    whole += shared_by_sweeps(samples, angle_deg, member)
 
     def evidence(kept):
         density = multivariate_normal(np.zeros(len(kept)), whole[np.ix_(kept, kept)])
@@ -117,6 +137,78 @@ def test_strong_samples_against_scipys_normal_distribution(bump, blur_deg):
     for row, angle_deg in zip(found, angles_deg, strict=True):
         for log_p, member, error in zip(row, hypotheses.member, hypotheses.sample_error, strict=True):
             assert log_p == pytest.approx(brute_force(samples, angle_deg, member, error, blur_deg), abs=1e-4)
+
+
+def swept(angle_deg, *, number, delay_s=0.005, play_deg=0.0, sigma_deg=0.02):
+    """A sample of a sweep upwards with an odd number, of one downwards with an even one."""
+    timing = SweepTiming(
+        number=number,
+        speed_deg_s=12.5 if number % 2 else -12.5,
+        delay_sigma_s=delay_s,
+        play_sigma_deg=play_deg,
+    )
+    at = observation(angle_deg, float(log_levels(10, abs(angle_deg))))
+    return replace(at, sweep=timing, angle_sigma_deg=sigma_deg)
+
+
+@pytest.mark.parametrize(
+    "samples",
+    [
+        [swept(t, number=1) for t in (-3.0, -1.5, 0.5, 1.8, 3.3)],
+        [swept(t, number=number) for number in (1, 2) for t in (-2.1, 0.3, 2.2)],
+        [swept(t, number=number, play_deg=0.1 * (number == 2)) for number in (1, 2) for t in (-2.0, 0.4, 2.5)],
+        [
+            *(swept(t, number=1, delay_s=0.0) for t in (-2.0, 0.4, 2.5)),
+            replace(observation(1.0, -0.1), energy_share=0.5),
+        ],
+    ],
+)
+def test_samples_of_sweeps_against_scipys_normal_distribution(samples):
+    """A delay that all share, a play for each sweep, an error of each angle: normal unknowns, integrated out."""
+    angles_deg = np.array([-0.2, 0.0, 0.3])
+    hypotheses = hypotheses_of(SHAPES, MEMBERS, PULSE_ERRORS)
+    found, _ = symmetric_log_likelihood(SHAPES, hypotheses, of_samples(samples), angles_deg)
+    for row, angle_deg in zip(found, angles_deg, strict=True):
+        for log_p, member, error in zip(row, hypotheses.member, hypotheses.sample_error, strict=True):
+            assert log_p == pytest.approx(brute_force(samples, angle_deg, member, error), abs=2e-3)
+
+
+def test_a_delay_widens_one_sweep_and_there_and_back_measures_it():
+    """One way the delay is an error of the angle; the other direction shifts by as much to the other side."""
+    places = np.arange(-0.6, 0.601, 0.01)
+    angles = np.arange(-6.0, 6.01, 0.6)
+
+    def sigma_deg(delay_s, *numbers, late_s=0.0):
+        samples = [swept(t, number=number, delay_s=delay_s) for number in numbers for t in angles]
+        off = [replace(each, angle_deg=each.angle_deg - late_s * each.sweep.speed_deg_s) for each in samples]
+        log_p, _ = symmetric_log_likelihood(SHAPES, hypotheses_of(SHAPES, MEMBERS), of_samples(off), places)
+        share = softmax(logsumexp(log_p, axis=1))
+        mean_deg = share @ places
+        return mean_deg, math.sqrt(share @ (places - mean_deg) ** 2)
+
+    _, exact = sigma_deg(0.0, 1)
+    _, one_way = sigma_deg(0.006, 1)
+    shifted_deg, _ = sigma_deg(0.005, 1, late_s=0.01)
+    both_deg, both = sigma_deg(0.005, 1, 2, late_s=0.01)
+    assert one_way == pytest.approx(math.hypot(exact, 0.075), rel=0.15)
+    assert shifted_deg == pytest.approx(-0.125, abs=0.03)
+    assert abs(both_deg) < 0.02
+    assert both < 1.2 * exact
+
+
+def test_what_shifts_samples_is_shared_by_the_sweeps_as_their_timing_says():
+    samples = [swept(0.0, number=1), swept(1.0, number=2, play_deg=0.1), observation(0.0, 0.0)]
+    shifts = shift_sigmas_deg(samples)
+    assert shifts.tolist() == [[0.0625, 0.0], [-0.0625, 0.1], [0.0, 0.0]]
+    assert shift_sigmas_deg([observation(0.0, 0.0)]).shape == (1, 0)
+    assert shift_sigmas_deg([swept(0.0, number=1, delay_s=0.0)]).shape == (1, 0)
+
+
+def test_samples_of_two_sweeps_are_not_put_into_one_group():
+    together = [swept(t, number=number) for number in (1, 2) for t in np.arange(-3, 3.01, 0.25)]
+    groups = grouped(together, fwhm_deg=6.0).strong
+    assert sum(map(len, groups)) == len(together)
+    assert all(len({each.sweep.number for each in group}) == 1 for group in groups)
 
 
 def test_a_weak_sample_counts_by_its_table():

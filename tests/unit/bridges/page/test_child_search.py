@@ -11,12 +11,12 @@ from types import SimpleNamespace
 import pytest
 
 from markerseek import rigs
-from markerseek.bridges import Outcome
-from markerseek.bridges.page import PageRig, PageSearches, PageSettings
-from markerseek.bridges.page.child_search import MAX_WAITING, ChildSearch
-from markerseek.bridges.page.search_page import status_text
-from markerseek.core import Measured, RecordError, SearchError, SearchPlan
-from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead
+from markerseek.bridges.child import Outcome
+from markerseek.bridges.page.child_search import ChildSearch
+from markerseek.bridges.page.page_searches import PageRig, PageSearches
+from markerseek.bridges.page.settings import PageSettings
+from markerseek.core import RecordError, SearchError, SearchPlan
+from markerseek.records.journal import Entry
 from markerseek.rigs import read_rig_file
 from markerseek.runs import new_session, plan_on
 from markerseek.sim import GaussianCurve
@@ -55,30 +55,19 @@ class ScriptedChild:
 
 @pytest.fixture(scope="module")
 def stream():
-    """The stream of a short search."""
+    """What the journal of a short search holds."""
     rig = rigs.of_intensities(seed=2, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=3.0)
     session = new_session(rig, plan_on(rig, SearchPlan(method="ternary", acquisitions=8, start_deg=0.0)))
-    items = [StreamHead(configuration=session.configuration, frames=True)]
+    items = [session.configuration]
     for number, event in enumerate(session.events(), start=1):
-        frame = event.sample.frame if isinstance(event, Measured) else None
-        items.append(
-            StreamEvent(
-                number=number,
-                written="",
-                clock_s=rig.scanner.clock.now_s(),
-                event=event,
-                header=None if frame is None else frame.header,
-                lost_lines=0,
-                lost_frames=0,
-            )
-        )
-    return [*items, StreamEnd(lost_lines=0, lost_frames=0)]
+        items.append(Entry(number=number, written="", clock_s=rig.scanner.clock.now_s(), event=event, checkpoint=None))
+    return items
 
 
 def test_events_become_snapshots(stream):
     told, begun = [], threading.Event()
 
-    def launch(_):
+    def launch(*_):
         begun.wait(30)
         return ScriptedChild(stream)
 
@@ -86,15 +75,15 @@ def test_events_become_snapshots(stream):
     begun.set()
     assert live.join(30)
     assert (live.status, live.message) == ("ended", "found at 1.000 deg")
-    # Of the head, of each event, and of the end: no viewer has to wait for a timer.
-    assert (len(told), told[-1]) == (len(stream), "ended")
-    assert len(live.run.snapshots) == len(stream) - 1
+    # Of the beginning, of each event, and of the end: no viewer has to wait for a timer.
+    assert (len(told), told[-1]) == (len(stream) + 1, "ended")
+    assert len(live.run.snapshots) == len(stream)
     assert live.run.snapshots[-1].phase == "finished"
 
 
 def test_stop_ends_it(stream):
     child = ScriptedChild(stream[:5], endless=True)
-    live = ChildSearch(lambda _: child, ["search"])
+    live = ChildSearch(lambda *_: child, ["search"])
     live.stop()
     assert live.join(30)
     assert (live.status, live.message) == ("ended", "stopped by SIGINT")
@@ -103,7 +92,7 @@ def test_stop_ends_it(stream):
 def test_stop_before_the_child_is_there(stream):
     begun, child = threading.Event(), ScriptedChild(stream[:5], endless=True)
 
-    def launch(_):
+    def launch(*_):
         begun.wait(30)
         return child
 
@@ -116,7 +105,7 @@ def test_stop_before_the_child_is_there(stream):
 
 
 def test_child_that_cannot_be_started():
-    def launch(_):
+    def launch(*_):
         raise OSError("no processes left")
 
     live = ChildSearch(launch, ["search"])
@@ -126,7 +115,7 @@ def test_child_that_cannot_be_started():
 
 def test_stream_that_cannot_be_read_stops_the_child(stream):
     child = ScriptedChild(stream[:5], error=RecordError("stream: no stream"))
-    live = ChildSearch(lambda _: child, ["search"])
+    live = ChildSearch(lambda *_: child, ["search"])
     assert live.join(30)
     assert (child.stopped.is_set(), live.message) == (True, "stream: no stream")
     # Nobody knows where the probe is that was on its way.
@@ -142,27 +131,9 @@ def test_search_that_cannot_be_shown_is_stopped(stream, monkeypatch):
 
     monkeypatch.setattr("markerseek.bridges.page.run_history.RunHistory.add", broken)
     child = ScriptedChild(stream[:5], endless=True)
-    live = ChildSearch(lambda _: child, ["search"])
+    live = ChildSearch(lambda *_: child, ["search"])
     assert live.join(30)
     assert (child.stopped.is_set(), live.message) == (True, "the page cannot show this search; it was stopped")
-
-
-def test_frames_that_wait_are_bounded(stream, monkeypatch):
-    hold, frames = threading.Event(), []
-    monkeypatch.setattr(ChildSearch, "_take", lambda _, item: (hold.wait(30), frames.append(item.event.sample.frame)))
-    lit = next(
-        each
-        for each in stream
-        if isinstance(each, StreamEvent) and isinstance(each.event, Measured) and not each.event.sample.dark
-    )
-    child = ScriptedChild([lit] * (3 * MAX_WAITING))
-    live = ChildSearch(lambda _: child, ["search"])
-    while not child.sent.empty():
-        pass
-    hold.set()
-    assert live.join(30)
-    assert len(frames) == 3 * MAX_WAITING
-    assert MAX_WAITING <= sum(frame is not None for frame in frames) <= MAX_WAITING + 2
 
 
 def test_published_form_wins_no_race():
@@ -192,7 +163,7 @@ def searches(children, tmp_path, monkeypatch, **rig):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
     asked = []
 
-    def launch(arguments):
+    def launch(arguments, _journal):
         asked.append(list(arguments))
         return children.pop(0)
 
@@ -283,23 +254,14 @@ def test_pause_while_a_search_goes_on_can_go_on_again(stream, tmp_path, monkeypa
     assert [each[0] for each in asked] == ["search", "resume", "resume"]
 
 
-def test_search_whose_last_event_was_lost_has_ended(stream, tmp_path, monkeypatch):
-    shared, _ = searches([ScriptedChild([*stream[:5], StreamEnd(lost_lines=4)])], tmp_path, monkeypatch)
-    shared.start(PageSettings(), asked_by=BROWSER)
-    shared.search.journal.touch()
-    assert shared.search.join(10)
-    assert not shared.paused
-    assert "4 events were lost" in status_text(shared.search, simulated=True)
-
-
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_whatever_goes_wrong_has_a_sentence():
-    def launch(_):
+    def launch(*_):
         raise RuntimeError("can't start new thread")
 
     live = ChildSearch(launch, [])
     assert live.join(10)
-    assert (live.failed, live.message) == (True, "the page cannot follow this search; it was stopped")
+    assert (live.failed, live.message) == (True, "the page cannot show this search; it was stopped")
 
 
 def test_child_that_does_not_stop_is_killed(stream, tmp_path, monkeypatch):
@@ -318,7 +280,7 @@ def test_recordings_of_one_name_are_told_apart(tmp_path, monkeypatch):
     kept = tmp_path / "markerseek" / "journals" / "run.journal"
     kept.parent.mkdir(parents=True)
     kept.touch()
-    shared = PageSearches(lambda _: ScriptedChild(), PageRig(), named)
+    shared = PageSearches(lambda *_: ScriptedChild(), PageRig(), named)
     assert list(shared.recordings().values()) == [*named, kept]
     assert next(iter(shared.recordings())) == "run.journal"
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.bridges.page.belief import PolicyMirror, ShownBelief, answer_in_words, is_claimed
 from markerseek.bridges.page.curve import curve_options
 from markerseek.bridges.page.models import (
     angle_text,
@@ -30,14 +29,17 @@ from markerseek.bridges.page.picture import (
     picture_of,
     pooled_levels,
 )
+from markerseek.bridges.page.results import answer_in_words, is_claimed
 from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.state import Snapshot, SnapshotBuilder
 from markerseek.core import (
     PAPER_RANGE,
     Ambiguous,
+    AngleBelief,
     Asked,
     BModeImage,
     Failed,
+    Finished,
     Floor,
     Found,
     Interval,
@@ -53,8 +55,10 @@ from markerseek.core import (
     SearchPlan,
     Started,
 )
+from markerseek.records import answer_name
 from markerseek.records.journal import Interrupted, Resuming
 from markerseek.runs import new_session, plan_on
+from markerseek.runs.beliefs import Beliefs
 from markerseek.search import METHODS, BracketSearch, build
 from markerseek.sim import GaussianCurve, MarkerSettings, ReceiverSettings, SimulatedSettings
 
@@ -66,12 +70,13 @@ def finished_run(method, *, as_published=False, seed=5, marker_deg=-9.4):
     rig = rigs.of_intensities(seed=seed, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=marker_deg)
     plan = plan_on(rig, SearchPlan(method=method, as_published=as_published, start_deg=rig.stage.angle_deg))
     session = new_session(rig, plan)
-    return session, [(event, rig.scanner.clock.now_s()) for event in session.events()]
+    beliefs = Beliefs(session.policy, plan)
+    return session, [(beliefs.added(event), rig.scanner.clock.now_s()) for event in session.events()]
 
 
-def shown(session, events, **how) -> list[Snapshot]:
+def shown(session, events) -> list[Snapshot]:
     state = SnapshotBuilder(session.configuration)
-    return [state.add(event, clock_s=clock_s, **how) for event, clock_s in events]
+    return [state.add(event, clock_s=clock_s) for event, clock_s in events]
 
 
 @pytest.mark.parametrize(
@@ -80,7 +85,7 @@ def shown(session, events, **how) -> list[Snapshot]:
 def test_last_snapshot_is_the_result(method, as_published):
     session, events = finished_run(method, as_published=as_published)
     last, result = shown(session, events)[-1], session.result()
-    assert (last.phase, last.belief.answer) == ("finished", result.answer)
+    assert (last.phase, answer_name(last.belief.estimate)) == ("finished", result.answer)
     assert last.belief.estimate.mean_deg == result.angle_deg
     assert (last.belief.sigma_deg, last.belief.interval95_deg) == (result.sigma_deg, result.interval95_deg)
     assert (last.acquisitions, last.elapsed_s) == (result.acquisitions, result.elapsed_s)
@@ -90,14 +95,15 @@ def test_last_snapshot_is_the_result(method, as_published):
 
 
 @pytest.mark.parametrize("method", NAMES)
-def test_policy_that_is_told_the_same_asks_the_same(method):
+def test_the_belief_of_an_event_is_that_of_the_policy_when_it_asked(method):
     session, events = finished_run(method)
-    mirror = PolicyMirror(session.configuration.plan, limits=session.configuration.facts.search)
+    policy = build(session.configuration.plan, limits=session.configuration.facts.search)
     for event, _ in events:
-        if isinstance(event, Asked) and event.role == "search":
-            assert mirror._policy.ask() == event.angle_deg
+        if isinstance(event, Asked) and event.belief is not None and event.role == "search":
+            assert event.belief.estimate == policy.estimate()
         if isinstance(event, Measured) and event.role != "confirmation":
-            mirror.tell(event.sample)
+            policy.tell(event.sample)
+    assert events[-1][0].belief.estimate == events[-1][0].estimate
 
 
 def test_density_of_the_posterior():
@@ -107,9 +113,9 @@ def test_density_of_the_posterior():
         assert np.all(np.diff(belief.angles_deg) > 0)
         # A second opinion on probability and mean: the trapezoidal rule over the density as it is drawn.
         assert np.trapezoid(belief.density_per_deg, belief.angles_deg) == pytest.approx(1, abs=0.05)
-    mean_deg = np.trapezoid(beliefs[-1].density_per_deg * beliefs[-1].angles_deg, beliefs[-1].angles_deg)
+    mean_deg = np.trapezoid(np.multiply(beliefs[-1].density_per_deg, beliefs[-1].angles_deg), beliefs[-1].angles_deg)
     assert mean_deg == pytest.approx(session.result().angle_deg, abs=0.05)
-    assert beliefs[-1].density_per_deg.max() > 20 * beliefs[0].density_per_deg.max()
+    assert max(beliefs[-1].density_per_deg) > 20 * max(beliefs[0].density_per_deg)
 
 
 def test_bracket_is_that_of_the_published_search():
@@ -119,6 +125,7 @@ def test_bracket_is_that_of_the_published_search():
     for (event, _), snapshot in zip(events, shown(session, events), strict=True):
         if isinstance(event, Measured) and event.role == "search":
             published.tell(event.sample)
+        elif isinstance(event, Asked | Finished) and event.belief is not None:
             assert snapshot.belief.bracket_deg == (published.bracket.low_deg, published.bracket.high_deg)
 
 
@@ -138,18 +145,6 @@ def test_probe_is_expected_only_while_it_moves():
         assert (snapshot.target_deg is not None) == isinstance(event, Asked)
         if isinstance(event, Measured):
             assert snapshot.probe_deg == event.sample.angle_deg
-
-
-def test_lost_events_leave_no_belief_and_all_the_rest():
-    session, events = finished_run("posterior")
-    state, lost = SnapshotBuilder(session.configuration), events[9:11]
-    for event, clock_s in events:
-        if (event, clock_s) not in lost:
-            snapshot = state.add(event, clock_s=clock_s, lost=2 if event is events[11][0] else 0)
-            assert (snapshot.belief is None) == (len(snapshot.points) == 0 or state._mirror is None)
-    assert snapshot.phase == "finished"
-    assert snapshot.belief is None
-    assert answer_text(snapshot) == ""
 
 
 def test_states_that_end_or_interrupt_a_run():
@@ -199,7 +194,7 @@ def test_probe_is_read_back_last_where_its_move_was_cut_short():
     cut_off = state.cut_off("killed")
     assert (cut_off.phase, cut_off.number, cut_off.line) == ("stopped", second + 2, "killed")
     assert probe_text(cut_off) == f"last {read_back}"
-    assert answer_text(cut_off) == f"stopped; until then {cut_off.belief.answer}"
+    assert answer_text(cut_off) == f"stopped; until then {answer_name(cut_off.belief.estimate)}"
 
 
 def test_angle_counts_as_found_only_at_the_end():
@@ -372,7 +367,7 @@ FLOOR = Floor(level=120.0, source="dark frames")
     ids=("not found", "ambiguous", "found"),
 )
 def test_only_angles_that_are_claimed_are_named(estimate, angle, others_deg):
-    snapshot = Snapshot(rig="simulated", belief=ShownBelief(estimate=estimate))
+    snapshot = Snapshot(rig="simulated", belief=AngleBelief(estimate=estimate))
     assert angle_text(snapshot) == angle
     facts = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE)
     fan = fan_model(snapshot, facts.search, duration_s=0.0, known_deg=None)

@@ -15,7 +15,6 @@ from markerseek.bridges.ros2.sample_topics import SampleTopics
 from markerseek.core import Measured, SearchPlan
 from markerseek.records.banks import BankFacts
 from markerseek.records.exports import Series, write_mcap
-from markerseek.records.stream import StreamHead
 from markerseek.ros import topics
 from markerseek.runs import configuration_of
 from markerseek.sim import ReceiverSettings, SimulatedSettings
@@ -44,7 +43,7 @@ def published(rig, event, *, publishes_angle=True):
     """What is published of one acquisition of a rig."""
     node = Node()
     shown = SampleTopics(node=node, publishes_angle=publishes_angle)
-    shown.begin(StreamHead(configuration=configuration_of(rig, SearchPlan(method="ternary")), frames=True))
+    shown.begin(configuration_of(rig, SearchPlan(method="ternary")))
     shown.publish(event)
     return node.sent
 

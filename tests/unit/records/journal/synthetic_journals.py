@@ -39,7 +39,8 @@ from markerseek.core import (
     Tolerance,
     Unsure,
 )
-from markerseek.records.journal import Checked, Configuration, Interrupted, Journal, JournalEvent, Resuming
+from markerseek.records.journal import Checked, Configuration, Entry, Interrupted, Journal, JournalEvent, Resuming
+from markerseek.records.journal.lines import entry_line
 from tests.unit.records.changed_configuration import changed
 
 RANGE = Interval(low_deg=-35.0, high_deg=35.0)
@@ -177,15 +178,14 @@ def died(path: Path, write_to: Callable[[Journal], object]) -> None:
 
 
 def died_in_commit(path: Path, write_to: Callable[[Journal], object]) -> None:
-    """Let another process write a journal, and be killed when half of a commit is in the file."""
+    """Let another process write a journal, and be killed when half of an entry is in the file."""
 
     def work(journal: Journal) -> None:
         write_to(journal)
-        connection = journal._connection
-        # With no room in memory SQLite writes changed pages into the file before the commit.
-        connection.execute("PRAGMA cache_size = 1")
-        connection.execute("BEGIN IMMEDIATE")
-        connection.execute("UPDATE run SET entries = entries + 1")
-        connection.execute("UPDATE events SET samples = zeroblob(300000) WHERE number > 3")
+        entry = Entry(
+            number=journal._tail.entry.number + 1, written="", clock_s=9.0, event=measured(9), checkpoint=None
+        )
+        data, _ = entry_line(entry, previous=journal._tail.checksum)
+        os.pwrite(journal._descriptor, data[: len(data) // 2], journal._tail.end)
 
     died(path, work)

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import os
-import sqlite3
+import zlib
 from collections.abc import Callable
-from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 from markerseek.core import Asked, RecordError, Started
 from markerseek.records.banks import read_bank
-from markerseek.records.journal import Journal, default_journal, is_journal, read_journal, verify
+from markerseek.records.journal import (
+    Journal,
+    default_journal,
+    is_journal,
+    read_journal,
+    remove_journal,
+    summary,
+    verify,
+)
 from tests.unit.records.journal.synthetic_journals import RANGE, configuration, died, whole_run, write
 
 
@@ -38,56 +45,55 @@ def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
         Journal.create(tmp_path / "nowhere" / "run.journal", configuration())
 
 
-def test_two_programs_do_not_drive_one_run(tmp_path: Path) -> None:
+def test_two_programs_do_not_drive_one_run_and_any_number_read_it(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     with Journal.create(path, configuration()) as journal:
         journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.0)
-        for look in (Journal.reopen, read_journal, verify):
-            with pytest.raises(RecordError, match="another markerseek has it open"):
-                look(path)
+        before = path.read_bytes()
+        for attempt in (Journal.reopen, remove_journal):
+            with pytest.raises(RecordError, match="another markerseek has it open; wait until that is over"):
+                attempt(path)
+        assert path.read_bytes() == before
+        assert len(read_journal(path).entries) == 1
+        assert verify(path).faults == []
+        assert summary(path).state == "running"
         journal.commit(Asked(role="search", index=1, angle_deg=1.1), clock_s=0.0)
     assert len(read_journal(path).entries) == 2
+    assert summary(path).state == "open"
 
 
 def test_a_dead_run_is_read_without_being_touched(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     died(path, lambda journal: write(journal, 2))
     before = {each.name: each.read_bytes() for each in tmp_path.iterdir()}
-    assert set(before) == {"run.journal", "run.journal-journal"}
+    assert set(before) == {"run.journal"}
     assert len(read_journal(path).entries) == 6
     assert verify(path).faults == []
     assert {each.name: each.read_bytes() for each in tmp_path.iterdir()} == before
 
 
-def foreign_database(path: Path) -> None:
-    with closing(sqlite3.connect(path)) as database:
-        database.execute("CREATE TABLE events (number)")
-
-
-def hostile_view(path: Path) -> None:
-    """A journal whose events are a view that never ends."""
-    whole_run(path)
-    with closing(sqlite3.connect(path)) as database:
-        database.execute("DROP TABLE events")
-        database.execute(
-            "CREATE VIEW events AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) "
-            "SELECT i AS number, 'asked', '', 0.0, '', NULL, 0, NULL FROM n"
-        )
-        database.commit()
+def checked(rest: bytes, *, rest_bytes: int | None = None) -> bytes:
+    """A line 0 with checksums that agree, as a foreign program may write it, whatever its lengths say."""
+    lengths = b'{"number":%8d,"bytes":%9d,"frame_bytes":%9d,' % (0, rest_bytes or len(rest), 0)
+    check = zlib.crc32(lengths)
+    return lengths + b'"check":%10d,"crc":%10d,' % (check, zlib.crc32(rest, check)) + rest
 
 
 @pytest.mark.parametrize(
     ("make", "said"),
     [
         (lambda path: path.write_bytes(b""), "no journal of a run"),
-        (lambda path: path.write_bytes(b"not a database, and as long as one" * 99), "not a database"),
-        (foreign_database, "no journal of a run"),
-        (hostile_view, "tables are none of a journal"),
+        (lambda path: path.write_bytes(b"not a database, and as long as one" * 99), "another kind of file"),
+        (lambda path: path.write_bytes(b'{"number":       0,"bytes":' + b" 1" * 99), "the lengths do not agree"),
+        (lambda path: path.write_bytes(checked(b"", rest_bytes=999_999_999)), "the configuration has 999999999 bytes"),
+        (lambda path: path.write_bytes(checked(b'"journal":1,"configuration":{}}\n')), "cannot be read"),
+        (lambda path: path.write_bytes(checked(b'"journal":1,"configuration":' + b"[" * 9999 + b"}\n")), "cannot be"),
+        (lambda path: path.write_bytes(checked(b'"journal":1,"journal":-9e99,"configuration":0}\n')), "cannot be read"),
         (lambda path: path.mkdir(), "it is a folder, and a journal is one file"),
         (os.mkfifo, "it is not a regular file"),
         (lambda _: None, "no such journal"),
     ],
-    ids=["empty", "text", "foreign", "view", "folder", "pipe", "missing"],
+    ids=["empty", "text", "lengths", "huge", "other", "deep", "twice", "folder", "pipe", "missing"],
 )
 def test_a_file_that_is_not_a_journal_is_reported(make: Callable[[Path], object], said: str, tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
@@ -128,8 +134,6 @@ def test_a_journal_is_known_by_its_beginning_also_while_it_is_written(tmp_path: 
     with Journal.create(path, configuration()):
         assert is_journal(path)
     assert is_journal(path)
-    foreign_database(tmp_path / "foreign")
-    assert not is_journal(tmp_path / "foreign")
     assert not is_journal(a_file(tmp_path / "text"))
 
 

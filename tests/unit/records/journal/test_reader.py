@@ -63,7 +63,7 @@ def test_all_but_the_frames_is_the_same(tmp_path: Path) -> None:
     held, damage = salvage(path, frames=False, on_entry=seen.append)
     assert damage is None
     whole = read_journal(path)
-    assert (held.configuration, held.last_checksum) == (whole.configuration, whole.last_checksum)
+    assert held.configuration == whole.configuration
     assert len(held.entries) == len(whole.entries) == len(seen)
     assert [frame for entry in held.entries for frame in frames_of(entry.event) if frame is not None] == []
     assert sum(frame is not None for entry in seen for frame in frames_of(entry.event)) == 8

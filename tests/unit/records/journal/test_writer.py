@@ -3,55 +3,51 @@
 from __future__ import annotations
 
 import os
-import sqlite3
 import stat
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
 
 import pytest
 
 from markerseek.core import Asked, Failed, MoveError, RecordError, Started
 from markerseek.records.journal import (
-    Entry,
     Interrupted,
     Journal,
     default_journal,
     journals_in,
     make_folder,
     read_journal,
-    salvage,
-    schema,
     summary,
     verify,
     writer,
 )
-from markerseek.records.journal.connection import rollback_file
 from tests.unit.records.journal.synthetic_journals import RANGE, configuration, counts, died, whole_run, write
 
 
 @contextmanager
 def struck(monkeypatch: pytest.MonkeyPatch, *, behind: str) -> Iterator[None]:
-    """A signal that strikes right behind a statement of the next transaction."""
+    """A signal that strikes in the middle of the next write, behind it, or behind the flush."""
+    write = writer._write
 
-    def transact(connection: sqlite3.Connection, *statements: tuple[str, tuple[object, ...]]) -> None:
-        connection.execute("BEGIN IMMEDIATE")
-        for sql, values in statements:
-            connection.execute(sql, values)
-        if behind == "COMMIT":
-            connection.execute("COMMIT")
+    def cut(descriptor: int, data: bytes, *, at: int) -> None:
+        write(descriptor, data[: len(data) // 2] if behind == "half" else data, at=at)
+        if behind != "flush":
+            raise KeyboardInterrupt
+
+    def flush(_descriptor: int) -> None:
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(schema, "_transact", transact)
+        patched.setattr(writer, "_write", cut)
+        patched.setattr(writer, "flush", flush)
         with pytest.raises(KeyboardInterrupt):
             yield
 
 
-@pytest.mark.parametrize("behind", ["INSERT", "COMMIT"])
-def test_a_signal_behind_any_statement_leaves_a_journal_that_can_be_noted_in(
+@pytest.mark.parametrize("behind", ["half", "write", "flush"])
+def test_a_signal_at_any_moment_of_a_commit_leaves_a_journal_that_can_be_noted_in(
     behind: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     path = tmp_path / "run.journal"
@@ -60,10 +56,10 @@ def test_a_signal_behind_any_statement_leaves_a_journal_that_can_be_noted_in(
         journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.5)
         with struck(monkeypatch, behind=behind):
             journal.commit(asked, clock_s=1.5)
-        assert isinstance(journal.last, Asked if behind == "COMMIT" else Started)
+        assert isinstance(journal.last, Started if behind == "half" else Asked)
         journal.interrupt("SIGINT")
     entries = read_journal(path).entries
-    kept = [asked] if behind == "COMMIT" else []
+    kept = [] if behind == "half" else [asked]
     assert [entry.event for entry in entries[1:]] == [*kept, Interrupted(reason="SIGINT")]
     assert entries[-1].clock_s == (1.5 if kept else 0.5)
     assert verify(path).faults == []
@@ -75,7 +71,7 @@ def test_a_fault_that_was_committed_when_a_signal_struck_is_not_noted_twice(
     path = tmp_path / "run.journal"
     with Journal.create(path, configuration()) as journal:
         journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.5)
-        with struck(monkeypatch, behind="COMMIT"):
+        with struck(monkeypatch, behind="write"):
             journal.commit(Failed(error=MoveError("stuck")), clock_s=1.5)
         journal.interrupt("SIGINT")
         journal.fail(MoveError("stuck"), clock_s=2.0)
@@ -103,44 +99,6 @@ def test_an_error_on_its_way_goes_before_one_of_closing(monkeypatch: pytest.Monk
         raise MoveError("stuck")
     with pytest.raises(RecordError, match="of closing"), Journal.create(tmp_path / "b.journal", configuration()):
         pass
-
-
-def rewrite(path: Path) -> None:
-    """As another program, which has opened the journal to be written, does it."""
-    with closing(sqlite3.connect(path)) as database:
-        database.execute("UPDATE run SET entries = entries + 1")
-        database.commit()
-
-
-def test_a_journal_that_is_read_cannot_be_written_meanwhile(tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    whole_run(path)
-    refused: list[str] = []
-
-    def try_to_write(_entry: Entry) -> None:
-        other = sqlite3.connect(path, timeout=0, isolation_level=None)
-        with closing(other), pytest.raises(sqlite3.OperationalError, match="locked"):
-            other.execute("DELETE FROM events")
-        refused.append("locked")
-
-    assert salvage(path, on_entry=try_to_write)[1] is None
-    assert len(refused) == len(read_journal(path).entries)
-
-
-def test_a_journal_that_is_written_before_it_is_locked_is_not_continued(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    path = tmp_path / "run.journal"
-    whole_run(path)
-    connect = writer.connect
-
-    def late(place: Path, *, mode: Literal["rw", "ro"]) -> sqlite3.Connection:
-        rewrite(place)
-        return connect(place, mode=mode)
-
-    monkeypatch.setattr(writer, "connect", late)
-    with pytest.raises(RecordError, match="another markerseek wrote it meanwhile"):
-        Journal.reopen(path)
 
 
 @pytest.fixture
@@ -197,10 +155,10 @@ def test_a_journal_that_was_named_has_the_rights_that_any_new_file_has(mask: int
     before = os.umask(mask)
     try:
         with Journal.create(path, configuration()):
-            modes = [stat.S_IMODE(each.stat().st_mode) for each in (path, rollback_file(path))]
+            found = stat.S_IMODE(path.stat().st_mode)
     finally:
         os.umask(before)
-    assert modes == [mode, mode]
+    assert found == mode
 
 
 def named(folder: Path) -> Path:

@@ -1,0 +1,137 @@
+"""A sweep (fly-scan): the probe turns at a constant speed while the laser fires, and each pulse gives one frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from markerseek.core.checks import is_finite, is_whole, require_range
+from markerseek.core.errors import ConfigError
+from markerseek.core.permit import SWEEP_READING_S
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sweep:
+    """One turn of the probe in light.
+
+    Attributes
+    ----------
+    to_deg
+        Angle at which the sweep ends unless it is ended before, in degrees.
+    speed_deg_s
+        Speed between run-up and braking, in degrees per second, positive in either direction.
+    spacing_deg
+        Least angle between two pulses in degrees; 0 uses every pulse of the laser.
+    from_deg
+        Angle at which it begins, to which the probe is moved without light; None: where the probe is.
+
+    Raises
+    ------
+    ConfigError
+        If a number is not finite, the speed is not positive, or the spacing is negative.
+    """
+
+    to_deg: float
+    speed_deg_s: float
+    spacing_deg: float = 0.0
+    from_deg: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("to_deg", "from_deg"):
+            angle_deg = getattr(self, name)
+            if not is_finite(angle_deg) and not (angle_deg is None and name == "from_deg"):
+                raise ConfigError(f"sweep: {name} is {angle_deg} deg, it must be a finite number")
+        require_range("sweep: speed_deg_s", self.speed_deg_s, low=0, high=360, unit="deg/s", open_low=True)
+        require_range("sweep: spacing_deg", self.spacing_deg, low=0, high=360, unit="deg")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepTiming:
+    """What a sample of a sweep shares with the other samples of its sweep.
+
+    Its true angle is ``angle_deg + speed_deg_s * delay + play + e``. The delay is the same in all samples of all sweeps
+    of a run, the play is the same in all samples of one sweep, and e differs from sample to sample.
+
+    Attributes
+    ----------
+    number
+        Number of the sweep in its run, counted from 1.
+    speed_deg_s
+        Speed of the probe at the pulse in degrees per second, negative where the angle falls.
+    delay_sigma_s
+        Standard deviation of the unknown delay between pulse and angle, in seconds; 0 where the stage triggers the
+        laser by its position.
+    play_sigma_deg
+        Standard deviation of the unknown play between encoder and probe, in degrees; 0 where the stage turns in the
+        direction in which it approaches the angle of a single acquisition.
+
+    Raises
+    ------
+    ConfigError
+        If a number cannot be used.
+    """
+
+    number: int
+    speed_deg_s: float
+    delay_sigma_s: float = 0.0
+    play_sigma_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (is_whole(self.number) and self.number >= 1):
+            raise ConfigError(f"sweep timing: number is {self.number}, it must be a whole number of at least 1")
+        if not is_finite(self.speed_deg_s):
+            raise ConfigError(f"sweep timing: speed_deg_s is {self.speed_deg_s} deg/s, it must be a finite number")
+        require_range("sweep timing: delay_sigma_s", self.delay_sigma_s, low=0, high=1, unit="s")
+        require_range("sweep timing: play_sigma_deg", self.play_sigma_deg, low=0, high=10, unit="deg")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageReading:
+    """Where a stage was that turns, read between two moments of the rig's clock.
+
+    Attributes
+    ----------
+    angle_deg
+        Readback in degrees.
+    asked_s, answered_s
+        When it was asked for and when it came, in seconds; it is of a moment in between.
+    """
+
+    angle_deg: float
+    asked_s: float
+    answered_s: float
+
+    @property
+    def at_s(self) -> float:
+        """Middle between question and answer, in seconds."""
+        return (self.asked_s + self.answered_s) / 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pulse:
+    """One pulse of a sweep, as the laser or its trigger box stamped it.
+
+    Attributes
+    ----------
+    at_s
+        When it was fired, on the rig's clock in seconds.
+    sigma_s
+        Standard deviation of that, independent from pulse to pulse, in seconds.
+    """
+
+    at_s: float
+    sigma_s: float = 0.0
+
+
+MAX_AHEAD_DEG = 5.0
+"""Most that a target lies ahead of a stage that turns: so far it turns on at most if the host dies."""
+
+
+def fastest_sweep_deg_s(acceleration_deg_s2: float) -> float:
+    """Largest speed of a sweep in degrees per second, for a stage of this acceleration.
+
+    v²/2a + T·v <= `MAX_AHEAD_DEG`: the stage must not begin to brake before it gets its next target, which comes after
+    T = `SWEEP_READING_S` at the latest.
+    """
+    slope = acceleration_deg_s2 * SWEEP_READING_S
+    return math.sqrt(slope**2 + 2 * acceleration_deg_s2 * MAX_AHEAD_DEG) - slope

@@ -1,0 +1,187 @@
+"""What the table of drivers holds of each: its settings, how it is opened, and what a rig must know of it.
+
+A driver's file ends with its ``ENTRY``. A rig looks it up by the key ``driver`` of its file
+(`markerseek.drivers.table`), and treats all drivers alike.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, TypeAlias, TypeVar
+
+import msgspec
+
+from markerseek.core import Clock, ConfigError, Receiver, require_range
+from markerseek.files import Line
+from markerseek.guard import Limits
+from markerseek.wire import Port
+
+if TYPE_CHECKING:
+    from markerseek.ros import RosNode
+
+Part: TypeAlias = Literal["stage", "laser", "receiver"]
+"""The tables of a rig file that name a driver."""
+
+PARTS: tuple[Part, ...] = ("stage", "laser", "receiver")
+
+OpenedT = TypeVar("OpenedT")
+
+
+class DeviceSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """The keys of one table of a rig file; each driver has its own, tagged with its name."""
+
+    @property
+    def driver(self) -> str:
+        """Name of the driver, as the rig file has it."""
+        return str(self.__struct_config__.tag)
+
+
+class StageSettings(DeviceSettings, frozen=True, kw_only=True):
+    """Keys of any stage."""
+
+
+LIGHT = {
+    "wavelength_nm": (400, 1400, "nm"),
+    "pulse_energy_j": (1e-9, 10, "J"),
+    "pulse_width_s": (1e-9, 1e-3, "s"),
+    "spot_diameter_m": (1e-5, 1, "m"),
+}
+"""Ranges in which the limits of skin exposure hold (wavelength, pulse width), or which a suitable laser can have."""
+
+
+class LaserSettings(DeviceSettings, frozen=True, kw_only=True):
+    """Keys of any laser."""
+
+    pulses: int = 16
+    """Pulses averaged in one acquisition."""
+    rate_hz: float = 100.0
+    """Pulses per second."""
+    wavelength_nm: float | None = None
+    pulse_energy_j: float | None = None
+    pulse_width_s: float | None = None
+    spot_diameter_m: float | None = None
+    """``wavelength_nm``, ``pulse_energy_j``, ``pulse_width_s`` and ``spot_diameter_m``: the light on the skin:
+    wavelength in nm, energy and duration of a pulse in J and s, and diameter of the lit spot in metres. They only serve
+    to show the exposure of skin when the rig is armed; None if not known."""
+    energy_from: Literal["photodiode", "pickup", "metadata"] | None = None
+    """What measures the energy of each acquisition, by which readings are divided: the photodiode of a laser box with a
+    light meter, the laser's pick-up in the channels, or a field of a PLUS server's images. None: nothing does."""
+    usual_energy: float | None = None
+    """What it says of a usual pulse, in a unit of its own; None: it is measured and not used."""
+    pickup_us: tuple[float, float] | None = None
+    """Where the pick-up is: first and last moment after the trigger, in microseconds."""
+    energy_field: str | None = None
+    """Name of the field of a PLUS server's images."""
+
+    def __post_init__(self) -> None:
+        for name, (low, high, unit) in LIGHT.items():
+            value = getattr(self, name)
+            if value is not None:
+                require_range(f"laser: {name}", value, low=low, high=high, unit=unit)
+        if self.usual_energy is not None:
+            require_range("laser: usual_energy", self.usual_energy, low=0, high=1e12, open_low=True)
+        for name, source in (("pickup_us", "pickup"), ("energy_field", "metadata")):
+            if (getattr(self, name) is None) == (self.energy_from == source):
+                raise ConfigError(
+                    f"laser: {name} belongs to energy_from = {source!r}, which is {self.energy_from!r}; name both, or "
+                    "neither"
+                )
+        if self.pickup_us is not None and not 0 <= self.pickup_us[0] < self.pickup_us[1] <= 1000:
+            raise ConfigError(
+                f"laser: pickup_us is {list(self.pickup_us)} us, it must be a first and a later moment of 0 to 1000 us"
+            )
+        require_range("laser: pulses", self.pulses, low=1, high=1024)
+        require_range("laser: rate_hz", self.rate_hz, low=0, high=1000, unit="Hz", open_low=True)
+
+
+class ReceiverSettings(DeviceSettings, frozen=True, kw_only=True):
+    """Keys of any receiver."""
+
+    channels: ClassVar[int | None] = None
+    """Channels that it records; None: as many as the probe has elements."""
+
+    sampling_hz: float = 40e6
+    """Sampling frequency, which frames of a device do not hold."""
+    noise_ratio: float = 2.0
+    """Factor by which a frame's noise may differ from that of the run's first, see `markerseek.guard.Admission`."""
+
+    def __post_init__(self) -> None:
+        require_range("receiver: sampling_hz", self.sampling_hz, low=0, high=1e9, unit="Hz", open_low=True)
+        if not 1 < self.noise_ratio < math.inf:
+            raise ConfigError(f"receiver: noise_ratio is {self.noise_ratio}, it must be a finite factor above 1")
+
+    @property
+    def varied(self) -> bool:
+        """Whether the number of pulses may vary from acquisition to acquisition, which shows the trigger of a frame."""
+        return False
+
+
+class Opening(Protocol):
+    """What a rig has for the driver that it opens."""
+
+    clock: Clock
+    """All waiting is done on it, because each wait renews a lease."""
+    limits: Limits
+    """Angles that may be searched, and at which the probe may be."""
+    pulses: int
+    """Laser pulses of one acquisition, as set, and so the triggers of a dark frame."""
+
+    @property
+    def line(self) -> Port:
+        """The device's serial line, which the supervisor holds; only where its entry names one."""
+
+    @property
+    def node(self) -> RosNode:
+        """The rig's ROS 2 node, which all its devices share."""
+
+    @property
+    def receiver(self) -> Receiver:
+        """The rig's receiver, which is opened before the laser."""
+
+    def keep(self, opened: AbstractContextManager[OpenedT]) -> OpenedT:
+        """Enter a context that is left when the rig is closed."""
+
+    def simulated(self, settings: DeviceSettings) -> Any:
+        """A simulated device, in the world that all simulated devices of this rig share."""
+
+
+SettingsT = TypeVar("SettingsT", bound=DeviceSettings)
+DeviceT = TypeVar("DeviceT")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry(Generic[SettingsT, DeviceT]):
+    """One driver of a stage, a laser or a receiver."""
+
+    settings: type[SettingsT]
+    """Keys of its table in a rig file."""
+    open: Callable[[SettingsT, Opening], DeviceT]
+    """Connects to the device; nothing moves and nothing is fired."""
+    describe: Callable[[SettingsT, DeviceT], str]
+    """What was connected, for people; empty if another part says it."""
+    line: Callable[[SettingsT], Line | None] = lambda _settings: None
+    """Serial line that the supervisor holds, with the command that makes the device safe; None if it has none."""
+    paths: tuple[str, ...] = ()
+    """Keys that name a file or folder, from where the rig file lies."""
+    same: tuple[str, ...] = ()
+    """Keys that change what an angle or an intensity is: a search is not resumed with others. ``("",)``: all but
+    ``port``."""
+    require_room: Callable[[SettingsT, Limits], None] = lambda _settings, _limits: None
+    """Raises `ConfigError` if the travel range leaves no room to approach the ends of the search range."""
+    paired: bool = False
+    """Whether laser and receiver must both have this driver, or neither."""
+    is_node: bool = False
+    """Whether a ROS 2 node drives it."""
+    without_supervisor: str = ""
+    """Why a laser must not be used without the supervisor, as the end of a sentence; empty if it may."""
+
+
+AnyEntry: TypeAlias = Entry[Any, Any]
+
+
+def is_emulated(device: object) -> bool:
+    """Whether a device says of itself that it is an emulator, or simulated."""
+    return bool(getattr(device, "emulated", False))

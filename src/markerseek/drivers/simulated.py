@@ -1,0 +1,61 @@
+"""Simulated devices in a rig of devices: to try a stage without a laser, or a laser and a receiver without a stage.
+
+They share one simulated world, and take their time by the clock on the wall. The probe of that world is where the
+rig's stage says that it is.
+"""
+
+from __future__ import annotations
+
+from markerseek.core import Laser, Receiver, Stage, require_range
+from markerseek.drivers.entry import Entry, LaserSettings, ReceiverSettings, StageSettings
+
+
+class SimulatedStageKeys(
+    StageSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="simulated"
+):
+    """Keys of a simulated stage in a rig of devices: none, since the world says how it moves."""
+
+
+class SimulatedLaserKeys(
+    LaserSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="simulated"
+):
+    """Keys of a simulated laser in a rig of devices; the receiver must be simulated too."""
+
+
+class SimulatedReceiverKeys(
+    ReceiverSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="simulated"
+):
+    """Keys of a simulated receiver in a rig of devices, which describes the world too."""
+
+    seed: int = 1
+    """Seed of the world's marker and noise."""
+    world: str | None = None
+    """Rig file (kind simulated) that describes the world; None: the usual one."""
+    readout_s: float = 0.1
+    """Time to read one acquisition."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_range("receiver: seed", self.seed, low=0, high=2**63 - 1)
+        require_range("receiver: readout_s", self.readout_s, low=0, high=600, unit="s")
+
+
+STAGE_ENTRY: Entry[SimulatedStageKeys, Stage] = Entry(
+    settings=SimulatedStageKeys,
+    open=lambda settings, opening: opening.simulated(settings),
+    describe=lambda _settings, _stage: "SIMULATED stage",
+)
+LASER_ENTRY: Entry[SimulatedLaserKeys, Laser] = Entry(
+    settings=SimulatedLaserKeys,
+    open=lambda settings, opening: opening.simulated(settings),
+    describe=lambda _settings, _laser: "",
+    paired=True,
+)
+RECEIVER_ENTRY: Entry[SimulatedReceiverKeys, Receiver] = Entry(
+    settings=SimulatedReceiverKeys,
+    open=lambda settings, opening: opening.simulated(settings),
+    describe=lambda settings, _receiver: f"SIMULATED laser and receiver, seed {settings.seed}",
+    paths=("world",),
+    same=("seed", "world"),
+    paired=True,
+)

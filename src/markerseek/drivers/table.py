@@ -1,0 +1,68 @@
+"""The table of drivers: what the key ``driver`` of a rig file can name, and where it is.
+
+A driver of this package is one line here and one file. A name ``module:Class`` is a foreign driver
+(`markerseek.drivers.foreign`).
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+
+from markerseek.core import ConfigError
+from markerseek.drivers.entry import AnyEntry, DeviceSettings, Part
+
+DRIVERS: dict[Part, dict[str, str]] = {
+    "stage": {
+        "kdc101": "kdc101:ENTRY",
+        "ros2": "ros2_stage:ENTRY",
+        "simulated": "simulated:STAGE_ENTRY",
+    },
+    "laser": {
+        "laserbox": "laserbox:ENTRY",
+        "picolas": "picolas:ENTRY",
+        "ros2": "ros2_acquisition:LASER_ENTRY",
+        "simulated": "simulated:LASER_ENTRY",
+    },
+    "receiver": {
+        "sonixdaq": "sonixdaq:ENTRY",
+        "plus": "plus:ENTRY",
+        "ros2": "ros2_acquisition:RECEIVER_ENTRY",
+        "simulated": "simulated:RECEIVER_ENTRY",
+    },
+}
+"""File and name of each entry; the first of a part is its driver where a rig file names none."""
+
+_FOREIGN: dict[Part, str] = {
+    "stage": "foreign:STAGE_ENTRY",
+    "laser": "foreign:LASER_ENTRY",
+    "receiver": "foreign:RECEIVER_ENTRY",
+}
+
+
+def entry_named(part: Part, driver: object) -> AnyEntry:
+    """Entry of a driver by its name; only its file is imported."""
+    if isinstance(driver, str) and ":" in driver:
+        return _entry(_FOREIGN[part])
+    if not isinstance(driver, str) or driver not in DRIVERS[part]:
+        raise ConfigError(
+            f"{part}.driver is {driver!r}, it must be one of: {', '.join(DRIVERS[part])}, or a class of your own as "
+            '"module:Class"'
+        )
+    return _entry(DRIVERS[part][driver])
+
+
+def entry_of(part: Part, settings: DeviceSettings) -> AnyEntry:
+    """Entry of the driver that has these settings."""
+    return entry_named(part, settings.driver)
+
+
+def default_driver(part: Part, table: Mapping[str, object]) -> object:
+    """Name of the driver in a table of a rig file; without one, the usual."""
+    return table.get("driver", next(iter(DRIVERS[part])))
+
+
+def _entry(place: str) -> AnyEntry:
+    module, _, name = place.partition(":")
+    entry: AnyEntry = getattr(importlib.import_module(f"markerseek.drivers.{module}"), name)
+    return entry

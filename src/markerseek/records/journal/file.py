@@ -1,0 +1,165 @@
+"""Opens, locks and flushes the file of a journal, and turns errors of the system into `RecordError`."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from platformdirs import user_data_path
+
+from markerseek.core import RecordError
+from markerseek.files import open_input, require_input, sync_folder
+
+MAX_BYTES = 1 << 36
+"""Largest journal that is opened: 100,000 frames of half a megabyte."""
+
+MAGIC = b'{"number":       0,"bytes":'
+"""First bytes of every journal: those of its first line."""
+
+_PATIENCE_S = 0.5
+"""Longest wait for the lock, in seconds: `is_written` holds it for a moment, a writer for a whole run."""
+
+_MAX_COPIES = 100
+
+
+def journals_folder() -> Path:
+    """Default folder of journals, in the user's data folder."""
+    return user_data_path("markerseek", appauthor=False) / "journals"
+
+
+def is_journal(path: Path) -> bool:
+    """Whether a regular file begins as a journal does; its contents are not checked.
+
+    Raises `OSError` if it cannot be read.
+    """
+    with open_input(path, most_bytes=1 << 62) as file:
+        return file.read(len(MAGIC)) == MAGIC
+
+
+def exists_error(path: Path) -> RecordError:
+    """Error for a new journal whose path exists already."""
+    if path.is_dir():
+        return RecordError(f"{path}: it is a folder, and a journal is one file; name a new file in it")
+    if path.is_file() and is_journal(path):
+        return RecordError(
+            f"{path}: the journal exists already; name another file, or continue it: markerseek resume {path}"
+        )
+    return RecordError(f"{path}: this exists already and is no journal; name a new file")
+
+
+def open_for_reading(path: Path) -> int:
+    """File descriptor of a journal; files that cannot be one are refused."""
+    if path.is_dir():
+        raise RecordError(f"{path}: it is a folder, and a journal is one file; name the file")
+    if not path.exists():
+        raise RecordError(
+            f"{path}: there is no such journal; check the name ('markerseek journal list' shows those of "
+            f"searches that named none, in {journals_folder()})"
+        )
+    with open_input(path, most_bytes=MAX_BYTES) as file:
+        return os.dup(file.fileno())
+
+
+def open_for_writing(path: Path) -> int:
+    """File descriptor of a journal, locked against other writers."""
+    require_input(path, most_bytes=MAX_BYTES)
+    descriptor = os.open(path, os.O_RDWR | os.O_NONBLOCK)
+    try:
+        lock(descriptor)
+    except BaseException:
+        os.close(descriptor)
+        raise
+    return descriptor
+
+
+def lock(descriptor: int) -> None:
+    """Lock a journal for this process; `BlockingIOError` if another one has it open for writing."""
+    ends_s = time.monotonic() + _PATIENCE_S
+    while True:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if time.monotonic() > ends_s:
+                raise
+            time.sleep(0.01)  # noqa: TID251  another process is waited for
+        else:
+            return
+
+
+def is_written(descriptor: int) -> bool:
+    """Whether a program has the journal open for writing: its run is going on."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    fcntl.flock(descriptor, fcntl.LOCK_UN)
+    return False
+
+
+def flush(descriptor: int) -> None:
+    """Put what was written on the disk."""
+    # macOS reports a flush as done before the disk has it; the others do not know this command.
+    if hasattr(fcntl, "F_FULLFSYNC"):
+        fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
+    else:
+        os.fdatasync(descriptor)
+
+
+def rescued(descriptor: int, path: Path) -> Path:
+    """Copy of an open journal whose file was deleted, in a new file beside it; nothing is left behind on an error.
+
+    A deleted file stays readable and writable for the program that has it open, and is lost when that program ends.
+    """
+    for number in range(1, _MAX_COPIES + 1):
+        copy = path.with_name(f"{path.stem}-rescued-{number}{path.suffix}")
+        try:
+            target = copy.open("xb")
+        except FileExistsError:
+            continue
+        try:
+            with target:
+                offset = 0
+                while piece := os.pread(descriptor, 1 << 20, offset):
+                    offset += target.write(piece)
+                target.flush()
+                os.fsync(target.fileno())
+            sync_folder(copy.parent)
+        except BaseException:
+            copy.unlink(missing_ok=True)
+            raise
+        return copy
+    raise RecordError(f"{path.parent} holds {_MAX_COPIES} rescued copies of it already; remove those not needed")
+
+
+@contextmanager
+def as_record_error(path: Path, *, verb: str) -> Iterator[None]:
+    """Turn errors of the file system into a `RecordError` that names the file and the cure.
+
+    ``verb``: what could not be done: "read", "written", "removed" or "closed".
+    """
+    try:
+        yield
+    except OSError as problem:
+        reason = problem.strerror or problem
+        raise RecordError(f"{path}: the journal cannot be {verb}: {reason}; {_cure(problem, path)}") from problem
+
+
+def _cure(problem: OSError, path: Path) -> str:
+    match problem.errno:
+        case errno.EWOULDBLOCK:
+            return "another markerseek has it open; wait until that is over"
+        case errno.ENOENT:
+            return f"there is no folder {path.parent}; make it, or name another place"
+        case errno.ENOTDIR:
+            return f"{path.parent} is no folder; name another place"
+        case errno.ENOSPC | errno.EDQUOT | errno.EIO | errno.EFBIG:
+            return "make room on the disk or name another place; what was committed before stays readable"
+        case errno.ENAMETOOLONG:
+            return "name it shorter"
+        case _:
+            return "check the folder and the rights, or name another place"

@@ -1,0 +1,288 @@
+"""One sweep: the stage turns, the laser fires single pulses, and each gives a sample at the angle where it was fired.
+
+The angle of a pulse is interpolated between two readings of the stage, never taken from a set point.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+
+from markerseek.core import (
+    AcquisitionError,
+    Clock,
+    ConfigError,
+    Frame,
+    Laser,
+    LaserError,
+    MoveError,
+    Pulse,
+    Receiver,
+    Stage,
+    StageReading,
+    Sweep,
+    SweepingLaser,
+    SweepingReceiver,
+    SweepingStage,
+    SweepPermit,
+    SweepTiming,
+    Swept,
+)
+from markerseek.guard import Guard
+
+READ_S = 0.05
+"""Time from one reading of a turning stage to the next."""
+
+SLOWEST, FASTEST = 0.2, 1.25
+"""Speeds between which the probe is lit, as shares of the speed of the sweep: pulses on the ramps count, too."""
+
+BEGIN_S = 1.0
+"""Time within which a stage must have begun to turn, and within which it must have come to rest after braking."""
+
+AT_REST_DEG = 0.005
+"""Most by which two readings of a stage at rest differ: ten counts of a PRM1Z8's encoder."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepingDevices:
+    """Stage, laser and receiver of a rig that can sweep."""
+
+    stage: SweepingStage
+    laser: SweepingLaser
+    receiver: SweepingReceiver
+
+    @classmethod
+    def of(cls, stage: Stage, laser: Laser, receiver: Receiver) -> SweepingDevices:
+        """The devices, if all three can; `ConfigError` names the one that cannot."""
+        for part, device in (("stage", stage), ("laser", laser), ("receiver", receiver)):
+            # Of the class, and no isinstance: it would ask the device for its angle.
+            if not hasattr(type(device), "begin_sweep"):
+                raise ConfigError(
+                    f"this rig cannot sweep: its {part} ({type(device).__name__}) only works with the probe at rest; "
+                    "leave --sweep out"
+                )
+        return cls(stage=stage, laser=laser, receiver=receiver)  # type: ignore[arg-type]
+
+    def permit(self, sweep: Sweep, *, from_deg: float) -> SweepPermit:
+        """The permit that a sweep needs, without token and expiry; `ConfigError` if it is too fast for the stage."""
+        speed, fastest = sweep.speed_deg_s, self.stage.fastest_sweep_deg_s
+        if not speed <= fastest:
+            raise ConfigError(
+                f"sweep: {speed:g} deg/s is too fast for this stage, whose targets lie at most 5 deg ahead: at most "
+                f"{math.floor(100 * fastest) / 100:g} deg/s"
+            )
+        # The floor of the speed keeps two pulses apart by the spacing also on the ramps; 0.8 leaves it room below.
+        period_s = max(self.laser.sweep_period_s, self.receiver.frame_period_s, sweep.spacing_deg / (0.8 * speed))
+        return SweepPermit(
+            token="",
+            angle_deg=from_deg,
+            # A tenth more, for a stage that is slower than it says.
+            pulses=math.ceil(1.1 * self.duration_s(sweep, from_deg=from_deg) / period_s) + 1,
+            expires_s=0.0,
+            to_deg=sweep.to_deg,
+            slowest_deg_s=max(SLOWEST * speed, sweep.spacing_deg / period_s),
+            fastest_deg_s=FASTEST * speed,
+            period_s=period_s,
+            spacing_deg=sweep.spacing_deg,
+        )
+
+    def require_in_time(self, sweep: Sweep, permit: SweepPermit, *, now_s: float) -> None:
+        """Refuse a sweep by `ConfigError` if its permit may expire on the way: nothing has moved."""
+        duration_s, left_s = self.duration_s(sweep, from_deg=permit.angle_deg), permit.expires_s - now_s
+        # A tenth more, for a stage that is slower than it says.
+        if not 1.1 * duration_s <= left_s:
+            raise ConfigError(
+                f"sweep: it takes {duration_s:.1f} s at {sweep.speed_deg_s:g} deg/s, and its permit holds for "
+                f"{left_s:.1f} s; sweep faster"
+            )
+
+    def duration_s(self, sweep: Sweep, *, from_deg: float) -> float:
+        """Time of a sweep in seconds, run-up and braking included."""
+        way_deg, speed, acceleration = (
+            abs(sweep.to_deg - from_deg),
+            sweep.speed_deg_s,
+            self.stage.acceleration_deg_s2,
+        )
+        if way_deg <= speed**2 / acceleration:
+            return 2 * math.sqrt(way_deg / acceleration)
+        return way_deg / speed + speed / acceleration
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweptFrame:
+    """A frame of a sweep, with the angle of its pulse."""
+
+    frame: Frame
+    angle_deg: float
+    angle_sigma_deg: float
+    timing: SweepTiming
+
+
+class SweepInProgress:
+    """One sweep from its redeemed permit on; the guard is SWEEPING until the probe is at rest again.
+
+    ``held``: holds the watchdog's lease while the probe turns. ``at``: readback and time at which the permit was used.
+    """
+
+    def __init__(
+        self,
+        devices: SweepingDevices,
+        permit: SweepPermit,
+        *,
+        speed_deg_s: float,
+        guard: Guard,
+        clock: Clock,
+        held: AbstractContextManager[None],
+        number: int,
+        at: StageReading,
+    ) -> None:
+        self._devices = devices
+        self._permit = permit
+        self._speed_deg_s = speed_deg_s
+        self._guard = guard
+        self._clock = clock
+        self._held = held
+        self._number = number
+        self._readings = [at]
+        self._pulses: list[Pulse] = []
+        self._frames: list[Frame] = []
+        self._told = 0
+
+    def frames(self, goes_on: Callable[[], bool]) -> Generator[SweptFrame, None, Swept]:
+        """Turn, and return the frames with their angles as they come, then where the probe came to rest.
+
+        ``goes_on``: whether more of the sweep is wanted; if not, the light ends, then the motion. `AcquisitionError`
+        refuses the sweep as a whole: frames and pulses do not belong together.
+        """
+        stage, laser, receiver = self._devices.stage, self._devices.laser, self._devices.receiver
+        with self._held:
+            stage.begin_sweep(self._permit.to_deg)
+            self._await_speed()
+            laser.begin_sweep(self._permit)
+            # A probe that is too slow ends the light: it stalls, or has reached the end.
+            while self._read() and goes_on():
+                self._take(laser.pulses())
+                self._keep(receiver.frames())
+                yield from self._matched()
+            fired = self._end()
+        stage.end_sweep()
+        if fired != len(self._pulses):
+            raise AcquisitionError(f"{len(self._pulses)} of {fired} pulses have a time; the sweep is refused whole")
+        self._keep(receiver.end_sweep())
+        self._guard.admit_sweep(len(self._frames))
+        yield from self._matched()
+        if self._told < len(self._frames):
+            raise self._not_between(self._pulses[self._told])
+        return Swept(angle_deg=self._readings[-1].angle_deg, pulses=fired)
+
+    def _await_speed(self) -> None:
+        """Run up without light, to the least speed at which the probe may be lit."""
+        began_s = self._clock.now_s()
+        while not self._read():
+            if not self._clock.now_s() - began_s < BEGIN_S:
+                raise MoveError(
+                    f"the stage has not begun the sweep in {BEGIN_S:g} s, it is at {self._readings[-1].angle_deg:.3f} "
+                    "deg; look for an obstacle"
+                )
+
+    def _read(self) -> bool:
+        """Read the stage after a pause, and return whether the probe may be lit."""
+        self._clock.wait(READ_S)
+        reading = self._devices.stage.read_sweep()
+        self._readings.append(reading)
+        return self._guard.read_sweep(reading.angle_deg, now_s=reading.at_s)
+
+    def _end(self) -> int:
+        """End the light, brake, come to rest, and return how many pulses were fired."""
+        fired = self._devices.laser.end_sweep()
+        self._take(self._devices.laser.pulses())
+        self._devices.stage.brake()
+        began_s = self._clock.now_s()
+        # The first reading encloses the last pulse; the others show that the probe is at rest.
+        while self._read() or abs(self._readings[-1].angle_deg - self._readings[-2].angle_deg) > AT_REST_DEG:
+            if (
+                not self._clock.now_s() - began_s
+                < BEGIN_S + self._speed_deg_s / self._devices.stage.acceleration_deg_s2
+            ):
+                raise MoveError(f"the stage does not stop, it is at {self._readings[-1].angle_deg:.3f} deg")
+        self._clock.wait(READ_S)
+        last = self._devices.stage.read_sweep()
+        self._readings.append(last)
+        self._guard.end_sweep(last.angle_deg, pulses=fired, now_s=last.at_s)
+        return fired
+
+    def _take(self, pulses: Sequence[Pulse]) -> None:
+        """Keep the times of pulses, which come in order and no faster than permitted."""
+        for pulse in pulses:
+            if self._pulses:
+                apart_s = pulse.at_s - self._pulses[-1].at_s
+                least_s = 0.9 * self._permit.period_s - 4 * pulse.sigma_s
+                if not apart_s >= least_s:
+                    raise LaserError(
+                        f"two pulses came {1e3 * apart_s:.2f} ms apart, {1e3 * self._permit.period_s:.2f} ms is the "
+                        "least that was permitted; check the laser's trigger"
+                    )
+            self._pulses.append(pulse)
+
+    def _keep(self, frames: Sequence[Frame]) -> None:
+        """Keep frames; each is of the trigger after that of the frame before."""
+        for frame in frames:
+            if self._frames:
+                before, now = self._frames[-1].header.sequence, frame.header.sequence
+                if now != before + 1:
+                    raise AcquisitionError(
+                        f"frame {now} came after frame {before}: a trigger was lost or doubled, and the sweep is "
+                        "refused whole; check the trigger's cable"
+                    )
+            self._frames.append(frame)
+
+    def _matched(self) -> Generator[SweptFrame, None, None]:
+        """Frames whose pulse lies between two readings, with the angle at it."""
+        while self._told < min(len(self._frames), len(self._pulses)):
+            pulse = self._pulses[self._told]
+            if not pulse.at_s <= self._readings[-1].at_s:
+                return
+            frame = self._frames[self._told]
+            self._told += 1
+            yield self._at(pulse, frame)
+
+    def _not_between(self, pulse: Pulse) -> AcquisitionError:
+        readings = f"from {self._readings[0].at_s:.3f} to {self._readings[-1].at_s:.3f} s"
+        return AcquisitionError(
+            f"a pulse at {pulse.at_s:.3f} s is not between two readings of the stage, {readings}; the sweep is refused "
+            "whole, compare the clocks"
+        )
+
+    def _at(self, pulse: Pulse, frame: Frame) -> SweptFrame:
+        """A frame with the angle of its pulse, and what that angle may be off by."""
+        after = next((index for index, each in enumerate(self._readings) if each.at_s >= pulse.at_s), 0)
+        if after == 0:
+            raise self._not_between(pulse)
+        lower, upper = self._readings[after - 1], self._readings[after]
+        interval_s = upper.at_s - lower.at_s
+        share = (pulse.at_s - lower.at_s) / interval_s
+        speed_deg_s = (upper.angle_deg - lower.angle_deg) / interval_s
+        # A reading is of any moment between question and answer: uniform, of standard deviation 1/√12.
+        read_s = math.hypot(
+            (1 - share) * (lower.answered_s - lower.asked_s), share * (upper.answered_s - upper.asked_s)
+        ) / math.sqrt(12)
+        # At constant acceleration, half way between two readings, a chord is off by a·h²/8.
+        bend_deg = 0.0
+        if after > 1:
+            first = self._readings[after - 2]
+            before_deg_s = (lower.angle_deg - first.angle_deg) / (lower.at_s - first.at_s)
+            bend_deg = abs(speed_deg_s - before_deg_s) * interval_s / 8
+        header = replace(frame.header, angle_before_deg=lower.angle_deg, angle_after_deg=upper.angle_deg)
+        return SweptFrame(
+            frame=replace(frame, header=header),
+            angle_deg=lower.angle_deg + share * (upper.angle_deg - lower.angle_deg),
+            angle_sigma_deg=math.hypot(speed_deg_s * math.hypot(read_s, pulse.sigma_s), bend_deg),
+            timing=SweepTiming(
+                number=self._number,
+                speed_deg_s=speed_deg_s,
+                delay_sigma_s=self._devices.laser.delay_sigma_s,
+                play_sigma_deg=self._devices.stage.play_deg if self._permit.forward < 0 else 0.0,
+            ),
+        )

@@ -1,0 +1,166 @@
+"""The policy `SweepPosterior`: turns the probe over the range in light, and stops it only where that is not enough.
+
+1. It sweeps from where the probe is to the nearer end of the range, and from there to the other end. A sweep surveys
+   the range by its nature: one is ended early once `Posterior` answers `Found`.
+2. Where the centre of the curve is not known well enough by then, it sweeps back over the flanks. That also separates
+   the delay between pulse and angle from the angle, for it shifts the two directions against one another.
+3. What is still missing is measured at rest, as `Posterior` does: another look at a source, more precision. Where
+   nothing was detected, a search at rest begins anew, for the mean of some pulses shows what a single one does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from markerseek.core import Estimate, Found, Interval, Sample, Sweep
+from markerseek.search.policy import check_sample
+from markerseek.search.posterior.belief import Belief
+from markerseek.search.posterior.policy import Posterior
+
+DECIDED_EVERY_S = 0.1
+"""Time between two decisions during a sweep, at its speed: no laser is too fast for a decision then."""
+
+LEAST_SPACING_DEG = 0.1
+"""Least angle between two pulses: a twentieth of the narrowest curve."""
+
+AT_END_DEG = 1.0
+"""Distance from its end within which a sweep is over: the last pulse comes before the probe is at rest."""
+
+PASSED, FLANK = 0.5, 0.8
+"""Distance from the centre at which the marker was passed, and up to which its flank is swept again, over the full
+width at half maximum."""
+
+
+class SweepPosterior:
+    """Searches by sweeps and the posterior over the marker's angle; a `SweepingPolicy` that confirms its answer.
+
+    Parameters
+    ----------
+    make
+        Makes the `Posterior` that judges the samples, and searches at rest.
+    limits
+        Range to search.
+    speed_deg_s
+        Speed of the sweeps.
+    start_deg
+        Present angle of the probe, in degrees; None: the low end.
+    """
+
+    name = "posterior"
+
+    def __init__(
+        self,
+        make: Callable[[], Posterior],
+        *,
+        limits: Interval,
+        speed_deg_s: float,
+        start_deg: float | None = None,
+    ) -> None:
+        self._make = make
+        self._posterior = make()
+        self._limits = limits
+        self._speed_deg_s = speed_deg_s
+        self._dark: list[Sample] = []
+        ends_deg = [limits.low_deg, limits.high_deg]
+        if start_deg is not None and start_deg > limits.centre_deg:
+            ends_deg.reverse()
+        if start_deg is None or abs(start_deg - ends_deg[0]) <= AT_END_DEG:
+            ends_deg = ends_deg[1:]
+        self._to_deg = ends_deg
+        self._swept_back = False
+        self._decided_deg: float | None = None
+        self._next: tuple[float | Sweep | None] | None = None
+
+    def ask(self) -> float | Sweep | None:
+        """Next sweep, or next angle in degrees; None at the end of the search."""
+        if self._next is None:
+            self._next = (self.sweeps[0] if self._to_deg else self._posterior.ask(),)
+        return self._next[0]
+
+    def tell(self, sample: Sample) -> None:
+        """Take one sample: a dark one, one of a sweep, or one at rest.
+
+        Raises
+        ------
+        SearchError
+            If the sample is not usable (`check_sample`), or the laser was on and the search is over.
+        """
+        if sample.dark:
+            check_sample(sample)
+            # For a search at rest only: the noise of a mean of pulses is not that of one.
+            self._dark.append(sample)
+        elif sample.sweep is None:
+            self._posterior.tell(sample)
+            self._next = None
+        else:
+            self._posterior.tell_swept(sample)
+            self._advance(sample)
+
+    def confirm(self, sample: Sample) -> None:
+        """Take the acquisition at the angle found, as `Posterior.confirm`."""
+        self._posterior.confirm(sample)
+        self._next = None
+
+    def estimate(self) -> Estimate:
+        """Answer as far as the samples prove it."""
+        return self._posterior.estimate()
+
+    @property
+    def belief(self) -> Belief | None:
+        """What is believed of the marker's angle, for a picture of it; None before the first sample."""
+        return self._posterior.belief
+
+    @property
+    def sweeps(self) -> list[Sweep]:
+        """The sweeps that it will ask for unless the marker is found before; others may follow."""
+        return [
+            Sweep(to_deg=to_deg, speed_deg_s=self._speed_deg_s, spacing_deg=LEAST_SPACING_DEG)
+            for to_deg in self._to_deg
+        ]
+
+    def _advance(self, sample: Sample) -> None:
+        """Decide, every tenth of a second, whether a sweep goes on after a sample of it."""
+        # The light is off before the probe brakes; samples that come after a sweep was ended are used like any others.
+        if not self._to_deg:
+            self._next = None
+            return
+        at_end = abs(sample.angle_deg - self._to_deg[0]) <= AT_END_DEG
+        last_deg = self._decided_deg
+        since_deg = self._speed_deg_s * DECIDED_EVERY_S
+        if not at_end and last_deg is not None and abs(sample.angle_deg - last_deg) < since_deg:
+            return
+        self._decided_deg = sample.angle_deg
+        if self._is_known(sample):
+            self._posterior.state_swept()
+            self._to_deg = []
+        elif at_end:
+            self._to_deg = self._to_deg[1:] or self._end_of_range(sample.angle_deg)
+        self._next = None
+
+    def _is_known(self, sample: Sample) -> bool:
+        """Whether the marker was passed and found, and its centre is known well enough."""
+        progress = self._posterior.progress
+        if progress is None or progress.sigma_deg > progress.target_deg:
+            return False
+        # With one flank the centre may seem known: passed, in the direction of the sweep, it has two.
+        upwards = 1.0 if sample.sweep is not None and sample.sweep.speed_deg_s >= 0 else -1.0
+        passed_deg = upwards * (sample.angle_deg - progress.mean_deg)
+        if not self._swept_back and passed_deg < PASSED * progress.fwhm_deg:
+            return False
+        return isinstance(self._posterior.estimate(), Found)
+
+    def _end_of_range(self, angle_deg: float) -> list[float]:
+        """Ends of the sweeps that follow once the range has been swept."""
+        progress = self._posterior.progress
+        if progress is None:
+            # Single pulses show nothing: the search at rest begins anew, with the noise of its own frames.
+            self._posterior = self._make()
+            for dark in self._dark:
+                self._posterior.tell(dark)
+            return []
+        self._posterior.state_swept()
+        if self._swept_back or progress.sigma_deg <= progress.target_deg:
+            return []
+        self._swept_back = True
+        away = 1.0 if angle_deg < progress.mean_deg else -1.0
+        return [self._limits.nearest(progress.mean_deg + away * FLANK * progress.fwhm_deg)]

@@ -1,0 +1,373 @@
+"""Drivers that a rig file names as ``module:Class``: what is found, what is refused, what the supervisor can do."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from markerseek.core import ConfigError, DeviceError, Interval, LimitError, NotConnectedError
+from markerseek.drivers import BenchSettings, NamedStage, bench_settings_from
+from markerseek.guard import Limits
+from markerseek.rigs import BenchRecipe, bench, fingerprint, read_rig_file
+from markerseek.runs.same_bench import differences_of_benches
+from markerseek.sim import VirtualClock
+from markerseek.testing import check_laser, check_receiver, check_stage
+
+STAGE = """
+import time
+from types import SimpleNamespace
+from markerseek.sim import SimulatedStage, StageMotion
+from markerseek.core import LimitError, ConfigError
+from helper_of_this_lab import SPEED
+
+class Stage:
+    def __init__(self, *, travel, clock, zero_deg: float, speed_deg_s: float = SPEED, wheel: int | None = None):
+        self.limits, self.angle_deg, self.zero_deg, self.wheel = travel, 0.0, zero_deg, wheel
+    def move_to(self, angle_deg):
+        if angle_deg not in self.limits:
+            raise LimitError("nothing was moved")
+        self.angle_deg = angle_deg
+        return angle_deg
+    def stop(self):
+        pass
+
+class Held(Stage):
+    safe_command = b"STOP\\n"
+    baud = 9600
+    def __init__(self, *, line, zero_deg: float = 0.0, **more):
+        super().__init__(zero_deg=zero_deg, **more)
+
+class Bare(Stage):
+    def __init__(self, *, line, travel): ...
+
+class Anything(Stage):
+    def __init__(self, travel, **keys):
+        self.limits, self.angle_deg, self.keys = travel, 0.0, keys
+
+class Nowhere(Stage):
+    angle_deg = property(lambda self: float("nan"), lambda self, value: None)
+
+class Radians(Stage):
+    def move_to(self, angle_deg):
+        self.angle_deg = angle_deg * 3.14159265 / 180
+        return self.angle_deg
+
+class Broken(Stage):
+    def __init__(self, **keys):
+        raise ZeroDivisionError("a mistake\\nin two lines")
+
+class NoStage:
+    def move_to(self, angle_deg): ...
+
+class Text(Stage):
+    safe_command = "STOP"
+
+class Parity(Stage):
+    safe_command, parity = b"STOP\\n", "even"
+
+class ByPosition(Stage):
+    def __init__(self, travel, /): ...
+
+class Derived(SimulatedStage):
+    emulated = False
+    def __init__(self, travel, clock):
+        super().__init__(world=SimpleNamespace(angle_deg=0.0), clock=clock, motion=StageMotion(), travel=travel)
+
+class Leaves(Stage):
+    def __init__(self):
+        raise SystemExit(3)
+
+class Hangs(Stage):
+    def __init__(self):
+        while True:
+            try:
+                time.sleep(5)
+            except Exception:
+                pass
+
+class HangsLater(Stage):
+    angle_deg = property(lambda self: time.sleep(60), lambda self, value: None)
+
+def made(): ...
+"""
+
+RIG = """kind = "bench"
+[stage]
+driver = "{driver}"
+{keys}
+[laser]
+driver = "simulated"
+[receiver]
+driver = "simulated"
+"""
+
+
+@pytest.fixture
+def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
+    """Writes a rig file that names a class of `STAGE`, which lies beside it."""
+    (tmp_path / "lab_stage.py").write_text(STAGE)
+    (tmp_path / "helper_of_this_lab.py").write_text("SPEED = 20.0\n")
+    (tmp_path / "broken_stage.py").write_text("1 / 0\n")
+    (tmp_path / "leaving_stage.py").write_text("import sys\nsys.exit(3)\n")
+    (tmp_path / "hanging_stage.py").write_text("import time\ntime.sleep(60)\n")
+    monkeypatch.setattr("markerseek.drivers._time_limit.MAX_S", 0.3)
+    (tmp_path / "needs_stage.py").write_text("import no_such_library_at_all\n")
+
+    def written(driver: str = "lab_stage:Stage", keys: str = "zero_deg = 1") -> Path:
+        path = tmp_path / "rig.toml"
+        path.write_text(RIG.format(driver=driver, keys=keys))
+        return path
+
+    return written
+
+
+def read(path: Path) -> BenchSettings:
+    settings = read_rig_file(path)
+    assert isinstance(settings, BenchSettings)
+    return settings
+
+
+@pytest.mark.parametrize(
+    ("driver", "keys", "message"),
+    [
+        (":Stage", "", 'it must be "module:Class", as in "my_stage:Stage": the name of the file without its folder'),
+        ("lab_stage:", "", 'it must be "module:Class"'),
+        ("../lab_stage:Stage", "", 'it must be "module:Class"'),
+        ("leaving_stage:Stage", "", "importing leaving_stage failed: SystemExit: 3; correct it"),
+        ("hanging_stage:Stage", "", r"importing hanging_stage takes longer than 0\.3 s; check the device"),
+        ("lab_stage:ByPosition", "", "ByPosition takes travel by position only"),
+        (
+            "lab_stage:Parity",
+            'port = "a"\nzero_deg = 0.0',
+            "'stage': parity is 'even', it must be one of: N, E, O",
+        ),
+        ("no_stage:Stage", "", "there is no file .*/no_stage.py, and no module no_stage is installed"),
+        ("lab_stage:Stag", "", "lab_stage has no class Stag; its classes are: .*Stage"),
+        ("lab_stage:made", "", "lab_stage has no class made"),
+        ("lab_stage:NoStage", "", "NoStage has no stop; a stage has move_to, stop"),
+        ("broken_stage:Stage", "", "importing broken_stage failed: ZeroDivisionError: division by zero"),
+        ("needs_stage:Stage", "", "importing needs_stage failed: .*no_such_library_at_all.*; install what it needs"),
+        ("lab_stage:Stage", "", "the key stage.zero_deg is missing; add it: lab_stage:Stage needs it"),
+        (
+            "lab_stage:Stage",
+            "zero_deg = 0.0\nsped_deg_s = 1.0",
+            "key stage.sped_deg_s is unknown; did you mean stage.speed",
+        ),
+        ("lab_stage:Stage", "zero_deg = 0.0\nclock = 1.0", "key stage.clock is unknown"),
+        ("lab_stage:Stage", 'zero_deg = "left"', "stage.zero_deg is text, it must be a number"),
+        (
+            "lab_stage:Stage",
+            "zero_deg = 0.0\nwheel = 1.5",
+            'wheel is a number, it must be a whole number or "none"',
+        ),
+        ("lab_stage:Held", "", "the key stage.port is missing; add it: the serial port on which b'STOP"),
+        ("lab_stage:Bare", "", "it asks for a line, and has no safe_command; give the class the bytes"),
+        ("lab_stage:Text", 'port = "a"\nzero_deg = 0.0', "safe_command is 'STOP', it must be bytes"),
+        ("kdc102", "", 'must be one of: kdc101, ros2, simulated, or a class of your own as "module:Class"'),
+    ],
+)
+def test_what_is_not_found_or_does_not_fit_is_said(
+    rig: Callable[..., Path], driver: str, keys: str, message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message) as caught:
+        read(rig(driver, keys))
+    assert "rig.toml: " in str(caught.value)
+
+
+def test_a_file_beside_the_rig_file_is_found_and_replaces_nothing_installed(
+    rig: Callable[..., Path], tmp_path: Path
+) -> None:
+    (tmp_path / "json.py").write_text(STAGE)
+    with bench(read(rig("json:Stage"))) as opened:
+        assert isinstance(opened.stage, NamedStage)
+        assert opened.scanner.angle_deg == 0.0
+    import json
+
+    assert json.loads("1") == 1
+    assert sys.modules["json"] is json
+    with bench(read(rig("lab_stage:Anything", "some = 1\nother = [2]"))) as opened:
+        assert opened.stage.device.keys == {"some": 1, "other": [2]}  # type: ignore[attr-defined]
+
+
+def test_an_error_of_the_class_names_it(rig: Callable[..., Path]) -> None:
+    with pytest.raises(
+        NotConnectedError, match=r"lab_stage:Broken: ZeroDivisionError: a mistake in two lines; this is"
+    ):
+        bench(read(rig("lab_stage:Broken")))
+
+
+@pytest.mark.parametrize(
+    ("driver", "said"),
+    [
+        ("Leaves", "lab_stage:Leaves: SystemExit: 3; this is an error of that driver"),
+        ("Hangs", "lab_stage:Hangs: connecting takes longer than 0.3 s; check the device"),
+        ("HangsLater", "lab_stage:HangsLater: trying it by the contract takes longer than 0.3 s"),
+    ],
+)
+def test_a_class_that_leaves_or_hangs_is_named(rig: Callable[..., Path], driver: str, said: str) -> None:
+    keys = "zero_deg = 0.0" if driver == "HangsLater" else ""
+    with pytest.raises(DeviceError, match=said):
+        bench(read(rig(f"lab_stage:{driver}", keys)))
+
+
+def test_a_driver_of_another_unit_is_refused_at_its_first_move(rig: Callable[..., Path]) -> None:
+    """At rest at 0 nothing shows it; light is only permitted at an angle that was reached."""
+    with bench(read(rig("lab_stage:Radians"))) as opened:
+        opened.arm(by="a test")
+        with pytest.raises(DeviceError, match=r"sent to 20.000 deg and the probe is at 0\.349 deg"):
+            opened.scanner.measure(20.0)
+        assert opened.facts.emulated == ("laser", "receiver")
+
+
+def test_a_simulated_device_that_says_it_is_real_is_named_as_emulated(rig: Callable[..., Path]) -> None:
+    with bench(read(rig("lab_stage:Derived", ""))) as opened:
+        assert opened.facts.emulated == ("stage", "laser", "receiver")
+
+
+def test_a_class_that_breaks_the_contract_is_not_armed(rig: Callable[..., Path]) -> None:
+    with pytest.raises(NotConnectedError, match=r"lab_stage:Nowhere does not keep the contract of a stage: .*nan"):
+        bench(read(rig("lab_stage:Nowhere")))
+
+
+def test_what_the_supervisor_can_do_is_said(rig: Callable[..., Path]) -> None:
+    alone = read(rig())
+    assert alone.lines == []
+    assert "when the search dies, nothing stops it (Stage names no safe_command): stand by" in alone.foreign_lines[0]
+    held = read(rig("lab_stage:Held", 'port = "/dev/a"'))
+    assert [(line.path, line.safe_command, line.baud) for line in held.lines] == [("/dev/a", b"STOP\n", 9600)]
+    assert held.foreign_lines[0].endswith(r"the supervisor sends b'STOP\n' to /dev/a")
+    path = rig("lab_stage:Held", 'port = "/dev/a"')
+    path.write_text(path.read_text() + "[supervisor]\nenabled = false\n")
+    assert "nothing stops it (supervisor.enabled is false)" in read(path).foreign_lines[0]
+
+
+def test_a_laser_of_ones_own_needs_the_supervisor(tmp_path: Path) -> None:
+    (tmp_path / "lab_laser.py").write_text("class Laser:\n    def fire(self, permit): ...\n    def disarm(self): ...\n")
+    tables = {
+        "stage": {"driver": "simulated"},
+        "laser": {"driver": "lab_laser:Laser", "pulses": 8},
+        "receiver": {"driver": "plus", "device": "RF"},
+    }
+    assert bench_settings_from(tables, beside=str(tmp_path)).laser.pulses == 8
+    with pytest.raises(ConfigError, match="enabled is false, and a foreign driver's laser may have no lease"):
+        bench_settings_from(tables | {"supervisor": {"enabled": False}}, beside=str(tmp_path))
+
+
+def test_a_journal_imports_nothing_and_is_compared_by_all_keys_but_the_port(rig: Callable[..., Path]) -> None:
+    was = read(rig("lab_stage:Held", 'port = "/dev/a"\nzero_deg = 1.0'))
+    now = read(rig("lab_stage:Held", 'port = "/dev/b"\nzero_deg = 2.0'))
+    recorded = BenchRecipe.of(was).settings
+    assert recorded.stage.beside == ""  # type: ignore[attr-defined]
+    assert recorded.table() == was.table()
+    assert fingerprint(recorded) == fingerprint(was) != fingerprint(now)
+    differences = differences_of_benches(recorded, now)
+    assert set(differences) == {"stage.port", "stage.zero_deg"}
+    assert [key.startswith(now.comparable) and not key.endswith(".port") for key in sorted(differences)] == [
+        False,
+        True,
+    ]
+    with pytest.raises(ConfigError, match="only imported for a rig file"):
+        bench(recorded)
+
+
+class Careless:
+    """A stage that would move wherever it is told, and counts it."""
+
+    limits = Interval(low_deg=-36.5, high_deg=36.5)
+    angle_deg = 0.0
+    moves = 0
+
+    def move_to(self, angle_deg: float) -> float:
+        self.moves += 1
+        return angle_deg
+
+    def stop(self) -> None:
+        pass
+
+
+def test_a_stage_is_tried_without_a_move() -> None:
+    stage = Careless()
+    checks = check_stage(stage, search=Limits().search, dry=None)
+    assert [each.problem for each in checks] == [None] * 4
+    assert [each.tried for each in checks] == [True, True, True, False]
+    assert stage.moves == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"limits": Interval(low_deg=-20.0, high_deg=20.0)}, "do not hold the search range"),
+        ({"limits": (-36.5, 36.5)}, "not a markerseek.core.Interval"),
+        ({"angle_deg": 40.0}, "angle_deg is 40.0 deg, outside"),
+        ({"angle_deg": "0"}, "angle_deg is '0'"),
+        ({"emulated": "no"}, "emulated is 'no', it must be True or False"),
+        ({"resolution_deg": "fine"}, "resolution_deg is 'fine', it must be above 0 and at most 0.1 deg"),
+        ({"stop": lambda now: None}, "cannot be called so: missing a required argument: 'now'"),
+        ({"move_to": lambda: None}, "cannot be called so: too many positional arguments"),
+    ],
+)
+def test_what_a_stage_lacks_is_said(change: dict[str, object], said: str) -> None:
+    stage = Careless()
+    for name, value in change.items():
+        setattr(stage, name, value)
+    problems = [each.problem for each in check_stage(stage, search=Limits().search, dry=None) if each.problem]
+    assert any(said in problem for problem in problems), problems
+
+
+def test_nothing_is_sent_while_a_line_is_dry() -> None:
+    from markerseek.drivers import DryLine
+
+    sent: list[bytes] = []
+    line = DryLine(SimpleNamespace(write=sent.append, read=lambda size, timeout_s: b""))  # type: ignore[arg-type]
+
+    class Sending(Careless):
+        def move_to(self, angle_deg: float) -> float:
+            line.write(b"MOVE")
+            return angle_deg
+
+    checks = check_stage(Sending(), search=Limits().search, dry=line.dry)
+    assert checks[-1].problem == "(the stage accepted nan deg outside of [-36.5, 36.5] deg)"
+    assert sent == []
+    line.write(b"STOP")
+    assert sent == [b"STOP"]
+
+    class Refusing(Careless):
+        def move_to(self, angle_deg: float) -> float:
+            raise LimitError("outside")
+
+    assert check_stage(Refusing(), search=Limits().search, dry=line.dry)[-1].problem is None
+
+
+def test_laser_and_receiver_are_tried_without_light() -> None:
+    from markerseek.sim import SimulatedLaser, SimulatedReceiver
+
+    clock, world = VirtualClock(), SimpleNamespace(flashes=[], flash=None)
+    laser = SimulatedLaser(world=world, clock=clock)  # type: ignore[arg-type]
+    checks = check_laser(laser, dry=None)
+    assert [(each.tried, each.problem) for each in checks] == [(True, None), (True, None), (False, None)]
+    receiver = SimulatedReceiver(world=world, clock=clock, readout_s=0.0)  # type: ignore[arg-type]
+    assert [each.problem for each in check_receiver(receiver)] == [None, None]
+    assert "one of them is missing" in str(check_receiver(laser)[0].problem)  # type: ignore[arg-type]
+
+
+def test_simulated_parts_are_simulated_together(tmp_path: Path) -> None:
+    tables = {"stage": {"driver": "simulated"}, "laser": {"driver": "simulated"}, "receiver": {"driver": "simulated"}}
+    with pytest.raises(ConfigError, match="simulated is of both: name simulated in both, or in neither"):
+        bench_settings_from(tables | {"receiver": {"driver": "sonixdaq", "folder": "daq"}})
+    (tmp_path / "world.toml").write_text('kind = "simulated"\n[receiver]\ndata = "rf"\n')
+    with pytest.raises(ConfigError, match="gives rf, channel data are needed"):
+        bench(
+            bench_settings_from(tables | {"receiver": {"driver": "simulated", "world": str(tmp_path / "world.toml")}})
+        )
+    with bench(bench_settings_from(tables)) as rig:
+        assert rig.facts.emulated == ("stage", "laser", "receiver")
+        rig.arm(by="a test")
+        sample = rig.scanner.measure(0.5)
+        assert sample.frame is not None
+        assert sample.angle_deg == pytest.approx(0.5, abs=1e-3)
+        with pytest.raises(DeviceError):
+            rig.scanner.measure(40.0)

@@ -1,0 +1,161 @@
+"""Torn ends, flipped bits, zeros after a loss of power: what was written is read, and damage is named."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from markerseek.core import RecordError
+from markerseek.records.journal import Entry, Interrupted, Journal, RecordedRun, read_journal, salvage, summary, verify
+from markerseek.records.journal.lines import PREFIX_BYTES
+from tests.unit.records.journal.synthetic_journals import configuration, counts, died_in_commit, whole_run, write
+
+ACQUISITIONS = 1
+ENTRIES = 2 * ACQUISITIONS + 2
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """A small run with frames; its last entry has none."""
+    path = tmp_path_factory.mktemp("whole") / "run.journal"
+    whole_run(path, acquisitions=ACQUISITIONS, counts_of=lambda index: counts(2, 4, seed=index))
+    return path.read_bytes()
+
+
+@pytest.fixture(scope="module")
+def ends(whole: bytes) -> list[int]:
+    """Bytes up to the end of each line, the configuration first."""
+    found, place = [], 0
+    while place < len(whole):
+        head = whole[place : place + PREFIX_BYTES]
+        rest, frame = (int(re.search(rb'"%b": *(\d+)' % name, head)[1]) for name in (b"bytes", b"frame_bytes"))
+        place += PREFIX_BYTES + rest + frame + (frame > 0)
+        found.append(place)
+    assert len(found) == ENTRIES + 1
+    return found
+
+
+def of(held: RecordedRun) -> list[tuple[object, ...]]:
+    def row(entry: Entry) -> tuple[object, ...]:
+        return entry.number, entry.event, entry.clock_s, entry.checkpoint
+
+    return [row(entry) for entry in held.entries]
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    return {each.name: each.read_bytes() for each in folder.iterdir()}
+
+
+def test_a_run_that_died_in_a_commit_is_read_to_the_commit_before_and_not_touched(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    died_in_commit(path, lambda journal: write(journal, ACQUISITIONS))
+    before = files_of(tmp_path)
+    assert len(read_journal(path).entries) == ENTRIES
+    assert verify(path).faults == []
+    assert (summary(path).acquisitions, summary(path).state) == (ACQUISITIONS, "finished")
+    assert files_of(tmp_path) == before
+
+
+def test_a_tail_torn_at_every_byte_is_read_and_continued(whole: bytes, ends: list[int], tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    path.write_bytes(whole)
+    wanted = of(read_journal(path))
+    for size in range(ends[0], len(whole) + 1):
+        path.write_bytes(whole[:size])
+        kept = sum(end <= size for end in ends[1:])
+        assert of(read_journal(path)) == wanted[:kept]
+        assert path.stat().st_size == size
+        # Each commit costs a flush: those near an end, and some between.
+        if size % 97 and min(abs(end - size) for end in ends) > 2:
+            continue
+        journal, held = Journal.reopen(path)
+        with journal:
+            journal.commit(Interrupted(reason="made up"), clock_s=9.0)
+        assert len(held.entries) == kept
+        assert of(read_journal(path))[:kept] == wanted[:kept]
+        assert len(read_journal(path).entries) == kept + 1
+
+
+def test_a_journal_torn_in_its_first_line_was_never_begun(whole: bytes, ends: list[int], tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    for size in (0, 1, PREFIX_BYTES - 1, PREFIX_BYTES, ends[0] - 1):
+        path.write_bytes(whole[:size])
+        for look in (read_journal, verify, Journal.reopen):
+            with pytest.raises(RecordError, match=r"never begun|does not begin as a journal does"):
+                look(path)
+
+
+def test_each_flipped_bit_is_found_and_its_entry_named(whole: bytes, ends: list[int], tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    path.write_bytes(whole)
+    wanted = of(read_journal(path))
+    for place in range(len(whole)):
+        flipped = bytearray(whole)
+        flipped[place] ^= 1 << place % 8
+        path.write_bytes(flipped)
+        number = sum(end <= place for end in ends)
+        if number == 0:
+            with pytest.raises(RecordError, match=r"does not begin as a journal does|the configuration"):
+                salvage(path)
+            continue
+        held, damage = salvage(path)
+        assert of(held) == wanted[: number - 1]
+        assert re.search(f"entry {number}(:| )", str(damage)), (place, damage)
+
+
+def test_a_damaged_journal_is_not_continued_and_not_changed(whole: bytes, ends: list[int], tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    flipped = bytearray(whole)
+    flipped[(ends[3] + ends[4]) // 2] ^= 4
+    path.write_bytes(flipped)
+    with pytest.raises(RecordError, match="entry 4: it does not agree with its checksum; it is damaged"):
+        Journal.reopen(path)
+    assert path.read_bytes() == flipped
+    assert summary(path).state == "damaged"
+    assert verify(path).entries == 3
+
+
+@pytest.mark.parametrize("kept", [0, 5, PREFIX_BYTES, PREFIX_BYTES + 20])
+def test_zeros_in_the_place_of_the_last_entry_are_an_entry_that_was_never_finished(
+    kept: int, whole: bytes, ends: list[int], tmp_path: Path
+) -> None:
+    """As some file systems leave them after a loss of power: the length is on the disk, the data are not."""
+    path = tmp_path / "run.journal"
+    path.write_bytes(whole[: ends[-2] + kept].ljust(len(whole), b"\0"))
+    assert len(read_journal(path).entries) == ENTRIES - 1
+    journal, _ = Journal.reopen(path)
+    with journal:
+        journal.commit(Interrupted(reason="made up"), clock_s=9.0)
+    assert len(read_journal(path).entries) == ENTRIES
+
+
+def test_entries_that_are_missing_exchanged_or_of_another_run_are_found(
+    whole: bytes, ends: list[int], tmp_path: Path
+) -> None:
+    path, other = tmp_path / "run.journal", tmp_path / "other.journal"
+    lines = [whole[low:high] for low, high in zip([0, *ends], ends, strict=False)]
+    whole_run(other, acquisitions=ACQUISITIONS, counts_of=lambda index: counts(2, 4, seed=index + 9))
+    foreign = other.read_bytes()
+    for mixed in (
+        [*lines[:2], *lines[3:]],
+        [*lines[:2], lines[3], lines[2], *lines[4:]],
+        [*lines[:2], lines[1], *lines[2:]],
+        [*lines[:2], foreign[ends[1] :]],
+        [*lines[:2], bytes(len(lines[2])), *lines[3:]],
+    ):
+        path.write_bytes(b"".join(mixed))
+        held, damage = salvage(path)
+        assert len(held.entries) == 1
+        assert damage is not None
+        with pytest.raises(RecordError):
+            Journal.reopen(path)
+
+
+def test_a_copy_is_a_journal(whole: bytes, tmp_path: Path) -> None:
+    with Journal.create(tmp_path / "a.journal", configuration()) as journal:
+        write(journal, 2)
+        shutil.copyfile(tmp_path / "a.journal", tmp_path / "b.journal")
+    assert of(read_journal(tmp_path / "b.journal")) == of(read_journal(tmp_path / "a.journal"))

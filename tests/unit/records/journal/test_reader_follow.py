@@ -1,0 +1,158 @@
+"""Journals that are followed while they are written: nobody waits for anybody, and nothing is lost."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from markerseek.core import Asked, RecordError, Started
+from markerseek.records.journal import Configuration, Entry, Journal, JournalItem, follow, read_journal
+from tests.unit.records.journal.synthetic_journals import RANGE, configuration, counts, died_in_commit, measured, write
+from tests.unit.runs.journalled_runs import live, resume_run
+
+Shell = Callable[..., tuple[int, str, str]]
+
+FOLLOW = [sys.executable, "-P", "-m", "markerseek", "journal", "follow"]
+
+
+def nap() -> None:
+    time.sleep(0.001)
+
+
+def entries_of(items: list[JournalItem]) -> list[tuple[object, ...]]:
+    assert isinstance(items[0], Configuration)
+    return [(each.number, each.event, each.clock_s) for each in items[1:] if isinstance(each, Entry)]
+
+
+def test_two_followers_get_all_of_it_and_one_that_stands_still_holds_nobody_up(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    received: list[list[JournalItem]] = [[], []]
+    released = threading.Event()
+
+    def read(number: int) -> None:
+        for item in follow(path, is_over=over.is_set, wait=nap):
+            received[number].append(item)
+            if number == 1:
+                released.wait(60)
+
+    over = threading.Event()
+    threads = [threading.Thread(target=read, args=(number,)) for number in (0, 1)]
+    for each in threads:
+        each.start()
+    with Journal.create(path, configuration()) as journal:
+        write(journal, 20, lambda index: counts(64, 500, seed=index))
+        while len(received[0]) < 43:
+            time.sleep(0.001)
+    assert len(received[1]) == 1
+    over.set()
+    released.set()
+    for each in threads:
+        each.join()
+    wanted = [(each.number, each.event, each.clock_s) for each in read_journal(path).entries]
+    assert entries_of(received[0]) == entries_of(received[1]) == wanted
+    frames = [each.event.sample.frame.samples for each in received[1] if hasattr(getattr(each, "event", 0), "sample")]
+    assert all((frame == counts(64, 500, seed=index)).all() for index, frame in enumerate(frames, start=1))
+
+
+def test_a_follower_sees_a_run_die_and_go_on(tmp_path: Path) -> None:
+    """The entry that was never finished is cut off, and another one takes its place."""
+    path = tmp_path / "run.journal"
+    died_in_commit(path, lambda journal: journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.0))
+    over = threading.Event()
+    with closing(follow(path, is_over=over.is_set, wait=nap)) as items:
+        assert isinstance(next(items), Configuration)
+        assert isinstance(next(items).event, Started)
+        journal, _ = Journal.reopen(path)
+        with journal:
+            journal.commit(Asked(role="search", index=1, angle_deg=1.1), clock_s=1.0)
+            assert isinstance(next(items).event, Asked)
+            journal.commit(measured(1, counts=counts()), clock_s=2.0)
+            assert next(items).number == 3
+        over.set()
+        assert list(items) == []
+
+
+def test_a_run_that_is_over_is_followed_to_its_end_and_no_further(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    with Journal.create(path, configuration()) as journal:
+        write(journal, 2)
+    assert len(list(follow(path, wait=pytest.fail))) == 7
+
+
+def test_a_file_that_never_comes_ends_with_its_writer(tmp_path: Path) -> None:
+    asked: list[bool] = []
+    assert list(follow(tmp_path / "none", is_over=lambda: len(asked) == 3, wait=lambda: asked.append(True))) == []
+
+
+def test_damage_ends_it_with_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    with Journal.create(path, configuration()) as journal:
+        write(journal, 2)
+    data = bytearray(path.read_bytes())
+    data[-3] ^= 1
+    path.write_bytes(data)
+    items = follow(path, wait=nap)
+    assert sum(1 for _ in zip(range(6), items, strict=False)) == 6
+    with pytest.raises(RecordError, match="entry 6: it does not agree with its checksum; it is damaged"):
+        next(items)
+
+
+def test_a_resumed_run_is_followed_as_one(tmp_path: Path, whole: Path) -> None:
+    path = tmp_path / "run.journal"
+    live(path, until=9)
+    resume_run(path)
+    numbers = [each.number for each in follow(path, wait=nap) if isinstance(each, Entry)]
+    assert numbers == list(range(1, len(numbers) + 1))
+    assert len(numbers) > len(read_journal(whole).entries)
+
+
+def test_the_command_prints_what_journal_show_does(shell: Shell, tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    with Journal.create(path, configuration()) as journal:
+        write(journal, 2, lambda index: counts(seed=index))
+    _, shown, _ = shell("journal", "show", path, "--json")
+    done = subprocess.run([*FOLLOW, str(path)], capture_output=True, check=True)
+    first, *lines = map(json.loads, done.stdout.splitlines())
+    assert lines == json.loads(shown)["entries"]
+    assert first["configuration"]["method"] == "golden-section"
+
+
+def test_a_command_that_is_stopped_and_goes_on_has_lost_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    with Journal.create(path, configuration()) as journal:
+        journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.0)
+        with subprocess.Popen([*FOLLOW, str(path)], stdout=subprocess.PIPE) as process:
+            assert process.stdout is not None
+            assert [json.loads(process.stdout.readline()).get("kind") for _ in range(2)] == [None, "started"]
+            process.send_signal(signal.SIGSTOP)
+            began_s = time.monotonic()
+            for index in range(1, 60):
+                journal.commit(Asked(role="search", index=index, angle_deg=1.1), clock_s=1.0)
+                journal.commit(measured(index, counts=counts(64, 2000)), clock_s=2.0)
+            assert time.monotonic() - began_s < 30
+            process.send_signal(signal.SIGCONT)
+            journal.close()
+            rest = [json.loads(line)["number"] for line in process.stdout]
+    assert rest == list(range(2, 120))
+
+
+def test_events_without_a_journal_go_to_a_file_that_is_followed_as_one(shell: Shell, tmp_path: Path) -> None:
+    events = tmp_path / "events"
+    search = ("search", "--seed", 1, "--method", "ternary", "--acquisitions", 4, "--json")
+    code, alone, _ = shell(*search, "--no-journal")
+    again, watched, error = shell(*search, "--no-journal", "--events", events)
+    assert (code, alone) == (again, watched)
+    assert "journal" not in error
+    assert read_journal(events).entries[-1].event.estimate.mean_deg == json.loads(alone)["angle_deg"]
+    code, said, _ = shell(*search, "--journal", tmp_path / "run.journal", "--events", tmp_path / "more")
+    assert (code, list(tmp_path.iterdir())) == (2, [events])
+    assert "is for a run without a journal" in json.loads(said)["error"]

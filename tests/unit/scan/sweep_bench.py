@@ -1,0 +1,267 @@
+"""A simulated rig that sweeps, its devices to be broken, and the truth about what it did."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+from markerseek import rigs
+from markerseek.core import Estimate, Event, Frame, NotFound, Pulse, Sample, StageReading, Sweep, SweepPermit
+from markerseek.scan import Scanner, run
+from markerseek.sim import (
+    CurveWorld,
+    GaussianCurve,
+    SimulatedLaser,
+    SimulatedReceiver,
+    SimulatedSettings,
+    SimulatedStage,
+    StageMotion,
+)
+from markerseek.sim.world import Flash
+
+TO_END = Sweep(to_deg=35.0, speed_deg_s=10.0)
+
+
+class Sweeps:
+    """A policy that asks for sweeps, and ends one once a sample lies beyond an angle."""
+
+    def __init__(self, *sweeps: Sweep, until_deg: float = math.inf) -> None:
+        self.left = list(sweeps)
+        self.until_deg = until_deg
+        self.samples: list[Sample] = []
+
+    def ask(self) -> Sweep | None:
+        """The next sweep, until it was over."""
+        return self.left[0] if self.left else None
+
+    def tell(self, sample: Sample) -> None:
+        """Take a sample; a sweep is over half a degree from its end."""
+        self.samples.append(sample)
+        over = self.left and abs(sample.angle_deg - self.left[0].to_deg) < 1.0
+        if over or sample.angle_deg > self.until_deg:
+            self.left = self.left[1:]
+
+    def estimate(self) -> Estimate:
+        """Nothing."""
+        return NotFound(mean_deg=0.0, reason="a test")
+
+
+@dataclass
+class SweepBench:
+    """A simulated rig of intensities; its scanner is made of its devices when it runs."""
+
+    motion: StageMotion = field(default_factory=lambda: StageMotion(speed_deg_s=12.5, acceleration_deg_s2=25.0))
+    rate_hz: float = 20.0
+    readout_s: float = 0.0
+    start_deg: float = -35.0
+    delay_s: float = 0.0
+    jitter: float = 0.1
+
+    def __post_init__(self) -> None:
+        settings = SimulatedSettings(start_deg=self.start_deg, stage=self.motion)
+        light = replace(settings.laser, rate_hz=self.rate_hz, energy_jitter=self.jitter, stamp_delay_s=self.delay_s)
+        receiver = replace(settings.receiver, readout_s=self.readout_s, frame_period_s=max(self.readout_s, 1e-3))
+        if self.readout_s > 0.1:
+            receiver = replace(receiver, frame_period_s=0.05)
+        self.rig = rigs.of_intensities(
+            seed=1,
+            curve=GaussianCurve(fwhm_deg=6.0),
+            marker_deg=5.0,
+            settings=replace(settings, laser=light, receiver=receiver),
+        )
+        self.permits: list[SweepPermit] = []
+        issue = self.rig.scanner.guard.issue_sweep
+
+        def noted(wanted: SweepPermit, *, now_s: float) -> SweepPermit:
+            permit = issue(wanted, now_s=now_s)
+            self.permits.append(permit)
+            return permit
+
+        self.rig.scanner.guard.issue_sweep = noted  # type: ignore[method-assign]
+
+    @property
+    def scanner(self) -> Scanner:
+        return self.rig.scanner
+
+    @property
+    def stage(self) -> SimulatedStage:
+        stage = self.rig.stage
+        assert isinstance(stage, SimulatedStage)
+        return stage
+
+    @property
+    def laser(self) -> SimulatedLaser:
+        laser = self.rig.laser
+        assert isinstance(laser, SimulatedLaser)
+        return laser
+
+    @property
+    def receiver(self) -> SimulatedReceiver:
+        receiver = self.rig.receiver
+        assert isinstance(receiver, SimulatedReceiver)
+        return receiver
+
+    @property
+    def world(self) -> CurveWorld:
+        world = self.laser._world
+        assert isinstance(world, CurveWorld)
+        return world
+
+    def run(self, policy: Sweeps, **options: object) -> Generator[Event, None, None]:
+        return run(policy, self.scanner, **options)  # type: ignore[arg-type]
+
+    def flashes(self) -> Sequence[Flash]:
+        return self.world.flashes
+
+    def require_permitted(self) -> None:
+        """P3, by the truth: every pulse of a sweep under one permit, inside its angles, no faster than its rate."""
+        flashes = [flash for flash in self.flashes() if flash.angle_deg is not None]
+        # Each permit's pulses begin after those of the one before; the rig numbers no permit in a flash.
+        left = list(flashes)
+        for permit in self.permits:
+            mine = [flash for flash in left if flash.at_s <= permit.expires_s][: permit.pulses]
+            later = [each for each in self.permits if each.expires_s > permit.expires_s]
+            if later:
+                began_s = later[0].expires_s - (permit.expires_s - self.issued_s(permit))
+                mine = [flash for flash in mine if flash.at_s < began_s]
+            left = left[len(mine) :]
+            assert all(flash.pulses == 1 for flash in mine)
+            low_deg, high_deg = sorted((permit.angle_deg, permit.to_deg))
+            for flash in mine:
+                assert flash.angle_deg is not None
+                # 0.1 deg: what readback and target may differ by, and the play that no encoder sees.
+                assert low_deg - 0.1 <= flash.angle_deg <= high_deg + 0.1 + self.motion.backlash_deg
+            for before, after in pairwise(mine):
+                apart_s = after.at_s - before.at_s
+                assert apart_s >= 0.999 * permit.period_s
+                assert before.angle_deg is not None
+                assert after.angle_deg is not None
+                turned_deg = permit.forward * (after.angle_deg - before.angle_deg)
+                assert turned_deg <= permit.fastest_deg_s * apart_s + 0.1
+                assert turned_deg >= 0
+        assert not left
+
+    def issued_s(self, permit: SweepPermit) -> float:
+        """When a permit was issued; all live for as long."""
+        return permit.expires_s - 30.0
+
+
+class Slow(SimulatedStage):
+    """Answers late from the tenth reading on."""
+
+    late_s = 0.2
+    readings = 0
+
+    def read_sweep(self) -> StageReading:
+        self.readings += 1
+        if self.readings == 10:
+            self._clock.wait(self.late_s)
+        return super().read_sweep()
+
+
+class Fast(SimulatedStage):
+    """Turns twice as fast as it was told."""
+
+    def prepare_sweep(self, *, speed_deg_s: float) -> None:
+        super().prepare_sweep(speed_deg_s=2 * speed_deg_s)
+
+
+class Stalling(SimulatedStage):
+    """Comes to rest at the twentieth reading, and turns no more."""
+
+    readings = 0
+
+    def read_sweep(self) -> StageReading:
+        self.readings += 1
+        if self.readings >= 20:
+            self.brake()
+        return super().read_sweep()
+
+
+class Slipping(SimulatedStage):
+    """Its encoder loses two degrees at the twentieth reading."""
+
+    readings = 0
+
+    def read_sweep(self) -> StageReading:
+        self.readings += 1
+        reading = super().read_sweep()
+        return replace(reading, angle_deg=reading.angle_deg - 2.0 * (self.readings >= 20))
+
+
+class Running(SimulatedStage):
+    """Does not brake at its end."""
+
+    def read_sweep(self) -> StageReading:
+        reading = super().read_sweep()
+        return replace(reading, angle_deg=reading.angle_deg + max(0.0, reading.angle_deg - 30.0))
+
+
+class Jumping(SimulatedLaser):
+    """Its clock jumps by a second in mid-sweep."""
+
+    def pulses(self) -> Sequence[Pulse]:
+        jump_s = 1.0 if self._fired > 30 else 0.0
+        return [replace(pulse, at_s=pulse.at_s + jump_s) for pulse in super().pulses()]
+
+
+class Double(SimulatedLaser):
+    """Gives two pulses at one trigger."""
+
+    def pulses(self) -> Sequence[Pulse]:
+        pulses = super().pulses()
+        return [*pulses, *pulses[-1:]] if self._fired > 30 else pulses
+
+
+class Silent(SimulatedLaser):
+    """Loses the stamp of a pulse."""
+
+    def pulses(self) -> Sequence[Pulse]:
+        pulses = super().pulses()
+        return pulses[1:] if self._fired > 30 else pulses
+
+
+class Losing(SimulatedReceiver):
+    """Misses the thirtieth trigger of each sweep, and counts those that it got."""
+
+    def _swept(self, now_s: float) -> list[Frame]:
+        kept: list[Frame] = []
+        for frame in super()._swept(now_s):
+            self.triggers += 1
+            if self.triggers == 30:
+                self.sequence -= 1
+                continue
+            late = self.triggers > 30
+            kept.append(replace(frame, header=replace(frame.header, sequence=frame.header.sequence - late)))
+        return kept
+
+    def begin_sweep(self, permit: SweepPermit) -> None:
+        super().begin_sweep(permit)
+        self.triggers = 0
+
+
+class Skipping(SimulatedReceiver):
+    """Misses the thirtieth trigger, and counts it."""
+
+    def _swept(self, now_s: float) -> list[Frame]:
+        return [frame for frame in super()._swept(now_s) if frame.header.sequence != 30]
+
+
+class Doubling(SimulatedReceiver):
+    """Delivers each thirtieth frame twice."""
+
+    def _swept(self, now_s: float) -> list[Frame]:
+        frames = super()._swept(now_s)
+        return [each for frame in frames for each in [frame] * (2 if frame.header.sequence % 30 == 0 else 1)]
+
+
+class Swapping(SimulatedReceiver):
+    """Delivers two frames in the wrong order."""
+
+    def _swept(self, now_s: float) -> list[Frame]:
+        frames = super()._swept(now_s)
+        if len(frames) > 40:
+            frames[30], frames[31] = frames[31], frames[30]
+        return frames

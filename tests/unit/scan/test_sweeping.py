@@ -1,0 +1,336 @@
+"""Sweeps on the simulated rig, judged by its truth: where each pulse was fired, and what ends a sweep."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+
+from markerseek.core import (
+    MAX_AHEAD_DEG,
+    AcquisitionError,
+    Asked,
+    ConfigError,
+    DeviceError,
+    Failed,
+    Finished,
+    LaserError,
+    LimitError,
+    Measured,
+    MoveError,
+    Refused,
+    Sample,
+    SearchError,
+    Sweep,
+    SweepPermit,
+    Swept,
+)
+from markerseek.guard import State
+from markerseek.scan import RunLimits
+from markerseek.sim import SimulatedLaser, SimulatedReceiver, SimulatedStage, StageMotion
+from tests.unit.scan.scan_bench import Bench, drain, scanner
+from tests.unit.scan.sweep_bench import (
+    TO_END,
+    Double,
+    Doubling,
+    Fast,
+    Jumping,
+    Losing,
+    Running,
+    Silent,
+    Skipping,
+    Slipping,
+    Slow,
+    Stalling,
+    Swapping,
+    SweepBench,
+    Sweeps,
+)
+
+
+def samples_of(bench: SweepBench, sweep: Sweep) -> list[Sample]:
+    outcomes = list(bench.scanner.sweep(sweep, number=1, goes_on=lambda: True))
+    assert isinstance(outcomes[-1], Swept)
+    return [outcome for outcome in outcomes if isinstance(outcome, Sample)]
+
+
+@pytest.mark.parametrize(
+    ("bench", "sweep"),
+    [
+        (SweepBench(), TO_END),
+        (SweepBench(readout_s=10.0), TO_END),
+        (SweepBench(rate_hz=100.0), Sweep(to_deg=-10.0, speed_deg_s=12.5)),
+        (SweepBench(start_deg=30.0), Sweep(to_deg=-35.0, speed_deg_s=4.0)),
+        (SweepBench(motion=StageMotion()), Sweep(to_deg=35.0, speed_deg_s=8.6)),
+    ],
+)
+def test_each_pulse_gives_a_sample_at_the_angle_where_it_was_fired(bench: SweepBench, sweep: Sweep) -> None:
+    samples = samples_of(bench, sweep)
+    flashes = bench.flashes()
+    assert len(samples) == len(flashes) > 20
+    # Downwards the probe lags by the play, of which the encoder knows nothing.
+    play_deg = bench.motion.backlash_deg if sweep.to_deg < samples[0].angle_deg else 0.0
+    off = [sample.angle_deg - (flash.angle_deg or math.nan) for sample, flash in zip(samples, flashes, strict=True)]
+    # A reading is of any moment between question and answer: 1 ms off in the simulation.
+    most_deg = sweep.speed_deg_s * 2e-3
+    assert all(-play_deg - most_deg <= each <= most_deg for each in off)
+    after_play = [each + play_deg for each in off[len(off) // 3 :]]
+    assert max(map(abs, after_play)) <= most_deg
+    # What it is said to be off by is what it is off by.
+    sigmas = [sample.angle_sigma_deg for sample in samples]
+    spread = math.sqrt(
+        sum((each / sigma) ** 2 for each, sigma in zip(after_play, sigmas[-len(after_play) :], strict=True))
+        / len(after_play)
+    )
+    assert 0.3 < spread < 2.0
+    assert {sample.sweep.number for sample in samples if sample.sweep} == {1}
+    speeds = sorted(sample.sweep.speed_deg_s for sample in samples if sample.sweep)
+    direction = math.copysign(1, sweep.to_deg - samples[0].angle_deg)
+    assert speeds[len(speeds) // 2] == pytest.approx(direction * sweep.speed_deg_s, rel=0.01)
+    bench.require_permitted()
+
+
+def test_a_delay_that_nobody_knows_shifts_all_angles_by_the_way_of_the_probe() -> None:
+    bench = SweepBench(delay_s=0.005)
+    samples = samples_of(bench, TO_END)[5:-5]
+    flashes = bench.flashes()[5:-5]
+    off = [sample.angle_deg - (flash.angle_deg or 0.0) for sample, flash in zip(samples, flashes, strict=True)]
+    assert sum(off) / len(off) == pytest.approx(-0.005 * TO_END.speed_deg_s, abs=0.015)
+    assert samples[0].sweep is not None
+    assert samples[0].sweep.delay_sigma_s == 0.005
+
+
+def test_a_run_asks_once_and_hands_out_a_sample_for_each_pulse() -> None:
+    bench, policy = SweepBench(), Sweeps(TO_END)
+    events = list(bench.run(policy))
+    asked = [event for event in events if isinstance(event, Asked)]
+    assert [(each.index, each.angle_deg) for each in asked] == [(1, 35.0)]
+    assert asked[0].sweep == replace(TO_END, from_deg=asked[0].sweep and asked[0].sweep.from_deg)
+    measured = [event for event in events if isinstance(event, Measured)]
+    assert [event.index for event in measured] == list(range(1, len(bench.flashes()) + 1))
+    assert [event.sample for event in measured] == policy.samples
+    finished = events[-1]
+    assert isinstance(finished, Finished)
+    assert finished.acquisitions == len(measured)
+    assert finished.travel_deg == pytest.approx(70.0, abs=0.02)
+    assert finished.elapsed_s == pytest.approx(70 / 10 + 10 / 25, abs=0.8)
+    assert bench.scanner.guard.state is State.DISARMED
+
+
+@pytest.mark.parametrize("readout_s", [0.0, 10.0])
+def test_a_policy_that_knows_enough_ends_a_sweep_and_no_pulse_is_lost(readout_s: float) -> None:
+    bench, policy = SweepBench(readout_s=readout_s), Sweeps(TO_END, until_deg=0.0)
+    events = list(bench.run(policy))
+    swept = next(event for event in events if isinstance(event, Swept))
+    assert swept.pulses == len(policy.samples) == len(bench.flashes())
+    if readout_s == 0:
+        # One reading and one pulse later the light is off; v²/2a is two degrees.
+        assert 1.5 < swept.angle_deg < 4.0
+        assert policy.samples[-1].angle_deg < 2.0
+    else:
+        # All frames of a burst come at its end.
+        assert swept.angle_deg == pytest.approx(35.0, abs=0.01)
+
+
+def test_two_sweeps_there_and_back() -> None:
+    bench = SweepBench()
+    policy = Sweeps(TO_END, Sweep(to_deg=-5.0, speed_deg_s=12.5))
+    events = list(bench.run(policy))
+    numbers = [sample.sweep.number for sample in policy.samples if sample.sweep]
+    assert sorted(set(numbers)) == [1, 2]
+    assert numbers == sorted(numbers)
+    plays = {sample.sweep.number: sample.sweep.play_sigma_deg for sample in policy.samples if sample.sweep}
+    assert plays == {1: 0.0, 2: bench.motion.backlash_deg}
+    assert sum(isinstance(event, Swept) for event in events) == 2
+    bench.require_permitted()
+
+
+def test_the_probe_is_moved_to_the_beginning_without_light() -> None:
+    bench = SweepBench(start_deg=10.0)
+    policy = Sweeps(Sweep(to_deg=20.0, speed_deg_s=10.0, from_deg=-20.0))
+    list(bench.run(policy))
+    assert policy.samples[0].angle_deg < -19.5
+    bench.require_permitted()
+
+
+def test_the_spacing_keeps_pulses_apart() -> None:
+    bench = SweepBench(rate_hz=1000.0)
+    samples = samples_of(bench, replace(TO_END, spacing_deg=0.5))
+    apart = [after.angle_deg - before.angle_deg for before, after in pairwise(samples)]
+    # The light ends with the first reading that shows that the probe brakes.
+    assert min(apart) > 0.9 * 0.5
+    assert 60 < len(samples) < 140
+
+
+@pytest.mark.parametrize(
+    ("sweep", "error", "said"),
+    [
+        (Sweep(to_deg=35.0, speed_deg_s=12.6), ConfigError, "at most 12.5 deg/s"),
+        (Sweep(to_deg=35.0, speed_deg_s=1.0), ConfigError, "sweep faster"),
+        (Sweep(to_deg=35.5, speed_deg_s=10.0), LimitError, "outside the search range"),
+    ],
+)
+def test_a_sweep_that_cannot_be_made_moves_nothing(sweep: Sweep, error: type[Exception], said: str) -> None:
+    bench = SweepBench()
+    with pytest.raises(error, match=said):
+        list(bench.run(Sweeps(sweep)))
+    assert not bench.flashes()
+    assert bench.stage.angle_deg == pytest.approx(-35.0, abs=1e-3)
+    assert bench.scanner.guard.state is not State.FAULT
+
+
+def test_a_rig_that_cannot_sweep_says_which_part_of_it_cannot() -> None:
+    with pytest.raises(ConfigError, match=r"its stage \(Bench\) only works with the probe at rest; leave --sweep out"):
+        _ = scanner(Bench()).sweeping
+
+
+def broken_stage(bench: SweepBench, kind: type[SimulatedStage]) -> None:
+    bench.stage.__class__ = kind
+
+
+@pytest.mark.parametrize("kind", [Slow, Fast, Stalling, Slipping, Running])
+def test_a_stage_that_does_not_do_its_part_ends_light_and_motion(kind: type[SimulatedStage]) -> None:
+    bench = SweepBench()
+    bench.stage.__class__ = kind
+    policy = Sweeps(TO_END)
+    events = drain(bench.run(policy), MoveError)
+    assert isinstance(events[-1], Failed)
+    assert bench.scanner.guard.state is State.FAULT
+    fired, at_s = len(bench.flashes()), bench.rig.scanner.clock.now_s()
+    stood_deg = bench.world.angle_deg
+    bench.scanner.clock.wait(10.0)
+    bench.laser.pulses()
+    assert len(bench.flashes()) == fired
+    assert all(flash.at_s <= at_s for flash in bench.flashes())
+    _ = bench.stage.angle_deg
+    assert abs(bench.world.angle_deg - stood_deg) <= MAX_AHEAD_DEG
+
+
+@pytest.mark.parametrize(("kind", "error"), [(Jumping, DeviceError), (Double, LaserError), (Silent, AcquisitionError)])
+def test_a_laser_whose_stamps_are_wrong_gives_no_answer(kind: type[SimulatedLaser], error: type[Exception]) -> None:
+    bench = SweepBench()
+    bench.laser.__class__ = kind
+    drain(bench.run(Sweeps(TO_END)), error)
+    assert bench.scanner.guard.state is State.FAULT
+
+
+@pytest.mark.parametrize("kind", [Losing, Doubling])
+def test_a_stream_that_loses_or_doubles_a_frame_gives_no_answer(kind: type[SimulatedReceiver]) -> None:
+    bench = SweepBench()
+    bench.receiver.__class__ = kind
+    events = drain(bench.run(Sweeps(TO_END)), AcquisitionError)
+    assert not any(isinstance(event, Finished) for event in events)
+    assert bench.scanner.guard.state is State.FAULT
+
+
+def test_a_counter_that_jumps_ends_the_sweep_at_once() -> None:
+    bench, policy = SweepBench(), Sweeps(TO_END)
+    bench.receiver.__class__ = Skipping
+    events = drain(bench.run(policy), AcquisitionError)
+    assert len(policy.samples) == 29
+    failed = events[-1]
+    assert isinstance(failed, Failed)
+    assert "frame 31 came after frame 29: a trigger was lost or doubled" in str(failed.error)
+    assert bench.stage.angle_deg < 0
+
+
+def test_a_sweep_that_is_left_ends_the_light_and_the_motion_by_itself() -> None:
+    bench = SweepBench()
+    bench.scanner.guard.arm(by="a test")
+    outcomes = bench.scanner.sweep(TO_END, number=1, goes_on=lambda: True)
+    for _ in range(30):
+        next(outcomes)
+    outcomes.close()
+    at_deg, fired = bench.stage.probe_deg(bench.scanner.clock.now_s()), len(bench.flashes())
+    bench.scanner.clock.wait(5.0)
+    bench.laser.pulses()
+    assert len(bench.flashes()) == fired
+    # It brakes at once, in v²/2a, and does not go on to its next target.
+    assert abs(bench.stage.angle_deg - at_deg) == pytest.approx(2.0, abs=0.1)
+
+
+@pytest.mark.parametrize("kind", [Losing, Doubling, Swapping])
+def test_a_burst_that_loses_doubles_or_swaps_a_frame_is_refused_whole(kind: type[SimulatedReceiver]) -> None:
+    bench = SweepBench(readout_s=10.0)
+    bench.receiver.__class__ = kind
+    policy = Sweeps(TO_END)
+    events = drain(bench.run(policy, limits=RunLimits(attempts=2)), AcquisitionError)
+    assert [type(event) for event in events[1:]] == [Asked, Refused, Asked, Failed]
+    assert policy.samples == []
+    # Each try begins where the sweep began.
+    first, second = (event for event in events if isinstance(event, Asked))
+    assert first == second
+    assert bench.permits[1].angle_deg == pytest.approx(-35.0, abs=0.1)
+    bench.require_permitted()
+
+
+def test_a_burst_that_was_refused_once_is_swept_anew_from_its_beginning() -> None:
+    bench, policy = SweepBench(readout_s=10.0), Sweeps(TO_END)
+    bench.receiver.__class__ = Losing
+    events = []
+    for event in bench.run(policy):
+        events.append(event)
+        if isinstance(event, Refused):
+            bench.receiver.__class__ = SimulatedReceiver
+    assert [type(event) for event in events if not isinstance(event, Measured)] == [
+        *(type(event) for event in events[:1]),
+        Asked,
+        Refused,
+        Asked,
+        Swept,
+        Finished,
+    ]
+    assert policy.samples[0].angle_deg < -34
+    assert {sample.sweep.number for sample in policy.samples if sample.sweep} == {2}
+    bench.require_permitted()
+
+
+def test_a_run_that_is_closed_in_mid_sweep_ends_light_and_motion() -> None:
+    bench = SweepBench()
+    events = bench.run(Sweeps(TO_END))
+    for event in events:
+        if isinstance(event, Measured) and event.index == 30:
+            break
+    at_deg, fired = bench.world.angle_deg, len(bench.flashes())
+    events.close()
+    bench.scanner.clock.wait(5.0)
+    bench.laser.pulses()
+    _ = bench.stage.angle_deg
+    assert len(bench.flashes()) == fired
+    assert abs(bench.world.angle_deg - at_deg) <= MAX_AHEAD_DEG
+    assert bench.scanner.guard.state is State.DISARMED
+
+
+def test_a_host_that_dies_in_mid_sweep_lets_the_probe_turn_five_degrees_at_most() -> None:
+    bench = SweepBench()
+    events = bench.run(Sweeps(TO_END))
+    for event in events:
+        if isinstance(event, Measured) and event.index == 30:
+            break
+    at_deg = bench.stage.probe_deg(bench.scanner.clock.now_s())
+    # Nothing is called any more: the stage is not told another target.
+    bench.scanner.clock.wait(60.0)
+    _ = bench.stage.angle_deg
+    assert abs(bench.world.angle_deg - at_deg) <= MAX_AHEAD_DEG
+    events.close()
+
+
+def test_a_policy_that_never_has_enough_is_ended() -> None:
+    class Endless(Sweeps):
+        def tell(self, sample: Sample) -> None:
+            self.samples.append(sample)
+
+        def ask(self) -> Sweep:
+            return TO_END if not self.samples or self.samples[-1].angle_deg < 0 else replace(TO_END, to_deg=-35.0)
+
+    with pytest.raises(SearchError, match="its search does not end"):
+        list(SweepBench().run(Endless(), limits=RunLimits(acquisitions=3)))
+
+
+def test_a_permit_has_room_for_a_stage_that_is_slower_than_it_says() -> None:
+    bench = SweepBench()
+    permit: SweepPermit = bench.scanner.sweeping.permit(TO_END, from_deg=-35.0)
+    assert permit.pulses >= 1.09 * 20 * bench.scanner.sweeping.duration_s(TO_END, from_deg=-35.0)
+    assert permit.fastest_deg_s < 2 * TO_END.speed_deg_s

@@ -1,0 +1,172 @@
+"""The policy that sweeps: what it asks for, when it ends a sweep, and what it does where sweeps are not enough."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from markerseek.core import (
+    PAPER_RANGE,
+    ConfigError,
+    Found,
+    NotFound,
+    PolicyPlan,
+    Reading,
+    Sample,
+    SearchError,
+    Sweep,
+    SweepTiming,
+)
+from markerseek.search import build, build_sweeping, most_acquisitions, require_sweeping
+from markerseek.search.posterior import SweepPosterior
+
+SPEED = 12.5
+CELLS = 100_000
+
+
+def curve_about(marker_deg: float, *, snr: float = 40.0, fwhm_deg: float = 4.0) -> Callable[[float], float]:
+    def height(angle_deg: float) -> float:
+        return snr / (1 + (2 * (angle_deg - marker_deg) / fwhm_deg) ** 2) ** 0.75
+
+    return height
+
+
+class Search:
+    """A policy, and a rig without time: a sample each 0.6 degrees of a sweep, three pulses late when it is ended."""
+
+    def __init__(self, curve: Callable[[float], float], *, start_deg: float = -35.0, seed: int = 1) -> None:
+        plan = PolicyPlan(method="posterior", start_deg=start_deg, others=0.0, sweep_speed_deg_s=SPEED)
+        policy = build_sweeping(plan, limits=PAPER_RANGE)
+        assert isinstance(policy, SweepPosterior)
+        self.policy = policy
+        self.place_deg = start_deg
+        self.rng = np.random.default_rng(seed)
+        self.curve = curve
+        self.sweeps: list[tuple[float, float]] = []
+        self.stops: list[float] = []
+
+    def sample(self, angle_deg: float, *, timing: SweepTiming | None = None) -> Sample:
+        sigma = 1.0 if timing is not None else 0.25
+        energy = 1 + 0.1 * self.rng.standard_normal() * (1 if timing is not None else 0.25)
+        noise = sigma * np.sqrt(2 * np.log(CELLS) + 2 * self.rng.standard_exponential())
+        height = energy * self.curve(angle_deg) + sigma * self.rng.standard_normal()
+        reading = Reading(intensity=float(max(height, noise)), noise_sigma=sigma, cells=CELLS)
+        return Sample(angle_deg=angle_deg, reading=reading, sweep=timing, angle_sigma_deg=0.02 * (timing is not None))
+
+    def sweep(self, sweep: Sweep) -> None:
+        step_deg = 0.6 if sweep.to_deg > self.place_deg else -0.6
+        timing = SweepTiming(
+            number=len(self.sweeps) + 1, speed_deg_s=float(SPEED * np.sign(step_deg)), delay_sigma_s=0.005
+        )
+        angles = np.arange(self.place_deg + step_deg / 2, sweep.to_deg, step_deg).tolist()
+        began_deg, left = self.place_deg, 3
+        for angle_deg in angles:
+            self.policy.tell(self.sample(angle_deg, timing=timing))
+            self.place_deg = angle_deg
+            left -= self.policy.ask() != sweep
+            if left == 0:
+                break
+        self.sweeps.append((began_deg, self.place_deg))
+
+    def run(self) -> None:
+        for _ in range(40):
+            asked = self.policy.ask()
+            if asked is None:
+                return
+            if isinstance(asked, Sweep):
+                self.sweep(asked)
+            else:
+                self.stops.append(asked)
+                self.place_deg = asked
+                self.policy.tell(self.sample(asked))
+        raise AssertionError("the search does not end")
+
+
+def test_it_sweeps_to_the_far_end_and_ends_a_while_after_the_marker() -> None:
+    search = Search(curve_about(-10.0))
+    assert search.policy.ask() == Sweep(to_deg=35.0, speed_deg_s=SPEED, spacing_deg=0.1)
+    search.run()
+    assert len(search.sweeps) == 1
+    assert -8.0 < search.sweeps[0][1] < 10.0
+    assert search.stops == []
+    answer = search.policy.estimate()
+    assert isinstance(answer, Found)
+    assert answer.mean_deg == pytest.approx(-10.0, abs=0.4)
+
+
+@pytest.mark.parametrize(
+    ("start_deg", "ends_deg"), [(-35.0, [35]), (10.0, [35, -35]), (-1.0, [-35, 35]), (34.6, [-35])]
+)
+def test_it_begins_with_the_nearer_end(start_deg: float, ends_deg: list[int]) -> None:
+    search = Search(lambda _: 0.0, start_deg=start_deg)
+    search.run()
+    swept = [round(to_deg) for _, to_deg in search.sweeps]
+    assert swept == pytest.approx(ends_deg, abs=1)
+
+
+def test_where_single_pulses_show_nothing_a_search_at_rest_begins_anew() -> None:
+    search = Search(lambda _: 0.0)
+    search.run()
+    assert len(search.sweeps) == 1
+    assert len(search.stops) == 16
+    assert isinstance(search.policy.estimate(), NotFound)
+    with pytest.raises(SearchError):
+        search.policy.tell(search.sample(0.0))
+
+
+def test_what_single_pulses_do_not_show_the_mean_of_some_does() -> None:
+    """At an SNR of 4.5 a pulse, 18 after averaging, the marker is found at rest."""
+    search = Search(curve_about(5.0, snr=4.5, fwhm_deg=10.0))
+    search.run()
+    assert search.stops
+    answer = search.policy.estimate()
+    assert abs(answer.mean_deg - 5.0) < 1.5
+
+
+def test_where_the_centre_is_not_known_well_enough_it_sweeps_back_over_the_flanks() -> None:
+    search = Search(curve_about(20.0, snr=12.0, fwhm_deg=12.0))
+    search.run()
+    assert len(search.sweeps) == 2
+    began_deg, ended_deg = search.sweeps[1]
+    assert began_deg > 30
+    # Over the other flank, and not to the end of the range.
+    assert 8.0 < ended_deg < 20.0
+
+
+def test_a_confirmation_is_weighed_and_the_search_is_over() -> None:
+    search = Search(curve_about(-10.0))
+    search.run()
+    answer = search.policy.estimate()
+    search.policy.confirm(search.sample(answer.mean_deg))
+    assert isinstance(search.policy.estimate(), Found)
+    assert search.policy.ask() is None
+    assert search.policy.belief is not None
+
+
+def test_dark_frames_are_of_a_search_at_rest_only() -> None:
+    search = Search(curve_about(-10.0))
+    dark = Sample(angle_deg=-35.0, reading=Reading(intensity=1.2, noise_sigma=0.25, cells=CELLS), dark=True)
+    search.policy.tell(dark)
+    search.run()
+    answer = search.policy.estimate()
+    assert isinstance(answer, Found)
+    assert answer.floor is not None
+    assert answer.floor.source == "noise of the frames"
+
+
+def test_a_plan_that_sweeps_is_of_the_posterior() -> None:
+    plan = PolicyPlan(method="posterior", sweep_speed_deg_s=10.0)
+    assert most_acquisitions(plan) is None
+    assert isinstance(build_sweeping(plan, limits=PAPER_RANGE), SweepPosterior)
+    with pytest.raises(ConfigError, match="use build_sweeping"):
+        build(plan)
+    for wrong, said in (
+        (PolicyPlan(method="ternary"), "ternary: it asks for one angle after another"),
+        (PolicyPlan(method="posterior", as_published=True), "only posterior sweeps"),
+        (PolicyPlan(method="posterior", early_end=False), "early_end"),
+    ):
+        with pytest.raises(ConfigError, match=said):
+            require_sweeping(wrong)
+    assert not isinstance(build_sweeping(PolicyPlan(method="ternary"), limits=PAPER_RANGE), SweepPosterior)
