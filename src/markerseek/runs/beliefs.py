@@ -21,14 +21,10 @@ class Beliefs:
         self._policy, self._plan = policy, plan
         self._intensities: list[float] = []
 
-    def see(self, event: Event) -> None:
-        """Take an event that has its belief already, or needs none."""
-        if isinstance(event, Measured) and event.role == "search":
-            self._intensities.append(event.sample.reading.intensity)
-
     def added(self, event: Event) -> Event:
         """The event, with the belief of the policy if it asks or has finished."""
-        self.see(event)
+        if isinstance(event, Measured) and event.role == "search":
+            self._intensities.append(event.sample.reading.intensity)
         if not self._intensities or not isinstance(event, Asked | Finished):
             return event
         belief = self._belief()

@@ -8,6 +8,7 @@ from dataclasses import replace
 from markerseek.core import Finished, Measured, Reader, ReadingFrame, SweepingPolicy
 from markerseek.guard import Limits
 from markerseek.records.journal import Entry, JournalEvent, RecordedRun
+from markerseek.runs.beliefs import Beliefs
 from markerseek.runs.recorded_scanner import RecordedScanner
 from markerseek.runs.resume import RUN_EVENTS
 from markerseek.scan import run
@@ -27,10 +28,12 @@ def recompute_differences(recorded: RecordedRun, policy: SweepingPolicy, reader:
     search = recorded.configuration.facts.search
     # A journal does not hold the limits of travel; nothing moves here.
     scanner = RecordedScanner(again, limits=Limits(search=search, travel=search))
-    events = run(policy, scanner, recorded.configuration.plan)
+    plan = recorded.configuration.plan
+    events = run(policy, scanner, plan)
+    beliefs = Beliefs(policy, plan)
     with closing(events):
         # Not strict: the journal of an interrupted run ends before the run does.
-        for entry, event in zip(again, events, strict=False):
+        for entry, event in zip(again, map(beliefs.added, events), strict=False):
             if _timeless(event) != _timeless(entry.event):
                 found.append(f"entry {entry.number}: {event} where the journal has {entry.event}")
                 # Later decisions depend on this one, so that their differences would say nothing new.

@@ -70,17 +70,16 @@ def resumed(
         # A run that died before its first event has nothing to repeat.
         if not pending:
             step.take()
-        for event in events:
+        # Beliefs of repeated events too: a policy that is asked for its answer earlier may round it otherwise.
+        for event in map(beliefs.added, events):
             if pending:
                 _require_same(event, pending.popleft(), recorded)
-                beliefs.see(event)
                 yield event
                 if not pending:
                     step.take()
             else:
-                believed = beliefs.added(event)
-                commit_event(believed, scanner.clock, rig, journal)
-                yield believed
+                commit_event(event, scanner.clock, rig, journal)
+                yield event
 
 
 class _Handover:
