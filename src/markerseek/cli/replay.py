@@ -13,7 +13,7 @@ from markerseek.cli.options import AsJson, Columns, Out, PlanOptions, ProbeName,
 from markerseek.cli.report import Output
 from markerseek.cli.terminal import announce_compilation
 from markerseek.cli.watched import Events, Heartbeat, WatchOptions
-from markerseek.core import ConfigError
+from markerseek.core import MAX_ACQUISITIONS, ConfigError
 
 EXAMPLES = (
     "Examples:\n\n"
@@ -67,12 +67,12 @@ def command(
     assembled = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between, table=table)
     if probe is not None and assembled.imaging is None:
         raise ConfigError(f"--probe is {probe}, and {bank} holds intensities, not channel data; leave it out")
-    recorded = assembled.distinct_angles
-    if options.acquisitions is None:
-        usual = method_named(options.method).acquisitions
-        # More acquisitions than recorded angles would only repeat some of them.
-        options = replace(options, acquisitions=usual if recorded is None else min(usual, recorded))
-    elif recorded is not None and options.acquisitions > recorded:
+    recorded = None if assembled.angles_deg is None else len(assembled.angles_deg)
+    if options.acquisitions is None and recorded is not None:
+        # Those of a recording cost nothing; other methods than the posterior end at their usual number.
+        usual = MAX_ACQUISITIONS if options.method == "posterior" else method_named(options.method).acquisitions
+        options = replace(options, acquisitions=min(usual, recorded))
+    elif recorded is not None and options.acquisitions is not None and options.acquisitions > recorded:
         raise ConfigError(
             f"--acquisitions is {options.acquisitions}, and {bank} holds {recorded} angles; ask for at most these"
         )
@@ -82,6 +82,8 @@ def command(
     if plot:
         curve = runs.bank_curve(rigs.with_probe_facts(read_bank(bank, table), probe), probe=probe)
         recorded_curve = (curve.angle_deg, curve.intensity)
+    # Another rig: a recording hands each of its dark frames out once.
+    again = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between, table=table)
     session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None, watch=watch)
     conclude(
         session.recorder,
@@ -92,4 +94,5 @@ def command(
         policy=session.policy,
         journal=session.journal,
         recorded=recorded_curve,
+        from_all=runs.answer_from_all(again, plan),
     )

@@ -12,8 +12,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek.cli.report import Output, Report, drawn, facts, file_line
-from markerseek.core import ChannelFrame, Estimate, Floor, OtherSource, RFFrame, SweepingPolicy
-from markerseek.records import Recorder, SearchResult
+from markerseek.core import ChannelFrame, Estimate, Floor, NotFound, OtherSource, RFFrame, SweepingPolicy
+from markerseek.records import Recorder, SearchResult, answer_name
 from markerseek.records.journal import Configuration, Journal
 from markerseek.search import FALSE_FOUND
 from markerseek.signals import AnyImageReader
@@ -130,12 +130,14 @@ def conclude(
     policy: SweepingPolicy | None,
     journal: Journal | None = None,
     recorded: Curve | None = None,
+    from_all: Estimate | None = None,
 ) -> NoReturn:
     """Show the result of a search, and end the command with its exit code.
 
     ``configuration``: plan and rig of the search. ``name``: name of the picture's files. ``imaging``: imaging chain of
     the rig's channel data; None where there are intensities only. ``journal``: None where there is none, or the user
-    named it. ``recorded``: recorded curve of the picture, as in `markerseek.pictures.search_figure`.
+    named it. ``recorded``: recorded curve of the picture, as in `markerseek.pictures.search_figure`. ``from_all``:
+    the answer from every angle of a recording.
     """
     result, rig = recorder.result(configuration.plan, configuration.facts), configuration.facts
     form = " as published" if result.as_published else ""
@@ -146,9 +148,10 @@ def conclude(
         curves = {"limits": rig.search, "density": _density(policy), "recorded": recorded}
         draw = _figure(recorder, recorder.finished.estimate, result, imaging, **curves)
         pictures = {f"{name}.png": drawn(draw, title=title), f"{name}.html": partial(_write_page, result, title, draw)}
+    values = result if from_all is None else msgspec.to_builtins(result) | {"all_angles": _all_angles(from_all)}
     report = Report(
-        values=result,
-        shown=_shown(result, title),
+        values=values,
+        shown=_shown(result, title, from_all),
         pictures=pictures,
         notes=() if journal is None or not journal.kept else (file_line("journal", journal.path),),
         exit_code=FOUND if result.found else OTHER_ANSWER,
@@ -156,9 +159,32 @@ def conclude(
     output.show(report)
 
 
-def _shown(result: SearchResult, title: str) -> Iterator[str | Table]:
+def _shown(result: SearchResult, title: str, from_all: Estimate | None) -> Iterator[str | Table]:
     yield f"[bold]{escape(title)}[/]"
-    yield facts(facts_of(result))
+    rows = facts_of(result)
+    if from_all is not None:
+        rows.append(("from all its angles", _from_all(from_all)))
+    yield facts(rows)
+
+
+def _from_all(estimate: Estimate) -> str:
+    """The answer from every angle of a recording, in words."""
+    if isinstance(estimate, NotFound):
+        return f"not found: {estimate.reason}"
+    sigma = "" if estimate.sigma_deg is None else f" ± {estimate.sigma_deg:.3f}°"
+    return f"{answer_name(estimate)}, {estimate.mean_deg:.3f}°{sigma}"
+
+
+def _all_angles(estimate: Estimate) -> dict[str, object]:
+    """The same for programs, with the keys of a result."""
+    known = None if isinstance(estimate, NotFound) else estimate
+    interval = None if known is None else known.interval95_deg
+    return {
+        "answer": answer_name(estimate),
+        "angle_deg": estimate.mean_deg,
+        "sigma_deg": None if known is None else known.sigma_deg,
+        "interval95_deg": None if interval is None else (interval.low_deg, interval.high_deg),
+    }
 
 
 def _density(policy: SweepingPolicy | None) -> Curve | None:

@@ -79,6 +79,9 @@ class PolicyPlan:
     """Features of a reading that a posterior uses, as for `markerseek.search.posterior.Posterior`; None: all."""
     tolerance: Tolerance = field(default_factory=Tolerance)
     """How well the angle of a marker that is found must be known."""
+    angles_deg: tuple[float, ...] | None = None
+    """Angles that can be measured, each once, in degrees: those of a recording, among which a posterior chooses. None:
+    any of the range."""
     sweep_speed_deg_s: float | None = None
     """Speed of the sweeps of a posterior, in degrees per second; None: it stops for each acquisition."""
 

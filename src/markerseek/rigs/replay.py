@@ -102,7 +102,7 @@ def replayed(
         imaging=imaging,
         dark_frames=bank.dark_frames,
         world=receiver,
-        distinct_angles=None if interpolated else len(bank.angles_deg),
+        angles_deg=None if interpolated else bank.angles_deg,
         recipe=ReplayedRecipe(
             # Absolute, because `resume` may be started in another folder.
             path=str(path.absolute()),

@@ -57,8 +57,8 @@ class Rig:
     """Imaging chain of its channel data or RF lines; None where there are intensities only, or B-mode images."""
     dark_frames: int
     """Number of dark frames at the start of a search; 0 if the rig cannot take any."""
-    distinct_angles: int | None = None
-    """Number of angles that can be measured; None if any angle can."""
+    angles_deg: tuple[float, ...] | None = None
+    """Angles that can be measured, each with one result, in degrees: those of a recording; None if any can."""
     closing_dark: bool = False
     """Whether a search should end with a dark frame, as `markerseek.scan.run` says: on rigs of devices."""
     tip: TipSettings | None = None
@@ -77,7 +77,8 @@ class Rig:
     @property
     def run_plan(self) -> RunPlan:
         """How a search begins and ends on it: with the dark frames that it can take and needs."""
-        return RunPlan(dark_frames=self.dark_frames, closing_dark=self.closing_dark)
+        # A recording holds no second acquisition at an angle, which could confirm the first.
+        return RunPlan(dark_frames=self.dark_frames, closing_dark=self.closing_dark, stay=self.angles_deg is not None)
 
     def arm(self, *, by: str) -> None:
         """Allow it to move and fire, in the name of a person who is present; a fault must be reset first."""

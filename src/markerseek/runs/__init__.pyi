@@ -23,6 +23,7 @@ from .simulated_registration import (
     simulate_registration,
 )
 from .tracking import TrackQuality, quality_of, stage_period_s, track_run, tracking_policy
+from .whole_recording import answer_from_all
 
 __all__ = [
     "FOCAL_LENGTH",
@@ -38,6 +39,7 @@ __all__ = [
     "SimulatedScene",
     "SimulatedTruth",
     "TrackQuality",
+    "answer_from_all",
     "bank_curve",
     "bank_facts",
     "bank_image",

@@ -70,10 +70,17 @@ class Session:
 
 
 def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
-    """The plan with the dark frames that a rig needs; the paper's form of a method takes none before the search."""
+    """The plan with what follows from the rig; the paper's form of a method takes no dark frames before the search."""
+    run = rig.run_plan
     # The paper's methods measure no noise floor, and that of a single pulse is not that of an average.
     without = plan.as_published or plan.sweep_speed_deg_s is not None
-    return replace(plan, dark_frames=0 if without else rig.dark_frames, closing_dark=rig.closing_dark)
+    return replace(
+        plan,
+        dark_frames=0 if without else run.dark_frames,
+        closing_dark=run.closing_dark,
+        stay=plan.stay or run.stay,
+        angles_deg=rig.angles_deg,
+    )
 
 
 def new_session(rig: Rig, plan: SearchPlan) -> Session:

@@ -169,6 +169,7 @@ def _posterior(plan: PolicyPlan, *, limits: Interval) -> Posterior:
         others=USUAL_OTHERS if plan.others is None else plan.others,
         prior=plan.prior,
         tolerance=plan.tolerance,
+        angles_deg=plan.angles_deg,
     )
 
 

@@ -142,13 +142,15 @@ def answer_of(
     spent: bool,
     tolerance: Tolerance,
     weaker_than_predicted: str | None,
+    more: str = "take more acquisitions",
 ) -> Estimate:
     """Return the answer.
 
     ``lit``: samples with the laser on, at least one. ``others``: prior probability that there is another source as
     loud; 0: nothing else can be the marker. ``spent``: whether so many acquisitions are made that what may still hide
     is stated, and no veto. ``tolerance``: how well the angle must be known. ``weaker_than_predicted``: why the
-    acquisition at the angle found does not confirm it; None if it does, or was not made.
+    acquisition at the angle found does not confirm it; None if it does, or was not made. ``more``: how to have more
+    samples than these, for a person.
     """
     first = state.sources[0]
     posterior, floor = first.posterior, state.noise.floor
@@ -202,11 +204,11 @@ def answer_of(
     # An answer that is unsure for its width alone is of the marker: registration takes it.
     other = weaker_than_predicted or state.misfit
     if other is None and probability > (STATED if spent else SURE):
-        other = _other(state, probability)
+        other = _other(state, probability, more=more)
     if other is not None:
         return found.as_unsure("source", other)
     too_wide = beyond_tolerance(found, tolerance, radius_m=radius_m)
-    return found if too_wide is None else found.as_unsure("width", f"{too_wide}; {_cure(posterior)}")
+    return found if too_wide is None else found.as_unsure("width", f"{too_wide}; {_cure(posterior, more=more)}")
 
 
 def _curve(source: Candidate) -> MarkerCurve | None:
@@ -217,10 +219,10 @@ def _curve(source: Candidate) -> MarkerCurve | None:
     return MarkerCurve(fwhm_deg=source.posterior.fwhm_deg, peak=peak)
 
 
-def _cure(posterior: AnglePosterior) -> str:
+def _cure(posterior: AnglePosterior, *, more: str) -> str:
     """What makes the angle better known."""
     if posterior.centre_sigma_deg > posterior.sigma_deg / 2:
-        return "take more acquisitions or average more pulses"
+        return f"{more} or average more pulses"
     return (
         "more acquisitions will not narrow it: the source is not known to be a point, and a spot may lie beside the "
         "centre of its curve; light or stain a smaller spot, or tolerate more"
@@ -245,10 +247,10 @@ def other_probability(state: SearchState, *, others: float) -> float:
     return 1.0 - none
 
 
-def _other(state: SearchState, probability: float) -> str:
+def _other(state: SearchState, probability: float, *, more: str) -> str:
     """Why another source may be the marker, and what to do about it."""
     said = f"another source is the marker with a probability of {100 * probability:.2g} %"
-    cure = "take more acquisitions, or state that there is a single source"
+    cure = f"{more}, or state that there is a single source"
     if state.unresolved_rival is not None:
         return f"{said}: one near {state.unresolved_rival[0].posterior.mean_deg:.0f} deg may be as loud; {cure}"
     if state.survey is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from markerseek.core import (
@@ -111,6 +111,9 @@ class Posterior(SearchPolicy):
         Width and height of the curve of a former marker on this rig; None if there was none.
     tolerance
         How well the angle of a `Found` must be known.
+    angles_deg
+        Angles that can be measured, in degrees: those of a recording, which has nothing new to say of an angle that it
+        has given. Each is asked for once, and the search ends with the last. None: any angle of the range.
 
     Raises
     ------
@@ -131,6 +134,7 @@ class Posterior(SearchPolicy):
         others: float = USUAL_OTHERS,
         prior: MarkerCurve | None = None,
         tolerance: Tolerance = _USUAL,
+        angles_deg: Sequence[float] | None = None,
     ) -> None:
         super().__init__()
         check_acquisitions(acquisitions, least=2, method=self.name)
@@ -153,6 +157,7 @@ class Posterior(SearchPolicy):
         self._others, self._single = others, others == 0
         self._tolerance = tolerance
         self._candidates = Candidates(limits=limits, shapes=self._shapes, cues=chosen, single=others == 0, prior=prior)
+        self._left_deg = None if angles_deg is None else list(angles_deg)
         self._asked = 0
         self._range_swept = False
         self._confirmation_taken = False
@@ -170,9 +175,12 @@ class Posterior(SearchPolicy):
         SearchError
             If the sample is not usable (`check_sample`), or the laser was on and the search is over.
         """
+        asked_deg = None if sample.dark else self.ask()
         super().tell(sample)
         if not sample.dark:
             self._asked += 1
+            if self._left_deg is not None and asked_deg is not None:
+                self._left_deg.remove(asked_deg)
             self._confirmation_taken, self._confirmation_failure = False, None
         self._cached_noise = self._cached_first = self._cached = None
 
@@ -226,6 +234,7 @@ class Posterior(SearchPolicy):
             spent=self._range_swept or self._asked >= min(self._budget, SURVEY_UNTIL),
             tolerance=self._tolerance,
             weaker_than_predicted=self._confirmation_failure,
+            more="take more acquisitions" if self._left_deg != [] else "record smaller steps",
         )
 
     @property
@@ -298,6 +307,13 @@ class Posterior(SearchPolicy):
         return survey_of(source, self._shapes, self._lit, noise, limits=self._limits)
 
     def _next_deg(self) -> float | None:
+        wanted_deg = self._wanted_deg()
+        if self._left_deg is None or wanted_deg is None:
+            return wanted_deg
+        return min(self._left_deg, key=lambda angle_deg: abs(angle_deg - wanted_deg), default=None)
+
+    def _wanted_deg(self) -> float | None:
+        """Next angle in degrees, whether it can be measured or not; None at the end."""
         if self._asked >= self._budget:
             return None
         if not self._lit or not self._detected():

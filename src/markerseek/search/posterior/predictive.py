@@ -16,6 +16,7 @@ from markerseek.core import Float64, Sample
 from markerseek.search.floor import MAX_CELLS
 from markerseek.search.posterior.angle_posterior import AnglePosterior
 from markerseek.search.posterior.candidates import Candidate
+from markerseek.search.posterior.likelihood import DEEP, DEEP_ERROR
 from markerseek.search.posterior.shapes import STEP_DEG, Shapes
 from markerseek.search.posterior.sources import samples_at
 from markerseek.search.posterior.symmetry import TEMPLATE_LOG_LEVELS, TEMPLATE_SIGMAS
@@ -23,8 +24,9 @@ from markerseek.search.posterior.symmetry import TEMPLATE_LOG_LEVELS, TEMPLATE_S
 PREDICTION_SIGMAS = 3.0
 """Standard deviations of the prediction by which a confirmation may be weaker."""
 
-DOUBT_SIGMAS, MISFIT_SIGMAS = 2.0, 2.5
-"""Standard deviations of the prediction beyond which a sample makes the curve doubtful, and is not explained by it."""
+DOUBT_SIGMAS, MISFIT_SIGMAS, USUAL_SAMPLES = 2.0, 2.5, 12
+"""Standard deviations of the prediction beyond which a sample makes the curve doubtful, and is not explained by it,
+where the worst of so many samples is taken."""
 
 TAIL_SHARE = 0.5
 """Share of the highest prediction below which a curve may have nulls."""
@@ -91,7 +93,9 @@ def discrepant_sample(source: Candidate, shapes: Shapes, *, sigmas: float) -> Sa
 
 def predictive_check(source: Candidate, shapes: Shapes) -> str | None:
     """Return why the curve of a source does not explain its samples, in words; None if it does."""
-    sample = discrepant_sample(source, shapes, sigmas=MISFIT_SIGMAS)
+    # The worst of many is farther off than that of a few, also where the curve is right.
+    tail = ndtr(-MISFIT_SIGMAS) * USUAL_SAMPLES / max(USUAL_SAMPLES, len(source.samples))
+    sample = discrepant_sample(source, shapes, sigmas=-float(ndtri(tail)))
     if sample is None:
         return None
     height, spread = _prediction(source.posterior, shapes, [sample])
@@ -115,5 +119,8 @@ def _prediction(
     noise = np.array([math.sqrt(2 * math.log(max(2, sample.reading.cells or MAX_CELLS))) for sample in samples])
     height = np.hypot(signal, noise)
     laser = np.array([LASER_ERROR if sample.sweep is None else posterior.sample_error for sample in samples])
-    spread = np.sqrt((signal * log_height.std(axis=0)) ** 2 + (error**2 + laser**2) * height**2 + 1)
+    # As in the likelihood: the form of deep tails is known that well at best.
+    deep = np.where(fallen > -math.log(DEEP), DEEP_ERROR * math.exp(float(np.mean(posterior.log_snr))), 0.0)
+    own = (signal * log_height.std(axis=0)) ** 2 + (error**2 + laser**2) * height**2
+    spread = np.sqrt(own + np.maximum(deep, 1.0) ** 2)
     return posterior.sigma * height, posterior.sigma * spread

@@ -1,0 +1,56 @@
+"""A recording of one's own: each of its angles once, the same answer in every unit, and the answer from all of them."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+Shell = Callable[..., tuple[int, str, str]]
+PER_DEGREE = {"deg": 1.0, "rad": math.pi / 180, "mrad": 1e3 * math.pi / 180}
+
+
+def scan(path: Path, unit: str = "deg") -> Path:
+    """A clean scan of 36 angles with its marker at 7.3°, as a table in this unit."""
+    angles_deg = np.linspace(-35, 35, 36)
+    noise = 0.3 * np.abs(np.random.default_rng(3).normal(size=36))
+    intensities = 100 / (1 + ((angles_deg - 7.3) / 6) ** 2) ** 1.2 + noise
+    rows = np.column_stack([angles_deg * PER_DEGREE[unit], intensities])
+    np.savetxt(path, rows, delimiter=",", header=f"angle_{unit},intensity", comments="", fmt="%.6f")
+    return path
+
+
+@pytest.mark.parametrize("unit", PER_DEGREE)
+def test_a_clean_scan_is_found_in_every_unit(shell: Shell, tmp_path: Path, unit: str) -> None:
+    code, out, _ = shell("replay", scan(tmp_path / "mine.csv", unit), "--json")
+    result = json.loads(out)
+    assert (code, result["answer"]) == (0, "found")
+    assert result["angle_deg"] == pytest.approx(7.3, abs=0.1)
+    taken = [each["angle_deg"] for each in result["samples"]]
+    assert len(set(taken)) == len(taken) == result["acquisitions"]
+    assert result["confirmation"] is None
+    low_deg, high_deg = result["all_angles"]["interval95_deg"]
+    assert result["all_angles"]["answer"] == "found"
+    assert low_deg < 7.3 < high_deg
+    assert high_deg - low_deg < 1.0
+
+
+def test_the_answer_from_all_angles_stands_in_the_table(shell: Shell, tmp_path: Path) -> None:
+    code, out, _ = shell("replay", scan(tmp_path / "mine.csv"))
+    assert code == 0
+    (line,) = [line for line in out.splitlines() if line.startswith("from all its angles")]
+    assert "found, 7.2" in line or "found, 7.3" in line
+
+
+def test_a_recording_that_is_used_up_is_not_told_to_take_more(shell: Shell, tmp_path: Path) -> None:
+    path = tmp_path / "coarse.csv"
+    # Two sources as loud as one another, seen by five angles.
+    path.write_text("angle_deg,intensity\n-35,1.0\n-17,95\n0,1.1\n17,94\n35,0.9\n")
+    code, out, _ = shell("replay", path, "--json")
+    result = json.loads(out)
+    assert (code, result["acquisitions"]) == (3, 5)
+    assert "more acquisitions" not in (result["reason"] or "")
