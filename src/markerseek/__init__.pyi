@@ -16,6 +16,7 @@ from .core import (
     Unsure,
 )
 from .rigs import replayed, simulated
+from .runs import find_marker
 from .scan import run
 from .search import build
 
@@ -36,6 +37,7 @@ __all__ = [
     "Unsure",
     "__version__",
     "build",
+    "find_marker",
     "replayed",
     "run",
     "simulated",

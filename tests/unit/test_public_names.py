@@ -36,6 +36,7 @@ def test_the_public_names_are_these() -> None:
         "Unsure",
         "__version__",
         "build",
+        "find_marker",
         "replayed",
         "run",
         "simulated",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 from markerseek.core.checks import is_finite
@@ -59,7 +59,8 @@ class RigFacts:
     fingerprint: str
     search: Interval
     face_radius_m: float | None = None
-    truth_deg: float | None = None
+    # Left out of repr: whoever prints a rig would know the answer before the search.
+    truth_deg: float | None = field(default=None, repr=False)
     reference_deg: float | None = None
     seed: int | None = None
     probe: str | None = None

@@ -74,6 +74,10 @@ class Rig:
     checks: Mapping[str, tuple[RuleCheck, ...]] = field(default_factory=dict)
     """Rules that foreign drivers were tried by when they were opened, by part and driver."""
 
+    def __repr__(self) -> str:
+        """What it is, in a line: devices and world would fill a page, and tell where a simulated marker is."""
+        return f"<{self.facts.kind} rig: {self.facts.description}, {self.limits.search}>"
+
     @property
     def run_plan(self) -> RunPlan:
         """How a search begins and ends on it: with the dark frames that it can take and needs."""

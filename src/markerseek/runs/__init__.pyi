@@ -12,7 +12,7 @@ from .registration import TARGET_DEPTH_M, PointPair, RegistrationReport, registe
 from .registration_file import KnownRegistration, read_registration
 from .resume import require_reset
 from .same_bench import require_same_measurement
-from .session import Session, new_session, plan_on, resumed_session
+from .session import Session, find_marker, new_session, plan_on, resumed_session
 from .shared_errors import FOCAL_LENGTH, camera_shared_m, focal_shared_m, trus_shared_m
 from .simulated_registration import (
     GRID_STEP_M,
@@ -49,6 +49,7 @@ __all__ = [
     "camera_shared_m",
     "configuration_of",
     "dark_intensity",
+    "find_marker",
     "focal_shared_m",
     "former_curve",
     "journal_bank",

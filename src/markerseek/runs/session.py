@@ -83,6 +83,35 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
     )
 
 
+def find_marker(rig: Rig, plan: SearchPlan | str = "posterior") -> SearchResult:
+    """Search for the marker on a rig, and return what was found; no record is kept.
+
+    Parameters
+    ----------
+    rig
+        A rig; one of real devices must have been armed (`Rig.arm`).
+    plan
+        How to search; the name of a method stands for its plan with all defaults, from where the probe is.
+
+    Raises
+    ------
+    MarkerseekError
+        If the plan cannot be carried out on this rig, or the search ends with a fault.
+
+    Examples
+    --------
+    >>> import markerseek
+    >>> result = markerseek.find_marker(markerseek.simulated(seed=1))
+    >>> result.answer
+    'found'
+    """
+    asked = SearchPlan(method=plan, start_deg=rig.stage.angle_deg) if isinstance(plan, str) else plan
+    session = new_session(rig, plan_on(rig, asked))
+    for _ in session.events():
+        pass
+    return session.result()
+
+
 def new_session(rig: Rig, plan: SearchPlan) -> Session:
     """A new search, without a journal yet; nothing moves before `Session.events` is iterated."""
     policy = build_sweeping(plan, limits=rig.limits.search)

@@ -24,6 +24,10 @@ class SearchPolicy(ABC):
         self._dark: list[Sample] = []
         self._next: tuple[float | None] | None = None
 
+    def __repr__(self) -> str:
+        """What it is, and how much it has been told."""
+        return f"<{self.name} after {len(self._lit)} acquisitions>"
+
     def ask(self) -> float | None:
         """Next angle in degrees; None at the end of the search. It is computed once for each new sample."""
         if self._next is None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import markerseek
 from markerseek import rigs
 from markerseek.core import ConfigError, Finished, Measured, SearchError, SearchPlan
 from markerseek.guard import State
@@ -75,3 +76,25 @@ def test_the_paper_s_form_takes_no_dark_frames_first() -> None:
     assembled = rig()
     assert plan_on(assembled, SearchPlan(method="ternary", start_deg=0.0)).dark_frames == assembled.dark_frames > 0
     assert plan_on(assembled, SearchPlan(method="ternary", as_published=True, start_deg=0.0)).dark_frames == 0
+
+
+def test_a_marker_is_found_in_one_call() -> None:
+    rig = markerseek.simulated(seed=1)
+    result = markerseek.find_marker(rig)
+    assert result.answer == "found"
+    assert result.error_deg is not None
+    assert result.error_deg < 0.5
+    plan = SearchPlan(method="exhaustive", acquisitions=15)
+    assert markerseek.find_marker(markerseek.simulated(seed=1), plan).acquisitions == 15
+
+
+def test_what_is_printed_of_a_rig_is_a_line_and_does_not_give_the_marker_away() -> None:
+    rig = markerseek.simulated(seed=1)
+    assert rig.facts.truth_deg is not None
+    for printed in (repr(rig), repr(rig.facts)):
+        assert f"{rig.facts.truth_deg:.2f}" not in printed
+    assert len(repr(rig)) < 150
+    assert "simulated" in repr(rig)
+    policy = markerseek.build("posterior")
+    policy.tell(rig.scanner.measure(0.0))
+    assert repr(policy) == "<posterior after 1 acquisitions>"
