@@ -7,6 +7,9 @@ from markerseek.drivers._apt_line import AptLine
 from markerseek.drivers._kdc101_move import DatedPosition, Move, MoveRules
 from markerseek.wire import apt
 
+_PROMPT_S = 0.02
+"""Time of an answer from which on the stage is asked once more: it turns by a quarter of a degree meanwhile."""
+
 
 class SweepMove:
     """A stage that sweeps; making one begins to turn it.
@@ -38,6 +41,8 @@ class SweepMove:
         Raises `MoveError` or `LimitError` as `Move.look`.
         """
         status, reading = self.move.look_dated()
+        if reading.answered_s - reading.asked_s > _PROMPT_S:
+            status, reading = self.move.look_dated()
         if self._braking:
             # Sent again: without a checksum, a damaged stop is ignored and nobody reports it.
             self._line.send(apt.stop(profiled=True))

@@ -7,9 +7,21 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from markerseek.core import ConfigError, DeviceError, DeviceTimeoutError, LaserError, Permit, Pulse, SweepPermit
+from markerseek.core import (
+    ConfigError,
+    DeviceError,
+    DeviceTimeoutError,
+    LaserError,
+    Permit,
+    Pulse,
+    SweepPermit,
+    is_finite,
+)
 from markerseek.drivers import LaserBox
+from markerseek.drivers._laserbox_sweep import BoxSweep
 from markerseek.emulators import DirectPort
 from markerseek.emulators.bench import BenchClock
 from markerseek.emulators.laserbox import EmulatedLaserBox
@@ -255,6 +267,34 @@ def test_light_in_the_dark_part_of_a_sweep_is_found() -> None:
     bench.box.stray_light()
     with pytest.raises(LaserError, match="there was light without a permit"):
         bench.driver.fire(Permit(token="a", angle_deg=0.0, pulses=2, expires_s=math.inf))
+
+
+COUNTS = st.one_of(st.integers(0, 3), st.integers(0, wire.MAX_COUNT))
+REPLIES = st.one_of(
+    st.builds(wire.Time, number=st.integers(1, 5), clock_us=COUNTS),
+    st.builds(wire.Stamped, token=st.just(1), number=st.integers(1, 4), stamp_us=COUNTS, photodiode=st.just(1)),
+    st.builds(wire.Stamped, token=COUNTS, number=COUNTS, stamp_us=COUNTS, photodiode=COUNTS),
+    st.builds(wire.Dark, token=COUNTS, sent=COUNTS, photodiode=COUNTS),
+    st.builds(wire.Done, token=COUNTS, sent=COUNTS, photodiode=COUNTS),
+    st.just(wire.Disarmed()),
+    st.just(wire.Refusal(reason="STEP")),
+)
+
+
+@given(st.lists(st.tuples(REPLIES, st.floats(0.0, 0.1)), max_size=30))
+def test_whatever_a_box_says_a_pulse_has_a_time_or_there_is_none(said: list[tuple[wire.Reply, float]]) -> None:
+    now_s = 10.0
+    sweep = BoxSweep(token=1, pulses=4, heard_s=now_s, stepped_s=now_s, asked_s=dict.fromkeys(range(1, 6), now_s))
+    pulses: list[Pulse] = []
+    try:
+        for reply, later_s in said:
+            now_s += later_s
+            sweep.hear(reply, now_s=now_s)
+            pulses += sweep.untold()
+    except LaserError:
+        pass
+    assert len(pulses) <= 4
+    assert all(is_finite(pulse.at_s) and 0 <= pulse.sigma_s <= 1e-3 for pulse in pulses)
 
 
 def test_what_was_stamped_twice_or_not_at_all_is_refused() -> None:
