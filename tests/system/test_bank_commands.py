@@ -300,7 +300,7 @@ WRONG = [
     (("bank", "import", "good.csv", "b.hdf5", "--sampling-mhz", 4e7), "at most 1000; check the unit"),
     (("bank", "import", "good.csv", "b.hdf5", "--reference-deg", "nan"), "--reference-deg is nan"),
     (("bank", "export", "good.csv", "b.nrrd"), "must end in one of"),
-    (("bank", "export", "good.csv", "b.igs.mha"), "no frames to make images of"),
+    (("bank", "export", "good.csv", "b.igs.mha"), "intensities and no frames"),
     (("bank", "export", "good.csv", "b.csv", "--face-radius-mm", -1), "--face-radius-mm is -1"),
     (("frame", "a.b8", "--number", 3), "there is no frame 3, it holds 2"),
     (("frame", "a.b8", "--probe", "L3-8"), "--probe is for channel data"),
