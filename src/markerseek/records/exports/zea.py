@@ -85,7 +85,8 @@ def _write_frames(
     for count, frame in enumerate(frames):
         if data is None:
             shape = (len(series.angles_deg), 1, *frame.samples.T.shape, 1)
-            data = file.create_dataset(f"{TRACK}/{RAW}", shape, np.int16)
+            # One chunk a frame: zea reads others slowly.
+            data = file.create_dataset(f"{TRACK}/{RAW}", shape, np.int16, chunks=(1, *shape[1:]))
         if frame.samples.T.shape != data.shape[2:4] or frame.samples.shape[0] != array.elements:
             raise RecordError(
                 f"{path}: a frame of {frame.samples.shape} (channels, samples) follows one of {data.shape[3:1:-1]}; "
