@@ -27,10 +27,10 @@ LOG_LINES = 10
 
 LEGEND = (
     ("ms-key-glow", "probability"),
-    ("ms-key-dot", "acquisition: the farther out, the stronger"),
+    ("ms-key-dot", "acquisition (outer: stronger)"),
     ("ms-key-square", "confirmation"),
-    ("ms-key-arc", "95 % interval, or bracket"),
-    ("ms-key-tick", "weighed up as next: the longer, the better"),
+    ("ms-key-arc", "95 %, or bracket"),
+    ("ms-key-tick", "possible next (longer: better)"),
 )
 """What is drawn in the fan: class of its key, and its meaning."""
 
@@ -51,7 +51,7 @@ class VerdictPanel:
             with ui.element("div").classes("ms-where"):
                 self._turn = ui.label("").classes("ms-turn")
                 self._interval = ui.label("").classes("ms-interval")
-            self._reason = ui.label("").classes("ms-answer").mark("answer")
+                self._reason = ui.label("").classes("ms-answer").mark("answer")
         self.show(Verdict())
 
     def show(self, verdict: Verdict) -> None:

@@ -149,7 +149,7 @@ export default {
       c.lineWidth = 1;
       for (let deg = Math.ceil(v.low / 5) * 5; deg <= v.high; deg += 5) {
         ray(deg, g.far, g.far + (deg % 10 ? 3 : 6));
-        if (deg % 10 === 0) label(c, g, deg, g.far + 20, `${deg}°`.replace("-", "\u2212"));
+        if (deg % (g.far < 230 ? 20 : 10) === 0) label(c, g, deg, g.far + 20, `${deg}°`.replace("-", "\u2212"));
       }
       c.lineWidth = 2;
       ray(v.low, g.near, g.far + 6);
