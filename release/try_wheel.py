@@ -22,10 +22,10 @@ NOT_IN_SDIST = (".ci/", ".github/", ".gitignore")
 WITHOUT = {
     "plot": ("search", "--seed", "1", "--plot", "--no-journal"),
     "records": ("bank", "scan", "scan.hdf5"),
-    "devices": ("emulate", "kdc101"),
+    "devices": ("emulate", "kdc101", "--dir", "."),
     "page": ("page",),
     "igtl": ("igtl",),
-    "vision": ("tooltip", "."),
+    "vision": ("tooltip", "images"),
     "cluster": ("study", str(ROOT / "examples" / "studies" / "quick.toml"), "--scheduler", "tcp://127.0.0.1:9"),
     "ros2": ("ros2", "search"),
 }
@@ -61,6 +61,9 @@ class Environment:
     def __init__(self, folder: Path, python: Path, wheel: Path) -> None:
         self._folder, self._wheel = folder, wheel
         subprocess.run([python, "-m", "venv", folder], check=True)
+        (folder / "images").mkdir()
+        for number in range(2):
+            (folder / "images" / f"{number}.png").write_bytes(b"\x89PNG\r\n\x1a\n")
 
     def pip(self, *words: str) -> str:
         """What pip prints; it ends the program if it fails."""
@@ -71,7 +74,7 @@ class Environment:
         """Install the wheel with these extras; the names of what came or would come."""
         wheel = f"{self._wheel}[{','.join(extras)}]" if extras else str(self._wheel)
         how = ("--dry-run",) if dry else ()
-        report = json.loads(self.pip("install", "--quiet", "--report", "-", *how, wheel))
+        report = json.loads(self.pip("install", "-qq", "--report", "-", *how, wheel))
         return {each["metadata"]["name"].lower() for each in report["install"]}
 
     def command(self, *words: str) -> tuple[int, str]:

@@ -43,6 +43,16 @@ def test_every_link_of_a_page_leads_somewhere(page: Path) -> None:
         assert not anchor or anchor in anchors(target), address
 
 
+def test_the_files_that_the_map_names_exist() -> None:
+    text = (DOCS / "explanation" / "map.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`([a-z_0-9]+(?:/[a-z_0-9]+)+(?:\.py|\.toml|\.csv)?)`", text))
+    assert len(named) > 100
+    # Of itself, beside the code, or in the folder of the pages; `a/b.py` stands for any.
+    pattern = re.compile(r"(^|/)a/(test_)?b\.py$")
+    for name in sorted(each for each in named if not pattern.search(each)):
+        assert any((place / name).exists() for place in (ROOT, ROOT / "src" / "markerseek")), name
+
+
 def inline_commands() -> Iterator[str]:
     """Commands within the text of the pages; decisions tell of former ones."""
     for page in PAGES:
