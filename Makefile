@@ -13,7 +13,7 @@ WATCHED := $(if $(filter tests,$(TESTS)),tests/system tests/page tests/igtl test
 BENCH ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo page test check bench faults failures kills mutants peers ros2 setup docs figures wheel release lock clean
+.PHONY: help demo page test check bench faults failures kills mutants peers ros2 setup docs figures dist wheel release lock clean
 
 help:  ## list these commands
 	@awk -F ':.*## ' '/^[a-z0-9]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -97,9 +97,11 @@ figures: .venv/dev  ## draw the pictures of README, map and gallery
 RUN_EXTRAS := $(addprefix --extra ,plot records devices igtl page vision)
 UPGRADE ?= --upgrade
 
-wheel: .venv/dev  ## make wheel and source distribution in out/dist, and try the wheel alone on each Python that is here
+dist: .venv/dev  ## make wheel and source distribution in out/dist
 	rm -rf out/dist
 	$(BIN)/python -m build --no-isolation --outdir out/dist .
+
+wheel: dist  ## make them, and try the wheel alone on each Python that is here
 	$(BIN)/python release/try_wheel.py out/dist
 
 CHECKS ?= check test docs wheel
