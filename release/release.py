@@ -60,7 +60,7 @@ def run(*words: str) -> str:
 
 def require_release(text: str) -> Version:
     """The version, if it can follow the present one and the checkout is as it was committed."""
-    now = Version(re.search(r'"(.+)"', VERSION_FILE.read_text(encoding="utf-8"))[1])
+    now = Version(re.search(r'^__version__ = "(.+)"$', VERSION_FILE.read_text(encoding="utf-8"), re.M)[1])
     try:
         version = Version(text)
     except InvalidVersion:
@@ -83,7 +83,8 @@ def require_notes() -> str:
 def set_version(version: Version, *, today: dt.date) -> None:
     """Write the version where it is kept, and into the changelog."""
     text = VERSION_FILE.read_text(encoding="utf-8")
-    VERSION_FILE.write_text(re.sub(r'"[^"]+"$', f'"{version}"', text, flags=re.M), encoding="utf-8")
+    text = re.sub(r'^__version__ = ".+"$', f'__version__ = "{version}"', text, flags=re.M)
+    VERSION_FILE.write_text(text, encoding="utf-8")
     text = CHANGELOG.read_text(encoding="utf-8")
     CHANGELOG.write_text(re.sub(r"^## .*\(unreleased\)$", f"## {version} ({today})", text, count=1, flags=re.M))
 
@@ -95,7 +96,9 @@ def collect(version: Version, notes: str) -> None:
     for path in (*MADE.glob(f"markerseek-{version}-*.whl"), *MADE.glob(f"markerseek-{version}.tar.gz")):
         shutil.copy2(path, OUT)
     if len(list(OUT.iterdir())) != 2:
-        sys.exit(f"release: {MADE} has no wheel and source distribution of {version}; let make wheel or make dist be the last check")
+        sys.exit(
+            f"release: {MADE} has no wheel and source distribution of {version}; let make wheel or make dist be the last check"
+        )
     bill = OUT / f"markerseek-{version}.cdx.json"
     run(
         sys.executable,
