@@ -96,9 +96,7 @@ def collect(version: Version, notes: str) -> None:
     for path in (*MADE.glob(f"markerseek-{version}-*.whl"), *MADE.glob(f"markerseek-{version}.tar.gz")):
         shutil.copy2(path, OUT)
     if len(list(OUT.iterdir())) != 2:
-        sys.exit(
-            f"release: {MADE} has no wheel and source distribution of {version}; let make wheel or make dist be the last check"
-        )
+        sys.exit(f"release: {MADE} has no wheel and sdist of {version}; let make wheel or make dist be the last check")
     bill = OUT / f"markerseek-{version}.cdx.json"
     run(
         sys.executable,
