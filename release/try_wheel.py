@@ -1,7 +1,8 @@
 """Installs the wheel alone, outside of the checkout, and uses it as a stranger would: `make wheel`.
 
 For each Python: the commands without extras work or name the extra that is missing, and no test tool came with it. On
-the first Python also each extra. A Python that this computer does not have is printed as not tried.
+the first Python also each extra. A Python that this computer does not have is printed as not tried. ``python
+release/try_wheel.py out/dist 3.12`` tries one.
 """
 
 from __future__ import annotations
@@ -128,11 +129,11 @@ def left_out(sdist: Path) -> list[str]:
 
 def main() -> None:
     """Try the wheel and the source distribution in a folder; exit code 1 if something does not work."""
-    folder = Path(sys.argv[1]).resolve()
+    folder, versions = Path(sys.argv[1]).resolve(), sys.argv[2:] or PYTHONS
     (wheel,), (sdist,) = folder.glob("*.whl"), folder.glob("*.tar.gz")
     found = [f"{sdist.name} lacks {name}" for name in left_out(sdist)]
     tried = 0
-    for version in PYTHONS:
+    for version in versions:
         python = interpreter(version)
         if python is None:
             sys.stdout.write(f"Python {version}: not tried, there is none on this computer\n")
