@@ -39,8 +39,8 @@ PRIOR = 0.3
 """Prior probability of an asymmetric marker."""
 
 SHIFT_M, INCOHERENT_SHIFT_M, SCATTER_SHIFT_M = 0.105e-3, 0.05e-3, 1.5e-3
-"""a₀, a₁ and a₂ in metres: of 310 whole searches for simulated spots in four tissues, so much larger than the most likely
-ones that the intervals cover (decision 52)."""
+"""a₀, a₁ and a₂ in metres: of 310 whole searches for simulated spots in four tissues, so much larger than the most
+likely ones that the intervals cover (decision 52)."""
 
 USUAL_WIDTH_M = 5e-3
 """Width of a curve, as a length at the marker, to which `SHIFT_M` refers."""
