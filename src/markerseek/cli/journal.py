@@ -15,7 +15,7 @@ from markerseek import runs
 from markerseek.cli import journal_folder
 from markerseek.cli.options import AsJson
 from markerseek.cli.terminal import announce_compilation, new_table, one_line, print_error, print_json, stdout
-from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started, Swept
+from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started, Swept, Turning
 
 if TYPE_CHECKING:
     from markerseek.records.journal import Entry, RecordedRun
@@ -156,7 +156,7 @@ def _line(entry: Entry) -> tuple[str, str, str, str]:
     match entry.event:
         case Started(start_deg=start_deg, limits=limits):
             return "started", f"{start_deg:.3f}", "", f"searches {limits}"
-        case Asked() | Swept():
+        case Asked() | Turning() | Swept():
             return _turning(entry.event)
         case Measured(role=role, index=index, sample=sample):
             return f"measured: {role} {index}", f"{sample.angle_deg:.3f}", f"{sample.reading.intensity:.4g}", ""
@@ -175,7 +175,10 @@ def _line(entry: Entry) -> tuple[str, str, str, str]:
             return "checked", "", f"{reading.intensity:.4g}", difference or "unchanged"
 
 
-def _turning(event: Asked | Swept) -> tuple[str, str, str, str]:
+def _turning(event: Asked | Turning | Swept) -> tuple[str, str, str, str]:
+    if isinstance(event, Turning):
+        read = "" if event.angle_deg is None else f"{event.angle_deg:.3f}"
+        return "turning", read, "", f"by hand to {event.target_deg:.3f} deg"
     angle = f"{event.angle_deg:.3f}"
     if isinstance(event, Swept):
         return "swept", angle, "", f"{event.pulses} pulses"

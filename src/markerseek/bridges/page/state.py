@@ -21,11 +21,14 @@ from markerseek.core import (
     Sample,
     Started,
     Swept,
+    Turning,
 )
 from markerseek.records import answer_name
 from markerseek.records.journal import Checked, Configuration, Interrupted, JournalEvent, Resuming
 
-Phase: TypeAlias = Literal["ready", "moving", "measured", "refused", "checking", "stopped", "finished", "fault"]
+Phase: TypeAlias = Literal[
+    "ready", "moving", "turning", "measured", "refused", "checking", "stopped", "finished", "fault"
+]
 """What the rig does, as far as its events say."""
 
 
@@ -118,7 +121,7 @@ class SnapshotBuilder:
         match event:
             case Started(start_deg=start_deg, limits=limits):
                 return replace(now, phase="ready", probe_deg=start_deg, line=f"started at {start_deg:.2f}°, {limits}")
-            case Asked() | Swept():
+            case Asked() | Turning() | Swept():
                 return self._turning(event, now)
             case Measured():
                 return self._measured(event, now)
@@ -144,7 +147,11 @@ class SnapshotBuilder:
             case Checked(difference=difference):
                 return replace(now, phase="checking", line=f"checked: {difference or 'unchanged'}")
 
-    def _turning(self, event: Asked | Swept, now: Snapshot) -> Snapshot:
+    def _turning(self, event: Asked | Turning | Swept, now: Snapshot) -> Snapshot:
+        if isinstance(event, Turning):
+            read = "type the angle reached" if event.angle_deg is None else f"it is at {event.angle_deg:.1f}°"
+            line = f"turn the probe to {event.target_deg:.1f}°: {read}"
+            return replace(now, phase="turning", target_deg=None, line=line)
         if isinstance(event, Swept):
             line = f"the sweep ended at {event.angle_deg:.2f}° after {event.pulses} pulses"
             return replace(now, target_deg=None, probe_deg=event.angle_deg, line=line)

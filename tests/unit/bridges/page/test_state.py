@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from dataclasses import replace
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -31,6 +32,7 @@ from markerseek.bridges.page.picture import (
 )
 from markerseek.bridges.page.results import answer_in_words, is_claimed
 from markerseek.bridges.page.run_history import RunHistory
+from markerseek.bridges.page.search_page import status_text
 from markerseek.bridges.page.state import Snapshot, SnapshotBuilder
 from markerseek.core import (
     PAPER_RANGE,
@@ -54,6 +56,7 @@ from markerseek.core import (
     ScanGeometry,
     SearchPlan,
     Started,
+    Turning,
 )
 from markerseek.records import answer_name
 from markerseek.records.journal import Interrupted, Resuming
@@ -376,3 +379,21 @@ def test_only_angles_that_are_claimed_are_named(estimate, angle, others_deg):
     rows = dict(number_rows(snapshot, name="ternary", pulse_j=None))
     assert rows["other sources"] == ("-8.2 dB at -20.00°" if estimate.others else "not looked for")
     assert rows["surveyed"] == ("99.6 % of range" if estimate.surveyed else "–")
+
+
+def test_a_person_is_asked_on_the_page_to_turn_the_probe():
+    session, events = finished_run("ternary")
+    run = RunHistory(session.configuration)
+    for event, clock_s in events[:-1]:
+        run.add(event, clock_s=clock_s)
+        if isinstance(event, Asked) and event.role == "search":
+            break
+    live = SimpleNamespace(status="running", run=run)
+    for angle_deg, says in ((-7.34, "it is at -7.3°"), (None, "type the angle reached")):
+        run.add(Turning(target_deg=-12.0, angle_deg=angle_deg), clock_s=1.0)
+        assert status_text(live, simulated=False) == f"turn the probe to -12.0°: {says}"
+    # A motor's way is animated, a hand's is not foretold.
+    assert run.move_s(run.snapshots[-1]) == 0
+    run.add(Refused(angle_deg=-12.0, reason="too late"), clock_s=2.0)
+    assert status_text(live, simulated=False) == "refused"
+    assert not any("turn the probe" in line for line in run.lines(run.snapshots[-1], most=20))
