@@ -17,6 +17,7 @@ from .simulated import SimulatedLaserKeys, SimulatedReceiverKeys, SimulatedStage
 from .sonixdaq import SonixDaqReceiver, SonixDaqSettings
 from .table import DRIVERS, entry_of
 from .typed_angle import TypedStage
+from .ximc import XimcSettings, XimcStage
 
 __all__ = [
     "DRIVERS",
@@ -62,6 +63,8 @@ __all__ = [
     "StageSettings",
     "SystemClock",
     "TypedStage",
+    "XimcSettings",
+    "XimcStage",
     "bench_settings_from",
     "connect_plus",
     "entry_of",
