@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from markerseek.signals import IntensityReader
 from markerseek.sim import GaussianCurve, HandMotion
 from tests.by_hand import compared, turned_by_hand
 
+Shell = Callable[..., tuple[int, str, str]]
 SEEDS = range(1, 9)
 """Few, for the time that it takes; decision 61 has 40 worlds of frames."""
 
@@ -68,7 +70,7 @@ def journalled(rig: Rig, path: Path) -> Journal:
     return journal
 
 
-def test_its_journal_tells_where_the_probe_was_on_its_way(tmp_path: Path) -> None:
+def test_its_journal_tells_where_the_probe_was_on_its_way(shell: Shell, tmp_path: Path) -> None:
     path = tmp_path / "by-hand.journal"
     journalled(by_hand(4), path)
     held = read_journal(path)
@@ -78,6 +80,12 @@ def test_its_journal_tells_where_the_probe_was_on_its_way(tmp_path: Path) -> Non
     turning = [event for event in events if isinstance(event, Turning) and event.target_deg == target_deg]
     assert len(turning) > 5
     assert recompute_differences(held, rebuild_policy(held.configuration), IntensityReader()) == []
+    # One row a turn, and not five a second.
+    _, shown, _ = shell("journal", "show", path)
+    asked = sum(isinstance(event, Asked) and event.role != "dark" for event in events)
+    assert shown.count("turning") == asked
+    _, listed, _ = shell("journal", "show", path, "--json")
+    assert listed.count('"kind":"turning"') == sum(isinstance(event, Turning) for event in events)
 
 
 def test_a_search_that_was_stopped_on_the_way_goes_on(tmp_path: Path) -> None:

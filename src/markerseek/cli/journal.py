@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -141,7 +142,10 @@ def _print_table(recorded: RecordedRun) -> None:
     table = new_table(*headings, left=("what", "remark"), no_wrap=True)
     # A remark may be long, and wraps.
     table.columns[-1].no_wrap = False
-    for entry in recorded.entries:
+    for entry, after in zip_longest(recorded.entries, recorded.entries[1:]):
+        # A hand tells five times a second where it is: the last before something else happens is enough to look at.
+        if after is not None and isinstance(entry.event, Turning) and isinstance(after.event, Turning):
+            continue
         table.add_row(str(entry.number), f"{entry.clock_s:.2f}", *map(one_line, _line(entry)))
     stdout.print(table)
     state = run_state(recorded.entries)

@@ -12,7 +12,7 @@ import numpy as np
 
 from markerseek.core import DeviceError, Float64, MoveError, NotConnectedError
 from markerseek.drivers.plus import MAX_IMAGE_BYTES
-from markerseek.ros import RosNode, joint_angle_deg, messages
+from markerseek.ros import RosNode, joint_angle_deg, messages, topics
 from markerseek.wire import igtl
 
 AXES = ("x", "y", "z")
@@ -199,9 +199,15 @@ class Ros2Encoder:
         self.emulated = False
         kind = "sensor_msgs/msg/JointState" if axis is None else "geometry_msgs/msg/TransformStamped"
         node.subscribe(topic, kind, self._on_message)
+        # A node of ours says there that it is simulated; others have no such topic.
+        node.subscribe(topics.beside(topic, topics.STATE), "std_msgs/msg/String", self._on_state)
 
     def _on_message(self, message: Any) -> None:
         self._newest = message
+
+    def _on_state(self, message: Any) -> None:
+        state = messages.state_of(message)
+        self.emulated = self.emulated or (state is not None and state.simulated)
 
     @property
     def unused(self) -> str:

@@ -27,11 +27,14 @@ from markerseek.core import (
 from markerseek.drivers import BenchSettings, GuidedStage, GuidedStageSettings, IgtlEncoder, Ros2Encoder, TypedStage
 from markerseek.guard import Limits, State
 from markerseek.records.exports import probe_to_probe_home
+from markerseek.runs import scan_angles
 from markerseek.sim import HandMotion, SimulatedHand, VirtualClock
 from markerseek.testing import StageContract
 from markerseek.wire import igtl
 
 LIMITS = Limits()
+OPERATING_STATE = '{"state": "ENABLED", "is_homed": true, "is_busy": false, "stamp_ns": 1, "simulated": true}'
+"""As a stage node of ours says it."""
 SETTINGS = GuidedStageSettings()
 
 
@@ -263,8 +266,11 @@ class Node:
     def __init__(self) -> None:
         self.time_s = 1.75e9
 
-    def subscribe(self, _topic: str, _kind: str, callback: Callable[[object], None]) -> None:
-        self.hand_over = callback
+    def subscribe(self, _topic: str, kind: str, callback: Callable[[object], None]) -> None:
+        if kind == "std_msgs/msg/String":
+            self.say_state = callback
+        else:
+            self.hand_over = callback
 
     def drain(self, _most: int) -> None:
         pass
@@ -313,6 +319,11 @@ def test_a_joint_of_ros_2_is_in_radians() -> None:
     node.time_s += 3
     node.hand_over(late)
     assert encoder.read() is None
+    assert not encoder.emulated
+    node.say_state(SimpleNamespace(data="anything else"))
+    assert not encoder.emulated
+    node.say_state(SimpleNamespace(data=OPERATING_STATE))
+    assert encoder.emulated
 
 
 def test_the_guard_of_its_rig_accepts_what_a_hand_reaches_and_no_more() -> None:
@@ -323,6 +334,9 @@ def test_the_guard_of_its_rig_accepts_what_a_hand_reaches_and_no_more() -> None:
         guard = rig.scanner.guard
         assert rig.facts.emulated == ("stage", "laser", "receiver")
         assert guard.state is State.DISARMED
+        assert scan_angles(rig, step_deg=5.0) == 15
+        with pytest.raises(ConfigError, match="turned by hand, to within 1 deg: take steps of at least 3 deg"):
+            scan_angles(rig, step_deg=2.0)
         guard.arm(by="a person")
         guard.begin_move(10.0)
         guard.end_move(11.2)
