@@ -64,8 +64,6 @@ class XimcSettings(
     """Time without motion after which it counts as stuck."""
 
     def __post_init__(self) -> None:
-        if not self.uri.startswith("xi-"):
-            raise ConfigError(f"stage: uri is {self.uri!r}, it must begin with xi-com:, xi-tcp:, xi-net: or xi-emu:")
         for name, low, high, unit in (
             ("steps_per_deg", 1, 10_000, ""),
             ("zero_deg", -360, 360, "deg"),
@@ -106,6 +104,10 @@ class XimcStage:
     """
 
     def __init__(self, *, settings: XimcSettings, clock: Clock, travel: Interval) -> None:
+        if not settings.uri.startswith("xi-"):
+            raise ConfigError(
+                f"stage: uri is {settings.uri!r}, it must begin with xi-com:, xi-tcp:, xi-net: or xi-emu:"
+            )
         self.limits = travel
         self.emulated = settings.uri.startswith(_VIRTUAL)
         self._settings, self._clock = settings, clock

@@ -129,11 +129,9 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Axis:
 
 
 def real(**keys: Any) -> XimcStage:
-    given = {"steps_per_deg": STEPS_PER_DEG, "zero_deg": 0.0, "speed_deg_s": 25.0}
+    given = {"uri": "xi-com:/dev/none", "steps_per_deg": STEPS_PER_DEG, "zero_deg": 0.0, "speed_deg_s": 25.0}
     travel = Interval(low_deg=-36.5, high_deg=36.5)
-    return XimcStage(
-        settings=XimcSettings(uri="xi-com:/dev/none", **(given | keys)), clock=VirtualClock(), travel=travel
-    )
+    return XimcStage(settings=XimcSettings(**(given | keys)), clock=VirtualClock(), travel=travel)
 
 
 def test_no_target_is_far_ahead_and_it_comes_from_below(made: Axis) -> None:
@@ -207,7 +205,6 @@ def test_an_address_at_which_nothing_is_cannot_be_connected() -> None:
 @pytest.mark.parametrize(
     ("keys", "says"),
     [
-        ({"uri": "/dev/ttyACM0"}, "must begin with xi-com:"),
         ({"steps_per_deg": math.nan}, "steps_per_deg is nan"),
         ({"speed_deg_s": 50.0}, "speed_deg_s is 50.0"),
         ({"steps_per_deg": 1.0, "arrival_deg": 0.001}, "less than a microstep"),
@@ -217,3 +214,9 @@ def test_keys_that_cannot_be_used_are_refused(keys: dict[str, Any], says: str) -
     given = {"uri": "xi-com:/dev/none", "steps_per_deg": STEPS_PER_DEG, "zero_deg": 0.0}
     with pytest.raises(ConfigError, match=says):
         XimcSettings(**(given | keys))
+
+
+def test_an_address_of_another_form_is_refused(made: Axis) -> None:
+    made.command_move = lambda *_steps: pytest.fail("it moved")  # type: ignore[method-assign]
+    with pytest.raises(ConfigError, match="must begin with xi-com:"):
+        real(uri="/dev/ttyACM0")
