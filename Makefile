@@ -94,7 +94,7 @@ figures: .venv/dev  ## draw the pictures of README, map and gallery
 	$(BIN)/python docs/gallery/draw.py
 
 # pip-compile knows extras and no dependency groups: those are written out for it first.
-RUN_EXTRAS := $(addprefix --extra ,plot records devices igtl page vision)
+RUN_EXTRAS := $(addprefix --extra ,plot records devices standa igtl page vision)
 UPGRADE ?= --upgrade
 
 dist: .venv/dev  ## make wheel and source distribution in out/dist

@@ -93,7 +93,7 @@ def _replaced(settings: Any, key: str, value: object) -> Any:
 def _example(kind: Any) -> Any:
     """Settings in which all that has no default is filled in."""
     hints = typing.get_type_hints(kind)
-    return kind(**{key: "x" if hints[key] is str else 0.0 for key, needed in _fields(kind) if needed})
+    return kind(**{key: "x" if hints[key] is str else 1.0 for key, needed in _fields(kind) if needed})
 
 
 def _is_settings(kind: Any) -> bool:

@@ -14,7 +14,7 @@ import pytest
 from markerseek import rigs
 from markerseek.bridges import Outcome
 from markerseek.bridges.igtl import Stream, Streams
-from markerseek.core import BModeFrame, ChannelFrame, Measured, RFFrame, Sample, ScanGeometry, SearchPlan
+from markerseek.core import BModeFrame, ChannelFrame, Measured, RFFrame, Sample, ScanGeometry, SearchPlan, Turning
 from markerseek.records.journal import Entry
 from markerseek.runs import configuration_of
 from markerseek.sim import ReceiverSettings, SimulatedSettings
@@ -118,6 +118,20 @@ def test_the_marker_of_the_search_before_is_withdrawn_when_the_next_begins() -> 
     assert sent["PaMarker"].content.points[0].position_mm == (1, 2, 3)
     assert sent["PaMarkerToProbeHome"].content.position_mm == (1, 2, 3)
     assert sent["PaMarkerToProbeHome"].metadata == {"TransformStatus": "OK"}
+
+
+def test_a_probe_that_a_person_turns_is_shown_on_its_way() -> None:
+    streams = Streams()
+    rig = rigs.simulated(seed=1)
+    streams.after(configuration_of(rig, SearchPlan(method="ternary")))
+    for angle_deg, sent_before in ((30.0, True), (None, False)):
+        event = Turning(target_deg=-12.0, angle_deg=angle_deg)
+        sent = by_device(streams.after(Entry(number=1, written="", clock_s=0.0, event=event, checkpoint=None)))
+        state = msgspec.json.decode(sent["SearchState"].content.text)
+        assert (state["target_deg"], state["angle_deg"]) == (-12.0, 30.0)
+        assert ("ProbeToProbeHome" in sent) == sent_before
+        if sent_before:
+            assert sent["ProbeToProbeHome"].content.matrix[0, 2] == pytest.approx(0.5)
 
 
 def test_a_transform_before_the_first_search_says_that_no_angle_is_known() -> None:

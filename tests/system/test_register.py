@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from markerseek.records import read_camera_images
 from markerseek.runs.simulated_registration import CAMERA_ROLL_DEG, CAMERA_TILT_DEG
-from markerseek.sim import camera_above, endoscope
+from markerseek.sim import EndoscopeSettings, camera_above, endoscope, spot_images
+from markerseek.vision import find_spot
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -293,9 +295,67 @@ def test_a_search_that_is_unsure_for_its_width_only_is_taken(shell: Shell, tmp_p
     np.testing.assert_allclose(np.array(json.loads(said)["davinci_to_trus"])[:3, 3], MOVE_M, atol=1e-6)
 
 
+def spots_in_folders(folder: Path, points_m: np.ndarray, names: list[str]) -> tuple[Path, Path]:
+    """Images of both simulated cameras of a spot at each point."""
+    cv2 = pytest.importorskip("cv2")
+    cameras, settings, rng = endoscope(), EndoscopeSettings(frames=5), np.random.default_rng(1)
+    for side, places in zip(("left", "right"), cameras.project(points_m), strict=True):
+        for name, place in zip(names, places, strict=True):
+            (folder / side / name).mkdir(parents=True)
+            for number, image in enumerate(
+                spot_images(place, size_px=cameras.left.size_px, settings=settings, rng=rng)
+            ):
+                assert cv2.imwrite(str(folder / side / name / f"{number}.png"), image)
+    return folder / "left", folder / "right"
+
+
+def test_images_of_both_cameras_end_as_their_pixels_do(shell: Shell, tmp_path: Path) -> None:
+    stereo, names = Path(__file__).parents[2] / "examples" / "stereo.toml", ["a", "b", "c"]
+    journals = []
+    for seed, name in enumerate(names, start=1):
+        journals += ["--journal", tmp_path / f"{name}.journal"]
+        shell("search", "--seed", seed, "--json", *journals[-2:])
+    camera_m = np.array([[-0.02, -0.02, 0.1], [0.02, -0.02, 0.1], [0.0, 0.02, 0.103]])
+    left, right = spots_in_folders(tmp_path, camera_m, names)
+    # In any order: each is known by its name.
+    words = ["--cameras", stereo, *journals[2:], *journals[:2], "--json"]
+    _, out, _ = shell("register", "--frames", left, right, *words)
+    by_images = json.loads(out)
+    assert [point["name"] for point in by_images["points"]] == names
+    places = [[find_spot(read_camera_images(side / name)) for side in (left, right)] for name in names]
+    rows = [",".join(str(each) for spot in pair for each in (spot.x_px, spot.y_px)) for pair in places]
+    sigmas = [max(spot.sigma_px for spot in pair) for pair in places]
+    table = tmp_path / "pixels.csv"
+    head = "name,left_x_px,left_y_px,right_x_px,right_y_px,spot_sigma_px"
+    table.write_text(
+        "\n".join([head, *(f"{each[0]},{each[1]},{each[2]}" for each in zip(names, rows, sigmas, strict=True))]),
+        encoding="utf-8",
+    )
+    _, out, _ = shell("register", table, "--cameras", stereo, *journals, "--json")
+    assert by_images["points"] == json.loads(out)["points"]
+    for point, true_m in zip(by_images["points"], camera_m, strict=True):
+        assert np.linalg.norm(np.array(point["camera_m"]) - true_m) < 1e-3
+    (left / "b" / "0.png").write_bytes(b"no image")
+    for change, said in (
+        (["--frames", left, right, *words], "cannot be read as an image"),
+        (["--frames", left, tmp_path / "none", *words], "is no folder"),
+        (["--frames", left, right, "--cameras", stereo, *journals[:4], "--json"], "--journal names a, b; give each"),
+        (["--frames", left, right, *journals, "--json"], "name the calibration of the endoscope"),
+        ([table, "--frames", left, right, *words], "both give points"),
+        ([table, "--calibration-sigma-px", 0.2, *journals, "--json"], "belongs to a calibration"),
+    ):
+        code, out, _ = shell("register", *change)
+        assert (code, said in json.loads(out)["error"]) == (2, True)
+    for number in range(1, 5):
+        (left / "b" / f"{number}.png").unlink()
+    (left / "b" / "0.png").write_bytes((left / "a" / "0.png").read_bytes())
+    code, out, _ = shell("register", "--frames", left, right, *words)
+    assert (code, "save at least 3" in json.loads(out)["error"]) == (2, True)
+
+
 def test_register_simulate_tissue_muscle_ends_with_a_registration(shell: Shell) -> None:
     pytest.importorskip("cv2")
-    code, out, _ = shell("register", "--simulate", "--tissue", "muscle", "--frames", 5, "--json")
+    code, out, _ = shell("register", "--simulate", "--tissue", "muscle", "--simulated-frames", 5, "--json")
     report = json.loads(out)
     assert code == 0
     assert {search["answer"] for search in report["simulation"]["searches"]} <= {"found", "unsure"}
@@ -305,7 +365,7 @@ def test_register_simulate_tissue_muscle_ends_with_a_registration(shell: Shell) 
 
 def test_a_whole_registration_on_the_simulated_rig(shell: Shell) -> None:
     pytest.importorskip("cv2")
-    code, out, _ = shell("register", "--simulate", "--markers", 3, "--frames", 5, "--seed", 2, "--json")
+    code, out, _ = shell("register", "--simulate", "--markers", 3, "--simulated-frames", 5, "--seed", 2, "--json")
     report = json.loads(out)
     assert code == 0
     matrix = np.array(report["davinci_to_trus"])
@@ -324,11 +384,11 @@ def test_a_whole_registration_on_the_simulated_rig(shell: Shell) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["register"], "no points: name a CSV, or add --simulate"),
+        (["register"], "no points: name a CSV, images by --frames LEFT RIGHT, or add --simulate"),
         (["register", EXAMPLE, "--simulate"], "--simulate makes its own points"),
         (["register", EXAMPLE, "--seed", 3], "--tissue and --seed are for --simulate"),
         (["register", "--simulate", "--markers", 5], "markers is 5, it must be one of 3, 4, 6, 9"),
-        (["register", EXAMPLE, "--frames", 25], "are for --simulate; leave them out"),
+        (["register", EXAMPLE, "--simulated-frames", 25], "are for --simulate; leave them out"),
         (["register", "--simulate", "--camera-mm", "nan"], "camera distance is nan mm"),
         (["register", EXAMPLE, "--target-mm", 0, "nan", 0], "must be finite"),
     ],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,7 +16,7 @@ from markerseek import runs
 from markerseek.cli import journal_folder
 from markerseek.cli.options import AsJson
 from markerseek.cli.terminal import announce_compilation, new_table, one_line, print_error, print_json, stdout
-from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started, Swept
+from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started, Swept, Turning
 
 if TYPE_CHECKING:
     from markerseek.records.journal import Entry, RecordedRun
@@ -141,7 +142,10 @@ def _print_table(recorded: RecordedRun) -> None:
     table = new_table(*headings, left=("what", "remark"), no_wrap=True)
     # A remark may be long, and wraps.
     table.columns[-1].no_wrap = False
-    for entry in recorded.entries:
+    for entry, after in zip_longest(recorded.entries, recorded.entries[1:]):
+        # A hand tells five times a second where it is: the last before something else happens is enough to look at.
+        if after is not None and isinstance(entry.event, Turning) and isinstance(after.event, Turning):
+            continue
         table.add_row(str(entry.number), f"{entry.clock_s:.2f}", *map(one_line, _line(entry)))
     stdout.print(table)
     state = run_state(recorded.entries)
@@ -156,7 +160,7 @@ def _line(entry: Entry) -> tuple[str, str, str, str]:
     match entry.event:
         case Started(start_deg=start_deg, limits=limits):
             return "started", f"{start_deg:.3f}", "", f"searches {limits}"
-        case Asked() | Swept():
+        case Asked() | Turning() | Swept():
             return _turning(entry.event)
         case Measured(role=role, index=index, sample=sample):
             return f"measured: {role} {index}", f"{sample.angle_deg:.3f}", f"{sample.reading.intensity:.4g}", ""
@@ -175,7 +179,10 @@ def _line(entry: Entry) -> tuple[str, str, str, str]:
             return "checked", "", f"{reading.intensity:.4g}", difference or "unchanged"
 
 
-def _turning(event: Asked | Swept) -> tuple[str, str, str, str]:
+def _turning(event: Asked | Turning | Swept) -> tuple[str, str, str, str]:
+    if isinstance(event, Turning):
+        read = "" if event.angle_deg is None else f"{event.angle_deg:.3f}"
+        return "turning", read, "", f"by hand to {event.target_deg:.3f} deg"
     angle = f"{event.angle_deg:.3f}"
     if isinstance(event, Swept):
         return "swept", angle, "", f"{event.pulses} pulses"

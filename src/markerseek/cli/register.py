@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -25,6 +25,8 @@ EXAMPLES = (
     "  markerseek register examples/points.csv\n\n"
     "  markerseek register pixels.csv --cameras stereo.toml --journal a.journal --journal b.journal --journal c.journal"
     "\n\n"
+    "  markerseek register --frames left/ right/ --cameras StereoCalibrationDVRK.ini --calibration-sigma-px 0.2 "
+    "--journal a.journal --journal b.journal --journal c.journal\n\n"
     "  markerseek register --simulate --markers 4 --seed 1 --plot"
 )
 
@@ -49,10 +51,23 @@ def command(
         ),
     ] = None,
     cameras: Annotated[
-        Path | None,
+        list[Path] | None,
         typer.Option(
-            help="Calibration of the stereo endoscope (TOML); the CSV then has left_x_px, left_y_px, right_x_px, "
-            "right_y_px in place of the camera columns, and optionally spot_sigma_px."
+            help="Calibration of the stereo endoscope: TOML, StereoCalibrationDVRK.ini of a dVRK, or given twice for "
+            "the YAML files of ROS, left and right; the CSV then has left_x_px, left_y_px, right_x_px, right_y_px in "
+            "place of the camera columns, and optionally spot_sigma_px."
+        ),
+    ] = None,
+    calibration_sigma_px: Annotated[
+        float | None,
+        typer.Option(help="Reprojection error of that calibration, in pixels, where its file does not state it."),
+    ] = None,
+    frames: Annotated[
+        tuple[Path, Path] | None,
+        typer.Option(
+            metavar="LEFT RIGHT",
+            help="Images of the laser spots in place of a CSV: two folders, one of each camera, with a folder of PNG "
+            "files for each marker, named like its journal.",
         ),
     ] = None,
     target_mm: Annotated[
@@ -73,7 +88,9 @@ def command(
     camera_mm: Annotated[
         float | None, typer.Option(help="Distance of the simulated camera from the tissue.", show_default="100")
     ] = None,
-    frames: Annotated[int | None, typer.Option(help="Simulated camera frames of each spot.", show_default="25")] = None,
+    simulated_frames: Annotated[
+        int | None, typer.Option(help="Simulated camera frames of each spot.", show_default="25")
+    ] = None,
     tissue: Annotated[str | None, typer.Option(help="Simulated material.", show_default="plastisol-phantom")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the simulation.", show_default="1")] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write register.png into --out.")] = False,
@@ -89,10 +106,10 @@ def command(
     target_m = None if target_mm is None else (target_mm[0] / 1e3, target_mm[1] / 1e3, target_mm[2] / 1e3)
     truth: runs.SimulatedTruth | None = None
     if simulate:
-        if points is not None or journal or cameras is not None:
-            raise ConfigError("--simulate makes its own points; leave the CSV, --journal and --cameras out")
+        if points is not None or frames is not None or journal or cameras:
+            raise ConfigError("--simulate makes its own points; leave the CSV, --frames, --journal and --cameras out")
         title = "simulated rig and camera"
-        scene = _scene(markers=markers, camera_mm=camera_mm, frames=frames, tissue=tissue)
+        scene = _scene(markers=markers, camera_mm=camera_mm, frames=simulated_frames, tissue=tissue)
         announce_compilation()
         with progress_bar(scene.markers, what="searching markers") as progress:
             report, truth = runs.simulate_registration(
@@ -103,14 +120,11 @@ def command(
                 on_search=lambda number: progress.update(progress.task_ids[0], completed=number),
             )
     else:
-        if points is None:
-            raise ConfigError("no points: name a CSV, or add --simulate")
-        if (markers, camera_mm, frames, tissue, seed) != (None,) * 5:
+        if (markers, camera_mm, simulated_frames, tissue, seed) != (None,) * 5:
             raise ConfigError(
-                "--markers, --camera-mm, --frames, --tissue and --seed are for --simulate; leave them out"
+                "--markers, --camera-mm, --simulated-frames, --tissue and --seed are for --simulate; leave them out"
             )
-        title = points.name
-        pairs = runs.point_pairs(points, searches=journal or (), cameras=cameras)
+        title, pairs = _pairs(points, frames, journal or (), cameras, calibration_sigma_px)
         report = runs.register_pairs(pairs, target_trus_m=target_m, without=without or ())
     shown = Report(
         values=msgspec.to_builtins(report) | ({} if truth is None else {"simulation": msgspec.to_builtins(truth)}),
@@ -119,6 +133,30 @@ def command(
         exit_code=0 if report.registered else 3,
     )
     output.show(shown)
+
+
+def _pairs(
+    points: Path | None,
+    frames: tuple[Path, Path] | None,
+    searches: Sequence[Path],
+    cameras: Sequence[Path] | None,
+    calibration_sigma_px: float | None,
+) -> tuple[str, list[runs.PointPair]]:
+    """What the points are called, and the pairs of them."""
+    if points is None and frames is None:
+        raise ConfigError("no points: name a CSV, images by --frames LEFT RIGHT, or add --simulate")
+    if points is not None and frames is not None:
+        raise ConfigError(f"{points} and --frames {frames[0]} {frames[1]} both give points; leave one out")
+    if not cameras and calibration_sigma_px is not None:
+        raise ConfigError("--calibration-sigma-px belongs to a calibration; name it by --cameras, or leave it out")
+    stereo = runs.read_stereo(cameras, calibration_sigma_px=calibration_sigma_px) if cameras else None
+    if frames is None:
+        assert points is not None  # noqa: S101  one of the two, by the checks above
+        return points.name, runs.point_pairs(points, searches=searches, stereo=stereo)
+    if stereo is None:
+        raise ConfigError("--frames gives pixels; name the calibration of the endoscope by --cameras FILE")
+    left, right = frames
+    return f"{left} and {right}", runs.spot_pairs(left, right, searches=searches, stereo=stereo)
 
 
 def _scene(

@@ -22,7 +22,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table
 from rich.text import Text
 
-from markerseek.core import ConfigError, Event, MarkerseekError, Measured, Refused
+from markerseek.core import ConfigError, Event, MarkerseekError, Measured, Refused, Turning
 
 _CONTROL = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 """Unicode categories of control characters: control, formatting, line and paragraph separators; and surrogates, which
@@ -135,11 +135,24 @@ def progress_bar(total: int | None, *, what: str) -> Iterator[Progress]:
 
 def show_event(progress: Progress, event: Event) -> None:
     """Show an acquisition of a search or a scan in its progress bar, and print why a frame was refused."""
+    if isinstance(event, Measured) and not progress.live.is_started:
+        progress.start()
     if isinstance(event, Measured) and event.role == "search":
         shown = f"{event.sample.angle_deg:+7.2f}°  intensity {event.sample.reading.intensity:.4g}"
         progress.update(progress.task_ids[0], completed=event.index, description=shown)
+    elif isinstance(event, Turning):
+        _show_turning(progress, event)
     elif isinstance(event, Refused):
         progress.console.print(f"[yellow]refused:[/] {escape(event.reason)}")
+
+
+def _show_turning(progress: Progress, event: Turning) -> None:
+    """Show where a person who turns the probe has come; where the angle is typed in, the bar makes room for it."""
+    if event.angle_deg is None:
+        progress.stop()
+        return
+    shown = f"turn to {event.target_deg:+.1f}°, now {event.angle_deg:+.1f}°"
+    progress.update(progress.task_ids[0], description=f"[bold]{shown}[/]")
 
 
 def print_warning(message: Warning | str, *_where: object, **_more: object) -> None:

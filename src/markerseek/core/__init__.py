@@ -33,7 +33,7 @@ from markerseek.core.estimate import (
     OtherSource,
     Unsure,
 )
-from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Refused, Role, Started, Swept
+from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Refused, Role, Started, Swept, Turning
 from markerseek.core.facts import RigFacts, RigKind
 from markerseek.core.frame import NO_HEADER, BModeFrame, ChannelFrame, Frame, FrameHeader, ReadingFrame, RFFrame
 from markerseek.core.image import BModeImage, PaImage, ScanGeometry
@@ -41,10 +41,11 @@ from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerPosition, marker_position
 from markerseek.core.marker_curve import MarkerCurve
 from markerseek.core.permit import SWEEP_READING_S, Permit, SweepPermit
-from markerseek.core.plan import PolicyPlan, RunPlan, SearchPlan, Tolerance
+from markerseek.core.plan import ByHand, PolicyPlan, RunPlan, SearchPlan, Tolerance
 from markerseek.core.protocols import (
     Clock,
     ConfirmablePolicy,
+    GuidedStage,
     Laser,
     Policy,
     Reader,
@@ -84,6 +85,7 @@ __all__ = [
     "BModeFrame",
     "BModeImage",
     "Bool",
+    "ByHand",
     "ChannelFrame",
     "Clock",
     "Complex128",
@@ -102,6 +104,7 @@ __all__ = [
     "Found",
     "Frame",
     "FrameHeader",
+    "GuidedStage",
     "Int16",
     "Int32",
     "Int64",
@@ -156,6 +159,7 @@ __all__ = [
     "SweepingStage",
     "Swept",
     "Tolerance",
+    "Turning",
     "UInt8",
     "Unsure",
     "as_interval",

@@ -1,5 +1,7 @@
 """Events of a run, in order: Started, then Asked with Measured or Refused, then Finished or Failed.
 
+Where a person turns the probe, `Turning` follows `Asked` until it is there.
+
 `Measured` is yielded before the policy receives the sample, so that a journal can commit it first.
 """
 
@@ -51,6 +53,22 @@ class Asked:
     angle_deg: float
     sweep: Sweep | None = None
     belief: AngleBelief | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Turning:
+    """A person is asked to turn the probe, or turns it.
+
+    Attributes
+    ----------
+    target_deg
+        Angle asked for, in degrees.
+    angle_deg
+        Angle read now, in degrees; None where the person reads it, and types it in at the end.
+    """
+
+    target_deg: float
+    angle_deg: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,4 +161,4 @@ class Failed:
 
 
 # A union and no base class, as for `Estimate`.
-Event: TypeAlias = Started | Asked | Measured | Swept | Refused | Finished | Failed
+Event: TypeAlias = Started | Asked | Turning | Measured | Swept | Refused | Finished | Failed

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from markerseek.core.checks import is_finite, is_whole
+from markerseek.core.checks import is_finite, is_whole, require_range
 from markerseek.core.errors import ConfigError
 from markerseek.core.marker_curve import MarkerCurve
 from markerseek.core.reading import MAX_ACQUISITIONS
@@ -45,6 +45,42 @@ class Tolerance:
         return self.deg if radius_m is None else math.degrees(1e-3 * self.mm / radius_m)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ByHand:
+    """How a person turns the probe, on a rig without a motor.
+
+    Attributes
+    ----------
+    step_deg
+        Angles asked for are multiples of it: whole degrees can be read from a scale.
+    reversal_deg
+        Rotation that is as much effort as turning back, in degrees.
+    reach_deg
+        Most that the angle reached may differ from the one asked for, in degrees.
+    drift_deg
+        Most that the angle may change during an acquisition, in degrees.
+
+    Raises
+    ------
+    ConfigError
+        If one of them cannot be used.
+    """
+
+    step_deg: float = 1.0
+    reversal_deg: float = 150.0
+    reach_deg: float = 1.0
+    drift_deg: float = 0.3
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("step_deg", 0.1, 5.0),
+            ("reversal_deg", 0.0, 360.0),
+            ("reach_deg", 0.1, 3.0),
+            ("drift_deg", 0.01, 0.9),
+        ):
+            require_range(f"by hand: {name}", getattr(self, name), low=low, high=high, unit="deg")
+
+
 # Without slots, here and below: a class with two slotted parents cannot be laid out, and a `SearchPlan` has two.
 @dataclass(frozen=True, kw_only=True)
 class PolicyPlan:
@@ -82,6 +118,8 @@ class PolicyPlan:
     angles_deg: tuple[float, ...] | None = None
     """Angles that can be measured, each once, in degrees: those of a recording, among which a posterior chooses. None:
     any of the range."""
+    by_hand: ByHand | None = None
+    """How a person turns the probe, for a posterior; None: a motor does."""
     sweep_speed_deg_s: float | None = None
     """Speed of the sweeps of a posterior, in degrees per second; None: it stops for each acquisition."""
 

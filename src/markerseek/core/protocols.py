@@ -6,10 +6,11 @@ Angles are in degrees, times in seconds. A part that cannot do what it is asked 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Protocol, runtime_checkable
 
 from markerseek.core.estimate import Estimate
+from markerseek.core.events import Turning
 from markerseek.core.frame import Frame
 from markerseek.core.interval import Interval
 from markerseek.core.permit import Permit, SweepPermit
@@ -85,6 +86,14 @@ class Stage(Protocol):
 
     def stop(self) -> None:
         """Stop at once; allowed at any time, also twice."""
+
+
+@runtime_checkable
+class GuidedStage(Stage, Protocol):
+    """A stage that a person turns: it asks, and waits until the angle is steady."""
+
+    def guide(self, angle_deg: float) -> Iterator[Turning]:
+        """Ask for an angle, and tell where the probe is until it is there; a move there then returns at once."""
 
 
 @runtime_checkable

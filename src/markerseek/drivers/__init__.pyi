@@ -1,8 +1,10 @@
 from .clock import LONGEST_WAIT_S, SystemClock
+from .encoders import IgtlEncoder, Ros2Encoder
 from .energy_meter import EnergyMeter, metered
 from .entry import PARTS, AnyEntry, DeviceSettings, LaserSettings, Part, ReceiverSettings, StageSettings, is_emulated
 from .exposure import exposure_line
 from .foreign import DryLine, NamedLaser, NamedReceiver, NamedStage
+from .guided import GuidedStage, GuidedStageSettings
 from .kdc101 import Kdc101Moves, Kdc101Settings, Kdc101Stage
 from .laserbox import LaserBox, LaserBoxSettings
 from .picolas import PicolasLaser, PicolasSettings
@@ -14,6 +16,8 @@ from .settings import BenchProbe, BenchSettings, BenchSupervisor, bench_settings
 from .simulated import SimulatedLaserKeys, SimulatedReceiverKeys, SimulatedStageKeys
 from .sonixdaq import SonixDaqReceiver, SonixDaqSettings
 from .table import DRIVERS, entry_of
+from .typed_angle import TypedStage
+from .ximc import XimcSettings, XimcStage
 
 __all__ = [
     "DRIVERS",
@@ -26,6 +30,9 @@ __all__ = [
     "DeviceSettings",
     "DryLine",
     "EnergyMeter",
+    "GuidedStage",
+    "GuidedStageSettings",
+    "IgtlEncoder",
     "Kdc101Moves",
     "Kdc101Settings",
     "Kdc101Stage",
@@ -42,6 +49,7 @@ __all__ = [
     "PlusSettings",
     "ReceiverSettings",
     "Ros2Acquisition",
+    "Ros2Encoder",
     "Ros2Stage",
     "Ros2StageSettings",
     "RosLaser",
@@ -54,6 +62,9 @@ __all__ = [
     "SonixDaqSettings",
     "StageSettings",
     "SystemClock",
+    "TypedStage",
+    "XimcSettings",
+    "XimcStage",
     "bench_settings_from",
     "connect_plus",
     "entry_of",

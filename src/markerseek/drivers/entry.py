@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, Typ
 
 import msgspec
 
-from markerseek.core import Clock, ConfigError, Receiver, require_range
+from markerseek.core import ByHand, Clock, ConfigError, Receiver, require_range
 from markerseek.files import Line
 from markerseek.guard import Limits
 from markerseek.wire import Port
@@ -174,6 +174,8 @@ class Entry(Generic[SettingsT, DeviceT]):
     ``port``."""
     require_room: Callable[[SettingsT, Limits], None] = lambda _settings, _limits: None
     """Raises `ConfigError` if the travel range leaves no room to approach the ends of the search range."""
+    by_hand: Callable[[SettingsT], ByHand | None] = lambda _settings: None
+    """How a person turns a stage; None: a motor does."""
     paired: bool = False
     """Whether laser and receiver must both have this driver, or neither."""
     is_node: bool = False

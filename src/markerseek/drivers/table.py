@@ -16,6 +16,8 @@ DRIVERS: dict[Part, dict[str, str]] = {
     "stage": {
         "kdc101": "kdc101:ENTRY",
         "ros2": "ros2_stage:ENTRY",
+        "guided": "guided:ENTRY",
+        "ximc": "ximc:ENTRY",
         "simulated": "simulated:STAGE_ENTRY",
     },
     "laser": {

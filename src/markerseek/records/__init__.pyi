@@ -1,4 +1,4 @@
-from .images import IMAGE_SUFFIXES, ImageSeries, read_images
+from .images import IMAGE_SUFFIXES, ImageSeries, read_camera_images, read_images
 from .replay import ReplayLaser, ReplayReceiver, ReplayStage
 from .result import Recorder, SearchResult, answer_name
 
@@ -11,5 +11,6 @@ __all__ = [
     "ReplayStage",
     "SearchResult",
     "answer_name",
+    "read_camera_images",
     "read_images",
 ]

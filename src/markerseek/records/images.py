@@ -12,7 +12,7 @@ from markerseek.core import MissingExtraError, RecordError, UInt8
 from markerseek.files import MIB, as_read_error, require_input
 from markerseek.records.banks import open_ultrasonix
 from markerseek.records.sandbox import Sandbox
-from markerseek.records.untrusted_images import read_dicom, read_png
+from markerseek.records.untrusted_images import read_camera_png, read_dicom, read_png
 
 IMAGE_SUFFIXES = (".png", ".dcm", ".b8")
 """Suffixes of files with B-mode images; DICOM files without a suffix need one."""
@@ -60,6 +60,27 @@ def read_images(path: Path) -> ImageSeries:
             f"{path}: a pixel of {one.name} is {_size(first)}, of {other.name} {_size(second)}; keep to one scan"
         )
     return ImageSeries(names=tuple(names), images=_as_8_bits(path, found), pixel_m=next(iter(sizes)))
+
+
+def read_camera_images(folder: Path) -> list[UInt8[np.ndarray, "rows columns"]]:
+    """Images of a camera from the PNG files of a folder, in the order of their names: the brightest of the colours."""
+    files = sorted(each for each in folder.iterdir() if each.suffix.lower() == ".png") if folder.is_dir() else []
+    if not 0 < len(files) <= MAX_IMAGES:
+        raise RecordError(f"{folder}: {len(files)} PNG files, 1 to {MAX_IMAGES} are read; save the camera's frames so")
+    if importlib.util.find_spec("cv2") is None:
+        raise MissingExtraError(package="opencv-python-headless", extra="vision", purpose=f"{folder}: it")
+    found: list[np.ndarray] = []
+    with Sandbox() as sandbox:
+        for file in files:
+            with as_read_error(file):
+                require_input(file, most_bytes=_MAX_BYTES)
+            pixels = sandbox.read(read_camera_png, file)["pixels"]
+            if pixels.dtype != np.uint8 or pixels.ndim != 3:
+                raise RecordError(f"{file}: {pixels.dtype} of shape {pixels.shape}; save camera images with 8 bits")
+            found += list(pixels)
+            if sum(each.size for each in found) > _MAX_PIXELS:
+                raise RecordError(f"{folder}: more than {_MAX_PIXELS} pixels; 25 frames are usual")
+    return found
 
 
 def _files(path: Path) -> list[Path]:

@@ -23,6 +23,16 @@ def read_png(path: Path) -> dict[str, np.ndarray]:
     return {"pixels": image[np.newaxis]}
 
 
+def read_camera_png(path: Path) -> dict[str, np.ndarray]:
+    """``pixels`` of one camera image, shape (1, rows, columns): the brightest of its colours, without transparency."""
+    import cv2
+
+    image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise RecordError(f"{path}: it cannot be read as an image; it is damaged, or of another kind: export it again")
+    return {"pixels": (image if image.ndim == 2 else image[..., :3].max(axis=-1))[np.newaxis]}
+
+
 def read_dicom(path: Path) -> dict[str, np.ndarray]:
     """``pixels`` of all frames, shape (frames, rows, columns), and ``pixel_m``, height and width, where it is known."""
     import pydicom

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from contextlib import AbstractContextManager, ExitStack
+from dataclasses import replace
+from functools import partial
 from typing import Any, TypeVar
 
 from markerseek.core import Clock, ConfigError, Laser, NotConnectedError, Receiver, Stage
@@ -175,8 +177,10 @@ class _Opening:
 
 def guard_of(settings: BenchSettings) -> Guard:
     """Guard of a bench."""
-    return Guard(
-        limits=settings.limits,
-        firing=settings.firing,
-        admission=Admission(noise_ratio=settings.receiver.noise_ratio, dark_alarm=DARK_ALARM),
-    )
+    admission = Admission(noise_ratio=settings.receiver.noise_ratio, dark_alarm=DARK_ALARM)
+    guard = partial(Guard, limits=settings.limits, firing=settings.firing)
+    hand = entry_of("stage", settings.stage).by_hand(settings.stage)
+    if hand is None:
+        return guard(admission=admission)
+    # A hand drifts on from where it came to rest until the laser has fired.
+    return guard(admission=replace(admission, settled_deg=hand.drift_deg), arrival_deg=hand.reach_deg + hand.drift_deg)

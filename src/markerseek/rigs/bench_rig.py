@@ -73,6 +73,7 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         # If the receiver's frames come one acquisition late, a final dark frame contains light, and shows it.
         closing_dark=True,
         recipe=BenchRecipe.of(settings),
+        by_hand=entry_of("stage", settings.stage).by_hand(settings.stage),
         devices=devices,
         bench=settings,
         checks=devices.checks,

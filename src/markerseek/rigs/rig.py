@@ -10,7 +10,7 @@ from typing import Protocol, Self
 
 import msgspec
 
-from markerseek.core import Laser, Receiver, RigFacts, RunPlan, Stage
+from markerseek.core import ByHand, Laser, Receiver, RigFacts, RunPlan, Stage
 from markerseek.drivers import BenchSettings
 from markerseek.guard import Limits
 from markerseek.records.banks import FrameBank, IntensityBank
@@ -59,6 +59,8 @@ class Rig:
     """Number of dark frames at the start of a search; 0 if the rig cannot take any."""
     angles_deg: tuple[float, ...] | None = None
     """Angles that can be measured, each with one result, in degrees: those of a recording; None if any can."""
+    by_hand: ByHand | None = None
+    """How a person turns its probe; None where a motor does."""
     closing_dark: bool = False
     """Whether a search should end with a dark frame, as `markerseek.scan.run` says: on rigs of devices."""
     tip: TipSettings | None = None

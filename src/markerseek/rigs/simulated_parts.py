@@ -12,12 +12,13 @@ from markerseek.core import Clock, ConfigError, Permit, Stage
 from markerseek.drivers import (
     BenchSettings,
     DeviceSettings,
+    GuidedStageSettings,
     SimulatedLaserKeys,
     SimulatedReceiverKeys,
     SimulatedStageKeys,
 )
 from markerseek.rigs.scene import draw_scene
-from markerseek.sim import SimulatedLaser, SimulatedReceiver, SimulatedSettings, SimulatedStage, World
+from markerseek.sim import SimulatedHand, SimulatedLaser, SimulatedReceiver, SimulatedSettings, SimulatedStage, World
 
 
 class SimulatedParts:
@@ -42,6 +43,10 @@ class SimulatedParts:
         """The device that has these settings; ``stage``: of the rig, whatever drives it."""
         if isinstance(settings, SimulatedStageKeys):
             return _Stage(world=self._world, clock=clock, motion=self._settings.stage, travel=self._bench.limits.travel)
+        if isinstance(settings, GuidedStageSettings):
+            return SimulatedHand(
+                world=self._world, clock=clock, limits=self._bench.limits.search, rng=self._rng.spawn(1)[0]
+            )
         if stage is None:
             raise ConfigError(
                 "simulated laser and receiver need the stage of their rig; serve them by markerseek ros2 sim"

@@ -4,7 +4,7 @@ from .bank_scan import scan_angles, scan_bank, scan_configuration
 from .calibration_scan import Calibration, calibrate
 from .former_search import former_curve
 from .journalled import configuration_of
-from .points import point_pairs
+from .points import point_pairs, spot_pairs
 from .rebuild import next_angle, rebuild_image_reader, rebuild_policy, rebuild_reader, rebuild_rig, recorded_bench
 from .recheck import samples_to_recheck
 from .recompute import recompute_differences
@@ -22,6 +22,7 @@ from .simulated_registration import (
     SimulatedTruth,
     simulate_registration,
 )
+from .stereo_files import StereoSettings, read_stereo
 from .tracking import TrackQuality, quality_of, stage_period_s, track_run, tracking_policy
 from .whole_recording import answer_from_all
 
@@ -38,6 +39,7 @@ __all__ = [
     "Session",
     "SimulatedScene",
     "SimulatedTruth",
+    "StereoSettings",
     "TrackQuality",
     "answer_from_all",
     "bank_curve",
@@ -59,6 +61,7 @@ __all__ = [
     "point_pairs",
     "quality_of",
     "read_registration",
+    "read_stereo",
     "rebuild_image_reader",
     "rebuild_policy",
     "rebuild_reader",
@@ -74,6 +77,7 @@ __all__ = [
     "scan_bank",
     "scan_configuration",
     "simulate_registration",
+    "spot_pairs",
     "stage_period_s",
     "track_run",
     "tracking_policy",

@@ -34,6 +34,12 @@ def scan_angles(rig: Rig, *, step_deg: float) -> int:
             f"step_deg is {step_deg:g} deg, it must lie between {width_deg / (MAX_ANGLES - 1):.3g} and "
             f"{width_deg / 2:g} deg for the search range {rig.limits.search}"
         )
+    hand = rig.by_hand
+    if hand is not None and step_deg < 2 * hand.reach_deg + hand.step_deg:
+        raise ConfigError(
+            f"step_deg is {step_deg:g} deg, and the probe is turned by hand, to within {hand.reach_deg:g} deg: take "
+            f"steps of at least {2 * hand.reach_deg + hand.step_deg:g} deg, or the angles reached would change places"
+        )
     # Rounding can make 70 / 0.1 slightly larger than 700, and ceil would add a step.
     return math.ceil(width_deg / step_deg * (1 - 1e-12)) + 1
 

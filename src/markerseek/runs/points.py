@@ -1,25 +1,23 @@
-"""Point pairs for a registration: a CSV of coordinates, with markers of searches and spots in camera pixels.
-
-The calibration of a stereo endoscope is a TOML file in the conventions of OpenCV's ``stereoCalibrate``.
-"""
+"""Point pairs for a registration: a CSV of coordinates, markers of searches, spots in camera pixels and images."""
 
 from __future__ import annotations
 
 import csv
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from markerseek.core import ConfigError, Float64, RecordError, require_range
-from markerseek.files import MIB, as_read_error, csv_rows, read_input, read_toml, settings_from
-from markerseek.geometry import Camera, RigidTransform, StereoCameras, triangulate
+from markerseek.core import ConfigError, Float64, RecordError
+from markerseek.files import MIB, as_read_error, csv_rows, read_input
+from markerseek.geometry import Camera, triangulate
+from markerseek.records import read_camera_images
 from markerseek.runs.former_search import read_marker
 from markerseek.runs.registration import PointPair
 from markerseek.runs.shared_errors import camera_shared_m
+from markerseek.runs.stereo_files import StereoSettings
+from markerseek.vision import LaserSpot, find_spot
 
 COLUMNS: dict[str, tuple[str, ...]] = {
     "trus_m": ("trus_x_m", "trus_y_m", "trus_z_m"),
@@ -40,11 +38,13 @@ Row = tuple[str, dict[str, tuple[float, ...]]]
 """Name of a point, and its numbers by what they are, as in `COLUMNS`."""
 
 
-def point_pairs(points: Path, *, searches: Sequence[Path] = (), cameras: Path | None = None) -> list[PointPair]:
+def point_pairs(
+    points: Path, *, searches: Sequence[Path] = (), stereo: StereoSettings | None = None
+) -> list[PointPair]:
     """Point pairs of a CSV, of the searches that take the place of its columns for the TRUS frame, and of pixels.
 
     ``points``: the CSV, with the columns of `COLUMNS` and ``name``; others are ignored, unless their name contains
-    sigma. ``searches``: journals or results, one for each row; none: the CSV has these columns. ``cameras``:
+    sigma. ``searches``: journals or results, one for each row; none: the CSV has these columns. ``stereo``:
     calibration with which its pixels are triangulated; None: it has the columns of camera points.
     """
     kinds, rows = _table(points)
@@ -52,8 +52,7 @@ def point_pairs(points: Path, *, searches: Sequence[Path] = (), cameras: Path | 
         raise ConfigError(
             f"{len(searches)} searches and {len(rows)} rows of {points}; give --journal once for each row, in order"
         )
-    _require_columns(points, kinds, searched=bool(searches), stereo=cameras is not None)
-    stereo = None if cameras is None else read_stereo(cameras)
+    _require_columns(points, kinds, searched=bool(searches), stereo=stereo is not None)
     pairs = []
     for number, (name, numbers) in enumerate(rows):
         camera_m, camera_covariance_m2, shared_m = _camera_point(name, numbers, stereo)
@@ -69,6 +68,76 @@ def point_pairs(points: Path, *, searches: Sequence[Path] = (), cameras: Path | 
             )
         )
     return pairs
+
+
+DARK = "dark"
+"""Folder in that of a spot, with images of the same scene with the laser off."""
+
+
+def spot_pairs(left: Path, right: Path, *, searches: Sequence[Path], stereo: StereoSettings) -> list[PointPair]:
+    """Point pairs of searches and of the images of both cameras.
+
+    ``left``, ``right``: folders with one of each marker, which holds the camera's images of its spot, and in `DARK`
+    those with the laser off. ``searches``: their journals or results, each with the name of the marker. ``stereo``:
+    calibration of the cameras. Raises `RecordError` if images show no spot that can be measured.
+    """
+    names = [sorted(each.name for each in folder.iterdir() if each.is_dir()) for folder in _folders(left, right)]
+    journals = sorted(path.stem for path in searches)
+    if not names[0] == names[1] == journals:
+        raise ConfigError(
+            f"markers: {left} holds {', '.join(names[0]) or 'none'}; {right} {', '.join(names[1]) or 'none'}; "
+            f"--journal names {', '.join(journals) or 'none'}; give each marker a folder "
+            "on both sides, and a journal of its name"
+        )
+    pairs = []
+    for path in sorted(searches, key=lambda each: each.stem):
+        spots = [_spot(folder / path.stem, camera) for folder, camera in ((left, stereo.left), (right, stereo.right))]
+        pixels = tuple(number for spot, _ in spots for number in spot)
+        numbers = {"pixels": pixels, "spot_sigma_px": (max(sigma_px for _, sigma_px in spots),)}
+        camera_m, camera_covariance_m2, shared_m = _camera_point(path.stem, numbers, stereo)
+        marker = read_marker(path)
+        pairs.append(
+            PointPair(
+                name=path.stem,
+                trus_m=np.array(marker.position_m),
+                camera_m=camera_m,
+                trus_covariance_m2=marker.covariance_m2,
+                camera_covariance_m2=camera_covariance_m2,
+                camera_shared_m=shared_m,
+            )
+        )
+    return pairs
+
+
+def _folders(*paths: Path) -> tuple[Path, ...]:
+    for path in paths:
+        if not path.is_dir():
+            raise ConfigError(f"--frames: {path} is no folder; name that of the left and that of the right camera")
+    return paths
+
+
+def _spot(folder: Path, camera: Camera) -> tuple[tuple[float, float], float]:
+    """Pixel of the spot in the images of a folder, and its standard deviation in pixels."""
+    frames = read_camera_images(folder)
+    dark = read_camera_images(folder / DARK) if (folder / DARK).is_dir() else []
+    rows, columns = frames[0].shape
+    if (columns, rows) != camera.size_px:
+        width, height = camera.size_px
+        raise RecordError(
+            f"{folder}: images of {columns} x {rows} pixels, the camera's calibration is of {width} x {height}; save "
+            "them as they come, neither cut nor scaled"
+        )
+    try:
+        spot = find_spot(frames, dark=dark)
+    except ConfigError as problem:
+        raise RecordError(f"{folder}: {problem}") from problem
+    if not isinstance(spot, LaserSpot):
+        raise RecordError(f"{folder}: {spot.reason}")
+    if spot.sigma_px is None:
+        raise RecordError(
+            f"{folder}: {len(frames)} images do not tell how certain the spot is; save at least 3 of each"
+        )
+    return (spot.x_px, spot.y_px), spot.sigma_px
 
 
 def _require_columns(points: Path, kinds: Collection[str], *, searched: bool, stereo: bool) -> None:
@@ -179,61 +248,3 @@ def _number(where: str, name: str, text: str, *, positive: bool) -> float:
     if positive and not value > 0:
         raise RecordError(f"{where}: {name} is {value}, a standard deviation must be above 0")
     return value
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StereoSettings:
-    """Keys of the file."""
-
-    left: Camera
-    right: Camera
-    rotation_vector: tuple[float, float, float]
-    """Rotation from the left camera's frame to the right one's as ``cv2.Rodrigues`` gives it, in radians."""
-    translation_m: tuple[float, float, float]
-    """Translation from the left camera's frame to the right one's, in metres (OpenCV gives it in the unit of the
-    calibration target)."""
-    calibration_sigma_px: float
-    """Standard deviation of the error of the calibration: the reprojection error of points that were not used for
-    it."""
-
-    def __post_init__(self) -> None:
-        require_range(
-            "calibration_sigma_px",
-            self.calibration_sigma_px,
-            low=0,
-            high=100,
-            unit="px",
-            open_low=True,
-            cure="0.2 is usual",
-        )
-        if not np.isfinite(self.rotation_vector).all():
-            raise ConfigError(f"rotation_vector is {self.rotation_vector}, it must be three finite numbers")
-
-    @property
-    def cameras(self) -> StereoCameras:
-        """The pair of cameras."""
-        return StereoCameras(
-            left=self.left,
-            right=self.right,
-            left_to_right=RigidTransform(
-                source="Left",
-                target="Right",
-                rotation=Rotation.from_rotvec(self.rotation_vector).as_matrix(),
-                translation_m=np.array(self.translation_m, dtype=float),
-            ),
-        )
-
-
-def read_stereo(path: Path) -> StereoSettings:
-    """Calibration of a stereo endoscope.
-
-    ``path``: TOML file; ``examples/stereo.toml`` shows all keys.
-    """
-    table = read_toml(path, what="stereo calibration")
-    try:
-        settings = settings_from(table, StereoSettings)
-        # The base is checked with the pair.
-        settings.cameras  # noqa: B018
-    except ConfigError as problem:
-        raise ConfigError(f"{path}: {problem}") from problem
-    return settings

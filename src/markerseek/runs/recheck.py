@@ -30,6 +30,9 @@ SHARE = 0.1
 PULSE_SHARE = 0.4
 """The same against a sample of a sweep: the energy of one pulse differs by up to 10 % from its mean."""
 
+HAND_SHARE = 0.3
+"""The same where a person turns the probe, who comes to rest beside the angle of before."""
+
 SIGMAS = 6.0
 """Allowed change in addition, in standard deviations of the noise."""
 
@@ -115,19 +118,21 @@ def require_unchanged(
     """
     if not samples:
         return
+    by_hand = journal.configuration.plan.by_hand is not None
     difference: str | None = None
     try:
         try:
             arm()
             for sample in samples:
                 # A sweep may end slightly outside the range.
-                now = _measured(scanner, scanner.limits.search.nearest(commanded_deg(sample)), attempts)
-                share = SHARE if sample.sweep is None else PULSE_SHARE
+                angle_deg = sample.angle_deg if by_hand else commanded_deg(sample)
+                now = _measured(scanner, scanner.limits.search.nearest(angle_deg), attempts)
+                share = HAND_SHARE if by_hand else SHARE if sample.sweep is None else PULSE_SHARE
                 difference = change_of(sample.reading, now.reading, share=share)
                 frame = None if isinstance(now.frame, ReadingFrame) else now.frame
                 journal.commit(Checked(reading=now.reading, difference=difference, frame=frame), clock_s=clock.now_s())
                 if difference is not None:
-                    difference = f"measured again at {commanded_deg(sample):.3f} deg, {difference}"
+                    difference = f"measured again at {angle_deg:.3f} deg, {difference}"
                     break
         finally:
             # Disarmed in any case: `arm` is called again when the run continues.

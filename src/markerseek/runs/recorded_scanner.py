@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 
 from markerseek.core import (
     AcquisitionError,
@@ -21,6 +21,7 @@ from markerseek.core import (
     Started,
     Sweep,
     Swept,
+    Turning,
 )
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
 from markerseek.records.journal import Entry
@@ -104,6 +105,11 @@ class RecordedScanner:
     def angle_deg(self) -> float:
         """Angle of the probe when the run began, in degrees."""
         return self._start_deg
+
+    def guide(self, angle_deg: float) -> Iterator[Turning]:
+        """What a person does for the rig; nobody turns anything for a sample of the journal."""
+        if not self._has_outcome():
+            yield from self._rig().guide(angle_deg)
 
     def measure(self, angle_deg: float) -> Sample:
         """The next sample of the journal, or one of the rig.

@@ -80,6 +80,7 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
         closing_dark=run.closing_dark,
         stay=plan.stay or run.stay,
         angles_deg=rig.angles_deg,
+        by_hand=rig.by_hand,
     )
 
 

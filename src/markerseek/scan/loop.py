@@ -6,7 +6,7 @@ a journal or a test can watch it; closing it stops the stage and takes the laser
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -35,6 +35,7 @@ from markerseek.core import (
     Sweep,
     SweepingPolicy,
     Swept,
+    Turning,
 )
 from markerseek.guard import Guard, Limits, State
 from markerseek.scan.confirmation import apply_confirmation
@@ -62,6 +63,9 @@ class AnyScanner(Protocol):
     @property
     def refused_frame(self) -> Frame | None:
         """Frame of the last acquisition if it was refused."""
+
+    def guide(self, angle_deg: float) -> Iterator[Turning]:
+        """Where the probe is while a person turns it to an angle, before `measure` there."""
 
     def measure(self, angle_deg: float) -> Sample:
         """One acquisition at an angle, in degrees."""
@@ -121,7 +125,7 @@ def run(
     Yields
     ------
     Event
-        Started; Asked, Refused, Measured and Swept; then Finished, or Failed followed by its error.
+        Started; Asked, Turning, Refused, Measured and Swept; then Finished, or Failed followed by its error.
 
     Raises
     ------
@@ -209,6 +213,7 @@ def _measured(
     # Refused before it is yielded as `Asked`: the journal cannot record an angle that is no number.
     scanner.limits.require_search(angle_deg)
     yield Asked(role=role, index=index, angle_deg=angle_deg)
+    yield from scanner.guide(angle_deg)
     sample = yield from _admitted(scanner, lambda: scanner.measure(angle_deg), angle_deg, attempts)
     yield Measured(role=role, index=index, sample=sample)
     return sample

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from types import TracebackType
@@ -15,6 +15,7 @@ from markerseek.core import (
     Clock,
     ConfigError,
     Frame,
+    GuidedStage,
     Laser,
     Reader,
     Reading,
@@ -27,6 +28,7 @@ from markerseek.core import (
     Sweep,
     SweepPermit,
     Swept,
+    Turning,
     is_finite,
 )
 from markerseek.guard import Guard, Limits, State
@@ -111,6 +113,15 @@ class Scanner:
     def refused_frame(self) -> Frame | None:
         """Frame of the last acquisition if it was refused; None if it was not, or nothing came."""
         return self._refused_frame
+
+    def guide(self, angle_deg: float) -> Iterator[Turning]:
+        """Let a person turn the probe to an angle, before `measure` there; nothing where a motor turns it.
+
+        Raises as `measure`.
+        """
+        if isinstance(self._stage, GuidedStage):
+            with self._faulting:
+                yield from self._stage.guide(angle_deg)
 
     def measure(self, angle_deg: float) -> Sample:
         """Turn the probe to an angle, fire, acquire a frame, and return its reading.

@@ -170,6 +170,7 @@ def _posterior(plan: PolicyPlan, *, limits: Interval) -> Posterior:
         prior=plan.prior,
         tolerance=plan.tolerance,
         angles_deg=plan.angles_deg,
+        by_hand=plan.by_hand,
     )
 
 

@@ -10,6 +10,7 @@ from markerseek.sim.clock import VirtualClock
 from markerseek.sim.curve_world import CurveWorld, largest_noise
 from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, RecordedCurve, SechCurve, TwoHumps
 from markerseek.sim.faults import Fault, FaultKind
+from markerseek.sim.hand import HandMotion, SimulatedHand
 from markerseek.sim.laser import CLOCK_DRIFT, SimulatedLaser, vary_last_flash
 from markerseek.sim.machine import RFWorld, post_beamformed
 from markerseek.sim.motion import SWING_DEG, TURN_S, MovingWorld, OscillatingMotion, swing_deg
@@ -43,6 +44,7 @@ __all__ = [
     "FaultyReceiver",
     "Flash",
     "GaussianCurve",
+    "HandMotion",
     "IntensityCurve",
     "LaserSettings",
     "MarkerSettings",
@@ -54,6 +56,7 @@ __all__ = [
     "ReceiverSettings",
     "RecordedCurve",
     "SechCurve",
+    "SimulatedHand",
     "SimulatedLaser",
     "SimulatedReceiver",
     "SimulatedSettings",

@@ -34,6 +34,7 @@ from markerseek.core import (
     ScanGeometry,
     Started,
     Swept,
+    Turning,
     UInt8,
 )
 from markerseek.records import answer_name
@@ -143,9 +144,10 @@ class Streams:
 
     def _after_event(self, item: Entry) -> list[Stream]:
         event = item.event
-        self._state |= {"number": item.number, "clock_s": item.clock_s, "target_deg": None}
+        target_deg = event.target_deg if isinstance(event, Turning) else None
+        self._state |= {"number": item.number, "clock_s": item.clock_s, "target_deg": target_deg}
         match event:
-            case Started(start_deg=angle_deg) | Swept(angle_deg=angle_deg):
+            case Started(start_deg=angle_deg) | Swept(angle_deg=angle_deg) | Turning(angle_deg=float(angle_deg)):
                 return [self._turned(angle_deg)]
             case Asked(role=role, index=index, angle_deg=angle_deg):
                 self._state |= {"role": role, "index": index, "target_deg": angle_deg}

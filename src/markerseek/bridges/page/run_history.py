@@ -88,7 +88,9 @@ class RunHistory:
         """The last lines of the log up to a snapshot, the newest first."""
         newest = snapshot.number + 1
         # A move is a line until its acquisition replaces it.
-        known = [each for each in self.snapshots[1:newest] if each.phase != "moving" or each is snapshot]
+        known = [
+            each for each in self.snapshots[1:newest] if each.phase not in {"moving", "turning"} or each is snapshot
+        ]
         # The clock of a recording that is searched again does not run.
         replayed = self.configuration.facts.kind == "replayed"
         return [each.line if replayed else f"{each.elapsed_s:7.1f} s  {each.line}" for each in reversed(known[-most:])]

@@ -58,5 +58,6 @@ def status_text(live: ChildSearch | None, *, simulated: bool = True) -> str:
     if live.status == "starting" and not simulated:
         return "starting: the terminal where the page was started asks whether to arm"
     if live.status == "running" and live.run is not None:
-        return live.run.snapshots[-1].phase
+        snapshot = live.run.snapshots[-1]
+        return snapshot.line if snapshot.phase == "turning" else snapshot.phase
     return live.status

@@ -22,11 +22,14 @@ from markerseek.core import (
     Sample,
     Started,
     Swept,
+    Turning,
 )
 from markerseek.records import answer_name
 from markerseek.records.journal import Checked, Configuration, Interrupted, JournalEvent, Resuming
 
-Phase: TypeAlias = Literal["ready", "moving", "measured", "refused", "checking", "stopped", "finished", "fault"]
+Phase: TypeAlias = Literal[
+    "ready", "moving", "turning", "measured", "refused", "checking", "stopped", "finished", "fault"
+]
 """What the rig does, as far as its events say."""
 
 
@@ -62,6 +65,8 @@ class Snapshot:
     """Last angle of the probe that was read back; None before the first."""
     target_deg: float | None = None
     """Angle to which the stage was sent and which is not read back yet; None when nothing moves."""
+    asked_deg: float | None = None
+    """Angle to which a person is asked to turn the probe; None while nobody is."""
     points: tuple[Point, ...] = ()
     """Acquisitions with light, in order."""
     belief: AngleBelief | None = None
@@ -117,6 +122,7 @@ class SnapshotBuilder:
         now = replace(
             self.snapshot,
             number=self.snapshot.number + 1,
+            asked_deg=None,
             elapsed_s=clock_s - self._started_s,
             pulses=self.snapshot.pulses + _pulses(event),
             belief=getattr(event, "belief", None) or self.snapshot.belief,
@@ -130,7 +136,7 @@ class SnapshotBuilder:
             case Started(start_deg=start_deg, limits=limits):
                 line = f"started at {start_deg:.2f}°, {limits}"
                 return replace(now, phase="ready", start_deg=start_deg, probe_deg=start_deg, line=line)
-            case Asked() | Swept():
+            case Asked() | Turning() | Swept():
                 return self._turning(event, now)
             case Measured():
                 return self._measured(event, now)
@@ -156,7 +162,11 @@ class SnapshotBuilder:
             case Checked(difference=difference):
                 return replace(now, phase="checking", line=f"checked: {difference or 'unchanged'}")
 
-    def _turning(self, event: Asked | Swept, now: Snapshot) -> Snapshot:
+    def _turning(self, event: Asked | Turning | Swept, now: Snapshot) -> Snapshot:
+        if isinstance(event, Turning):
+            read = "type the angle reached" if event.angle_deg is None else f"it is at {event.angle_deg:.1f}°"
+            line = f"turn the probe to {event.target_deg:.1f}°: {read}"
+            return replace(now, phase="turning", target_deg=None, asked_deg=event.target_deg, line=line)
         if isinstance(event, Swept):
             line = f"the sweep ended at {event.angle_deg:.2f}° after {event.pulses} pulses"
             return replace(now, target_deg=None, probe_deg=event.angle_deg, line=line)

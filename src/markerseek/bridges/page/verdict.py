@@ -46,6 +46,9 @@ def verdict_of(snapshot: Snapshot) -> Verdict:
     """The verdict after an event; an angle counts as found only once the search is over and says so."""
     word, kind = _word(snapshot)
     belief = snapshot.belief
+    if snapshot.asked_deg is not None:
+        angle = with_minus(f"{snapshot.asked_deg:.1f}°")
+        return Verdict(word="TURN", kind=kind, lead="turn the probe to", angle=angle, reason=snapshot.line)
     if belief is None:
         return Verdict(word=word, kind=kind, reason=_reason(snapshot))
     return Verdict(

@@ -29,12 +29,13 @@ from markerseek.core import (
     Sample,
     Started,
     Swept,
+    Turning,
 )
 from markerseek.records.journal.events import Checked, Interrupted, JournalEvent, RecordedError, Resuming
 
 _KINDS: dict[str, type[JournalEvent]] = {
     each.__name__.lower(): each
-    for each in (Started, Asked, Measured, Swept, Refused, Finished, Failed, Interrupted, Resuming, Checked)
+    for each in (Started, Asked, Turning, Measured, Swept, Refused, Finished, Failed, Interrupted, Resuming, Checked)
 }
 _TYPED = frozenset((*get_args(Frame), *get_args(Estimate)))
 """Classes whose name is stored with their fields."""

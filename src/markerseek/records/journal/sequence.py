@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from markerseek.core import Asked, Failed, Finished, Found, Interval, Measured, Refused, Started, Swept
+from markerseek.core import Asked, Failed, Finished, Found, Interval, Measured, Refused, Started, Swept, Turning
 from markerseek.records.configuration import Configuration
 from markerseek.records.journal.events import Checked, Entry, Interrupted, JournalEvent, Resuming
 
@@ -52,7 +52,8 @@ def run_state(entries: Iterable[Entry]) -> RunState:
 
 _STEPS: dict[type, tuple[type, ...]] = {
     Started: (Asked, Finished),
-    Asked: (Measured, Refused),
+    Asked: (Turning, Measured, Refused),
+    Turning: (Turning, Measured, Refused),
     Refused: (Measured, Refused),
     Measured: (Asked, Finished),
     Finished: (),

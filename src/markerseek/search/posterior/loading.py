@@ -33,5 +33,5 @@ def loaded_family() -> Shapes:
     ]
     inference = Inference(limits=PAPER_RANGE, shapes=shapes, cues=frozenset({"intensity", "arrival", "lateral"}))
     posterior = inference.posterior(lit, noise_of(lit), particles=8)
-    most_informative_deg(posterior, shapes, from_deg=0.0, limits=PAPER_RANGE, floor=4.0)
+    most_informative_deg(posterior, shapes, [0.0], limits=PAPER_RANGE, floor=4.0)
     return shapes

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import ndtr
 
-from markerseek.core import Float64, Interval
+from markerseek.core import ByHand, Float64, Interval
 from markerseek.search.posterior._symmetry import expected_variance
 from markerseek.search.posterior.angle_posterior import AnglePosterior
 from markerseek.search.posterior.likelihood import DEEP_ERROR
@@ -42,6 +42,9 @@ PLAN = (1, 4, 6, 0, 3, 7, 2, 5)
 """Planned angles, each in the middle of an equal part of the range: evenly spread after eight, as eight acquisitions
 miss the fewest markers, and nearly so after three."""
 
+PLAN_BY_HAND = (1, 4, 6, 7, 5, 3, 2, 0)
+"""The same for a hand, which turns back once: alike until three are measured."""
+
 DETECTION_ANGLES = 71
 """Candidate angles, evenly spread over the range, while no marker is detected."""
 
@@ -55,17 +58,20 @@ TRAVEL_DEG = 75.0
 """Travel that costs as much as an acquisition, in degrees."""
 
 
-def planned_deg(measured_deg: Sequence[float], *, limits: Interval, descending: bool) -> float:
+def planned_deg(
+    measured_deg: Sequence[float], *, limits: Interval, descending: bool, plan: Sequence[int] = PLAN
+) -> float:
     """Return the next angle of a search that has detected nothing yet, in degrees.
 
     First those of `PLAN`, then the middle of the largest gap; a gap at an end of the range counts twice and is closed
     by the end itself.
 
-    ``measured_deg``: angles reached so far. ``descending``: whether to begin at the high end.
+    ``measured_deg``: angles reached so far. ``descending``: whether to begin at the high end. ``plan``: order of the
+    planned angles.
     """
     count = len(measured_deg)
-    if count < len(PLAN):
-        share = (PLAN[count] + 0.5) / len(PLAN)
+    if count < len(plan):
+        share = (plan[count] + 0.5) / len(plan)
         return limits.low_deg + limits.width_deg * (1 - share if descending else share)
     inside = sorted(map(limits.nearest, measured_deg))
     gaps = [(high - low, (low + high) / 2) for low, high in pairwise(inside)]
@@ -75,8 +81,39 @@ def planned_deg(measured_deg: Sequence[float], *, limits: Interval, descending: 
     return max(gaps, key=lambda gap: gap[0])[1]
 
 
+def step_near_deg(angle_deg: float, *, limits: Interval, step_deg: float) -> float:
+    """Return the multiple of a step in the range that is nearest to an angle, in degrees; the angle if there is none.
+
+    ``step_deg``: the step in degrees.
+    """
+    lowest, highest = math.ceil(limits.low_deg / step_deg), math.floor(limits.high_deg / step_deg)
+    if lowest > highest:
+        return angle_deg
+    return step_deg * min(max(round(angle_deg / step_deg), lowest), highest)
+
+
+def effort_deg(
+    candidates: Float64[np.ndarray, " candidates"], measured_deg: Sequence[float], by_hand: ByHand | None
+) -> Float64[np.ndarray, " candidates"]:
+    """Return the rotation to each candidate in degrees, and for a hand what turning back is worth besides.
+
+    ``measured_deg``: angles reached so far, the last one last.
+    """
+    way_deg = candidates - measured_deg[-1]
+    effort = np.abs(way_deg)
+    if by_hand is not None and len(measured_deg) > 1:
+        effort += by_hand.reversal_deg * (way_deg * (measured_deg[-1] - measured_deg[-2]) < 0)
+    return effort
+
+
 def most_detectable_deg(
-    posterior: AnglePosterior, shapes: Shapes, measured_deg: Sequence[float], *, limits: Interval, level: float
+    posterior: AnglePosterior,
+    shapes: Shapes,
+    measured_deg: Sequence[float],
+    *,
+    limits: Interval,
+    level: float,
+    by_hand: ByHand | None = None,
 ) -> float:
     """Return the angle at which the marker is most probably above the noise, travel weighed in, in degrees.
 
@@ -84,7 +121,7 @@ def most_detectable_deg(
     the largest peak of a frame was higher than noise usually is.
 
     ``posterior``: the posterior, with many markers drawn. ``measured_deg``: angles reached so far, the last one last.
-    ``level``: largest intensity that noise reaches, over σ.
+    ``level``: largest intensity that noise reaches, over σ. ``by_hand``: how a person turns the probe.
     """
     candidates = np.linspace(limits.low_deg, limits.high_deg, DETECTION_ANGLES)
     apart = np.abs(candidates[:, None] - np.array(measured_deg)).min(axis=1)
@@ -95,19 +132,25 @@ def most_detectable_deg(
     # A marker's envelope is normal about its height once that is clear of the noise.
     detected = ndtr(height - level).mean(axis=1)
     # A farther candidate must be better by the factor 1 + travel/300°.
-    travel = np.abs(candidates - measured_deg[-1])
+    travel = effort_deg(candidates, measured_deg, by_hand)
     return float(candidates[np.argmax(detected / (1 + travel / DETECTION_TRAVEL_DEG))])
 
 
 def most_informative_deg(
-    posterior: AnglePosterior, shapes: Shapes, *, from_deg: float, limits: Interval, floor: float
+    posterior: AnglePosterior,
+    shapes: Shapes,
+    measured_deg: Sequence[float],
+    *,
+    limits: Interval,
+    floor: float,
+    by_hand: ByHand | None = None,
 ) -> float:
     """Return the angle whose sample is expected to leave the smallest standard deviation, travel weighed in.
 
     It may be one that was measured before: beside an end of the range a second sample is often worth more than a new
     angle.
 
-    ``from_deg``: where the probe is.
+    ``measured_deg``: angles reached so far, the last one last. ``by_hand``: how a person turns the probe.
     """
     candidates, sigma_deg = expected_sigmas_deg(posterior, shapes, limits=limits, floor=floor)
     # What a sample gains over one that tells least, for its cost. Their product would stay forever where a sample
@@ -115,7 +158,7 @@ def most_informative_deg(
     gain = np.log(sigma_deg.max() / sigma_deg)
     if gain.max() < MIN_GAIN and posterior.strong_deg.size:
         return _evenly_deg(posterior, limits=limits)
-    travel = np.abs(candidates - from_deg)
+    travel = effort_deg(candidates, measured_deg, by_hand)
     return float(candidates[np.argmax(gain / (1 + travel / TRAVEL_DEG))])
 
 

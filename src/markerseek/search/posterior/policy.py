@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from markerseek.core import (
     PAPER_RANGE,
     Ambiguous,
+    ByHand,
     ConfigError,
     Estimate,
     Found,
@@ -28,7 +29,14 @@ from markerseek.search.posterior.belief import Belief, belief_of
 from markerseek.search.posterior.candidates import BESIDE_DEG, MAX_OTHERS, Candidate, Candidates, SourceSamples
 from markerseek.search.posterior.humps import asymmetric_sample, gap_angle_deg, top_deg
 from markerseek.search.posterior.loading import loaded_family
-from markerseek.search.posterior.next_angle import PLAN, most_detectable_deg, most_informative_deg, planned_deg
+from markerseek.search.posterior.next_angle import (
+    PLAN,
+    PLAN_BY_HAND,
+    most_detectable_deg,
+    most_informative_deg,
+    planned_deg,
+    step_near_deg,
+)
 from markerseek.search.posterior.predictive import (
     DOUBT_SIGMAS,
     discrepant_sample,
@@ -114,6 +122,8 @@ class Posterior(SearchPolicy):
     angles_deg
         Angles that can be measured, in degrees: those of a recording, which has nothing new to say of an angle that it
         has given. Each is asked for once, and the search ends with the last. None: any angle of the range.
+    by_hand
+        How a person turns the probe: it is asked for the steps of a scale, and seldom to turn back. None: a motor does.
 
     Raises
     ------
@@ -135,6 +145,7 @@ class Posterior(SearchPolicy):
         prior: MarkerCurve | None = None,
         tolerance: Tolerance = _USUAL,
         angles_deg: Sequence[float] | None = None,
+        by_hand: ByHand | None = None,
     ) -> None:
         super().__init__()
         check_acquisitions(acquisitions, least=2, method=self.name)
@@ -158,6 +169,7 @@ class Posterior(SearchPolicy):
         self._tolerance = tolerance
         self._candidates = Candidates(limits=limits, shapes=self._shapes, cues=chosen, single=others == 0, prior=prior)
         self._left_deg = None if angles_deg is None else list(angles_deg)
+        self._by_hand = by_hand
         self._asked = 0
         self._range_swept = False
         self._confirmation_taken = False
@@ -308,6 +320,8 @@ class Posterior(SearchPolicy):
 
     def _next_deg(self) -> float | None:
         wanted_deg = self._wanted_deg()
+        if wanted_deg is not None and self._by_hand is not None:
+            wanted_deg = step_near_deg(wanted_deg, limits=self._limits, step_deg=self._by_hand.step_deg)
         if self._left_deg is None or wanted_deg is None:
             return wanted_deg
         return min(self._left_deg, key=lambda angle_deg: abs(angle_deg - wanted_deg), default=None)
@@ -411,9 +425,13 @@ class Posterior(SearchPolicy):
         return top_deg + inwards * min(0.9 * BESIDE_DEG, self._limits.width_deg / 4)
 
     def _informative_deg(self, source: Candidate) -> float:
-        from_deg = self._lit[-1].angle_deg
         return most_informative_deg(
-            source.posterior, self._shapes, from_deg=from_deg, limits=self._limits, floor=FLOOR_SNR
+            source.posterior,
+            self._shapes,
+            self._measured_deg(),
+            limits=self._limits,
+            floor=FLOOR_SNR,
+            by_hand=self._by_hand,
         )
 
     def _detection_deg(self) -> float:
@@ -421,10 +439,16 @@ class Posterior(SearchPolicy):
         measured_deg = self._measured_deg()
         noise = self._noise()
         if len(measured_deg) < len(PLAN) or noise.floor.level is None or not noise.sigma:
-            return planned_deg(measured_deg, limits=self._limits, descending=self._descending)
+            plan = PLAN if self._by_hand is None else PLAN_BY_HAND
+            return planned_deg(measured_deg, limits=self._limits, descending=self._descending, plan=plan)
         level = noise.floor.level / noise.sigma
         return most_detectable_deg(
-            self._first().posterior, self._shapes, measured_deg, limits=self._limits, level=level
+            self._first().posterior,
+            self._shapes,
+            measured_deg,
+            limits=self._limits,
+            level=level,
+            by_hand=self._by_hand,
         )
 
     def _measured_deg(self) -> list[float]:

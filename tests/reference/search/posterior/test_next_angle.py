@@ -8,14 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from markerseek.core import Interval
+from markerseek.core import ByHand, Interval
 from markerseek.search.posterior.angle_posterior import AnglePosterior
 from markerseek.search.posterior.next_angle import (
     DETECTION_TRAVEL_DEG,
     MIN_APART_DEG,
     PLAN,
+    PLAN_BY_HAND,
+    effort_deg,
     most_detectable_deg,
     planned_deg,
+    step_near_deg,
 )
 from markerseek.search.posterior.shapes import STEP_DEG, family
 
@@ -114,3 +117,31 @@ def test_eight_planned_angles_are_the_middles_of_equal_parts():
         needed[mask] = missed[mask] + min(needed[mask | 1 << k] for k in range(8) if not mask >> k & 1)
     masks = np.concatenate([[0], np.cumsum(2 ** np.array(PLAN[:-1]))])
     assert missed[masks].sum() < 1.03 * needed[0]
+
+
+def test_a_hand_turns_back_once_while_nothing_is_seen():
+    by_hand = [planned_deg([0.0] * count, limits=LIMITS, descending=False, plan=PLAN_BY_HAND) for count in range(8)]
+    # The same angles as with a motor, and the first three in the same order.
+    np.testing.assert_allclose(np.sort(by_hand), np.sort(planned(descending=False)))
+    np.testing.assert_allclose(by_hand[:3], planned(descending=False)[:3])
+    turns = np.diff(by_hand)
+    assert (turns[1:] * turns[:-1] < 0).sum() == 1
+
+
+def test_turning_back_is_an_effort_of_a_hand():
+    candidates = np.array([-10.0, 5.0, 30.0])
+    np.testing.assert_allclose(effort_deg(candidates, [0.0, 10.0], None), [20.0, 5.0, 20.0])
+    np.testing.assert_allclose(effort_deg(candidates, [0.0, 10.0], ByHand(reversal_deg=150.0)), [170.0, 155.0, 20.0])
+    np.testing.assert_allclose(effort_deg(candidates, [10.0], ByHand()), [20.0, 5.0, 20.0])
+
+
+@given(angle_deg=st.floats(-35, 35), step_deg=st.sampled_from([0.1, 0.5, 1.0, 5.0]))
+def test_a_hand_is_asked_for_the_nearest_step_in_the_range(angle_deg, step_deg):
+    near_deg = step_near_deg(angle_deg, limits=LIMITS, step_deg=step_deg)
+    assert near_deg in LIMITS
+    assert abs(near_deg - angle_deg) <= step_deg / 2 + 1e-9
+    assert near_deg / step_deg == pytest.approx(round(near_deg / step_deg))
+
+
+def test_where_the_range_holds_no_step_the_angle_itself_is_asked_for():
+    assert step_near_deg(0.4, limits=Interval(low_deg=0.2, high_deg=0.7), step_deg=1.0) == 0.4

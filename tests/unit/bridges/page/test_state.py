@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from dataclasses import replace
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -30,6 +31,7 @@ from markerseek.bridges.page.picture import (
 )
 from markerseek.bridges.page.results import is_claimed
 from markerseek.bridges.page.run_history import RunHistory, is_image_of
+from markerseek.bridges.page.search_page import status_text
 from markerseek.bridges.page.state import STOPPED, Snapshot, SnapshotBuilder, with_minus
 from markerseek.bridges.page.verdict import Verdict, angle_text, interval_text, sigma_text, turn_text, verdict_of
 from markerseek.core import (
@@ -54,6 +56,7 @@ from markerseek.core import (
     ScanGeometry,
     SearchPlan,
     Started,
+    Turning,
 )
 from markerseek.records import answer_name
 from markerseek.records.journal import Interrupted, Resuming
@@ -459,3 +462,24 @@ def test_minus_signs_are_those_of_numbers_only():
     assert with_minus("from -3.5 to [-35, 35], 20260101-130000-x-y 1e-3 (-2°)") == (
         "from −3.5 to [−35, 35], 20260101-130000-x-y 1e-3 (−2°)"
     )
+
+
+def test_a_person_is_asked_on_the_page_to_turn_the_probe():
+    session, events = finished_run("ternary")
+    run = RunHistory(session.configuration)
+    for event, clock_s in events[:-1]:
+        run.add(event, clock_s=clock_s)
+        if isinstance(event, Asked) and event.role == "search":
+            break
+    live = SimpleNamespace(status="running", run=run)
+    for angle_deg, says in ((-7.34, "it is at −7.3°"), (None, "type the angle reached")):
+        run.add(Turning(target_deg=-12.0, angle_deg=angle_deg), clock_s=1.0)
+        assert status_text(live, simulated=False) == f"turn the probe to −12.0°: {says}"
+        shown = verdict_of(run.snapshots[-1])
+        assert (shown.word, shown.lead, shown.angle) == ("TURN", "turn the probe to", "−12.0°")
+    # A motor's way is animated, a hand's is not foretold.
+    assert run.move_s(run.snapshots[-1]) == 0
+    run.add(Refused(angle_deg=-12.0, reason="too late"), clock_s=2.0)
+    assert status_text(live, simulated=False) == "refused"
+    assert verdict_of(run.snapshots[-1]).word == "SEARCHING"
+    assert not any("turn the probe" in line for line in run.lines(run.snapshots[-1], most=20))

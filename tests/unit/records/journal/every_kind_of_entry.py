@@ -23,6 +23,7 @@ from markerseek.core import (
     Refused,
     Sample,
     Started,
+    Turning,
 )
 from markerseek.records.journal import Checked, Interrupted, JournalEvent, Resuming
 from markerseek.rigs import Rig
@@ -54,12 +55,14 @@ def journal_events() -> list[JournalEvent]:
         REFUSED,
         Measured(role="search", index=1, sample=sample(3, angle_deg=0.3334)),
         Asked(role="search", index=2, angle_deg=7.25),
+        Turning(target_deg=7.25, angle_deg=5.5),
         Failed(error=MoveError("the stage did not arrive at 7.25°")),
         resuming(fault_reset=True, flank_deg=-0.1),
         Checked(reading=READING, difference=None),
         Checked(reading=READING, difference=None, frame=frame(5)),
         Measured(role="search", index=2, sample=sample(6, angle_deg=7.25)),
         Asked(role="search", index=3, angle_deg=6.5),
+        Turning(target_deg=6.5, angle_deg=None),
         Interrupted(reason="SIGTERM"),
         resuming(fault_reset=False),
         Checked(reading=Reading(intensity=1.5), difference=None),

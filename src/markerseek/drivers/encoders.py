@@ -1,0 +1,243 @@
+"""Encoders of a probe that a person turns: a TRANSFORM of OpenIGTLink, and a ROS 2 topic."""
+
+from __future__ import annotations
+
+import math
+import socket
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from markerseek.core import DeviceError, Float64, MoveError, NotConnectedError
+from markerseek.drivers.plus import MAX_IMAGE_BYTES
+from markerseek.ros import RosNode, joint_angle_deg, messages, topics
+from markerseek.wire import igtl
+
+AXES = ("x", "y", "z")
+"""Names of the axes of a transform, in order."""
+
+MAX_TILT = 0.02
+"""Most that the axis of rotation may be tilted in a transform, as a sine: a degree."""
+
+MAX_SHIFT_MM = 2.0
+"""Most that a transform may shift the probe besides, in millimetres: its depth is no part of a search."""
+
+_READ_BYTES = 1 << 16
+_MAX_READS = 64
+"""Most reads for one angle: a server that floods must not hold up the control loop."""
+
+_MAX_WAITING = 200
+"""Most messages of ROS 2 that are handled for one angle."""
+
+
+def rotation_deg(matrix: Float64[np.ndarray, "4 4"], *, axis: int) -> float:
+    """Angle in degrees by which a transform turns about one of its axes; `MoveError` if it does anything else."""
+    turn = matrix[:3, :3]
+    # Matrices travel in single precision.
+    if not (np.abs(turn.T @ turn - np.eye(3)).max() < 1e-3 and np.linalg.det(turn) > 0):
+        raise MoveError("stage: the transform of its encoder is no rotation; look at the encoder")
+    tilt = float(np.linalg.norm(np.delete(turn[:, axis], axis)))
+    if not (turn[axis, axis] > 0 and tilt < MAX_TILT):
+        raise MoveError(
+            f"stage: the transform of its encoder turns about another axis than {AXES[axis]} (sine {tilt:.2g}); "
+            "correct stage.axis, or name the transform between the probe and its home"
+        )
+    after, last = (axis + 1) % 3, (axis + 2) % 3
+    return math.degrees(math.atan2(turn[last, after], turn[after, after]))
+
+
+class _Transforms:
+    """The rotation of successive transforms, which must not shift the probe."""
+
+    def __init__(self, axis: int) -> None:
+        self._axis = axis
+        self._place_mm: Float64[np.ndarray, " 3"] | None = None
+
+    def angle_deg(self, matrix: Float64[np.ndarray, "4 4"]) -> float:
+        """Angle of one in degrees; lengths in millimetres."""
+        angle_deg = rotation_deg(matrix, axis=self._axis)
+        place_mm = matrix[:3, 3]
+        if self._place_mm is None:
+            self._place_mm = place_mm.copy()
+        shift_mm = float(np.linalg.norm(place_mm - self._place_mm))
+        if not shift_mm <= MAX_SHIFT_MM:
+            raise MoveError(
+                f"stage: the probe was shifted by {shift_mm:.1f} mm since the search began, {MAX_SHIFT_MM:g} mm is the "
+                "limit: what was measured before holds for another place; put it back, or begin a new search"
+            )
+        return angle_deg
+
+
+class _Stamps:
+    """Which messages are new, and of now, by the time that they carry."""
+
+    def __init__(self, age_s: float) -> None:
+        self._age_s = age_s
+        self._last_s = -math.inf
+        self.unused = ""
+
+    def is_used(self, stamp_s: float, now_s: float) -> bool:
+        """Whether a message is of now: later than the one before, and neither too old nor of the future."""
+        if stamp_s == self._last_s:
+            # A server that repeats the last angle tells nothing new; `unused` says so once nothing else comes.
+            self.unused = "its messages repeat one moment"
+            return False
+        apart_s = now_s - stamp_s
+        if stamp_s <= 0:
+            self.unused = "its messages carry no time; let the server state it"
+        elif stamp_s < self._last_s:
+            self.unused = "the time of its messages runs backwards"
+        elif not abs(apart_s) <= self._age_s:
+            side = "old" if apart_s > 0 else "ahead of this computer's clock"
+            self.unused = f"its messages are {abs(apart_s):.2f} s {side}; compare the clocks, and the way between"
+        else:
+            self.unused, self._last_s = "", stamp_s
+            return True
+        return False
+
+
+class IgtlEncoder:
+    """A TRANSFORM of a PLUS server, or of another server of OpenIGTLink.
+
+    Only the newest message counts, and only if it is of now by its own time. ``device``: its name. ``axis``: index of
+    the axis of rotation. ``unix_s``: time of day in seconds since 1970, which the messages carry. ``emulated``: whether
+    the server says that it is an emulator. Raises `NotConnectedError` if no server answers.
+    """
+
+    def __init__(
+        self,
+        *,
+        host: str,
+        port: int,
+        connect_s: float,
+        device: str,
+        axis: int,
+        age_s: float,
+        unix_s: Callable[[], float] = time.time,  # noqa: TID251  the time of day is part of the protocol
+    ) -> None:
+        self._device, self._unix_s = device, unix_s
+        self._transforms, self._stamps = _Transforms(axis), _Stamps(age_s)
+        self._framer = igtl.Framer(most_bytes=MAX_IMAGE_BYTES)
+        self._said = ""
+        self.emulated = False
+        try:
+            self._connection = socket.create_connection((host, port), timeout=connect_s)
+        except OSError as problem:
+            raise NotConnectedError(
+                f"stage: no server on {host}, port {port}: {problem.strerror or problem}; start PlusServer, or correct "
+                "host and port"
+            ) from problem
+        self._connection.setblocking(False)
+
+    def close(self) -> None:
+        """Close the connection; allowed twice."""
+        self._connection.close()
+
+    @property
+    def unused(self) -> str:
+        """Why the last message is of no use."""
+        return self._said or self._stamps.unused
+
+    def read(self) -> float | None:
+        """Newest angle since the last call, in degrees; None if there is none.
+
+        Raises `MoveError` if the transform is no rotation about the axis, or shifts the probe. Raises
+        `NotConnectedError` if the connection has ended, or what comes is no OpenIGTLink.
+        """
+        newest = self._newest()
+        if newest is None:
+            return None
+        status = newest.metadata.get("TransformStatus", "OK")
+        self._said = "" if status == "OK" else f"it says that its transform is {status[:20]!r}"
+        if self._said or not self._stamps.is_used(newest.time_s, self._unix_s()):
+            return None
+        assert isinstance(newest.content, igtl.Transform)  # noqa: S101  by the kind in its header
+        return self._transforms.angle_deg(newest.content.matrix)
+
+    def _newest(self) -> igtl.Message | None:
+        newest: tuple[igtl.Header, bytes] | None = None
+        ended = False
+        try:
+            for _ in range(_MAX_READS):
+                try:
+                    data = self._connection.recv(_READ_BYTES)
+                except BlockingIOError:
+                    break
+                if ended := not data:
+                    break
+                for header, body in self._framer.feed(data):
+                    if (header.kind, header.device) == ("TRANSFORM", self._device):
+                        newest = header, body
+                    elif header.kind == "STATUS":
+                        said = igtl.decode(header, body).content
+                        self.emulated |= isinstance(said, igtl.Status) and said.message == igtl.EMULATOR
+            message = None if newest is None else igtl.decode(*newest)
+        except OSError as problem:
+            raise NotConnectedError(f"stage: the connection to its encoder has ended: {problem.strerror}") from problem
+        except DeviceError as problem:
+            # No next message begins at a known place.
+            self._connection.close()
+            raise NotConnectedError(f"stage: {problem}; the connection is closed") from problem
+        if ended:
+            raise NotConnectedError("stage: the server of its encoder has closed the connection; start it again")
+        return message
+
+
+class Ros2Encoder:
+    """An angle on a ROS 2 topic: a joint in radians, or a transform.
+
+    ``axis``: index of the axis of rotation of a transform; None for a joint.
+    """
+
+    def __init__(self, *, node: RosNode, topic: str, axis: int | None, age_s: float) -> None:
+        self._node = node
+        self._transforms = None if axis is None else _Transforms(axis)
+        self._stamps = _Stamps(age_s)
+        self._newest: Any = None
+        self.emulated = False
+        kind = "sensor_msgs/msg/JointState" if axis is None else "geometry_msgs/msg/TransformStamped"
+        node.subscribe(topic, kind, self._on_message)
+        # A node of ours says there that it is simulated; others have no such topic.
+        node.subscribe(topics.beside(topic, topics.STATE), "std_msgs/msg/String", self._on_state)
+
+    def _on_message(self, message: Any) -> None:
+        self._newest = message
+
+    def _on_state(self, message: Any) -> None:
+        state = messages.state_of(message)
+        self.emulated = self.emulated or (state is not None and state.simulated)
+
+    @property
+    def unused(self) -> str:
+        """Why the last message is of no use."""
+        return self._stamps.unused
+
+    def read(self) -> float | None:
+        """Newest angle since the last call, in degrees; None if there is none; NaN where it is no angle."""
+        self._node.drain(_MAX_WAITING)
+        message, self._newest = self._newest, None
+        if message is None or not self._stamps.is_used(messages.stamp_ns(message) * 1e-9, self._node.now_s()):
+            return None
+        if self._transforms is None:
+            angle_deg = joint_angle_deg(message)
+            return math.nan if angle_deg is None else angle_deg
+        return self._transforms.angle_deg(_matrix(message.transform))
+
+
+def _matrix(transform: Any) -> Float64[np.ndarray, "4 4"]:
+    """Matrix of a geometry_msgs/Transform, its translation in millimetres; NaN where the quaternion is none."""
+    turn, place = transform.rotation, transform.translation
+    x, y, z, w = (float(getattr(turn, name)) for name in "xyzw")
+    matrix = np.full((4, 4), math.nan)
+    # Else a quaternion of any length would be taken for a rotation.
+    if abs(x * x + y * y + z * z + w * w - 1) < 1e-3:
+        matrix[:3, :3] = [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    matrix[:3, 3] = [1e3 * float(getattr(place, name)) for name in AXES]
+    matrix[3] = 0, 0, 0, 1
+    return matrix

@@ -1,0 +1,347 @@
+"""Driver of a stage without a motor: a person turns the probe, and an encoder tells where it is.
+
+A move asks the person, and ends when the angle has been steady for a while near the one asked for. Where the rig has
+no encoder, the person reads a scale and types the angle in (`markerseek.drivers.typed_angle`).
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from typing import Literal, Protocol
+
+from markerseek.core import (
+    ByHand,
+    Clock,
+    ConfigError,
+    DeviceTimeoutError,
+    Interval,
+    LimitError,
+    MoveError,
+    NotConnectedError,
+    Stage,
+    Turning,
+    is_finite,
+    require_range,
+)
+from markerseek.drivers.encoders import AXES, IgtlEncoder, Ros2Encoder
+from markerseek.drivers.entry import Entry, Opening, StageSettings
+from markerseek.drivers.typed_angle import TypedStage
+from markerseek.guard import Limits
+from markerseek.ros import topics
+
+_SLICE_S = 0.02
+"""Time between two looks for a new angle, in seconds."""
+
+_SHOWN_S = 0.2
+"""Time between two angles that are shown to the person, in seconds."""
+
+
+class GuidedStageSettings(
+    StageSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="guided"
+):
+    """A probe that a person turns."""
+
+    encoder: Literal["openigtlink", "ros2", "typed", "simulated"] = "openigtlink"
+    """What tells the angle: a TRANSFORM of a PLUS server or another one of OpenIGTLink, a ROS 2 topic, the person who
+    types it, or a simulated hand, to try it without hardware."""
+    device: str = "ProbeToProbeHome"
+    host: str = "127.0.0.1"
+    port: int = 18944
+    """``device``, ``host`` and ``port``: name of the TRANSFORM, and where its server is."""
+    topic: str = topics.MEASURED_JS
+    message: Literal["joint_state", "transform"] = "joint_state"
+    """``topic`` and ``message``: where the angle is published in ROS 2, and whether as sensor_msgs/JointState, in
+    radians, or as geometry_msgs/TransformStamped."""
+    axis: Literal["x", "y", "z"] = "y"
+    """Axis of a transform about which the probe turns."""
+    zero_deg: float = 0.0
+    """The encoder's own reading at which the image plane points at 0."""
+    direction: Literal["forward", "reverse"] = "forward"
+    """``reverse`` if the probe's angle falls while the encoder's reading grows, as for a transform that maps the other
+    way (PLUS: ProbeHomeToProbe)."""
+    connect_s: float = 10.0
+    """Longest time until the encoder tells an angle."""
+    timeout_s: float = 120.0
+    """Longest time in which the person turns the probe to an angle."""
+    age_s: float = 0.5
+    """Greatest age of an angle, by the time that its message carries and by this computer's."""
+    fastest_deg_s: float = 90.0
+    """Fastest that a hand turns the probe: an angle that changes faster has jumped."""
+    steady_s: float = 1.0
+    steady_deg: float = 0.2
+    """``steady_s`` and ``steady_deg``: the probe is at rest once its angle has changed by no more for so long."""
+    reach_deg: float = 1.0
+    """Most that the angle reached may differ from the one asked for; the search takes the one reached."""
+    drift_deg: float = 0.3
+    """Most that the angle may change during an acquisition, until its frame is read."""
+    step_deg: float = 1.0
+    """Angles asked for are multiples of it."""
+    reversal_deg: float = 150.0
+    """Rotation that is as much effort as turning back."""
+
+    def __post_init__(self) -> None:
+        if not (self.device.isascii() and 0 < len(self.device) <= 20):
+            raise ConfigError(f"stage: device is {self.device!r}, it must have 1 to 20 characters of ASCII")
+        require_range("stage: port", self.port, low=1, high=65535)
+        require_range("stage: zero_deg", self.zero_deg, low=-360, high=360, unit="deg")
+        for name, low, high in (
+            ("connect_s", 0.1, 600),
+            ("timeout_s", 1, 3600),
+            ("age_s", 0.05, 5),
+            ("steady_s", 0.2, 10),
+        ):
+            require_range(f"stage: {name}", getattr(self, name), low=low, high=high, unit="s")
+        require_range("stage: fastest_deg_s", self.fastest_deg_s, low=5, high=360, unit="deg/s")
+        require_range("stage: steady_deg", self.steady_deg, low=0.01, high=1, unit="deg")
+        if self.steady_deg >= self.by_hand.reach_deg:
+            raise ConfigError(
+                f"stage: steady_deg is {self.steady_deg} deg and reach_deg {self.reach_deg} deg; what is at rest must "
+                "be finer than what counts as reached"
+            )
+
+    @property
+    def by_hand(self) -> ByHand:
+        """What search and guard know of the hand."""
+        return ByHand(
+            step_deg=self.step_deg,
+            reversal_deg=self.reversal_deg,
+            reach_deg=self.reach_deg,
+            drift_deg=self.drift_deg,
+        )
+
+
+class Encoder(Protocol):
+    """Tells the angle of a probe that somebody else turns."""
+
+    @property
+    def emulated(self) -> bool:
+        """Whether it says that it is an emulator, or simulated."""
+
+    @property
+    def unused(self) -> str:
+        """Why the last message is of no use; empty if it is not so."""
+
+    def read(self) -> float | None:
+        """Newest angle since the last call, in degrees of its own; None if there is none."""
+
+
+def ask_on_terminal(angle_deg: float) -> None:
+    """Ask the person at the terminal to turn the probe to an angle in degrees."""
+    line = f"   turn the probe to {angle_deg:+.1f}°   "
+    edge = "━" * len(line)
+    sys.stderr.write(f"\n┏{edge}┓\n┃{line}┃\n┗{edge}┛\n")
+    sys.stderr.flush()
+
+
+class GuidedStage:
+    """A probe that a person turns, and an encoder.
+
+    ``limits``: angles that may be searched, at which the probe must come to rest, and those at which it may be.
+    ``asks``: asks the person for an angle in degrees. Raises `NotConnectedError` if the encoder tells no angle.
+    """
+
+    def __init__(
+        self,
+        *,
+        encoder: Encoder,
+        clock: Clock,
+        settings: GuidedStageSettings,
+        limits: Limits,
+        asks: Callable[[float], None] = ask_on_terminal,
+    ) -> None:
+        self.limits: Interval = limits.travel
+        self._encoder, self._clock, self._settings, self._asks = encoder, clock, settings, asks
+        self._search = limits.search
+        self._angle_deg, self._heard_s = 0.0, -1.0
+        self._heard = False
+        self._reached: tuple[float, float] | None = None
+        if not self._hears_within(settings.connect_s):
+            raise NotConnectedError(
+                f"stage: no angle came from its encoder within {settings.connect_s:g} s{self._why}; start it, and "
+                "compare its name and address with the rig file"
+            )
+
+    @property
+    def emulated(self) -> bool:
+        """Whether the encoder says that it is an emulator, or simulated."""
+        return self._encoder.emulated
+
+    @property
+    def angle_deg(self) -> float:
+        """Angle in degrees of a message that comes after this is asked.
+
+        Raises `DeviceTimeoutError` if none comes in time, `MoveError` if the angle is none or has jumped.
+        """
+        # What waits was sent before.
+        self._take()
+        if not self._hears_within(self._settings.age_s):
+            raise self._silent()
+        return self._angle_deg
+
+    def guide(self, angle_deg: float) -> Iterator[Turning]:
+        """Ask the person, and tell where the probe is until it has come to rest near the angle.
+
+        Nobody is asked to turn a probe that still is where it was turned for this angle. Raises `LimitError` if the
+        angle is NaN or outside the travel range. Raises `DeviceTimeoutError` if the encoder is silent, or the probe
+        does not come to rest there in time. Raises `MoveError` as `angle_deg`.
+        """
+        if angle_deg not in self.limits:
+            raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nobody was asked")
+        start_deg = self.angle_deg
+        if self._is_still_there(angle_deg):
+            return
+        self._reached = None
+        self._asks(angle_deg)
+        yield Turning(target_deg=angle_deg, angle_deg=start_deg)
+        settings = self._settings
+        began_s = shown_s = calm_s = self._clock.now_s()
+        low_deg = high_deg = start_deg
+        # An encoder that stands still would be near the next angle by chance: it must be seen to turn.
+        turned = abs(start_deg - angle_deg) <= settings.steady_deg
+        while True:
+            if not self._hears_within(settings.age_s):
+                raise self._silent()
+            now_s, here_deg = self._clock.now_s(), self._angle_deg
+            turned = turned or abs(here_deg - start_deg) > settings.steady_deg
+            low_deg, high_deg = min(low_deg, here_deg), max(high_deg, here_deg)
+            if high_deg - low_deg > settings.steady_deg or not self._is_at(angle_deg):
+                low_deg = high_deg = here_deg
+                calm_s = now_s
+            if turned and now_s - calm_s >= settings.steady_s:
+                self._reached = angle_deg, here_deg
+                return
+            if not now_s - began_s <= settings.timeout_s:
+                raise self._not_there(angle_deg, start_deg, turned=turned)
+            if now_s - shown_s >= _SHOWN_S:
+                shown_s = now_s
+                yield Turning(target_deg=angle_deg, angle_deg=here_deg)
+
+    def move_to(self, angle_deg: float) -> float:
+        """Let the person turn the probe there, and return the angle read back in degrees; raises as `guide`."""
+        for _ in self.guide(angle_deg):
+            pass
+        return self._angle_deg
+
+    def stop(self) -> None:
+        """Nothing to stop: what a person does ends when the person ends it."""
+
+    def _is_at(self, angle_deg: float) -> bool:
+        return abs(self._angle_deg - angle_deg) <= self._settings.reach_deg and self._angle_deg in self._search
+
+    def _is_still_there(self, angle_deg: float) -> bool:
+        """Whether it was turned there before, and has not left."""
+        if self._reached is None or self._reached[0] != angle_deg:
+            return False
+        return abs(self._angle_deg - self._reached[1]) <= self._settings.drift_deg and self._is_at(angle_deg)
+
+    def _hears_within(self, wait_s: float) -> bool:
+        """Whether a new angle comes in that time."""
+        ends_s = self._clock.now_s() + wait_s
+        while self._clock.now_s() < ends_s:
+            self._clock.wait(_SLICE_S)
+            if self._take():
+                return True
+        return False
+
+    def _take(self) -> bool:
+        """Whether the encoder has told a new angle; `MoveError` if it is none, or has jumped."""
+        told_deg = self._encoder.read()
+        if told_deg is None:
+            return False
+        if not is_finite(told_deg):
+            raise MoveError(f"stage: its encoder tells {told_deg} deg, which is no angle; look at the encoder")
+        settings = self._settings
+        sign = 1.0 if settings.direction == "forward" else -1.0
+        # The encoder's zero may be anywhere on the circle.
+        here_deg = (sign * (told_deg - settings.zero_deg) + 180.0) % 360.0 - 180.0
+        now_s = self._clock.now_s()
+        if self._heard:
+            way_deg, elapsed_s = abs(here_deg - self._angle_deg), now_s - self._heard_s
+            if not way_deg <= settings.fastest_deg_s * elapsed_s + settings.steady_deg:
+                raise MoveError(
+                    f"stage: its angle jumped from {self._angle_deg:.2f} to {here_deg:.2f} deg in {elapsed_s:.3f} s, "
+                    f"faster than a hand turns it ({settings.fastest_deg_s:g} deg/s); look at the encoder"
+                )
+        self._angle_deg, self._heard_s, self._heard = here_deg, now_s, True
+        return True
+
+    @property
+    def _why(self) -> str:
+        return f" ({self._encoder.unused})" if self._encoder.unused else ""
+
+    def _silent(self) -> DeviceTimeoutError:
+        return DeviceTimeoutError(
+            f"stage: its encoder has told no angle for {self._settings.age_s:g} s{self._why}; look at the encoder and "
+            "its server"
+        )
+
+    def _not_there(self, angle_deg: float, start_deg: float, *, turned: bool) -> DeviceTimeoutError:
+        what = (
+            f"asked for {angle_deg:.1f} deg, the probe did not come to rest there within {self._settings.timeout_s:g} s"
+        )
+        where = f"it is at {self._angle_deg:.2f} deg" if turned else f"its angle has stayed at {start_deg:.2f} deg"
+        cure = "turn it there, and hold it" if turned else "turn it, or look at the encoder, which may stand still"
+        return DeviceTimeoutError(f"stage: {what}: {where}; {cure}")
+
+
+def _open(settings: GuidedStageSettings, opening: Opening) -> Stage:
+    clock, limits = opening.clock, opening.limits
+    if settings.encoder == "typed":
+        return TypedStage(
+            clock=clock,
+            limits=limits,
+            reach_deg=settings.reach_deg,
+            timeout_s=settings.timeout_s,
+            asks=ask_on_terminal,
+        )
+    if settings.encoder == "simulated":
+        hand = opening.simulated(settings)
+
+        def asks(angle_deg: float) -> None:
+            ask_on_terminal(angle_deg)
+            hand.turn_to(angle_deg)
+
+        return GuidedStage(encoder=hand, clock=clock, settings=settings, limits=limits, asks=asks)
+    axis = AXES.index(settings.axis)
+    encoder: Encoder
+    if settings.encoder == "ros2":
+        transform = settings.message == "transform"
+        encoder = Ros2Encoder(
+            node=opening.node, topic=settings.topic, axis=axis if transform else None, age_s=settings.age_s
+        )
+    else:
+        encoder = opening.keep(
+            closing(
+                IgtlEncoder(
+                    host=settings.host,
+                    port=settings.port,
+                    connect_s=settings.connect_s,
+                    device=settings.device,
+                    axis=axis,
+                    age_s=settings.age_s,
+                )
+            )
+        )
+    return GuidedStage(encoder=encoder, clock=clock, settings=settings, limits=limits)
+
+
+def _describe(settings: GuidedStageSettings, _stage: Stage) -> str:
+    if settings.encoder == "simulated":
+        return "SIMULATED hand that turns the probe"
+    of = {
+        "openigtlink": f"{settings.device} of {settings.host}, port {settings.port}",
+        "ros2": settings.topic,
+        "typed": "typed in",
+    }
+    return f"probe turned by hand, its angle {of[settings.encoder]}"
+
+
+ENTRY: Entry[GuidedStageSettings, Stage] = Entry(
+    settings=GuidedStageSettings,
+    open=_open,
+    describe=_describe,
+    same=("encoder", "device", "topic", "message", "axis", "zero_deg", "direction"),
+    by_hand=lambda settings: settings.by_hand,
+)

@@ -1,0 +1,310 @@
+"""Driver of a rotation stage on a Standa 8SMC5 controller, by Standa's library ``libximc``.
+
+The library holds the device, so that the supervisor has no line to it. What remains when the search dies is that no
+target is ever more than 5 degrees ahead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from types import ModuleType
+from typing import Any, Literal
+
+from markerseek.core import (
+    MAX_AHEAD_DEG,
+    Clock,
+    ConfigError,
+    DeviceError,
+    DeviceTimeoutError,
+    Interval,
+    LimitError,
+    MoveError,
+    NotConnectedError,
+    needs_package,
+    require_range,
+)
+from markerseek.drivers.entry import Entry, Opening, StageSettings
+from markerseek.guard import Limits
+
+_RENEW_S = 0.05
+"""Time between two targets, in seconds."""
+
+_UNEXPECTED_DEG = 0.5
+"""Most that the angle may change between two of them beyond what the speed explains, in degrees."""
+
+_VIRTUAL = "xi-emu:"
+"""How the address of a virtual device of the library begins."""
+
+
+class XimcSettings(
+    StageSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="ximc"
+):
+    """A rotation stage on an 8SMC5 controller."""
+
+    uri: str
+    """Address as the library has it: "xi-com:/dev/ttyACM0"; "xi-emu:///tmp/stage.bin" is a virtual device."""
+    steps_per_deg: float
+    """Whole motor steps for a degree, from the data sheet of the stage."""
+    zero_deg: float
+    """The stage's own reading at which the image plane points at 0."""
+    direction: Literal["forward", "reverse"] = "forward"
+    """``reverse`` if the probe's angle falls while the stage's reading grows."""
+    serial_number: int | None = None
+    """Serial number that the controller must have; None accepts any."""
+    speed_deg_s: float = 10.0
+    acceleration_deg_s2: float = 10.0
+    """``speed_deg_s`` and ``acceleration_deg_s2``: speed and acceleration of its moves, in degrees per second and per
+    second squared; at most 25."""
+    approach_deg: float = 1.0
+    """Distance over which every target is approached from below, in degrees: longer than the gears' play."""
+    arrival_deg: float = 0.02
+    """Largest distance from its target at which it counts as arrived."""
+    begin_s: float = 0.5
+    """Time without motion after which it counts as stuck."""
+
+    def __post_init__(self) -> None:
+        for name, low, high, unit in (
+            ("steps_per_deg", 1, 10_000, ""),
+            ("zero_deg", -360, 360, "deg"),
+            ("speed_deg_s", 0.1, 25, "deg/s"),
+            ("acceleration_deg_s2", 0.1, 25, "deg/s²"),
+            ("approach_deg", 0.01, 5, "deg"),
+            ("arrival_deg", 0.001, 0.1, "deg"),
+            ("begin_s", 0.1, 5, "s"),
+        ):
+            require_range(f"stage: {name}", getattr(self, name), low=low, high=high, unit=unit)
+        if self.arrival_deg * self.steps_per_deg < 1 / 256:
+            raise ConfigError(
+                f"stage: arrival_deg is {self.arrival_deg} deg, less than a microstep; "
+                "widen it, or correct steps_per_deg"
+            )
+
+
+def _library() -> ModuleType:
+    try:
+        with needs_package("libximc", extra="standa", purpose="a stage with driver = 'ximc'"):
+            import libximc.highlevel
+    except RuntimeError as problem:
+        # So it says that it has no library for this system.
+        raise NotConnectedError(f"stage: libximc cannot be loaded: {problem}; it runs on 64 bit Linux") from problem
+    module: ModuleType = libximc.highlevel
+    return module
+
+
+class XimcStage:
+    """A `markerseek.core.Stage` on an 8SMC5. Making one connects, checks and configures it; nothing moves.
+
+    Without an encoder its angle is a count of the steps that it was told to make: steps that the motor loses do not
+    show.
+
+    ``travel``: angles at which the probe may be; written to the controller as its borders. Raises `NotConnectedError`
+    if it does not answer, or is another one. Raises `MoveError` if it moves, is not homed, or does not keep what is
+    written.
+    """
+
+    def __init__(self, *, settings: XimcSettings, clock: Clock, travel: Interval) -> None:
+        if not settings.uri.startswith("xi-"):
+            raise ConfigError(
+                f"stage: uri is {settings.uri!r}, it must begin with xi-com:, xi-tcp:, xi-net: or xi-emu:"
+            )
+        self.limits = travel
+        self.emulated = settings.uri.startswith(_VIRTUAL)
+        self._settings, self._clock = settings, clock
+        self._sense = 1 if settings.direction == "forward" else -1
+        self._pushed_up = False
+        self.serial_number = 0
+        self._microsteps = 1
+        self._ximc = _library()
+        with self._errors(NotConnectedError, "connecting"):
+            self._axis = self._ximc.Axis(settings.uri)
+            self._axis.open_device()
+        try:
+            with self._errors(NotConnectedError, "setting it up"):
+                self._set_up()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the connection; allowed twice."""
+        with self._errors(NotConnectedError, "closing"):
+            self._axis.close_device()
+
+    @contextmanager
+    def _errors(self, kind: type[DeviceError], what: str) -> Iterator[None]:
+        """Turn the library's errors into one of a device."""
+        try:
+            yield
+        # `ConnectionError`, `RuntimeError`, `ValueError` and more, as the library has it.
+        except (OSError, RuntimeError, ValueError, NotImplementedError) as problem:
+            reason = " ".join(str(problem).split())[:200]
+            raise kind(
+                f"stage: {self._settings.uri}: {what} failed: {reason}; check its address, cable and power"
+            ) from problem
+
+    def _set_up(self) -> None:
+        """Check the controller, and write speed, borders and backlash, which are wrong after it was switched on."""
+        settings, axis = self._settings, self._axis
+        self.serial_number = int(axis.get_serial_number())
+        if settings.serial_number not in (None, self.serial_number):
+            raise NotConnectedError(
+                f"stage: {settings.uri} has the serial number {self.serial_number}, not {settings.serial_number}"
+            )
+        engine = axis.get_engine_settings()
+        self._microsteps = 1 << (int(engine.MicrostepMode) - 1)
+        # Its own approach goes beyond a target, and back.
+        engine.EngineFlags &= ~self._ximc.EngineFlags.ENGINE_ANTIPLAY
+        axis.set_engine_settings(engine)
+        speed, acceleration = self._in_steps(settings.speed_deg_s), self._in_steps(settings.acceleration_deg_s2)
+        if not 1 <= speed <= 100_000:
+            raise ConfigError(f"stage: {speed:g} steps/s is no speed of an 8SMC5; correct steps_per_deg or speed_deg_s")
+        moves = axis.get_move_settings()
+        moves.Speed, moves.uSpeed = self._split(settings.speed_deg_s)
+        moves.Accel = moves.Decel = max(1, round(acceleration))
+        axis.set_move_settings(moves)
+        borders = axis.get_edges_settings()
+        flags = self._ximc.BorderFlags
+        # By angle and not by switches, which a rotation stage need not have.
+        borders.BorderFlags = flags.BORDER_IS_ENCODER | flags.BORDER_STOP_LEFT | flags.BORDER_STOP_RIGHT
+        low, high = sorted(self._own_deg(end_deg) for end_deg in (self.limits.low_deg, self.limits.high_deg))
+        borders.LeftBorder, borders.uLeftBorder = self._split(low)
+        borders.RightBorder, borders.uRightBorder = self._split(high)
+        axis.set_edges_settings(borders)
+        kept, kept_borders = axis.get_move_settings(), axis.get_edges_settings()
+        written = (moves.Speed, moves.Accel, moves.Decel, borders.LeftBorder, borders.RightBorder)
+        read = (kept.Speed, kept.Accel, kept.Decel, kept_borders.LeftBorder, kept_borders.RightBorder)
+        if written != read or kept_borders.BorderFlags != borders.BorderFlags:
+            raise MoveError(f"stage: it keeps {read} of the {written} that were written; check the controller")
+        status = self._status()
+        if status.MvCmdSts & self._ximc.MvcmdStatus.MVCMD_RUNNING:
+            raise MoveError("stage: it moves; stop it, and begin again")
+        # A virtual device does not say that it is homed.
+        if not (self.emulated or status.Flags & self._ximc.StateFlags.STATE_IS_HOMED):
+            raise MoveError("stage: it is not homed; home it with the probe outside the patient")
+
+    def _in_steps(self, value_deg: float) -> float:
+        return value_deg * self._settings.steps_per_deg
+
+    def _split(self, value_deg: float) -> tuple[int, int]:
+        """Whole steps, and microsteps of the same sign."""
+        total = round(self._in_steps(value_deg) * self._microsteps)
+        sign = 1 if total >= 0 else -1
+        whole, rest = divmod(abs(total), self._microsteps)
+        return sign * whole, sign * rest
+
+    def _own_deg(self, angle_deg: float) -> float:
+        """The stage's own reading at an angle of the probe."""
+        return self._sense * angle_deg + self._settings.zero_deg
+
+    def _status(self) -> Any:
+        """Its status; `MoveError` if it says that something is wrong."""
+        with self._errors(NotConnectedError, "asking for its status"):
+            status = self._axis.get_status()
+        flags, command = self._ximc.StateFlags, self._ximc.MvcmdStatus
+        wrong = (
+            flags.STATE_ALARM | flags.STATE_CTP_ERROR | flags.STATE_ENCODER_FAULT | flags.STATE_ENGINE_RESPONSE_ERROR
+        )
+        if status.Flags & wrong or status.MvCmdSts & command.MVCMD_ERROR:
+            raise MoveError(
+                f"stage: its controller reports {status.Flags & wrong!r}, {status.MvCmdSts!r}; look at the stage"
+            )
+        return status
+
+    def _angle_of(self, status: Any) -> float:
+        steps = status.CurPosition + status.uCurPosition / self._microsteps
+        return float(self._sense * (steps / self._settings.steps_per_deg - self._settings.zero_deg))
+
+    @property
+    def angle_deg(self) -> float:
+        """Angle in degrees: of the encoder where the controller uses one, else the count of its steps."""
+        return self._angle_of(self._status())
+
+    def move_to(self, angle_deg: float) -> float:
+        """Turn to an angle, from below, and return the angle read back in degrees.
+
+        Raises `LimitError` if the angle is NaN or outside the travel range; nothing moves. Raises `MoveError` if it is
+        stuck, jumps, leaves the travel range, or reports an error; `DeviceTimeoutError` if it does not arrive.
+        """
+        if angle_deg not in self.limits:
+            raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
+        here_deg, settings = self.angle_deg, self._settings
+        below_deg = max(angle_deg - settings.approach_deg, self.limits.low_deg)
+        is_below = here_deg <= below_deg or (self._pushed_up and here_deg <= angle_deg + settings.arrival_deg)
+        arrived = False
+        try:
+            if not is_below:
+                self._go(below_deg)
+            self._go(angle_deg)
+            arrived = self._pushed_up = True
+        finally:
+            if not arrived:
+                self._pushed_up = False
+                self.stop()
+        return self.angle_deg
+
+    def _go(self, target_deg: float) -> None:
+        """Turn to a target by targets that are never far ahead."""
+        settings = self._settings
+        before_deg = self.angle_deg
+        began_s = before_s = moved_s = self._clock.now_s()
+        ramp_s = settings.speed_deg_s / settings.acceleration_deg_s2
+        longest_s = 2 * (abs(target_deg - before_deg) / settings.speed_deg_s + ramp_s) + settings.begin_s + 5
+        while True:
+            ahead_deg = min(max(target_deg, before_deg - MAX_AHEAD_DEG), before_deg + MAX_AHEAD_DEG)
+            with self._errors(MoveError, "a move"):
+                self._axis.command_move(*self._split(self._own_deg(ahead_deg)))
+            self._clock.wait(_RENEW_S)
+            status, now_s = self._status(), self._clock.now_s()
+            here_deg = self._angle_of(status)
+            running = bool(status.MvCmdSts & self._ximc.MvcmdStatus.MVCMD_RUNNING)
+            if not running and abs(here_deg - target_deg) <= settings.arrival_deg:
+                return
+            most_deg = settings.speed_deg_s * (now_s - before_s) + _UNEXPECTED_DEG
+            if not abs(here_deg - before_deg) <= most_deg:
+                raise MoveError(
+                    f"stage: it went from {before_deg:.2f} to {here_deg:.2f} deg in {now_s - before_s:.3f} s, faster "
+                    f"than its {settings.speed_deg_s:g} deg/s; check the controller"
+                )
+            if not self.limits.low_deg - _UNEXPECTED_DEG <= here_deg <= self.limits.high_deg + _UNEXPECTED_DEG:
+                raise MoveError(f"stage: it is at {here_deg:.2f} deg, outside its travel {self.limits}")
+            if abs(here_deg - before_deg) > 1 / (settings.steps_per_deg * self._microsteps):
+                moved_s = now_s
+            elif now_s - moved_s > settings.begin_s:
+                raise MoveError(
+                    f"stage: sent to {target_deg:.2f} deg, it has stood at {here_deg:.2f} deg for "
+                    f"{settings.begin_s:g} s; look for an obstacle"
+                )
+            if not now_s - began_s <= longest_s:
+                raise DeviceTimeoutError(f"stage: it did not arrive at {target_deg:.2f} deg within {longest_s:.0f} s")
+            before_deg, before_s = here_deg, now_s
+
+    def stop(self) -> None:
+        """Brake: a stepper that is stopped at once loses steps, and its angle with them."""
+        with self._errors(MoveError, "stopping"):
+            self._axis.command_sstp()
+
+
+def _require_room(settings: XimcSettings, limits: Limits) -> None:
+    start_deg = limits.search.low_deg - settings.approach_deg
+    if start_deg not in limits.travel:
+        raise ConfigError(
+            f"stage: to arrive at {limits.search.low_deg:g} deg from below it must start at {start_deg:g} deg, outside "
+            f"the travel range {limits.travel}; narrow limits.search, widen limits.travel, or shorten "
+            "stage.approach_deg"
+        )
+
+
+def _open(settings: XimcSettings, opening: Opening) -> XimcStage:
+    return opening.keep(closing(XimcStage(settings=settings, clock=opening.clock, travel=opening.limits.travel)))
+
+
+ENTRY: Entry[XimcSettings, XimcStage] = Entry(
+    settings=XimcSettings,
+    open=_open,
+    describe=lambda settings, stage: (
+        f"{'VIRTUAL ' if stage.emulated else ''}8SMC5 {stage.serial_number} at {settings.uri}, beyond the supervisor"
+    ),
+    same=("steps_per_deg", "zero_deg", "direction"),
+    require_room=_require_room,
+)

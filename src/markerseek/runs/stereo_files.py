@@ -1,0 +1,321 @@
+"""Calibrations of a stereo endoscope: our TOML, the ``StereoCalibrationDVRK.ini`` of a dVRK, a pair of ROS camera_info.
+
+All three are in the conventions of OpenCV's ``stereoCalibrate``. The last two do not say how good the calibration is.
+"""
+
+from __future__ import annotations
+
+import configparser
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from markerseek.core import ConfigError, Float64, RecordError, is_finite, needs_package, require_range
+from markerseek.files import MIB, as_read_error, read_input, read_toml, settings_from
+from markerseek.geometry import Camera, RigidTransform, StereoCameras
+
+_MAX_BYTES = MIB // 16
+"""Largest calibration; one has 2 KB."""
+
+_MAX_SKEW = 1e-3
+"""Most that a matrix may differ from a rotation: numbers are often rounded to five digits."""
+
+_BASE_MM = (1.0, 100.0)
+"""Distances between the cameras that an endoscope can have, in millimetres."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StereoSettings:
+    """Keys of the TOML file."""
+
+    left: Camera
+    right: Camera
+    rotation_vector: tuple[float, float, float]
+    """Rotation from the left camera's frame to the right one's as ``cv2.Rodrigues`` gives it, in radians."""
+    translation_m: tuple[float, float, float]
+    """Translation from the left camera's frame to the right one's, in metres (OpenCV gives it in the unit of the
+    calibration target)."""
+    calibration_sigma_px: float
+    """Standard deviation of the error of the calibration: the reprojection error of points that were not used for
+    it."""
+
+    def __post_init__(self) -> None:
+        require_range(
+            "calibration_sigma_px",
+            self.calibration_sigma_px,
+            low=0,
+            high=100,
+            unit="px",
+            open_low=True,
+            cure="0.2 is usual",
+        )
+        if not np.isfinite(self.rotation_vector).all():
+            raise ConfigError(f"rotation_vector is {self.rotation_vector}, it must be three finite numbers")
+
+    @property
+    def cameras(self) -> StereoCameras:
+        """The pair of cameras."""
+        return StereoCameras(
+            left=self.left,
+            right=self.right,
+            left_to_right=RigidTransform(
+                source="Left",
+                target="Right",
+                rotation=Rotation.from_rotvec(self.rotation_vector).as_matrix(),
+                translation_m=np.array(self.translation_m, dtype=float),
+            ),
+        )
+
+
+def read_stereo(paths: Sequence[Path], *, calibration_sigma_px: float | None = None) -> StereoSettings:
+    """Calibration of a stereo endoscope.
+
+    ``paths``: a TOML file (``examples/stereo.toml`` shows all keys), an INI file of a dVRK, or the YAML files of the
+    left and of the right camera. ``calibration_sigma_px``: error of the calibration, which only a TOML file states.
+    """
+    suffixes = [path.suffix.lower() for path in paths]
+    if len(paths) == 2 and set(suffixes) <= {".yaml", ".yml"}:
+        left, right = (_read_camera_info(path) for path in paths)
+        return _settings(_named(paths), lambda: _of_camera_infos(left, right, calibration_sigma_px))
+    if len(paths) != 1 or suffixes[0] in {".yaml", ".yml"}:
+        raise ConfigError(
+            f"{_named(paths)}: a calibration is one .toml or .ini file, or two .yaml files of ROS, the left camera's "
+            "first; name it so"
+        )
+    (path,) = paths
+    if suffixes[0] == ".ini":
+        sections = _read_ini(path)
+        return _settings(str(path), lambda: _of_ini(sections, calibration_sigma_px))
+    table = read_toml(path, what="stereo calibration")
+    if calibration_sigma_px is not None:
+        raise ConfigError(f"{path}: it states calibration_sigma_px itself; leave --calibration-sigma-px out")
+    return _settings(str(path), lambda: settings_from(table, StereoSettings))
+
+
+def _named(paths: Sequence[Path]) -> str:
+    return " and ".join(map(str, paths))
+
+
+def _settings(name: str, make: Callable[[], StereoSettings]) -> StereoSettings:
+    """The settings that are made, checked with their base; `ConfigError` names the file."""
+    try:
+        settings = make()
+        # The base is checked with the pair.
+        settings.cameras  # noqa: B018
+    except ConfigError as problem:
+        raise ConfigError(f"{name}: {problem}") from problem
+    return settings
+
+
+def _text(path: Path) -> str:
+    """Text of a small file."""
+    try:
+        with as_read_error(path):
+            return read_input(path, most_bytes=_MAX_BYTES).decode("utf-8-sig")
+    except RecordError as problem:
+        raise ConfigError(str(problem)) from problem
+    except UnicodeDecodeError as problem:
+        raise ConfigError(f"{path}: it is not text in UTF-8 (byte {problem.start + 1}); save it so") from problem
+
+
+def _stated(calibration_sigma_px: float | None) -> float:
+    if calibration_sigma_px is None:
+        raise ConfigError(
+            "the file does not say how good the calibration is; name the reprojection error of points that were not "
+            "used for it by --calibration-sigma-px, 0.2 is usual"
+        )
+    return calibration_sigma_px
+
+
+def _of(
+    left: Camera, right: Camera, turn: Float64[np.ndarray, "3 3"], shift_m: Sequence[float], sigma_px: float
+) -> StereoSettings:
+    x, y, z = Rotation.from_matrix(turn).as_rotvec().tolist()
+    shift_x, shift_y, shift_z = map(float, shift_m)
+    return StereoSettings(
+        left=left,
+        right=right,
+        rotation_vector=(x, y, z),
+        translation_m=(shift_x, shift_y, shift_z),
+        calibration_sigma_px=sigma_px,
+    )
+
+
+def _rotation(name: str, values: Sequence[float]) -> Float64[np.ndarray, "3 3"]:
+    """The rotation nearest to nine numbers, row by row; `ConfigError` if they are none."""
+    matrix = np.array(values).reshape(3, 3)
+    if not (np.abs(matrix.T @ matrix - np.eye(3)).max() < _MAX_SKEW and np.linalg.det(matrix) > 0):
+        raise ConfigError(f"{name} is no rotation: {list(values)}; calibrate again, or correct the file")
+    first, _, second = np.linalg.svd(matrix)
+    return np.asarray(first @ second)
+
+
+def _read_ini(path: Path) -> configparser.ConfigParser:
+    parser = configparser.ConfigParser(interpolation=None, inline_comment_prefixes=("#", ";"))
+    try:
+        parser.read_string(_text(path))
+    except configparser.Error as problem:
+        reason = " ".join(str(problem).split())
+        raise ConfigError(f"{path}: it cannot be read as an INI file: {reason}") from problem
+    return parser
+
+
+def _of_ini(sections: configparser.ConfigParser, calibration_sigma_px: float | None) -> StereoSettings:
+    """Settings of the sections StereoLeft and StereoRight: lengths in millimetres, distortion k1, k2, p1, p2, k3."""
+    for name in ("StereoLeft", "StereoRight"):
+        if name not in sections:
+            raise ConfigError(f"the section [{name}] is missing; a StereoCalibrationDVRK.ini has it")
+
+    def numbers(section: str, *keys: str) -> tuple[float, ...]:
+        return tuple(_number(f"[{section}] {key}", sections[section].get(key)) for key in keys)
+
+    def camera(section: str) -> Camera:
+        k1, k2, p1, p2, k3 = numbers(section, *(f"kc_{each}" for each in range(5)))
+        fx, fy, cx, cy, width, height = numbers(section, "fc_x", "fc_y", "cc_x", "cc_y", "res_x", "res_y")
+        _require_square(f"[{section}] alpha_c", sections[section].get("alpha_c", 0))
+        return Camera(
+            focal_px=(fx, fy),
+            centre_px=(cx, cy),
+            size_px=(_whole(f"[{section}] res_x", width), _whole(f"[{section}] res_y", height)),
+            distortion=(k1, k2, p1, p2, k3),
+        )
+
+    turns, shifts = [f"R_{each}" for each in range(9)], [f"T_{each}" for each in range(3)]
+    if turns[0] in sections["StereoLeft"]:
+        of_left = (*numbers("StereoLeft", *turns), *numbers("StereoLeft", *shifts))
+        if not np.allclose(of_left, (*np.eye(3).ravel(), 0, 0, 0), atol=1e-9):
+            raise ConfigError(
+                "[StereoLeft] is turned or shifted itself; the frame of the pair is that of the left camera"
+            )
+    turn = _rotation("[StereoRight] R_0 to R_8", numbers("StereoRight", *turns))
+    shift_mm = numbers("StereoRight", *shifts)
+    base_mm = float(np.linalg.norm(shift_mm))
+    require_range(
+        "[StereoRight] length of T_0 to T_2",
+        base_mm,
+        low=_BASE_MM[0],
+        high=_BASE_MM[1],
+        unit="mm",
+        cure="a dVRK writes millimetres",
+    )
+    return _of(
+        camera("StereoLeft"),
+        camera("StereoRight"),
+        turn,
+        [1e-3 * each for each in shift_mm],
+        _stated(calibration_sigma_px),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _CameraInfo:
+    """One camera of ROS: itself, its rotation into the rectified frame, and its shift there in metres."""
+
+    camera: Camera
+    turn: Float64[np.ndarray, "3 3"]
+    shift_m: float
+
+
+_NAMES = {
+    "camera_matrix": ("camera_matrix", "K", "k"),
+    "distortion_coefficients": ("distortion_coefficients", "D", "d"),
+    "rectification_matrix": ("rectification_matrix", "R", "r"),
+    "projection_matrix": ("projection_matrix", "P", "p"),
+}
+"""Names in a calibration file and in a message that was printed, of ROS 1 and ROS 2."""
+
+
+def _read_camera_info(path: Path) -> _CameraInfo:
+    with needs_package("pyyaml", extra="vision", purpose=f"{path}: it"):
+        import yaml
+    try:
+        # A message that was printed ends with the line "---" behind it.
+        documents = [each for each in yaml.safe_load_all(_text(path)) if each is not None]
+    except (yaml.YAMLError, RecursionError, ValueError) as problem:
+        reason = " ".join(str(problem).split())[:200]
+        raise ConfigError(f"{path}: it cannot be read as YAML: {reason}; save the camera_info again") from problem
+    if len(documents) != 1 or not isinstance(documents[0], Mapping):
+        raise ConfigError(f"{path}: it holds {len(documents)} messages, or none of a camera; save one camera_info")
+    try:
+        return _camera_info(documents[0])
+    except ConfigError as problem:
+        raise ConfigError(f"{path}: {problem}") from problem
+
+
+def _camera_info(table: Mapping[str, Any]) -> _CameraInfo:
+    model = table.get("distortion_model", "plumb_bob")
+    if model != "plumb_bob":
+        raise ConfigError(f"distortion_model is {str(model)[:40]!r}, plumb_bob is understood; calibrate with it")
+    for name in ("binning_x", "binning_y"):
+        if table.get(name, 0) not in (0, 1):
+            raise ConfigError(f"{name} is {table[name]}: pixels are joined; save the camera_info of the full image")
+    matrix = _values(table, "camera_matrix", 9)
+    # OpenCV leaves k3 out where it is 0.
+    distortion = (*_values(table, "distortion_coefficients", 4, 5), 0.0)[:5]
+    projection = _values(table, "projection_matrix", 12)
+    _require_square("camera_matrix: skew", matrix[1])
+    if not projection[0] > 0:
+        raise ConfigError("projection_matrix is not that of a stereo pair; calibrate both cameras together")
+    k1, k2, p1, p2, k3 = distortion
+    size = [_whole(name, _number(name, table.get(f"image_{name}", table.get(name)))) for name in ("width", "height")]
+    return _CameraInfo(
+        camera=Camera(
+            focal_px=(matrix[0], matrix[4]),
+            centre_px=(matrix[2], matrix[5]),
+            size_px=(size[0], size[1]),
+            distortion=(k1, k2, p1, p2, k3),
+        ),
+        turn=_rotation("rectification_matrix", _values(table, "rectification_matrix", 9)),
+        shift_m=projection[3] / projection[0],
+    )
+
+
+def _of_camera_infos(left: _CameraInfo, right: _CameraInfo, calibration_sigma_px: float | None) -> StereoSettings:
+    """Settings of a pair: both are turned into one rectified frame, in which the right one is shifted along x."""
+    if left.shift_m != 0 or not right.shift_m < 0:
+        raise ConfigError(
+            f"their projection matrices shift them by {left.shift_m:g} and {right.shift_m:g} m, a left camera has 0, "
+            "the right one less; exchange the files, or calibrate the cameras together"
+        )
+    turn = right.turn.T @ left.turn
+    shift_m = (right.turn.T @ np.array([right.shift_m, 0.0, 0.0])).tolist()
+    return _of(left.camera, right.camera, turn, shift_m, _stated(calibration_sigma_px))
+
+
+def _values(table: Mapping[str, Any], name: str, *counts: int) -> tuple[float, ...]:
+    """The numbers of a matrix, row by row, by any of its names."""
+    found = next((table[each] for each in _NAMES[name] if each in table), None)
+    if isinstance(found, Mapping):
+        found = found.get("data")
+    if not isinstance(found, list) or len(found) not in counts:
+        many = " or ".join(map(str, counts))
+        raise ConfigError(f"{name} is missing, or not {many} numbers; save the camera_info of a calibrated camera")
+    return tuple(_number(name, each) for each in found)
+
+
+def _number(name: str, value: object) -> float:
+    """A finite number; also from text, for YAML takes 1e-05 for one."""
+    if value is None:
+        raise ConfigError(f"{name} is missing; add it, or save the calibration again")
+    try:
+        number = float(value) if isinstance(value, str | int | float) and not isinstance(value, bool) else None
+    except (ValueError, OverflowError):
+        number = None
+    if number is None or not is_finite(number):
+        raise ConfigError(f"{name} is {str(value)[:40]!r}, it must be a finite number")
+    return number
+
+
+def _whole(name: str, value: float) -> int:
+    if not value.is_integer():
+        raise ConfigError(f"{name} is {value}, it must be a whole number of pixels")
+    return int(value)
+
+
+def _require_square(name: str, skew: object) -> None:
+    if _number(name, skew) != 0:
+        raise ConfigError(f"{name} is {skew}; the axes of a camera's pixels are square here: calibrate with 0")

@@ -1,0 +1,188 @@
+"""Calibrations of a stereo endoscope in three kinds of file: the same cameras, as OpenCV has them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from markerseek.core import ConfigError
+from markerseek.runs import StereoSettings, read_stereo
+
+cv2 = pytest.importorskip("cv2")
+
+LEFT = {"f": (1103.25, 1098.5), "c": (641.125, 508.75), "d": (-0.31, 0.12, 0.0007, -0.0004, 0.013)}
+RIGHT = {"f": (1097.75, 1101.0), "c": (629.5, 515.25), "d": (-0.29, 0.09, -0.0005, 0.0006, -1e-05)}
+SIZE = (1280, 1024)
+TURN = Rotation.from_rotvec([0.004, -0.013, 0.002])
+SHIFT_M = np.array([-0.00521, 0.00003, 0.00011])
+
+
+def matrix(camera: dict[str, Sequence[float]]) -> np.ndarray:
+    (fx, fy), (cx, cy) = camera["f"], camera["c"]
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+
+
+def toml(folder: Path) -> list[Path]:
+    lines = [
+        f"rotation_vector = {TURN.as_rotvec().tolist()}",
+        f"translation_m = {SHIFT_M.tolist()}",
+        "calibration_sigma_px = 0.2",
+    ]
+    for name, camera in (("left", LEFT), ("right", RIGHT)):
+        lines += [f"[{name}]", f"size_px = {list(SIZE)}", f"focal_px = {list(camera['f'])}"]
+        lines += [f"centre_px = {list(camera['c'])}", f"distortion = {list(camera['d'])}"]
+    file = folder / "stereo.toml"
+    file.write_text("\n".join(lines), encoding="utf-8")
+    return [file]
+
+
+def ini_text() -> str:
+    """As dVRK's own files have it: lengths in millimetres."""
+    lines = []
+    for name, camera in (("StereoLeft", LEFT), ("StereoRight", RIGHT)):
+        (fx, fy), (cx, cy) = camera["f"], camera["c"]
+        lines += [f"[{name}]", f"res_x={SIZE[0]}", f"res_y={SIZE[1]}", f"fc_x={fx}", f"fc_y={fy}", f"cc_x={cx}"]
+        lines += [f"cc_y={cy}", *(f"kc_{number}={value!r}" for number, value in enumerate(camera["d"]))]
+    lines += [f"R_{number}={value!r}" for number, value in enumerate(TURN.as_matrix().ravel().tolist())]
+    lines += [f"T_{number}={value!r}" for number, value in enumerate((1e3 * SHIFT_M).tolist())]
+    return "\n".join(lines)
+
+
+def ini(folder: Path) -> list[Path]:
+    file = folder / "StereoCalibrationDVRK.ini"
+    file.write_text(ini_text(), encoding="utf-8")
+    return [file]
+
+
+def camera_info(side: str) -> str:
+    """As ROS's camera_calibration writes it: OpenCV's own rectification."""
+    cameras = [(matrix(each), np.array(each["d"])) for each in (LEFT, RIGHT)]
+    (k1, d1), (k2, d2) = cameras
+    r1, r2, p1, p2, *_ = cv2.stereoRectify(k1, d1, k2, d2, SIZE, TURN.as_matrix(), SHIFT_M[:, None])
+    k, d, r, p = (k1, d1, r1, p1) if side == "left" else (k2, d2, r2, p2)
+    held = {"camera_matrix": k, "distortion_coefficients": d[None], "rectification_matrix": r, "projection_matrix": p}
+    lines = [
+        f"image_width: {SIZE[0]}",
+        f"image_height: {SIZE[1]}",
+        f"camera_name: {side}",
+        "distortion_model: plumb_bob",
+    ]
+    for name, values in held.items():
+        rows, columns = values.shape
+        lines += [f"{name}:", f"  rows: {rows}", f"  cols: {columns}", f"  data: {values.ravel().tolist()}"]
+    return "\n".join(lines) + "\n"
+
+
+def camera_infos(folder: Path) -> list[Path]:
+    files = [folder / "left.yaml", folder / "right.yaml"]
+    for file in files:
+        file.write_text(camera_info(file.stem), encoding="utf-8")
+    return files
+
+
+@pytest.mark.parametrize("written", [toml, ini, camera_infos])
+def test_every_kind_of_file_gives_the_same_cameras(tmp_path: Path, written) -> None:
+    files = written(tmp_path)
+    found = read_stereo(files, calibration_sigma_px=None if written is toml else 0.2)
+    assert found.calibration_sigma_px == 0.2
+    for camera, expected in ((found.left, LEFT), (found.right, RIGHT)):
+        assert (camera.focal_px, camera.centre_px, camera.size_px) == (expected["f"], expected["c"], SIZE)
+        assert camera.distortion == expected["d"]
+    np.testing.assert_allclose(found.rotation_vector, TURN.as_rotvec(), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.translation_m, SHIFT_M, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("written", [ini, camera_infos])
+def test_its_cameras_project_as_opencv_does_with_the_numbers(tmp_path: Path, written) -> None:
+    points_m = np.array([[-0.02, -0.01, 0.1], [0.015, 0.02, 0.12], [0.0, 0.0, 0.08]])
+    cameras = read_stereo(written(tmp_path), calibration_sigma_px=0.2).cameras
+    left, right = cameras.project(points_m)
+    for found, camera, turn, shift in (
+        (left, LEFT, np.zeros(3), np.zeros(3)),
+        (right, RIGHT, TURN.as_rotvec(), SHIFT_M),
+    ):
+        expected, _ = cv2.projectPoints(points_m, turn, shift, matrix(camera), np.array(camera["d"]))
+        np.testing.assert_allclose(found, expected[:, 0], rtol=0, atol=1e-6)
+
+
+def test_a_message_that_was_printed_is_read_too(tmp_path: Path) -> None:
+    expected = read_stereo(camera_infos(tmp_path), calibration_sigma_px=0.2)
+    short = (
+        ("camera_matrix", "k"),
+        ("distortion_coefficients", "d"),
+        ("rectification_matrix", "r"),
+        ("projection_matrix", "p"),
+    )
+    for side in ("left", "right"):
+        text = camera_info(side).replace("image_width", "width").replace("image_height", "height")
+        for long, name in short:
+            text = text.replace(f"{long}:", f"{name}:")
+        lines = [line for line in text.splitlines() if "rows:" not in line and "cols:" not in line]
+        joined = "\n".join(lines).replace(":\n  data:", ":")
+        (tmp_path / f"{side}.yml").write_text(f"{joined}\nbinning_x: 0\n---\n", encoding="utf-8")
+    found = read_stereo([tmp_path / "left.yml", tmp_path / "right.yml"], calibration_sigma_px=0.2)
+    assert found == expected
+
+
+def refused(files: Sequence[Path], **options: float) -> str:
+    with pytest.raises(ConfigError) as problem:
+        read_stereo(files, **options)
+    return str(problem.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (("[StereoRight]", "[Right]"), "[StereoRight] is missing"),
+        (("fc_x=1103.25", "fc_x=nan"), "[StereoLeft] fc_x is 'nan'"),
+        (("kc_4=0.013", ""), "[StereoLeft] kc_4 is missing"),
+        (("res_x=1280", "res_x=1280.5"), "whole number of pixels"),
+        (("R_0=", "R_0=1.1 ;"), "no rotation"),
+        (("T_0=-5.21", "T_0=-0.00521"), "a dVRK writes millimetres"),
+        (("[StereoLeft]", "no section"), "cannot be read as an INI file"),
+        (("res_y=1024", "res_y=1024\nR_0=0"), "[StereoLeft] R_1 is missing"),
+    ],
+)
+def test_an_ini_file_that_lies_is_refused(tmp_path: Path, change: tuple[str, str], says: str) -> None:
+    assert change[0] in ini_text()
+    file = tmp_path / "stereo.ini"
+    file.write_text(ini_text().replace(*change, 1), encoding="utf-8")
+    assert says in refused([file], calibration_sigma_px=0.2)
+
+
+@pytest.mark.parametrize(
+    ("side", "change", "says"),
+    [
+        ("left", ("plumb_bob", "rational_polynomial"), "plumb_bob is understood"),
+        ("left", ("camera_name", "binning_x: 2\ncamera_name"), "pixels are joined"),
+        ("left", ("distortion_coefficients", "coefficients"), "distortion_coefficients is missing"),
+        ("left", ("data: [1103.25", "data: [[1, 2], 1103.25"), "not 9 numbers"),
+        ("left", ("data: [1103.25", "data: [.inf"), "must be a finite number"),
+        ("left", ("image_width: 1280", "image_width: !!python/object/apply:os.getcwd []"), "cannot be read as YAML"),
+        ("left", ("camera_name", "'a': [" * 3000 + "\ncamera_name"), "cannot be read as YAML"),
+    ],
+)
+def test_a_camera_info_that_lies_is_refused(tmp_path: Path, side: str, change: tuple[str, str], says: str) -> None:
+    files = camera_infos(tmp_path)
+    assert change[0] in camera_info(side)
+    (tmp_path / f"{side}.yaml").write_text(camera_info(side).replace(*change, 1), encoding="utf-8")
+    assert says in refused(files, calibration_sigma_px=0.2)
+
+
+def test_what_does_not_go_together_is_refused(tmp_path: Path) -> None:
+    left, right = camera_infos(tmp_path)
+    assert "exchange the files" in refused([right, left], calibration_sigma_px=0.2)
+    assert "two .yaml files" in refused([left], calibration_sigma_px=0.2)
+    assert "name the reprojection error" in refused([left, right])
+    assert "name the reprojection error" in refused(ini(tmp_path))
+    assert "calibration_sigma_px is nan" in refused(ini(tmp_path), calibration_sigma_px=float("nan"))
+    assert "states calibration_sigma_px itself" in refused(toml(tmp_path), calibration_sigma_px=0.2)
+    (tmp_path / "empty.yaml").write_text("", encoding="utf-8")
+    assert "holds 0 messages" in refused([tmp_path / "empty.yaml", right], calibration_sigma_px=0.2)
+    (tmp_path / "large.ini").write_bytes(b"#" * 70_000)
+    assert "another kind of file" in refused([tmp_path / "large.ini"], calibration_sigma_px=0.2)
+    assert isinstance(read_stereo([left, right], calibration_sigma_px=0.2), StereoSettings)
