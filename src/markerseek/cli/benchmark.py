@@ -43,7 +43,7 @@ def command(
     as_json: AsJson = False,
 ) -> None:
     """Run the benchmark of searches in simulated worlds, or the rest of it, and print its table."""
-    entries = [studies.Entry.named(text) for text in entry or []]
+    entries = list(dict.fromkeys(studies.Entry.named(text) for text in entry or []))
     announce_compilation()
     with progress_bar(studies.benchmark_size(scale=scale, entries=len(entries)), what="searching") as progress:
         results = studies.run_benchmark(

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 FRAMES = "RcvData"
 """The variable by which a workspace is known."""
 
-MAX_ITEMS = 10_000
+MAX_ITEMS = 5000
 """Most receives, events or frames that are read; more would take longer than the sandbox waits."""
 
 _SAMPLED = ("NS200BW", "NS200BWI", "custom")
@@ -254,7 +254,11 @@ class _Workspace:
         self, *names: str, count: int | None = None, otherwise: float | None = None
     ) -> Float64[np.ndarray, " items"]:
         """One number for each item of an array of structures; ``otherwise`` where the field is missing."""
-        items, name = self._items(*names), ".".join(names)
+        name = ".".join(names)
+        quick = self._scalars(*names)
+        if quick is not None and count in (None, len(quick)) and np.isfinite(quick).all():
+            return quick
+        items = self._items(*names)
         if items is None and otherwise is not None and count is not None:
             return np.full(count, otherwise)
         if items is None or count not in (None, len(items)):
@@ -304,12 +308,28 @@ class _Workspace:
             self.refuse(f"{name} holds a number that is not finite", "save the workspace again")
         return values
 
+    def _scalars(self, *names: str) -> Float64[np.ndarray, " items"] | None:
+        """One number for each structure of an array of MATLAB; None where they are stored otherwise."""
+        import h5py
+
+        item, name = self._item(*names), ".".join(names)
+        if not isinstance(item, h5py.Dataset) or item.dtype != h5py.ref_dtype:
+            return None
+        data = self.file.checked(item, name=name)
+        self._require_few(data.size, name)
+        return self.file.scalars(data[()].ravel(), name=name)
+
     def _items(self, *names: str) -> list[h5py.Dataset] | None:
         """Datasets of a variable, or of a field of it, one for each cell or structure; None where it is missing."""
+        item = self._item(*names)
+        return None if item is None else self._expanded(item, name=".".join(names))
+
+    def _item(self, *names: str) -> object:
+        """A variable, or a field of it; None where it is missing."""
         item: object = self.file.opened
         for name in names:
             item = self.file.inside(_octave_value(self.file, item), name)
-        return None if item is None else self._expanded(item, name=".".join(names))
+        return item
 
     def _expanded(self, item: object, *, name: str) -> list[h5py.Dataset]:
         import h5py

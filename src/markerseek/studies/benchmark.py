@@ -253,7 +253,7 @@ def run_benchmark(
             if fault:
                 failures[group] = f"{world.tier}, {world.name}: {fault}"
                 continue
-            finished = run_study(study, folder / group / world.place, workers=workers)
+            finished = run_study(study, folder / group / f"{world.place}-{searches}", workers=workers)
             files[str(finished.rows.relative_to(folder))] = _sha256(finished.rows)
             rows = list(read_rows(finished.rows, study))
             failed = next((row for row in rows if row.answer == "failed" and policies[row.policy].command), None)

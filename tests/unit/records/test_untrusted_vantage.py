@@ -144,7 +144,7 @@ def every(field, value):
         (every("Receive/startDepth", 1e12), "more than the 60 samples of a frame last; correct it"),
         (loops, "no MATLAB file|numbers are expected"),
         (refers_to_a_group, "RcvData is no dataset"),
-        (refers_to_nothing, "Receive.framenum refers to nothing"),
+        (refers_to_nothing, "Receive.framenum refers to nothing, or to no dataset"),
         (leads_elsewhere, "Trans is a link to another place"),
         (huge, "huge|bytes|fill frames|is expected"),
     ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -45,6 +46,16 @@ def test_the_example_is_short_knows_nothing_of_us_and_finds_markers():
     assert all(row.error_deg is None or row.error_deg < 2.5 for row in rows if row.answer == "found")
     study = world("intensities", "none").study("test", (settings,), searches=1)
     assert run_trial(study, cells(study)[0], 0, 0).answer == "not found"
+
+
+@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="GNU Octave is missing (apt-get install octave)")
+def test_the_example_in_octave_finds_a_marker():
+    entry = Entry.named(f"octave-cli --quiet --no-init-file {EXAMPLE.with_suffix('.m')}")
+    study = world("intensities", "one").study("test", (benchmark._as_policy(entry),), searches=2)
+    for trial in range(2):
+        row = run_trial(study, cells(study)[0], trial, 0)
+        assert (row.answer, row.acquisitions) == ("found", 29)
+        assert row.error_deg < 2.6
 
 
 def test_a_row_is_the_same_whatever_else_is_run():
