@@ -74,6 +74,13 @@ def sweeps(journal: Path) -> bool:
 def test_a_sweep_is_killed_and_the_next_one_finds_the_marker(tmp_path: Path) -> None:
     world = WORLD + "[receiver]\nsingle_pulses = true\n"
     with emulation(tmp_path, seed=3, text=world) as devices:
+        usual = devices.rig.read_text()
+        devices.rig.write_text(usual.replace('frames = "triggered"', 'frames = "fixed"'))
+        process = search(devices, tmp_path / "refused.journal")
+        out, err = process.communicate()
+        assert process.returncode == 2, err
+        assert "this rig cannot sweep: its SonixDAQ records a fixed number" in json.loads(out)["error"]
+        devices.rig.write_text(usual)
         process = search(devices, tmp_path / "killed.journal")
         while process.poll() is None and not sweeps(tmp_path / "killed.journal"):
             time.sleep(0.02)

@@ -135,7 +135,7 @@ def _measured_by(
             raise ConfigError(_unfit("photodiode", "laser.driver laserbox, of this rig file"))
         if not laser.metered:
             raise NotConnectedError(
-                "laser box: its photodiode only counts pulses (version 1 of the protocol), and laser.energy_from is "
+                "laser box: its photodiode only counts pulses (versions 1 and 3 of the protocol), and energy_from is "
                 'photodiode; load a firmware with a light meter, or set energy_from = "none"'
             )
         return lambda _frame: laser.light_per_pulse
