@@ -5,10 +5,12 @@ from __future__ import annotations
 import queue
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from msgspec import structs
 
 from markerseek import rigs
 from markerseek.bridges.child import Outcome
@@ -16,6 +18,7 @@ from markerseek.bridges.page.child_search import ChildSearch
 from markerseek.bridges.page.page_searches import PageRig, PageSearches
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.state import STOPPED as STOPPED_LINE
+from markerseek.bridges.page.verdict import verdict_of
 from markerseek.core import RecordError, SearchError, SearchPlan
 from markerseek.records.journal import Entry
 from markerseek.rigs import read_rig_file
@@ -89,6 +92,22 @@ def test_stop_ends_it(stream):
     assert live.join(30)
     assert (live.status, live.message) == ("ended", STOPPED_LINE)
     assert live.run is None or live.run.snapshots[-1].line == STOPPED_LINE
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"), [("bench", "; its supervisor disarms the laser and stops the stage"), ("simulated", "")]
+)
+def test_search_that_is_killed_says_what_laser_and_stage_do(stream, kind, said):
+    begun, *events = stream[:5]
+    facts = replace(begun.facts, kind=kind)
+    child = ScriptedChild([structs.replace(begun, facts=facts), *events])
+    child.outcome = lambda: Outcome(exit_code=137, answer=None)
+    live = ChildSearch(lambda *_: child, ["search"])
+    assert live.join(30)
+    assert (live.failed, live.message) == (True, f"the command ended with exit code 137, by SIGKILL{said}")
+    status_text = pytest.importorskip("markerseek.bridges.page.search_page", reason="needs the extra page").status_text
+    assert status_text(live) == f"{verdict_of(live.run.snapshots[-1]).line}: {live.message}"
+    assert verdict_of(live.run.snapshots[-1]).reason == live.message
 
 
 def test_stop_before_the_child_is_there(stream):
