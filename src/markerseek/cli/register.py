@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import runs
-from markerseek.cli.options import AsJson, Out
+from markerseek.cli.options import AsJson, Out, Sweeps
 from markerseek.cli.report import Output, Report, drawn, facts, table
 from markerseek.cli.terminal import announce_compilation, progress_bar
 from markerseek.core import ConfigError
@@ -25,7 +25,8 @@ EXAMPLES = (
     "  markerseek register examples/points.csv\n\n"
     "  markerseek register pixels.csv --cameras stereo.toml --journal a.journal --journal b.journal --journal c.journal"
     "\n\n"
-    "  markerseek register --simulate --markers 4 --seed 1 --plot"
+    "  markerseek register --simulate --markers 4 --seed 1 --plot\n\n"
+    "  markerseek register --simulate --sweep --readout-s 0.05"
 )
 
 
@@ -75,6 +76,10 @@ def command(
     ] = None,
     frames: Annotated[int | None, typer.Option(help="Simulated camera frames of each spot.", show_default="25")] = None,
     tissue: Annotated[str | None, typer.Option(help="Simulated material.", show_default="plastisol-phantom")] = None,
+    sweep: Sweeps = False,
+    readout_s: Annotated[
+        float | None, typer.Option(help="Seconds to read one acquisition of the simulated rig.", show_default="10")
+    ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the simulation.", show_default="1")] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write register.png into --out.")] = False,
     out: Out = None,
@@ -92,7 +97,9 @@ def command(
         if points is not None or journal or cameras is not None:
             raise ConfigError("--simulate makes its own points; leave the CSV, --journal and --cameras out")
         title = "simulated rig and camera"
-        scene = _scene(markers=markers, camera_mm=camera_mm, frames=frames, tissue=tissue)
+        scene = _scene(
+            markers=markers, camera_mm=camera_mm, frames=frames, tissue=tissue, readout_s=readout_s, sweep=sweep
+        )
         announce_compilation()
         with progress_bar(scene.markers, what="searching markers") as progress:
             report, truth = runs.simulate_registration(
@@ -105,9 +112,10 @@ def command(
     else:
         if points is None:
             raise ConfigError("no points: name a CSV, or add --simulate")
-        if (markers, camera_mm, frames, tissue, seed) != (None,) * 5:
+        if (markers, camera_mm, frames, tissue, seed, readout_s) != (None,) * 6 or sweep:
             raise ConfigError(
-                "--markers, --camera-mm, --frames, --tissue and --seed are for --simulate; leave them out"
+                "--markers, --camera-mm, --frames, --tissue, --sweep, --readout-s and --seed are for --simulate; leave "
+                "them out"
             )
         title = points.name
         pairs = runs.point_pairs(points, searches=journal or (), cameras=cameras)
@@ -122,15 +130,22 @@ def command(
 
 
 def _scene(
-    *, markers: int | None, camera_mm: float | None, frames: int | None, tissue: str | None
+    *,
+    markers: int | None,
+    camera_mm: float | None,
+    frames: int | None,
+    tissue: str | None,
+    readout_s: float | None,
+    sweep: bool,
 ) -> runs.SimulatedScene:
-    from markerseek.sim import EndoscopeSettings, SimulatedSettings
+    from markerseek.sim import EndoscopeSettings, SimulatedSettings, changed_settings
 
     return runs.SimulatedScene(
         markers=4 if markers is None else markers,
         camera_m=0.1 if camera_mm is None else camera_mm / 1e3,
         camera=EndoscopeSettings(frames=25 if frames is None else frames),
-        rig=SimulatedSettings() if tissue is None else SimulatedSettings(tissue=tissue),
+        rig=changed_settings(SimulatedSettings(), tissue=tissue, readout_s=readout_s),
+        sweep=sweep,
     )
 
 
@@ -179,7 +194,7 @@ def _rows(report: runs.RegistrationReport, truth: runs.SimulatedTruth | None) ->
     low_min, high_min = (seconds / 60 for seconds in truth.by_hand_s)
     rows.append(("searches (simulated)", f"{len(truth.searches)} with {counts} acquisitions"))
     all_min, rest_min = truth.elapsed_s / 60, truth.without_readout_s / 60
-    rows.append(("time (virtual)", f"{all_min:.1f} min, {rest_min:.1f} min without reading SonixDAQ files"))
+    rows.append(("time (virtual)", f"{all_min:.1f} min, {rest_min:.1f} min without reading frames"))
     rows.append(("time by hand (the paper)", f"{low_min:g} to {high_min:g} min"))
     return rows
 

@@ -53,6 +53,7 @@ def test_usual_settings_need_no_query():
         ({"pace": "nan"}, "pace is nan"),
         ({"pace": "101"}, "pace is 101"),
         ({"as_published": "1"}, "was not published"),
+        ({"sweep": "1", "method": "ternary"}, "ternary: it asks for one angle after another; only posterior sweeps"),
         ({"rig": "/etc/passwd"}, "'rig' is no setting"),
         ({"journal": "x"}, "'journal' is no setting"),
     ],
@@ -68,6 +69,10 @@ def test_arguments_are_those_of_the_command():
     assert chosen.arguments(simulated=True) == [*method, "--seed", "3", "--pace", "0", "--tissue", "liver"]
     # A rig of devices has no seed, tissue or pace.
     assert chosen.arguments(simulated=False) == method
+
+
+def test_a_sweep_is_asked_for_by_its_option():
+    assert PageSettings(sweep=True).arguments(simulated=False) == ["--method", "posterior", "--sweep"]
 
 
 def test_numbers_are_handed_on_without_a_loss():
