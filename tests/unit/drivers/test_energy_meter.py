@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +27,7 @@ from markerseek.core import (
     PolicyPlan,
     Receiver,
     RunPlan,
+    SweepPermit,
 )
 from markerseek.drivers import EnergyMeter, LaserBoxSettings, metered
 from markerseek.drivers.kdc101 import Kdc101Stage
@@ -191,3 +194,57 @@ def test_a_rig_without_such_a_meter_is_refused(keys: LaserBoxSettings, message: 
     rig = rigs.simulated(seed=1)
     with pytest.raises(ConfigError, match=message):
         metered(keys, rig.laser, rig.receiver, full_scale=FULL_SCALE)
+
+
+class Swept:
+    """A receiver whose frames of a sweep come at its end; each has a pick-up as strong as its number."""
+
+    frame_period_s = 0.02
+    sweep_readout_s = 1.5
+
+    def begin_sweep(self, permit: SweepPermit) -> None:
+        self.permit = permit
+
+    def frames(self) -> Sequence[Frame]:
+        return ()
+
+    def end_sweep(self, *, pulses: int) -> Sequence[Frame]:
+        def frame(number: int) -> Frame:
+            header = FrameHeader(sequence=number, token="s", pulses=1, commanded_deg=10.0, started_s=0.0, ended_s=1.0)
+            return ChannelFrame(header=header, samples=np.full((2, 8), number, np.int16), sampling_hz=40e6)
+
+        return [frame(number) for number in range(1, pulses + 1)]
+
+    settle = arm = acquire = None
+
+
+def test_each_frame_of_a_sweep_has_the_energy_of_its_pulse() -> None:
+    receiver: Any = Swept()
+    meter = EnergyMeter(
+        receiver,
+        measured=lambda frame: float(frame.samples.max()) if isinstance(frame, ChannelFrame) else None,
+        usual_energy=2.0,
+    )
+    assert (meter.frame_period_s, meter.sweep_readout_s, list(meter.frames())) == (0.02, 1.5, [])
+    permit = SweepPermit(
+        token="s",
+        angle_deg=0.0,
+        pulses=9,
+        expires_s=9.0,
+        to_deg=10.0,
+        slowest_deg_s=1.0,
+        fastest_deg_s=9.0,
+        period_s=0.1,
+    )
+    meter.begin_sweep(permit)
+    assert receiver.permit is permit
+    assert [frame.header.energy for frame in meter.end_sweep(pulses=3)] == [0.5, 1.0, 1.5]
+
+
+def test_what_measures_trains_only_and_what_only_stands_still_say_why_they_cannot_sweep() -> None:
+    swept: Any = Swept()
+    with pytest.raises(ConfigError, match="measures whole trains, and no single pulses"):
+        _ = EnergyMeter(swept, measured=lambda _: None, usual_energy=1.0, of_trains=True).frame_period_s
+    still: Any = object()
+    with pytest.raises(ConfigError, match=r"its receiver \(object\) only works with the probe at rest"):
+        _ = EnergyMeter(still, measured=lambda _: None, usual_energy=1.0).frame_period_s

@@ -1,13 +1,16 @@
 """Reads banks from arrays of NumPy or MATLAB: angles with intensities, or with frames of channel data.
 
 ``.npz`` and ``.mat`` hold variables by name: ``angle_deg``; ``intensity`` or ``frames`` (angles × channels × samples,
-counts, or floating-point numbers, which are scaled); and optionally ``sampling_hz`` and ``reference_angle_deg``.
-``.npy`` holds two columns, angle and intensity, or the frames alone.
+counts, or floating-point numbers, which are scaled); and optionally ``sampling_hz``, ``reference_angle_deg``,
+``pitch_m``, ``sound_speed_m_s``, ``first_sample_s`` (when the first sample was taken, from the trigger) and ``pulses``.
+``.npy`` holds two columns, angle and intensity, or the frames alone. The frames of a Verasonics workspace, and of a
+file of zea, come with the same names.
 """
 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -42,7 +45,7 @@ class ArrayBank(FrameBank):
         header = FrameHeader(
             sequence=index + 1,
             token=self.path.name,
-            pulses=1,
+            pulses=self.pulses[index],
             commanded_deg=self.angles_deg[index],
             # Arrays hold no times; NaN says so, where 0 would be a time.
             started_s=math.nan,
@@ -62,7 +65,15 @@ def read_arrays(path: Path, *, first_and_step_deg: tuple[float, float] | None = 
     ``first_and_step_deg``: angle of the first frame and step to the next, where the file holds no angles.
     """
     with as_read_error(path), Sandbox() as sandbox:
-        arrays = _named(arrays_in(path, sandbox, most_bytes=_LARGEST_BYTES))
+        arrays = arrays_in(path, sandbox, most_bytes=_LARGEST_BYTES)
+    return bank_of_arrays(path, arrays, first_and_step_deg=first_and_step_deg)
+
+
+def bank_of_arrays(
+    path: Path, found: Mapping[str, np.ndarray], *, first_and_step_deg: tuple[float, float] | None = None
+) -> IntensityBank | ArrayBank:
+    """Bank of arrays by their names, as `read_arrays`; ``path``: where they are from."""
+    arrays = _named(dict(found))
     angles, intensity, frames = (_picked(arrays, names) for names in (_ANGLES, _INTENSITIES, ("frames",)))
     if first_and_step_deg is not None and frames is not None and angles is None:
         first_deg, step_deg = first_and_step_deg
@@ -77,11 +88,21 @@ def read_arrays(path: Path, *, first_and_step_deg: tuple[float, float] | None = 
     facts = BankFacts(
         sampling_hz=_scalar(path, arrays, "sampling_hz"),
         reference_angle_deg=_scalar(path, arrays, "reference_angle_deg"),
+        pitch_m=_scalar(path, arrays, "pitch_m"),
+        sound_speed_m_s=_scalar(path, arrays, "sound_speed_m_s"),
     )
     rising = tuple(float(each) for each in angles.ravel()[order])
     if frames is not None:
-        counts = _counts(path, frames, len(rising))
-        return ArrayBank(path=path, angles_deg=rising, samples=counts[order], facts=facts)
+        if unfilled := _scalar(path, arrays, "unfilled"):
+            warnings.warn(f"{path}: {unfilled:g} frames hold zeros only, and are left out", stacklevel=2)
+        counts = _from_trigger(path, _counts(path, frames, len(rising)), arrays, facts.sampling_hz)
+        return ArrayBank(
+            path=path,
+            angles_deg=rising,
+            samples=counts[order],
+            facts=facts,
+            pulses=tuple(_pulses(path, arrays, len(rising))[order].tolist()),
+        )
     if intensity is None:
         raise RecordError(f"{path}: intensity or frames expected, it holds {content(arrays)}")
     values = _intensity(path, intensity, len(rising))[order]
@@ -123,6 +144,39 @@ def _counts(path: Path, frames: np.ndarray, angles: int) -> Int16[np.ndarray, "a
         )
     # One scale for all angles, or their intensities could not be compared.
     return as_counts(path, frames, scale=scale_of(path, frames))
+
+
+def _from_trigger(
+    path: Path,
+    counts: Int16[np.ndarray, "angles channels samples"],
+    arrays: Mapping[str, np.ndarray],
+    sampling_hz: float | None,
+) -> Int16[np.ndarray, "angles channels samples"]:
+    """The same frames with sample 0 at the trigger, to the nearest sample: filled with zeros, or cut off, before."""
+    first_s = _scalar(path, arrays, "first_sample_s")
+    if not first_s:
+        return counts
+    if sampling_hz is None:
+        raise RecordError(f"{path}: first_sample_s is {first_s:g} s, and sampling_hz is missing; add it")
+    length = counts.shape[2]
+    # Compared before it is rounded: a number that lies could have any size.
+    if not abs(first_s * sampling_hz) < length:
+        raise RecordError(
+            f"{path}: the first sample is {1e6 * first_s:g} µs from the trigger, more than the {length} samples of a "
+            "frame last; correct it (Receive.startDepth of a Verasonics, initial_times of zea, first_sample_s)"
+        )
+    before = round(first_s * sampling_hz)
+    if before < 0:
+        return counts[:, :, -before:]
+    return np.pad(counts, ((0, 0), (0, 0), (before, 0)))
+
+
+def _pulses(path: Path, arrays: Mapping[str, np.ndarray], angles: int) -> np.ndarray:
+    """Pulses averaged at each angle; 1 where it is not stated."""
+    values = arrays.get("pulses", np.ones(angles, int)).ravel()
+    if values.size != angles or values.dtype.kind not in "iu" or not (values > 0).all() or not (values < 2**31).all():
+        raise RecordError(f"{path}: pulses must be {angles} whole numbers from 1")
+    return values.astype(np.int64)
 
 
 def _intensity(path: Path, intensity: np.ndarray, angles: int) -> Float64[np.ndarray, " angles"]:
