@@ -152,7 +152,7 @@ def _pictures(
     finished: list[tuple[studies.Study, studies.Summary]], *, markers: int | None
 ) -> dict[str, Callable[[Path], object]]:
     """The picture in both forms."""
-    from markerseek.pictures import save_png, save_svg
+    from markerseek.pictures import save_figure
 
     study = finished[0][0]
     counts = study.marks
@@ -161,7 +161,7 @@ def _pictures(
         for cell in studies.cells(study):
             bounds[cell.index] = (counts, studies.mean_bounds(study, cell, markers=markers, acquisitions=counts))
     figure = studies.error_figure(finished, bounds=bounds)
-    return {"error.png": partial(save_png, figure), "error.svg": partial(save_svg, figure)}
+    return {name: partial(save_figure, figure) for name in ("error.png", "error.svg")}
 
 
 def _shown(finish: studies.FinishedStudy, bounds: Sequence[studies.BoundComparison]) -> Iterator[str | Table]:

@@ -32,7 +32,6 @@ def search_figure(
     samples: list[Sample],
     estimate: Estimate,
     *,
-    title: str | None,
     start_deg: float,
     truth_deg: float | None,
     reference_deg: float | None,
@@ -46,7 +45,6 @@ def search_figure(
     """Figure of one search.
 
     - ``samples``: acquisitions in the order in which they were made; dark ones apart.
-    - ``title``: method and rig, with "simulated" if it is; None if the page around the figure has them.
     - ``truth_deg``, ``reference_deg``: angle of the marker in degrees in a simulation, or found otherwise; None where
       it is not known.
     - ``confirmation``: the acquisition after the last move, None if there was none.
@@ -56,7 +54,8 @@ def search_figure(
     - ``density``: angles in degrees, and the posterior's density at each per degree; None for methods without one.
     - ``recorded``: angles in degrees, and the intensities recorded there, of the scan that a replay searches.
     """
-    figure = new_figure(width_in=11.0, height_in=7.6 if density is None else 8.6, heading=title)
+    # Without a heading: the page or the paper around it says of what rig it is.
+    figure = new_figure(width_in=11.0, height_in=7.0 if density is None else 8.0)
     # Without an image the right column is narrow, not absent: the left panels are the same in both.
     rows = (3, 2) if density is None else (3, 1, 2)
     columns = figure.add_gridspec(len(rows), 2, height_ratios=rows, width_ratios=(3, 2 if image is not None else 0.001))

@@ -57,6 +57,10 @@ class JournalSummary(msgspec.Struct, frozen=True, kw_only=True):
     emulated: tuple[str, ...] = ()
     """``method``, ``as_published``, ``rig`` and ``emulated``: the policy's name and whether it is in the paper's form,
     the kind of the rig, and its emulated devices."""
+    description: str | None = None
+    """What the rig looked at; of a simulated one the tissue."""
+    seed: int | None = None
+    """Seed of a simulated rig."""
     state: Literal["finished", "fault", "open", "running", "damaged", "unreadable"]
     """"running" while a program writes it, "damaged" if only a part can be read, "unreadable" if nothing can."""
     answer: str | None = None
@@ -88,6 +92,8 @@ def summary(path: Path) -> JournalSummary:
         as_published=recorded.configuration.plan.as_published,
         rig=recorded.configuration.facts.kind,
         emulated=recorded.configuration.facts.emulated,
+        description=recorded.configuration.facts.description,
+        seed=recorded.configuration.facts.seed,
         state="damaged" if damage is not None else "running" if recorded.is_written else state.state,
         answer=None if over is None else answer_name(over.estimate),
         angle_deg=None if over is None else over.estimate.mean_deg,
