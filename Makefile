@@ -94,7 +94,7 @@ lock: .venv/dev  ## pin the versions again, after a change in pyproject.toml
 	$(COMPILE) --upgrade --extra plot --extra records --extra devices --extra igtl --extra page --extra vision -o requirements/run.txt pyproject.toml
 	$(BIN)/python requirements/without_tools.py requirements/run.txt
 	$(COMPILE) --extra plot -c requirements/run.txt -o requirements/demo.txt pyproject.toml
-	$(COMPILE) --extra plot --extra check --extra test --extra cluster --extra records --extra devices --extra igtl --extra page --extra vision --extra optimizers --extra docs --extra faults -c requirements/run.txt -o requirements/dev.txt pyproject.toml
+	$(COMPILE) --extra plot --extra check --extra test --extra cluster --extra records --extra devices --extra igtl --extra page --extra vision --extra notebook --extra optimizers --extra docs --extra faults -c requirements/run.txt -o requirements/dev.txt pyproject.toml
 	$(COMPILE) --extra bench -c requirements/run.txt -o requirements/bench.txt pyproject.toml
 	$(filter-out --build-deps-for editable,$(COMPILE)) -c requirements/dev.txt -o requirements/peers.txt requirements/peers.in
 	$(filter-out --build-deps-for editable,$(COMPILE)) -c requirements/dev.txt -o requirements/ros2.txt requirements/ros2.in

@@ -14,17 +14,15 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from markerseek import rigs, runs
+from markerseek import figures, rigs, runs
 from markerseek.cli import bank_files, bank_scan
 from markerseek.cli.options import AsJson, Out, TableOptions, require_frames, with_values
 from markerseek.cli.report import Output, Report, drawn, facts, with_version
 from markerseek.cli.terminal import announce_compilation, one_line, progress_bar
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from markerseek.records.banks import FrameBank, IntensityBank
-    from markerseek.search import Curve, Peak
+    from markerseek.search import Peak
 
 _INFO_EXAMPLES = (
     "Examples:\n\n  markerseek bank info scan.hdf5 --plot\n\n  markerseek bank info examples/simulated_scan.csv --json"
@@ -62,7 +60,7 @@ def info(
     report = Report(
         values=_values(bank, held, peak, dark=dark, probe=probe),
         shown=_shown(bank, held, peak, dark=dark, computed_with=probe),
-        pictures={name: drawn(_figure, bank, held, curve, peak, dark=dark, probe=probe)},
+        pictures={name: drawn(figures.bank_figure, held, title=_title(bank, held), probe=probe, curve=curve)},
     )
     output.show(report)
 
@@ -196,25 +194,9 @@ def _number(value: float | None, form: str, scale: float = 1.0) -> str | None:
     return None if value is None else form.format(value * scale)
 
 
-def _figure(
-    path: Path, bank: IntensityBank | FrameBank, curve: Curve, peak: Peak, *, dark: float | None, probe: str | None
-) -> Figure:
-    from markerseek.pictures import bank_figure
-    from markerseek.records.banks import FrameBank
-
-    known = bank.facts
-    return bank_figure(
-        bank.angles_deg,
-        curve.intensity.tolist(),
-        title=f"{path.name}{': ' if known.description else ''}{known.description}",
-        max_deg=peak.max_deg,
-        com_deg=peak.com_deg,
-        cen_deg=peak.cen_deg,
-        fwhm_deg=peak.fwhm_deg,
-        reference_deg=known.reference_angle_deg,
-        dark_level=dark,
-        image=runs.bank_image(bank, curve.strongest, probe=probe) if isinstance(bank, FrameBank) else None,
-    )
+def _title(path: Path, bank: IntensityBank | FrameBank) -> str:
+    known = bank.facts.description
+    return f"{path.name}{': ' if known else ''}{known}"
 
 
 _VERIFY_EXAMPLES = "Examples:\n\n  markerseek bank verify scan.hdf5\n\n  markerseek bank verify scan.hdf5 --json"
