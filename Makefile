@@ -84,8 +84,7 @@ docs: .venv/dev  ## make the documentation site in out/docs (warnings are errors
 	@echo "open out/docs/index.html"
 
 figures: .venv/dev  ## draw the pictures of README and map
-	$(BIN)/markerseek search --seed 1 --no-journal --plot --out docs/figures
-	rm docs/figures/search.html
+	$(BIN)/markerseek search --seed 1 --no-journal --plot --out docs/figures/search.png
 	$(BIN)/python docs/explanation/draw_map.py
 	$(BIN)/python docs/figures/draw_page.py
 

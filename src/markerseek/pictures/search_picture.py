@@ -70,9 +70,12 @@ def search_figure(
     curve.set_ylabel("intensity (envelope peak) " + ("[as recorded]" if image is None else "[counts]"))
     _draw_track(track, samples, estimate, start_deg=start_deg, known=known, confirmation=confirmation)
     if density is not None:
-        _draw_density(figure.add_subplot(columns[1, 0], sharex=curve), density, estimate, known=known)
+        posterior = figure.add_subplot(columns[1, 0], sharex=curve)
+        _draw_density(posterior, density, estimate, known=known)
     if image is not None:
         panel = figure.add_subplot(columns[:, 1])
+        # Its upper edge is that of the curve beside it.
+        panel.set_anchor("N")
         if b_mode is None:
             draw_image(panel, image)
         else:
@@ -85,6 +88,8 @@ def search_figure(
         which = "photoacoustic image" if confirmation is not None else "image of the last acquisition,"
         over = "" if b_mode is None else " over B-mode"
         panel.set_title(f"{which} at {last.angle_deg:.2f}°{over}", fontsize=10)
+    # The labels of the left column stand in one line, whatever the widths of the numbers beside them.
+    figure.align_ylabels([curve, *([] if density is None else [posterior]), track])
     shared_legend(figure, columns=4)
     return figure
 
