@@ -4,6 +4,8 @@ BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 COMPILE := .venv/bin/pip-compile --quiet --no-header --strip-extras --allow-unsafe --generate-hashes \
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --build-deps-for editable
+# With another list than pyproject.toml it adds no packages to build with; those lists name them.
+COMPILE_GROUPS = $(filter-out --build-deps-for editable,$(COMPILE))
 TESTS ?= tests
 # Of all tests in real time, those of `faults` keep leases of a tenth of a second, and have the computer for themselves;
 # the others mostly wait, and share it: the longest come first.
@@ -11,7 +13,7 @@ WATCHED := $(if $(filter tests,$(TESTS)),tests/system tests/page tests/igtl test
 BENCH ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo page test check bench faults failures kills mutants peers ros2 setup docs figures lock clean
+.PHONY: help demo page test check bench faults failures kills mutants peers ros2 setup docs figures dist wheel release lock clean
 
 help:  ## list these commands
 	@awk -F ':.*## ' '/^[a-z0-9]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -36,11 +38,12 @@ test: .venv/dev  ## run every test
 	$(if $(WATCHED),$(BIN)/python -m pytest -n 2 --dist load --maxschedchunk 1 -m real_time $(WATCHED))
 	$(BIN)/python -m pytest -m real_time $(addprefix --ignore=,$(WATCHED)) $(TESTS) || test $$? -eq 5
 
-check: .venv/dev  ## look for faults without running: lint, format, types, import contracts
+check: .venv/dev  ## look for faults without running: lint, format, types, import contracts, habits of scientific Python
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m repo_review --show errskip .
 
 bench: .venv-bench/ready  ## time the kernels side by side with other people's programs
 	.venv-bench/bin/python -m benchmarks $(BENCH)
@@ -83,20 +86,37 @@ docs: .venv/dev  ## make the documentation site in out/docs (warnings are errors
 	$(BIN)/python -m sphinx -W --keep-going -q -E -b html docs out/docs
 	@echo "open out/docs/index.html"
 
-figures: .venv/dev  ## draw the pictures of README and map
+figures: .venv/dev  ## draw the pictures of README, map and gallery
 	$(BIN)/markerseek search --seed 1 --no-journal --plot --out docs/figures/search.png
 	$(BIN)/python docs/explanation/draw_map.py
 	$(BIN)/python docs/figures/draw_page.py
+	$(BIN)/python docs/gallery/draw.py
+
+# pip-compile knows extras and no dependency groups: those are written out for it first.
+RUN_EXTRAS := $(addprefix --extra ,plot records devices igtl page vision)
+UPGRADE ?= --upgrade
+
+dist: .venv/dev  ## make wheel and source distribution in out/dist
+	rm -rf out/dist
+	$(BIN)/python -m build --no-isolation --outdir out/dist .
+
+wheel: dist  ## make them, and try the wheel alone on each Python that is here
+	$(BIN)/python release/try_wheel.py out/dist
+
+CHECKS ?= check test docs wheel
+release: .venv/dev  ## make the release VERSION in out/release: checks, tests, wheel, bill of materials, notes, commit, tag
+	$(BIN)/python release/release.py "$(VERSION)" --checks "$(CHECKS)"
 
 lock: .venv/dev  ## pin the versions again, after a change in pyproject.toml
-	$(PIP) install pip-tools
-	$(COMPILE) --upgrade --extra plot --extra records --extra devices --extra igtl --extra page --extra vision -o requirements/run.txt pyproject.toml
-	$(BIN)/python requirements/without_tools.py requirements/run.txt
+	$(PIP) install pip-tools dependency-groups
+	mkdir -p out && for group in dev bench; do $(BIN)/python -m dependency_groups $$group -o out/$$group.in; done
+	$(COMPILE) $(UPGRADE) $(RUN_EXTRAS) -o requirements/run.txt pyproject.toml
 	$(COMPILE) --extra plot -c requirements/run.txt -o requirements/demo.txt pyproject.toml
-	$(COMPILE) --extra plot --extra check --extra test --extra cluster --extra records --extra devices --extra igtl --extra page --extra vision --extra notebook --extra optimizers --extra docs --extra faults -c requirements/run.txt -o requirements/dev.txt pyproject.toml
-	$(COMPILE) --extra bench -c requirements/run.txt -o requirements/bench.txt pyproject.toml
-	$(filter-out --build-deps-for editable,$(COMPILE)) -c requirements/dev.txt -o requirements/peers.txt requirements/peers.in
-	$(filter-out --build-deps-for editable,$(COMPILE)) -c requirements/dev.txt -o requirements/ros2.txt requirements/ros2.in
+	$(COMPILE_GROUPS) $(RUN_EXTRAS) --extra cluster --extra notebook --extra optimizers -c requirements/run.txt -o requirements/dev.txt pyproject.toml out/dev.in
+	$(COMPILE_GROUPS) -c requirements/run.txt -o requirements/bench.txt pyproject.toml out/bench.in
+	$(COMPILE_GROUPS) -c requirements/dev.txt -o requirements/peers.txt requirements/peers.in
+	$(COMPILE_GROUPS) -c requirements/dev.txt -o requirements/ros2.txt requirements/ros2.in
+	@echo "then, in the new environment: python release/licences.py > docs/reference/licences.md"
 
 clean:  ## remove the environment and everything made
 	rm -rf .venv .venv-bench .venv-peers .venv-ros out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

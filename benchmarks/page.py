@@ -72,7 +72,7 @@ def delays_s(page: Served, lines: list[tuple[float, str]]) -> list[float]:
     written: dict[str, float] = {}
     for journal in page.journals():
         held = read_journal(journal, frames=False)
-        state = SnapshotBuilder(held.configuration, believes=False)
+        state = SnapshotBuilder(held.configuration)
         for entry in held.entries:
             snapshot = state.add(entry.event, clock_s=entry.clock_s)
             if snapshot.phase == "measured":

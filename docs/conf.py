@@ -6,6 +6,7 @@ import re
 import sys
 from contextlib import suppress
 from importlib import import_module
+from pathlib import Path
 from types import FunctionType
 
 import typer
@@ -19,6 +20,10 @@ from typer.cli import get_docs_for_click
 
 import markerseek
 from markerseek.cli.app import app as commands
+
+# A module beside this file.
+sys.path.insert(0, str(Path(__file__).parent))
+import settings_tables
 
 project = "markerseek"
 author = "the markerseek authors"
@@ -45,7 +50,9 @@ nitpick_ignore_regex = [("py:class", r".*_AnyArray|np\.ndarray|'[a-z ]+'")]
 
 def _filled_in(_app: Sphinx, page: str, source: list[str]) -> None:
     """Put what the code says in the place of braces."""
-    text = source[0].replace("{commands}", _commands()) if page == "reference/commands" else source[0]
+    text = source[0]
+    for name, made in MADE.get(page, {}).items():
+        text = text.replace(f"{{{name}}}", made())
     source[0] = re.sub(r"^\{(markerseek[a-z.]*)\}$", lambda braces: _names(braces[1]), text, flags=re.MULTILINE)
 
 
@@ -54,6 +61,14 @@ def _commands() -> str:
     command = typer.main.get_command(commands)
     text = get_docs_for_click(obj=command, ctx=typer.Context(command, info_name="markerseek"), name="markerseek")
     return text.removeprefix("# `markerseek`")
+
+
+MADE = {
+    "reference/commands": {"commands": _commands},
+    "reference/rig-file": {"bench rig": settings_tables.bench_rig, "simulated rig": settings_tables.simulated_rig},
+    "reference/study-file": {"study": settings_tables.study},
+}
+"""What is put into pages in the place of which braces."""
 
 
 def _names(package: str) -> str:

@@ -57,11 +57,11 @@ class Emulation:
 
 @contextmanager
 def emulation(
-    folder: Path, *options: object, seed: int = 1, device: str = "bench", pace: float = 0.01
+    folder: Path, *options: object, seed: int = 1, device: str = "bench", pace: float = 0.01, text: str = WORLD
 ) -> Iterator[Emulation]:
     """Emulated devices in ``folder / "bench"``, in a world with one marker; killed at the end if they still run."""
     world, bench = folder / "world.toml", folder / "bench"
-    world.write_text(WORLD)
+    world.write_text(text)
     process = subprocess.Popen(
         markerseek("emulate", device, "--dir", bench, "--rig", world, "--seed", seed, "--pace", pace, *options),
         stdin=subprocess.PIPE,

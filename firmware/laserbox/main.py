@@ -7,12 +7,15 @@ byte for byte against the emulator. `main` gives it pins, a serial line and a wa
 
 LEASE_MS = 100
 IDENTITY = "laserbox1"
-VERSION = 1
-METERED_VERSION = 2  # of a board with a light meter
+VERSION = 3
+METERED_VERSION = 4  # of a board with a light meter
 LINE_BYTES = 80
 MAX_PULSES = 1024
 MAX_RATE_HZ = 1000
 MAX_EXPIRY_MS = 60000
+MAX_SWEEP_PULSES = 10000
+MIN_PERIOD_US = 2000  # each pulse of a sweep is told before the next is fired
+MAX_PERIOD_US = 10000000
 MAX_COUNT = 2147483647
 MAX_PULSES_PER_MINUTE = 6000  # what 100 Hz gives without a pause; change it with the laser safety officer only
 LIGHT_LATE_US = 1000  # longest time from a trigger to its light; the photodiode is read after it
@@ -47,6 +50,14 @@ def line_of_bytes(data):
     return data + "*{:04X}\n".format(crc16(data)).encode()
 
 
+ARGUMENTS = {"HELLO": 0, "PERMIT": 5, "SWEEP": 4, "TIME": 1, "BEAT": 1, "FIRE": 1, "DISARM": 0}
+
+
+def period_of(rate_hz):
+    """Time between two triggers, rounded to microseconds."""
+    return (2000000 + rate_hz) // (2 * rate_hz)
+
+
 def number(word):
     """Whole number of a word from 0 to MAX_COUNT, or None."""
     if not 1 <= len(word) <= 10:
@@ -70,6 +81,9 @@ class Box:
 
     A permit is leave for light. A train is what goes to the acquisition: it is completed at the same rate, without
     light, when the permit is taken away, so that an acquisition that counts triggers never waits for the rest.
+
+    Permit and train are a token, pulses, the time between two in us, triggers, and whether it is that of a sweep, whose
+    pulses are stamped one by one.
     """
 
     def __init__(self, trigger, photodiode, interlock_closed, light=None):
@@ -94,6 +108,8 @@ class Box:
         self.seen_before = 0
         self.light_before = 0
         self.last_trigger_us = 0
+        self.untold = None  # stamp of the last pulse of a sweep, and the photodiode's count before it
+        self.dark_told = True
         self.fired = []  # second and pulses, of the last minute
 
     def advance(self, now_us):
@@ -127,9 +143,11 @@ class Box:
             self.permit = None
         if self.train is None:
             return
+        self._tell_light()
         if self.triggers < self.train[3]:
             if self.due_us <= self.now_us:
                 self._pull()
+                self._tell_light()
         elif self.now_us >= self.last_trigger_us + LIGHT_LATE_US:
             seen = self.photodiode() - self.seen_before
             done = "DONE {} {} {}".format(self.train[0], self.sent, seen)
@@ -137,6 +155,18 @@ class Box:
                 done += " {}".format(min(self.light() - self.light_before, MAX_COUNT))
             self.said += line_of(done)
             self.train = None
+
+    def _tell_light(self):
+        """Tell the last pulse of a sweep once its light has been seen, and once the last of all."""
+        if self.untold is not None and self.now_us >= self.last_trigger_us + LIGHT_LATE_US:
+            stamp_us, before = self.untold
+            self.untold = None
+            self.said += line_of(
+                "PULSE {} {} {} {}".format(self.train[0], self.sent, stamp_us, self.photodiode() - before)
+            )
+        if self.permit is None and self.untold is None and not self.dark_told:
+            self.dark_told = True
+            self.said += line_of("DARK {} {} {}".format(self.train[0], self.sent, self.photodiode() - self.seen_before))
 
     def _interlock_open(self):
         """Whether the interlock is open, or was since the last call."""
@@ -158,29 +188,41 @@ class Box:
         words = line[:star].decode().split(" ")
         verb = words[0]
         numbers = [number(word) for word in words[1:]]
-        if None in numbers or len(numbers) != {"HELLO": 0, "PERMIT": 5, "BEAT": 1, "FIRE": 1, "DISARM": 0}.get(verb):
+        if None in numbers or len(numbers) != ARGUMENTS.get(verb):
             return "FORM"
         if verb == "HELLO":
-            if self.train is not None:
-                return "BUSY"
-            self.permit = None
-            self.last_step = 0
-            version = VERSION if self.light is None else METERED_VERSION
-            self.said += line_of(
-                "OK HELLO {} {} {} {} {}".format(IDENTITY, version, LEASE_MS, self.last_token, self._seen())
-            )
-        elif verb == "PERMIT":
+            return self._greet()
+        if verb == "PERMIT":
             return self._take_permit(*numbers)
-        elif verb == "BEAT":
-            if numbers[0] <= self.last_step:
-                return "STEP"
-            self.last_step = numbers[0]
-            self.lease_ends_us = self.now_us + 1000 * LEASE_MS
-        elif verb == "FIRE":
+        if verb == "SWEEP":
+            return self._take_sweep(*numbers)
+        if verb == "BEAT":
+            return self._renew(numbers[0])
+        if verb == "FIRE":
             return self._fire(numbers[0])
+        if verb == "TIME":
+            self.said += line_of("OK TIME {} {}".format(numbers[0], self.now_us & MAX_COUNT))
         else:
             self.permit = None
             self.said += line_of("OK DISARM")
+        return None
+
+    def _greet(self):
+        if self.train is not None:
+            return "BUSY"
+        self.permit = None
+        self.last_step = 0
+        version = VERSION if self.light is None else METERED_VERSION
+        self.said += line_of(
+            "OK HELLO {} {} {} {} {}".format(IDENTITY, version, LEASE_MS, self.last_token, self._seen())
+        )
+        return None
+
+    def _renew(self, step):
+        if step <= self.last_step:
+            return "STEP"
+        self.last_step = step
+        self.lease_ends_us = self.now_us + 1000 * LEASE_MS
         return None
 
     def _take_permit(self, token, pulses, rate_hz, expiry_ms, triggers):
@@ -193,6 +235,21 @@ class Box:
             and 1000 * triggers <= rate_hz * MAX_EXPIRY_MS
         ):
             return "FORM"
+        return self._permit("PERMIT", (token, pulses, period_of(rate_hz), triggers, False), expiry_ms)
+
+    def _take_sweep(self, token, pulses, period_us, expiry_ms):
+        if not (
+            token >= 1
+            and 1 <= pulses <= MAX_SWEEP_PULSES
+            and MIN_PERIOD_US <= period_us <= MAX_PERIOD_US
+            and 1 <= expiry_ms <= MAX_EXPIRY_MS
+            and pulses * period_us <= 1000 * MAX_EXPIRY_MS
+        ):
+            return "FORM"
+        return self._permit("SWEEP", (token, pulses, period_us, pulses, True), expiry_ms)
+
+    def _permit(self, verb, permit, expiry_ms):
+        token, pulses = permit[:2]
         if self.train is not None:
             return "BUSY"
         if self._interlock_open():
@@ -202,10 +259,10 @@ class Box:
         if self._pulses_of_last_minute() + pulses > MAX_PULSES_PER_MINUTE:
             return "BUDGET"
         self.last_token = token
-        self.permit = (token, pulses, rate_hz, triggers)
+        self.permit = permit
         self.lease_ends_us = self.now_us + 1000 * LEASE_MS
         self.expires_us = self.now_us + 1000 * expiry_ms
-        self.said += line_of("OK PERMIT {} {}".format(token, self._seen()))
+        self.said += line_of("OK {} {} {}".format(verb, token, self._seen()))
         return None
 
     def _seen(self):
@@ -222,6 +279,7 @@ class Box:
             return "TOKEN"
         self.train = self.permit
         self.triggers = self.sent = 0
+        self.dark_told = not self.train[4]
         self.seen_before = self.photodiode()
         self.light_before = 0 if self.light is None else self.light()
         self.due_us = self.now_us
@@ -229,8 +287,10 @@ class Box:
         return None
 
     def _pull(self):
-        _token, pulses, rate_hz, triggers = self.train
+        _token, pulses, period_us, triggers, swept = self.train
         laser = self.permit is not None and self.triggers < pulses
+        if laser and swept:
+            self.untold = (self.now_us & MAX_COUNT, self.photodiode())
         self.trigger(laser)
         self.triggers += 1
         self.last_trigger_us = self.now_us
@@ -242,9 +302,8 @@ class Box:
             self.fired[-1][1] += 1
         if self.triggers >= triggers:
             self.permit = None
-        # a pulse that comes late by half a period puts off the others: never two in a burst
-        period_us = (2000000 + rate_hz) // (2 * rate_hz)
-        self.due_us = max(self.due_us + period_us, self.now_us + period_us // 2)
+        # a pulse that comes late by half a period puts off the others: never two in a burst; in a sweep any late one
+        self.due_us = max(self.due_us + period_us, self.now_us + (period_us if swept else period_us // 2))
 
 
 def main():

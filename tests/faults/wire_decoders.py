@@ -18,13 +18,22 @@ import numpy as np
 from pyigtl.messages import CRC64
 
 from markerseek.bridges.igtl.commands import is_command, read_request, search_request
-from markerseek.core import Clock, ConfigError, DeviceError, LaserError, Permit
+from markerseek.core import (
+    Clock,
+    ConfigError,
+    DeviceError,
+    LaserError,
+    Permit,
+    Pulse,
+    SweepPermit,
+    is_finite,
+)
 from markerseek.drivers import Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
 from markerseek.drivers.picolas import PicolasLaser
 from markerseek.emulators import DirectPort
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.emulators.laserbox import EmulatedLaserBox
-from markerseek.sim import VirtualClock
+from markerseek.sim import Flash, VirtualClock
 from markerseek.wire import apt, igtl, laserbox
 from markerseek.wire.apt_frames import CONTROLLER, TO_CONTROLLER, AptFramer
 from markerseek.wire.port import Port
@@ -122,6 +131,30 @@ def _use_laser_box(port: Port, clock: Clock) -> None:
     laser.disarm()
 
 
+def _use_laser_sweep(port: Port, clock: Clock) -> None:
+    laser = LaserBox(port=port, clock=clock)
+    permit = SweepPermit(
+        token="a",
+        angle_deg=0.0,
+        pulses=PULSES,
+        expires_s=clock.now_s() + 50.0,
+        to_deg=1.0,
+        slowest_deg_s=1.0,
+        fastest_deg_s=2.0,
+        period_s=0.05,
+    )
+    laser.begin_sweep(permit)
+    pulses: list[Pulse] = []
+    for _ in range(10):
+        clock.wait(0.025)
+        laser.beat()
+        pulses += laser.pulses()
+    fired = laser.end_sweep()
+    pulses += laser.pulses()
+    assert fired == len(pulses) <= PULSES
+    assert all(is_finite(pulse.at_s) and 0 <= pulse.sigma_s <= 1e-3 for pulse in pulses)
+
+
 def _use_picolas(port: Port, clock: Clock) -> None:
     laser = PicolasLaser(port=port, clock=clock)
     assert laser.fire(_permit(clock)) == PULSES
@@ -172,7 +205,7 @@ def _require_targets_inside(said: bytes) -> None:
 def _require_permits_as_permitted(said: bytes) -> None:
     for line in said.split(b"\n"):
         command = laserbox.decode_command(line)
-        if isinstance(command, laserbox.PermitPulses):
+        if isinstance(command, laserbox.PermitPulses | laserbox.PermitSweep):
             assert command.pulses <= PULSES
 
 
@@ -185,7 +218,8 @@ def _stage(clock: Clock) -> Port:
 
 
 def _box(clock: Clock) -> Port:
-    world: Any = SimpleNamespace(flash=lambda **_: None, angle_deg=0.0)
+    flash = Flash(at_s=0.0, pulses=1, energy=1.0)
+    world: Any = SimpleNamespace(flash=lambda **_: None, flashes=[flash], angle_deg=0.0)
     return DirectPort(device=EmulatedLaserBox(world=world, on_triggers=lambda _: None), clock=clock)
 
 
@@ -251,6 +285,10 @@ def _whole_lines() -> bytes:
         laserbox.Permitted(token=8, seen=16),
         laserbox.Done(token=8, sent=4, photodiode=4),
         laserbox.MeteredDone(token=8, sent=4, photodiode=4, light=80_000),
+        laserbox.SweepPermitted(token=9, seen=20),
+        laserbox.Stamped(token=9, number=1, stamp_us=2**31 - 1, photodiode=1),
+        laserbox.Dark(token=9, sent=1, photodiode=1),
+        laserbox.Time(number=3, clock_us=0),
         laserbox.Disarmed(),
         laserbox.Refusal(reason="BUSY"),
     )
@@ -301,6 +339,10 @@ WIRES: dict[str, tuple[Callable[[], bytes], Callable[[bytes], None]]] = {
     "kdc101": (_whole_of(_use_stage, _stage), _scripted(_use_stage, _require_targets_inside)),
     "laserbox": (_whole_of(_use_laser_box, _box), _scripted(_use_laser_box, _require_permits_as_permitted)),
     "laserbox-signed": (_whole_unsigned, _scripted(_use_laser_box, _require_permits_as_permitted, dress=_signed)),
+    "laserbox-sweep": (
+        _whole_of(_use_laser_sweep, _box),
+        _scripted(_use_laser_sweep, _require_permits_as_permitted),
+    ),
     "picolas": (_whole_of(_use_picolas, lambda _: AllIsWell()), _scripted(_use_picolas, _require_off_at_last)),
     "sonixdaq": (whole_folder, _read_folder),
 }

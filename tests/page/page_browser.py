@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from decimal import Context, Decimal
 from pathlib import Path
 
 import pytest
@@ -35,6 +36,15 @@ COLOURS = """canvas => { const c = canvas.getContext('2d');
 """How many different colours a canvas has, as a function of the browser."""
 
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt-get install chromium")
+
+
+def angle_of(result: dict) -> str:
+    """Pattern of the angle and its standard deviation on the page, from the result of the command."""
+    sigma = Decimal(result["sigma_deg"]).normalize(Context(prec=2))
+    # Two significant digits also where the second is a zero.
+    places = 1 - sigma.adjusted()
+    angle = f"{result['angle_deg']:.{places}f}".replace("-", "−")
+    return rf"{re.escape(angle)}°\s*± {re.escape(f'{sigma:.{places}f}')}°$"
 
 
 @dataclass

@@ -7,11 +7,11 @@ import re
 
 import pytest
 
-from tests.page.page_browser import needs_browser, sync_api
+from tests.page.page_browser import angle_of, needs_browser, sync_api
 
 pytestmark = [pytest.mark.real_time, needs_browser]
 
-STATUS, ANGLE = ".ms-status", ".ms-angle"
+STATUS, ANGLE = ".ms-status", ".ms-angles"
 
 
 def test_race_on_the_same_scene(opened, command_result):
@@ -26,10 +26,13 @@ def test_race_on_the_same_scene(opened, command_result):
     results = [command_result("--seed", "2", "--method", method) for method in ("posterior", "ternary")]
     assert watched.tab.locator(ANGLE).count() == len(results)
     for place, each in enumerate(results):
-        name = f"{each['method']}, seed 2"
-        angle = f"{each['angle_deg']:.3f}° ± {each['sigma_deg']:.3f}°"
-        watched.wait_for(f"{ANGLE} >> nth={place}", re.escape(angle))
-        watched.wait_for(f".ms-counts >> nth={place}", f"^{name}: {each['acquisitions']} acquisitions")
+        watched.wait_for(f"{ANGLE} >> nth={place}", angle_of(each))
+        said = f"{each['method']}, seed 2: {each['acquisitions']} acquisitions"
+        watched.wait_for(f".ms-panel-lane h2 >> nth={place}", ("^FIRST: " if place == 0 else "^") + said)
+    assert watched.tab.locator(".ms-leads").count() == 1
+    # On one axis of time: a line of each, and its name.
+    sync_api.expect(watched.tab.locator(".ms-panel-clock svg text", has_text="posterior, seed 2")).to_have_count(1)
+    sync_api.expect(watched.tab.locator(".ms-panel-clock svg text", has_text="ternary, seed 2")).to_have_count(1)
 
 
 def test_your_turn_by_keys(opened):
@@ -37,23 +40,28 @@ def test_your_turn_by_keys(opened):
     watched.tab.locator("body").click(position={"x": 4, "y": 790})
     for _ in range(3):
         watched.tab.keyboard.press("Shift+ArrowLeft")
-    watched.wait_for(".ms-foot .ms-note >> nth=0", r"turn to -15\.0")
+    watched.wait_for(".ms-angle", r"^−15\.0°$")
+    # The fan turns with the slider, before anything is measured.
+    sync_api.expect(watched.tab.get_by_label("probe from its end: aimed at −15.0°")).to_have_count(1)
     watched.tab.keyboard.press("Enter")
-    watched.wait_for(".ms-log", r"acquisition 1: -15\.0")
+    watched.wait_for(".ms-log", r"acquisition 1: −15\.0")
+    watched.tab.keyboard.press("Shift+ArrowRight")
+    sync_api.expect(watched.tab.get_by_label("probe from its end: aimed at −10.0°")).to_have_count(1)
+    watched.tab.keyboard.press("Shift+ArrowLeft")
     watched.press("It is here")
-    watched.wait_for(".ms-help", r"^You named -15\.0°, the marker is at -16\.69°: 1\.69° off, after 1 acquisition,")
+    watched.wait_for(".ms-angle", r"^−15\.0°$")
+    watched.wait_for(".ms-turn", r"^the marker is at −16\.69°: 1\.69° off$")
+    watched.wait_for(".ms-answer", "^after 1 acquisition,")
     watched.press("See the posterior do it")
     watched.tab.wait_for_url("**/?seed=2*")
-    watched.wait_for(STATUS, r"^found at -16\.", timeout_ms=120_000)
+    watched.wait_for(STATUS, r"^found at −16\.", timeout_ms=120_000)
 
 
 def wait_for_density(tab, *, drawn):
     """Wait until the area below the density is drawn in the chart, or nothing has its colour."""
-    script = """drawn => { const canvas = document.querySelector('.ms-panel-curve canvas');
-        const d = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data; let seen = 0;
-        for (let i = 0; i < d.length; i += 4)
-            seen += [86, 180, 233, 89].every((level, n) => Math.abs(d[i + n] - level) < 8);
-        return drawn ? seen > 1000 : seen === 0; }"""
+    script = """drawn => { const areas = document.querySelectorAll('.ms-panel-curve svg path[fill="#56b4e9"]');
+        const widths = Array.from(areas, each => each.getBoundingClientRect().width);
+        return drawn ? Math.max(0, ...widths) > 100 : Math.max(0, ...widths) === 0; }"""
     tab.wait_for_function(script, arg=drawn)
 
 
@@ -70,8 +78,17 @@ def test_replay_of_a_journal(opened, journal, shell):
     result = json.loads(shell("search", "--seed", "3", "--journal", journal, "--json")[1])
     watched = opened("/replay")
     watched.tab.get_by_label("recording").click()
-    watched.tab.get_by_role("option", name=journal.name).click()
-    watched.wait_for(ANGLE, f"^{result['angle_deg']:.3f}° ± {result['sigma_deg']:.3f}°$")
+    # The list says what the run has found, in which tissue, and with which seed.
+    found = f"found at {result['angle_deg']:.2f}°".replace("-", "−")
+    listed = watched.tab.get_by_role("option", name=re.compile(rf"{journal.name}: {found}; .*, seed 3"))
+    sync_api.expect(listed).to_have_count(1)
+    listed.click()
+    watched.wait_for(ANGLE, "^" + angle_of(result))
+    watched.tab.wait_for_url(f"**/replay?recording={journal.name}")
+    again = opened("/replay", f"&recording={journal.name}")
+    again.wait_for(ANGLE, "^" + angle_of(result))
+    unknown = opened("/replay", "&recording=nobody.journal")
+    unknown.wait_for(STATUS, "'nobody.journal' is no recording here")
     slider = watched.tab.locator(".ms-foot .q-slider__track-container").first
     slider.focus()
     for _ in range(3):
@@ -108,5 +125,5 @@ def test_replay_of_a_bank_is_a_search_on_it(opened, shell):
     watched.press("Search it")
     watched.wait_for(STATUS, "^(found at|unsure|not found|at bound|ambiguous)")
     expected = json.loads(shell("replay", "examples/simulated_scan.csv", "--json")[1])
-    watched.wait_for(ANGLE, "^" + re.escape(f"{expected['angle_deg']:.3f}°"))
+    watched.wait_for(ANGLE, r"^(best guess)?\s*" + angle_of(expected))
     assert watched.text(".ms-banner").startswith("REPLAYED")

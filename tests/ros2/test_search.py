@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -83,16 +83,16 @@ def test_a_rig_whose_nodes_are_killed_ends_the_search_and_serves_the_next_when_s
     quicker = rig.read_text().replace('driver = "ros2"', 'driver = "ros2"\ntimeout_s = 3.0', 1)
     rig.write_text(quicker.replace("[receiver]", "[receiver]\ntimeout_s = 3.0"))
     events = tmp_path / "events"
-    os.mkfifo(events)
     search = subprocess.Popen(
         [*MARKERSEEK, "search", "--rig", rig, "--arm", "--json", "--no-journal", "--events", str(events)],
         stdout=subprocess.PIPE,
         text=True,
         stdin=subprocess.DEVNULL,
     )
-    with events.open() as lines:
-        next(line for line in lines if '"kind":"measured"' in line and '"role":"search"' in line)
-        nodes.send_signal(signal.SIGKILL)
+    while not (events.exists() and b'"kind":"measured"' in events.read_bytes()):
+        assert search.poll() is None, search.communicate()[0]
+        time.sleep(0.05)
+    nodes.send_signal(signal.SIGKILL)
     answer = json.loads(search.communicate(timeout=200)[0])
     assert search.returncode == 1
     assert "node" in answer["error"]

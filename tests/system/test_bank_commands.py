@@ -19,6 +19,7 @@ import pytest
 
 from markerseek.records.banks import FrameBank, read_bank
 from markerseek.wire import sonixdaq
+from tests.unit.records.vantage_workspaces import write_workspace
 
 MARKERSEEK = (sys.executable, "-c", "from markerseek.cli import main; main()")
 
@@ -299,7 +300,7 @@ WRONG = [
     (("bank", "import", "good.csv", "b.hdf5", "--sampling-mhz", 4e7), "at most 1000; check the unit"),
     (("bank", "import", "good.csv", "b.hdf5", "--reference-deg", "nan"), "--reference-deg is nan"),
     (("bank", "export", "good.csv", "b.nrrd"), "must end in one of"),
-    (("bank", "export", "good.csv", "b.igs.mha"), "no frames to make images of"),
+    (("bank", "export", "good.csv", "b.igs.mha"), "intensities and no frames"),
     (("bank", "export", "good.csv", "b.csv", "--face-radius-mm", -1), "--face-radius-mm is -1"),
     (("frame", "a.b8", "--number", 3), "there is no frame 3, it holds 2"),
     (("frame", "a.b8", "--probe", "L3-8"), "--probe is for channel data"),
@@ -324,3 +325,23 @@ def test_wrong_usage_is_a_sentence_and_exit_2(shell, tmp_path, monkeypatch, word
     assert code == 2
     assert sentence in " ".join(err.split())
     assert "Traceback" not in err
+
+
+def test_a_verasonics_workspace_gives_the_answer_of_the_same_frames_as_npy(shell, scan, tmp_path):
+    bank = read_bank(scan)
+    frames = np.stack([bank.frame(index).samples for index in range(15)])
+    np.save(tmp_path / "frames.npy", frames)
+    write_workspace(
+        tmp_path / "run.mat", frames, connector=range(1, 129), spacing_mm=0.43, sound_speed_m_s=1540.0, last=4
+    )
+    answers = []
+    for name, words in (("frames.npy", ("--sampling-mhz", 40)), ("run.mat", ())):
+        place = tmp_path / f"{name}.hdf5"
+        code, out, err = shell(
+            "bank", "import", tmp_path / name, place, "--first-deg", -35, "--step-deg", 5, *words, "--json"
+        )
+        assert (code, json.loads(out)["angles"]) == (0, 15), err
+        answers.append(replayed(shell, place))
+    assert answers[0]["angle_deg"] == answers[1]["angle_deg"]
+    assert answers[0]["samples"] == answers[1]["samples"]
+    assert len(answers[1]["samples"]) > 3

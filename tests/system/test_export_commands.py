@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import h5py
 import numpy as np
 import pytest
 import SimpleITK as sitk  # noqa: N813 - the name that its users give it
@@ -101,3 +102,55 @@ def test_the_face_radius_places_the_images_or_is_reported_missing(shell, folder,
         key = "Seq_Frame0004_ImageToProbeTransform"
         assert not sitk.ReadImage(str(tmp_path / "a.igs.mha")).HasMetaDataKey(key)
         assert sitk.ReadImage(str(tmp_path / "b.igs.mha")).HasMetaDataKey(key)
+
+
+def require_zea(path, *, frames, samples, elements):
+    """The types and shapes that zea 0.1.8 asks for (``zea.data.spec``); zea itself takes a gigabyte to install."""
+    scan, pose = "tracks/track_0/scan", "metadata/probe_pose"
+    real = {
+        **{f"{scan}/{name}": () for name in ("sampling_frequency", "center_frequency", "demodulation_frequency")},
+        **{f"{scan}/{name}": (1,) for name in ("initial_times", "focus_distances", "polar_angles", "azimuth_angles")},
+        **{f"{scan}/{name}": (1, elements) for name in ("t0_delays", "tx_apodizations")},
+        f"{scan}/transmit_origins": (1, 3),
+        f"{scan}/sound_speed": (),
+        "probe/probe_geometry": (elements, 3),
+        f"{pose}/translation": (frames, 3),
+        f"{pose}/rotation": (frames, 3),
+        f"{pose}/start_time_offset": (),
+        f"{pose}/timestamps": (frames,),
+    }
+    with h5py.File(path) as file:
+        assert {name: (file[name].dtype, file[name].shape) for name in real} == {
+            name: (np.float32, shape) for name, shape in real.items()
+        }
+        data = file["tracks/track_0/data/raw_data"]
+        assert (data.dtype, data.shape) == (np.int16, (frames, 1, samples, elements, 1))
+        assert file[f"{pose}/rotation_representation"].asstr()[()] == "euler_xyz"
+        times = file[f"{pose}/timestamps"][()]
+        assert times[0] == 0
+        assert (np.diff(times) > 0).all()
+        assert not file[f"{scan}/tx_apodizations"][()].any()
+        assert "zea_version" in file.attrs
+
+
+def test_a_file_of_zea_is_imported_as_it_was_exported(shell, scan, tmp_path):
+    exported(shell, scan, tmp_path / "a.zea.hdf5")
+    require_zea(tmp_path / "a.zea.hdf5", frames=5, samples=2080, elements=128)
+    code, _, err = shell("bank", "import", tmp_path / "a.zea.hdf5", tmp_path / "b.hdf5")
+    assert code == 0, err
+    before, after = read_bank(scan), read_bank(tmp_path / "b.hdf5")
+    assert isinstance(before, FrameBank)
+    assert isinstance(after, FrameBank)
+    np.testing.assert_allclose(after.angles_deg, before.angles_deg, atol=6e-6)
+    for index in range(len(before.angles_deg)):
+        np.testing.assert_array_equal(after.frame(index).samples, before.frame(index).samples)
+    assert after.facts.sampling_hz == before.facts.sampling_hz
+    assert after.facts.pitch_m == pytest.approx(before.facts.pitch_m)
+    assert after.intensities == pytest.approx(before.intensities, rel=1e-3)
+
+
+def test_a_table_has_no_channels_for_zea(shell, tmp_path):
+    (tmp_path / "a.csv").write_text("angle_deg,intensity\n1,2\n2,3\n3,1\n")
+    code, _, err = shell("bank", "export", tmp_path / "a.csv", tmp_path / "a.zea.hdf5")
+    assert code == 2
+    assert "intensities and no frames" in " ".join(err.split())

@@ -14,6 +14,7 @@ from markerseek._version import __version__
 from markerseek.cli import (
     STOPPED_BY_USER,
     bank,
+    benchmark,
     calibrate,
     doctor,
     emulate,
@@ -61,6 +62,7 @@ _COMMANDS = {
     "track": track,
     "reproduce": reproduce,
     "study": study,
+    "benchmark": benchmark,
     "emulate": emulate,
     "doctor": doctor,
 }

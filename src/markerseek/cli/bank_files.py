@@ -36,8 +36,8 @@ def import_bank(
     source: Annotated[
         Path,
         typer.Argument(
-            help="Folder with a SonixDAQ folder (or .npy, .mat) per angle; CSV; .npy, .npz or .mat; IPASC HDF5; "
-            "journal of a search.",
+            help="Folder with a SonixDAQ folder (or .npy, .mat) per angle; CSV; .npy, .npz or .mat, also a Verasonics "
+            "workspace; HDF5 of IPASC or zea; journal of a search.",
             metavar="FROM",
         ),
     ],
@@ -146,9 +146,10 @@ EXPORT_EXAMPLES = (
     "Examples:\n\n"
     "  markerseek bank export scan.hdf5 scan.igs.mha\n\n"
     "  markerseek bank export scan.hdf5 scan.mcap\n\n"
+    "  markerseek bank export scan.hdf5 scan.zea.hdf5\n\n"
     "  markerseek bank export scan.hdf5 scan.csv"
 )
-SUFFIXES = (".igs.mha", ".mcap", ".csv")
+SUFFIXES = (".igs.mha", ".mcap", ".zea.hdf5", ".csv")
 
 Item = TypeVar("Item")
 
@@ -156,7 +157,7 @@ Item = TypeVar("Item")
 @with_values
 def export_bank(
     source: Annotated[Path, typer.Argument(help="Bank: IPASC HDF5, folder of frames, or CSV.", metavar="FROM")],
-    to: Annotated[Path, typer.Argument(help="New file: .igs.mha, .mcap or .csv.", metavar="TO")],
+    to: Annotated[Path, typer.Argument(help="New file: .igs.mha, .mcap, .zea.hdf5 or .csv.", metavar="TO")],
     table: TableOptions,
     probe: ProbeName = None,
     face_radius_mm: Annotated[
@@ -165,7 +166,7 @@ def export_bank(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write a bank's photoacoustic images (envelope) with the probe's angles for other programs."""
+    """Write a bank with the probe's angles for other programs: images (envelope), channel data (zea), intensities."""
     from markerseek.files import require_new
     from markerseek.records.banks import FrameBank, read_bank, require_whole
     from markerseek.records.exports import write_intensities
@@ -189,13 +190,17 @@ def export_bank(
         )
     elif kind == ".mcap":
         _write_log(to, bank, probe=probe, face_radius_mm=face_radius_mm)
-    elif isinstance(bank, FrameBank):
-        _write_sequence(to, bank, probe=probe, face_radius_mm=face_radius_mm)
+    elif not isinstance(bank, FrameBank):
+        raise ConfigError(f"{source}: it holds intensities and no frames; export it as .mcap or .csv")
+    elif kind == ".zea.hdf5":
+        _write_channels(to, bank, probe=probe, face_radius_mm=face_radius_mm)
     else:
-        raise ConfigError(f"{source}: it holds intensities and no frames to make images of; export it as .mcap or .csv")
+        _write_sequence(to, bank, probe=probe, face_radius_mm=face_radius_mm)
     count = len(bank.angles_deg)
     report = Report(
-        values=with_version(path=str(to), angles=count, images=isinstance(bank, FrameBank) and kind != ".csv"),
+        values=with_version(
+            path=str(to), angles=count, images=isinstance(bank, FrameBank) and kind in (".igs.mha", ".mcap")
+        ),
         shown=[f"{count} angles in {escape(str(to))}"],
     )
     Output(as_json=as_json).show(report)
@@ -223,6 +228,22 @@ def _write_sequence(to: Path, bank: FrameBank, *, probe: str | None, face_radius
     series = series_of(bank, facts=_facts(bank, probe, face_radius_mm))
     write_sequence(
         to, _shown(runs.bank_images(bank, probe=probe, order=series.order), len(series.order)), series=series
+    )
+
+
+def _write_channels(to: Path, bank: FrameBank, *, probe: str | None, face_radius_mm: float | None) -> None:
+    from markerseek.records.exports import series_of, write_zea
+
+    series = series_of(bank, facts=_facts(bank, probe, face_radius_mm))
+    preset = rigs.preset_of(bank, probe)
+    frames = _shown((bank.frame(index) for index in series.order), len(series.order))
+    write_zea(
+        to,
+        frames,
+        series=series,
+        array=preset.array,
+        band_hz=(preset.low_hz, preset.high_hz),
+        first_sample_s=-preset.trigger_offset_s,
     )
 
 

@@ -163,6 +163,7 @@ def _rig_toml(folder: Path, settings: SimulatedSettings, *, pace: float, plus: e
         f"""folder = {json.dumps(str(place / "daq"))}
 readout_s = {readout_s}
 frames = "triggered"
+sweep_period_s = {settings.receiver.frame_period_s}
 """
         if plus is None
         else f"""driver = "plus"
@@ -185,6 +186,7 @@ zero_deg = 0.0
 speed_deg_s = {settings.stage.speed_deg_s}
 acceleration_deg_s2 = {settings.stage.acceleration_deg_s2}
 approach_deg = {settings.stage.approach_deg}
+play_deg = {settings.stage.backlash_deg}
 begin_s = 5.0
 age_s = 1.0
 

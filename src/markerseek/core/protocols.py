@@ -99,9 +99,11 @@ class SweepingStage(Stage, Protocol):
     def acceleration_deg_s2(self) -> float:
         """Acceleration at both ends of a sweep, in degrees per second squared."""
 
-    @property
-    def play_deg(self) -> float:
-        """Largest play between encoder and probe where the angle falls, in degrees; 0 where there is none."""
+    def play_deg(self, forward: float) -> float:
+        """Largest play between encoder and probe in a sweep in that direction, 1 or -1, in degrees.
+
+        0 in the direction in which it approaches the angle of a single acquisition.
+        """
 
     def prepare_sweep(self, *, speed_deg_s: float) -> None:
         """Set the speed of a sweep; nothing moves."""
@@ -136,7 +138,7 @@ class SweepingLaser(Laser, Protocol):
 
     @property
     def sweep_period_s(self) -> float:
-        """Least time between two of its pulses, in seconds."""
+        """Least time between two of its pulses, in seconds; `ConfigError` says why this laser cannot sweep."""
 
     @property
     def delay_sigma_s(self) -> float:
@@ -172,7 +174,11 @@ class SweepingReceiver(Receiver, Protocol):
 
     @property
     def frame_period_s(self) -> float:
-        """Least time between two triggers that it can record, in seconds."""
+        """Least time between two triggers that it can record, in seconds; `ConfigError` says why it cannot sweep."""
+
+    @property
+    def sweep_readout_s(self) -> float:
+        """Time from the last trigger of a sweep to its frames, in seconds; 0 where they come while it turns."""
 
     def begin_sweep(self, permit: SweepPermit) -> None:
         """Get ready for one trigger after the other."""
@@ -180,8 +186,8 @@ class SweepingReceiver(Receiver, Protocol):
     def frames(self) -> Sequence[Frame]:
         """Frames that came since the last call, in the order of their triggers; none where it is read at the end."""
 
-    def end_sweep(self) -> Sequence[Frame]:
-        """The frames that have not been returned yet, after the last trigger."""
+    def end_sweep(self, *, pulses: int) -> Sequence[Frame]:
+        """The frames that have not been returned yet, of so many pulses in all; dark triggers may have followed."""
 
 
 @runtime_checkable

@@ -158,9 +158,10 @@ class Move:
         Raises `MoveError` if it reports an error, was switched off, homes, fell back on its way, or is where it cannot
         be. Raises `LimitError` if it is outside its travel range.
         """
-        return self._look()[0]
+        return self.look_dated()[0]
 
-    def _look(self) -> tuple[apt.Status, DatedPosition]:
+    def look_dated(self) -> tuple[apt.Status, DatedPosition]:
+        """As `look`, with the times between which it was taken."""
         status, reading = self._ask()
         if self._objection(status, reading) is not None:
             status, reading = self._ask()
@@ -184,16 +185,7 @@ class Move:
         """
         rules = self._rules
         heading = 1 if target > start else -1
-        self._corridor = (min(start, target), max(start, target))
-        self._last = (self._clock.now_s(), start)
-        self._from, self._begun_s = start, None
-        self._course = Course(
-            start=start,
-            heading=heading,
-            now_s=self._clock.now_s(),
-            acceleration=_TOO_FAST * rules.acceleration,
-            unsteady=max(rules.arrival, _UNSTEADY_COUNTS),
-        )
+        self.begin(target, start)
         longest_s = rules.longest_s(abs(target - start))
         aimed_s = advanced_s = looked_s = began_s = self._clock.now_s()
         ends_s, pause_s = began_s + longest_s, 0.0
@@ -202,7 +194,7 @@ class Move:
         farthest = farthest_aim = start
         settled: list[int] = []
         while True:
-            status, reading = self._look()
+            status, reading = self.look_dated()
             now_s = self._clock.now_s()
             # A target that is renewed late costs the stage that time twice: it brakes, and speeds up again.
             late_s = now_s - looked_s - pause_s
@@ -223,7 +215,7 @@ class Move:
                 here = min(status.position, self.look().position, key=lambda position: heading * position)
                 next_aim = target if heading * (target - here) <= rules.lead else here + heading * rules.lead
                 if next_aim != aim or not (status.moving or settled):
-                    self._aim(next_aim)
+                    self.aim(next_aim)
                 if heading * (next_aim - farthest_aim) > _STABLE_COUNTS:
                     # At the target before it may have come to rest, if this one is late.
                     farthest_aim, sent_s = next_aim, self._clock.now_s()
@@ -231,7 +223,20 @@ class Move:
             pause_s = self._pause_s(abs(target - status.position))
             self._clock.wait(pause_s)
 
-    def _aim(self, counts: int) -> None:
+    def begin(self, target: int, start: int) -> None:
+        """Take every reading from now on as one on the way from a place to another, in counts; nothing moves yet."""
+        self._corridor = (min(start, target), max(start, target))
+        self._last = (self._clock.now_s(), start)
+        self._from, self._begun_s = start, None
+        self._course = Course(
+            start=start,
+            heading=1 if target > start else -1,
+            now_s=self._clock.now_s(),
+            acceleration=_TOO_FAST * self._rules.acceleration,
+            unsteady=max(self._rules.arrival, _UNSTEADY_COUNTS),
+        )
+
+    def aim(self, counts: int) -> None:
         """Give a target, and let it go there only once the controller is known to have understood it."""
         for _ in range(_TRIES):
             question = apt.set_target(counts) + apt.ask_target()

@@ -79,10 +79,15 @@ def set_up(
         )
     # The driver approaches from one side itself: the controller's own overshoot could leave the travel range.
     no_backlash = apt.Counts(counts=0)
-    _write(line, "speed and acceleration", velocity, apt.set_velocity(velocity) + apt.ask_velocity(), apt.VELOCITY)
+    write_velocity(line, velocity)
     _write(line, "backlash", no_backlash, apt.set_backlash(no_backlash.counts) + apt.ask_backlash(), apt.BACKLASH)
     _write(line, "limits", limits, apt.set_limits(limits) + apt.ask_limits(), apt.LIMITS)
     return Connected(info=info, zero=zero, limits=limits, position=status.position)
+
+
+def write_velocity(line: AptLine, velocity: apt.Velocity) -> None:
+    """Write speed and acceleration of the moves that follow; `MoveError` if the controller does not keep them."""
+    _write(line, "speed and acceleration", velocity, apt.set_velocity(velocity) + apt.ask_velocity(), apt.VELOCITY)
 
 
 def _require_ready(status: apt.Status) -> None:

@@ -23,7 +23,7 @@ def acquired_frame(
         sequence=sequence,
         token=permit.token,
         pulses=pulses,
-        commanded_deg=permit.angle_deg,
+        commanded_deg=permit.commanded_deg,
         started_s=started_s,
         ended_s=clock.now_s(),
         energy=energy,

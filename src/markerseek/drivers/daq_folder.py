@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeAlias
 
@@ -67,9 +68,29 @@ class DaqFolder:
         ``pulses``: how many each must hold. Raises `AcquisitionError` if the files are not one acquisition of that many
         pulses.
         """
+        with self._refused():
+            samples, found = wire.averaged(self._files(names))
+        if found != pulses:
+            raise AcquisitionError(
+                f"sonixdaq: the files hold {found} pulses, {pulses} were triggered; they answer another trigger, or "
+                'the device is set to another number: set it to this one, and receiver.frames to "fixed" if it cannot '
+                "vary"
+            )
+        return samples
+
+    def read_singles(self, names: Collection[str], *, pulses: int) -> Int16[np.ndarray, "pulses channels samples"]:
+        """Samples of each pulse, all channels by element; refused as by `read`."""
+        with self._refused():
+            return wire.singles(self._files(names), pulses=pulses)
+
+    def _files(self, names: Collection[str]) -> Iterator[tuple[str, bytes]]:
+        return ((name, read_input(self._path / name, most_bytes=_MAX_BYTES)) for name in names)
+
+    @contextmanager
+    def _refused(self) -> Iterator[None]:
+        """Refuse files that cannot be read as one acquisition."""
         try:
-            read = ((name, read_input(self._path / name, most_bytes=_MAX_BYTES)) for name in names)
-            samples, found = wire.averaged(read)
+            yield
         except RecordError as error:
             raise AcquisitionError(f"sonixdaq: {error}") from error
         except FileNotFoundError as error:
@@ -78,13 +99,6 @@ class DaqFolder:
             ) from None
         except OSError as error:
             raise self._unreadable(error) from error
-        if found != pulses:
-            raise AcquisitionError(
-                f"sonixdaq: the files hold {found} pulses, {pulses} were triggered; they answer another trigger, or "
-                'the device is set to another number: set it to this one, and receiver.frames to "fixed" if it cannot '
-                "vary"
-            )
-        return samples
 
     def _unreadable(self, error: OSError) -> NotConnectedError:
         return NotConnectedError(

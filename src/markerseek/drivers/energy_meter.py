@@ -8,10 +8,21 @@ the scanner divides readings by it. Without that value the rig's answers are as 
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import cast
 
-from markerseek.core import ChannelFrame, ConfigError, Frame, Laser, NotConnectedError, Permit, Receiver
+from markerseek.core import (
+    ChannelFrame,
+    ConfigError,
+    Frame,
+    Laser,
+    NotConnectedError,
+    Permit,
+    Receiver,
+    SweepingReceiver,
+    SweepPermit,
+)
 from markerseek.drivers.entry import LaserSettings
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.plus import PlusReceiver
@@ -22,13 +33,20 @@ class EnergyMeter:
     """A receiver whose frames say the energy of their pulses.
 
     ``receiver``: the receiver itself. ``measured``: what the meter says of a frame that has come, in a unit of its own.
-    ``usual_energy``: what it says of a usual pulse; None leaves the header as it is.
+    ``usual_energy``: what it says of a usual pulse; None leaves the header as it is. ``of_trains``: whether it measures
+    whole trains of pulses only, and none of a sweep.
     """
 
     def __init__(
-        self, receiver: Receiver, *, measured: Callable[[Frame], float | None], usual_energy: float | None
+        self,
+        receiver: Receiver,
+        *,
+        measured: Callable[[Frame], float | None],
+        usual_energy: float | None,
+        of_trains: bool = False,
     ) -> None:
         self._receiver, self._measured, self._usual_energy = receiver, measured, usual_energy
+        self._of_trains = of_trains
         self._values: list[float] = []
 
     @property
@@ -46,9 +64,48 @@ class EnergyMeter:
 
     def acquire(self, permit: Permit) -> Frame:
         """Frame of the receiver, with the energy of its pulses in the header."""
-        frame = self._receiver.acquire(permit)
+        return self._with_energy(self._receiver.acquire(permit))
+
+    @property
+    def frame_period_s(self) -> float:
+        """As of the receiver; `ConfigError` if that, or the meter, cannot sweep."""
+        if self._of_trains:
+            raise ConfigError(
+                'this rig cannot sweep: energy_from = "photodiode" measures whole trains, and no single pulses; leave '
+                "laser.energy_from or --sweep out"
+            )
+        return self._sweeping.frame_period_s
+
+    @property
+    def sweep_readout_s(self) -> float:
+        """As of the receiver."""
+        return self._sweeping.sweep_readout_s
+
+    def begin_sweep(self, permit: SweepPermit) -> None:
+        """As of the receiver."""
+        self._sweeping.begin_sweep(permit)
+
+    def frames(self) -> Sequence[Frame]:
+        """Frames of the receiver, each with the energy of its pulse in the header."""
+        return [self._with_energy(frame) for frame in self._sweeping.frames()]
+
+    def end_sweep(self, *, pulses: int) -> Sequence[Frame]:
+        """As `frames`, those that are left."""
+        return [self._with_energy(frame) for frame in self._sweeping.end_sweep(pulses=pulses)]
+
+    @property
+    def _sweeping(self) -> SweepingReceiver:
+        # Of the class: an instance that is not set up for it says why by itself.
+        if not hasattr(type(self._receiver), "begin_sweep"):
+            raise ConfigError(
+                f"this rig cannot sweep: its receiver ({type(self._receiver).__name__}) only works with the probe at "
+                "rest; leave --sweep out"
+            )
+        return cast("SweepingReceiver", self._receiver)
+
+    def _with_energy(self, frame: Frame) -> Frame:
         # A dark frame has no pulse, whatever a meter says of it.
-        value = self._measured(frame) if permit.pulses else None
+        value = self._measured(frame) if frame.header.pulses else None
         if value is None:
             return frame
         self._values.append(value)
@@ -64,7 +121,10 @@ def metered(keys: LaserSettings, laser: Laser, receiver: Receiver, *, full_scale
     `NotConnectedError` if the laser box has no light meter.
     """
     measured = _measured_by(keys, laser, receiver, full_scale)
-    return receiver if measured is None else EnergyMeter(receiver, measured=measured, usual_energy=keys.usual_energy)
+    if measured is None:
+        return receiver
+    trains = keys.energy_from == "photodiode"
+    return EnergyMeter(receiver, measured=measured, usual_energy=keys.usual_energy, of_trains=trains)
 
 
 def _measured_by(

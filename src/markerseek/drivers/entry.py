@@ -141,6 +141,9 @@ class Opening(Protocol):
     def receiver(self) -> Receiver:
         """The rig's receiver, which is opened before the laser."""
 
+    def beat_with(self, beat: Callable[[], None]) -> None:
+        """Call this in each wait of the clock, too: so the control loop's own steps renew a device's lease."""
+
     def keep(self, opened: AbstractContextManager[OpenedT]) -> OpenedT:
         """Enter a context that is left when the rig is closed."""
 

@@ -7,13 +7,24 @@ is more than a few degrees ahead: a computer that dies leaves the stage there, a
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
-from markerseek.core import Clock, ConfigError, DeviceError, Interval, LimitError, MoveError, require_range
+from markerseek.core import (
+    Clock,
+    ConfigError,
+    DeviceError,
+    Interval,
+    LimitError,
+    MoveError,
+    StageReading,
+    fastest_sweep_deg_s,
+    require_range,
+)
 from markerseek.drivers._apt_line import AptLine
 from markerseek.drivers._kdc101_move import Move, MoveRules
-from markerseek.drivers._kdc101_setup import set_up
+from markerseek.drivers._kdc101_setup import set_up, write_velocity
+from markerseek.drivers._kdc101_sweep import SweepMove
 from markerseek.drivers.entry import Entry, Opening, StageSettings
 from markerseek.files import Line
 from markerseek.guard import Limits
@@ -47,6 +58,8 @@ class Kdc101Settings(
     approach_deg: float = 1.0
     """``approach_from`` and ``approach_deg``: side, by the probe's angle, from which every target is approached, and
     over what distance, in degrees: longer than the gears' play."""
+    play_deg: float = 0.1
+    """Largest play of the gears: by so much the probe may lag in a sweep away from the side of approach."""
     begin_s: float = 0.5
     """Time without motion after which it counts as stuck."""
     age_s: float = 0.3
@@ -58,6 +71,7 @@ class Kdc101Settings(
             ("speed_deg_s", 0.1, 25, "deg/s"),
             ("acceleration_deg_s2", 0.1, 25, "deg/s²"),
             ("approach_deg", 0.01, 5, "deg"),
+            ("play_deg", 0, 5, "deg"),
             ("begin_s", 0.1, 5, "s"),
             ("age_s", 0.01, 1, "s"),
         ):
@@ -177,7 +191,9 @@ class Kdc101Stage:
         self._usual = UP if settings.approach_from == "below" else DOWN
         self._pushed: int | None = None
         self._move: Move | None = None
-        velocity = apt.Velocity(
+        self._sweep: SweepMove | None = None
+        self._has_speed_of_sweep = False
+        self._velocity = velocity = apt.Velocity(
             acceleration=apt.acceleration_word(settings.acceleration_deg_s2),
             speed=apt.speed_word(settings.speed_deg_s),
         )
@@ -196,7 +212,7 @@ class Kdc101Stage:
             low=connected.limits.low,
             high=connected.limits.high,
             # As rounded to the controller's words, not as set: small accelerations are off by up to a third.
-            speed=velocity.speed / apt.SPEED_WORD * apt.COUNTS_PER_DEG,
+            speed=_counts_per_s(velocity),
             acceleration=velocity.acceleration / apt.ACCELERATION_WORD * apt.COUNTS_PER_DEG,
             # One count less, since the motor may be anywhere within the count that is read.
             lead=math.floor(moves.lead_deg * apt.COUNTS_PER_DEG) - 1,
@@ -237,7 +253,8 @@ class Kdc101Stage:
         that range. Raises `MoveError` if it does not arrive. Raises `DeviceTimeoutError` if it stops answering.
         """
         if angle_deg not in self.limits:
-            raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
+            raise self._outside(angle_deg)
+        self.end_sweep()
         here = self._readback()
         approach = plan_approach(
             angle_deg,
@@ -265,10 +282,78 @@ class Kdc101Stage:
         self.approach_reversed = approach.reversed
         return self._angle_of(here)
 
+    @property
+    def fastest_sweep_deg_s(self) -> float:
+        """Largest speed of a sweep, in degrees per second."""
+        return min(self._settings.speed_deg_s, fastest_sweep_deg_s(self.acceleration_deg_s2))
+
+    @property
+    def acceleration_deg_s2(self) -> float:
+        """Acceleration as the controller keeps it, in degrees per second squared."""
+        return self._velocity.acceleration / apt.ACCELERATION_WORD
+
+    def play_deg(self, forward: float) -> float:
+        """Largest play in a sweep in that direction: none where the gears push as in the approach of a target."""
+        return 0.0 if forward == self._usual else self._settings.play_deg
+
+    def prepare_sweep(self, *, speed_deg_s: float) -> None:
+        """Set the speed of a sweep, and read it back.
+
+        The next start sets that of moves again, if this program dies meanwhile. Raises `MoveError` if the controller
+        does not keep it. Raises `DeviceTimeoutError` if it does not answer in time.
+        """
+        velocity = replace(self._velocity, speed=apt.speed_word(speed_deg_s))
+        # Noted first: half of a write may have reached it.
+        self._has_speed_of_sweep = True
+        write_velocity(self._line, velocity)
+        self._sweep_rules = replace(self._rules, speed=_counts_per_s(velocity))
+
+    def begin_sweep(self, to_deg: float) -> None:
+        """Begin to turn there; refused by `LimitError` as `move_to`."""
+        if to_deg not in self.limits:
+            raise self._outside(to_deg)
+        # Not read again where it is known: the first reading of the sweep must come soon, and is compared with it.
+        start = self._readback() if self._rest is None else self._rest
+        self._rest = self._pushed = None
+        self._sweep = SweepMove(
+            line=self._line, clock=self._clock, rules=self._sweep_rules, target=self._counts_of(to_deg), start=start
+        )
+        self._move = self._sweep.move
+
+    def read_sweep(self) -> StageReading:
+        """Where it is, with the times of question and answer; gives it a target at most some degrees ahead.
+
+        Raises `MoveError` if it is where a sound stage cannot be, or reports an error. Raises `LimitError` if it left
+        its travel range. Raises `DeviceTimeoutError` if it does not answer in time.
+        """
+        if self._sweep is None:
+            raise MoveError("the stage does not sweep: it was stopped; begin the sweep again")
+        reading = self._sweep.read()
+        return StageReading(
+            angle_deg=self._angle_of(reading.counts), asked_s=reading.asked_s, answered_s=reading.answered_s
+        )
+
+    def brake(self) -> None:
+        """Begin to brake, with its acceleration."""
+        if self._sweep is not None:
+            self._sweep.brake()
+
+    def end_sweep(self) -> None:
+        """Restore the speed of moves; raises as `prepare_sweep`."""
+        sweep, self._sweep, self._move = self._sweep, None, None
+        if sweep is not None:
+            self._rest = sweep.position
+            pushed = abs(sweep.position - sweep.start) >= self._settings.approach_deg * apt.COUNTS_PER_DEG
+            self._pushed = self._settings.sense * sweep.heading if pushed else None
+        if self._has_speed_of_sweep:
+            write_velocity(self._line, self._velocity)
+            self._has_speed_of_sweep = False
+
     def stop(self) -> None:
         """Stop at once, and check that it is at rest; allowed at any time, also twice.
 
-        Raises `MoveError` if it keeps moving. Raises `DeviceTimeoutError` if it does not report whether it moves.
+        After a sweep it has the speed of moves again. Raises `MoveError` if it keeps moving. Raises
+        `DeviceTimeoutError` if it does not report whether it moves.
         """
         ends_s = self._clock.now_s() + _STOP_S
         before: int | None = None
@@ -283,6 +368,7 @@ class Kdc101Stage:
                 raise MoveError("the stage was told to stop and keeps moving; cut its power")
             before = status.position if at_rest else None
             self._clock.wait(_STOP_AGAIN_S)
+        self.end_sweep()
         if self._rest is None or abs(status.position - self._rest) > _SAME_COUNTS:
             self._rest = self._pushed = None
 
@@ -297,6 +383,9 @@ class Kdc101Stage:
             self.stop()
         except DeviceError:
             return
+
+    def _outside(self, angle_deg: float) -> LimitError:
+        return LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
 
     def _readback(self) -> int:
         """Position in counts, read twice in a row: a garbled answer does not come twice."""
@@ -314,6 +403,10 @@ class Kdc101Stage:
     def _counts_of(self, angle_deg: float) -> int:
         """Nearest counts of an angle that are inside the travel range."""
         return min(max(self._zero + apt.counts_of(self._settings.sense * angle_deg), self._rules.low), self._rules.high)
+
+
+def _counts_per_s(velocity: apt.Velocity) -> float:
+    return velocity.speed / apt.SPEED_WORD * apt.COUNTS_PER_DEG
 
 
 def _require_wide(travel: Interval, *, approach_deg: float) -> None:

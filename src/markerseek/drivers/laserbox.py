@@ -1,25 +1,31 @@
 """Driver of the laser box (`markerseek.wire.laserbox`), which triggers laser and acquisition under a lease.
 
 While a permit is held, `beat` renews the lease; it counts the control loop's own steps and must be called from there,
-never from a timer. A clock that waits calls it (`markerseek.drivers.clock.SystemClock`).
+never from a timer. A clock that waits calls it (`markerseek.drivers.clock.SystemClock`). In a sweep it renews it only
+while the loop asks for the pulses often enough: a loop that waits for a silent stage has no light.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from typing import TypeGuard, TypeVar
 
 from markerseek.core import (
+    SWEEP_READING_S,
     Clock,
     ConfigError,
     DeviceTimeoutError,
     LaserError,
     NotConnectedError,
     Permit,
+    Pulse,
+    SweepPermit,
     require_range,
 )
+from markerseek.drivers._laserbox_answers import cure, require_known, stray_light
+from markerseek.drivers._laserbox_sweep import BoxSweep
 from markerseek.drivers.entry import Entry, LaserSettings, Opening
 from markerseek.files import Line
 from markerseek.wire import Port
@@ -30,9 +36,6 @@ _BEAT_S = 0.02
 
 _POLL_S = 0.002
 
-_MIN_LEASE_MS = 50
-"""Shortest lease in milliseconds that survives one lost beat."""
-
 _SPARE_S = 0.5
 """Time from the last pulse to the end of its permit, in seconds."""
 
@@ -41,20 +44,14 @@ _BUSY_POLL_S = 0.05
 _LONGEST_TRAIN_S = wire.MAX_EXPIRY_MS / 1e3 + 1
 """Longest time for which a box completes the triggers of an earlier firing, in seconds."""
 
-_MAX_TOKENS = wire.MAX_COUNT - 1_000_000
-"""Highest token that a box may have used before: enough are left for a session."""
+_TIME_S, _ROUND_TRIPS = 0.03, 6
+"""Longest time for an answer of the box's clock in a sweep, in seconds, and how often it is asked before one."""
+
+_DELAY_SIGMA_S = 5e-3
+"""Standard deviation of the delay that nobody knows between a stamp and the stage's readings, in seconds: the laser's
+own, and that of the controller's readout."""
 
 _Kind = TypeVar("_Kind", bound=wire.Reply)
-
-_CURES = {
-    "CRC": "a line was damaged on its way: check cable and earthing",
-    "FORM": "it does not know the command: check its firmware's version",
-    "TOKEN": "the permit is gone, by a lapsed lease or a restart of the box: arm and start again",
-    "STEP": "a beat came twice: does another program use it?",
-    "INTERLOCK": "the interlock is open: close it, then arm again",
-    "BUSY": "it still sends the triggers of another firing: does another program use it?",
-    "BUDGET": f"it sends at most {wire.MAX_PULSES_PER_MINUTE} pulses a minute: wait a minute, or average fewer",
-}
 
 
 class LaserBoxSettings(
@@ -105,6 +102,9 @@ class LaserBox:
         self._beaten_s = -math.inf
         self._holds_permit = False
         self._settled = False
+        self._version = self._seen = 0
+        self._sweep: BoxSweep | None = None
+        self._questions = 0
         self.metered = False
         self.light_per_pulse: float | None = None
         self._settle()
@@ -125,6 +125,7 @@ class LaserBox:
             raise LaserError(f"laser box: the permit {permit.token!r} was used before; nothing was fired")
         if not self._settled:
             self._settle()
+        self._finish_sweep(within_s=_LONGEST_TRAIN_S)
         left_s = permit.expires_s - self._clock.now_s()
         triggers = permit.pulses or self._dark_triggers
         needed_s = triggers / self._rate_hz
@@ -137,22 +138,112 @@ class LaserBox:
         # Used up before the first byte is sent: a permit whose firing failed half-way must never be tried again.
         self._used.add(permit.token)
         try:
-            return self._fire(permit.pulses, triggers, expiry_s=min(left_s, needed_s + _SPARE_S))
-        except BaseException:
-            self._settled = False
-            # If even this cannot be sent, the lease ends by itself; the first error is the one to report.
-            with suppress(NotConnectedError):
-                self._port.write(wire.encode(wire.Disarm()))
-            raise
+            with self._disarmed_by_errors():
+                return self._fire(permit.pulses, triggers, expiry_s=min(left_s, needed_s + _SPARE_S))
         finally:
             self._holds_permit = False
 
+    @property
+    def sweep_period_s(self) -> float:
+        """Least time between two pulses of a sweep; `ConfigError` if the box cannot sweep."""
+        if self._version not in (wire.SWEEP_VERSION, wire.METERED_SWEEP_VERSION):
+            raise ConfigError(
+                f"this rig cannot sweep: its laser box has version {self._version} of the protocol, which stamps no "
+                f"pulses, {wire.SWEEP_VERSION} is needed; load the firmware that came with this program, or leave "
+                "--sweep out"
+            )
+        return max(1 / self._rate_hz, wire.MIN_PERIOD_US / 1e6)
+
+    @property
+    def delay_sigma_s(self) -> float:
+        """Standard deviation of the delay of all stamps, in seconds."""
+        return _DELAY_SIGMA_S
+
+    def begin_sweep(self, permit: SweepPermit) -> None:
+        """Begin to fire single pulses, free-running; refused as by `fire`.
+
+        Raises `NotConnectedError` if the box still sends the dark triggers of the sweep before.
+        """
+        if permit.token in self._used:
+            raise LaserError(f"laser box: the permit {permit.token!r} was used before; nothing was fired")
+        left_s = permit.expires_s - self._clock.now_s()
+        if not left_s > 0:
+            raise LaserError(f"laser box: the permit {permit.token!r} has expired; nothing was fired")
+        self._used.add(permit.token)
+        with self._disarmed_by_errors():
+            if not self._settled:
+                self._settle(patience_s=0.0)
+            self._finish_sweep(within_s=0.0)
+            self._token += 1
+            now_s = self._clock.now_s()
+            sweep = BoxSweep(token=self._token, pulses=permit.pulses, heard_s=now_s, stepped_s=now_s)
+            for _ in range(_ROUND_TRIPS):
+                self._ask_time(sweep)
+            self._use_permit(
+                wire.PermitSweep(
+                    token=self._token,
+                    pulses=permit.pulses,
+                    # Rounded up: two pulses are never nearer than permitted.
+                    period_us=math.ceil(1e6 * permit.period_s - 1e-3),
+                    expiry_ms=math.floor(min(1e3 * left_s, wire.MAX_EXPIRY_MS)),
+                )
+            )
+            sweep.stepped_s = self._clock.now_s()
+            self._sweep = sweep
+
+    def pulses(self) -> Sequence[Pulse]:
+        """Pulses of the sweep since the last call.
+
+        Raises `LaserError` if one is missing or double, if the box has ended the light by itself, or if its clock
+        jumped. Raises `DeviceTimeoutError` if the box is silent.
+        """
+        sweep = self._sweep
+        if sweep is None:
+            return ()
+        with self._disarmed_by_errors():
+            sweep.stepped_s = self._clock.now_s()
+            if sweep.dark is None:
+                self._ask_time(sweep)
+                if not self._clock.now_s() - sweep.heard_s <= SWEEP_READING_S:
+                    raise DeviceTimeoutError("laser box: it fell silent in mid-sweep; check its cable and its power")
+            sweep.require_light()
+            return sweep.untold()
+
+    def end_sweep(self) -> int:
+        """End the light, and return how many pulses were fired, each of which has a stamp.
+
+        Raises `LaserError` if pulses sent, seen and stamped differ. Raises `DeviceTimeoutError` if the box does not
+        confirm it.
+        """
+        sweep = self._sweep
+        if sweep is None:
+            return 0
+        with self._disarmed_by_errors():
+            if sweep.ending:
+                return sweep.fired()
+            sweep.require_light()
+            sweep.ending = True
+            self._holds_permit = False
+            self._port.write(wire.encode(wire.Disarm()))
+            ends_s = self._clock.now_s() + self._answer_s
+            while not (sweep.disarmed and sweep.dark is not None):
+                if not self._clock.now_s() <= ends_s:
+                    raise DeviceTimeoutError("laser box: it does not confirm the end of the light; cut its power")
+                self._hear(sweep, within_s=_POLL_S)
+            fired = sweep.fired()
+            self._seen = (self._seen + fired) & wire.MAX_COUNT
+            return fired
+
     def beat(self) -> None:
         """Renew the lease if a permit is held and the last beat is old enough; call it often, from the control loop."""
-        if self._holds_permit and self._clock.now_s() - self._beaten_s >= _BEAT_S:
-            self._step += 1
-            self._beaten_s = self._clock.now_s()
-            self._port.write(wire.encode(wire.Beat(step=self._step)))
+        now_s = self._clock.now_s()
+        if not (self._holds_permit and now_s - self._beaten_s >= _BEAT_S):
+            return
+        if self._sweep is not None and not now_s - self._sweep.stepped_s <= SWEEP_READING_S:
+            return
+        self._step += 1
+        self._beaten_s = now_s
+        self._port.write(wire.encode(wire.Beat(step=self._step)))
 
     def disarm(self) -> None:
         """Take any permit away from the box.
@@ -161,45 +252,72 @@ class LaserBox:
         """
         # Beats end first, also if the line fails now: without a permit there is no lease to renew.
         self._holds_permit = False
+        if self._sweep is not None and not self._sweep.ending:
+            self._sweep, self._settled = None, False
         self._port.write(wire.encode(wire.Disarm()))
         self._skip_to(_answers_disarm, after="DISARM")
 
-    def _settle(self) -> None:
+    @contextmanager
+    def _disarmed_by_errors(self) -> Iterator[None]:
+        """Tell the box to disarm at any error, and begin anew with it after that."""
+        try:
+            yield
+        except BaseException:
+            self._settled = self._holds_permit = False
+            self._sweep = None
+            # If even this cannot be sent, the lease ends by itself; the first error is the one to report.
+            with suppress(NotConnectedError):
+                self._port.write(wire.encode(wire.Disarm()))
+            raise
+
+    def _ask_time(self, sweep: BoxSweep) -> None:
+        """Ask for the box's clock, and take all that it says until it has answered, or is late with it."""
+        self._questions += 1
+        number, asked_s = self._questions, self._clock.now_s()
+        sweep.asked_s[number] = asked_s
+        self._port.write(wire.encode(wire.AskTime(number=number)))
+        while number in sweep.asked_s and self._clock.now_s() - asked_s < _TIME_S:
+            self._hear(sweep, within_s=_TIME_S)
+
+    def _hear(self, sweep: BoxSweep, *, within_s: float) -> None:
+        """Take all that the box says until it pauses; the first of it may take that long."""
+        # A single byte, because a port waits for as many as it is asked for.
+        first = self._port.read(1, timeout_s=within_s)
+        now_s = self._clock.now_s()
+        for line in self._lines.feed(first + self._port.read(4096, timeout_s=0.0)):
+            sweep.hear(wire.decode_reply(line), now_s=now_s)
+
+    def _finish_sweep(self, *, within_s: float) -> None:
+        """Wait until the box has sent the dark triggers of the last sweep; `LaserError` if there was light in them."""
+        if self._sweep is None:
+            return
+        self._sweep, seen = None, self._seen
+        self._settle(patience_s=within_s)
+        if self._seen != seen:
+            raise stray_light(self._seen, seen)
+
+    def _settle(self, *, patience_s: float = _LONGEST_TRAIN_S) -> None:
         """Wait until an earlier firing's triggers have ended, and count tokens and light from there."""
-        greeting = self._greet()
+        greeting = self._greet(patience_s=patience_s)
         self.identity = greeting.identity
-        self.metered = greeting.version == wire.METERED_VERSION
+        self._version = greeting.version
+        self.metered = greeting.version in (wire.METERED_VERSION, wire.METERED_SWEEP_VERSION)
         self._token = greeting.last_token
         self._seen = greeting.seen
         self._step = 0
         self._settled = True
 
-    def _greet(self) -> wire.Greeting:
+    def _greet(self, *, patience_s: float) -> wire.Greeting:
         """Answer to HELLO, once the box has ended an earlier train; `NotConnectedError` if it does not fit."""
-        ends_s = self._clock.now_s() + _LONGEST_TRAIN_S
+        ends_s = self._clock.now_s() + patience_s
         while isinstance(greeting := self._hello(), wire.Refusal):
             if not self._clock.now_s() <= ends_s:
                 raise NotConnectedError(
-                    f"laser box: it still sends the triggers of an earlier firing after {_LONGEST_TRAIN_S:g} s; "
+                    f"laser box: it still sends the triggers of an earlier firing after {patience_s:g} s; "
                     "switch it off and on, or check its firmware"
                 )
             self._clock.wait(_BUSY_POLL_S)
-        if greeting.version not in (wire.VERSION, wire.METERED_VERSION):
-            raise NotConnectedError(
-                f"laser box: it has version {greeting.version} of the protocol, {wire.VERSION} or "
-                f"{wire.METERED_VERSION} is needed; "
-                "load the firmware that came with this program"
-            )
-        if not _MIN_LEASE_MS <= greeting.lease_ms <= wire.LEASE_MS:
-            raise NotConnectedError(
-                f"laser box: its lease is {greeting.lease_ms} ms, it must lie between {_MIN_LEASE_MS} and "
-                f"{wire.LEASE_MS} ms; set it in its firmware"
-            )
-        if greeting.last_token > _MAX_TOKENS:
-            raise NotConnectedError(
-                f"laser box: it has used the token {greeting.last_token}, and {wire.MAX_COUNT} is the last; switch it "
-                "off and on, or check its firmware"
-            )
+        require_known(greeting)
         return greeting
 
     def _hello(self) -> wire.Greeting | wire.Refusal:
@@ -223,26 +341,10 @@ class LaserBox:
             expiry_ms=math.floor(min(1e3 * expiry_s, wire.MAX_EXPIRY_MS)),
             triggers=triggers,
         )
-        # Replies of an earlier command must not be taken for the answer to this permit.
-        self._receive()
-        self._replies.clear()
-        self._port.write(wire.encode(ask))
-        answer = self._next(within_s=self._answer_s, after="PERMIT")
-        if not (isinstance(answer, wire.Permitted) and answer.token == self._token):
-            raise LaserError(f"laser box: {answer} answers the permit {self._token}; {_cure(answer)}")
-        if answer.seen != self._seen:
-            raise LaserError(
-                f"laser box: its photodiode counts {answer.seen} pulses of light since power-up, {self._seen} up to "
-                "the last firing: there was light without a permit, or the box was switched off and on; nothing "
-                "was fired; check the laser and its trigger line"
-            )
-        # A beat before FIRE: PERMIT began the lease, and the answer may have taken most of it.
-        self._holds_permit = True
-        self.beat()
-        self._port.write(wire.encode(wire.Fire(token=self._token)))
+        self._use_permit(ask)
         done = self._next(within_s=triggers / self._rate_hz + self._answer_s, after="FIRE")
         if not (isinstance(done, wire.Done) and done.token == self._token and self._is_measured(done)):
-            raise LaserError(f"laser box: {done} answers the firing of {self._token}; {_cure(done)}")
+            raise LaserError(f"laser box: {done} answers the firing of {self._token}; {cure(done)}")
         # The photodiode's count has 31 bits and wraps around.
         self._seen = (self._seen + done.photodiode) & wire.MAX_COUNT
         if not done.sent == done.photodiode == pulses:
@@ -253,6 +355,25 @@ class LaserBox:
         if isinstance(done, wire.MeteredDone) and pulses:
             self.light_per_pulse = done.light / pulses
         return done.photodiode
+
+    def _use_permit(self, ask: wire.PermitPulses | wire.PermitSweep) -> None:
+        """Get a permit, and fire under it."""
+        # Replies of an earlier command must not be taken for the answer to this permit.
+        self._receive()
+        self._replies.clear()
+        self._port.write(wire.encode(ask))
+        answer = self._next(within_s=self._answer_s, after=ask.head)
+        # Late answers to questions that were given up.
+        while isinstance(answer, wire.Time):
+            answer = self._next(within_s=self._answer_s, after=ask.head)
+        if not (isinstance(answer, wire.Permitted | wire.SweepPermitted) and answer.token == self._token):
+            raise LaserError(f"laser box: {answer} answers the permit {self._token}; {cure(answer)}")
+        if answer.seen != self._seen:
+            raise stray_light(answer.seen, self._seen)
+        # A beat before FIRE: PERMIT began the lease, and the answer may have taken most of it.
+        self._holds_permit = True
+        self.beat()
+        self._port.write(wire.encode(wire.Fire(token=self._token)))
 
     def _is_measured(self, done: wire.Done) -> bool:
         """Whether the answer has the number of the light meter if the box has one, and only then."""
@@ -292,18 +413,16 @@ def _answers_disarm(reply: wire.Reply) -> TypeGuard[wire.Disarmed]:
     return isinstance(reply, wire.Disarmed)
 
 
-def _cure(reply: wire.Reply) -> str:
-    return _CURES[reply.reason] if isinstance(reply, wire.Refusal) else "check its firmware"
-
-
 def _open(settings: LaserBoxSettings, opening: Opening) -> LaserBox:
-    return LaserBox(
+    box = LaserBox(
         port=opening.line,
         clock=opening.clock,
         rate_hz=settings.rate_hz,
         dark_triggers=opening.pulses,
         answer_s=settings.answer_s,
     )
+    opening.beat_with(box.beat)
+    return box
 
 
 ENTRY: Entry[LaserBoxSettings, LaserBox] = Entry(

@@ -24,9 +24,11 @@ from markerseek.core import (
     Clock,
     ConfigError,
     DeviceTimeoutError,
+    Frame,
     NotConnectedError,
     Permit,
     RecordError,
+    SweepPermit,
     require_range,
 )
 from markerseek.drivers._receivers import acquired_frame
@@ -55,6 +57,8 @@ class SonixDaqSettings(
     frames: Literal["triggered", "fixed"] = "fixed"
     """How many pulses it records: as many as it is triggered, or a fixed number. With ``triggered`` their number varies
     from acquisition to acquisition, so that a file shows which trigger it answers."""
+    sweep_period_s: float = 0.05
+    """Least time between two triggers of a sweep, each of which gives a frame of its own."""
     start_command: tuple[str, ...] | None = None
     """Program and arguments that prepare the device for a trigger; no shell is involved, and ``{frames}`` in them is
     replaced by the number of pulses to come. None: it is always ready."""
@@ -65,6 +69,7 @@ class SonixDaqSettings(
         super().__post_init__()
         for name in ("timeout_s", "readout_s", "start_timeout_s"):
             require_range(f"sonixdaq: {name}", getattr(self, name), low=0, high=600, unit="s", open_low=True)
+        require_range("sonixdaq: sweep_period_s", self.sweep_period_s, low=1e-3, high=10, unit="s")
         if not 0 <= self.stable_s < self.timeout_s:
             raise ConfigError(f"sonixdaq: stable_s is {self.stable_s} s, it must lie in [0, {self.timeout_s:g}) s")
         if self.start_command is not None and not (self.start_command and self.start_command[0]):
@@ -164,8 +169,7 @@ class SonixDaqReceiver:
         self._armed = None
         names, state = self._await_files(before)
         samples = self._folder.read(names, pulses=self._triggers(permit))
-        if self._folder.state() != state:
-            raise AcquisitionError("sonixdaq: the files changed while they were read; take the frame again")
+        self._require_unchanged(state)
         self._sequence += 1
         return acquired_frame(
             samples,
@@ -176,6 +180,62 @@ class SonixDaqReceiver:
             clock=self._clock,
             sampling_hz=self._settings.sampling_hz,
         )
+
+    @property
+    def frame_period_s(self) -> float:
+        """Least time between two triggers of a sweep; `ConfigError` if it records a fixed number of them."""
+        if not self._settings.varied:
+            raise ConfigError(
+                "this rig cannot sweep: its SonixDAQ records a fixed number of pulses, so that a trigger that is lost "
+                'or doubled would not show; have it record as many as it is triggered (receiver.frames = "triggered"), '
+                "or leave --sweep out"
+            )
+        return self._settings.sweep_period_s
+
+    @property
+    def sweep_readout_s(self) -> float:
+        """Longest time from the last trigger to the files."""
+        return self._settings.readout_s
+
+    def begin_sweep(self, permit: SweepPermit) -> None:
+        """Prepare for as many triggers as pulses are permitted, as `arm`: all are recorded as one acquisition."""
+        self.arm(permit)
+
+    def frames(self) -> Sequence[Frame]:
+        """None: the files come after the last trigger."""
+        return ()
+
+    def end_sweep(self, *, pulses: int) -> Sequence[Frame]:
+        """A frame for each pulse, from files that must hold as many triggers as pulses were permitted.
+
+        The laser box completes them without light: what follows the last pulse is dark, and is not returned. Raises as
+        `acquire`.
+        """
+        if self._armed is None or not isinstance(self._armed[0], SweepPermit):
+            raise AcquisitionError("sonixdaq: it was not armed for a sweep; arm it before firing")
+        permit, before, started_s = self._armed
+        self._armed = None
+        names, state = self._await_files(before)
+        samples = self._folder.read_singles(names, pulses=permit.pulses)
+        self._require_unchanged(state)
+        frames = [
+            acquired_frame(
+                each,
+                permit,
+                sequence=self._sequence + number,
+                pulses=1,
+                started_s=started_s,
+                clock=self._clock,
+                sampling_hz=self._settings.sampling_hz,
+            )
+            for number, each in enumerate(samples[:pulses], 1)
+        ]
+        self._sequence += len(frames)
+        return frames
+
+    def _require_unchanged(self, state: FolderState) -> None:
+        if self._folder.state() != state:
+            raise AcquisitionError("sonixdaq: the files changed while they were read; take the frame again")
 
     def _triggers(self, permit: Permit) -> int:
         """Number of triggers that the laser box sends under a permit."""

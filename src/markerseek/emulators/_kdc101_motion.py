@@ -112,7 +112,7 @@ class MotionControl:
         self._motor.halt()
         self._stage.offset = 0 if homed else self._stage.offset - self._stage.counts
         self._homed = homed
-        self._homing = self._error = False
+        self._homing = self._error = self._braking = False
         self._then_deg: float | None = None
         self._pending: tuple[float, float] | None = None
         self._frozen: int | None = None
@@ -172,13 +172,19 @@ class MotionControl:
         if self._motor.at_rest:
             self._arrive()
 
-    def stop(self) -> None:
-        """Stop at once, without deceleration."""
+    def stop(self, *, profiled: bool = False) -> None:
+        """Stop at once, without deceleration, or with the one that was set."""
         if self._fault("ignores stop") is None:
-            self._motor.halt()
+            if profiled:
+                motor, acceleration = self._motor, self._parameters.acceleration_deg_s2
+                motor.target_deg = motor.angle_deg + motor.speed_deg_s * abs(motor.speed_deg_s) / (2 * acceleration)
+            else:
+                self._motor.halt()
             self._pending = self._then_deg = None
             self._homing = False
-        self.events.append(STOPPED)
+        self._braking = not self._motor.at_rest
+        if not self._braking:
+            self.events.append(STOPPED)
 
     def set_counter(self, counts: int) -> None:
         """Set the position counter; nothing moves."""
@@ -230,7 +236,7 @@ class MotionControl:
             motor.high_deg = min(motor.high_deg, at_deg)
 
     def _begin(self, target_deg: float) -> None:
-        self._error = False
+        self._error = self._braking = False
         self._then_deg = None
         # As the device does it: downward moves overshoot and come back from below.
         backlash_deg = self._parameters.backlash_deg
@@ -248,7 +254,8 @@ class MotionControl:
             self._stage.offset -= self._stage.counts
             self.events.append(HOMED)
         else:
-            self.events.append(COMPLETED)
+            self.events.append(STOPPED if self._braking else COMPLETED)
+            self._braking = False
 
     def _end_by_error(self) -> None:
         self._motor.halt()

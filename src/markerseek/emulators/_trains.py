@@ -36,6 +36,15 @@ class Train:
         return replace(self, flash=flash, triggers=triggers)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweptTrain:
+    """The triggers of a sweep: a copy of the world, the light that came with the first of them, each at its angle."""
+
+    world: SimulatedWorld
+    flashes: tuple[Flash, ...]
+    triggers: int
+
+
 class Trains:
     """Trains of triggers in a simulated world, and the pulses that each gives.
 
@@ -47,13 +56,15 @@ class Trains:
         self._world, self._rng = world, rng
         self._flashes = len(world.flashes)
 
-    def begin(self, count: int) -> Train:
-        """A train of triggers at the present angle of the probe.
+    def begin(self, count: int) -> Train | SweptTrain:
+        """A train of triggers at the present angle of the probe, or at those of the flashes of a sweep.
 
         Where there were fewer pulses of light than triggers, as in a train cut short, the light came with the first.
         """
         new = self._world.flashes[self._flashes :]
         self._flashes = len(self._world.flashes)
+        if new and new[0].angle_deg is not None:
+            return SweptTrain(world=copy(self._world), flashes=tuple(new), triggers=count)
         # A shallow copy keeps its angle while the world's probe is turned further.
         return Train(world=copy(self._world), flash=new[-1] if new else None, triggers=count)
 
@@ -61,8 +72,10 @@ class Trains:
         """One trigger with light in a copy of the world, whose random numbers do not change."""
         return Train(world=deepcopy(self._world), flash=Flash(at_s=0.0, pulses=1, energy=1.0), triggers=1)
 
-    def pulses(self, train: Train) -> Int16[np.ndarray, "pulses channels samples"]:
+    def pulses(self, train: Train | SweptTrain) -> Int16[np.ndarray, "pulses channels samples"]:
         """Channel data of each trigger; pairs differ by opposite amounts, so that their average stays exact."""
+        if isinstance(train, SweptTrain):
+            return self._singles(train)
         averaged, count = self.average(train), train.triggers
         pulses = np.repeat(averaged[np.newaxis], count, axis=0)
         for pair in range(count // 2):
@@ -74,14 +87,28 @@ class Trains:
         return pulses
 
     @staticmethod
+    def _singles(train: SweptTrain) -> Int16[np.ndarray, "pulses channels samples"]:
+        """Channel data of each trigger of a sweep, with the probe where it was, and the noise of a single pulse."""
+        dark = Flash(at_s=train.flashes[-1].at_s, pulses=1, energy=0.0, angle_deg=train.world.angle_deg)
+        pulses = []
+        for flash in train.flashes + (dark,) * (train.triggers - len(train.flashes)):
+            train.world.angle_deg = train.world.angle_deg if flash.angle_deg is None else flash.angle_deg
+            pulses.append(_samples(train.world, flash, pulses=1))
+        return np.stack(pulses)
+
+    @staticmethod
     def average(part: Train) -> Int16[np.ndarray, "channels samples"]:
         """Average frame of a train; each part of a mixed acquisition has the noise of a whole one."""
-        # Only the samples are used; the driver makes the header that the guard checks.
-        header = FrameHeader(sequence=0, token="", pulses=part.triggers, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
         flash = part.flash
         if flash is not None and flash.pulses < part.triggers:
             flash = replace(flash, energy=flash.energy * flash.pulses / part.triggers)
-        frame = part.world.frame(flash, header=header)
-        if not isinstance(frame, ChannelFrame):
-            raise ConfigError("receiver: this world gives intensities only; emulate a world of frames")
-        return frame.samples
+        return _samples(part.world, flash, pulses=part.triggers)
+
+
+def _samples(world: SimulatedWorld, flash: Flash | None, *, pulses: int) -> Int16[np.ndarray, "channels samples"]:
+    # Only the samples are used; the driver makes the header that the guard checks.
+    header = FrameHeader(sequence=0, token="", pulses=pulses, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+    frame = world.frame(flash, header=header)
+    if not isinstance(frame, ChannelFrame):
+        raise ConfigError("receiver: this world gives intensities only; emulate a world of frames")
+    return frame.samples

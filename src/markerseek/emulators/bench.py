@@ -22,7 +22,7 @@ from markerseek.emulators.lines import PtyLine
 from markerseek.emulators.plus import EmulatedPlus
 from markerseek.emulators.sonixdaq import EmulatedSonixDaq
 from markerseek.rigs import draw_scene
-from markerseek.sim import SimulatedSettings, VirtualClock, World
+from markerseek.sim import CLOCK_DRIFT, SimulatedSettings, VirtualClock, World
 
 _TICK_S = 2e-3
 
@@ -63,6 +63,7 @@ class EmulatedBench:
             energy_jitter=settings.laser.energy_jitter,
             start_deg=settings.start_deg,
             rng=rng,
+            averaged=settings.laser.pulses,
         )
         # Child generators: draws per pulse must not shift the random numbers of the world, or seeds would not compare.
         apart, noise, light = rng.spawn(3)
@@ -77,8 +78,14 @@ class EmulatedBench:
                 world=self.world, folder=folder, rng=apart, readout_s=settings.receiver.readout_s, sdk=sdk
             )
         self.laser_box = EmulatedLaserBox(
-            world=self.world, on_triggers=self.daq.trigger, laser=settings.laser, rng=light
+            world=self.world, on_triggers=self.daq.trigger, laser=settings.laser, rng=light, moment=self._turned
         )
+        self.laser_box.faults.clock_drift = CLOCK_DRIFT
+
+    def _turned(self, now_s: float) -> float:
+        """Turn the probe to where it is at a time of the devices, and return that time."""
+        self.stage.turn(now_s)
+        return now_s
 
     def line(self, name: Literal["stage", "laser"], *, clock: Clock, link: Path) -> PtyLine:
         """A pseudo-terminal for one of the devices.
@@ -90,7 +97,10 @@ class EmulatedBench:
         """
         if name == "stage":
             return PtyLine(device=self.stage, clock=clock, link=link)
-        return PtyLine(device=self.laser_box, clock=ServingClock(clock), link=link)
+        serving = ServingClock(clock)
+        # The time of a pulse is the stage's: a box that was held up fires it later, where the probe is then.
+        self.laser_box.moment = lambda _: self._turned(serving.real_s)
+        return PtyLine(device=self.laser_box, clock=serving, link=link)
 
 
 class BenchClock(VirtualClock):
@@ -125,15 +135,16 @@ class ServingClock:
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
-        self._last_s = clock.now_s()
+        self.real_s = clock.now_s()
+        """Time of the clock at the last call of `now_s`."""
         self._now_s = 0.0
 
     def now_s(self) -> float:
         """Seconds since the clock was made, pauses left out."""
         now_s = self._clock.now_s()
         # A pause of this process would look like a stage that jumps and a lease that lapses.
-        self._now_s += min(now_s - self._last_s, _HELD_UP_S)
-        self._last_s = now_s
+        self._now_s += min(now_s - self.real_s, _HELD_UP_S)
+        self.real_s = now_s
         return self._now_s
 
     def wait(self, duration_s: float) -> None:

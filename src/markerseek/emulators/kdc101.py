@@ -32,6 +32,8 @@ from markerseek.sim import Fault
 from markerseek.wire import CONTROLLER, HOST, TO_CONTROLLER, AptFramer, AptMessage, apt
 
 _UPDATES_S = 0.1
+_PROFILED = 2
+"""Mode of MGMSG_MOT_MOVE_STOP in which the motor brakes with its deceleration."""
 _FIRMWARE = (4, 0, 3, 0)
 
 
@@ -146,6 +148,15 @@ class Kdc101Emulator:
             self._send_status(apt.STATUS)
         return self._out()
 
+    def turn(self, now_s: float) -> None:
+        """Turn the motor to where it is at that time; what the controller sends by itself waits for `advance`."""
+        self._motion.advance(now_s)
+
+    @property
+    def velocity(self) -> bytes:
+        """The parameters of speed and acceleration that it holds, as they were written."""
+        return self._stored[VELOCITY]
+
     def feed(self, data: bytes) -> bytes:
         """Receive bytes, and return the immediate answer."""
         for message in self._framer.feed(self._line.to_device(data, now_s=self._now_s)):
@@ -171,7 +182,7 @@ class Kdc101Emulator:
             0x0443: lambda _message: self._motion.go_home(),
             0x0448: self._move_by,
             0x0453: self._move,
-            0x0465: lambda _message: self._motion.stop(),
+            0x0465: lambda message: self._motion.stop(profiled=message.raw[3] == _PROFILED),
             0x046B: self._set_end_reports,
             0x046C: self._set_end_reports,
             0x0480: self._answer_status,

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -44,6 +45,26 @@ class LaserBoxFaults:
     """The box works and answers nothing."""
     light_late_us: int = 0
     """Time from a trigger to its light."""
+    clock_drift: float = 0.0
+    """By how much the clock of its stamps is fast, as a share."""
+    clock_step_us: int = 0
+    """By how much that clock is ahead."""
+    doubled_at: int = 0
+    """Number of the pulse of a sweep at which the laser gives two; 0: none."""
+
+
+_AnyPermit: TypeAlias = wire.PermitPulses | wire.PermitSweep
+
+
+def _triggers(train: _AnyPermit) -> int:
+    """Triggers of the acquisition in a train: that of a sweep is completed to what was permitted."""
+    return train.pulses if isinstance(train, wire.PermitSweep) else train.triggers
+
+
+def _period_us(train: _AnyPermit) -> int:
+    if isinstance(train, wire.PermitSweep):
+        return train.period_us
+    return (2_000_000 + train.rate_hz) // (2 * train.rate_hz)
 
 
 class EmulatedLaserBox:
@@ -52,7 +73,9 @@ class EmulatedLaserBox:
     ``on_triggers``: called at the end of a train with the number of triggers sent to the acquisition, those without
     light after a permit was taken away included. ``lease_ms``: at most `markerseek.wire.laserbox.LEASE_MS`.
     ``turn_us``: time between two turns of its loop. ``laser``: how the energy of an acquisition varies, and the noise
-    of the light meter; without one it is a box of version 1. ``rng``: source of randomness for both.
+    of the light meter, without which it has none. ``rng``: source of randomness for both. ``sweeps``: whether it knows
+    sweeps: without them it is of version 1, or 2 with a light meter. ``moment``: called with the box's time in seconds
+    at a stamp, turns the probe to where it is then, and returns what an ideal clock shows; None: the probe is there.
     """
 
     def __init__(
@@ -65,6 +88,8 @@ class EmulatedLaserBox:
         faults: LaserBoxFaults | None = None,
         laser: LaserSettings | None = None,
         rng: np.random.Generator | None = None,
+        sweeps: bool = True,
+        moment: Callable[[float], float] | None = None,
     ) -> None:
         if not 1 <= lease_ms <= wire.LEASE_MS:
             raise ConfigError(f"laser box: lease_ms is {lease_ms} ms, it must lie between 1 and {wire.LEASE_MS} ms")
@@ -76,10 +101,12 @@ class EmulatedLaserBox:
         self._on_triggers = on_triggers
         self._lease_us = 1000 * lease_ms
         self._turn_us = turn_us
-        self._now_us = 0
+        self._now_us = self._until_us = 0
         self._interlock_closed = True
         self._laser = laser or LaserSettings()
         self._rng = rng
+        self._sweeps = sweeps
+        self.moment = moment or float
         self.power_up()
 
     def power_up(self) -> None:
@@ -89,11 +116,14 @@ class EmulatedLaserBox:
         self._last_token = 0
         self._last_step = 0
         self._interlock_opened = False
-        self._permit: wire.PermitPulses | None = None
+        self._permit: _AnyPermit | None = None
         self._ends_us = self._expires_us = self._due_us = 0
-        self._train: wire.PermitPulses | None = None
+        self._train: _AnyPermit | None = None
         self._triggers = self._sent = self._seen_before = 0
         self._last_trigger_us = 0
+        self._untold: tuple[int, int] | None = None
+        """Stamp of the last pulse of a sweep, and the photodiode's count before it."""
+        self._dark_told = True
         self._fired: deque[tuple[int, int]] = deque()
         self._light_us: deque[int] = deque()
         """Times at which light of earlier triggers will come."""
@@ -122,7 +152,7 @@ class EmulatedLaserBox:
     def advance(self, now_s: float) -> bytes:
         """Advance to that time in seconds, and return the bytes sent; an earlier time changes nothing."""
         # Whole microseconds, as the firmware counts: sums of float seconds would depend on the size of the steps.
-        until_us = max(self._now_us, round(now_s * 1e6))
+        self._until_us = until_us = max(self._now_us, round(now_s * 1e6))
         while (turn_us := self._next_turn_us()) <= until_us:
             self._now_us = turn_us
             self._turn()
@@ -149,6 +179,8 @@ class EmulatedLaserBox:
             due_us.append(min(self._ends_us, self._expires_us))
         if self._train is not None:
             due_us.append(self._due_us if self._triggers < self._given else self._last_trigger_us + wire.LIGHT_LATE_US)
+            if self._untold is not None:
+                due_us.append(self._last_trigger_us + wire.LIGHT_LATE_US)
         if not due_us:
             return _NEVER_US
         return max(-(-min(due_us) // self._turn_us), self._now_us // self._turn_us + 1) * self._turn_us
@@ -162,16 +194,18 @@ class EmulatedLaserBox:
             self._void()
         if self._train is None:
             return
+        self._tell_light(self._train)
         if self._triggers < self._given:
             if self._due_us <= self._now_us:
                 self._trigger(self._train)
+                self._tell_light(self._train)
         elif self._now_us >= self._last_trigger_us + wire.LIGHT_LATE_US:
             self._end_train(self._train)
 
     @property
     def _given(self) -> int:
         """Triggers of the train: more than permitted if the counter is broken."""
-        return 0 if self._train is None else max(self._train.triggers, self._train.pulses + self.faults.extra_pulses)
+        return 0 if self._train is None else max(_triggers(self._train), self._train.pulses + self.faults.extra_pulses)
 
     def _interlock_open(self) -> bool:
         """Whether the interlock is open, or was since the last turn."""
@@ -196,8 +230,12 @@ class EmulatedLaserBox:
         match command:
             case wire.Hello():
                 return self._greet()
-            case wire.PermitPulses():
+            case wire.PermitSweep() | wire.AskTime() if not self._sweeps:
+                return wire.Refusal(reason="FORM")
+            case wire.PermitPulses() | wire.PermitSweep():
                 return self._take_permit(command)
+            case wire.AskTime(number=number):
+                return wire.Time(number=number, clock_us=self._clock_us())
             case wire.Beat(step=step):
                 return self._renew(step)
             case wire.Fire(token=token):
@@ -215,13 +253,24 @@ class EmulatedLaserBox:
         self._last_step = 0
         return wire.Greeting(
             identity=wire.EMULATOR,
-            version=wire.VERSION if self._laser.energy_meter_noise is None else wire.METERED_VERSION,
+            version=self._version,
             lease_ms=self._lease_us // 1000,
             last_token=self._last_token,
             seen=self._seen & wire.MAX_COUNT,
         )
 
-    def _take_permit(self, permit: wire.PermitPulses) -> wire.Reply:
+    @property
+    def _version(self) -> int:
+        if self._laser.energy_meter_noise is None:
+            return wire.SWEEP_VERSION if self._sweeps else wire.VERSION
+        return wire.METERED_SWEEP_VERSION if self._sweeps else wire.METERED_VERSION
+
+    def _clock_us(self) -> int:
+        """What its own clock shows."""
+        at_s = self.moment(self._now_us / 1e6)
+        return (round(1e6 * at_s * (1 + self.faults.clock_drift)) + self.faults.clock_step_us) & wire.MAX_COUNT
+
+    def _take_permit(self, permit: _AnyPermit) -> wire.Reply:
         if self._train is not None:
             return wire.Refusal(reason="BUSY")
         if self._interlock_open():
@@ -234,7 +283,8 @@ class EmulatedLaserBox:
         self._permit = permit
         self._ends_us = self._now_us + self._lease_us
         self._expires_us = self._now_us + 1000 * permit.expiry_ms
-        return wire.Permitted(token=permit.token, seen=self._seen & wire.MAX_COUNT)
+        answer = wire.SweepPermitted if isinstance(permit, wire.PermitSweep) else wire.Permitted
+        return answer(token=permit.token, seen=self._seen & wire.MAX_COUNT)
 
     def _pulses_of_last_minute(self) -> int:
         """Pulses sent in the last 60 s, counted by whole seconds: never too few, and at most one second too many."""
@@ -254,46 +304,77 @@ class EmulatedLaserBox:
             return wire.Refusal(reason="TOKEN")
         self._train = self._permit
         self._triggers = self._sent = 0
+        self._dark_told = not isinstance(self._train, wire.PermitSweep)
         self._seen_before = self._seen
         self._due_us = self._now_us
         self._turn()
         return None
 
-    def _trigger(self, train: wire.PermitPulses) -> None:
+    def _trigger(self, train: _AnyPermit) -> None:
         """Give one trigger to the acquisition, and to the laser while the permit holds and pulses are left."""
+        swept = isinstance(train, wire.PermitSweep)
         lit = self._permit is not None and self._triggers < train.pulses + self.faults.extra_pulses
         self._triggers += 1
         self._last_trigger_us = self._now_us
         if lit:
             self._sent += 1
             self._fired.append((self._now_us // 1_000_000, 1))
+            if swept:
+                self._untold = self._clock_us(), self._seen
+                self._flash_one()
             if not self.faults.laser_dead:
-                self._light_us.append(self._now_us + self.faults.light_late_us)
+                twice = swept and self._sent == self.faults.doubled_at
+                self._light_us.extend([self._now_us + self.faults.light_late_us] * (1 + twice))
                 self._shine()
         if self._triggers >= self._given:
             self._void()
-        # A pulse that is late by half a period delays the next ones, so that two never come in a burst.
-        period_us = (2_000_000 + train.rate_hz) // (2 * train.rate_hz)
-        self._due_us = max(self._due_us + period_us, self._now_us + period_us // 2)
+        # A pulse that is late by half a period delays the next ones, so that two never come in a burst. In a sweep any
+        # does, also one that is late because this process was held up.
+        period_us = _period_us(train)
+        self._due_us = max(
+            self._due_us + period_us, self._until_us + period_us if swept else self._now_us + period_us // 2
+        )
+
+    def _flash_one(self) -> None:
+        """Light the world by a pulse of a sweep, at the angle where the probe is now."""
+        if not self.faults.laser_dead:
+            self._light_world(pulses=1)
+            self._world.flashes[-1] = replace(self._world.flashes[-1], angle_deg=self._world.angle_deg)
+
+    def _tell_light(self, train: _AnyPermit) -> None:
+        """Tell the last pulse of a sweep once its light has been seen, and once the last of all."""
+        if self._untold is not None and self._now_us >= self._last_trigger_us + wire.LIGHT_LATE_US:
+            stamp_us, before = self._untold
+            self._untold = None
+            seen = self._seen - before
+            self._answer(wire.Stamped(token=train.token, number=self._sent, stamp_us=stamp_us, photodiode=seen))
+        if self._permit is None and self._untold is None and not self._dark_told:
+            self._dark_told = True
+            seen = self._seen - self._seen_before
+            self._answer(wire.Dark(token=train.token, sent=self._sent, photodiode=seen))
 
     def _void(self) -> None:
         """Void the permit: no light from now on; a train that has begun is completed without light."""
         self._permit = None
 
-    def _end_train(self, train: wire.PermitPulses) -> None:
+    def _light_world(self, *, pulses: int) -> None:
+        at_s = self._last_trigger_us / 1e6
+        self._world.flash(pulses=pulses, at_s=at_s)
+        vary_last_flash(
+            self._world,
+            spread=self._laser.energy_spread,
+            drift_per_min=self._laser.energy_drift_per_min,
+            now_s=at_s,
+            rng=self._rng,
+        )
+
+    def _end_train(self, train: _AnyPermit) -> None:
         """Report the train to the world, the acquisition and the host."""
-        # One flash per train: the acquisition averages its pulses, so the world needs only their number.
         self._train = None
-        if self._sent and not self.faults.laser_dead:
-            at_s = self._last_trigger_us / 1e6
-            self._world.flash(pulses=self._sent, at_s=at_s)
-            vary_last_flash(
-                self._world,
-                spread=self._laser.energy_spread,
-                drift_per_min=self._laser.energy_drift_per_min,
-                now_s=at_s,
-                rng=self._rng,
-            )
+        # One flash per train of averaged pulses: the world needs only their number. Those of a sweep were given one by
+        # one.
+        if self._sent and not self.faults.laser_dead and not isinstance(train, wire.PermitSweep):
+            self._light_world(pulses=self._sent)
         self._on_triggers(self._triggers)
         seen = self._seen - self._seen_before
         if self._laser.energy_meter_noise is None:

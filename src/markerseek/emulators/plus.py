@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from markerseek.emulators._trains import Train, Trains
+from markerseek.emulators._trains import SweptTrain, Train, Trains
 from markerseek.sim import SimulatedWorld
 from markerseek.wire import igtl
 
@@ -43,7 +43,7 @@ class EmulatedPlus:
     ) -> None:
         self._unix_s = unix_s
         self._trains = Trains(world=world, rng=rng)
-        self._triggered: deque[tuple[Train, float]] = deque()
+        self._triggered: deque[tuple[Train | SweptTrain, float]] = deque()
         self._server = socket.create_server(("127.0.0.1", 0))
         self._server.setblocking(False)
         self._client: socket.socket | None = None

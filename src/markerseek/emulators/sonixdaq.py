@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -17,7 +18,7 @@ from typing import Literal
 import numpy as np
 
 from markerseek.core import ConfigError
-from markerseek.emulators._trains import Train, Trains
+from markerseek.emulators._trains import SweptTrain, Train, Trains
 from markerseek.sim import SimulatedWorld
 from markerseek.wire import sonixdaq as wire
 
@@ -40,6 +41,10 @@ class SonixDaqFaults:
     """The files of channels 5 and 6 hold one another's data."""
     garbage: bool = False
     """Headers are noise."""
+    lost_at: int = 0
+    """Number of the trigger of a sweep that is lost; 0: none."""
+    doubled_at: int = 0
+    """Number of the trigger of a sweep that is recorded twice; 0: none."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -89,7 +94,7 @@ class EmulatedSonixDaq:
         self._counts = counts
         self._numbered = sdk == 6
         self._now_s = 0.0
-        self._triggered: deque[Train] = deque()
+        self._triggered: deque[Train | SweptTrain] = deque()
         self._counted: list[Train] = []
         self._previous: list[bytes] = []
         self._queue: deque[_Writing] = deque()
@@ -130,9 +135,9 @@ class EmulatedSonixDaq:
         writing.written = max(due, writing.written)
         return share == 1.0
 
-    def _take_up(self, train: Train) -> None:
+    def _take_up(self, train: Train | SweptTrain) -> None:
         """Make the files of a train, or of all acquisitions that it completes; they are written in turn."""
-        if self._counts is None:
+        if self._counts is None or isinstance(train, SweptTrain):
             self._finish([train])
             return
         self._counted.append(train)
@@ -146,7 +151,7 @@ class EmulatedSonixDaq:
             self._counted = left
             self._finish(parts)
 
-    def _finish(self, parts: list[Train]) -> None:
+    def _finish(self, parts: Sequence[Train | SweptTrain]) -> None:
         """Make the files of an acquisition, and queue them for writing."""
         fresh = self._acquisition(parts)
         files = self._previous if self._previous and (self.faults.stuck or self.faults.one_behind) else fresh
@@ -155,9 +160,13 @@ class EmulatedSonixDaq:
         if not self.faults.off:
             self._queue.append(_Writing(files=files, begins_s=self._now_s + self.faults.delay_s))
 
-    def _acquisition(self, parts: list[Train]) -> list[bytes]:
+    def _acquisition(self, parts: Sequence[Train | SweptTrain]) -> list[bytes]:
         """Channel files of the triggers of these trains, one after the other."""
         pulses = np.concatenate([self._trains.pulses(part) for part in parts])
+        if any(isinstance(part, SweptTrain) for part in parts):
+            lost, doubled = self.faults.lost_at, self.faults.doubled_at
+            pulses = np.delete(pulses, [lost - 1] if lost else [], axis=0)
+            pulses = np.repeat(pulses, [1 + (number == doubled) for number in range(1, len(pulses) + 1)], axis=0)
         files = []
         for number in range(wire.CHANNELS):
             other = {5: 6, 6: 5}.get(number, number) if self.faults.swapped else number

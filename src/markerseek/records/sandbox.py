@@ -53,6 +53,7 @@ _LIBRARIES = {
     "read_mat": "scipy.io",
     "read_mat73": "h5py",
     "walk_bank": "h5py",
+    "zea_arrays": "h5py",
     "read_png": "cv2",
     "read_dicom": "pydicom",
 }

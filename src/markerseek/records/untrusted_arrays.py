@@ -2,7 +2,8 @@
 
 `arrays_in` asks a `Sandbox`; the readers below it run in the sandbox's child. A ``.mat`` of version 7.3 is HDF5 behind
 512 bytes of MATLAB's own. MATLAB stores the first axis contiguously and HDF5 the last, so the axes of each array are
-reversed. Cells, structures, texts, logical, sparse and complex arrays are left out.
+reversed. Cells, structures, texts, logical, sparse and complex arrays are left out, but for those of a Verasonics
+workspace (`markerseek.records.untrusted_vantage`).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from markerseek.core import RecordError
 from markerseek.files import open_input
 from markerseek.records.sandbox import MAX_PER_BYTE, Reader, Sandbox
 from markerseek.records.untrusted_hdf5 import UntrustedHdf5, as_record_error, require_h5py
+from markerseek.records.untrusted_vantage import FRAMES, is_workspace, vantage_arrays
 
 if TYPE_CHECKING:
     import h5py
@@ -108,7 +110,10 @@ def read_mat(path: Path) -> dict[str, np.ndarray]:
     from scipy.io import loadmat, whosmat
 
     with as_record_error(path, what="MATLAB file", cure="it is cut off or damaged: fetch or save it again"):
-        found = [each for each in whosmat(path, appendmat=False) if each[2] in _MATLAB_TYPES]
+        held = whosmat(path, appendmat=False)
+        if any(name == FRAMES for name, _, _ in held):
+            raise RecordError(f"{path}: it is a Verasonics workspace; save it as HDF5: save('run.mat', '-v7.3')")
+        found = [each for each in held if each[2] in _MATLAB_TYPES]
         unpacked_bytes = sum(math.prod(shape) * _MATLAB_TYPES[kind].itemsize for _, shape, kind in found)
         _require_small(path, unpacked_bytes, cure="save it with -v6 (uncompressed)")
         names = [name for name, _, _ in found]
@@ -137,7 +142,7 @@ def read_mat73(path: Path) -> dict[str, np.ndarray]:
                 unpacked_bytes += math.prod(item.shape) * item.dtype.itemsize
                 _require_small(path, unpacked_bytes, cure="save it with '-v7.3', '-nocompression'")
                 arrays[name] = _matlab_values(file.dataset(name))
-        return arrays
+        return arrays | vantage_arrays(path, file) if is_workspace(file) else arrays
 
 
 def _is_numeric(item: h5py.Dataset) -> bool:

@@ -86,11 +86,21 @@ class UntrustedHdf5:
         Raises `TypeError` or `ValueError` if it is missing, is a link to another file, or needs much more memory than
         the file has bytes.
         """
-        import h5py
-
         item = self._item(name)
         if item is None:
             raise ValueError(f"{name} is missing")
+        return self.checked(item, name=name)
+
+    def referred(self, reference: h5py.Reference, *, name: str) -> h5py.Dataset:
+        """Dataset that a reference points to, with the errors of `dataset`."""
+        if not reference:
+            raise ValueError(f"{name} refers to nothing")
+        return self.checked(self.opened[reference], name=name)
+
+    def checked(self, item: object, *, name: str) -> h5py.Dataset:
+        """The item, if it is a dataset as `dataset` returns it."""
+        import h5py
+
         if not isinstance(item, h5py.Dataset):
             raise TypeError(f"{name} is no dataset")
         # Virtual and external datasets read other files, without any link.
@@ -143,9 +153,13 @@ class UntrustedHdf5:
 
     def _item(self, name: str) -> object:
         """Group or dataset of that name; None where it is missing."""
+        return self.inside(self.opened, name)
+
+    def inside(self, group: object, name: str) -> object:
+        """Group or dataset of that name in a group; None where it is missing, `TypeError` where it is a link."""
         import h5py
 
-        item: object = self.opened
+        item = group
         for part in name.split("/"):
             # Part by part, because a path given to h5py follows links in its middle.
             if not isinstance(item, h5py.Group) or part not in item:

@@ -5,7 +5,7 @@ A foreign driver is tried by the public contract as soon as it is open, without 
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from contextlib import AbstractContextManager, ExitStack
 from typing import Any, TypeVar
 
@@ -57,6 +57,7 @@ class OpenDevices:
                 for line in lines:
                     serial = SerialPort(line.path, baud=line.baud, parity=line.parity, handshake=line.rtscts)
                     self._ports[line.name] = opening.enter_context(serial)
+            self._beats: list[Callable[[], None]] = [] if self.supervisor is None else [self.supervisor.beat]
             # Only now: if the second line fails to open, the first is closed by the inner stack.
             self._stack = opening.pop_all()
 
@@ -97,6 +98,15 @@ class OpenDevices:
                 f"{device.driver} does not keep the contract of a {part}: {broken}; correct the driver"
             )
         self.checks[f"{part} {device.driver}"] = checks
+
+    def beat(self) -> None:
+        """Renew each lease: of the supervisor, and of a laser that has its own."""
+        for each in self._beats:
+            each()
+
+    def beat_with(self, beat: Callable[[], None]) -> None:
+        """Add one."""
+        self._beats.append(beat)
 
     def port(self, part: Part) -> Port:
         """Line to a device."""
@@ -152,6 +162,9 @@ class _Opening:
         if self._receiver is None:
             raise ConfigError("a receiver is opened before the laser, and there is none")
         return self._receiver
+
+    def beat_with(self, beat: Callable[[], None]) -> None:
+        self._devices.beat_with(beat)
 
     def keep(self, opened: AbstractContextManager[OpenedT]) -> OpenedT:
         return self._devices.keep(opened)

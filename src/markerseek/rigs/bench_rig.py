@@ -35,8 +35,8 @@ def bench(settings: BenchSettings) -> Rig:
 
 
 def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageReader) -> Rig:
-    # Each wait of the control loop renews the supervisor's lease; a hung loop does not, and is stopped.
-    clock = SystemClock(beat=devices.supervisor.beat if devices.supervisor else None)
+    # Each wait of the control loop renews the supervisor's lease and the laser's; a hung loop does not, and is stopped.
+    clock = SystemClock(beat=devices.beat)
     stage, stage_name = devices.stage(clock)
     laser, receiver, acquisition_name = devices.acquisition(clock)
     opened = zip(PARTS, (stage, laser, receiver), strict=True)
@@ -118,11 +118,9 @@ def bench_part(
         raise ConfigError(f"the {part} of this rig file is itself a ROS 2 node; name the rig file of its devices")
     devices = OpenDevices(settings, parts=served)
     try:
-        supervisor = devices.supervisor
 
         def step() -> None:
-            if supervisor is not None:
-                supervisor.beat()
+            devices.beat()
             beat()
 
         clock = SystemClock(beat=step)

@@ -186,7 +186,7 @@ class Scanner:
         yield swept
 
     def _samples(
-        self, frames: Generator[SweptFrame, None, Swept], permit: SweepPermit
+        self, frames: Generator[list[SweptFrame], None, Swept], permit: SweepPermit
     ) -> Generator[Sample | Refused | Swept, None, Swept]:
         """Samples of the frames of a sweep, which the guard admits; returns what the frames return."""
         while True:
@@ -194,8 +194,10 @@ class Scanner:
                 swept = next(frames)
             except StopIteration as end:
                 return cast("Swept", end.value)
-            self.guard.admit_frame(swept.frame, permit=permit, now_s=self.clock.now_s())
-            yield self._read(swept)
+            for each in swept:
+                self.guard.admit_frame(each.frame, permit=permit, now_s=self.clock.now_s())
+            for each in swept:
+                yield self._read(each)
 
     def _read(self, swept: SweptFrame) -> Sample | Refused:
         """The sample of a frame of a sweep, or why the frame says nothing; the sweep goes on in either case."""

@@ -63,7 +63,15 @@ class SweepingDevices:
                     f"this rig cannot sweep: its {part} ({type(device).__name__}) only works with the probe at rest; "
                     "leave --sweep out"
                 )
-        return cls(stage=stage, laser=laser, receiver=receiver)  # type: ignore[arg-type]
+        devices = cls(stage=stage, laser=laser, receiver=receiver)  # type: ignore[arg-type]
+        # Asked here, since a device of a kind that can may not be set up for it.
+        _ = devices.least_period_s
+        return devices
+
+    @property
+    def least_period_s(self) -> float:
+        """Least time between two pulses, in seconds."""
+        return max(self.laser.sweep_period_s, self.receiver.frame_period_s)
 
     def permit(self, sweep: Sweep, *, from_deg: float) -> SweepPermit:
         """The permit that a sweep needs, without token and expiry; `ConfigError` if it is too fast for the stage."""
@@ -74,7 +82,7 @@ class SweepingDevices:
                 f"{math.floor(100 * fastest) / 100:g} deg/s"
             )
         # The floor of the speed keeps two pulses apart by the spacing also on the ramps; 0.8 leaves it room below.
-        period_s = max(self.laser.sweep_period_s, self.receiver.frame_period_s, sweep.spacing_deg / (0.8 * speed))
+        period_s = max(self.least_period_s, sweep.spacing_deg / (0.8 * speed))
         return SweepPermit(
             token="",
             angle_deg=from_deg,
@@ -150,8 +158,10 @@ class SweepInProgress:
         self._frames: list[Frame] = []
         self._told = 0
 
-    def frames(self, goes_on: Callable[[], bool]) -> Generator[SweptFrame, None, Swept]:
+    def frames(self, goes_on: Callable[[], bool]) -> Generator[list[SweptFrame], None, Swept]:
         """Turn, and return the frames with their angles as they come, then where the probe came to rest.
+
+        Those of a burst come all at once, and are admitted before the first is used: none grows old meanwhile.
 
         ``goes_on``: whether more of the sweep is wanted; if not, the light ends, then the motion. `AcquisitionError`
         refuses the sweep as a whole: frames and pulses do not belong together.
@@ -165,14 +175,14 @@ class SweepInProgress:
             while self._read() and goes_on():
                 self._take(laser.pulses())
                 self._keep(receiver.frames())
-                yield from self._matched()
+                yield self._matched()
             fired = self._end()
         stage.end_sweep()
         if fired != len(self._pulses):
             raise AcquisitionError(f"{len(self._pulses)} of {fired} pulses have a time; the sweep is refused whole")
-        self._keep(receiver.end_sweep())
+        self._keep(receiver.end_sweep(pulses=fired))
         self._guard.admit_sweep(len(self._frames))
-        yield from self._matched()
+        yield self._matched()
         if self._told < len(self._frames):
             raise self._not_between(self._pulses[self._told])
         return Swept(angle_deg=self._readings[-1].angle_deg, pulses=fired)
@@ -238,15 +248,16 @@ class SweepInProgress:
                     )
             self._frames.append(frame)
 
-    def _matched(self) -> Generator[SweptFrame, None, None]:
+    def _matched(self) -> list[SweptFrame]:
         """Frames whose pulse lies between two readings, with the angle at it."""
+        matched: list[SweptFrame] = []
         while self._told < min(len(self._frames), len(self._pulses)):
             pulse = self._pulses[self._told]
             if not pulse.at_s <= self._readings[-1].at_s:
-                return
-            frame = self._frames[self._told]
+                break
+            matched.append(self._at(pulse, self._frames[self._told]))
             self._told += 1
-            yield self._at(pulse, frame)
+        return matched
 
     def _not_between(self, pulse: Pulse) -> AcquisitionError:
         readings = f"from {self._readings[0].at_s:.3f} to {self._readings[-1].at_s:.3f} s"
@@ -283,6 +294,6 @@ class SweepInProgress:
                 number=self._number,
                 speed_deg_s=speed_deg_s,
                 delay_sigma_s=self._devices.laser.delay_sigma_s,
-                play_sigma_deg=self._devices.stage.play_deg if self._permit.forward < 0 else 0.0,
+                play_sigma_deg=self._devices.stage.play_deg(self._permit.forward),
             ),
         )

@@ -10,7 +10,7 @@ from markerseek.sim.clock import VirtualClock
 from markerseek.sim.curve_world import CurveWorld, largest_noise
 from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, RecordedCurve, SechCurve, TwoHumps
 from markerseek.sim.faults import Fault, FaultKind
-from markerseek.sim.laser import SimulatedLaser, vary_last_flash
+from markerseek.sim.laser import CLOCK_DRIFT, SimulatedLaser, vary_last_flash
 from markerseek.sim.machine import RFWorld, post_beamformed
 from markerseek.sim.motion import SWING_DEG, TURN_S, MovingWorld, OscillatingMotion, swing_deg
 from markerseek.sim.receiver import SimulatedReceiver
@@ -29,6 +29,7 @@ from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
 from markerseek.sim.world import Flash, SimulatedWorld, World, flash_of, noise_gain
 
 __all__ = [
+    "CLOCK_DRIFT",
     "RECEIVER_FAULTS",
     "SWING_DEG",
     "TISSUES",

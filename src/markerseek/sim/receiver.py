@@ -102,11 +102,16 @@ class SimulatedReceiver:
         """Get ready for one flash after the other."""
         self._sweep, self._heard = permit, len(self._world.flashes)
 
+    @property
+    def sweep_readout_s(self) -> float:
+        """Time to read all frames of a sweep, in seconds; 0 where each is read before the next."""
+        return 0.0 if self._readout_s <= self.frame_period_s else self._readout_s
+
     def frames(self) -> Sequence[Frame]:
         """Frames of the flashes that have been read by now; none where they are read at the end."""
-        return self._swept(self._clock.now_s()) if self._readout_s <= self.frame_period_s else ()
+        return () if self.sweep_readout_s > 0 else self._swept(self._clock.now_s())
 
-    def end_sweep(self) -> Sequence[Frame]:
+    def end_sweep(self, *, pulses: int) -> Sequence[Frame]:  # noqa: ARG002  flashes alone trigger it
         """The frames that are left, after the read-out."""
         self._clock.wait(self._readout_s)
         frames = self._swept(self._clock.now_s())

@@ -118,10 +118,9 @@ class SimulatedStage:
         """Acceleration, in degrees per second squared."""
         return self._motion.acceleration_deg_s2
 
-    @property
-    def play_deg(self) -> float:
+    def play_deg(self, forward: float) -> float:
         """Play between encoder and probe where the angle falls, in degrees."""
-        return self._motion.backlash_deg
+        return self._motion.backlash_deg if forward < 0 else 0.0
 
     def prepare_sweep(self, *, speed_deg_s: float) -> None:
         """Set the speed of a sweep."""

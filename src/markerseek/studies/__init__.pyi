@@ -1,3 +1,4 @@
+from .benchmark import WORLDS, BenchmarkResults, Entry, Score, benchmark_size, run_benchmark
 from .bound import BoundComparison, compare_with_bound, error_figure, mean_bounds
 from .policies import PolicySettings
 from .runner import FinishedStudy, columns, read_rows, run_study, values_of
@@ -12,13 +13,16 @@ from .worlds import intensity_curve
 
 __all__ = [
     "FAILURE_DEG",
+    "WORLDS",
     "Axis",
+    "BenchmarkResults",
     "BoundComparison",
     "Cell",
     "CellWorld",
     "ClutterAround",
     "CurveSettings",
     "Difference",
+    "Entry",
     "FinishedStudy",
     "Mean",
     "PolicySettings",
@@ -26,12 +30,14 @@ __all__ = [
     "Repeats",
     "Row",
     "SceneSettings",
+    "Score",
     "SecondSource",
     "Share",
     "Study",
     "Summary",
     "Track",
     "TwoSources",
+    "benchmark_size",
     "cells",
     "columns",
     "compare_with_bound",
@@ -42,6 +48,7 @@ __all__ = [
     "mean_bounds",
     "read_rows",
     "read_study",
+    "run_benchmark",
     "run_row",
     "run_study",
     "run_trial",

@@ -35,6 +35,7 @@ from markerseek.search import (
     refuse_posterior_settings,
     require_sweeping,
 )
+from markerseek.studies.entry import EntryPolicy
 
 
 def _method_of(name: str) -> Method:
@@ -69,6 +70,9 @@ class PolicySettings:
     """Features of a reading that a posterior may use, as for `markerseek.search.posterior.Posterior`; None: all."""
     sweep: bool = False
     """Whether a posterior sweeps, at the fastest speed of the rig's stage."""
+    command: tuple[str, ...] = ()
+    """Words that start an entry, a search method of somebody else as a child process (`markerseek.studies.entry`);
+    ``method`` is then its name only."""
     tolerance_mm: float = 1.0
     """How well the angle of a marker that is found must be known, as in `markerseek.core.Tolerance`."""
 
@@ -79,6 +83,9 @@ class PolicySettings:
 
     def __post_init__(self) -> None:
         _ = self.tolerance
+        if self.command:
+            check_acquisitions(self.acquisitions or 0, least=1, method=self.method)
+            return
         if is_own(self.method):
             self._require_own()
             return
@@ -143,6 +150,14 @@ def build_policy(
     ``prior``: intensity curve of a former marker on this rig, for a posterior. ``sweep_speed_deg_s``: speed of its
     sweeps, for one that sweeps.
     """
+    if settings.command:
+        return EntryPolicy(
+            settings.command,
+            limits=limits,
+            acquisitions=settings.most,
+            start_deg=start_deg,
+            tolerance=settings.tolerance,
+        )
     if is_own(settings.method):
         return _build_own(settings.method, limits=limits, acquisitions=settings.most)
     # The adapters are not in `build`, so that a search does not import them.

@@ -83,7 +83,7 @@ def run_study(
         if progress is not None:
             progress(study.rows)
         if not (folder / SUMMARY).exists():
-            _write_json(folder / SUMMARY, summarise(study, read_rows(folder / ROWS, study)))
+            write_json(folder / SUMMARY, summarise(study, read_rows(folder / ROWS, study)))
         summary = _read(folder / SUMMARY, Summary, cure="; delete it, and it is computed again")
         return FinishedStudy(rows=folder / ROWS, summary=summary)
 
@@ -96,7 +96,8 @@ def _read(path: Path, kind: type[Kind], *, cure: str = "") -> Kind:
         raise RecordError(f"{path}: it cannot be read: {problem}{cure}") from problem
 
 
-def _write_json(path: Path, value: object) -> None:
+def write_json(path: Path, value: object) -> None:
+    """Write a value as a JSON file, in the place of one that is there."""
     try:
         with replace_file(path) as unfinished:
             unfinished.write_bytes(msgspec.json.format(msgspec.json.encode(value), indent=1) + b"\n")
@@ -117,7 +118,7 @@ def _claim(folder: Path, study: Study) -> None:
                 "choose another folder, or remove this one"
             )
     else:
-        _write_json(path, {"hash": study.digest, "version": __version__, "study": msgspec.to_builtins(study)})
+        write_json(path, {"hash": study.digest, "version": __version__, "study": msgspec.to_builtins(study)})
     for unfinished in folder.glob(".*.part"):
         unfinished.unlink()
 

@@ -177,8 +177,9 @@ def _digest(study: Study) -> str:
     values = msgspec.to_builtins(study) | {"rig": hashable_values(study.rig)}
     for policy in values["policies"]:
         # Newer than the first hashes.
-        if not policy["sweep"]:
-            del policy["sweep"]
+        for newer in ("sweep", "command"):
+            if not policy[newer]:
+                del policy[newer]
     return _hashed([values, __version__]).hexdigest()[:16]
 
 

@@ -179,7 +179,7 @@ def _summary(cell: Cell, number: int, settings: PolicySettings, rows: Sequence[R
         wrong_claims=_share(
             marked, lambda row: row.answer == "found" and _is_off(row, CLAIM_TOLERANCES * row.tolerance_deg)
         ),
-        covered=_share((row for row in marked if row.low_deg is not None), _covers),
+        covered=_share((row for row in marked if row.low_deg is not None), covers),
         false_found=_share((row for row in rows if row.truth_deg is None), lambda row: row.answer == "found"),
         # A search that a device ended has no answers at the marks.
         marks_deg=[
@@ -226,7 +226,7 @@ def _is_off(row: Row, limit_deg: float) -> bool:
     return row.error_deg is None or not row.error_deg <= limit_deg
 
 
-def _covers(row: Row) -> bool:
+def covers(row: Row) -> bool:
     """Whether the 95 % interval holds the truth."""
     low_deg, truth_deg, high_deg = row.low_deg, row.truth_deg, row.high_deg
     return low_deg is not None and truth_deg is not None and high_deg is not None and low_deg <= truth_deg <= high_deg

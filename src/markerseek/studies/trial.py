@@ -25,6 +25,7 @@ from markerseek.core import (
 )
 from markerseek.records import answer_name
 from markerseek.scan import run
+from markerseek.studies.entry import EntryError
 from markerseek.studies.policies import PolicySettings, build_policy, described, is_own, own_lines
 from markerseek.studies.study import Cell, Study, Value, cells
 from markerseek.studies.worlds import Draw, draw_trial, former_rig, study_rig
@@ -96,8 +97,8 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
     prior = former_curve(study, cell, trial, settings)
     try:
         finished, refused, marks_deg = _search(study, settings, rig, prior=prior)
-    # Simulated faults are part of a study. Other errors are errors of its settings, and end it.
-    except DeviceError:
+    # Simulated faults are part of a study, and so are those of entries. Other errors are of its settings, and end it.
+    except (DeviceError, EntryError):
         finished, refused, marks_deg = None, 0, ()
     estimate = finished.estimate if finished is not None else None
     interval = estimate.interval95_deg if isinstance(estimate, Found | Unsure) else None
@@ -194,13 +195,18 @@ def run_row(study: Study, row: int) -> Row:
     return run_trial(study, cells(study)[cell], trial, policy)
 
 
-def fault_of(study: Study, policy: int) -> str:
-    """Return in words the fault that ends the first search of a policy, which is run again; empty if none ends it."""
-    cell = cells(study)[0]
-    rig = study_rig(study, cell, draw_trial(study, cell, 0))
+def fault_of(study: Study, row: int) -> str:
+    """Return in words the fault that ends the search of a row, which is run again; empty if none ends it.
+
+    ``row``: its index in the table; the first rows are the first searches of the policies.
+    """
+    place, policy = divmod(row, len(study.policies))
+    index, trial = divmod(place, study.trials)
+    cell = cells(study)[index]
+    rig = study_rig(study, cell, draw_trial(study, cell, trial))
     try:
-        _search(study, study.policies[policy], rig, prior=former_curve(study, cell, 0, study.policies[policy]))
-    except DeviceError as problem:
+        _search(study, study.policies[policy], rig, prior=former_curve(study, cell, trial, study.policies[policy]))
+    except (DeviceError, EntryError) as problem:
         return described(problem)
     return ""
 

@@ -207,9 +207,9 @@ def move() -> bytes:
     return _packed("mot_move_absolute", chan_ident=CHANNEL)
 
 
-def stop() -> bytes:
-    """Stop at once, without deceleration."""
-    return _packed("mot_move_stop", chan_ident=CHANNEL, stop_mode=1)
+def stop(*, profiled: bool = False) -> bytes:
+    """Stop at once, without deceleration, or with the one that was set."""
+    return _packed("mot_move_stop", chan_ident=CHANNEL, stop_mode=2 if profiled else 1)
 
 
 def decode(message: AptMessage) -> Answer | None:

@@ -12,6 +12,11 @@ host to box                                             box to host
 ``FIRE token``                                          ``DONE token sent photodiode`` when the train has ended,
                                                         from a box with a light meter one number more: ``light``
 ``DISARM``                                              ``OK DISARM``
+``SWEEP token pulses period_us expiry_ms``              ``OK SWEEP token seen``, from version 3 on, as the next four
+after its ``FIRE``                                      ``PULSE token number stamp_us photodiode`` for each pulse,
+                                                        ``DARK token sent photodiode`` when its light has ended, and
+                                                        ``DONE`` as above when the train has
+``TIME number``                                         ``OK TIME number clock_us``
 anything that is refused                                ``ERR reason``
 ======================================================  ==========================================================
 
@@ -30,6 +35,14 @@ Within any minute a box sends `MAX_PULSES_PER_MINUTE` pulses at most (refusal ``
 
 A box whose photodiode also measures is of version 2: its DONE ends with ``light``, the sum over the lit pulses of what
 the meter read of each, in counts of its own. All else is as in version 1.
+
+**Sweeps** (fly-scan). A box of version 3, or 4 with a light meter, knows SWEEP: a permit for single pulses, void by all
+that voids the other, whose train runs free with ``period_us`` between two pulses at least: one that comes late puts off
+all others. Each pulse is stamped by the box's own clock, in microseconds since power-up modulo 2³¹, when its trigger
+begins; its line follows `LIGHT_LATE_US` later with what the photodiode saw since, and ``DARK`` follows the last of them
+at once. After that the train is completed without light, up to as many triggers as pulses were permitted: an
+acquisition that counts them ends, and its last frames are dark. TIME is answered at any time: the host knows by the
+time of question and answer what its own clock showed, and so does with each stamp.
 """
 
 from __future__ import annotations
@@ -43,6 +56,9 @@ from markerseek.core import ConfigError, LaserError
 VERSION, METERED_VERSION = 1, 2
 """Version of the protocol: of a box that only counts pulses, and of one that measures their light too."""
 
+SWEEP_VERSION, METERED_SWEEP_VERSION = 3, 4
+"""The same of a box that sweeps, too: of one without a light meter, and with one."""
+
 EMULATOR = "emulator"
 """Identity of an emulated box."""
 
@@ -53,7 +69,10 @@ LINE_BYTES = 80
 """Longest line, its end included."""
 
 MAX_PULSES, MAX_RATE_HZ, MAX_EXPIRY_MS, MAX_COUNT = 1024, 1000, 60_000, 2**31 - 1
-"""Largest numbers of a permit that a box accepts, and of a token, a step or a count of the photodiode."""
+"""Largest numbers of a permit that a box accepts, and of a token, a step, a stamp or a count of the photodiode."""
+
+MAX_SWEEP_PULSES, MIN_PERIOD_US, MAX_PERIOD_US = 10_000, 2000, 10_000_000
+"""Most pulses of a sweep, and least and largest time between two of them: each is told before the next is fired."""
 
 MAX_PULSES_PER_MINUTE = 6000
 """Most pulses that a box sends within any minute, whatever is permitted.
@@ -112,6 +131,25 @@ class Fire:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PermitSweep:
+    """Permits single pulses with a least time between two, until an expiry in milliseconds."""
+
+    head: ClassVar[str] = "SWEEP"
+    token: int
+    pulses: int
+    period_us: int
+    expiry_ms: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AskTime:
+    """Asks what the box's clock shows; the number comes back with the answer."""
+
+    head: ClassVar[str] = "TIME"
+    number: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Disarm:
     """Voids any permit, also while it fires."""
 
@@ -160,6 +198,45 @@ class MeteredDone(Done):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SweepPermitted:
+    """Answer to `PermitSweep`, as `Permitted`."""
+
+    head: ClassVar[str] = "OK SWEEP"
+    token: int
+    seen: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stamped:
+    """A pulse of a sweep, counted from 1: when its trigger began, and what the photodiode saw of it."""
+
+    head: ClassVar[str] = "PULSE"
+    token: int
+    number: int
+    stamp_us: int
+    photodiode: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dark:
+    """The light of a sweep has ended: pulses sent to the laser, and pulses that the photodiode saw."""
+
+    head: ClassVar[str] = "DARK"
+    token: int
+    sent: int
+    photodiode: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Time:
+    """Answer to `AskTime`: its number, and the box's clock in microseconds."""
+
+    head: ClassVar[str] = "OK TIME"
+    number: int
+    clock_us: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Disarmed:
     """Answer to `Disarm`."""
 
@@ -174,8 +251,10 @@ class Refusal:
     reason: RefusalReason
 
 
-Command: TypeAlias = Hello | PermitPulses | Beat | Fire | Disarm
-Reply: TypeAlias = Greeting | Permitted | Done | MeteredDone | Disarmed | Refusal
+Command: TypeAlias = Hello | PermitPulses | PermitSweep | AskTime | Beat | Fire | Disarm
+Reply: TypeAlias = (
+    Greeting | Permitted | SweepPermitted | Stamped | Dark | Time | Done | MeteredDone | Disarmed | Refusal
+)
 
 
 def crc16(data: bytes) -> int:
@@ -251,7 +330,8 @@ def _parsed(words: list[str], kinds: tuple[Any, ...]) -> Any | None:
         if words[: len(head)] == head and len(words) == len(head) + len(names):
             values = {name: _value(name, word) for name, word in zip(names, words[len(head) :], strict=True)}
             message = None if None in values.values() else kind(**values)
-            return None if isinstance(message, PermitPulses) and not _acceptable(message) else message
+            refused = isinstance(message, PermitPulses | PermitSweep) and not _acceptable(message)
+            return None if refused else message
     return None
 
 
@@ -264,7 +344,15 @@ def _value(name: str, word: str) -> str | int | None:
     return _number(word)
 
 
-def _acceptable(permit: PermitPulses) -> bool:
+def _acceptable(permit: PermitPulses | PermitSweep) -> bool:
+    if isinstance(permit, PermitSweep):
+        return (
+            permit.token >= 1
+            and 1 <= permit.pulses <= MAX_SWEEP_PULSES
+            and MIN_PERIOD_US <= permit.period_us <= MAX_PERIOD_US
+            and 1 <= permit.expiry_ms <= MAX_EXPIRY_MS
+            and permit.pulses * permit.period_us <= 1000 * MAX_EXPIRY_MS
+        )
     return (
         permit.token >= 1
         and 1 <= permit.triggers <= MAX_PULSES

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,6 +21,9 @@ CHANNELS = 128
 
 MAX_SAMPLES = 1 << 16
 """Most samples of one pulse that are read: sound travels 2.5 m meanwhile, and all channels take 16 MiB."""
+
+MAX_BURST_BYTES = 2 << 30
+"""Most that all channels of a sweep may hold, each of its pulses by itself."""
 
 HEADER_BYTES = 12
 """Length of the longer header: the bytes that `decode_header` needs."""
@@ -133,8 +136,42 @@ def averaged(files: Iterable[tuple[str, bytes]]) -> tuple[Int16[np.ndarray, "cha
 
     ``files``: name and bytes of each channel file. Raises `RecordError` if they are not all of one acquisition.
     """
+    samples, found = np.empty((CHANNELS, 0), np.int16), 0
+    for element, pulses in _channels(files):
+        if not found:
+            found, samples = len(pulses), np.empty((CHANNELS, pulses.shape[1]), np.int16)
+        # In float64: the sum of many int16 pulses overflows int16.
+        samples[element] = np.rint(pulses.mean(axis=0, dtype=np.float64))
+    return samples, found
+
+
+def singles(files: Iterable[tuple[str, bytes]], *, pulses: int) -> Int16[np.ndarray, "pulses channels samples"]:
+    """Samples of each pulse, all channels by element.
+
+    ``files``: as of `averaged`. ``pulses``: how many they must hold. Raises `RecordError` as `averaged`, and if they
+    hold another number, or more than `MAX_BURST_BYTES`.
+    """
+    samples = np.empty((0, CHANNELS, 0), np.int16)
+    for element, each in _channels(files):
+        if len(each) != pulses:
+            raise RecordError(
+                f"the files hold {len(each)} pulses, {pulses} were triggered: a trigger was lost or doubled, or they "
+                "answer another one; check the trigger's cable"
+            )
+        if not samples.size:
+            if not CHANNELS * each.nbytes <= MAX_BURST_BYTES:
+                raise RecordError(
+                    f"the files hold {pulses} pulses of {each.shape[1]} samples, at most {MAX_BURST_BYTES >> 30} GiB "
+                    "are read; record a shorter time, or raise receiver.sweep_period_s"
+                )
+            samples = np.empty((pulses, CHANNELS, each.shape[1]), np.int16)
+        samples[:, element] = each
+    return samples
+
+
+def _channels(files: Iterable[tuple[str, bytes]]) -> Iterator[tuple[int, Int16[np.ndarray, "frames samples"]]]:
+    """Element and pulses of each channel file; `RecordError` if they are not all of one acquisition."""
     first: DaqHeader | None = None
-    samples = np.empty((CHANNELS, 0), np.int16)
     for name, data in files:
         number, header = file_number(name), decode_header(data[:HEADER_BYTES], size=len(data), name=name)
         if header.samples > MAX_SAMPLES:
@@ -142,8 +179,7 @@ def averaged(files: Iterable[tuple[str, bytes]]) -> tuple[Int16[np.ndarray, "cha
                 f"{name}: it holds {header.samples} samples of each pulse, at most {MAX_SAMPLES} are read; record a "
                 "shorter time"
             )
-        if first is None:
-            first, samples = header, np.empty((CHANNELS, header.samples), np.int16)
+        first = first or header
         # Files of two acquisitions would give a frame whose channels belong to different shots.
         if header != first:
             raise RecordError(
@@ -155,8 +191,5 @@ def averaged(files: Iterable[tuple[str, bytes]]) -> tuple[Int16[np.ndarray, "cha
             raise RecordError(
                 f"{name}: channel {header.channel} is in its header; the files are out of order: acquire again"
             )
-        pulses = decode_samples(data[header.length :], header)
         # The connector permutes the channels: file numbers are not element numbers.
-        # In float64: the sum of many int16 pulses overflows int16.
-        samples[element_of_file(number)] = np.rint(pulses.mean(axis=0, dtype=np.float64))
-    return samples, 0 if first is None else first.frames
+        yield element_of_file(number), decode_samples(data[header.length :], header)

@@ -39,6 +39,15 @@ def permit(rng: random.Random) -> wire.PermitPulses:
     )
 
 
+def sweep(rng: random.Random) -> wire.PermitSweep:
+    return wire.PermitSweep(
+        token=rng.randint(1, 8),
+        pulses=rng.randint(1, 12),
+        period_us=1000 * rng.randint(2, 40),
+        expiry_ms=rng.randint(1, 300),
+    )
+
+
 def command(rng: random.Random) -> bytes:
     allowed = permit(rng)
     text = "".join(rng.choices("ABDEFHILMOPRSTKN 0123456789*-", k=rng.randint(0, 20))).encode()
@@ -51,6 +60,8 @@ def command(rng: random.Random) -> bytes:
             wire.encode(wire.Fire(token=rng.randint(1, 8))),
             wire.encode(allowed),
             wire.encode(allowed) + wire.encode(wire.Fire(token=allowed.token)),
+            wire.encode(wire.AskTime(number=rng.randint(0, 3))),
+            wire.encode(sweep(rng)) + wire.encode(wire.Fire(token=allowed.token)),
             rng.randbytes(rng.randint(0, 90)),
             text + b"*%04X\n" % wire.crc16(text),
         ]

@@ -110,7 +110,17 @@ def permit_line(numbers: tuple[int, int, int, int, int]) -> bytes:
     )
 
 
+def sweep_line(numbers: tuple[int, int, int, int]) -> bytes:
+    token, pulses, period_ms, expiry_ms = numbers
+    sweep = wire.PermitSweep(token=token, pulses=pulses, period_us=1000 * period_ms, expiry_ms=expiry_ms)
+    return wire.encode(sweep)
+
+
 LINES = st.one_of(
+    st.integers(0, 3).map(lambda number: wire.encode(wire.AskTime(number=number))),
+    st.tuples(st.integers(1, 8), st.integers(1, 9), st.integers(2, 40), st.integers(1, 300)).map(
+        lambda numbers: sweep_line(numbers) + wire.encode(wire.Fire(token=numbers[0]))
+    ),
     st.just(wire.encode(wire.Hello())),
     st.just(wire.encode(wire.Disarm())),
     st.integers(1, 30).map(lambda step: wire.encode(wire.Beat(step=step))),
@@ -239,16 +249,56 @@ def test_emulator_and_firmware_refuse_the_same_pulses_by_their_budget() -> None:
     assert len(pair.pulls) == 6000
 
 
+def test_each_pulse_of_a_sweep_is_stamped_and_the_train_ends_dark() -> None:
+    pair = Pair()
+    pair.pass_ms(7)
+    theirs, ours = pair.send(sweep_line((1, 5, 20, 2000)) + wire.encode(wire.Fire(token=1)))
+    assert ours == theirs == wire.encode(wire.SweepPermitted(token=1, seen=0))
+    theirs, ours = pair.pass_ms(45)
+    assert (
+        ours
+        == theirs
+        == b"".join(
+            wire.encode(wire.Stamped(token=1, number=number, stamp_us=1000 * (7 + 20 * number - 20), photodiode=1))
+            for number in (1, 2, 3)
+        )
+    )
+    theirs, ours = pair.send(wire.encode(wire.AskTime(number=9)) + wire.encode(wire.Disarm()))
+    assert ours == theirs == wire.encode(wire.Time(number=9, clock_us=52_000)) + wire.encode(wire.Disarmed())
+    theirs, ours = pair.pass_ms(100)
+    assert (
+        ours
+        == theirs
+        == wire.encode(wire.Dark(token=1, sent=3, photodiode=3)) + wire.encode(wire.Done(token=1, sent=3, photodiode=3))
+    )
+    # as many triggers as were permitted, the last of them without light
+    assert [laser for _, laser in pair.pulls] == [True] * 3 + [False] * 2
+
+
+@pytest.mark.parametrize("late_ms", [1, 7, 30])
+def test_no_two_pulses_of_a_sweep_are_nearer_than_permitted_however_late_the_loop_is(late_ms: int) -> None:
+    pair = Pair()
+    pair.firmware.feed(sweep_line((1, 8, 10, 2000)) + wire.encode(wire.Fire(token=1)))
+    for now_ms in range(0, 90, late_ms):
+        pair.now_ms = now_ms
+        pair.firmware.advance(1000 * now_ms)
+    times = [at_ms for at_ms, _ in pair.pulls]
+    assert len(times) >= 3
+    assert min(after - before for before, after in itertools.pairwise(times)) >= 10
+
+
 @given(st.binary(max_size=80))
 def test_the_firmware_s_crc_is_the_codec_s(data: bytes) -> None:
     assert FIRMWARE.crc16(data) == wire.crc16(data)
 
 
 def test_limits_and_lease_are_those_of_the_codec() -> None:
+    assert (FIRMWARE.VERSION, FIRMWARE.METERED_VERSION) == (wire.SWEEP_VERSION, wire.METERED_SWEEP_VERSION)
     for name in (
         "LEASE_MS",
-        "VERSION",
-        "METERED_VERSION",
+        "MAX_SWEEP_PULSES",
+        "MIN_PERIOD_US",
+        "MAX_PERIOD_US",
         "LINE_BYTES",
         "MAX_PULSES",
         "MAX_RATE_HZ",

@@ -19,7 +19,6 @@ from markerseek.bridges.page.search_page import build_search_page
 from markerseek.bridges.page.security import App
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.turn_page import build_turn_page
-from markerseek.core import ConfigError
 
 WATCH_S = 0.5
 """Time between two looks whether anybody watches, and whether the page hears STOP, in seconds."""
@@ -58,24 +57,25 @@ def page_application(searches: PageSearches, *, unwatched_s: float) -> App:
 
     @ui.page("/")
     def search(request: Request) -> None:
-        build_search_page(searches, _settings(request))
+        build_search_page(searches, PageSettings.of_query(request.query_params))
 
     @ui.page("/race")
     def race(request: Request) -> None:
-        build_race_page(searches, _settings(request))
+        build_race_page(searches, PageSettings.of_query(request.query_params))
 
     @ui.page("/turn")
     def turn() -> None:
         build_turn_page(searches)
 
     @ui.page("/replay")
-    def replay() -> None:
-        ReplayPage(searches)
+    def replay(recording: str = "") -> None:
+        ReplayPage(searches, recording)
 
     ui.run_with(
         application,
         title="markerseek",
         dark=None,
+        language="en-US",
         tailwind=False,
         # One beat in 0.4 s, and no bindings: nothing else has to be looked after.
         binding_refresh_interval=None,
@@ -85,16 +85,6 @@ def page_application(searches: PageSearches, *, unwatched_s: float) -> App:
         show_welcome_message=False,
     )
     return application
-
-
-def _settings(request: Request) -> PageSettings:
-    """Settings of the link; the usual ones, and a message on the page, where the link is wrong."""
-    try:
-        return PageSettings.of_query(request.query_params)
-    except ConfigError as problem:
-        text = f"{problem}. The usual settings are shown instead."
-        ui.notify(text, type="negative", multi_line=True, timeout=0, close_button="OK")
-        return PageSettings()
 
 
 async def _stop_unwatched(searches: PageSearches, unwatched_s: float) -> None:

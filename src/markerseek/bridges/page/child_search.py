@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Literal, Protocol, TypeAlias
 
 from markerseek.bridges.child import Outcome
 from markerseek.bridges.page.run_history import RunHistory
+from markerseek.bridges.page.state import STOPPED
 from markerseek.core import MarkerseekError
 from markerseek.records.journal import Configuration, JournalItem
 
@@ -30,6 +32,9 @@ class Child(Protocol):
     def outcome(self) -> Outcome:
         """How it ended."""
 
+
+_STOPPED = frozenset({128 + signal.SIGINT, 128 + signal.SIGTERM})
+"""Exit codes of a command that was stopped."""
 
 Launch: TypeAlias = Callable[[Sequence[str], Path | None], Child]
 """Starts a command that keeps that journal."""
@@ -75,9 +80,14 @@ class ChildSearch:
     @property
     def message(self) -> str:
         """One sentence on how it ended; empty before."""
-        if self._failure is not None:
-            return self._failure
-        return "" if self.outcome is None else self.outcome.message
+        if self._failure is not None or self.outcome is None:
+            return self._failure or ""
+        if self.outcome.exit_code in _STOPPED:
+            return STOPPED
+        killed = self.outcome.failed and self.outcome.answer is None
+        on_bench = self.run is not None and self.run.configuration.facts.kind == "bench"
+        supervised = "; its supervisor disarms the laser and stops the stage" if killed and on_bench else ""
+        return self.outcome.message + supervised
 
     @property
     def failed(self) -> bool:

@@ -9,7 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from markerseek.bridges.page.page_shell import PageShell
-from markerseek.bridges.page.settings import REAL_TIME_READOUT_S, SONIXDAQ_READOUT_S, PageSettings
+from markerseek.bridges.page.settings import REAL_TIME_READOUT_S, SONIXDAQ_READOUT_S, LinkSettings, PageSettings
 from markerseek.core import ConfigError
 from markerseek.search import METHODS
 from markerseek.sim import TISSUES
@@ -28,9 +28,10 @@ RIG_FIELDS = ("tissue", "snr_db", "seed", "readout_s", "pace")
 
 
 class SettingsRow:
-    """Fields for the settings of one search.
+    """Fields for the settings of one search; what is wrong with one of them stands below.
 
-    ``on_change``: called with the settings after each change that can be used.
+    ``problems``: what is wrong with the link whose settings these are. ``on_change``: called with the settings after
+    each change that can be used.
     """
 
     def __init__(
@@ -38,23 +39,29 @@ class SettingsRow:
         settings: PageSettings,
         names: Iterable[str],
         *,
+        problems: Iterable[str] = (),
         on_change: Callable[[PageSettings], None] | None = None,
     ) -> None:
         self._values = asdict(settings)
         self._on_change = on_change
+        self._fields: dict[str, ui.element] = {}
+        self.usable = True
+        """Whether a search can have these settings."""
         made: dict[str, Callable[[], object]] = {
-            "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 164),
+            "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 150),
             "acquisitions": lambda: self._number("acquisitions", "acquisitions", 84),
-            "tolerance_mm": lambda: self._number("tolerance_mm", "± [mm]", 64),
+            "tolerance_mm": lambda: self._number("tolerance_mm", "± [mm]", 76),
             "as_published": self._as_published,
-            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 132),
-            "snr_db": lambda: self._number("snr_db", "SNR [dB]", 66),
-            "seed": lambda: self._number("seed", "seed", 56),
-            "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 122),
-            "pace": lambda: self._select("pace", PACES, "speed", 122),
+            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 120),
+            "snr_db": lambda: self._number("snr_db", "SNR [dB]", 78),
+            "seed": lambda: self._number("seed", "seed", 64),
+            "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 142),
+            "pace": lambda: self._select("pace", PACES, "speed", 128),
         }
         for name in names:
             made[name]()
+        self._problem = ui.label("").classes("ms-problem").props('role="alert"')
+        self._say("; ".join(f"link: {each}; it is left out" for each in problems))
 
     @property
     def settings(self) -> PageSettings:
@@ -65,6 +72,7 @@ class SettingsRow:
         box = ui.checkbox("as published", value=self._values["as_published"])
         box.on_value_change(lambda event: self._set("as_published", event.value))
         box.props("dense").tooltip("the paper's form of the method, which always answers")
+        self._fields["as_published"] = box
 
     def _select(self, name: str, options: Mapping[Any, str], label: str, width_px: int) -> None:
         value = self._values[name]
@@ -73,37 +81,50 @@ class SettingsRow:
             # A link may hold a value that is not in the list.
             known[value] = _pace_text(value) if name == "pace" else f"{value:g} s"
         field = ui.select(known, value=value, label=label, on_change=lambda event: self._set(name, event.value))
-        field.props("dense outlined options-dense").style(f"width: {width_px}px")
+        field.props("dense outlined options-dense no-error-icon hide-bottom-space").style(f"width: {width_px}px")
+        self._fields[name] = field
 
     def _number(self, name: str, label: str, width_px: int) -> None:
         field = ui.number(label, value=self._values[name])
         field.on_value_change(lambda event: self._set(name, _setting_of(name, event.value)))
-        field.props('dense outlined debounce=300 placeholder="usual" stack-label').style(f"width: {width_px}px")
+        field.props('dense outlined debounce=300 placeholder="usual" stack-label no-error-icon hide-bottom-space')
+        field.style(f"width: {width_px}px")
+        self._fields[name] = field
 
     def _set(self, name: str, value: object) -> None:
         # Kept as it is shown, right or wrong: a search with other settings than those on the page must not start.
         self._values[name] = value
+        for field in self._fields.values():
+            field.props(remove="error")
         try:
             settings = self.settings
         except ConfigError as problem:
-            ui.notify(str(problem), type="negative", multi_line=True)
+            self._fields[name].props("error")
+            self._say(str(problem), usable=False)
             return
+        self._say("")
         if self._on_change is not None:
             self._on_change(settings)
+
+    def _say(self, problem: str, *, usable: bool = True) -> None:
+        self.usable = usable
+        self._problem.set_text(problem)
+        self._problem.set_visibility(bool(problem))
 
 
 class SearchControls:
     """Settings and commands of the search page."""
 
-    def __init__(self, frame: PageShell, settings: PageSettings) -> None:
+    def __init__(self, frame: PageShell, link: LinkSettings) -> None:
         self._searches = frame.searches
+        settings, problems = link
         with ui.element("div").classes("ms-controls"):
-            names = METHOD_FIELDS + (RIG_FIELDS if self._searches.rig.simulated else ())
-            self._row = SettingsRow(settings, names, on_change=hold_in_link("/"))
-            self._start = ui.button("Start", icon="play_arrow").props("dense padding='6px 14px'").mark("start")
+            self._start = start_button("Start").mark("start")
             self._pause = ui.button("Pause", icon="pause").props("dense outline padding='6px 10px'").mark("pause")
             # As wide as its longer text, so that the row stays one.
-            self._pause.style("min-width: 100px")
+            self._pause.style("min-width: 104px")
+            names = METHOD_FIELDS + (RIG_FIELDS if self._searches.rig.simulated else ())
+            self._row = SettingsRow(settings, names, problems=problems, on_change=hold_in_link("/"))
         frame.on_click(self._start, lambda: self._searches.start(self._row.settings, asked_by=frame.viewer))
         frame.on_click(self._pause, self._pause_or_go_on)
 
@@ -111,7 +132,7 @@ class SearchControls:
         """Show what can be pressed now."""
         busy = self._searches.busy
         paused = not busy and self._searches.paused
-        self._start.set_enabled(not busy)
+        self._start.set_enabled(not busy and self._row.usable)
         self._pause.set_enabled(self._searches.searching or paused)
         self._pause.set_text("Go on" if paused else "Pause")
         self._pause.set_icon("play_arrow" if paused else "pause")
@@ -121,6 +142,11 @@ class SearchControls:
             self._searches.stop()
         else:
             self._searches.go_on()
+
+
+def start_button(text: str, *, icon: str = "play_arrow") -> ui.button:
+    """The button of a page that is pressed first."""
+    return ui.button(text, icon=icon, color=None).props("dense padding='6px 14px'").classes("ms-go")
 
 
 def hold_in_link(path: str) -> Callable[[PageSettings], None]:

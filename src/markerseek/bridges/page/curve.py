@@ -1,21 +1,31 @@
-"""The chart of intensity and probability over the angle, as options of ECharts. Pure."""
+"""The charts of intensity and probability over the angle, and of a race over time, as options of ECharts. Pure.
+
+They are drawn as SVG: the style sheet gives text and lines the colours of the page, dark or light.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from markerseek.bridges.page.models import mark, mean_deg, other_angles_deg
-from markerseek.bridges.page.state import Point, Snapshot
+from markerseek.bridges.page.state import Point, Snapshot, with_minus
 from markerseek.core import AngleBelief, Interval
 
 BLUE, SKY, ORANGE, GREEN, GREY = "#2a88c8", "#56b4e9", "#d55e00", "#009e73", "#8a8f98"
 """Colours that the colour-blind can tell apart, after Okabe and Ito: samples, density, answer, truth, the rest."""
 
 
-def curve_options(snapshot: Snapshot, limits: Interval, *, known: tuple[str, float] | None) -> dict[str, Any]:
+_WITH_MINUS = "value => String(value).replace('-', '\u2212')"
+"""Text of a number at an axis, as a function of the browser."""
+
+
+def curve_options(
+    snapshot: Snapshot, limits: Interval, *, unit: str, known: tuple[str, float] | None
+) -> dict[str, Any]:
     """Options of the chart: intensity and probability density over the angle.
 
-    ``known``: name and angle in degrees of the true or reference angle; None hides it.
+    ``unit``: of the intensities. ``known``: name and angle in degrees of the true or reference angle; None hides it.
     """
     belief = snapshot.belief
     return {
@@ -30,16 +40,16 @@ def curve_options(snapshot: Snapshot, limits: Interval, *, known: tuple[str, flo
             "name": "probe angle [deg]",
             "nameLocation": "middle",
             "nameGap": 24,
-            "nameTextStyle": {"color": GREY},
+            "nameTextStyle": {"fontSize": 13},
             "min": limits.low_deg,
             "max": limits.high_deg,
-            "axisLabel": {"color": GREY, "showMinLabel": False, "showMaxLabel": False},
+            "axisLabel": {"fontSize": 13, ":formatter": _WITH_MINUS, "showMinLabel": False, "showMaxLabel": False},
             "axisLine": {"onZero": False, "lineStyle": {"color": GREY}},
             "splitLine": {"show": False},
         },
         "yAxis": [
             # Room above the largest for its number, below the angles.
-            _axis("intensity [a.u.]", gap_px=46) | {"boundaryGap": ["0%", "12%"]},
+            _axis(f"intensity [{unit}]", gap_px=46) | {"boundaryGap": ["0%", "12%"]},
             # Only the posterior has one.
             _axis("probability [1/deg]", gap_px=36)
             | {"splitLine": {"show": False}, "show": bool(belief and belief.angles_deg)},
@@ -51,7 +61,7 @@ def curve_options(snapshot: Snapshot, limits: Interval, *, known: tuple[str, flo
                 "yAxisIndex": 1,
                 "symbol": "none",
                 "silent": True,
-                "lineStyle": {"color": SKY, "width": 1},
+                "lineStyle": {"color": BLUE, "width": 1},
                 "areaStyle": {"color": SKY, "opacity": 0.35},
                 "encode": {"x": "angle", "y": "density"},
                 "markArea": _areas(snapshot),
@@ -62,7 +72,7 @@ def curve_options(snapshot: Snapshot, limits: Interval, *, known: tuple[str, flo
                 "type": "scatter",
                 "symbolSize": 9,
                 "itemStyle": {"color": BLUE},
-                "label": {"show": True, "position": "top", "color": GREY, "fontSize": 10, "formatter": "{@[2]}"},
+                "label": {"show": True, "position": "top", "fontSize": 12, "formatter": "{@[2]}"},
                 "labelLayout": {"hideOverlap": True},
                 "data": [_dot(point, snapshot) for point in snapshot.points],
                 "markLine": _floor_line(snapshot),
@@ -85,9 +95,9 @@ def _axis(name: str, *, gap_px: int) -> dict[str, Any]:
         # Beside the axis: above it the name would cover the angle of a marker near an end of the range.
         "nameLocation": "middle",
         "nameGap": gap_px,
-        "nameTextStyle": {"color": GREY},
+        "nameTextStyle": {"fontSize": 13},
         "min": 0,
-        "axisLabel": {"color": GREY, "hideOverlap": True},
+        "axisLabel": {"fontSize": 13, "hideOverlap": True},
         "axisLine": {"show": False, "onZero": False},
         "splitLine": {"lineStyle": {"color": "rgba(128,128,128,0.2)"}},
     }
@@ -127,11 +137,11 @@ def _lines(snapshot: Snapshot, known: tuple[str, float] | None) -> dict[str, Any
     if angle_deg is not None:
         lines.append(_line(angle_deg, f"{angle_deg:.2f}°", ORANGE, "solid"))
     lines += [
-        _line(other_deg, f"{other_deg:.2f}°?", GREY, "dashed", above_px=21) for other_deg in other_angles_deg(snapshot)
+        _line(other_deg, f"{other_deg:.2f}°?", GREY, "dashed", above_px=22) for other_deg in other_angles_deg(snapshot)
     ]
     if known is not None:
         # Each kind has a row of its own: the angles are near to one another.
-        lines.append(_line(known[1], f"{known[0]} {known[1]:.2f}°", GREEN, "dotted", above_px=35))
+        lines.append(_line(known[1], f"{known[0]} {known[1]:.2f}°", GREEN, "dotted", above_px=37))
     return {"silent": True, "symbol": "none", "data": lines}
 
 
@@ -139,7 +149,7 @@ def _line(angle_deg: float, text: str, colour: str, kind: str, *, above_px: int 
     return {
         "xAxis": angle_deg,
         "lineStyle": {"color": colour, "type": kind, "width": 2},
-        "label": {"formatter": text, "color": colour, "position": "end", "distance": above_px},
+        "label": {"formatter": with_minus(text), "fontSize": 13, "position": "end", "distance": above_px},
     }
 
 
@@ -148,3 +158,36 @@ def _floor_line(snapshot: Snapshot) -> dict[str, Any]:
     # Its name is in the title of the panel: beside the line it would cover numbers of acquisitions.
     data = [] if level is None else [{"yAxis": level, "label": {"show": False}}]
     return {"silent": True, "symbol": "none", "lineStyle": {"color": GREY, "type": "dashed"}, "data": data}
+
+
+def race_options(runs: Mapping[str, Sequence[Snapshot]], limits: Interval) -> dict[str, Any]:
+    """Options of the chart of a race: where each probe was read back, over the time on the clocks of the rigs.
+
+    ``runs``: the snapshots of each racer, by its name.
+    """
+    return {
+        "animation": False,
+        "grid": {"left": 64, "right": 24, "top": 34, "bottom": 42},
+        "legend": {"top": 2, "textStyle": {"fontSize": 13}},
+        "tooltip": {"trigger": "item"},
+        "textStyle": {"fontFamily": "system-ui, sans-serif"},
+        "xAxis": _axis("time on the clocks of the rigs [s]", gap_px=26),
+        "yAxis": _axis("probe angle [deg]", gap_px=40)
+        | {"min": limits.low_deg, "max": limits.high_deg}
+        | {"axisLabel": {"fontSize": 13, ":formatter": _WITH_MINUS}},
+        "series": [
+            {
+                "name": name,
+                "type": "line",
+                "symbolSize": 7,
+                "itemStyle": {"color": colour},
+                "lineStyle": {"color": colour, "width": 2},
+                "data": [
+                    [round(each.elapsed_s, 2), round(each.probe_deg, 3)]
+                    for each in snapshots
+                    if each.probe_deg is not None and each.target_deg is None
+                ],
+            }
+            for (name, snapshots), colour in zip(runs.items(), (BLUE, ORANGE), strict=False)
+        ],
+    }

@@ -5,12 +5,38 @@ from __future__ import annotations
 from typing import Any
 
 from nicegui import ui
+from nicegui.elements.mixins.text_element import TextElement
 
 
 class Slider(ui.slider):
     """A slider that moves at once: if values came back from the server, the next key would start from an old one."""
 
     LOOPBACK: bool | None = False
+
+
+class Heading(TextElement):
+    """A heading; ``level``: 1 for the page, 2 for a panel."""
+
+    def __init__(self, text: str, *, level: int) -> None:
+        super().__init__(tag=f"h{level}", text=text)
+
+
+class Chart(ui.echart):
+    """A chart as SVG, which the style sheet colours.
+
+    ``said``: what it shows, for those who hear the page.
+    """
+
+    def __init__(self, options: dict[str, Any], *, said: str) -> None:
+        super().__init__(options, renderer="svg")
+        self.props(f'role="img" aria-label="{said}"').classes("ms-chart")
+
+    def show(self, options: dict[str, Any]) -> None:
+        """Send other options, if they differ."""
+        if options != self.options:
+            self.options.clear()
+            self.options.update(options)
+            self.update()
 
 
 class Fan(ui.element, component="static/fan.js"):

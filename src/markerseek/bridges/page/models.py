@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from markerseek.bridges.page.picture import Picture, drawn_background
-from markerseek.bridges.page.state import Phase, Point, Snapshot, angles_text
-from markerseek.core import Ambiguous, AngleBelief, Found, Interval, NotFound, Unsure
-from markerseek.records import answer_name
+from markerseek.bridges.page.picture import Picture
+from markerseek.bridges.page.state import Point, Snapshot, with_minus
+from markerseek.bridges.page.verdict import digits_of
+from markerseek.core import Ambiguous, Found, Interval, NotFound, Unsure
 
 FACE_SHARE = 0.28
 """Radius of the probe over that of the fan, as drawn."""
 
 
-def fan_model(snapshot: Snapshot, search: Interval, *, duration_s: float, known_deg: float | None) -> dict[str, Any]:
+def fan_model(
+    snapshot: Snapshot,
+    search: Interval,
+    *,
+    duration_s: float,
+    known_deg: float | None,
+    aim_deg: float | None = None,
+) -> dict[str, Any]:
     """The fan: limits, density, acquisitions, needle, answer.
 
     ``duration_s``: real time that the present move is expected to take. ``known_deg``: True or reference angle in
-    degrees where it may be shown; None hides it.
+    degrees where it may be shown; None hides it. ``aim_deg``: angle to which a person will turn the probe, which is
+    where the needle is then drawn.
     """
     belief = snapshot.belief
     return {
@@ -29,7 +36,8 @@ def fan_model(snapshot: Snapshot, search: Interval, *, duration_s: float, known_
         "high": search.high_deg,
         "face": FACE_SHARE,
         "probe": snapshot.probe_deg,
-        "said": probe_text(snapshot),
+        "said": probe_text(snapshot) if aim_deg is None else with_minus(f"aimed at {aim_deg:.1f}°"),
+        "aim": aim_deg,
         "target": snapshot.target_deg,
         # A new number begins a new movement of the needle.
         "move": snapshot.number,
@@ -52,10 +60,10 @@ def probe_text(snapshot: Snapshot) -> str:
     if snapshot.probe_deg is None:
         return ""
     if snapshot.target_deg is not None:
-        return f"expected, on its way to {snapshot.target_deg:.2f}°"
+        return with_minus(f"expected, on its way to {snapshot.target_deg:.2f}°")
     # A move that was cut short has ended anywhere.
     last = "last " if snapshot.phase in {"stopped", "fault", "checking"} else ""
-    return f"{last}read back: {snapshot.probe_deg:.2f}°"
+    return with_minus(f"{last}read back: {snapshot.probe_deg:.2f}°")
 
 
 def mean_deg(snapshot: Snapshot) -> float | None:
@@ -103,27 +111,32 @@ def image_model(picture: Picture | None, *, floor: float | None, imaged: bool = 
     return asdict(picture.image) | {
         "deg": picture.angle_deg,
         "peak": picture.peak_mm if floor is None or picture.intensity > floor else None,
-        "range": picture.range_db,
     }
 
 
-def background_model(picture: Picture | None, *, simulated: bool) -> tuple[dict[str, Any], str]:
-    """What is behind the image, and what it is: B-mode of the same angle, else a drawing where all is simulated."""
+def background_model(picture: Picture | None) -> dict[str, Any]:
+    """The B-mode image of the same angle, which is behind the image; empty where the rig takes none."""
+    return {} if picture is None or picture.b_mode is None else asdict(picture.b_mode)
+
+
+def image_title(picture: Picture | None) -> str:
+    """Of which angle the image is."""
+    return "photoacoustic image" if picture is None else with_minus(f"image of {picture.angle_deg:.2f}°")
+
+
+def image_note(picture: Picture | None, *, simulated: bool) -> str:
+    """What is drawn in the image."""
     if picture is None:
-        return {}, ""
-    if picture.b_mode is not None:
-        return asdict(picture.b_mode), "grey background: B-mode" + (" (simulated)" if simulated else "")
-    if not simulated:
-        return {}, ""
-    drawn = replace(picture.image, pixels=drawn_background(picture.image.rows, picture.image.columns))
-    return asdict(drawn), "grey background: drawn, not simulated"
+        return ""
+    b_mode = "" if picture.b_mode is None else "; grey: B-mode" + (" (simulated)" if simulated else "")
+    return f"photoacoustic, {picture.range_db:g} dB; ring: its peak{b_mode}"
 
 
-def number_rows(snapshot: Snapshot, *, name: str, pulse_j: float | None) -> list[tuple[str, str]]:
-    """Names and formatted values, besides the angle.
+def number_rows(snapshot: Snapshot, *, name: str, unit: str, pulse_j: float | None) -> list[tuple[str, str]]:
+    """Names and formatted values, besides the verdict.
 
-    ``name``: what is run, as `RunHistory.name`. ``pulse_j``: energy of one pulse in joules where the rig file names it;
-    None elsewhere.
+    ``name`` and ``unit``: what is run, and the unit of its intensities, as of `RunHistory`. ``pulse_j``: energy of one
+    pulse in joules where the rig file names it; None elsewhere.
     """
     belief = snapshot.belief
     virtual = " (virtual)" if snapshot.rig == "simulated" else ""
@@ -133,33 +146,23 @@ def number_rows(snapshot: Snapshot, *, name: str, pulse_j: float | None) -> list
         ("rotation", f"{snapshot.travel_deg:.1f}°"),
         ("time", "–" if snapshot.rig == "replayed" else f"{snapshot.elapsed_s:.0f} s{virtual}"),
         ("peak SNR", snr_text(snapshot)),
-        ("noise floor", "unknown" if snapshot.floor_level is None else f"{snapshot.floor_level:.4g} a.u."),
+        ("noise floor", "unknown" if snapshot.floor_level is None else f"{snapshot.floor_level:.4g} {unit}"),
         ("pulses", "–" if snapshot.rig == "replayed" else str(snapshot.pulses)),
     ]
     if belief is not None:
-        others = [f"{each.relative_db:+.1f} dB at {each.angle_deg:.2f}°" for each in belief.estimate.others]
+        others = [with_minus(f"{each.relative_db:+.1f} dB at {each.angle_deg:.2f}°") for each in belief.estimate.others]
         none = "none seen" if belief.angles_deg else "not looked for"
         rows.append(("other sources", ", ".join(others[:2]) or none))
         surveyed = belief.estimate.surveyed
         rows.append(("surveyed", "–" if surveyed is None else f"{100 * surveyed:.1f} % of range"))
         if isinstance(belief.estimate, Found | Unsure) and belief.estimate.other_probability:
             rows.append(("wrong source", f"{100 * belief.estimate.other_probability:.2g} %"))
-        if belief.interval95_deg is not None:
-            rows.append(("95 % interval", interval_text(belief)))
     expected_deg = _expected_sigma_deg(snapshot)
     if expected_deg is not None:
-        rows.append(("expected next", f"± {expected_deg:.3f}°"))
+        rows.append(("expected next", f"± {expected_deg:.{digits_of(expected_deg)}f}°"))
     if pulse_j is not None:
         rows.append(("light", f"{snapshot.pulses * pulse_j * 1e3:.3g} mJ"))
     return rows
-
-
-def interval_text(belief: AngleBelief) -> str:
-    """The 95 % interval of an angle, and how far it reaches from it at the marker, where that is known."""
-    low_deg, high_deg = belief.interval95_deg or (math.nan, math.nan)
-    half_width_m = belief.estimate.half_width_m if isinstance(belief.estimate, Found | Unsure) else None
-    at_marker = "" if half_width_m is None else f", ± {1e3 * half_width_m:.2g} mm"
-    return f"{low_deg:.2f}° to {high_deg:.2f}°{at_marker}"
 
 
 def snr_text(snapshot: Snapshot) -> str:
@@ -177,29 +180,3 @@ def _expected_sigma_deg(snapshot: Snapshot) -> float | None:
     if belief is None or snapshot.target_deg is None or not belief.choice_deg:
         return None
     return float(np.interp(snapshot.target_deg, belief.choice_deg, belief.choice_sigma_deg))
-
-
-def angle_text(snapshot: Snapshot) -> str:
-    """The angle with its standard deviation, as far as it is known."""
-    belief = snapshot.belief
-    if belief is None:
-        return "–"
-    sigma = "" if belief.sigma_deg is None else f" ± {belief.sigma_deg:.3f}°"
-    return f"{angles_text(belief.estimate) or '–'}{sigma}"
-
-
-_ENDED: dict[Phase, str] = {"fault": "ended by a fault", "stopped": "stopped"}
-"""How a run ended that gave no answer."""
-
-
-def answer_text(snapshot: Snapshot) -> str:
-    """What is claimed: an angle counts as found only once the search is over and says so."""
-    if snapshot.belief is None:
-        return "" if snapshot.points else "nothing measured yet"
-    if not snapshot.belief.claims:
-        return "claim: none: the paper's form of a method always answers, also where there is no marker"
-    if snapshot.phase in _ENDED:
-        return f"{_ENDED[snapshot.phase]}; until then {answer_name(snapshot.belief.estimate)}"
-    reason = getattr(snapshot.belief.estimate, "reason", None)
-    text = answer_name(snapshot.belief.estimate) + (f": {reason}" if reason else "")
-    return text if snapshot.phase == "finished" else f"so far {text}"

@@ -13,7 +13,7 @@ from pathlib import Path
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
-from markerseek.bridges.page.elements import Heartbeat
+from markerseek.bridges.page.elements import Heading, Heartbeat
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.core import MarkerseekError, RigKind
 
@@ -53,7 +53,7 @@ class PageShell:
         self._dark = ui.dark_mode(value=None)
         self._beat = Heartbeat(0)
         with ui.element("header").classes("ms-head"):
-            ui.label("markerseek").classes("ms-name")
+            Heading("markerseek", level=1).classes("ms-name")
             with ui.element("nav").props('aria-label="pages"'):
                 for target, name in _PAGES.items():
                     ui.link(name, target).props('aria-current="page"' if target == path else "")

@@ -1,46 +1,103 @@
-"""The panels of a run: fan, curve, image, numbers and log. Each is sent again only where it has changed."""
+"""The panels of a run: verdict, fan, curve, image, numbers and log. Each is sent again only where it has changed."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from nicegui import ui
 
 from markerseek.bridges.page.curve import curve_options
-from markerseek.bridges.page.elements import Fan, Image
+from markerseek.bridges.page.elements import Chart, Fan, Heading, Image
 from markerseek.bridges.page.models import (
-    angle_text,
-    answer_text,
     background_model,
     fan_model,
     image_model,
+    image_note,
+    image_title,
     number_rows,
 )
-from markerseek.bridges.page.run_history import RunHistory
+from markerseek.bridges.page.run_history import RunHistory, is_image_of
 from markerseek.bridges.page.state import Snapshot
+from markerseek.bridges.page.verdict import Verdict
 from markerseek.core import Interval
 
 LOG_LINES = 10
 """Lines of the log that are shown."""
 
+LEGEND = (
+    ("ms-key-glow", "probability"),
+    ("ms-key-dot", "acquisition (outer: stronger)"),
+    ("ms-key-square", "confirmation"),
+    ("ms-key-arc", "95 %, or bracket"),
+    ("ms-key-tick", "possible next (longer: better)"),
+)
+"""What is drawn in the fan: class of its key, and its meaning."""
+
 _NOTHING = Snapshot(rig="simulated")
 
 
+class VerdictPanel:
+    """The verdict of a run, large enough to be read from two metres."""
+
+    def __init__(self) -> None:
+        self._shown: Verdict | None = None
+        with ui.element("section").props('aria-label="verdict"') as self._band:
+            self._word = ui.label("").classes("ms-badge").props('role="status"').mark("badge")
+            with ui.element("div").classes("ms-angles"):
+                self._lead = ui.label("").classes("ms-lead")
+                self._angle = ui.label("").classes("ms-angle").mark("angle")
+                self._sigma = ui.label("").classes("ms-sigma")
+            with ui.element("div").classes("ms-where"):
+                self._turn = ui.label("").classes("ms-turn")
+                self._interval = ui.label("").classes("ms-interval")
+                self._reason = ui.label("").classes("ms-answer").mark("answer")
+        self.show(Verdict())
+
+    def show(self, verdict: Verdict) -> None:
+        """Show another verdict."""
+        if verdict == self._shown:
+            return
+        self._shown = verdict
+        self._band.classes(replace=f"ms-verdict ms-verdict-{verdict.kind}")
+        for label, text in (
+            (self._word, verdict.word),
+            (self._lead, verdict.lead if verdict.angle not in {"", "–"} else ""),
+            (self._angle, verdict.angle),
+            (self._sigma, verdict.sigma),
+            (self._turn, verdict.turn),
+            (self._interval, verdict.interval),
+            (self._reason, verdict.reason),
+        ):
+            label.set_text(text)
+        # Some lines of it are seen; the pointer shows the rest.
+        self._reason.props["title"] = verdict.reason
+
+
 class FanPanel:
-    """The fan alone, with the angle below it.
+    """The fan, and what is drawn in it.
 
     ``search``: range to show before there is a run.
     """
 
     def __init__(self, search: Interval) -> None:
-        self._empty = fan_model(_NOTHING, search, duration_s=0.0, known_deg=None)
-        self.fan = Fan(self._empty).classes("ms-fan")
-        self._shown: tuple[object, ...] = ()
+        self._search = search
+        self.fan = Fan({}).classes("ms-fan")
+        with ui.element("ul").classes("ms-legend"):
+            for key, meaning in LEGEND:
+                with ui.element("li"):
+                    ui.element("span").classes(f"ms-key {key}")
+                    ui.label(meaning)
+        self.clear()
 
     def clear(self) -> None:
         """Show the fan alone."""
-        self._shown = ()
-        self.fan.show(self._empty)
+        self._shown: tuple[object, ...] = ()
+        self.fan.show(fan_model(_NOTHING, self._search, duration_s=0.0, known_deg=None))
+
+    def aim(self, snapshot: Snapshot, angle_deg: float) -> None:
+        """Draw the needle where a person will turn the probe."""
+        self.fan.show(fan_model(snapshot, self._search, duration_s=0.0, known_deg=None, aim_deg=angle_deg))
 
     def show(self, run: RunHistory, snapshot: Snapshot, *, reveal: bool) -> None:
         """Show a snapshot; the true angle only where it is to be revealed."""
@@ -59,6 +116,34 @@ class FanPanel:
         )
 
 
+class CurvePanel:
+    """Intensity and probability over the angle.
+
+    ``search``: range to show before there is a run.
+    """
+
+    def __init__(self, search: Interval) -> None:
+        self._search = search
+        self._chart = Chart({}, said="intensity and probability over the angle").mark("curve")
+        self.clear()
+
+    def clear(self) -> None:
+        """Show the axes alone."""
+        self._shown: tuple[object, ...] = ()
+        self._chart.show(curve_options(_NOTHING, self._search, unit="counts", known=None))
+
+    def show(self, run: RunHistory, snapshot: Snapshot, *, reveal: bool) -> None:
+        """Show a snapshot; the true angle only where it is to be revealed."""
+        # While the probe moves, only the needle changes.
+        key = (run, len(snapshot.points), snapshot.belief, reveal)
+        if key == self._shown:
+            return
+        self._shown = key
+        facts = run.configuration.facts
+        known = None if facts.known_deg is None or not reveal else (run.known_name, facts.known_deg)
+        self._chart.show(curve_options(snapshot, facts.search, unit=run.unit, known=known))
+
+
 class Panels:
     """All panels of one run at a time, in a grid.
 
@@ -66,80 +151,59 @@ class Panels:
     """
 
     def __init__(self, search: Interval) -> None:
-        self._search = search
         with ui.element("div").classes("ms-panels"):
-            with _panel("probe, from its end", "fan"):
-                self._fan = FanPanel(search)
-            with _panel("intensity and probability over the angle; dashed: noise floor", "curve"):
-                self._curve = ui.echart({}).classes("ms-chart").mark("curve")
-            with _panel("photoacoustic image", "image"):
+            with panel("probe, from its end", "fan"):
+                self.fan = FanPanel(search)
+            with panel("intensity and probability over the angle; dashed: noise floor", "curve"):
+                self._curve = CurvePanel(search)
+            with panel("photoacoustic image", "image") as title:
+                self._image_title = title
                 self._image = Image(image_model(None, floor=None)).classes("ms-image")
                 self._image_note = ui.label("").classes("ms-note")
-            with _panel("what is known", "numbers"):
-                self._angle = ui.label("").classes("ms-angle").mark("angle")
-                self._answer = ui.label("").classes("ms-answer").mark("answer")
+            with panel("what is known", "numbers"):
                 self._rows: dict[str, ui.label] = {}
                 self._table = ui.element("dl").classes("ms-rows")
-            with _panel("log", "log"):
-                self._log = ui.label("").classes("ms-log").mark("log")
+            with panel("log", "log"):
+                self._log = ui.label("").classes("ms-log").props("tabindex=0").mark("log")
         self.clear()
 
     def clear(self) -> None:
         """Show the panels alone."""
         self._shown: tuple[object, ...] = ()
         self._image_key: tuple[object, ...] = ()
-        self._curve_key: tuple[object, ...] = ()
-        self._fan.clear()
-        self._show_curve(curve_options(_NOTHING, self._search, known=None))
+        self.fan.clear()
+        self._curve.clear()
         self._image.show(image_model(None, floor=None), {})
+        self._image_title.set_text(image_title(None))
         self._image_note.set_text("")
-        self._angle.set_text("–")
-        self._show_answer("")
         self._rows.clear()
         self._table.clear()
         self._log.set_text("")
 
     def show(self, run: RunHistory, snapshot: Snapshot, *, reveal: bool) -> None:
         """Show a snapshot; the true angle only where it is to be revealed."""
-        self._fan.show(run, snapshot, reveal=reveal)
+        self.fan.show(run, snapshot, reveal=reveal)
+        self._curve.show(run, snapshot, reveal=reveal)
         self._show_image(run, snapshot)
-        key = (run, snapshot.number, reveal)
+        key = (run, snapshot.number)
         if key == self._shown:
             return
         self._shown = key
-        facts = run.configuration.facts
-        known = None if facts.known_deg is None or not reveal else (run.known_name, facts.known_deg)
-        # While the probe moves, only the needle changes.
-        curve_key = (run, len(snapshot.points), snapshot.belief, reveal)
-        if curve_key != self._curve_key:
-            self._curve_key = curve_key
-            self._show_curve(curve_options(snapshot, facts.search, known=known))
-        self._angle.set_text(angle_text(snapshot))
-        self._show_answer(answer_text(snapshot))
-        self._show_rows(number_rows(snapshot, name=run.name, pulse_j=run.pulse_j))
+        self._show_rows(number_rows(snapshot, name=run.name, unit=run.unit, pulse_j=run.pulse_j))
         self._log.set_text("\n".join(run.lines(snapshot, most=LOG_LINES)))
-
-    def _show_curve(self, options: dict[str, Any]) -> None:
-        self._curve.options.clear()
-        self._curve.options.update(options)
-        self._curve.update()
-
-    def _show_answer(self, answer: str) -> None:
-        if answer != self._answer.text:
-            # Three lines of it are seen; the pointer shows the rest.
-            self._answer.props["title"] = answer
-            self._answer.set_text(answer)
 
     def _show_image(self, run: RunHistory, snapshot: Snapshot) -> None:
         picture = run.picture(snapshot)
-        level = snapshot.floor_level
-        key = (run, picture, level)
+        elsewhere = picture is not None and not is_image_of(picture, snapshot)
+        key = (run, picture, snapshot.floor_level, elsewhere)
         if key == self._image_key:
             return
         self._image_key = key
-        background, note = background_model(picture, simulated=snapshot.rig == "simulated")
-        self._image.show(image_model(picture, floor=level, imaged=run.imaged), background)
-        self._image_note.set_text(note)
+        self._image.show(image_model(picture, floor=snapshot.floor_level, imaged=run.imaged), background_model(picture))
+        self._image_title.set_text(image_title(picture))
+        self._image_title.classes(replace="ms-title" if picture is None else "ms-image-title")
+        self._image_title.classes(add="ms-elsewhere" if elsewhere else "")
+        self._image_note.set_text(image_note(picture, simulated=snapshot.rig == "simulated"))
 
     def _show_rows(self, rows: list[tuple[str, str]]) -> None:
         for name in self._rows.keys() - dict(rows).keys():
@@ -154,8 +218,8 @@ class Panels:
             self._rows[name].set_text(value)
 
 
-def _panel(title: str, name: str) -> ui.element:
-    panel = ui.element("section").classes(f"ms-panel ms-panel-{name}").props(f'aria-label="{title}"')
-    with panel:
-        ui.label(title).classes("ms-title")
-    return panel
+@contextmanager
+def panel(title: str, name: str) -> Iterator[Heading]:
+    """A panel in which what follows is put, with its heading."""
+    with ui.element("section").classes(f"ms-panel ms-panel-{name}").props(f'aria-label="{title}"'):
+        yield Heading(title, level=2).classes("ms-title")

@@ -1,10 +1,9 @@
-"""The images of a frame as few bytes for the browser, and the background drawn where a simulated rig has no B-mode."""
+"""The images of a frame as few bytes for the browser."""
 
 from __future__ import annotations
 
 import base64
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -139,23 +138,3 @@ def _pooled(envelope: Float32[np.ndarray, "depths laterals"]) -> Float32[np.ndar
     # The last row holds fewer depths: zeros are never the largest envelope.
     padded = np.pad(envelope, ((0, missing), (0, 0)))
     return np.asarray(padded.reshape(rows, together, -1).max(axis=1))
-
-
-@lru_cache(maxsize=4)
-def drawn_background(rows: int, columns: int) -> str:
-    """Speckle that looks like B-mode, as levels 0 to 255 in base64; it is drawn, no ultrasound was simulated.
-
-    ``rows``, ``columns``: shape of the image in front of it.
-    """
-    # A fixed seed: the background must not change from image to image, as if it were data.
-    rng = np.random.Generator(np.random.PCG64(7))
-    field = rng.normal(size=(rows, columns)) + 1j * rng.normal(size=(rows, columns))
-    for axis, length in ((0, 3), (1, 4)):
-        # Neighbours share their field, as within a resolution cell.
-        field = np.sum([np.roll(field, shift, axis=axis) for shift in range(length)], axis=0)
-    speckle = np.abs(field) / np.abs(field).mean()
-    depth = np.linspace(0.0, 1.0, rows)[:, None]
-    # A quiet gel pad in front, then tissue that fades with depth.
-    tissue = np.where(depth < 0.55, 0.12, 0.75 * np.exp(-1.5 * (depth - 0.55)))
-    levels = np.clip(60 * speckle * tissue, 0, 255).astype(np.uint8)
-    return base64.b64encode(levels.tobytes()).decode("ascii")

@@ -5,26 +5,33 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlencode
 
 import msgspec
 from nicegui import run, ui
 
 from markerseek.bridges.page.child_search import ChildSearch
-from markerseek.bridges.page.controls import METHOD_FIELDS, SettingsRow
+from markerseek.bridges.page.controls import METHOD_FIELDS, SettingsRow, start_button
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.page_shell import PageShell
+from markerseek.bridges.page.panels import VerdictPanel
 from markerseek.bridges.page.results import ResultRow
 from markerseek.bridges.page.run_history import RunHistory, watched_journal
+from markerseek.bridges.page.search_page import status_text
 from markerseek.bridges.page.settings import PageSettings
+from markerseek.bridges.page.state import with_minus
 from markerseek.bridges.page.timeline import RunView
 from markerseek.core import MarkerseekError
-from markerseek.records.journal import is_journal, read_journal, result_of, run_state
+from markerseek.records.journal import is_journal, read_journal, result_of, run_state, summary
 
 
 class ReplayPage:
-    """The replay of one viewer."""
+    """The replay of one viewer.
 
-    def __init__(self, searches: PageSearches) -> None:
+    ``recording``: name in the link of the recording that is shown at first; empty for none.
+    """
+
+    def __init__(self, searches: PageSearches, recording: str) -> None:
         self._searches = searches
         self._run: RunHistory | None = None
         self._live: ChildSearch | None = None
@@ -38,20 +45,33 @@ class ReplayPage:
             self._recordings = searches.recordings()
         except (MarkerseekError, OSError) as problem:
             self._message = str(problem)
+        verdict = VerdictPanel()
         with ui.element("div").classes("ms-controls"):
-            self._chosen = ui.select(
-                list(self._recordings), label="recording", with_input=True, on_change=self._choose
-            ).props("dense outlined options-dense")
-            self._chosen.style("width: 430px")
+            names = {name: name for name in self._recordings}
+            self._chosen = ui.select(names, label="recording", with_input=True, on_change=self._choose)
+            self._chosen.props("dense outlined options-dense").classes("ms-recording")
             with ui.element("div").classes("ms-controls") as self._methods:
                 self._row = SettingsRow(PageSettings(), METHOD_FIELDS)
-                search = ui.button("Search it", icon="play_arrow").props("dense padding='6px 14px'")
+                search = start_button("Search it")
         self._methods.visible = False
         self._frame.on_click(search, self._search_bank)
-        self._view = RunView(searches.rig.search, playable=True)
+        self._view = RunView(searches.rig.search, verdict, playable=True)
         self._show_nothing()
         self._results = ResultRow()
+        if recording in self._recordings:
+            self._chosen.set_value(recording)
+        elif recording:
+            self._message = f"link: {recording[:80]!r} is no recording here; choose one from the list"
+        ui.timer(0.0, self._describe, once=True)
         self._frame.run(self._update)
+
+    async def _describe(self) -> None:
+        """Add to each name what is known of the recording."""
+        described = await run.io_bound(lambda: {name: described_of(path) for name, path in self._recordings.items()})
+        # None while the program ends.
+        if described is not None:
+            options = {name: ": ".join(filter(None, (name, text))) for name, text in described.items()}
+            self._chosen.set_options(options, value=self._chosen.value)
 
     def _show_nothing(self) -> None:
         """Forget the recording before."""
@@ -64,6 +84,7 @@ class ReplayPage:
         if path is None:
             return
         self._show_nothing()
+        ui.navigate.history.replace(f"/replay?{urlencode({'recording': self._chosen.value})}")
         try:
             is_run = path.is_file() and is_journal(path)
             self._methods.visible = not is_run
@@ -87,7 +108,7 @@ class ReplayPage:
     def _update(self) -> None:
         if self._live is not None:
             self._run = self._live.run
-            self._message = self._live.message or self._live.status
+            self._message = status_text(self._live)
             self._answer = None if self._live.outcome is None else self._live.outcome.answer
         self._frame.show_status(self._message, alarms=self._live is not None and self._live.failed)
         self._results.show(self._answer, self._journal)
@@ -96,6 +117,19 @@ class ReplayPage:
             # Nothing moves here, also where the recording is one of devices.
             self._frame.show_kind("simulated" if facts.kind == "simulated" else "replayed", emulated=facts.emulated)
             self._view.show(self._run, reveal=True)
+
+
+def described_of(path: Path) -> str:
+    """Answer, seed and tissue of the run in a journal; empty for a bank, and for what cannot be read."""
+    if not (path.is_file() and is_journal(path)):
+        return ""
+    found = summary(path)
+    angle = ""
+    # Where nothing was detected, the angle is that of the noise.
+    if found.angle_deg is not None and found.answer != "not found":
+        angle = with_minus(f", {found.angle_deg:.2f}°" if found.as_published else f" at {found.angle_deg:.2f}°")
+    answer = "no claim" if found.as_published and found.answer else found.answer or found.state
+    return f"{answer}{angle}" + (f"; {found.description}" if found.description else "")
 
 
 def _read(path: Path) -> tuple[RunHistory, dict[str, Any] | None]:

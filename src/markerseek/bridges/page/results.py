@@ -23,13 +23,6 @@ def is_claimed(answer: Mapping[str, Any]) -> bool:
     return bool(answer["answer"] == "found" and not answer["as_published"])
 
 
-def answer_in_words(answer: Mapping[str, Any]) -> str:
-    """The answer of a search, with an angle as the command line prints it."""
-    if answer["as_published"]:
-        return f"angle {answer['angle_deg']:.3f}°, claim: none"
-    return f"found at {answer['angle_deg']:.3f}°" if is_claimed(answer) else str(answer["answer"])
-
-
 def make_report(journal: Path) -> dict[str, bytes]:
     """Picture and page of a finished search by the ordinary command, as file names and contents.
 
@@ -67,7 +60,6 @@ class ResultRow:
         self._reports: dict[Path, dict[str, bytes]] = {}
         self._drawing = False
         with ui.element("div").classes("ms-foot") as self._bar:
-            self._text = ui.label("").mark("result")
             with ui.element("span") as self._pictures:
                 self._button("search.html")
                 self._button("search.png")
@@ -87,7 +79,6 @@ class ResultRow:
         self._bar.set_visibility(self._answer is not None)
         self._pictures.set_visibility(journal is not None)
         if self._answer is not None:
-            self._text.set_text(answer_in_words(self._answer))
             # An angle that nobody claims must not find its way into a protocol.
             self._copy_button.set_visibility(is_claimed(self._answer))
 

@@ -17,6 +17,9 @@ from markerseek.runs import rebuild_image_reader
 from markerseek.signals import PRESET_NAMES, ImageReader, probe_preset
 from markerseek.sim import StageMotion
 
+SAME_ANGLE_DEG = 0.02
+"""Distance of two readbacks of one angle, in degrees."""
+
 
 class RunHistory:
     """The snapshots and images of one run; one thread adds events, others read.
@@ -64,10 +67,16 @@ class RunHistory:
         """Whether photoacoustic images can be made of its frames."""
         return self._imaging is not None
 
+    @property
+    def unit(self) -> str:
+        """Unit of its intensities; those of a table have the one of whoever made it."""
+        return "counts" if self.imaged else "as recorded"
+
     def picture(self, snapshot: Snapshot) -> Picture | None:
-        """The newest image at a snapshot; it says at which angle it was taken."""
-        newest = max((number for number in tuple(self.pictures) if number <= snapshot.number), default=None)
-        return None if newest is None else self.pictures[newest]
+        """The newest image of the angle where the probe is; where there is none, the newest of another angle."""
+        seen = [self.pictures[number] for number in sorted(self.pictures) if number <= snapshot.number]
+        here = [each for each in seen if is_image_of(each, snapshot)]
+        return next(reversed(here or seen), None)
 
     def move_s(self, snapshot: Snapshot) -> float:
         """Real time that the present move is expected to take, in seconds; 0 where nothing moves."""
@@ -88,6 +97,12 @@ class RunHistory:
     def known_name(self) -> str:
         """Name of the angle that is known otherwise: the truth of a simulation, or a reference."""
         return "reference" if self.configuration.facts.truth_deg is None else "truth"
+
+
+def is_image_of(picture: Picture, snapshot: Snapshot) -> bool:
+    """Whether an image is of the angle where the probe is."""
+    at_rest = snapshot.probe_deg is not None and snapshot.target_deg is None
+    return at_rest and abs(picture.angle_deg - (snapshot.probe_deg or 0.0)) <= SAME_ANGLE_DEG
 
 
 def warm_up() -> None:

@@ -6,16 +6,19 @@ from markerseek.bridges.page.child_search import ChildSearch
 from markerseek.bridges.page.controls import SearchControls
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.page_shell import PageShell
+from markerseek.bridges.page.panels import VerdictPanel
 from markerseek.bridges.page.results import ResultRow
-from markerseek.bridges.page.settings import PageSettings
+from markerseek.bridges.page.settings import LinkSettings
 from markerseek.bridges.page.timeline import RunView
+from markerseek.bridges.page.verdict import verdict_of
 
 
-def build_search_page(searches: PageSearches, settings: PageSettings) -> None:
+def build_search_page(searches: PageSearches, link: LinkSettings) -> None:
     """Build the page for one viewer."""
     frame = PageShell(searches, "/")
-    controls = SearchControls(frame, settings)
-    view = RunView(searches.rig.search)
+    verdict = VerdictPanel()
+    controls = SearchControls(frame, link)
+    view = RunView(searches.rig.search, verdict)
     results = ResultRow()
     shown: ChildSearch | None = None
 
@@ -43,11 +46,14 @@ def build_search_page(searches: PageSearches, settings: PageSettings) -> None:
     frame.run(update)
 
 
-def status_text(live: ChildSearch | None, *, simulated: bool) -> str:
-    """One line on the search."""
+def status_text(live: ChildSearch | None, *, simulated: bool = True) -> str:
+    """One line on a search; of one on devices that starts, who is asked what."""
     if live is None:
         return "ready: press Start"
     if live.status == "ended":
+        if live.run is not None:
+            said = verdict_of(live.run.snapshots[-1]).line
+            return f"{said}: {live.message}" if live.failed else said
         return f"fault: {live.message}" if live.failed else live.message
     if live.status == "starting" and not simulated:
         return "starting: the terminal where the page was started asks whether to arm"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from typing import TypeAlias
 from urllib.parse import urlencode
 
 import msgspec
@@ -90,21 +91,28 @@ class PageSettings:
         )
 
     @classmethod
-    def of_query(cls, query: Mapping[str, str]) -> PageSettings:
-        """Settings of the query of a link."""
+    def of_query(cls, query: Mapping[str, str]) -> LinkSettings:
+        """Settings of the query of a link, and what is wrong with each of its values that are left out."""
         known = [each.name for each in fields(cls)]
-        unknown = [name for name in query if name not in known]
-        if unknown:
-            raise ConfigError(f"link: {unknown[0][:40]!r} is no setting; settings are {', '.join(known)}")
-        try:
-            # Not strict: every value of a link is text.
-            return msgspec.convert(dict(query), cls, strict=False)
-        except msgspec.ValidationError as problem:
-            name = str(problem).rpartition("$.")[2].rstrip("`")
-            text = query.get(name, "")[:40]
-            raise ConfigError(
-                f"link: {name} is {text!r}, which cannot be read; correct it, or leave it out"
-            ) from problem
+        problems = [
+            f"{name[:40]!r} is no setting; settings are {', '.join(known)}" for name in query if name not in known
+        ]
+        settings, used = cls(), dict[str, str]()
+        # In their order: whether a form, or a number of acquisitions, is possible depends on the method.
+        for name in (each for each in known if each in query):
+            try:
+                # Not strict: every value of a link is text.
+                settings = msgspec.convert(used | {name: query[name]}, cls, strict=False)
+                used[name] = query[name]
+            except msgspec.ValidationError as problem:
+                # The package's own errors are behind those of the text.
+                unread = f"{name} is {query[name][:40]!r}, which cannot be read; correct it, or leave it out"
+                problems.append(str(problem.__cause__) if isinstance(problem.__cause__, ConfigError) else unread)
+        return settings, tuple(problems)
+
+
+LinkSettings: TypeAlias = tuple[PageSettings, tuple[str, ...]]
+"""Settings of a link, and what is wrong with each of its values that are left out."""
 
 
 def _as_text(value: object) -> str:

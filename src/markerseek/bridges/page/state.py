@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
@@ -29,6 +30,13 @@ Phase: TypeAlias = Literal["ready", "moving", "measured", "refused", "checking",
 """What the rig does, as far as its events say."""
 
 
+STOPPED = "stopped: the laser is disarmed, and the probe stays where it was"
+"""How a run ended that a person, or the page, has stopped."""
+
+FAULT_END = "the laser was told to disarm, and the stage to stop"
+"""What laser and stage did at a fault."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Point:
     """One acquisition with light: its role, number within that role, angle reached in degrees, and intensity."""
@@ -48,6 +56,8 @@ class Snapshot:
     rig: RigKind
     """Kind of the rig: whatever is simulated is called so."""
     phase: Phase = "ready"
+    start_deg: float | None = None
+    """Angle of the probe when the run began, in degrees; None before."""
     probe_deg: float | None = None
     """Last angle of the probe that was read back; None before the first."""
     target_deg: float | None = None
@@ -111,13 +121,15 @@ class SnapshotBuilder:
             pulses=self.snapshot.pulses + _pulses(event),
             belief=getattr(event, "belief", None) or self.snapshot.belief,
         )
-        self.snapshot = self._after(event, now)
+        after = self._after(event, now)
+        self.snapshot = replace(after, line=with_minus(after.line))
         return self.snapshot
 
     def _after(self, event: JournalEvent, now: Snapshot) -> Snapshot:
         match event:
             case Started(start_deg=start_deg, limits=limits):
-                return replace(now, phase="ready", probe_deg=start_deg, line=f"started at {start_deg:.2f}°, {limits}")
+                line = f"started at {start_deg:.2f}°, {limits}"
+                return replace(now, phase="ready", start_deg=start_deg, probe_deg=start_deg, line=line)
             case Asked() | Swept():
                 return self._turning(event, now)
             case Measured():
@@ -132,9 +144,9 @@ class SnapshotBuilder:
                 line = ": ".join(filter(None, (name, angles_text(estimate))))
                 return replace(now, phase="finished", target_deg=None, line=line)
             case Failed(error=error):
-                return replace(now, phase="fault", target_deg=None, line=f"fault: {error}")
-            case Interrupted(reason=reason):
-                return replace(now, phase="stopped", target_deg=None, line=f"stopped by {reason}")
+                return replace(now, phase="fault", target_deg=None, line=f"fault: {error}; {FAULT_END}")
+            case Interrupted():
+                return replace(now, phase="stopped", target_deg=None, line=STOPPED)
             case Resuming(by=by):
                 return replace(
                     now,
@@ -156,7 +168,8 @@ class SnapshotBuilder:
     def cut_off(self, reason: str) -> Snapshot:
         """State after the last event of a run that gave no end: where its probe is now is not known."""
         last = self.snapshot
-        self.snapshot = replace(last, number=last.number + 1, phase="stopped", target_deg=None, line=reason)
+        line = with_minus(reason)
+        self.snapshot = replace(last, number=last.number + 1, phase="stopped", target_deg=None, line=line)
         return self.snapshot
 
     def _name(self, role: Role, index: int) -> str:
@@ -189,8 +202,13 @@ def angles_text(estimate: Estimate) -> str:
     if isinstance(estimate, NotFound):
         return ""
     if isinstance(estimate, Ambiguous):
-        return " or ".join(f"{each:.1f}°" for each in estimate.modes_deg)
-    return f"{estimate.mean_deg:.3f}°"
+        return with_minus(" or ".join(f"{each:.1f}°" for each in estimate.modes_deg))
+    return with_minus(f"{estimate.mean_deg:.3f}°")
+
+
+def with_minus(text: str) -> str:
+    """A text whose negative numbers have a minus sign instead of a hyphen."""
+    return re.sub(r"(?<![\w.])-(?=\d)", "−", text)
 
 
 _ROLES: dict[Role, str] = {"dark": "dark frame", "search": "acquisition", "confirmation": "confirmation"}

@@ -5,9 +5,10 @@ from __future__ import annotations
 from nicegui import ui
 
 from markerseek.bridges.page.elements import Slider
-from markerseek.bridges.page.panels import Panels
+from markerseek.bridges.page.panels import Panels, VerdictPanel
 from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.state import Snapshot
+from markerseek.bridges.page.verdict import Verdict, verdict_of
 from markerseek.core import Interval
 
 PLAY_TICKS = 4
@@ -15,20 +16,24 @@ PLAY_TICKS = 4
 
 
 class RunView:
-    """Panels of a run and the slider below them."""
+    """Panels of a run and the slider below them; its verdict stands above, where the page has put it."""
 
-    def __init__(self, search: Interval, *, playable: bool = False) -> None:
+    def __init__(self, search: Interval, verdict: VerdictPanel, *, playable: bool = False) -> None:
+        self._verdict = verdict
         self._panels = Panels(search)
         self._timeline = Timeline(playable=playable)
 
     def clear(self) -> None:
         """Empty everything, so that facts of one run are not shown as those of the next, which may never begin."""
+        self._verdict.show(Verdict())
         self._panels.clear()
         self._timeline.clear()
 
     def show(self, run: RunHistory, *, reveal: bool) -> None:
         """Show the event that was chosen, or the newest; the true angle only where it is to be revealed."""
-        self._panels.show(run, self._timeline.snapshot(run), reveal=reveal)
+        snapshot = self._timeline.snapshot(run)
+        self._verdict.show(verdict_of(snapshot))
+        self._panels.show(run, snapshot, reveal=reveal)
 
 
 class Timeline:

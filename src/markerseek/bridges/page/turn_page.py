@@ -7,13 +7,15 @@ from dataclasses import replace
 from nicegui import run, ui
 from nicegui.events import KeyEventArguments
 
-from markerseek.bridges.page.controls import SettingsRow
+from markerseek.bridges.page.controls import SettingsRow, start_button
 from markerseek.bridges.page.elements import Slider
 from markerseek.bridges.page.manual_search import ManualSearch, Score
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.page_shell import PageShell
-from markerseek.bridges.page.panels import Panels
+from markerseek.bridges.page.panels import Panels, VerdictPanel
 from markerseek.bridges.page.settings import PageSettings
+from markerseek.bridges.page.state import Snapshot, with_minus
+from markerseek.bridges.page.verdict import Verdict
 from markerseek.core import LimitError, MarkerseekError
 from markerseek.sim import SimulatedSettings
 
@@ -31,27 +33,27 @@ class TurnPage:
         self._score: Score | None = None
         self._working = False
         self._frame = PageShell(searches, "/turn")
+        self._verdict = VerdictPanel()
         limits = base.limits.search
+        start_deg = limits.nearest(base.start_deg)
+        self._start = Snapshot(rig="simulated", probe_deg=start_deg)
         with ui.element("div").classes("ms-controls"):
-            names = ("tissue", "snr_db", "seed", "readout_s")
-            # Other settings are another scene.
-            self._row = SettingsRow(PageSettings(seed=2), names, on_change=lambda _: self._forget())
-            ui.button("Begin again", on_click=self._begin).props("dense outline padding='6px 10px'")
-            self._measure = ui.button("Measure", icon="bolt", on_click=self._fire).props("dense padding='6px 14px'")
+            self._measure = start_button("Measure", icon="bolt").on_click(self._fire)
             self._name = ui.button("It is here", icon="flag", on_click=self._name_it)
             self._name.props("dense outline padding='6px 10px'")
             self._show = ui.button("See the posterior do it")
             self._show.props("dense outline padding='6px 10px'")
             self._frame.on_click(self._show, self._let_search)
+            ui.button("Begin again", on_click=self._begin).props("dense outline padding='6px 10px'")
+            names = ("tissue", "snr_db", "seed", "readout_s")
+            # Other settings are another scene.
+            self._row = SettingsRow(PageSettings(seed=2), names, on_change=lambda _: self._forget())
         with ui.element("div").classes("ms-foot"):
-            self._target = ui.label("").classes("ms-note").style("min-width: 92px")
-            start_deg = limits.nearest(base.start_deg)
             self._slider = Slider(min=limits.low_deg, max=limits.high_deg, step=0.1, value=start_deg)
             # Else the arrow keys would be the slider's, which turns by a tenth of a degree.
             self._slider.on("change", js_handler="() => document.activeElement?.blur()")
             self._slider.props('aria-label="angle of the probe in degrees"')
         ui.keyboard(on_key=self._key)
-        self._help = ui.label(HELP).classes("ms-help")
         self._panels = Panels(limits)
         self._frame.run(self._update)
 
@@ -108,18 +110,17 @@ class TurnPage:
         ui.navigate.to("/?" + chosen.query())
 
     def _update(self) -> None:
-        self._target.set_text(f"turn to {self._slider.value:+.1f}°")
         self._name.set_enabled(self._turn is not None and self._score is None)
-        self._measure.set_enabled(not self._working and self._score is None)
+        self._measure.set_enabled(not self._working and self._score is None and self._row.usable)
         self._show.set_enabled(self._score is not None and not self._frame.searches.busy)
-        self._help.set_text(HELP if self._score is None else score_text(self._score))
-        if self._turn is None:
-            self._frame.show_status("a scene of its own: nothing is sent to a rig")
-            return
-        watched = self._turn.run
-        snapshot = watched.snapshots[-1]
-        self._frame.show_status(snapshot.phase)
-        self._panels.show(watched, snapshot, reveal=self._score is not None)
+        aim_deg = float(self._slider.value)
+        self._verdict.show(aim_verdict(aim_deg) if self._score is None else score_verdict(self._score))
+        snapshot = self._start if self._turn is None else self._turn.run.snapshots[-1]
+        self._frame.show_status("a scene of its own: nothing is sent to a rig")
+        if self._turn is not None:
+            self._panels.show(self._turn.run, snapshot, reveal=self._score is not None)
+        if self._score is None:
+            self._panels.fan.aim(snapshot, aim_deg)
 
 
 def build_turn_page(searches: PageSearches) -> None:
@@ -132,15 +133,21 @@ def build_turn_page(searches: PageSearches) -> None:
     frame.run(lambda: None)
 
 
-def score_text(score: Score) -> str:
-    """How a person did, in one sentence."""
+def aim_verdict(aim_deg: float) -> Verdict:
+    """Where a person will turn the probe."""
+    return Verdict(word="YOUR TURN", kind="busy", lead="turn to", angle=with_minus(f"{aim_deg:+.1f}°"), reason=HELP)
+
+
+def score_verdict(score: Score) -> Verdict:
+    """How a person did."""
     count = "1 acquisition" if score.acquisitions == 1 else f"{score.acquisitions} acquisitions"
-    truth = (
-        "but there is no marker on this rig"
-        if score.truth_deg is None
-        else f"the marker is at {score.truth_deg:.2f}°: {score.error_deg:.2f}° off"
-    )
-    return (
-        f"You named {score.named_deg:.1f}°, {truth}, after "
-        f"{count}, {score.travel_deg:.0f}° of rotation and {score.elapsed_s:.0f} s (virtual)."
+    truth = "there is no marker on this rig"
+    if score.truth_deg is not None:
+        truth = f"the marker is at {score.truth_deg:.2f}°: {score.error_deg:.2f}° off"
+    return Verdict(
+        word="YOU NAMED",
+        kind="idle",
+        angle=with_minus(f"{score.named_deg:.1f}°"),
+        turn=with_minus(truth),
+        reason=f"after {count}, {score.travel_deg:.0f}° of rotation and {score.elapsed_s:.0f} s (virtual)",
     )

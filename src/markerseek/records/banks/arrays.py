@@ -2,13 +2,16 @@
 
 ``.npz`` and ``.mat`` hold variables by name: ``angle_deg`` (or ``angle_mrad``, ``angle_rad``); ``intensity`` or
 ``frames`` (angles × channels × samples, counts, or floating-point numbers, which are scaled); and optionally
-``sampling_hz`` and ``reference_angle_deg``. A `TableFormat` names others. ``.npy`` holds two columns, angle and
-intensity, or intensities or frames alone.
+``sampling_hz``, ``reference_angle_deg``, ``pitch_m``, ``sound_speed_m_s``, ``first_sample_s`` (when the first sample
+was taken, from the trigger) and ``pulses``. A `TableFormat` names others. ``.npy`` holds two columns, angle and
+intensity, or intensities or frames alone. The frames of a Verasonics workspace, and of a file of zea, come with the
+same names.
 """
 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import permutations
@@ -16,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from markerseek.core import ChannelFrame, Float64, FrameHeader, Int16, RecordError
+from markerseek.core import Bool, ChannelFrame, Float64, FrameHeader, Int16, RecordError
 from markerseek.files import as_read_error
 from markerseek.records.banks.bank import BankFacts, FrameBank, IntensityBank, require_angles
 from markerseek.records.banks.counts import as_counts, scale_of
@@ -76,7 +79,20 @@ def read_arrays(
     ``axes``: order of the axes of the frames, a permutation of `AXES`.
     """
     with as_read_error(path), Sandbox() as sandbox:
-        arrays = _named(path, arrays_in(path, sandbox, most_bytes=_LARGEST_BYTES))
+        arrays = arrays_in(path, sandbox, most_bytes=_LARGEST_BYTES)
+    return bank_of_arrays(path, arrays, table, first_and_step_deg=first_and_step_deg, axes=axes)
+
+
+def bank_of_arrays(
+    path: Path,
+    found: Mapping[str, np.ndarray],
+    table: TableFormat = DEFAULT_FORMAT,
+    *,
+    first_and_step_deg: tuple[float, float] | None = None,
+    axes: tuple[str, ...] = AXES,
+) -> IntensityBank | ArrayBank:
+    """Bank of arrays by their names, as `read_arrays`; ``path``: where they are from."""
+    arrays = _named(path, dict(found))
     angle, value = _picked(path, arrays, table)
     if value is None:
         raise RecordError(
@@ -104,18 +120,29 @@ def read_arrays(
         )
     if not frames:
         values = _intensities(path, values, degrees.size)
-    degrees, values = _valid(path, degrees, values, table)
+    kept = _valid(path, degrees, values, table)
+    degrees, values = degrees[kept], values[kept]
     order = np.argsort(degrees, kind="stable")
     rising = tuple(degrees[order].tolist())
     require_angles(path, rising)
     facts = BankFacts(
         sampling_hz=_scalar(path, arrays, "sampling_hz"),
         reference_angle_deg=_scalar(path, arrays, "reference_angle_deg"),
+        pitch_m=_scalar(path, arrays, "pitch_m"),
+        sound_speed_m_s=_scalar(path, arrays, "sound_speed_m_s"),
     )
     if frames:
         # One scale for all angles, or their intensities could not be compared.
         counts = as_counts(path, values, scale=scale_of(path, values))
-        return ArrayBank(path=path, angles_deg=rising, samples=counts[order], facts=facts)
+        if unfilled := _scalar(path, arrays, "unfilled"):
+            warnings.warn(f"{path}: {unfilled:g} frames hold zeros only, and are left out", stacklevel=2)
+        return ArrayBank(
+            path=path,
+            angles_deg=rising,
+            samples=_from_trigger(path, counts, arrays, facts.sampling_hz)[order],
+            facts=facts,
+            pulses=tuple(_pulses(path, arrays, kept.size)[kept][order].tolist()),
+        )
     intensity = amplitudes(values, db=table.db, where=lambda index: f"{path}, angle {degrees[index]:g} deg")
     return IntensityBank(angles_deg=rising, intensities=tuple(intensity[order].tolist()), facts=facts)
 
@@ -182,6 +209,39 @@ def _fits(shape: tuple[int, ...], axes: tuple[str, ...], angles: int | None) -> 
     return angles in (None, by_axis["angles"]) and 0 < by_axis["channels"] <= by_axis["samples"]
 
 
+def _from_trigger(
+    path: Path,
+    counts: Int16[np.ndarray, "angles channels samples"],
+    arrays: Mapping[str, np.ndarray],
+    sampling_hz: float | None,
+) -> Int16[np.ndarray, "angles channels samples"]:
+    """The same frames with sample 0 at the trigger, to the nearest sample: filled with zeros, or cut off, before."""
+    first_s = _scalar(path, arrays, "first_sample_s")
+    if not first_s:
+        return counts
+    if sampling_hz is None:
+        raise RecordError(f"{path}: first_sample_s is {first_s:g} s, and sampling_hz is missing; add it")
+    length = counts.shape[2]
+    # Compared before it is rounded: a number that lies could have any size.
+    if not abs(first_s * sampling_hz) < length:
+        raise RecordError(
+            f"{path}: the first sample is {1e6 * first_s:g} µs from the trigger, more than the {length} samples of a "
+            "frame last; correct it (Receive.startDepth of a Verasonics, initial_times of zea, first_sample_s)"
+        )
+    before = round(first_s * sampling_hz)
+    if before < 0:
+        return counts[:, :, -before:]
+    return np.pad(counts, ((0, 0), (0, 0), (before, 0)))
+
+
+def _pulses(path: Path, arrays: Mapping[str, np.ndarray], angles: int) -> np.ndarray:
+    """Pulses averaged at each angle; 1 where it is not stated."""
+    values = arrays.get("pulses", np.ones(angles, int)).ravel()
+    if values.size != angles or values.dtype.kind not in "iu" or not (values > 0).all() or not (values < 2**31).all():
+        raise RecordError(f"{path}: pulses must be {angles} whole numbers from 1")
+    return values.astype(np.int64)
+
+
 def _intensities(path: Path, intensity: np.ndarray, angles: int) -> Float64[np.ndarray, " angles"]:
     if intensity.size != angles or intensity.dtype.kind not in "iuf":
         raise RecordError(f"{path}: intensity is {intensity.dtype} of shape {intensity.shape} for {angles} angles")
@@ -190,18 +250,19 @@ def _intensities(path: Path, intensity: np.ndarray, angles: int) -> Float64[np.n
 
 def _valid(
     path: Path, degrees: Float64[np.ndarray, " angles"], values: np.ndarray, table: TableFormat
-) -> tuple[Float64[np.ndarray, " kept"], np.ndarray]:
-    """Angles and their values without those that are no finite numbers, or refused."""
-    finite = np.array([np.isfinite(each).all() for each in values], dtype=bool) & np.isfinite(degrees)
+) -> Bool[np.ndarray, " angles"]:
+    """Which angles and values are finite numbers; refused where others are not to be left out."""
+    finite: Bool[np.ndarray, " angles"] = np.isfinite(degrees)
+    finite &= np.array([np.isfinite(each).all() for each in values], dtype=bool)
     if finite.all():
-        return degrees, values
+        return finite
     if not table.skip_invalid:
         raise RecordError(
             f"{path}: {int((~finite).sum())} of {finite.size} angles hold a number that is not finite; leave those "
             "angles out, or say so: --skip-invalid"
         )
     warn_skipped(path, "angle number", [str(index + 1) for index in np.flatnonzero(~finite)])
-    return degrees[finite], values[finite]
+    return finite
 
 
 def _scalar(path: Path, arrays: Mapping[str, np.ndarray], name: str) -> float | None:

@@ -6,20 +6,27 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from markerseek.core import ConfigError, RecordError
-from markerseek.files import as_read_error
+from markerseek.files import as_read_error, require_input
+from markerseek.records.banks.arrays import ArrayBank, bank_of_arrays
 from markerseek.records.banks.bank import HDF5_SUFFIXES, FrameBank, IntensityBank
 from markerseek.records.banks.folder import read_folder
-from markerseek.records.banks.ipasc.reading import IpascBank, read_ipasc
+from markerseek.records.banks.ipasc.reading import IpascBank, read_probed, walk_bank
 from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, read_table
+from markerseek.records.banks.zea import zea_arrays
 from markerseek.records.journal import is_journal
+from markerseek.records.sandbox import Sandbox
+from markerseek.records.untrusted_hdf5 import require_h5py
+
+# 4 TiB: frames are read one at a time, so that the size of the file is harmless.
+_LARGEST_BYTES = 1 << 42
 
 
 def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank | FrameBank:
     """Bank at a path, its frames left on disk.
 
-    ``path``: an IPASC HDF5 file (``.hdf5``, ``.h5``); a CSV of ``angle_deg,intensity``; or a folder that holds for each
-    angle a sub-folder of SonixDAQ files or a file of channel data (``.npy``, ``.mat``), named by its angle in degrees
-    (``-12.5``, ``angle_-12.5deg``). ``table``: of a CSV.
+    ``path``: an HDF5 file of IPASC or zea (``.hdf5``, ``.h5``); a CSV of ``angle_deg,intensity``; or a folder that
+    holds for each angle a sub-folder of SonixDAQ files or a file of channel data (``.npy``, ``.mat``), named by its
+    angle in degrees (``-12.5``, ``angle_-12.5deg``). ``table``: of a CSV.
     """
     with as_read_error(path):
         journal = path.is_file() and is_journal(path)
@@ -40,7 +47,18 @@ def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank 
             )
         if path.suffix.lower() not in HDF5_SUFFIXES:
             return read_table(path, table)
-    return read_ipasc(path)
+    return read_hdf5(path)
+
+
+def read_hdf5(path: Path) -> IntensityBank | IpascBank | ArrayBank:
+    """Bank in an HDF5 file of IPASC, its frames left on disk (`read_probed`), or of zea, in memory (`zea_arrays`)."""
+    with as_read_error(path):
+        require_input(path, most_bytes=_LARGEST_BYTES)
+    require_h5py()
+    with Sandbox() as sandbox:
+        # Each refuses a file that crashes the library.
+        arrays = sandbox.read(zea_arrays, path) or sandbox.read(walk_bank, path)
+    return bank_of_arrays(path, arrays) if arrays else read_probed(path)
 
 
 def frame_faults(bank: IntensityBank | FrameBank) -> Iterator[str | None]:

@@ -58,7 +58,7 @@ class JournalSummary(msgspec.Struct, frozen=True, kw_only=True):
     """``method``, ``as_published``, ``rig`` and ``emulated``: the policy's name and whether it is in the paper's form,
     the kind of the rig, and its emulated devices."""
     description: str | None = None
-    """What the rig looked at; of a simulated one the tissue."""
+    """The rig in words; of a simulated one also tissue and seed."""
     seed: int | None = None
     """Seed of a simulated rig."""
     state: Literal["finished", "fault", "open", "running", "damaged", "unreadable"]

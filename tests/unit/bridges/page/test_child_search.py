@@ -15,6 +15,7 @@ from markerseek.bridges.child import Outcome
 from markerseek.bridges.page.child_search import ChildSearch
 from markerseek.bridges.page.page_searches import PageRig, PageSearches
 from markerseek.bridges.page.settings import PageSettings
+from markerseek.bridges.page.state import STOPPED as STOPPED_LINE
 from markerseek.core import RecordError, SearchError, SearchPlan
 from markerseek.records.journal import Entry
 from markerseek.rigs import read_rig_file
@@ -86,7 +87,8 @@ def test_stop_ends_it(stream):
     live = ChildSearch(lambda *_: child, ["search"])
     live.stop()
     assert live.join(30)
-    assert (live.status, live.message) == ("ended", "stopped by SIGINT")
+    assert (live.status, live.message) == ("ended", STOPPED_LINE)
+    assert live.run is None or live.run.snapshots[-1].line == STOPPED_LINE
 
 
 def test_stop_before_the_child_is_there(stream):
@@ -137,7 +139,8 @@ def test_search_that_cannot_be_shown_is_stopped(stream, monkeypatch):
 
 
 def test_published_form_wins_no_race():
-    verdict = pytest.importorskip("markerseek.bridges.page.race_page", reason="needs the extra page").verdict
+    race_page = pytest.importorskip("markerseek.bridges.page.race_page", reason="needs the extra page")
+    verdict, leader = race_page.race_verdict, race_page.leader
 
     def racer(method, elapsed_s, *, as_published=False):
         plan = SearchPlan(method=method, as_published=as_published)
@@ -157,6 +160,12 @@ def test_published_form_wins_no_race():
         status="ended", run=slow.run, outcome=Outcome(exit_code=3, answer={"answer": "not found"})
     )
     assert verdict((nothing, nothing)) == "no marker was found"
+    # The quick one leads once the other's clock has passed its end, and not before.
+    runs = [racer("posterior", at_s).run for at_s in (50.0, 61.0)]
+    running = [SimpleNamespace(status="running", run=each, outcome=None) for each in runs]
+    assert [leader((each, quick)) for each in running] == [None, quick]
+    assert [verdict((each, quick)) for each in running] == ["", "ternary is first, after 60 s (virtual)"]
+    assert leader((quick, stopped)) is None
 
 
 def searches(children, tmp_path, monkeypatch, **rig):

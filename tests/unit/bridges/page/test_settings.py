@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from urllib.parse import parse_qsl
 
@@ -29,12 +30,12 @@ settings = st.builds(
 
 @given(settings)
 def test_link_holds_all_settings(chosen):
-    assert PageSettings.of_query(dict(parse_qsl(chosen.query()))) == chosen
+    assert PageSettings.of_query(dict(parse_qsl(chosen.query()))) == (chosen, ())
 
 
 def test_usual_settings_need_no_query():
     assert PageSettings().query() == ""
-    assert PageSettings.of_query({}) == PageSettings()
+    assert PageSettings.of_query({}) == (PageSettings(), ())
 
 
 @pytest.mark.parametrize(
@@ -42,8 +43,8 @@ def test_usual_settings_need_no_query():
     [
         ({"method": "magic"}, "'magic' is unknown"),
         ({"seed": "-1"}, "seed is -1"),
-        ({"seed": "one"}, "^link: seed is 'one', which cannot be read; correct it, or leave it out$"),
-        ({"snr_db": ""}, "^link: snr_db is '', which cannot be read"),
+        ({"seed": "one"}, "^seed is 'one', which cannot be read; correct it, or leave it out$"),
+        ({"snr_db": ""}, "^snr_db is '', which cannot be read"),
         ({"acquisitions": "1"}, "at least 2"),
         ({"acquisitions": "1e9"}, "acquisitions"),
         ({"tissue": "jelly"}, "tissue 'jelly' is unknown"),
@@ -57,9 +58,19 @@ def test_usual_settings_need_no_query():
         ({"journal": "x"}, "'journal' is no setting"),
     ],
 )
-def test_link_that_cannot_be_used_is_refused(query, message):
-    with pytest.raises(ConfigError, match=message):
-        PageSettings.of_query(query)
+def test_value_of_a_link_that_cannot_be_used_is_named_and_left_out(query, message):
+    settings, problems = PageSettings.of_query(query | {"tissue": query.get("tissue", "liver")})
+    assert len(problems) == 1
+    assert re.search(message, problems[0])
+    assert settings == PageSettings(tissue=None if "tissue" in query else "liver")
+
+
+def test_all_that_is_wrong_with_a_link_is_named():
+    query = {"as_published": "1", "seed": "-5", "rig": "x", "method": "ternary", "snr_db": "much"}
+    settings, problems = PageSettings.of_query(query)
+    # The order in the link does not matter: "as published" is possible with ternary.
+    assert settings == PageSettings(method="ternary", as_published=True)
+    assert [each.split()[0] for each in problems] == ["'rig'", "snr_db", "seed"]
 
 
 def test_arguments_are_those_of_the_command():

@@ -12,11 +12,11 @@ import pytest
 from markerseek import rigs
 from markerseek.bridges.page.curve import curve_options
 from markerseek.bridges.page.models import (
-    angle_text,
-    answer_text,
     background_model,
     fan_model,
     image_model,
+    image_note,
+    image_title,
     number_rows,
     probe_text,
 )
@@ -25,13 +25,13 @@ from markerseek.bridges.page.picture import (
     OVER_B_MODE_DB,
     RANGE_DB,
     _b_mode_layer,
-    drawn_background,
     picture_of,
     pooled_levels,
 )
-from markerseek.bridges.page.results import answer_in_words, is_claimed
-from markerseek.bridges.page.run_history import RunHistory
-from markerseek.bridges.page.state import Snapshot, SnapshotBuilder
+from markerseek.bridges.page.results import is_claimed
+from markerseek.bridges.page.run_history import RunHistory, is_image_of
+from markerseek.bridges.page.state import STOPPED, Snapshot, SnapshotBuilder, with_minus
+from markerseek.bridges.page.verdict import Verdict, angle_text, interval_text, sigma_text, turn_text, verdict_of
 from markerseek.core import (
     PAPER_RANGE,
     Ambiguous,
@@ -162,7 +162,10 @@ def test_states_that_end_or_interrupt_a_run():
     for event, phase, over in said:
         snapshot = state.add(event, clock_s=1.0)
         assert (snapshot.phase, snapshot.over) == (phase, over)
-    assert snapshot.line == "fault: it did not arrive"
+    assert snapshot.line == "fault: it did not arrive; the laser was told to disarm, and the stage to stop"
+    verdict = verdict_of(snapshot)
+    assert (verdict.word, verdict.kind) == ("FAULT", "fault")
+    assert verdict.reason == "it did not arrive; the laser was told to disarm, and the stage to stop"
     assert snapshot.refused == 1
 
 
@@ -170,14 +173,14 @@ def test_published_form_claims_nothing():
     session, events = finished_run("ternary", as_published=True)
     snapshots, result = shown(session, events), session.result()
     last = snapshots[-1]
-    assert (angle_text(last), answer_text(last).split(":")[:2]) == (f"{result.angle_deg:.3f}°", ["claim", " none"])
-    assert not any("found" in answer_text(each) or "confirm" in each.line for each in snapshots)
+    verdict = verdict_of(last)
+    assert (verdict.word, verdict.kind, verdict.turn) == ("NO CLAIM", "nothing", "")
+    assert (verdict.angle, verdict.sigma) == (f"{result.angle_deg:.3f}°".replace("-", "−"), "")
+    assert not any("found" in verdict_of(each).line or "confirm" in each.line for each in snapshots)
     fan = fan_model(last, session.configuration.facts.search, duration_s=0.0, known_deg=None)
     assert (last.points[-1].role, fan["points"][-1]["text"]) == ("confirmation", "")
     answer = msgspec.to_builtins(result)
     assert (answer["answer"], is_claimed(answer)) == ("found", False)
-    assert answer_in_words(answer) == f"angle {result.angle_deg:.3f}°, claim: none"
-    assert answer_in_words(answer | {"as_published": False}) == f"found at {result.angle_deg:.3f}°"
 
 
 def test_probe_is_read_back_last_where_its_move_was_cut_short():
@@ -189,22 +192,30 @@ def test_probe_is_read_back_last_where_its_move_was_cut_short():
         if isinstance(event, Asked) and (event.role, event.index) == ("search", 2)
     )
     said = [probe_text(state.add(event, clock_s=clock_s)) for event, clock_s in events[: second + 1]]
-    read_back = f"read back: {state.snapshot.probe_deg:.2f}°"
-    assert said[-2:] == [read_back, f"expected, on its way to {events[second][0].angle_deg:.2f}°"]
+    read_back = with_minus(f"read back: {state.snapshot.probe_deg:.2f}°")
+    assert said[-2:] == [read_back, with_minus(f"expected, on its way to {events[second][0].angle_deg:.2f}°")]
     cut_off = state.cut_off("killed")
     assert (cut_off.phase, cut_off.number, cut_off.line) == ("stopped", second + 2, "killed")
     assert probe_text(cut_off) == f"last {read_back}"
-    assert answer_text(cut_off) == f"stopped; until then {answer_name(cut_off.belief.estimate)}"
+    verdict = verdict_of(cut_off)
+    assert (verdict.word, verdict.lead, verdict.reason) == ("STOPPED", "so far", "killed")
 
 
 def test_angle_counts_as_found_only_at_the_end():
     session, events = finished_run("posterior")
-    snapshots = shown(session, events)
+    snapshots, start_deg = shown(session, events), events[0][0].start_deg
     before = next(each for each in reversed(snapshots) if each.phase == "measured")
-    assert answer_text(before).startswith("so far found")
-    assert answer_text(snapshots[-1]) == "found"
-    assert angle_text(snapshots[0]) == "–"
-    assert angle_text(snapshots[-1]).startswith(f"{session.result().angle_deg:.3f}° ±")
+    assert (verdict_of(before).word, verdict_of(before).reason) == ("SEARCHING", "so far found")
+    assert verdict_of(before).turn == ""
+    assert verdict_of(snapshots[0]).angle == "–"
+    found, result = verdict_of(snapshots[-1]), session.result()
+    assert (found.word, found.kind, found.lead, found.reason) == ("FOUND", "found", "", "")
+    # Another way to two significant digits, and to a mean of as many.
+    sigma = np.format_float_positional(result.sigma_deg, precision=2, fractional=False, min_digits=2)
+    digits = len(sigma.partition(".")[2])
+    assert (found.angle, found.sigma) == (f"−{abs(result.angle_deg):.{digits}f}°", f" ± {sigma}°")
+    # The probe has been turned to the marker, which is where it began plus that.
+    assert found.turn == f"the probe is on it, turned by −{abs(events[-1][0].confirmation.angle_deg - start_deg):.1f}°"
 
 
 def test_models_hold_what_a_snapshot_holds():
@@ -215,22 +226,27 @@ def test_models_hold_what_a_snapshot_holds():
     numbers = [str(point.number) for point in snapshot.points if point.role == "search"]
     # The confirmation has confirmed the marker.
     assert [point["text"] for point in fan["points"]] == [*numbers, "✓"]
-    curve = curve_options(snapshot, facts.search, known=("truth", -9.4))
+    curve = curve_options(snapshot, facts.search, unit="counts", known=("truth", -9.4))
+    assert "[counts]" in curve["yAxis"][0]["name"]
     density, dots = curve["series"]
     source = curve["dataset"]["source"]
     assert source[density["encode"]["x"]] == pytest.approx(snapshot.belief.angles_deg, abs=1e-3)
     assert source[density["encode"]["y"]] == pytest.approx(snapshot.belief.density_per_deg, abs=1e-5)
     assert [dot["value"][0] for dot in dots["data"]] == [round(point.angle_deg, 3) for point in snapshot.points]
     assert [line["xAxis"] for line in density["markLine"]["data"]] == [session.result().angle_deg, -9.4]
-    assert dict(number_rows(snapshot, name="ternary", pulse_j=1e-3))["light"] == f"{snapshot.pulses:.3g} mJ"
-    assert "light" not in dict(number_rows(snapshot, name="ternary", pulse_j=None))
-    assert "(virtual)" in dict(number_rows(snapshot, name="ternary", pulse_j=None))["time"]
+    lit, unlit = (
+        dict(number_rows(snapshot, name="ternary", unit="counts", pulse_j=pulse_j)) for pulse_j in (1e-3, None)
+    )
+    assert lit["light"] == f"{snapshot.pulses:.3g} mJ"
+    assert "light" not in unlit
+    assert "(virtual)" in unlit["time"]
+    assert unlit["noise floor"].endswith(" counts")
 
 
 def test_truth_is_hidden_until_it_is_revealed():
     session, events = finished_run("posterior")
     snapshot = shown(session, events)[-1]
-    hidden = curve_options(snapshot, session.configuration.facts.search, known=None)
+    hidden = curve_options(snapshot, session.configuration.facts.search, unit="counts", known=None)
     assert len(hidden["series"][0]["markLine"]["data"]) == 1
 
 
@@ -279,8 +295,8 @@ def test_b_mode_of_the_frame_is_the_background_and_both_are_where_their_pixels_a
     sample = rig.scanner.measure(4.0)
     run.add(Measured(role="search", index=1, sample=sample), clock_s=0.0)
     picture, b_mode = run.picture(run.snapshots[-1]), sample.frame.b_mode
-    background, note = background_model(picture, simulated=True)
-    assert note == "grey background: B-mode (simulated)"
+    background = background_model(picture)
+    assert image_note(picture, simulated=True) == "photoacoustic, 20 dB; ring: its peak; grey: B-mode (simulated)"
     assert background["pixels"] == picture.b_mode.pixels
     np.testing.assert_array_equal(levels_of(picture.b_mode), b_mode.pixels)
     for layer, geometry, row, column in (
@@ -318,7 +334,9 @@ def test_picture_of_a_simulated_frame_has_its_peak_where_the_reading_has_it():
     lateral_mm, depth_mm = centre_mm(picture.image, *np.unravel_index(levels_of(picture.image).argmax(), (198, 128)))
     # A pixel is 0.43 mm wide and 0.39 mm deep; the reading has found the peak between its pixels.
     assert (lateral_mm, depth_mm) == pytest.approx(picture.peak_mm, abs=0.25)
-    assert background_model(picture, simulated=True)[1] == "grey background: drawn, not simulated"
+    # Nothing is drawn below data that is not data.
+    assert background_model(picture) == {}
+    assert image_title(picture) == f"image of {sample.angle_deg:.2f}°"
     assert image_model(picture, floor=None)["deg"] == sample.angle_deg
     assert image_model(None, floor=None)["pixels"] == ""
     # The largest envelope of noise is no marker.
@@ -326,12 +344,20 @@ def test_picture_of_a_simulated_frame_has_its_peak_where_the_reading_has_it():
     assert (below["peak"], above["peak"]) == (picture.peak_mm, None)
 
 
-def test_background_is_the_same_each_time():
-    drawn_background.cache_clear()
-    first = drawn_background(198, 128)
-    drawn_background.cache_clear()
-    assert drawn_background(198, 128) == first
-    assert len(base64.b64decode(first)) == 198 * 128
+def test_the_image_is_of_the_angle_where_the_probe_is():
+    rig = rigs.simulated(seed=1, marker_deg=2.0)
+    run = RunHistory(new_session(rig, SearchPlan(method="posterior")).configuration)
+    for index, angle_deg in enumerate((2.0, 27.0, 2.0), start=1):
+        run.add(Asked(role="search", index=index, angle_deg=angle_deg), clock_s=0.0)
+        run.add(Measured(role="search", index=index, sample=rig.scanner.measure(angle_deg)), clock_s=0.0)
+    asked, there, back = (each for each in run.snapshots if each.number in {3, 4, 6})
+    images = [run.picture(each) for each in (asked, there, back)]
+    assert [each.angle_deg for each in images] == pytest.approx([2.0, 27.0, 2.0], abs=0.01)
+    # On its way the probe is nowhere that has been imaged.
+    assert [is_image_of(*each) for each in zip(images, (asked, there, back), strict=True)] == [False, True, True]
+    del run.pictures[6]
+    # That of the visit before, and not the newest.
+    assert run.picture(back).angle_deg == pytest.approx(2.0, abs=0.01)
 
 
 def test_watched_run_expects_a_move_at_the_pace_of_the_rig():
@@ -351,7 +377,7 @@ FLOOR = Floor(level=120.0, source="dark frames")
     ("estimate", "angle", "others_deg"),
     [
         (NotFound(mean_deg=1.7, reason="noise", floor=FLOOR), "–", []),
-        (Ambiguous(mean_deg=-24.9, modes_deg=(-24.9, 0.8), others=(), surveyed=0.996), "-24.9° or 0.8°", [0.8]),
+        (Ambiguous(mean_deg=-24.9, modes_deg=(-24.9, 0.8), others=(), surveyed=0.996), "−24.9° or 0.8°", [0.8]),
         (
             Found(
                 mean_deg=3.0,
@@ -360,7 +386,7 @@ FLOOR = Floor(level=120.0, source="dark frames")
                 interval_kind="posterior",
                 others=(OtherSource(angle_deg=-20.0, sigma_deg=0.5, relative_db=-8.2),),
             ),
-            "3.000° ± 0.100°",
+            "3.00° ± 0.10°",
             [-20.0],
         ),
     ],
@@ -368,11 +394,68 @@ FLOOR = Floor(level=120.0, source="dark frames")
 )
 def test_only_angles_that_are_claimed_are_named(estimate, angle, others_deg):
     snapshot = Snapshot(rig="simulated", belief=AngleBelief(estimate=estimate))
-    assert angle_text(snapshot) == angle
+    assert angle_text(snapshot.belief) + sigma_text(snapshot.belief) == angle
     facts = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE)
     fan = fan_model(snapshot, facts.search, duration_s=0.0, known_deg=None)
     assert fan["others"] == others_deg
     assert (fan["mean"] is None) == isinstance(estimate, NotFound)
-    rows = dict(number_rows(snapshot, name="ternary", pulse_j=None))
-    assert rows["other sources"] == ("-8.2 dB at -20.00°" if estimate.others else "not looked for")
+    rows = dict(number_rows(snapshot, name="ternary", unit="counts", pulse_j=None))
+    assert rows["other sources"] == ("−8.2 dB at −20.00°" if estimate.others else "not looked for")
     assert rows["surveyed"] == ("99.6 % of range" if estimate.surveyed else "–")
+
+
+def found_at(mean_deg, sigma_deg, **given):
+    interval = Interval(low_deg=mean_deg - 2 * sigma_deg, high_deg=mean_deg + 2 * sigma_deg)
+    usual = {"interval_kind": "posterior"} | given
+    return AngleBelief(estimate=Found(mean_deg=mean_deg, sigma_deg=sigma_deg, interval95_deg=interval, **usual))
+
+
+@pytest.mark.parametrize(
+    ("mean_deg", "sigma_deg", "said"),
+    [
+        (-7.32848, 0.01651, "−7.328° ± 0.017°"),
+        (7.32848, 0.0996, "7.33° ± 0.10°"),
+        (-0.04, 1.249, "0.0° ± 1.2°"),
+        (12.3, 14.2, "12° ± 14°"),
+    ],
+)
+def test_sigma_has_two_significant_digits_and_the_angle_as_many(mean_deg, sigma_deg, said):
+    belief = found_at(mean_deg, sigma_deg)
+    assert angle_text(belief) + sigma_text(belief) == said
+
+
+def test_interval_says_what_it_is():
+    assert interval_text(found_at(-3.0, 0.1, half_width_m=5e-4)) == "95 %: −3.20° to −2.80°, ± 0.5 mm"
+    assert interval_text(found_at(3.0, 0.1, interval_kind="bracket")) == "last bracket: 2.80° to 3.20°"
+
+
+def test_turn_is_from_the_probe_to_the_marker():
+    snapshot = Snapshot(rig="bench", number=9, phase="finished", probe_deg=-6.2, belief=found_at(-3.0, 0.1))
+    assert verdict_of(snapshot).turn == "turn by +3.2°"
+    assert turn_text(replace(snapshot, probe_deg=0.0)) == "turn by −3.0°"
+    # A recording turns nothing.
+    assert turn_text(replace(snapshot, rig="replayed")) == ""
+    assert verdict_of(replace(snapshot, phase="measured")).turn == ""
+
+
+def test_one_stop_has_one_wording():
+    session, events = finished_run("posterior")
+    state = SnapshotBuilder(session.configuration)
+    for event, clock_s in events[:6]:
+        state.add(event, clock_s=clock_s)
+    by_signal = state.add(Interrupted(reason="SIGINT"), clock_s=1.0)
+    by_page = state.cut_off(STOPPED)
+    assert by_signal.line == by_page.line == STOPPED
+    for each in (by_signal, by_page):
+        assert verdict_of(each).word == "STOPPED"
+        assert f"stopped: {verdict_of(each).reason}" == STOPPED
+
+
+def test_a_page_without_a_run_is_ready():
+    assert verdict_of(Snapshot(rig="simulated")).word == Verdict().word == "READY"
+
+
+def test_minus_signs_are_those_of_numbers_only():
+    assert with_minus("from -3.5 to [-35, 35], 20260101-130000-x-y 1e-3 (-2°)") == (
+        "from −3.5 to [−35, 35], 20260101-130000-x-y 1e-3 (−2°)"
+    )

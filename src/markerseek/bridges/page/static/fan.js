@@ -2,8 +2,8 @@
 // Between two readbacks the needle is drawn dashed, where a stage of that speed would be: expected, not measured.
 
 const COLOUR = {
-  light: { ink: "#22272e", quiet: "#8a8f98", fan: "#eef1f4", glow: [0, 114, 178], answer: "#b34700", truth: "#00735a" },
-  dark: { ink: "#e8ebef", quiet: "#8a919c", fan: "#20262e", glow: [86, 180, 233], answer: "#ff9a4d", truth: "#2fc39b" },
+  light: { ink: "#22272e", quiet: "#5b636e", fan: "#eef1f4", glow: [0, 114, 178], answer: "#b34700", truth: "#00735a" },
+  dark: { ink: "#e8ebef", quiet: "#a3abb6", fan: "#20262e", glow: [86, 180, 233], answer: "#ff9a4d", truth: "#2fc39b" },
 };
 
 export default {
@@ -12,6 +12,7 @@ export default {
   computed: {
     said() {
       const v = this.view;
+      if (v.aim !== null) return `probe from its end: ${v.said}`;
       if (v.probe === null) return "probe from its end: nothing is known yet";
       const goes = v.target === null ? "" : `, on its way to ${v.target.toFixed(1)} degrees`;
       const mean = v.mean === null ? "" : `; marker expected at ${v.mean.toFixed(2)} degrees`;
@@ -44,6 +45,7 @@ export default {
     // Angle of the needle, and whether it was read back.
     needle() {
       const v = this.view;
+      if (v.aim !== null) return [v.aim, false];
       if (v.target === null || v.probe === null) return [v.probe, true];
       const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
       const share = v.duration > 0 && !still ? (performance.now() - this.began) / 1000 / v.duration : 1;
@@ -62,13 +64,14 @@ export default {
       const c = canvas.getContext("2d");
       c.setTransform(scale, 0, 0, scale, 0, 0);
       c.clearRect(0, 0, width, height);
-      c.font = "12px system-ui, sans-serif";
+      c.font = "14px system-ui, sans-serif";
       c.textAlign = "center";
       const colour = document.body.classList.contains("body--dark") ? COLOUR.dark : COLOUR.light;
       const v = this.view;
       const half = (Math.max(Math.abs(v.low), Math.abs(v.high), 10) * Math.PI) / 180;
       const far = Math.min(height - 62, (width / 2 - 34) / Math.sin(Math.min(half, Math.PI / 2)));
-      const g = { x: width / 2, y: height - 30, near: far * v.face, far };
+      // In the middle of a panel that is higher than the fan.
+      const g = { x: width / 2, y: (height + far) / 2 + 1, near: far * v.face, far };
       const wedge = (from, to, near, away) => {
         c.beginPath();
         c.arc(g.x, g.y, away, turn(from), turn(to));
@@ -146,7 +149,7 @@ export default {
       c.lineWidth = 1;
       for (let deg = Math.ceil(v.low / 5) * 5; deg <= v.high; deg += 5) {
         ray(deg, g.far, g.far + (deg % 10 ? 3 : 6));
-        if (deg % 10 === 0) label(c, g, deg, g.far + 20, `${deg}°`);
+        if (deg % (g.far < 230 ? 20 : 10) === 0) label(c, g, deg, g.far + 20, `${deg}°`.replace("-", "\u2212"));
       }
       c.lineWidth = 2;
       ray(v.low, g.near, g.far + 6);
@@ -181,7 +184,7 @@ export default {
       // The newest first; a number that would cover another one is left out.
       const drawn = [];
       for (const [x, y, text] of numbered.reverse()) {
-        if (drawn.some(([u, w]) => Math.abs(u - x) < 15 && Math.abs(w - y) < 12)) continue;
+        if (drawn.some(([u, w]) => Math.abs(u - x) < 17 && Math.abs(w - y) < 14)) continue;
         drawn.push([x, y]);
         c.strokeText(text, x, y);
         c.fillText(text, x, y);

@@ -1,6 +1,9 @@
 // The photoacoustic image: levels in decibels as colour over a grey background, depth downwards. Each is placed by its
 // own edges in millimetres of the array.
 
+// Room for the ticks, and for their text: depth at the left, lateral position below.
+const [LEFT, RIGHT, TOP, BOTTOM] = [44, 8, 8, 40];
+
 export default {
   template: `<canvas class="ms-canvas" role="img" :aria-label="said"></canvas>`,
   props: { view: Object, background: Object },
@@ -17,9 +20,12 @@ export default {
   mounted() {
     this.seen = new ResizeObserver(() => this.draw());
     this.seen.observe(this.$el);
+    this.theme = new MutationObserver(() => this.draw());
+    this.theme.observe(document.body, { attributes: true, attributeFilter: ["class"] });
   },
   unmounted() {
     this.seen.disconnect();
+    this.theme.disconnect();
   },
   methods: {
     draw() {
@@ -31,10 +37,8 @@ export default {
       canvas.height = Math.round(height * scale);
       const c = canvas.getContext("2d");
       c.setTransform(scale, 0, 0, scale, 0, 0);
-      c.fillStyle = "#000";
-      c.fillRect(0, 0, width, height);
-      c.font = "12px system-ui, sans-serif";
-      c.fillStyle = "#cfd4da";
+      c.font = "13px system-ui, sans-serif";
+      c.fillStyle = c.strokeStyle = getComputedStyle(canvas).color;
       const v = this.view;
       if (!v.pixels) {
         c.textAlign = "center";
@@ -46,13 +50,18 @@ export default {
       const lateral = hull(layers.map((each) => each.lateral_mm));
       const depth = hull(layers.map((each) => each.depth_mm));
       const [across, down] = [lateral[1] - lateral[0], depth[1] - depth[0]];
-      const mm = Math.min((width - 8) / across, (height - 34) / down);
-      const x = (at) => (width - across * mm) / 2 + (at - lateral[0]) * mm;
-      const y = (at) => 16 + (at - depth[0]) * mm;
+      const mm = Math.min((width - LEFT - RIGHT) / across, (height - TOP - BOTTOM) / down);
+      const left = LEFT + (width - LEFT - RIGHT - across * mm) / 2;
+      const x = (at) => left + (at - lateral[0]) * mm;
+      const top = TOP + (height - TOP - BOTTOM - down * mm) / 2;
+      const y = (at) => top + (at - depth[0]) * mm;
+      ticks(c, { lateral, depth, mm, x, y });
+      c.fillStyle = "#000";
+      c.fillRect(x(lateral[0]), y(depth[0]), across * mm, down * mm);
       for (const each of layers) {
-        const [[left, right], [top, bottom]] = [each.lateral_mm, each.depth_mm];
+        const [[first, last], [upper, lower]] = [each.lateral_mm, each.depth_mm];
         const picture = painted(each, each === v ? hot : grey);
-        c.drawImage(picture, x(left), y(top), (right - left) * mm, (bottom - top) * mm);
+        c.drawImage(picture, x(first), y(upper), (last - first) * mm, (lower - upper) * mm);
       }
       if (v.peak) {
         c.strokeStyle = "#56b4e9";
@@ -61,12 +70,43 @@ export default {
         c.arc(x(v.peak[0]), y(v.peak[1]), 9, 0, 2 * Math.PI);
         c.stroke();
       }
-      c.textAlign = "left";
-      c.fillText(`${v.deg.toFixed(2)}°, lateral ${lateral[0].toFixed(0)} to ${lateral[1].toFixed(0)} mm`, 6, 12);
-      c.fillText(`depth ${depth[0].toFixed(0)} to ${depth[1].toFixed(0)} mm, ${v.range} dB`, 6, height - 6);
+      // The scale bar, in a corner of the image that is rarely bright.
+      c.fillStyle = "#fff";
+      c.textAlign = "right";
+      c.fillRect(x(lateral[1]) - 8 - BAR_MM * mm, y(depth[1]) - 12, BAR_MM * mm, 3);
+      c.fillText(`${BAR_MM} mm`, x(lateral[1]) - 8, y(depth[1]) - 17);
     },
   },
 };
+
+const BAR_MM = 10;
+
+// Ticks of both axes in millimetres, as many as there is room for.
+function ticks(c, { lateral, depth, mm, x, y }) {
+  const step = [5, 10, 20, 50].find((each) => each * mm > 34) ?? 100;
+  const inside = (ends) => {
+    const first = Math.ceil(ends[0] / step);
+    return Array.from({ length: Math.max(0, Math.floor(ends[1] / step) - first + 1) }, (_, i) => (first + i) * step);
+  };
+  const [left, bottom] = [x(lateral[0]), y(depth[1])];
+  c.textAlign = "center";
+  for (const at of inside(lateral)) {
+    c.fillRect(x(at) - 0.5, bottom, 1, 5);
+    c.fillText(`${at}`.replace("-", "\u2212"), x(at), bottom + 18);
+  }
+  c.fillText("lateral [mm]", (left + x(lateral[1])) / 2, bottom + 34);
+  c.textAlign = "right";
+  for (const at of inside(depth)) {
+    c.fillRect(left - 5, y(at) - 0.5, 5, 1);
+    c.fillText(`${at}`, left - 8, y(at) + 4);
+  }
+  c.save();
+  c.translate(left - 30, (y(depth[0]) + bottom) / 2);
+  c.rotate(-Math.PI / 2);
+  c.textAlign = "center";
+  c.fillText("depth [mm]", 0, 0);
+  c.restore();
+}
 
 const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 

@@ -244,10 +244,11 @@ def element_row(path: Path, file: UntrustedHdf5, *, elements: int) -> ElementRow
     for name, position in zip(names, positions, strict=True):
         if position.size != 3 or not np.isfinite(position).all():
             raise RecordError(f"{path}: {name} is {position.tolist()}, three finite coordinates in metres are expected")
-    return _row_of(path, np.array(positions))
+    return row_of(path, np.array(positions))
 
 
-def _row_of(path: Path, positions_m: Float64[np.ndarray, "elements 3"]) -> ElementRow:
+def row_of(path: Path, positions_m: Float64[np.ndarray, "elements 3"]) -> ElementRow:
+    """The row that elements at these positions make along the first axis; `RecordError` where they make none."""
     elements = len(positions_m)
     if elements == 1:
         return ElementRow(pitch_m=None, falling=False)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 import uuid
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from markerseek._version import __version__
-from markerseek.core import LinearArray, needs_package
+from markerseek.core import LinearArray
 from markerseek.records.banks.bank import BankFacts
 
 BANK_VERSION = 1
@@ -44,7 +43,8 @@ SIMULATED = "meta_data/simulated"
 CONFIGURATION, SEED, MADE_WITH = "meta_data/configuration_fingerprint", "meta_data/seed", "meta_data/made_with"
 SAMPLING, SOUND_SPEED = "meta_data/ad_sampling_rate", "meta_data/speed_of_sound"
 WAVELENGTH, PULSE_ENERGY, SIZES = "meta_data/acquisition_wavelengths", "meta_data/pulse_energy", "meta_data/sizes"
-DETECTORS = "meta_data_device/detectors"
+DEVICE = "meta_data_device"
+DETECTORS = f"{DEVICE}/detectors"
 
 BY_MEASUREMENT = (ANGLES, INTENSITIES, PULSES, ENERGY, TIMES, RIG_CLOCK, PULSE_ENERGY, POSES, ROW_SUMS, FRAME_SUMS)
 """Fields with one row for each measurement, besides the frames."""
@@ -72,13 +72,6 @@ class Layout:
     def frame_bytes(self) -> int:
         """Bytes of all frames."""
         return 2 * self.shape[0] * self.shape[1] * (self.angles + self.dark_frames)
-
-
-def pacfish_package() -> Any:
-    """The package pacfish, which has no types; `MissingExtraError` where it is not installed."""
-    with needs_package("pacfish", extra="records", purpose="a bank in IPASC HDF5"):
-        import pacfish
-    return pacfish
 
 
 def device_identifier(probe: str | None) -> str:
@@ -130,29 +123,26 @@ def acquisition_fields(facts: BankFacts, layout: Layout, *, device: str) -> dict
         SEED: None if facts.seed is None else str(facts.seed),
         MADE_WITH: facts.made_with or f"markerseek {__version__}",
     }
-    # As Python numbers: pacfish silently drops NumPy's.
-    return {
-        name.removeprefix("meta_data/"): float(value) if isinstance(value, np.floating) else value
-        for name, value in known.items()
-        if value is not None
-    }
+    return {name: value for name, value in known.items() if value is not None}
 
 
 def device_fields(facts: BankFacts, layout: Layout, *, device: str) -> dict[str, object]:
     """Fields of the probe: x1 along the array from its centre, x3 into the tissue; element sizes are not known."""
-    pacfish = pacfish_package()
     elements, samples = layout.shape
-    creator = pacfish.DeviceMetaDataCreator()
+    laterals_m: list[float] = []
     if facts.pitch_m is not None and elements >= 2:
-        for lateral_m in LinearArray(elements=elements, pitch_m=facts.pitch_m).lateral_m:
-            element = pacfish.DetectionElementCreator()
-            element.set_detector_position(np.array([lateral_m, 0.0, 0.0]))
-            element.set_detector_orientation(np.array([0.0, 0.0, 1.0]))
-            creator.add_detection_element(element.get_dictionary())
+        laterals_m = LinearArray(elements=elements, pitch_m=facts.pitch_m).lateral_m.tolist()
     half_m = 0.0 if facts.pitch_m is None else facts.pitch_m * max(elements - 1, 0) / 2
     depth_m = 0.0
     if facts.sound_speed_m_s is not None and layout.sampling_hz is not None:
         depth_m = samples / layout.sampling_hz * facts.sound_speed_m_s
-    creator.set_general_information(device, np.array([-half_m, half_m, 0.0, 0.0, 0.0, depth_m]))
-    fields: dict[str, object] = creator.finalize_device_meta_data()
-    return fields
+    known: dict[str, object] = {
+        f"{DEVICE}/general/unique_identifier": device,
+        f"{DEVICE}/general/field_of_view": np.array([-half_m, half_m, 0.0, 0.0, 0.0, depth_m]),
+        f"{DEVICE}/general/num_detectors": len(laterals_m),
+        f"{DEVICE}/general/num_illuminators": 0,
+    }
+    for number, lateral_m in enumerate(laterals_m):
+        known[f"{DETECTORS}/{number:010d}/detector_position"] = np.array([lateral_m, 0.0, 0.0])
+        known[f"{DETECTORS}/{number:010d}/detector_orientation"] = np.array([0.0, 0.0, 1.0])
+    return known

@@ -1,7 +1,7 @@
 """Creates the file of a bank at its full size, and copies a bank that was not filled into a smaller file.
 
-pacfish needs a whole bank in memory and writes it at once. So it writes everything but the frames, for which the space
-is allocated afterwards.
+The file is what pacfish would write, but pacfish needs a whole bank in memory, and its installation brings pytest and
+Sphinx. The tests compare the two.
 """
 
 from __future__ import annotations
@@ -23,19 +23,17 @@ def make_file(path: Path, layout: fields.Layout, facts: BankFacts) -> None:
     """Write an empty bank of full size; afterwards only its numbers change."""
     import h5py
 
-    pacfish = fields.pacfish_package()
     device = fields.device_identifier(facts.probe)
-    data = pacfish.PAData(np.zeros((*layout.shape, 1, 0), np.int16))
-    data.meta_data_acquisition = fields.acquisition_fields(facts, layout, device=device)
-    data.meta_data_device = fields.device_fields(facts, layout, device=device)
-    pacfish.write_data(str(path), data)
-    with h5py.File(path, "r+") as file:
+    with h5py.File(path, "w") as file:
+        for group in ("general", "illuminators", "detectors"):
+            # PATATO opens a file without elements, but not one without their group.
+            file.create_group(f"{fields.DEVICE}/{group}")
+        for make in (fields.acquisition_fields, fields.device_fields):
+            for name, value in make(facts, layout, device=device).items():
+                file[name] = value
         _reserve(file, fields.FRAMES, (*layout.shape, 1), layout.angles)
         if all(layout.shape):
             _reserve(file, fields.DARK_FRAMES, layout.shape, layout.dark_frames)
-        else:
-            # PATATO opens a file without elements, but not one without their group.
-            file.require_group(fields.DETECTORS)
     if hasattr(os, "posix_fallocate"):
         with path.open("r+b") as plain:
             # Reserves the disk space now: a full disk in the middle of a scan would stop the run.
@@ -87,8 +85,6 @@ def _reserve(file: h5py.File, name: str, shape: tuple[int, ...], count: int) -> 
     """Create a dataset whose space is allocated at once, one chunk per frame."""
     import h5py
 
-    if name in file:
-        del file[name]
     dims = (*shape, count)
     if 0 in dims:
         file.create_dataset(name, shape=dims, dtype="i2")

@@ -10,16 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
-from markerseek.files import as_read_error, require_input
 from markerseek.records.banks.bank import FrameBank, IntensityBank
 from markerseek.records.banks.ipasc import fields
 from markerseek.records.banks.ipasc.columns import Columns, changed, element_row, read_columns, read_facts, sums_of
 from markerseek.records.banks.ipasc.rows import frame_sum
-from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_hdf5 import UntrustedHdf5, as_record_error, require_h5py
-
-# 4 TiB: frames are read one at a time, so that the size of the file is harmless.
-_LARGEST_BYTES = 1 << 42
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +71,7 @@ class IpascBank(FrameBank):
     def _samples(
         self, name: str, row: int, *, what: str, summed: int | None, after: int
     ) -> Int16[np.ndarray, "channels samples"]:
-        with _as_bank_error(self.path):
+        with as_bank_error(self.path):
             samples = _counts(self.file, name, row)
         # Checked per frame and not on opening, because a bank can hold gigabytes.
         if summed is not None and frame_sum(samples, after=after) != summed:
@@ -107,24 +102,13 @@ class IpascBank(FrameBank):
         return ChannelFrame(header=header, samples=samples, sampling_hz=self.facts.sampling_hz)
 
 
-def read_ipasc(path: Path) -> IntensityBank | IpascBank:
+def read_probed(path: Path) -> IntensityBank | IpascBank:
     """Bank in an IPASC HDF5 file that holds ``trus_angle_deg``; its frames stay on disk.
 
     Rows that a scan did not fill are skipped. A file without ``markerseek_bank_version`` was written by another
-    program, and is read if it has the angles.
+    program, and is read if it has the angles. The file has been read in a child before (`walk_bank`).
     """
-    with as_read_error(path):
-        require_input(path, most_bytes=_LARGEST_BYTES)
-    require_h5py()
-    with Sandbox() as sandbox:
-        # Refuses a file that crashes the library.
-        sandbox.read(walk_bank, path)
-    return read_probed(path)
-
-
-def read_probed(path: Path) -> IntensityBank | IpascBank:
-    """`read_ipasc` for a file that has been probed in a child before."""
-    with _as_bank_error(path), ExitStack() as closing:
+    with as_bank_error(path), ExitStack() as closing:
         bank = _bank_of(path, closing.enter_context(UntrustedHdf5(path)))
         # A bank of intensities is in memory by now; one of frames reads them from the open file.
         if isinstance(bank, IpascBank):
@@ -167,7 +151,7 @@ def walk_bank(path: Path) -> dict[str, np.ndarray]:
     require_h5py()
     bank = read_probed(path)
     if isinstance(bank, IpascBank):
-        with _as_bank_error(path):
+        with as_bank_error(path):
             for name in (fields.FRAMES, fields.DARK_FRAMES)[: 2 if bank.dark_frames else 1]:
                 data = bank.file.dataset(name)
                 if data.chunks is not None:
@@ -176,7 +160,8 @@ def walk_bank(path: Path) -> dict[str, np.ndarray]:
     return {}
 
 
-def _as_bank_error(path: Path) -> AbstractContextManager[None]:
+def as_bank_error(path: Path) -> AbstractContextManager[None]:
+    """Errors of the library as those of a bank."""
     return as_record_error(path, what="bank in HDF5", cure="it is damaged, unfinished, or of another kind")
 
 

@@ -1,4 +1,4 @@
-"""Writes a bank as IPASC HDF5 with pacfish; the file stays readable at every moment of a scan.
+"""Writes a bank as IPASC HDF5; the file stays readable at every moment of a scan.
 
 The file has its full size from the first frame on and only numbers change in it, so that a killed process leaves a file
 that opens. An angle of NaN marks an empty row: the angle is written last, after the rest of its row is on disk. The
@@ -35,7 +35,6 @@ _ROOM_BYTES = 1 << 20
 def require_new_bank(path: Path) -> None:
     """Refuse a path where no bank can be written, before anything is measured."""
     require_h5py()
-    fields.pacfish_package()
     if path.suffix.lower() not in HDF5_SUFFIXES:
         raise ConfigError(f"{path}: the name of a bank must end in {' or '.join(HDF5_SUFFIXES)}")
     require_new(path)

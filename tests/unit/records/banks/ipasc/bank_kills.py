@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 
 from markerseek.core import RecordError
-from markerseek.records.banks.ipasc import BankWriter, fields
+from markerseek.records.banks.ipasc import BankWriter
 from markerseek.records.banks.ipasc.reading import IpascBank, read_probed
 from markerseek.records.banks.ipasc.writer import whole_bank
 from tests.unit.records.banks.synthetic_banks import FACTS, counts, sample
@@ -148,8 +148,6 @@ def main() -> None:
     folder, moment, count = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
     h5py.File = CountedFile
     count_the_names()
-    # It takes most of a second to import: here once, not once in each process that is killed.
-    fields.pacfish_package()
     (folder / "0").mkdir()
     unharmed = killed(folder / "0" / "a.hdf5", moment, 0)
     sys.stdout.write(json.dumps(unharmed) + "\n")

@@ -1,0 +1,119 @@
+"""Makes a release into out/release: `make release VERSION=0.2.0`.
+
+It sets the version, dates the section of the changelog, runs the checks, makes wheel, source distribution, bill of
+materials, notes and checksums, and commits and tags the two changed files. Nothing leaves this computer. If a step
+fails, the two files are as they were.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime as dt
+import hashlib
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from packaging.version import InvalidVersion, Version
+
+ROOT = Path(__file__).parents[1]
+VERSION_FILE, CHANGELOG = ROOT / "src" / "markerseek" / "_version.py", ROOT / "CHANGELOG.md"
+MADE, OUT = ROOT / "out" / "dist", ROOT / "out" / "release"
+
+
+def main() -> None:
+    """Make the release, or say what is missing."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("version", help="such as 0.2.0")
+    parser.add_argument(
+        "--checks", default="check test docs wheel", help="targets of make that must succeed; wheel last"
+    )
+    asked = parser.parse_args()
+    version = require_release(asked.version)
+    notes = require_notes()
+    before = {path: path.read_bytes() for path in (VERSION_FILE, CHANGELOG)}
+    try:
+        set_version(version, today=dt.datetime.now(dt.UTC).date())
+        for target in asked.checks.split():
+            run("make", target)
+        collect(version, notes)
+    except BaseException:
+        for path, text in before.items():
+            path.write_bytes(text)
+        raise
+    run("git", "commit", "--quiet", "--message", f"Release {version}", *map(str, before))
+    run("git", "tag", "--annotate", "--message", f"markerseek {version}", f"v{version}")
+    sys.stdout.write(f"{OUT}: markerseek {version}, committed and tagged v{version}; nothing was sent anywhere\n")
+
+
+def run(*words: str) -> str:
+    """Run a program in the checkout, and end with its exit code if it fails."""
+    done = subprocess.run(
+        words, cwd=ROOT, check=False, stdout=subprocess.PIPE if words[0] == "git" else None, text=True
+    )
+    if done.returncode:
+        sys.exit(f"release: {' '.join(words)} ended with {done.returncode}; nothing is released")
+    return done.stdout or ""
+
+
+def require_release(text: str) -> Version:
+    """The version, if it can follow the present one and the checkout is as it was committed."""
+    now = Version(re.search(r'^__version__ = "(.+)"$', VERSION_FILE.read_text(encoding="utf-8"), re.M)[1])
+    try:
+        version = Version(text)
+    except InvalidVersion:
+        sys.exit(f"release: {text!r} is no version; write it as 0.2.0")
+    if not version > now:
+        sys.exit(f"release: {version} does not follow {now}; choose a greater one")
+    if run("git", "status", "--porcelain"):
+        sys.exit("release: the checkout has changes that are not committed; commit or remove them")
+    return version
+
+
+def require_notes() -> str:
+    """What the changelog says of the release, which is its first section."""
+    section = re.search(r"^## .*\(unreleased\)\n(.*?)(?=^## |\Z)", CHANGELOG.read_text(encoding="utf-8"), re.M | re.S)
+    if section is None or not section[1].strip():
+        sys.exit('release: CHANGELOG.md has no section "(unreleased)"; write down what has changed')
+    return section[1].strip()
+
+
+def set_version(version: Version, *, today: dt.date) -> None:
+    """Write the version where it is kept, and into the changelog."""
+    text = VERSION_FILE.read_text(encoding="utf-8")
+    text = re.sub(r'^__version__ = ".+"$', f'__version__ = "{version}"', text, flags=re.M)
+    VERSION_FILE.write_text(text, encoding="utf-8")
+    text = CHANGELOG.read_text(encoding="utf-8")
+    CHANGELOG.write_text(re.sub(r"^## .*\(unreleased\)$", f"## {version} ({today})", text, count=1, flags=re.M))
+
+
+def collect(version: Version, notes: str) -> None:
+    """Put what is released into one folder, with checksums."""
+    shutil.rmtree(OUT, ignore_errors=True)
+    OUT.mkdir(parents=True)
+    for path in (*MADE.glob(f"markerseek-{version}-*.whl"), *MADE.glob(f"markerseek-{version}.tar.gz")):
+        shutil.copy2(path, OUT)
+    if len(list(OUT.iterdir())) != 2:
+        sys.exit(f"release: {MADE} has no wheel and sdist of {version}; let make wheel or make dist be the last check")
+    bill = OUT / f"markerseek-{version}.cdx.json"
+    run(
+        sys.executable,
+        "-m",
+        "cyclonedx_py",
+        "requirements",
+        "requirements/run.txt",
+        "--pyproject",
+        "pyproject.toml",
+        "--output-reproducible",
+        "--output-file",
+        str(bill),
+    )
+    (OUT / "NOTES.md").write_text(f"# markerseek {version}\n\n{notes}\n", encoding="utf-8")
+    sums = [f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}" for path in sorted(OUT.iterdir())]
+    (OUT / "SHA256SUMS").write_text("\n".join(sums) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

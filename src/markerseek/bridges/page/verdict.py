@@ -1,0 +1,141 @@
+"""The verdict of a run in words: the largest text of the page, which is read from two metres. Pure."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from markerseek.bridges.page.state import Snapshot, angles_text, with_minus
+from markerseek.core import Ambiguous, AngleBelief, Found, Unsure
+from markerseek.records import answer_name
+
+Kind: TypeAlias = Literal["idle", "busy", "found", "unsure", "nothing", "stopped", "fault"]
+"""Kind of a verdict: its colour."""
+
+ON_MARKER_DEG = 0.05
+"""Distance from the angle of the marker below which the probe is on it, in degrees."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """What a run says, in the order in which it is read."""
+
+    word: str = "READY"
+    kind: Kind = "idle"
+    """``word`` and ``kind``: the word of the badge, and its colour."""
+    lead: str = ""
+    angle: str = "–"
+    sigma: str = ""
+    """``lead``, ``angle`` and ``sigma``: what the angle is where it is not claimed, the angle, and its standard
+    deviation."""
+    interval: str = ""
+    turn: str = ""
+    """``interval`` and ``turn``: where the marker is with 95 %, and how far the probe has to turn."""
+    reason: str = ""
+    """Why it is so, in one sentence."""
+
+    @property
+    def line(self) -> str:
+        """The word and the angle in one line."""
+        joined = " at" if self.kind == "found" else f", {self.lead}"
+        return self.word.lower() + ("" if self.angle in {"", "–"} else f"{joined} {self.angle}{self.sigma}")
+
+
+def verdict_of(snapshot: Snapshot) -> Verdict:
+    """The verdict after an event; an angle counts as found only once the search is over and says so."""
+    word, kind = _word(snapshot)
+    belief = snapshot.belief
+    if belief is None:
+        return Verdict(word=word, kind=kind, reason=_reason(snapshot))
+    return Verdict(
+        word=word,
+        kind=kind,
+        lead=_lead(snapshot, belief),
+        # Where the badge says it all there is no angle to wait for.
+        angle="" if kind == "nothing" and belief.claims else angle_text(belief),
+        sigma=sigma_text(belief),
+        interval=interval_text(belief),
+        turn=turn_text(snapshot) if kind == "found" else "",
+        reason=with_minus(_reason(snapshot)),
+    )
+
+
+def _word(snapshot: Snapshot) -> tuple[str, Kind]:
+    if snapshot.phase == "fault":
+        return "FAULT", "fault"
+    if snapshot.phase == "stopped":
+        return "STOPPED", "stopped"
+    if snapshot.phase == "finished" and snapshot.belief is not None:
+        if not snapshot.belief.claims:
+            return "NO CLAIM", "nothing"
+        name = answer_name(snapshot.belief.estimate)
+        return name.upper(), "found" if name == "found" else "nothing" if name == "not found" else "unsure"
+    if snapshot.number == 0:
+        return "READY", "idle"
+    return ("CHECKING" if snapshot.phase == "checking" else "SEARCHING"), "busy"
+
+
+def _lead(snapshot: Snapshot, belief: AngleBelief) -> str:
+    if snapshot.phase != "finished":
+        return "so far"
+    if not belief.claims:
+        return "angle"
+    return {"found": "", "ambiguous": "either"}.get(answer_name(belief.estimate), "best guess")
+
+
+def _reason(snapshot: Snapshot) -> str:
+    belief = snapshot.belief
+    if snapshot.phase in {"stopped", "fault"}:
+        # The log says how it ended, in the words of the badge.
+        return snapshot.line.removeprefix(f"{snapshot.phase}: ")
+    if belief is None:
+        return "" if snapshot.points or snapshot.number else "nothing measured yet"
+    if not belief.claims:
+        return "the paper's form of a method always answers, also where there is no marker"
+    if snapshot.phase != "finished":
+        return f"so far {answer_name(belief.estimate)}"
+    return getattr(belief.estimate, "reason", None) or ""
+
+
+def angle_text(belief: AngleBelief) -> str:
+    """The angle that an answer names, or the angles, as precisely as it is known."""
+    if belief.sigma_deg is None or isinstance(belief.estimate, Ambiguous):
+        return angles_text(belief.estimate) or "–"
+    return with_minus(f"{belief.estimate.mean_deg:z.{digits_of(belief.sigma_deg)}f}°")
+
+
+def sigma_text(belief: AngleBelief) -> str:
+    """Its standard deviation with two significant digits; empty where the answer has none."""
+    sigma_deg = belief.sigma_deg
+    return "" if sigma_deg is None else f" ± {sigma_deg:.{digits_of(sigma_deg)}f}°"
+
+
+def digits_of(sigma_deg: float) -> int:
+    """Digits behind the point that show two significant ones of a standard deviation."""
+    # Rounded first: 0.0996 is 0.10 and not 0.100.
+    return 3 if sigma_deg <= 0 else max(0, 1 - math.floor(math.log10(float(f"{sigma_deg:.1e}"))))
+
+
+def interval_text(belief: AngleBelief) -> str:
+    """The 95 % interval of an angle, and how far it reaches from it at the marker, where that is known."""
+    if belief.interval95_deg is None or belief.sigma_deg is None:
+        return ""
+    low, high = (f"{end_deg:z.{digits_of(belief.sigma_deg)}f}°" for end_deg in belief.interval95_deg)
+    estimate = belief.estimate
+    half_width_m = estimate.half_width_m if isinstance(estimate, Found | Unsure) else None
+    at_marker = "" if half_width_m is None else f", ± {1e3 * half_width_m:.2g} mm"
+    # What a bracket search has left is no probability.
+    name = "last bracket" if getattr(estimate, "interval_kind", None) == "bracket" else "95 %"
+    return with_minus(f"{name}: {low} to {high}{at_marker}")
+
+
+def turn_text(snapshot: Snapshot) -> str:
+    """How far the probe has to turn to the marker; empty where nothing turns, or nobody knows where it is."""
+    if snapshot.rig == "replayed" or snapshot.probe_deg is None or snapshot.belief is None:
+        return ""
+    turn_deg = snapshot.belief.estimate.mean_deg - snapshot.probe_deg
+    if abs(turn_deg) > ON_MARKER_DEG:
+        return with_minus(f"turn by {turn_deg:+.1f}°")
+    turned = "" if snapshot.start_deg is None else f", turned by {snapshot.probe_deg - snapshot.start_deg:+.1f}°"
+    return with_minus(f"the probe is on it{turned}")

@@ -1,0 +1,118 @@
+"""Reads the photoacoustic frames of a zea HDF5 file (OpenH-RF): raw channel data with one receive each, and the pose.
+
+`zea_arrays` runs in the sandbox's child. In a pose x is along the array, y elevation and z depth; the probe turns about
+x, so that the angle of a frame is its rotation about x. Numbers of a zea file are float32: angles are rounded to 1e-5°.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from markerseek.core import Float64, RecordError
+from markerseek.records.banks.ipasc.columns import row_of
+from markerseek.records.banks.ipasc.reading import as_bank_error
+from markerseek.records.untrusted_hdf5 import UntrustedHdf5, require_h5py
+
+RAW, POSE = "data/raw_data", "metadata/probe_pose"
+"""Channel data within a track, and the poses of the probe."""
+
+TRACK = "tracks/track_0"
+"""The only track; files of before zea 0.0.12 have none."""
+
+_DIGITS = 5
+_OFF_AXIS_RAD = 1e-3
+"""Largest rotation about another axis than the array's, in radians."""
+
+_MAX_FRAMES = 100_000
+
+
+def zea_arrays(path: Path) -> dict[str, np.ndarray]:
+    """Frames of a file of zea, named as `markerseek.records.banks.arrays` reads them; nothing for any other HDF5."""
+    # A missing library must not be reported as damage of the file.
+    require_h5py()
+    with as_bank_error(path), UntrustedHdf5(path) as file:
+        track = next((place for place in (f"{TRACK}/", "") if file.has(f"{place}{RAW}")), None)
+        return {} if track is None else _arrays(path, file, track)
+
+
+def _arrays(path: Path, file: UntrustedHdf5, track: str) -> dict[str, np.ndarray]:
+    tracks = len(file.names("tracks"))
+    if tracks > 1:
+        raise RecordError(f"{path}: it holds {tracks} tracks, one is expected; save the photoacoustic one alone")
+    frames = _frames(path, file, track)
+    silent = f"{track}scan/tx_apodizations"
+    if file.has(silent) and file.numbers(silent).any():
+        raise RecordError(
+            f"{path}: {silent} is not 0, so that the frames are echoes of a transmit; photoacoustic ones have zeros"
+        )
+    known = {
+        "sampling_hz": file.number(f"{track}scan/sampling_frequency"),
+        "sound_speed_m_s": file.number(f"{track}scan/sound_speed"),
+    }
+    times = f"{track}scan/initial_times"
+    if file.has(times) and file.numbers(times).size:
+        known["first_sample_s"] = float(file.numbers(times)[0])
+    geometry = next((name for name in ("probe/probe_geometry", f"{track}scan/probe_geometry") if file.has(name)), None)
+    if geometry is not None:
+        positions_m = file.numbers(geometry)
+        if positions_m.size != 3 * frames.shape[1] or not np.isfinite(positions_m).all():
+            raise RecordError(f"{path}: {geometry} has no position for each of {frames.shape[1]} elements; correct it")
+        row = row_of(path, positions_m.reshape(-1, 3))
+        known["pitch_m"] = row.pitch_m
+        frames = frames[:, ::-1] if row.falling else frames
+    found = {name: np.array(value) for name, value in known.items() if value is not None}
+    angles_deg = _angles_deg(path, file, len(frames))
+    return {"frames": frames, **found, **({} if angles_deg is None else {"angle_deg": angles_deg})}
+
+
+def _frames(path: Path, file: UntrustedHdf5, track: str) -> np.ndarray:
+    """Channel data, (frames, elements, samples)."""
+    try:
+        data = file.dataset(f"{track}{RAW}")
+    except ValueError as problem:
+        raise RecordError(
+            f"{path}: {problem}; zea's own compression is not read: save it by File.create(..., compression='gzip')"
+        ) from problem
+    if data.ndim != 5 or data.shape[1] != 1 or data.shape[4] != 1 or 0 in data.shape or data.shape[0] > _MAX_FRAMES:
+        raise RecordError(
+            f"{path}: {track}{RAW} has the shape {data.shape}, (frames, 1, samples, elements, 1) is expected: one "
+            "receive without a transmit each, and no IQ data; save the photoacoustic receives alone"
+        )
+    if data.dtype.kind not in "iuf" or data.dtype.itemsize > 8:
+        raise RecordError(f"{path}: {track}{RAW} is {data.dtype}, counts or floating-point numbers are expected")
+    file.require_room(math.prod(data.shape) * data.dtype.itemsize, name=f"{track}{RAW}")
+    values = np.asarray(data[()], dtype=data.dtype.newbyteorder("="))
+    return values[:, 0, :, :, 0].transpose(0, 2, 1)
+
+
+def _angles_deg(path: Path, file: UntrustedHdf5, frames: int) -> Float64[np.ndarray, " frames"] | None:
+    """Angle of each frame in degrees; None where the file has no poses."""
+    name = f"{POSE}/rotation"
+    if not file.has(name):
+        return None
+    kind = file.text(f"{POSE}/rotation_representation")
+    values = file.numbers(name)
+    width = {"euler_xyz": 3, "quaternion_wxyz": 4, "quaternion_xyzw": 4}.get(kind or "")
+    if width is None or values.size != width * frames:
+        raise RecordError(
+            f"{path}: {name} holds {values.size} numbers as {kind!r} for {frames} frames; one pose for each frame is "
+            "expected, as euler_xyz (radians), quaternion_wxyz or quaternion_xyzw"
+        )
+    rows = values.reshape(frames, width)
+    if kind == "euler_xyz":
+        about_x, others = rows[:, 0], rows[:, 1:]
+    else:
+        w, x, *yz = (rows if kind == "quaternion_wxyz" else np.roll(rows, 1, axis=1)).T
+        # A quaternion and its negative are one rotation.
+        about_x, others = 2 * np.arctan2(np.copysign(1.0, w) * x, np.abs(w)), 2 * np.array(yz)
+    # Written so that NaN fails the test, too.
+    if not (np.abs(others) <= _OFF_AXIS_RAD).all():
+        raise RecordError(
+            f"{path}: {name} turns about another axis than x, the array's own, by up to "
+            f"{np.degrees(np.abs(others).max()):.3g} deg; give poses in the frame of the probe at 0 deg"
+        )
+    angles_deg: Float64[np.ndarray, " frames"] = np.round(np.degrees(about_x), _DIGITS)
+    return angles_deg

@@ -1,0 +1,350 @@
+"""Reads the photoacoustic frames of a Verasonics Vantage workspace: ``RcvData``, ``Receive``, ``Trans`` in a ``.mat``.
+
+`vantage_arrays` runs in the sandbox's child. The file is HDF5: MATLAB (``-v7.3``) stores cells, and the fields of an
+array of structures, as references to datasets; Octave (``-hdf5``) stores each value as a group of ``type`` and
+``value``. References are followed once, to numbers or a text, so that one that leads in a circle is refused.
+
+Photoacoustic are the receives without a transmit: of the events with ``tx = 0``, and of those whose ``TX`` has an
+apodization of zeros. Where the workspace has no ``Event``, all receives are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+import numpy as np
+
+from markerseek.core import Float64, Int16, Int64, RecordError
+from markerseek.records.untrusted_hdf5 import UntrustedHdf5
+
+if TYPE_CHECKING:
+    import h5py
+
+FRAMES = "RcvData"
+"""The variable by which a workspace is known."""
+
+MAX_ITEMS = 10_000
+"""Most receives, events or frames that are read; more would take longer than the sandbox waits."""
+
+_SAMPLED = ("NS200BW", "NS200BWI", "custom")
+"""Sample modes whose samples are equally spaced; the others (BS100BW …) take them in pairs, a quarter period apart."""
+
+
+def is_workspace(file: UntrustedHdf5) -> bool:
+    """Whether a file holds the receive data of a Vantage."""
+    return FRAMES in file.opened
+
+
+def vantage_arrays(path: Path, file: UntrustedHdf5) -> dict[str, np.ndarray]:
+    """Frames of a workspace and what is known of them, named as `markerseek.records.banks.arrays` reads them.
+
+    The acquisitions of a frame are averaged; the frames are in the order of time, and ``unfilled`` counts those that
+    hold zeros, which are left out.
+    """
+    workspace = _Workspace(path=path, file=file)
+    receives = workspace.receives()
+    data = workspace.buffer(receives.buffer)
+    columns = workspace.columns(data.shape[-2])
+    taken: list[Int16[np.ndarray, "channels samples"]] = []
+    pulses: list[int] = []
+    order = workspace.order(receives, data)
+    file.require_room(2 * len(order) * len(columns) * receives.samples, name=FRAMES)
+    for number in order:
+        mean = _averaged(data, number, receives, columns)
+        if mean.any():
+            taken.append(np.rint(mean).astype(np.int16))
+            pulses.append(int((receives.frame == number).sum()))
+    if not taken:
+        workspace.refuse(f"{FRAMES} holds zeros only", "save the workspace after the acquisition")
+    known = {
+        "sampling_hz": receives.sampling_hz,
+        "first_sample_s": receives.first_sample_s,
+        "pitch_m": workspace.pitch_m(),
+        "sound_speed_m_s": workspace.number("Resource", "Parameters", "speedOfSound"),
+    }
+    return {
+        "frames": np.stack(taken),
+        "pulses": np.array(pulses),
+        "unfilled": np.array(len(order) - len(taken)),
+        **{name: np.array(value) for name, value in known.items() if value is not None},
+    }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Receives:
+    """The photoacoustic receives, and what they have in common."""
+
+    frame: Int64[np.ndarray, " receives"]
+    """Frame of each, counted from 1."""
+    start: Int64[np.ndarray, " receives"]
+    """First sample of each in its frame, counted from 1; equal ones were accumulated by the machine."""
+    samples: int
+    buffer: int
+    """Number of their buffer, from 1."""
+    sampling_hz: float
+    first_sample_s: float
+
+
+def _averaged(
+    data: h5py.Dataset, number: int, receives: _Receives, columns: Int64[np.ndarray, " channels"]
+) -> Float64[np.ndarray, "channels samples"]:
+    """Mean of the acquisitions of one frame."""
+    starts = np.unique(receives.start[receives.frame == number])
+    total: Float64[np.ndarray, "channels samples"] = np.zeros((len(columns), receives.samples))
+    for start in starts.tolist():
+        rows = slice(start - 1, start - 1 + receives.samples)
+        total += (data[number - 1, :, rows] if data.ndim == 3 else data[:, rows])[columns]
+    return total / len(starts)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Workspace:
+    """The variables of a workspace, as numbers."""
+
+    path: Path
+    file: UntrustedHdf5 = field(repr=False)
+
+    def refuse(self, problem: str, cure: str) -> NoReturn:
+        raise RecordError(f"{self.path}: {problem}; {cure}")
+
+    def receives(self) -> _Receives:
+        start = self._whole("Receive", "startSample")
+        count = len(start)
+        whole = {
+            name: self._whole("Receive", name, count=count, otherwise=otherwise)
+            for name, otherwise in (("endSample", None), ("framenum", None), ("bufnum", 1))
+        }
+        chosen = self._without_transmit(count)
+        samples = whole["endSample"] - start + 1
+        rate_mhz = self._each("Receive", "decimSampleRate", count=count)
+        rate_mhz = rate_mhz / self._each("Receive", "quadDecim", count=count, otherwise=1.0)
+        depth = self._each("Receive", "startDepth", count=count, otherwise=0.0)
+        for text in self._texts("Receive", "sampleMode", count=count, chosen=chosen):
+            if text not in _SAMPLED:
+                self.refuse(
+                    f"Receive.sampleMode is {text!r}, whose samples are not equally spaced",
+                    "acquire with sampleMode 'NS200BW'",
+                )
+        frequency_mhz = self.number("Trans", "frequency")
+        first_depth = self._same("Receive.startDepth", depth[chosen])
+        if first_depth and not (frequency_mhz and frequency_mhz > 0):
+            self.refuse("Trans.frequency is missing, and Receive.startDepth counts its wavelengths", "save Trans too")
+        sampling_hz = 1e6 * self._same("Receive.decimSampleRate", rate_mhz[chosen])
+        # Depths count wavelengths to and fro, also of a receive that had no transmit.
+        first_sample_s = 2e-6 * first_depth / (frequency_mhz or 1.0)
+        common = int(self._same("Receive.endSample - Receive.startSample", samples[chosen]))
+        if common < 1 or start.min() < 1:
+            self.refuse(f"a receive begins at sample {start.min()} and has {common}", "save the workspace again")
+        return _Receives(
+            frame=whole["framenum"][chosen],
+            start=start[chosen],
+            samples=common,
+            buffer=int(self._same("Receive.bufnum", whole["bufnum"][chosen])),
+            sampling_hz=sampling_hz,
+            first_sample_s=first_sample_s,
+        )
+
+    def _without_transmit(self, receives: int) -> Int64[np.ndarray, " receives"]:
+        """Indices of the receives whose event has no transmit, each once, in their order; all where none is stated."""
+        if self._items("Event", "rcv") is None:
+            return np.arange(receives)
+        received = self._whole("Event", "rcv")
+        sent = self._whole("Event", "tx", count=len(received))
+        if received.max(initial=0) > receives:
+            self.refuse(f"an event names receive {received.max()} of {receives}", "save the whole workspace")
+        silent = [number for number in np.unique(sent).tolist() if number < 1 or self._is_silent(number)]
+        chosen = np.unique(received[np.isin(sent, silent) & (received > 0)]) - 1
+        if not chosen.size:
+            self.refuse(
+                "each of its events has a transmit, and none is photoacoustic",
+                "give the photoacoustic events tx = 0 or a TX with Apod of zeros; or save it without Event",
+            )
+        return chosen
+
+    def _is_silent(self, number: int) -> bool:
+        """Whether a TX, counted from 1, has an apodization of zeros."""
+        items = self._items("TX", "Apod")
+        if items is None or number > len(items):
+            self.refuse(f"an event names TX {number}, and its Apod is missing", "save TX too")
+        return not self._values(items[number - 1], name="TX.Apod").any()
+
+    def buffer(self, number: int) -> h5py.Dataset:
+        """Samples of one buffer: (frames, channels, rows), or (channels, rows) of a single frame."""
+        items = self._items(FRAMES) or []
+        if not 1 <= number <= len(items):
+            self.refuse(f"{FRAMES} has {len(items)} buffers, and the receives fill number {number}", f"save {FRAMES}")
+        data = items[number - 1]
+        if data.ndim not in (2, 3) or data.dtype.newbyteorder("=") != np.int16 or 0 in data.shape:
+            self.refuse(
+                f"{FRAMES}{{{number}}} is {data.dtype} of shape {data.shape[::-1]}, int16 of samples × channels × "
+                "frames is expected",
+                f"save {FRAMES} as VSX leaves it",
+            )
+        return data
+
+    def order(self, receives: _Receives, data: h5py.Dataset) -> list[int]:
+        """Numbers of the frames in the order of time: a buffer is a ring, whose last frame is stated."""
+        frames, rows = data.shape[0] if data.ndim == 3 else 1, data.shape[-1]
+        numbers = np.unique(receives.frame)
+        if numbers[0] < 1 or numbers[-1] > frames:
+            self.refuse(
+                f"the receives fill frames {numbers[0]} to {numbers[-1]}, and {FRAMES} holds {frames}",
+                f"save {FRAMES} and Receive of one run",
+            )
+        if receives.start.max() + receives.samples - 1 > rows:
+            self.refuse(
+                f"a receive ends at sample {receives.start.max() + receives.samples - 1}, and a frame has {rows}",
+                f"save {FRAMES} and Receive of one run",
+            )
+        last = self._items("Resource", "RcvBuffer", "lastFrame")
+        if last is None or receives.buffer > len(last):
+            return [int(number) for number in numbers]
+        ended = int(self._values(last[receives.buffer - 1], name="Resource.RcvBuffer.lastFrame").flat[0])
+        return [int(number) for number in (*numbers[numbers > ended], *numbers[numbers <= ended])]
+
+    def columns(self, channels: int) -> Int64[np.ndarray, " elements"]:
+        """Channel of each element, counted from 0."""
+        for name in ("ConnectorES", "Connector"):
+            items = self._items("Trans", name)
+            if items is None:
+                continue
+            wiring = self._values(items[0], name=f"Trans.{name}")
+            if min(wiring.shape, default=1) > 1:
+                self.refuse(f"Trans.{name} has several columns: the probe switches its elements", "use one aperture")
+            numbers = self._as_whole(wiring.ravel(), name=f"Trans.{name}")
+            if numbers.min() < 1 or numbers.max() > channels or len(np.unique(numbers)) < len(numbers):
+                self.refuse(
+                    f"Trans.{name} connects channels {numbers.min()} to {numbers.max()}, and {FRAMES} has {channels}",
+                    "each element needs a channel of its own: save Trans of the same run",
+                )
+            return numbers - 1
+        elements = self.number("Trans", "numelements")
+        if elements != channels:
+            self.refuse(
+                f"{FRAMES} has {channels} channels, Trans.numelements is {elements}, and Trans.Connector is missing",
+                "save Trans too",
+            )
+        return np.arange(channels)
+
+    def pitch_m(self) -> float | None:
+        """Distance of the elements; None where it is not stated."""
+        kind = self.number("Trans", "type")
+        if kind not in (None, 0):
+            self.refuse(f"Trans.type is {kind:g}, the array is not linear", "only linear arrays (type 0) can be imaged")
+        spacing_mm = self.number("Trans", "spacingMm")
+        if spacing_mm is not None:
+            return 1e-3 * spacing_mm
+        waves, frequency_mhz = self.number("Trans", "spacing"), self.number("Trans", "frequency")
+        speed_m_s = self.number("Resource", "Parameters", "speedOfSound")
+        return waves * speed_m_s / (1e6 * frequency_mhz) if waves and speed_m_s and frequency_mhz else None
+
+    def number(self, *names: str) -> float | None:
+        """One number; None where it is missing."""
+        items = self._items(*names)
+        if items is None:
+            return None
+        values = self._values(items[0], name=".".join(names))
+        if len(items) != 1 or values.size != 1:
+            self.refuse(f"{'.'.join(names)} holds {values.size} numbers, one is expected", "save the workspace again")
+        return float(values.flat[0])
+
+    def _each(
+        self, *names: str, count: int | None = None, otherwise: float | None = None
+    ) -> Float64[np.ndarray, " items"]:
+        """One number for each item of an array of structures; ``otherwise`` where the field is missing."""
+        items, name = self._items(*names), ".".join(names)
+        if items is None and otherwise is not None and count is not None:
+            return np.full(count, otherwise)
+        if items is None or count not in (None, len(items)):
+            found = "missing" if items is None else f"there {len(items)} times instead of {count}"
+            self.refuse(f"{name} is {found}", f"save the whole workspace: save('run.mat', '-v7.3') with {names[0]}")
+        values = [self._values(item, name=name) for item in items]
+        if any(each.size != 1 for each in values):
+            self.refuse(f"{name} is not one number for each", "save the workspace again")
+        return np.array([each.flat[0] for each in values])
+
+    def _whole(
+        self, *names: str, count: int | None = None, otherwise: float | None = None
+    ) -> Int64[np.ndarray, " items"]:
+        return self._as_whole(self._each(*names, count=count, otherwise=otherwise), name=".".join(names))
+
+    def _as_whole(self, values: Float64[np.ndarray, " items"], *, name: str) -> Int64[np.ndarray, " items"]:
+        if not (np.abs(values) < 2**31).all() or not (values == np.rint(values)).all():
+            self.refuse(f"{name} holds {values.tolist()[:4]}, whole numbers are expected", "save the workspace again")
+        return values.astype(np.int64)
+
+    def _texts(self, *names: str, count: int, chosen: Int64[np.ndarray, " receives"]) -> set[str]:
+        """The different texts of a field of some structures; none where it is missing."""
+        items = self._items(*names)
+        if items is None:
+            return set()
+        if len(items) != count:
+            self.refuse(f"{'.'.join(names)} is there {len(items)} times instead of {count}", "save the whole workspace")
+        return {_text_of(items[index]) for index in chosen.tolist()}
+
+    def _same(self, name: str, values: np.ndarray) -> float:
+        """The value that all of them are."""
+        different = np.unique(values)
+        if len(different) != 1:
+            self.refuse(
+                f"{name} of the photoacoustic receives is {different.tolist()[:4]}, one value is expected",
+                "acquire them alike, or save one kind of them",
+            )
+        return float(different[0])
+
+    def _values(self, item: h5py.Dataset, *, name: str) -> Float64[np.ndarray, ...]:
+        if item.dtype.kind not in "iuf" or item.dtype.itemsize > 8 or not 0 < item.size <= MAX_ITEMS:
+            self.refuse(
+                f"{name} is {item.dtype} of shape {item.shape}, numbers are expected", "save the workspace again"
+            )
+        values = np.asarray(item[()], dtype=np.float64)
+        if not np.isfinite(values).all():
+            self.refuse(f"{name} holds a number that is not finite", "save the workspace again")
+        return values
+
+    def _items(self, *names: str) -> list[h5py.Dataset] | None:
+        """Datasets of a variable, or of a field of it, one for each cell or structure; None where it is missing."""
+        item: object = self.file.opened
+        for name in names:
+            item = self.file.inside(_octave_value(self.file, item), name)
+        return None if item is None else self._expanded(item, name=".".join(names))
+
+    def _expanded(self, item: object, *, name: str) -> list[h5py.Dataset]:
+        import h5py
+
+        value = _octave_value(self.file, item)
+        if isinstance(value, h5py.Group):
+            # A cell of Octave: its items are _0, _1 …, or _00, _01 … where there are ten.
+            names = sorted((each for each in value if each.startswith("_")), key=lambda each: int(each[1:]))
+            self._require_few(len(names), name)
+            cells = [_octave_value(self.file, self.file.inside(value, each)) for each in names]
+            return [self.file.checked(cell, name=name) for cell in cells]
+        data = self.file.checked(value, name=name)
+        if data.dtype != h5py.ref_dtype:
+            return [data]
+        self._require_few(data.size, name)
+        return [self.file.referred(reference, name=name) for reference in data[()].ravel()]
+
+    def _require_few(self, count: int, name: str) -> None:
+        if count > MAX_ITEMS:
+            self.refuse(f"{name} has {count} items, at most {MAX_ITEMS} are read", "save fewer frames in a file")
+
+
+def _octave_value(file: UntrustedHdf5, item: object) -> object:
+    """What a value of Octave holds; a value of MATLAB itself."""
+    import h5py
+
+    octave = isinstance(item, h5py.Group) and set(item) == {"type", "value"}
+    return file.inside(item, "value") if octave else item
+
+
+def _text_of(item: h5py.Dataset) -> str:
+    """A short text: codes of characters in MATLAB, bytes in Octave."""
+    if item.dtype.kind not in "iuSO" or item.size > 100 or item.dtype.itemsize > 100:
+        return ""
+    values = item[()]
+    if item.dtype.kind in "iu":
+        return "".join(chr(code) for code in np.ravel(values).astype(np.uint16).tolist())
+    return b"".join(each for each in np.ravel(values).tolist() if isinstance(each, bytes)).decode("ascii", "replace")

@@ -1,0 +1,111 @@
+"""A sweep over emulated devices from the command line: killed in mid-sweep, and one that finds the marker."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pytest
+
+from markerseek.core import MAX_AHEAD_DEG, Asked, RecordError
+from markerseek.drivers import LaserBox, SerialPort, SystemClock
+from markerseek.drivers._apt_line import AptLine
+from markerseek.records.journal import read_journal
+from markerseek.wire import apt
+from tests.emulated import WORLD, Emulation, emulation, markerseek
+
+pytestmark = pytest.mark.real_time
+pytest.importorskip("serial", reason="needs the extra devices")
+pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
+
+TRIES = 4
+"""A computer that is held up for longer than 0.15 s in mid-sweep rightly ends it: other programs may be the cause."""
+
+
+@pytest.fixture(autouse=True)
+def _urgent() -> Iterator[None]:
+    """Real-time priority for what the test starts, where the user may."""
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    with suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+    yield
+    os.sched_setscheduler(0, *before)
+
+
+def search(devices: Emulation, journal: Path) -> subprocess.Popen[str]:
+    words = ("search", "--rig", devices.rig, "--sweep", "--arm", "--json", "--journal", journal)
+    return subprocess.Popen(markerseek(*words), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+@contextmanager
+def stage_line(devices: Emulation) -> Iterator[AptLine]:
+    """The stage's line, without the driver, which would write its parameters."""
+    clock = SystemClock()
+    with SerialPort(str(devices.rig.parent / "stage")) as port:
+        yield AptLine(port=port, clock=clock, answer_s=0.2, age_s=2.0)
+
+
+def speed_deg_s(line: AptLine) -> float:
+    return line.ask(apt.ask_velocity(), apt.VELOCITY, apt.Velocity).speed / apt.SPEED_WORD
+
+
+def angle_deg(line: AptLine) -> float:
+    return apt.degrees_of(line.ask(apt.ask_status(), apt.STATUS, apt.Status).position)
+
+
+def pulses_seen(devices: Emulation) -> int:
+    """Pulses that the laser box has fired since power-up, once it sends no more triggers."""
+    with SerialPort(str(devices.rig.parent / "laser")) as port:
+        return LaserBox(port=port, clock=SystemClock(), answer_s=5.0)._seen
+
+
+def sweeps(journal: Path) -> bool:
+    try:
+        return any(isinstance(entry.event, Asked) for entry in read_journal(journal).entries)
+    except RecordError:
+        return False
+
+
+def test_a_sweep_is_killed_and_the_next_one_finds_the_marker(tmp_path: Path) -> None:
+    world = WORLD + "[receiver]\nsingle_pulses = true\n"
+    with emulation(tmp_path, seed=3, text=world) as devices:
+        process = search(devices, tmp_path / "killed.journal")
+        while process.poll() is None and not sweeps(tmp_path / "killed.journal"):
+            time.sleep(0.02)
+        # It lets the folder settle for 0.6 s, and turns for 3.3 s.
+        time.sleep(2.0)
+        process.kill()
+        process.communicate()
+        with stage_line(devices) as line:
+            seen_deg = angle_deg(line)
+            time.sleep(1.0)
+            # The supervisor has stopped it; without one it would stand at its last target.
+            assert abs(angle_deg(line) - seen_deg) <= MAX_AHEAD_DEG
+            assert -35 < seen_deg < 0
+            assert speed_deg_s(line) == pytest.approx(12.5, abs=0.1)
+        # Fewer than the 74 that were permitted: the light ended with the process.
+        seen = pulses_seen(devices)
+        assert 0 < seen <= 60
+        for number in range(TRIES):
+            process = search(devices, tmp_path / f"{number}.journal")
+            out, err = process.communicate()
+            if process.returncode != 1 or "outside SweepPermit" not in err:
+                break
+        with stage_line(devices) as line:
+            assert speed_deg_s(line) == pytest.approx(25.0, rel=1e-3)
+        low_deg, high_deg, pulses = devices.end()
+    assert process.returncode == 0, err
+    result = json.loads(out)
+    assert (result["answer"], result["confirmed"], result["emulated"]) == ("found", True, ["stage", "laser"])
+    assert result["angle_deg"] == pytest.approx(6.4, abs=0.3)
+    said = " ".join(err.split())
+    assert "sweeps from" in said
+    assert "at most 20 frames a second" in said
+    assert "s after each to read its frames" in said
+    assert pulses >= seen + result["acquisitions"]
+    assert -36.5 <= low_deg <= high_deg <= 36.5

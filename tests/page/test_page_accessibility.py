@@ -1,0 +1,88 @@
+"""WCAG 2.2 AA on every page by axe-core, and the sizes that it does not measure."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.page.page_browser import needs_browser, sync_api
+
+axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
+
+pytestmark = [pytest.mark.real_time, needs_browser]
+
+AA = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"], "resultTypes": ["violations"]}
+
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+
+
+def violations(watched):
+    """What axe-core finds: rule, and the elements."""
+    found = axe.Axe().run(watched.tab, options=AA).response["violations"]
+    return [(each["id"], [node["html"] for node in each["nodes"]]) for each in found]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_no_page_violates_aa_in_any_state(opened, scheme):
+    watched = opened("/", "&pace=0.02&seed=3&magic=1", color_scheme=scheme)
+    # With a link that is partly wrong, while a search runs, and with its answer.
+    assert violations(watched) == []
+    watched.start()
+    watched.wait_for(".ms-badge", "SEARCHING")
+    assert violations(watched) == []
+    watched.wait_for(".ms-badge", "FOUND")
+    watched.tab.wait_for_selector("text=copy the angle")
+    assert violations(watched) == []
+    watched.tab.get_by_label("acquisitions").fill("1")
+    watched.tab.wait_for_selector(".ms-problem:visible")
+    assert violations(watched) == []
+    for path in ("/race", "/turn", "/replay"):
+        assert violations(opened(path, color_scheme=scheme)) == [], path
+
+
+def test_axe_finds_what_is_wrong(opened):
+    watched = opened("/turn")
+    watched.tab.add_style_tag(content=".ms-lead { color: #aaa; background: #fff; }")
+    assert [rule for rule, _ in violations(watched)] == ["color-contrast"]
+
+
+@pytest.mark.parametrize("path", ["/", "/race", "/turn", "/replay"])
+def test_targets_of_a_finger_and_width_of_a_phone(opened, path):
+    watched = opened(path, **PHONE)
+    assert watched.tab.evaluate("document.documentElement.scrollWidth") <= 390
+    targets = watched.tab.locator("a:visible, button:visible, .q-checkbox:visible, .q-field__control:visible")
+    sizes = targets.evaluate_all("all => all.map(each => [each.innerText, each.getBoundingClientRect().toJSON()])")
+    assert len(sizes) > 5
+    assert [text for text, box in sizes if min(box["width"], box["height"]) < 44] == []
+
+
+def test_verdict_of_a_phone_is_read_from_two_metres(opened):
+    watched = opened("/", "&pace=0&seed=3", **PHONE)
+    watched.search()
+    watched.wait_for(".ms-badge", "FOUND")
+    height = "each => parseFloat(getComputedStyle(each).fontSize)"
+    # A capital of 0.7 of the size has 5 mm on a phone of 0.16 mm a pixel: 9 minutes of arc, of which 5 can be read.
+    assert watched.tab.locator(".ms-badge").evaluate(height) >= 45
+    assert watched.tab.locator(".ms-angle").evaluate(height) >= 60
+    # Without scrolling.
+    assert watched.tab.locator(".ms-interval").bounding_box()["y"] < 700
+
+
+def test_keyboard_has_a_focus_that_is_seen(opened):
+    watched = opened()
+    for name in ("Start", "STOP"):
+        target = watched.tab.get_by_role("button", name=name, exact=True)
+        sync_api.expect(target).to_be_enabled()
+        # With a key before: a focus by the pointer shows no ring.
+        watched.tab.keyboard.press("Tab")
+        target.focus()
+        assert "5px" in target.evaluate("each => getComputedStyle(each).boxShadow")
+
+
+def test_rows_use_the_height_of_the_window(opened):
+    watched = opened("/", "&pace=0&seed=3", viewport={"width": 1440, "height": 1400})
+    watched.search()
+    watched.tab.wait_for_selector("text=copy the angle")
+    panels = watched.tab.locator(".ms-panels").bounding_box()
+    assert panels["height"] > 1000
+    assert watched.tab.locator(".ms-panel-fan").bounding_box()["height"] > 600
+    assert watched.tab.evaluate("document.documentElement.scrollHeight") <= 1400

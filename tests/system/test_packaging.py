@@ -1,0 +1,52 @@
+"""What users get: no tools of development in the environment of the commands, and a page with every licence."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+
+
+def pinned(name: str) -> dict[str, str]:
+    """Versions of a list by package."""
+    text = (ROOT / "requirements" / f"{name}.txt").read_text(encoding="utf-8")
+    return dict(re.findall(r"^([\w.-]+)==([^\s;]+)", text, re.MULTILINE))
+
+
+def names(requirements: list[object]) -> set[str]:
+    """Names of packages in a list of requirements, as the index writes them."""
+    return {re.match(r"[\w-]+", each)[0].lower() for each in requirements if isinstance(each, str)}
+
+
+def test_no_tool_of_development_is_an_extra_or_comes_with_one() -> None:
+    groups = PROJECT["dependency-groups"]
+    # To build with setuptools, an editable installation needs it.
+    tools = set().union(*(names(groups[group]) for group in groups)) - {"setuptools"}
+    assert {"pytest", "sphinx", "ruff", "pacfish"} <= tools
+    for extra, needed in PROJECT["project"]["optional-dependencies"].items():
+        assert not names(needed) & tools, extra
+    for name in ("demo", "run"):
+        assert not pinned(name).keys() & (tools | {"coverage", "pytest-cov", "myst-parser"}), name
+
+
+def test_the_lists_agree_on_versions() -> None:
+    developers = pinned("dev")
+    for name in ("demo", "run"):
+        for package, version in pinned(name).items():
+            assert developers.get(package, version) == version, package
+
+
+def test_the_page_of_licences_has_what_is_pinned_and_nothing_under_the_gpl() -> None:
+    page = (ROOT / "docs" / "reference" / "licences.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| ([\w.-]+) \| (\d\S*) \| (.+) \| (.*) \|$", page, re.MULTILINE)
+    assert {name: version for name, version, _, _ in rows} == pinned("run")
+    for name, _, licence, remark in rows:
+        assert "GPL" not in licence or "does not hold" in remark, name
+
+
+def test_the_changelog_has_a_section_for_the_next_release() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert re.search(r"^## \d+\.\d+\.\d+ (\(unreleased\)|\(\d{4}-\d\d-\d\d\))$", text, re.MULTILINE)

@@ -1,0 +1,127 @@
+"""What the pages name exists: links, commands with their options, targets of make, keys of files."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from markerseek.cli.app import app
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
+NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
+
+
+def prose(page: Path) -> str:
+    """The page without its blocks of code."""
+    return re.sub(r"^ *```.*?^ *```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+
+
+def anchors(page: Path) -> set[str]:
+    """Anchors of a page's headings, as forges and the site make them."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.replace("`", "").lower()).strip().replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_every_link_of_a_page_leads_somewhere(page: Path) -> None:
+    # A text in brackets may be broken over two lines, an address may not.
+    for address in re.findall(r"\]\(([^()\s]+)\)", prose(page)):
+        if re.match(r"[a-z]+:", address):
+            continue
+        path, _, anchor = address.partition("#")
+        target = (page.parent / path).resolve() if path else page
+        assert target.exists(), address
+        assert not anchor or anchor in anchors(target), address
+
+
+def test_the_files_that_the_map_names_exist() -> None:
+    text = (DOCS / "explanation" / "map.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`([a-z_0-9]+(?:/[a-z_0-9]+)+(?:\.py|\.toml|\.csv)?)`", text))
+    assert len(named) > 100
+    # Of itself, beside the code, or in the folder of the pages; `a/b.py` stands for any.
+    pattern = re.compile(r"(^|/)a/(test_)?b\.py$")
+    for name in sorted(each for each in named if not pattern.search(each)):
+        assert any((place / name).exists() for place in (ROOT, ROOT / "src" / "markerseek")), name
+
+
+def inline_commands() -> Iterator[str]:
+    """Commands within the text of the pages; decisions tell of former ones."""
+    for page in PAGES:
+        if page.parent.name != "decisions":
+            for code in re.findall(r"`(markerseek [^`]+)`", prose(page)):
+                command = " ".join(code.replace("\\|", "|").split())
+                if not re.search(r"[|…]|^markerseek [A-Z0-9]", command):
+                    yield command
+
+
+@pytest.mark.parametrize("line", sorted(set(inline_commands())))
+def test_a_command_in_the_text_is_understood(line: str) -> None:
+    """The command exists, and so do its options; values that it would require may be missing in a sentence."""
+    command: Any = typer.main.get_command(app)
+    words = shlex.split(line)[1:]
+    # Typer has a Click of its own, so that isinstance would not know a group.
+    while hasattr(command, "commands") and words and not words[0].startswith("--"):
+        name = words.pop(0)
+        assert name in command.commands, f"{name} is no command"
+        command = command.commands[name]
+    options = {name for each in command.params for name in each.opts} | {"--help", "--version"}
+    assert {word for word in words if word.startswith("--")} <= options
+
+
+def all_options(command: Any) -> Iterator[str]:
+    """Options of a command and of all below it."""
+    for each in command.params:
+        yield from each.opts
+    for below in getattr(command, "commands", {}).values():
+        yield from all_options(below)
+
+
+OTHERS = {"--no-deps", "--network", "--group", "--restarts", "--ros-args"}
+"""Options of other programs that the text names: pip, podman, the campaign of faults, ROS 2."""
+
+
+def test_an_option_in_the_text_is_one_of_some_command() -> None:
+    known = {*all_options(typer.main.get_command(app)), "--help", "--version", *OTHERS}
+    pages = [page for page in PAGES if page.parent.name != "decisions"]
+    named = {(page.name, option) for page in pages for option in re.findall(r"`(--[a-z][a-z0-9-]*)[ `]", prose(page))}
+    assert len(named) > 50
+    assert [each for each in sorted(named) if each[1] not in known] == []
+
+
+def test_the_targets_of_make_on_the_pages_exist() -> None:
+    targets = set(re.findall(r"^([a-z0-9]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    for page in PAGES:
+        named = re.findall(r"(?:^|`)make ([a-z0-9]+)", page.read_text(encoding="utf-8"), re.MULTILINE)
+        assert set(named) <= targets, page.name
+
+
+def test_the_tables_of_keys_have_the_keys_of_the_examples(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(DOCS)
+    import settings_tables
+
+    made = {"bench": settings_tables.bench_rig(), "simulated": settings_tables.simulated_rig()}
+    for path in sorted((ROOT / "examples" / "rigs").glob("*.toml")):
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        for key in keys(table):
+            assert f"| `{key}` |" in made[table["kind"]] or key in ("kind", "driver"), f"{path.name}: {key}"
+    assert "| `zero_deg` | number | **required** | ° | in [-360, 360] deg |" in made["bench"]
+    assert "| `peak_snr_db` | number | `40` | dB | between -20 and 100 dB |" in made["simulated"]
+    assert "| `trials` | whole number | `100` |  | between 1 and 1,000,000,000 |" in settings_tables.study()
+
+
+def keys(table: dict[str, Any]) -> Iterator[str]:
+    """Keys of a table and of those in it that hold a value."""
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from keys(value)
+        else:
+            yield key

@@ -1,0 +1,125 @@
+"""A sweep as one acquisition of a SonixDAQ: a frame for each pulse, or none at all."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from markerseek.acoustics import AcousticModel, Noise
+from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, DeviceTimeoutError, Permit, SweepPermit
+from markerseek.drivers import SonixDaqReceiver, SonixDaqSettings
+from markerseek.emulators.bench import BenchClock
+from markerseek.emulators.sonixdaq import EmulatedSonixDaq
+from markerseek.sim import World
+
+SWEEP = SweepPermit(
+    token="s",
+    angle_deg=-35.0,
+    pulses=9,
+    expires_s=math.inf,
+    to_deg=35.0,
+    slowest_deg_s=2.0,
+    fastest_deg_s=12.0,
+    period_s=0.05,
+)
+
+
+class Bench:
+    """A folder, who writes it, and who reads it; what the world has given is kept."""
+
+    def __init__(self, folder: Path, *, frames: str = "triggered", sdk: int = 6) -> None:
+        self.world = World(
+            model=AcousticModel(samples=64),
+            absorbers=(),
+            noise=Noise(white_sigma=30.0),
+            energy_jitter=0.0,
+            start_deg=-35.0,
+            rng=np.random.default_rng(1),
+            averaged=16,
+        )
+        self.received: list[tuple[float, np.ndarray]] = []
+        world_frame = self.world.frame
+
+        def frame(flash, *, header):  # type: ignore[no-untyped-def]
+            made = world_frame(flash, header=header)
+            self.received.append((flash.angle_deg, made.samples))
+            return made
+
+        self.world.frame = frame  # type: ignore[method-assign]
+        self.clock = BenchClock()
+        self.daq = EmulatedSonixDaq(
+            world=self.world,
+            folder=folder,
+            rng=np.random.default_rng(2),
+            readout_s=1.0,
+            sdk=6 if sdk == 6 else 5,
+        )
+        self.clock.lead(self.daq.advance)
+        settings = SonixDaqSettings(folder=str(folder), timeout_s=3.0, frames=frames)  # type: ignore[arg-type]
+        self.receiver = SonixDaqReceiver(settings=settings, clock=self.clock)
+
+    def sweep(self, *, lit: int = 7, triggers: int = 9) -> list[ChannelFrame]:
+        self.receiver.begin_sweep(SWEEP)
+        for number in range(lit):
+            self.world.flash(pulses=1, at_s=0.05 * number)
+            self.world.flashes[-1] = replace(self.world.flashes[-1], angle_deg=-35.0 + number)
+        assert self.receiver.frames() == ()
+        self.daq.trigger(triggers)
+        frames = self.receiver.end_sweep(pulses=lit)
+        return [frame for frame in frames if isinstance(frame, ChannelFrame)]
+
+
+@pytest.mark.parametrize("sdk", [5, 6])
+def test_each_pulse_is_a_frame_and_the_dark_triggers_are_none(tmp_path: Path, sdk: int) -> None:
+    bench = Bench(tmp_path, sdk=sdk)
+    frames = bench.sweep()
+    assert [angle_deg for angle_deg, _ in bench.received[:7]] == [-35.0 + number for number in range(7)]
+    for frame, (_, samples) in zip(frames, bench.received[:7], strict=True):
+        np.testing.assert_array_equal(frame.samples, samples)
+        assert (frame.header.pulses, frame.header.token, frame.header.commanded_deg) == (1, "s", 35.0)
+    assert [frame.header.sequence for frame in frames] == list(range(1, 8))
+    # A single pulse has four times the noise of the mean of sixteen, with light and without.
+    assert np.std([samples for _, samples in bench.received]) == pytest.approx(120.0, rel=0.05)
+    # and an acquisition at rest goes on from there
+    permit = Permit(token="p", angle_deg=0.0, pulses=16, expires_s=math.inf)
+    bench.receiver.arm(permit)
+    bench.world.flash(pulses=16, at_s=5.0)
+    bench.daq.trigger(16)
+    assert bench.receiver.acquire(permit).header.sequence == 8
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [({"lost_at": 4}, "hold 8 pulses, 9 were triggered"), ({"doubled_at": 4}, "hold 10 pulses, 9 were triggered")],
+)
+def test_a_trigger_that_is_lost_or_doubled_refuses_the_sweep_whole(
+    tmp_path: Path, fault: dict[str, int], said: str
+) -> None:
+    bench = Bench(tmp_path)
+    for name, value in fault.items():
+        setattr(bench.daq.faults, name, value)
+    with pytest.raises(AcquisitionError, match=f"{said}: a trigger was lost or doubled"):
+        bench.sweep()
+    # and no part of it can be asked for again
+    with pytest.raises(AcquisitionError, match="was not armed for a sweep"):
+        bench.receiver.end_sweep(pulses=7)
+
+
+def test_files_that_do_not_come_end_in_time(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    bench.daq.faults.files = 100
+    with pytest.raises(DeviceTimeoutError, match=r"100 of 128 channel files|101 of 128 channel files"):
+        bench.sweep()
+
+
+def test_a_device_that_records_a_fixed_number_says_why_it_cannot_sweep(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="this rig cannot sweep: its SonixDAQ records a fixed number of pulses"):
+        _ = Bench(tmp_path, frames="fixed").receiver.frame_period_s
+    receiver = Bench(tmp_path).receiver
+    assert (receiver.frame_period_s, receiver.sweep_readout_s) == (0.05, 12.0)
+    with pytest.raises(ConfigError, match="sweep_period_s is 0"):
+        SonixDaqSettings(folder="daq", sweep_period_s=0.0)

@@ -1,0 +1,206 @@
+"""Workspaces of a Verasonics: the photoacoustic frames as they were written, or a sentence that says what to save."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from markerseek.core import RecordError
+from markerseek.records.banks.arrays import read_arrays
+from tests.unit.records.vantage_workspaces import CONNECTOR, ELEMENTS, write_workspace
+
+pytestmark = pytest.mark.usefixtures("one_sandbox")
+
+FRAMES = np.random.default_rng(31).integers(-2000, 2000, (5, ELEMENTS, 60)).astype(np.int16)
+STEPS = (-10.0, 5.0)
+
+
+def read(path):
+    return read_arrays(path, first_and_step_deg=STEPS)
+
+
+def frames_of(bank):
+    return np.stack([bank.frame(index).samples for index in range(len(bank.angles_deg))])
+
+
+@pytest.mark.parametrize("repeats", [1, 3])
+def test_the_receives_without_a_transmit_come_back(tmp_path, repeats):
+    bank = read(write_workspace(tmp_path / "run.mat", FRAMES, repeats=repeats))
+    np.testing.assert_array_equal(frames_of(bank), FRAMES)
+    assert bank.angles_deg == (-10.0, -5.0, 0.0, 5.0, 10.0)
+    assert (bank.facts.sampling_hz, bank.facts.sound_speed_m_s) == (40e6, 1500.0)
+    assert bank.facts.pitch_m == pytest.approx(0.3e-3)
+    assert {bank.frame(index).header.pulses for index in range(5)} == {repeats}
+
+
+def test_a_ring_that_has_gone_round_is_read_in_the_order_of_time(tmp_path):
+    np.testing.assert_array_equal(frames_of(read(write_workspace(tmp_path / "run.mat", FRAMES, last=2))), FRAMES)
+
+
+def test_without_events_all_receives_are_photoacoustic(tmp_path):
+    def one_kind(workspace):
+        del workspace.file["Receive/sampleMode"]
+
+    path = write_workspace(tmp_path / "run.mat", FRAMES, mixed=False, change=one_kind)
+    bank = read(path)
+    # The first acquisition of each frame is averaged with the second.
+    assert {bank.frame(index).header.pulses for index in range(5)} == {2}
+    assert not np.array_equal(frames_of(bank), FRAMES)
+
+
+def test_samples_count_from_the_trigger(tmp_path):
+    """A depth of 1.5 wavelengths at 5 MHz, to and fro, is 24 samples at 40 MHz."""
+    counts = frames_of(read(write_workspace(tmp_path / "run.mat", FRAMES, start_depth=1.5)))
+    assert not counts[:, :, :24].any()
+    np.testing.assert_array_equal(counts[:, :, 24:], FRAMES)
+
+
+def test_frames_that_were_never_filled_are_left_out(tmp_path):
+    frames = FRAMES.copy()
+    frames[4] = 0
+    with pytest.warns(UserWarning, match="1 frames hold zeros only"):
+        bank = read(write_workspace(tmp_path / "run.mat", frames))
+    np.testing.assert_array_equal(frames_of(bank), frames[:4])
+
+
+def test_a_variable_can_name_the_angles(tmp_path):
+    angles = np.array([3.0, 1.0, 2.0, 5.0, 4.0])
+    path = write_workspace(tmp_path / "run.mat", FRAMES, change=lambda held: held.value(held.file, "angle_deg", angles))
+    bank = read_arrays(path)
+    np.testing.assert_array_equal(frames_of(bank), FRAMES[[1, 2, 0, 4, 3]])
+
+
+def replaced(field, value):
+    def change(workspace):
+        group, name = field.rsplit("/", 1)
+        del workspace.file[field]
+        if value is not None:
+            workspace.value(workspace.file[group], name, value)
+
+    return change
+
+
+def loops(workspace):
+    """Each start sample refers to the list of references that it stands in."""
+    starts = workspace.file["Receive/startSample"]
+    starts[...] = np.full(starts.shape, starts.ref, h5py.ref_dtype)
+
+
+def refers_to_a_group(workspace):
+    cell = workspace.file["RcvData"]
+    cell[...] = np.full(cell.shape, workspace.file["Receive"].ref, h5py.ref_dtype)
+
+
+def refers_to_nothing(workspace):
+    number = workspace.file["Receive/framenum"].shape
+    del workspace.file["Receive/framenum"]
+    workspace.file["Receive"].create_dataset("framenum", number, h5py.ref_dtype)
+
+
+def leads_elsewhere(workspace):
+    del workspace.file["Trans"]
+    workspace.file["Trans"] = h5py.ExternalLink("/etc/hostname", "/")
+
+
+def huge(workspace):
+    shape = (1000, 1 << 20)
+    workspace.held.create_dataset("huge", shape, np.int16, chunks=(1, 1 << 20), compression="gzip")
+    cell = workspace.file["RcvData"]
+    cell[...] = np.full(cell.shape, workspace.held["huge"].ref, h5py.ref_dtype)
+
+
+def every(field, value):
+    def change(workspace):
+        for reference in workspace.file[field][()].ravel():
+            workspace.file[reference][...] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (replaced("Receive/startSample", None), "Receive.startSample is missing; save the whole workspace"),
+        (replaced("Receive/framenum", 1.0), "Receive.framenum is there 1 times instead of 10"),
+        (replaced("Trans/Connector", None), "Trans.Connector is missing; save Trans too"),
+        (replaced("Trans/Connector", np.ones((ELEMENTS, 2))), "the probe switches its elements; use one aperture"),
+        (replaced("Trans/Connector", np.arange(5.0, 13.0)[:, None]), "connects channels 5 to 12, and RcvData has 10"),
+        (replaced("Trans/type", 1.0), "the array is not linear"),
+        (replaced("TX/Apod", None), "an event names TX 1, and its Apod is missing; save TX too"),
+        (replaced("TX/Apod", np.ones(ELEMENTS)), "an event names TX 2"),
+        (every("Event/tx", 1.0), "each of its events has a transmit, and none is photoacoustic"),
+        (every("Event/rcv", 99.0), "an event names receive 99 of 10"),
+        (every("Receive/startSample", -3.0), "begins at sample -3"),
+        (every("Receive/startSample", 0.5), "whole numbers are expected"),
+        (every("Receive/startSample", np.nan), "not finite"),
+        (every("Receive/endSample", 1e9), "one value is expected|a receive ends at sample"),
+        (every("Receive/framenum", 77.0), "fill frames 77 to 77, and RcvData holds 5"),
+        (every("Receive/bufnum", 2.0), "RcvData has 1 buffers, and the receives fill number 2"),
+        (every("Receive/startDepth", 1e12), "more than the 60 samples of a frame last; correct it"),
+        (loops, "no MATLAB file|numbers are expected"),
+        (refers_to_a_group, "RcvData is no dataset"),
+        (refers_to_nothing, "Receive.framenum refers to nothing"),
+        (leads_elsewhere, "Trans is a link to another place"),
+        (huge, "huge|bytes|fill frames|is expected"),
+    ],
+)
+def test_what_cannot_be_read_is_refused_with_a_cure(tmp_path, change, message):
+    with pytest.raises(RecordError, match=message):
+        read(write_workspace(tmp_path / "run.mat", FRAMES, change=change))
+
+
+def test_pairs_of_samples_are_refused(tmp_path):
+    def pairs(workspace):
+        for reference in workspace.file["Receive/sampleMode"][()].ravel():
+            item = workspace.file[reference]
+            item[...] = np.array([[ord(each)] for each in "BS100BW"], np.uint16)
+
+    with pytest.raises(RecordError, match=r"Receive.sampleMode is 'BS100BW'.*acquire with sampleMode 'NS200BW'"):
+        read(write_workspace(tmp_path / "run.mat", FRAMES, change=pairs))
+
+
+def test_a_workspace_of_version_7_says_how_to_save_it(tmp_path):
+    cell = np.empty((1, 1), object)
+    cell[0, 0] = FRAMES
+    savemat(tmp_path / "run.mat", {"RcvData": cell})
+    with pytest.raises(RecordError, match=r"it is a Verasonics workspace; save it as HDF5: save\('run.mat', '-v7.3'\)"):
+        read(tmp_path / "run.mat")
+
+
+@pytest.mark.skipif(
+    shutil.which("octave-cli") is None, reason="GNU Octave is missing; install it: apt-get install octave"
+)
+def test_octave_writes_the_same_workspace(tmp_path):
+    """GNU Octave's own ``save -hdf5`` of cells and structures."""
+    FRAMES.transpose(2, 1, 0).ravel(order="F").astype("<i2").tofile(tmp_path / "frames.bin")
+    samples, count = FRAMES.shape[2], FRAMES.shape[0]
+    (tmp_path / "save_it.m").write_text(
+        f"""
+        file = fopen('frames.bin'); frames = reshape(fread(file, Inf, 'int16=>int16'), {samples}, {ELEMENTS}, {count});
+        data = int16(randi([-99, 99], {2 * samples}, 10, {count}));
+        data({samples} + (1:{samples}), {list(CONNECTOR)}, :) = frames;
+        RcvData = {{data}};
+        for k = 1:{count}
+          for kind = 1:2
+            Receive(2 * k + kind - 2) = struct('startSample', {samples} * (kind - 1) + 1, ...
+              'endSample', {samples} * kind, 'framenum', k, 'bufnum', 1, ...
+              'decimSampleRate', 40, 'sampleMode', 'NS200BW', 'startDepth', 0);
+            Event(2 * k + kind - 2) = struct('tx', 2 - kind, 'rcv', 2 * k + kind - 2);
+          end
+        end
+        TX = struct('Apod', ones(1, {ELEMENTS}));
+        Trans = struct('frequency', 5, 'spacingMm', 0.3, 'type', 0, 'Connector', {list(CONNECTOR)}');
+        Resource.Parameters.speedOfSound = 1500;
+        save -hdf5 run.mat RcvData Receive Event TX Trans Resource
+        """
+    )
+    subprocess.run(["octave-cli", "--no-init-file", "save_it.m"], cwd=tmp_path, check=True, timeout=60)
+    bank = read(tmp_path / "run.mat")
+    np.testing.assert_array_equal(frames_of(bank), FRAMES)
+    assert bank.facts.sampling_hz == 40e6
+    assert bank.facts.pitch_m == pytest.approx(0.3e-3)
