@@ -15,6 +15,7 @@ SHORT = {
     "cli": "one file a command",
     "studies": "many searches, one table; the paper",
     "bridges": "live page, ROS 2, 3D Slicer",
+    "figures": "of a result, of a bank",
     "runs": "search, resume, bank scan, tracking",
     "emulators": "stage, laser box, SonixDAQ: their bytes",
     "rigs": "puts a rig together",

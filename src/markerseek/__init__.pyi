@@ -15,6 +15,7 @@ from .core import (
     Sample,
     Unsure,
 )
+from .figures import bank_figure, search_figure
 from .rigs import replayed, simulated
 from .runs import find_marker
 from .scan import run
@@ -36,9 +37,11 @@ __all__ = [
     "Sample",
     "Unsure",
     "__version__",
+    "bank_figure",
     "build",
     "find_marker",
     "replayed",
     "run",
+    "search_figure",
     "simulated",
 ]

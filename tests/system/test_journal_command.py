@@ -6,7 +6,9 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -91,7 +93,9 @@ def test_resume_draws_the_picture_of_the_search_again(shell: Shell, tmp_path: Pa
     assert (tmp_path / "resume.png").read_bytes() == (tmp_path / "search.png").read_bytes()
 
 
-def test_the_journals_of_a_folder_are_listed_with_their_ends(shell: Shell, tmp_path: Path) -> None:
+def test_the_journals_of_a_folder_are_listed_with_their_ends(
+    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert json.loads(shell("journal", "list", "--json")[1])["journals"] == []
     result = json.loads(shell(*SEARCH, "--json")[1])
     (kept,) = journals(tmp_path)
@@ -101,10 +105,12 @@ def test_the_journals_of_a_folder_are_listed_with_their_ends(shell: Shell, tmp_p
     code, out, _ = shell("journal", "list", "--json")
     printed = json.loads(out)
     by_name = {Path(each["path"]).name: each for each in printed["journals"]}
-    assert (code, printed["count"], next(iter(by_name))) == (0, 3, kept.name)
+    # The newest first.
+    assert (code, printed["count"], list(by_name)[-1]) == (0, 3, kept.name)
     over, open_run = by_name[kept.name], by_name["killed.journal"]
     assert (over["state"], over["answer"]) == ("finished", result["answer"])
     assert (over["angle_deg"], over["acquisitions"]) == (result["angle_deg"], 8)
+    assert (over["seed"], "phantom" in over["description"]) == (3, True)
     assert (open_run["state"], open_run["answer"], open_run["acquisitions"]) == ("open", None, 2)
     assert open_run["size_bytes"] >= killed.stat().st_size > 0
     assert by_name["foreign.journal"]["state"] == "unreadable"
@@ -113,6 +119,13 @@ def test_the_journals_of_a_folder_are_listed_with_their_ends(shell: Shell, tmp_p
     assert (code, kept.name in out) == (0, False)
     assert "3 journals" in out
     assert "the newest 1 are listed" in out
+    monkeypatch.setenv("TZ", "XYZ-3")
+    time.tzset()
+    try:
+        assert f"{datetime.now(UTC) + timedelta(hours=3):%Y-%m-%d %H}" in shell("journal", "list")[1]
+    finally:
+        monkeypatch.undo()
+        time.tzset()
 
 
 def test_a_journal_is_shown_as_a_table(shell: Shell, tmp_path: Path) -> None:

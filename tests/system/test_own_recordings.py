@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 Shell = Callable[..., tuple[int, str, str]]
 PER_DEGREE = {"deg": 1.0, "rad": math.pi / 180, "mrad": 1e3 * math.pi / 180}
@@ -54,3 +55,35 @@ def test_a_recording_that_is_used_up_is_not_told_to_take_more(shell: Shell, tmp_
     result = json.loads(out)
     assert (code, result["acquisitions"]) == (3, 5)
     assert "more acquisitions" not in (result["reason"] or "")
+
+
+def test_variables_of_ones_own_are_named_and_a_bank_says_by_what_it_is_imaged(shell: Shell, tmp_path: Path) -> None:
+    frames = np.random.default_rng(1).integers(-99, 99, (128, 300, 4)).astype(np.int16)
+    savemat(tmp_path / "mine.mat", {"theta": np.radians([-3.0, 0.0, 3.0, 6.0]), "rf": frames})
+    words = ("bank", "import", tmp_path / "mine.mat", tmp_path / "mine.hdf5", "--sampling-mhz", 40)
+    code, _, err = shell(*words)
+    assert (code, "angle_deg" in err or "intensity or frames expected" in err) == (2, True)
+    named = (*words, "--columns", "theta,rf", "--unit", "rad")
+    code, _, err = shell(*named)
+    assert (code, "--axes channels,samples,angles" in err) == (2, True)
+    code, _, err = shell(*named, "--axes", "channels,samples,angles")
+    assert code == 0, err
+    known = json.loads(shell("bank", "info", tmp_path / "mine.hdf5", "--json")[1])
+    assert (known["angles"], known["first_deg"]) == (4, pytest.approx(-3.0))
+    assert known["intensities_stored"]
+    assert known["imaged_by"].startswith("the chain of BPL9-5/55 (named by the file): 128 elements of 0.4")
+    other = json.loads(shell("bank", "info", tmp_path / "mine.hdf5", "--probe", "BPL9-5/55", "--json")[1])
+    assert not other["intensities_stored"]
+    assert other["imaged_by"].startswith("the chain of BPL9-5/55 (--probe): 128 elements")
+
+
+def test_a_picture_goes_to_out_or_into_the_file_that_is_named(
+    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    bank = scan(tmp_path / "mine.csv")
+    assert shell("bank", "info", bank, "--plot")[0] == 0
+    assert (tmp_path / "out" / "mine.png").read_bytes().startswith(b"\x89PNG")
+    assert shell("replay", bank, "--plot", "--out", "paper/fig.pdf")[0] == 0
+    assert [each.name for each in (tmp_path / "paper").iterdir()] == ["fig.pdf"]
+    assert (tmp_path / "paper" / "fig.pdf").read_bytes().startswith(b"%PDF-")

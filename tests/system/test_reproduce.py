@@ -30,7 +30,9 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 
 def test_travel_comes_as_object_files_and_page_with_the_same_numbers(shell: Shell, tmp_path: Path) -> None:
     code, out, err = shell("reproduce", "travel", "--markers", 40, "--workers", 1, "--out", tmp_path, "--json")
-    assert (code, err) == (0, "")
+    assert code == 0
+    assert f"travel with 40 markers in 1 process, into {tmp_path}" in err.replace("\n", "")
+    assert " to do" in err
     answer = json.loads(out)
     (section,) = answer["sections"]
     in_csv = rows_of(tmp_path / "travel_beside_the_paper.csv")

@@ -87,7 +87,7 @@ def test_methods_are_compared_in_the_same_world(shell: Shell, tmp_path: Path) ->
     ]
     assert compared == alone
     assert code == (0 if all(each["found"] for each in alone) else 3)
-    assert (tmp_path / "search.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "compare.png").read_bytes().startswith(b"\x89PNG")
     _, out, _ = shell("search", *words)
     for word in ("golden-section-reuse", "ternary", "acquisitions", f"{alone[0]['angle_deg']:.3f}°", "simulated rig"):
         assert word in out

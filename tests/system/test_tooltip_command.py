@@ -77,6 +77,7 @@ def test_a_folder_gives_the_range_and_a_picture(shell, folder, tmp_path):
     code, out, _ = shell("tooltip", folder, "--first-deg", -6, "--pixel-mm", 0.15, "--plot", "--out", tmp_path)
     assert (code, "tip found" in out) == (0, True)
     assert (tmp_path / "scan-tip.png").exists()
+    assert all(f"{number:02d}.png" in out for number in range(len(ANGLES)))
     report = answer(shell, folder, "--first-deg", -6, "--pixel-mm", 0.15)
     assert report["found"]
     assert abs(report["reference_deg"]) <= 1

@@ -35,10 +35,12 @@ def test_the_public_names_are_these() -> None:
         "Sample",
         "Unsure",
         "__version__",
+        "bank_figure",
         "build",
         "find_marker",
         "replayed",
         "run",
+        "search_figure",
         "simulated",
     ]
     for name in markerseek.__all__:

@@ -14,33 +14,31 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from markerseek import rigs, runs
+from markerseek import figures, rigs, runs
 from markerseek.cli import bank_files, bank_scan
-from markerseek.cli.options import AsJson, Columns, Out, Unit, require_frames, table_format
+from markerseek.cli.options import AsJson, Out, TableOptions, require_frames, with_values
 from markerseek.cli.report import Output, Report, drawn, facts, with_version
 from markerseek.cli.terminal import announce_compilation, one_line, progress_bar
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from markerseek.records.banks import FrameBank, IntensityBank
-    from markerseek.search import Curve, Peak
+    from markerseek.search import Peak
 
 _INFO_EXAMPLES = (
     "Examples:\n\n  markerseek bank info scan.hdf5 --plot\n\n  markerseek bank info examples/simulated_scan.csv --json"
 )
 
 
+@with_values
 def info(
     bank: Annotated[
         Path, typer.Argument(help="IPASC HDF5, CSV of angle_deg,intensity, or folder with one frame per angle.")
     ],
+    table: TableOptions,
     probe: Annotated[
         str | None,
         typer.Option(help="Compute the intensities again with this preset, or with your own probe in FILE.toml."),
     ] = None,
-    columns: Columns = None,
-    unit: Unit = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write a picture of the curve into --out.")] = False,
     out: Out = None,
     as_json: AsJson = False,
@@ -50,7 +48,7 @@ def info(
     from markerseek.search import peak_of
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
-    held = rigs.with_probe_facts(read_bank(bank, table_format(columns, unit)), probe)
+    held = rigs.with_probe_facts(read_bank(bank, table.format()), probe)
     require_frames(held, bank, probe=probe)
     # The stored intensities need no frame, and a damaged one must not pass for that reason.
     require_whole(held)
@@ -60,14 +58,16 @@ def info(
     dark = runs.dark_intensity(held, probe=probe)
     name = f"{bank.stem if bank.is_file() else bank.name}.png"
     report = Report(
-        values=_values(bank, held, peak, dark=dark),
+        values=_values(bank, held, peak, dark=dark, probe=probe),
         shown=_shown(bank, held, peak, dark=dark, computed_with=probe),
-        pictures={name: drawn(_figure, bank, held, curve, peak, dark=dark, probe=probe)},
+        pictures={name: drawn(figures.bank_figure, held, title=_title(bank, held), probe=probe, curve=curve)},
     )
     output.show(report)
 
 
-def _values(path: Path, bank: IntensityBank | FrameBank, peak: Peak, *, dark: float | None) -> dict[str, object]:
+def _values(
+    path: Path, bank: IntensityBank | FrameBank, peak: Peak, *, dark: float | None, probe: str | None
+) -> dict[str, object]:
     """What is in a bank; the statistics of the peak have the names of bluesky: com, cen, fwhm, max."""
     known, angles = bank.facts, bank.angles_deg
     return with_version(
@@ -81,6 +81,8 @@ def _values(path: Path, bank: IntensityBank | FrameBank, peak: Peak, *, dark: fl
         largest_step_deg=_largest_step_deg(bank),
         dark_frames=bank.dark_frames,
         dark_intensity=dark,
+        intensities_stored=runs.intensities_stored(bank, probe=probe),
+        imaged_by=_imaged_by(bank, probe),
         **asdict(peak),
         reference_deg=known.reference_angle_deg,
         probe=known.probe,
@@ -135,7 +137,8 @@ def _shown(
         ("angles", f"{len(angles)}{cut}"),
         ("range", f"{angles[0]:g}° to {angles[-1]:g}°, steps of at most {_largest_step_deg(bank):.3g}°"),
         ("dark frames", dark_frames),
-        ("intensities", None if computed_with is None else f"computed again with the preset {computed_with}"),
+        ("intensities", _origin(bank, computed_with)),
+        ("imaged by", _imaged_by(bank, computed_with)),
         ("max", f"{peak.max_intensity:.4g} at {peak.max_deg:.3f}°"),
         ("com, centre of mass above half height", f"{peak.com_deg:.3f}°"),
         ("cen, middle at half height", _number(peak.cen_deg, "{:.3f}°")),
@@ -155,6 +158,30 @@ def _shown(
     yield facts(rows)
 
 
+def _origin(bank: IntensityBank | FrameBank, probe: str | None) -> str:
+    if runs.intensities_stored(bank, probe=probe):
+        return "as the file has them"
+    return "computed from the frames" if probe is None else "computed again from the frames"
+
+
+def _imaged_by(bank: IntensityBank | FrameBank, probe: str | None) -> str | None:
+    """The imaging chain of the frames: its preset, who named it, and its parameters; None where there are no frames."""
+    from markerseek.records.banks import FrameBank
+
+    if not isinstance(bank, FrameBank):
+        return None
+    preset = rigs.preset_of(bank, probe)
+    if probe is not None:
+        named = "--probe"
+    else:
+        named = "assumed, as the file names no probe: --probe" if bank.facts.probe is None else "named by the file"
+    return (
+        f"the chain of {preset.name} ({named}): {preset.array.elements} elements of "
+        f"{1e3 * preset.array.pitch_m:.4g} mm, {1e-6 * preset.sampling_hz:g} MHz, {preset.sound_speed_m_s:g} m/s, "
+        f"band {1e-6 * preset.low_hz:g} to {1e-6 * preset.high_hz:g} MHz"
+    )
+
+
 def _date(unix_s: float) -> str:
     try:
         return f"{datetime.fromtimestamp(unix_s, UTC):%Y-%m-%d %H:%M:%S} UTC"
@@ -167,25 +194,9 @@ def _number(value: float | None, form: str, scale: float = 1.0) -> str | None:
     return None if value is None else form.format(value * scale)
 
 
-def _figure(
-    path: Path, bank: IntensityBank | FrameBank, curve: Curve, peak: Peak, *, dark: float | None, probe: str | None
-) -> Figure:
-    from markerseek.pictures import bank_figure
-    from markerseek.records.banks import FrameBank
-
-    known = bank.facts
-    return bank_figure(
-        bank.angles_deg,
-        curve.intensity.tolist(),
-        title=f"{path.name}{': ' if known.description else ''}{known.description}",
-        max_deg=peak.max_deg,
-        com_deg=peak.com_deg,
-        cen_deg=peak.cen_deg,
-        fwhm_deg=peak.fwhm_deg,
-        reference_deg=known.reference_angle_deg,
-        dark_level=dark,
-        image=runs.bank_image(bank, curve.strongest, probe=probe) if isinstance(bank, FrameBank) else None,
-    )
+def _title(path: Path, bank: IntensityBank | FrameBank) -> str:
+    known = bank.facts.description
+    return f"{path.name}{': ' if known else ''}{known}"
 
 
 _VERIFY_EXAMPLES = "Examples:\n\n  markerseek bank verify scan.hdf5\n\n  markerseek bank verify scan.hdf5 --json"

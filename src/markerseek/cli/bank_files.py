@@ -13,7 +13,7 @@ from rich.markup import escape
 
 from markerseek import rigs, runs
 from markerseek.cli.bank_scan import BModeNote
-from markerseek.cli.options import AsJson, Columns, ProbeName, Unit, require_frames, table_format
+from markerseek.cli.options import AsJson, ProbeName, TableOptions, require_frames, with_values
 from markerseek.cli.report import Output, Report, with_version
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, stderr
 from markerseek.core import ConfigError
@@ -31,6 +31,7 @@ IMPORT_EXAMPLES = (
 )
 
 
+@with_values
 def import_bank(
     source: Annotated[
         Path,
@@ -41,9 +42,16 @@ def import_bank(
         ),
     ],
     to: Annotated[Path, typer.Argument(help="New file, .hdf5.", metavar="TO")],
+    table: TableOptions,
     probe: ProbeName = None,
-    first_deg: Annotated[float | None, typer.Option(help="First angle of frames without angles.")] = None,
-    step_deg: Annotated[float | None, typer.Option(help="Step from one of them to the next.")] = None,
+    first_deg: Annotated[
+        float | None, typer.Option(help="First angle of an .npy, .npz or .mat without angles.")
+    ] = None,
+    step_deg: Annotated[float | None, typer.Option(help="Step from one of its angles to the next.")] = None,
+    axes: Annotated[
+        str | None,
+        typer.Option(help="Order of the axes of its frames.", show_default="angles,channels,samples"),
+    ] = None,
     sampling_mhz: Annotated[
         float | None, typer.Option(help="Sampling frequency, where the recording does not hold it; usually 40.")
     ] = None,
@@ -53,8 +61,6 @@ def import_bank(
     ] = None,
     wavelength_nm: Annotated[float | None, typer.Option(help="Wavelength of the laser.")] = None,
     pulse_energy_mj: Annotated[float | None, typer.Option(help="Energy of one laser pulse.")] = None,
-    columns: Columns = None,
-    unit: Unit = None,
     as_json: AsJson = False,
 ) -> None:
     """Convert a recording into a bank, with the intensity of each frame."""
@@ -71,7 +77,7 @@ def import_bank(
     if reference_deg is not None and not -360 <= reference_deg <= 360:
         raise ConfigError(f"--reference-deg is {reference_deg:g} deg, it must lie within one turn")
     require_new_bank(to)
-    bank = _read(source, table_format(columns, unit), first_deg=first_deg, step_deg=step_deg)
+    bank = _read(source, table.format(), first_deg=first_deg, step_deg=step_deg, axes=axes)
     require_frames(bank, source, probe=probe)
     held_hz = bank.facts.sampling_hz
     # A contradiction is an error, because a wrong rate scales every depth.
@@ -108,29 +114,32 @@ def import_bank(
 
 
 def _read(
-    source: Path, table: TableFormat, *, first_deg: float | None, step_deg: float | None
+    source: Path, table: TableFormat, *, first_deg: float | None, step_deg: float | None, axes: str | None
 ) -> IntensityBank | FrameBank:
-    from markerseek.records.banks import ARRAY_SUFFIXES, DEFAULT_FORMAT, read_arrays, read_bank
+    from markerseek.records.banks import ARRAY_SUFFIXES, AXES, DEFAULT_FORMAT, read_arrays, read_bank
     from markerseek.records.journal import is_journal
 
     given = (first_deg is not None, step_deg is not None)
-    if table != DEFAULT_FORMAT and source.suffix.lower() in ARRAY_SUFFIXES:
-        raise ConfigError("--columns and --unit are for a CSV; this recording names its variables")
     if source.suffix.lower() not in ARRAY_SUFFIXES or source.is_dir():
-        if any(given):
-            raise ConfigError("--first-deg and --step-deg are for an .npy of frames; this recording has its angles")
+        if any(given) or axes is not None:
+            raise ConfigError(
+                "--first-deg, --step-deg and --axes are for an .npy, .npz or .mat; this recording has its angles"
+            )
         with as_read_error(source):
             journal = source.is_file() and is_journal(source)
         return runs.journal_bank(source) if journal and table == DEFAULT_FORMAT else read_bank(source, table)
+    order = AXES if axes is None else tuple(each.strip() for each in axes.split(","))
+    if sorted(order) != sorted(AXES):
+        raise ConfigError(f"--axes is {axes!r}; write the three in their order: {','.join(AXES)}")
     if first_deg is None or step_deg is None:
         if any(given):
             raise ConfigError("--first-deg and --step-deg go together; give both")
-        return read_arrays(source)
+        return read_arrays(source, table, axes=order)
     if not (math.isfinite(first_deg) and 0 < abs(step_deg) < math.inf):
         raise ConfigError(
             f"--first-deg {first_deg:g}, --step-deg {step_deg:g}: finite numbers are needed, a step not 0"
         )
-    return read_arrays(source, first_and_step_deg=(first_deg, step_deg))
+    return read_arrays(source, table, first_and_step_deg=(first_deg, step_deg), axes=order)
 
 
 EXPORT_EXAMPLES = (
@@ -145,16 +154,16 @@ SUFFIXES = (".igs.mha", ".mcap", ".zea.hdf5", ".csv")
 Item = TypeVar("Item")
 
 
+@with_values
 def export_bank(
     source: Annotated[Path, typer.Argument(help="Bank: IPASC HDF5, folder of frames, or CSV.", metavar="FROM")],
     to: Annotated[Path, typer.Argument(help="New file: .igs.mha, .mcap, .zea.hdf5 or .csv.", metavar="TO")],
+    table: TableOptions,
     probe: ProbeName = None,
     face_radius_mm: Annotated[
         float | None,
         typer.Option(help="Distance of the array's face from the axis of rotation, where the bank does not hold it."),
     ] = None,
-    columns: Columns = None,
-    unit: Unit = None,
     as_json: AsJson = False,
 ) -> None:
     """Write a bank with the probe's angles for other programs: images (envelope), channel data (zea), intensities."""
@@ -169,7 +178,7 @@ def export_bank(
         raise ConfigError(f"--face-radius-mm is {face_radius_mm:g}, it must lie between 0 and 1000 mm")
     if face_radius_mm is not None and kind == ".csv":
         raise ConfigError(f"--face-radius-mm is for .igs.mha and .mcap, and {to} has no place for it; leave it out")
-    bank = rigs.with_probe_facts(read_bank(source, table_format(columns, unit)), probe)
+    bank = rigs.with_probe_facts(read_bank(source, table.format()), probe)
     require_new(to)
     require_frames(bank, source, probe=probe, face_radius_mm=face_radius_mm)
     # A CSV needs no frame, and a damaged one must not pass for that reason.

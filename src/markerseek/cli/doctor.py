@@ -34,13 +34,18 @@ EXAMPLES = (
 )
 
 REQUIRED = ("numpy", "scipy", "numba", "msgspec", "typer", "rich", "jaxtyping")
-_PURPOSES = {
-    "plot": "a picture",
-    "cluster": "a study on a Dask cluster",
-    "records": "a bank or an export",
-    "devices": "a rig of devices, real or emulated,",
+EXTRAS = {
+    "plot": ("matplotlib", "a picture"),
+    "records": ("h5py", "a bank or an export"),
+    "devices": ("thorlabs_apt_protocol", "a rig of devices, real or emulated,"),
+    "page": ("nicegui", "the live page"),
+    "igtl": ("pyigtl", "OpenIGTLink"),
+    "vision": ("cv2", "a camera or B-mode image"),
+    "ros2": ("rclpy", "ROS 2"),
+    "cluster": ("distributed", "a study on a Dask cluster"),
+    "notebook": ("pandas", "a result as a DataFrame, or a bank as a data set,"),
 }
-EXTRAS = {"plot": "matplotlib", "cluster": "distributed", "records": "h5py", "devices": "thorlabs_apt_protocol"}
+"""A module of each extra, and what needs it."""
 
 
 _NAP_S, _NAPS = 0.01, 100
@@ -128,13 +133,15 @@ def _packages() -> list[CheckResult]:
     found = [CheckResult(what="Python", state="ok", detail=platform.python_version())]
     # Installed in any case: without them this command would not have started.
     found += [CheckResult(what=name, state="ok", detail=importlib.metadata.version(name)) for name in REQUIRED]
-    for extra, package in EXTRAS.items():
-        if importlib.util.find_spec(package) is None:
-            cure = f"not installed; {_PURPOSES[extra]} needs it: pip install 'markerseek[{extra}]'"
-            found.append(CheckResult(what=package, state="absent", detail=cure, needed=False))
+    for extra, (module, purpose) in EXTRAS.items():
+        if importlib.util.find_spec(module) is None:
+            cure = f"not installed; {purpose} needs it: pip install 'markerseek[{extra}]'"
+            found.append(CheckResult(what=module, state="absent", detail=cure, needed=False))
         else:
-            version = importlib.metadata.version(package)
-            found.append(CheckResult(what=package, state="ok", detail=f"{version} (extra {extra})", needed=False))
+            # A module may come from a package of another name, as cv2 does, or of a system, as rclpy.
+            packages = importlib.metadata.packages_distributions().get(module)
+            version = importlib.metadata.version(packages[0]) if packages else "of the system"
+            found.append(CheckResult(what=module, state="ok", detail=f"{version} (extra {extra})", needed=False))
     return found
 
 

@@ -35,7 +35,7 @@ def list_journals(
     last: Annotated[int, typer.Option(min=1, help="Number of the newest journals to list.")] = 20,
     as_json: AsJson = False,
 ) -> None:
-    """List the journals of a folder, the newest last, with time, method, result and size.
+    """List the journals of a folder, the newest first, with local time, method, result, size, tissue and seed.
 
     Journals are never deleted automatically: markerseek journal prune deletes old ones.
     """
@@ -45,12 +45,14 @@ def list_journals(
     # Before the first search there is no such folder.
     paths = journals_in(place) if folder is not None or place.exists() else []
     total_bytes = sum(map(size_bytes_of, paths))
-    summaries = [summary(path) for path in paths[-last:]]
+    summaries = [summary(path) for path in paths[: -last - 1 : -1]]
     if as_json:
         print_json({"folder": str(place), "count": len(paths), "total_bytes": total_bytes, "journals": summaries})
         return
     for each in summaries:
         stdout.print(f"[bold]{one_line(Path(each.path).name)}[/]\n  {one_line(_in_words(each))}")
+        if each.description is not None:
+            stdout.print(f"  [dim]{one_line(each.description)}[/]")
     shown = "" if len(summaries) == len(paths) else f", the newest {len(summaries)} are listed (--last)"
     stdout.print(f"{len(paths)} journals in {escape(str(place))}, {total_bytes / 1e6:.1f} MB{shown}")
 
@@ -58,7 +60,7 @@ def list_journals(
 def _in_words(each: JournalSummary) -> str:
     if each.method is None:
         return f"{each.state}: {each.problem}"
-    begun = "not begun" if each.begun is None else f"{each.begun[:16].replace('T', ' ')} UTC"
+    begun = "not begun" if each.begun is None else _local(each.begun)
     end = each.answer or each.state
     # Where nothing was detected, the angle is that of the noise; the paper's form has one then too.
     if each.angle_deg is not None and each.answer != "not found":
@@ -67,6 +69,15 @@ def _in_words(each: JournalSummary) -> str:
     emulated = f" with emulated {' and '.join(each.emulated)}" if each.emulated else ""
     text = f"{begun}, {each.method}{form} on a {each.rig} rig{emulated}: {end}, {each.acquisitions} acquisitions"
     return f"{text}, {each.size_bytes / 1e6:.1f} MB" + ("" if each.problem is None else f"; {each.problem}")
+
+
+def _local(begun: str) -> str:
+    """A time in the zone of this computer."""
+    try:
+        return f"{datetime.fromisoformat(begun).astimezone():%Y-%m-%d %H:%M %Z}"
+    # The file may be another's, and hold any text.
+    except (ValueError, OverflowError, OSError):
+        return begun
 
 
 def prune(

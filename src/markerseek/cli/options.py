@@ -18,7 +18,11 @@ if TYPE_CHECKING:
 
 AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")]
 Out: TypeAlias = Annotated[
-    Path | None, typer.Option(help="Folder for the picture, with --plot.", show_default="the current one")
+    Path | None,
+    typer.Option(
+        help="Folder for the picture, with --plot; or the picture itself: a name in .png, .svg or .pdf.",
+        show_default="out",
+    ),
 ]
 RigFile: TypeAlias = Annotated[
     Path | None, typer.Option(help="Rig file (TOML); without one, the simulated rig with its defaults.")
@@ -82,19 +86,6 @@ Sweeps: TypeAlias = Annotated[
     ),
 ]
 Stay: TypeAlias = Annotated[bool, typer.Option("--stay", help="Do not turn to the marker at the end.")]
-
-Columns: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ANGLE,INTENSITY",
-        help="Names or numbers of a CSV's columns of angle and intensity.",
-        show_default="angle_deg,intensity",
-    ),
-]
-Unit: TypeAlias = Annotated[
-    Literal["deg", "mrad", "rad"] | None,
-    typer.Option(help="Unit of a CSV's angles.", show_default="deg, unless the column is angle_mrad or angle_rad"),
-]
 
 
 def with_values(command: Callable[..., None]) -> Callable[..., None]:
@@ -183,16 +174,40 @@ def tolerance_of(mm: float | None, deg: float | None) -> Tolerance:
     return Tolerance(mm=usual.mm if mm is None else mm, deg=usual.deg if deg is None else deg)
 
 
-def table_format(columns: str | None, unit: Literal["deg", "mrad", "rad"] | None) -> TableFormat:
-    """Format of a CSV from the options of a command."""
-    from markerseek.records.banks import TableFormat
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableOptions:
+    """Options of a table of angles and intensities; see `markerseek.records.banks.TableFormat`."""
 
-    if columns is None:
-        return TableFormat(unit=unit)
-    angle, comma, intensity = (part.strip() for part in columns.partition(","))
-    if not comma or not angle or not intensity or "," in intensity:
-        raise ConfigError(f"--columns is {columns!r}, two names or numbers with a comma are needed: ANGLE,INTENSITY")
-    return TableFormat(columns=(angle, intensity), unit=unit)
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ANGLE,INTENSITY",
+            help="Angle and intensity: names or numbers of a CSV's columns, names of an .npz's or .mat's variables.",
+            show_default="angle_deg,intensity",
+        ),
+    ] = None
+    unit: Annotated[
+        Literal["deg", "mrad", "rad"] | None,
+        typer.Option(help="Unit of their angles.", show_default="deg, unless the column is angle_mrad or angle_rad"),
+    ] = None
+    db: Annotated[bool, typer.Option("--db", help="The intensities are decibels: 20 log10 of the amplitude.")] = False
+    skip_invalid: Annotated[
+        bool, typer.Option("--skip-invalid", help="Leave rows out that hold no finite number, such as NaN.")
+    ] = False
+
+    def format(self) -> TableFormat:
+        """The format; `ConfigError` if ``columns`` are not two names."""
+        from markerseek.records.banks import TableFormat
+
+        named = None
+        if self.columns is not None:
+            angle, comma, intensity = (part.strip() for part in self.columns.partition(","))
+            if not comma or not angle or not intensity or "," in intensity:
+                raise ConfigError(
+                    f"--columns is {self.columns!r}, two names or numbers with a comma are needed: ANGLE,INTENSITY"
+                )
+            named = (angle, intensity)
+        return TableFormat(columns=named, unit=self.unit, db=self.db, skip_invalid=self.skip_invalid)
 
 
 def require_frames(bank: IntensityBank | FrameBank, path: Path, **given: object) -> None:

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import typer
 
 from markerseek import rigs, runs
-from markerseek.cli.options import AsJson, Columns, Out, PlanOptions, ProbeName, Stay, Unit, table_format, with_values
+from markerseek.cli.options import AsJson, Out, PlanOptions, ProbeName, Stay, TableOptions, with_values
 from markerseek.cli.report import Output
 from markerseek.cli.terminal import announce_compilation
 from markerseek.cli.watched import Events, Heartbeat, WatchOptions
@@ -32,12 +32,11 @@ def command(
         ),
     ],
     options: PlanOptions,
+    table: TableOptions,
     probe: ProbeName = None,
     reference_deg: Annotated[
         float | None, typer.Option(help="Reference angle of the marker in degrees, for comparison.")
     ] = None,
-    columns: Columns = None,
-    unit: Unit = None,
     stay: Stay = False,
     journal: Annotated[
         Path | None, typer.Option(help="Journal of the run, a new file; without it, none is kept.")
@@ -60,11 +59,11 @@ def command(
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     watch = WatchOptions(events=events, heartbeat=heartbeat)
+    form = table.format()
     announce_compilation()
-    table = table_format(columns, unit)
     # Only the paper's form gets invented data: its section 2.5 interpolates between recorded angles.
     between: Literal["interpolated", "nearest"] = "interpolated" if options.as_published else "nearest"
-    assembled = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between, table=table)
+    assembled = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between, table=form)
     if probe is not None and assembled.imaging is None:
         raise ConfigError(f"--probe is {probe}, and {bank} holds intensities, not channel data; leave it out")
     recorded = None if assembled.angles_deg is None else len(assembled.angles_deg)
@@ -80,10 +79,10 @@ def command(
     session = runs.new_session(assembled, plan)
     recorded_curve = None
     if plot:
-        curve = runs.bank_curve(rigs.with_probe_facts(read_bank(bank, table), probe), probe=probe)
+        curve = runs.bank_curve(rigs.with_probe_facts(read_bank(bank, form), probe), probe=probe)
         recorded_curve = (curve.angle_deg, curve.intensity)
     # Another rig: a recording hands each of its dark frames out once.
-    again = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between, table=table)
+    again = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between, table=form)
     session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None, watch=watch)
     conclude(
         session.recorder,

@@ -47,6 +47,8 @@ class Output:
     """Whether a program reads standard output."""
     folder: Path | None = None
     """Folder for pictures; None where none are asked for."""
+    file: Path | None = None
+    """Where the picture goes under a name of the user's; then its page is not written."""
 
     @classmethod
     def asked(cls, *, as_json: bool, plot: bool, out: Path | None) -> Output:
@@ -57,7 +59,12 @@ class Output:
             )
         if not plot:
             return cls(as_json=as_json)
-        folder = out or Path()
+        from markerseek.pictures import PICTURE_SUFFIXES
+
+        if out is not None and out.suffix.lower() in PICTURE_SUFFIXES and not out.is_dir():
+            require_room(out.parent)
+            return cls(as_json=as_json, folder=out.parent, file=out)
+        folder = out or Path("out")
         require_room(folder)
         return cls(as_json=as_json, folder=folder)
 
@@ -75,7 +82,9 @@ class Output:
             stdout.width = usual
         if self.folder is not None:
             for name, write in report.pictures.items():
-                path = self.folder / name
+                if self.file is not None and name.endswith(".html"):
+                    continue
+                path = self.file or self.folder / name
                 write(path)
                 # Where a program reads standard output, people are told on standard error.
                 (stderr if self.as_json else stdout).print(file_line("picture", path))
@@ -127,11 +136,11 @@ def file_line(what: str, path: Path) -> str:
 
 
 def drawn(make: Callable[_Given, Figure], *values: _Given.args, **named: _Given.kwargs) -> Callable[[Path], None]:
-    """A function that draws a figure from these values, and writes it as PNG."""
+    """A function that draws a figure from these values, and writes it as the ending of a path says."""
 
     def write(path: Path) -> None:
-        from markerseek.pictures import save_png
+        from markerseek.pictures import save_figure
 
-        save_png(make(*values, **named), path)
+        save_figure(make(*values, **named), path)
 
     return write

@@ -16,7 +16,7 @@ from rich.table import Table as Grid
 from markerseek import signals, studies
 from markerseek.cli.options import AsJson, require_frames
 from markerseek.cli.report import Output, Report, file_line, require_room, table
-from markerseek.cli.terminal import print_warning, stages_bar
+from markerseek.cli.terminal import print_warning, stages_bar, stderr
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
@@ -80,6 +80,11 @@ def command(
         require_room(out)
         reproduction = Reproduction(options=options, folder=out, own_bank=own)
         names = _names(reproduction) if what == "all" else [what]
+        processes = "1 process" if options.workers == 1 else f"{options.workers} processes"
+        stderr.print(
+            f"{', '.join(names)} with {markers} markers in {processes}, into {escape(str(out))}; the time that is left "
+            "of each part is said as soon as it is known"
+        )
         sections, files = [], []
         durations_s: list[float] = []
         began_s = time.perf_counter()

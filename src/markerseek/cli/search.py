@@ -64,7 +64,9 @@ def command(
     no_journal: Annotated[
         bool, typer.Option("--no-journal", help="Keep no journal; the search cannot be resumed.")
     ] = False,
-    plot: Annotated[bool, typer.Option("--plot", help="Write search.png and search.html into --out.")] = False,
+    plot: Annotated[
+        bool, typer.Option("--plot", help="Write search.png and search.html into --out; of --compare compare.png.")
+    ] = False,
     out: Out = None,
     events: Events = None,
     heartbeat: Heartbeat = None,
@@ -156,7 +158,7 @@ def _compare(
     report = Report(
         values=results,
         shown=_compared(results, title),
-        pictures={"search.png": drawn(_figure, sessions, title)},
+        pictures={"compare.png": drawn(_figure, sessions, title)},
         exit_code=FOUND if all(result.found for result in results) else OTHER_ANSWER,
     )
     output.show(report)

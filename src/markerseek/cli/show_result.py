@@ -147,7 +147,7 @@ def conclude(
     if output.folder is not None and recorder.finished is not None and recorder.samples:
         curves = {"limits": rig.search, "density": _density(policy), "recorded": recorded}
         draw = _figure(recorder, recorder.finished.estimate, result, imaging, **curves)
-        pictures = {f"{name}.png": drawn(draw, title=title), f"{name}.html": partial(_write_page, result, title, draw)}
+        pictures = {f"{name}.png": drawn(draw), f"{name}.html": partial(_write_page, result, title, draw)}
     values = result if from_all is None else msgspec.to_builtins(result) | {"all_angles": _all_angles(from_all)}
     report = Report(
         values=values,
@@ -201,7 +201,7 @@ def _density(policy: SweepingPolicy | None) -> Curve | None:
 def _figure(
     recorder: Recorder, estimate: Estimate, result: SearchResult, imaging: AnyImageReader | None, **curves: Any
 ) -> Callable[..., Figure]:
-    """A function of the title that draws a search, with curves as of `search_figure`."""
+    """A function that draws a search, with curves as of `search_figure`."""
     from markerseek.pictures import search_figure
 
     last = recorder.confirmation or recorder.samples[-1]
@@ -228,7 +228,7 @@ def _write_page(result: SearchResult, title: str, draw: Callable[..., Figure], p
         title=title,
         note=_note(result),
         facts=facts_of(result),
-        picture_uri=png_data_uri(draw(title=None)),
+        picture_uri=png_data_uri(draw()),
         alt="Intensity over probe angle with the acquisitions in order, the probe's track, and the photoacoustic image",
         rows=_rows(result),
         json=msgspec.json.format(msgspec.json.encode(result), indent=2).decode("utf-8"),

@@ -19,7 +19,7 @@ from markerseek.cli import STOPPED_BY_USER
 from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report, facts, file_line, require_room, table
 from markerseek.cli.signals import Stopped
-from markerseek.cli.terminal import print_json, progress_bar, stderr
+from markerseek.cli.terminal import print_json, stages_bar, stderr, time_left
 from markerseek.core import ConfigError
 
 EXAMPLES = (
@@ -69,15 +69,15 @@ def command(
         Output(as_json=as_json).show(Report(values=named, shown=[shown]))
     folder = out or Path("out") / study.stem
     _require_drawable(folder, beside or [], plot=plot)
+    _announce(settings, workers=workers, scheduler=scheduler)
     try:
-        with progress_bar(settings.rows, what="searching") as progress:
-            task = progress.task_ids[0]
+        with stages_bar() as advance:
             finish = studies.run_study(
                 settings,
                 folder,
                 workers=workers,
                 scheduler=scheduler,
-                progress=lambda done: progress.update(task, completed=done),
+                progress=lambda done: advance("searches", done, settings.rows),
             )
     except KeyboardInterrupt:
         _end_stopped(folder, as_json=as_json)
@@ -97,6 +97,26 @@ def command(
         exit_code=1 if faults else 0,
     )
     Output(as_json=as_json, folder=folder if plot else None).show(report)
+
+
+_TYPICAL_S = {"curves": (0.06, 0.003), "readings": (0.15, 0.12), "frames": (0.3, 0.3)}
+"""Seconds of a core that one search of the posterior, and one of any other method, takes at each level, about."""
+
+
+def _announce(study: studies.Study, *, workers: int | None, scheduler: str | None) -> None:
+    """Say what will be done and how long it takes, about, before anything is computed."""
+    cells = len(studies.cells(study))
+    count = studies.default_workers() if workers is None else workers
+    slow, quick = _TYPICAL_S[study.level]
+    each_s = sum(slow if policy.method == "posterior" else quick for policy in study.policies)
+    where = f"on {scheduler}" if scheduler is not None else f"in {count} process{'es' if count > 1 else ''}"
+    takes = (
+        "" if scheduler is not None else f", {time_left(each_s * cells * study.trials / count + 5)} on a usual computer"
+    )
+    stderr.print(
+        f"{escape(study.name)}: {study.rows} simulated searches, level {study.level} ({len(study.policies)} policies, "
+        f"{cells} cells, {study.trials} trials) {escape(where)}{takes}"
+    )
 
 
 def _faults(study: studies.Study, summary: studies.Summary) -> dict[str, str]:
@@ -152,7 +172,7 @@ def _pictures(
     finished: list[tuple[studies.Study, studies.Summary]], *, markers: int | None
 ) -> dict[str, Callable[[Path], object]]:
     """The picture in both forms."""
-    from markerseek.pictures import save_png, save_svg
+    from markerseek.pictures import save_figure
 
     study = finished[0][0]
     counts = study.marks
@@ -161,7 +181,7 @@ def _pictures(
         for cell in studies.cells(study):
             bounds[cell.index] = (counts, studies.mean_bounds(study, cell, markers=markers, acquisitions=counts))
     figure = studies.error_figure(finished, bounds=bounds)
-    return {"error.png": partial(save_png, figure), "error.svg": partial(save_svg, figure)}
+    return {name: partial(save_figure, figure) for name in ("error.png", "error.svg")}
 
 
 def _shown(finish: studies.FinishedStudy, bounds: Sequence[studies.BoundComparison]) -> Iterator[str | Table]:

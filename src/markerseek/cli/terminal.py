@@ -9,6 +9,7 @@ import json
 import os
 import shlex
 import sys
+import time
 import unicodedata
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
@@ -18,7 +19,15 @@ from typing import Any
 import msgspec
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 from rich.text import Text
 
@@ -123,6 +132,41 @@ def print_error(error: MarkerseekError, *, as_json: bool) -> None:
         print_json({"error": str(error), "kind": type(error).__name__})
 
 
+class ProgressLines:
+    """Lines of a long task on standard error, where that is no terminal: what begins, and now and then what is left.
+
+    The second line of a stage comes after some 2 seconds, each further one after twice the time.
+    """
+
+    def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._now_s = now_s
+        self._stages: dict[str, tuple[float, int, float]] = {}
+
+    def advance(self, stage: str, done: int, total: int) -> None:
+        """``done`` of ``total`` steps of a stage are finished."""
+        now_s = self._now_s()
+        if stage not in self._stages:
+            self._stages[stage] = (now_s, done, _FIRST_LINE_S)
+            stderr.print(f"{escape(stage)}: {total - done} to do")
+            return
+        began_s, before, next_s = self._stages[stage]
+        passed_s = now_s - began_s
+        if passed_s >= next_s and before < done < total:
+            left_s = passed_s * (total - done) / (done - before)
+            stderr.print(f"{escape(stage)}: {done} of {total}, {time_left(left_s)} left")
+            self._stages[stage] = (began_s, before, 2 * passed_s)
+
+
+_FIRST_LINE_S = 2.0
+
+
+def time_left(seconds: float) -> str:
+    """A duration in words, in the unit that suits it."""
+    if seconds < 90:
+        return f"some {max(seconds, 1):.0f} s"
+    return f"some {seconds / 60:.0f} min" if seconds < 5400 else f"some {seconds / 3600:.1f} h"
+
+
 @contextmanager
 def progress_bar(total: int | None, *, what: str) -> Iterator[Progress]:
     """A progress bar on standard error; hidden if that is not a terminal."""
@@ -172,14 +216,20 @@ def announce_compilation() -> None:
         stderr.print("[dim]compiling the kernels: the first run takes some 15 seconds more, later ones do not[/]")
 
 
+_LEFT = TimeRemainingColumn(elapsed_when_finished=True)
+
+
 @contextmanager
 def stages_bar() -> Iterator[Callable[[str, int, int], None]]:
-    """A progress bar on standard error for each stage of a long task; hidden if that is not a terminal.
+    """A progress bar on standard error for each stage of a long task; lines if that is not a terminal.
 
     Yields a function of the name of a stage, the number of finished steps, and the number of all steps.
     """
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=stderr, disable=not stderr.is_terminal) as progress:
+    if not stderr.is_terminal:
+        yield ProgressLines().advance
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), _LEFT)
+    with Progress(*columns, console=stderr) as progress:
         tasks: dict[str, TaskID] = {}
 
         def advance(stage: str, done: int, total: int) -> None:

@@ -204,15 +204,16 @@ def _shown(
         {
             "angle [deg]": f"{frame.angle_deg:g}",
             "image": names[frame.angle_deg],
-            "tip": "seen" if tip.visible else "–",
-            "grey value": f"{tip.intensity:g}",
-            "must exceed": f"{tip.level:.0f}",
-            "pixels": str(tip.area_px),
+            "tip": "not looked for" if tip is None else "seen" if tip.visible else "–",
+            "grey value": "–" if tip is None else f"{tip.intensity:g}",
+            "must exceed": "–" if tip is None else f"{tip.level:.0f}",
+            "pixels": "–" if tip is None else str(tip.area_px),
         }
-        for frame in measured.frames
-        if (tip := frame.tip) is not None
+        for frame, tip in ((frame, frame.tip) for frame in measured.frames)
     )
     yield table(rows, left=("image", "tip"))
+    if any(frame.tip is None for frame in measured.frames):
+        yield "[dim]not looked for: beyond the angle at which the tip had disappeared[/]"
 
 
 def _figure(measured: vision.SensitiveRange, pixels: dict[float, np.ndarray], *, title: str) -> Figure:

@@ -2,11 +2,11 @@
 
 from markerseek.pictures.bank_picture import bank_figure
 from markerseek.pictures.files import (
+    PICTURE_SUFFIXES,
     new_picture,
     png_data_uri,
     require_room_for_pictures,
-    save_png,
-    save_svg,
+    save_figure,
     write_page,
 )
 from markerseek.pictures.images import b_mode_figure, frame_figure, overlay_figure, rf_figure
@@ -18,6 +18,7 @@ from markerseek.pictures.tracks import ComparedSearch, comparison_figure, track_
 
 __all__ = [
     "ERROR_BARS",
+    "PICTURE_SUFFIXES",
     "ComparedSearch",
     "Curve",
     "TipImage",
@@ -33,8 +34,7 @@ __all__ = [
     "registration_figure",
     "require_room_for_pictures",
     "rf_figure",
-    "save_png",
-    "save_svg",
+    "save_figure",
     "search_figure",
     "shared_legend",
     "tip_figure",

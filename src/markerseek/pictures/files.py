@@ -1,4 +1,4 @@
-"""Writes figures as PNG, SVG, or PNG embedded in a page, and self-contained HTML pages from Jinja2 templates."""
+"""Writes figures as PNG, SVG or PDF, or PNG embedded in a page, and self-contained HTML pages from Jinja2 templates."""
 
 from __future__ import annotations
 
@@ -51,23 +51,22 @@ def new_picture(path: Path, *, what: str) -> Iterator[Path]:
         raise ConfigError(f"{path}: the {what} cannot be written: {problem.strerror}; name another --out") from problem
 
 
-def save_png(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG; errors as of `new_picture`."""
-    _save(figure, path, format="png", dpi=120)
+PICTURE_SUFFIXES = (".png", ".svg", ".pdf")
+"""Endings of files that `save_figure` writes."""
 
 
-def save_svg(figure: Figure, path: Path) -> None:
-    """Write a figure as SVG; the same figure gives the same file. Errors as of `new_picture`."""
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure as its ending says, one of `PICTURE_SUFFIXES`; the same figure gives the same file.
+
+    Errors as of `new_picture`.
+    """
     import matplotlib as mpl
 
-    # Without a salt and a date of our own, Matplotlib writes random identifiers and the time.
-    with mpl.rc_context({"svg.hashsalt": "markerseek"}):
-        _save(figure, path, format="svg", metadata={"Date": None})
-
-
-def _save(figure: Figure, path: Path, **how: Any) -> None:
-    with new_picture(path, what="picture") as part:
-        figure.savefig(part, **how)
+    kind = path.suffix.lower().removeprefix(".")
+    # Without a salt and dates of our own, Matplotlib writes random identifiers and the time.
+    dates: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+    with mpl.rc_context({"svg.hashsalt": "markerseek"}), new_picture(path, what="picture") as part:
+        figure.savefig(part, format=kind, dpi=120, metadata=dates.get(kind))
 
 
 def png_data_uri(figure: Figure) -> str:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from markerseek.core import BModeImage, Float32, Int16, PaImage, UInt8
-from markerseek.pictures.style import ACCENT, new_figure, put_title
+from markerseek.pictures.style import ACCENT, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,7 +33,7 @@ def draw_image(axes: Axes, image: PaImage) -> None:
     shown = axes.imshow(
         decibels, extent=extent, cmap="gray", vmin=-DYNAMIC_RANGE_DB, vmax=0, aspect="equal", interpolation="bilinear"
     )
-    _finish(axes, shown, label="dB below the peak")
+    _finish(axes, shown, label="dB re peak")
 
 
 def draw_overlay(axes: Axes, b_mode: BModeImage, image: PaImage) -> None:
@@ -58,8 +58,8 @@ def draw_overlay(axes: Axes, b_mode: BModeImage, image: PaImage) -> None:
     # What lies outside of the B-mode image has nothing to be compared with.
     axes.set_xlim(extent[0], extent[1])
     axes.set_ylim(extent[2], extent[3])
-    bar = _finish(axes, shown, label="photoacoustic, below its peak")
-    bar.set_ticks([0, 1], labels=[f"-{OVERLAY_RANGE_DB:g} dB", "0 dB"])
+    bar = _finish(axes, shown, label="photoacoustic, dB re peak")
+    bar.set_ticks([0, 1], labels=[f"−{OVERLAY_RANGE_DB:g}", "0"])
 
 
 def _below_peak_db(image: PaImage, *, least: float) -> Float32[np.ndarray, "depths laterals"]:
@@ -84,7 +84,7 @@ def frame_figure(image: PaImage, *, marks_m: Sequence[tuple[float, float]], titl
 
     ``marks_m``: lateral position and depth of each arrival, strongest first.
     """
-    figure = new_figure(width_in=5.6, height_in=6.8)
+    figure = _figure_of(image.geometry.edges_mm(*image.envelope.shape), title=title)
     axes = figure.add_subplot()
     draw_image(axes, image)
     placed: list[tuple[float, float]] = []
@@ -102,8 +102,26 @@ def frame_figure(image: PaImage, *, marks_m: Sequence[tuple[float, float]], titl
             fontsize=9,
             bbox={"facecolor": "black", "alpha": 0.6, "linewidth": 0, "pad": 1},
         )
-    put_title(axes, title, width_in=4.4)
     return figure
+
+
+_IMAGE_IN, _BESIDE_IN = (3.7, 5.2), (1.9, 1.3)
+"""Most width and height of an image in inches, and what axes, bar and heading take besides."""
+
+_MIN_WIDTH_IN = 2.8
+
+
+def _figure_of(edges_mm: tuple[float, float, float, float], *, title: str) -> Figure:
+    """Empty figure for one image in true proportions: no wider and no higher than the image needs."""
+    left, right, bottom, top = edges_mm
+    ratio = abs(right - left) / abs(bottom - top)
+    width_in = min(_IMAGE_IN[0], _IMAGE_IN[1] * ratio)
+    return new_figure(
+        width_in=max(width_in + _BESIDE_IN[0], _MIN_WIDTH_IN),
+        height_in=width_in / ratio + _BESIDE_IN[1],
+        heading=title,
+        fontsize=9.0,
+    )
 
 
 def overlay_figure(b_mode: BModeImage, image: PaImage, *, marks_m: Sequence[tuple[float, float]], title: str) -> Figure:
@@ -111,23 +129,21 @@ def overlay_figure(b_mode: BModeImage, image: PaImage, *, marks_m: Sequence[tupl
 
     ``marks_m``: lateral position and depth of each source.
     """
-    figure = new_figure(width_in=6.2, height_in=6.4)
+    figure = _figure_of(b_mode.geometry.edges_mm(*b_mode.pixels.shape), title=title)
     axes = figure.add_subplot()
     draw_overlay(axes, b_mode, image)
     for lateral_m, depth_m in marks_m:
         axes.plot(1e3 * lateral_m, 1e3 * depth_m, marker="o", markersize=14, markerfacecolor="none", color=ACCENT)
-    put_title(axes, title, width_in=5.0)
     return figure
 
 
 def b_mode_figure(pixels: UInt8[np.ndarray, "rows columns"], *, title: str) -> Figure:
     """Figure of a B-mode image, in its own grey values and pixels."""
-    figure = new_figure(width_in=7.0, height_in=5.6)
+    figure = new_figure(width_in=7.0, height_in=5.6, heading=title, fontsize=9.0)
     axes = figure.add_subplot()
     axes.imshow(pixels, cmap="gray", vmin=0, vmax=255, aspect="equal", interpolation="nearest")
     axes.set_xlabel("column [pixel]")
     axes.set_ylabel("row [pixel]")
-    put_title(axes, title, width_in=6.0)
     return figure
 
 
@@ -136,7 +152,7 @@ def rf_figure(lines: Int16[np.ndarray, "lines samples"], *, sampling_hz: float |
 
     ``sampling_hz``: None draws over the number of the sample.
     """
-    figure = new_figure(width_in=5.6, height_in=7.0)
+    figure = new_figure(width_in=5.6, height_in=7.0, heading=title, fontsize=9.0)
     axes = figure.add_subplot()
     # The largest samples come from the skin: up to one in a hundred may be clipped.
     most = max(float(np.quantile(np.abs(lines.astype(np.float32)), 0.99)), 1.0)
@@ -148,6 +164,5 @@ def rf_figure(lines: Int16[np.ndarray, "lines samples"], *, sampling_hz: float |
     )
     axes.set_xlabel("line")
     axes.set_ylabel("sample" if sampling_hz is None else "time [µs]")
-    put_title(axes, title, width_in=4.4)
     figure.colorbar(shown, ax=axes, shrink=0.6).set_label("counts")
     return figure

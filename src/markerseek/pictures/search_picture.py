@@ -32,7 +32,6 @@ def search_figure(
     samples: list[Sample],
     estimate: Estimate,
     *,
-    title: str | None,
     start_deg: float,
     truth_deg: float | None,
     reference_deg: float | None,
@@ -46,7 +45,6 @@ def search_figure(
     """Figure of one search.
 
     - ``samples``: acquisitions in the order in which they were made; dark ones apart.
-    - ``title``: method and rig, with "simulated" if it is; None if the page around the figure has them.
     - ``truth_deg``, ``reference_deg``: angle of the marker in degrees in a simulation, or found otherwise; None where
       it is not known.
     - ``confirmation``: the acquisition after the last move, None if there was none.
@@ -56,7 +54,8 @@ def search_figure(
     - ``density``: angles in degrees, and the posterior's density at each per degree; None for methods without one.
     - ``recorded``: angles in degrees, and the intensities recorded there, of the scan that a replay searches.
     """
-    figure = new_figure(width_in=11.0, height_in=7.6 if density is None else 8.6, heading=title)
+    # Without a heading: the page or the paper around it says of what rig it is.
+    figure = new_figure(width_in=11.0, height_in=7.0 if density is None else 8.0)
     # Without an image the right column is narrow, not absent: the left panels are the same in both.
     rows = (3, 2) if density is None else (3, 1, 2)
     columns = figure.add_gridspec(len(rows), 2, height_ratios=rows, width_ratios=(3, 2 if image is not None else 0.001))
@@ -71,9 +70,12 @@ def search_figure(
     curve.set_ylabel("intensity (envelope peak) " + ("[as recorded]" if image is None else "[counts]"))
     _draw_track(track, samples, estimate, start_deg=start_deg, known=known, confirmation=confirmation)
     if density is not None:
-        _draw_density(figure.add_subplot(columns[1, 0], sharex=curve), density, estimate, known=known)
+        posterior = figure.add_subplot(columns[1, 0], sharex=curve)
+        _draw_density(posterior, density, estimate, known=known)
     if image is not None:
         panel = figure.add_subplot(columns[:, 1])
+        # Its upper edge is that of the curve beside it.
+        panel.set_anchor("N")
         if b_mode is None:
             draw_image(panel, image)
         else:
@@ -86,6 +88,8 @@ def search_figure(
         which = "photoacoustic image" if confirmation is not None else "image of the last acquisition,"
         over = "" if b_mode is None else " over B-mode"
         panel.set_title(f"{which} at {last.angle_deg:.2f}°{over}", fontsize=10)
+    # The labels of the left column stand in one line, whatever the widths of the numbers beside them.
+    figure.align_ylabels([curve, *([] if density is None else [posterior]), track])
     shared_legend(figure, columns=4)
     return figure
 

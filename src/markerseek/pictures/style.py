@@ -35,20 +35,11 @@ def new_figure(*, width_in: float, height_in: float, heading: str | None = None,
     # Not pyplot, which selects a display and keeps every figure in memory.
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     if heading is not None:
-        lines = _wrapped(heading, width_in=width_in, fontsize=fontsize)
+        # Letters of the default font are 0.55 of its size wide on average; paths have wider ones, hence 0.6.
+        lines = textwrap.fill(heading, int(width_in * 72 / (0.6 * fontsize)), break_on_hyphens=False)
         # A "$" in the name of a file is no mathematics.
         figure.suptitle(lines, fontsize=fontsize, x=0.01, ha="left", parse_math=False)
     return figure
-
-
-def put_title(axes: Axes, text: str, *, width_in: float) -> None:
-    """Write the title of one panel, wrapped to a width in inches."""
-    axes.set_title(_wrapped(text, width_in=width_in, fontsize=9.0), fontsize=9.0, parse_math=False)
-
-
-def _wrapped(text: str, *, width_in: float, fontsize: float) -> str:
-    # Letters of the default font are 0.55 of its size wide on average; paths have wider ones, hence 0.6.
-    return textwrap.fill(text, int(width_in * 72 / (0.6 * fontsize)), break_on_hyphens=False)
 
 
 def panel_grid(

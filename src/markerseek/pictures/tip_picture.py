@@ -61,11 +61,8 @@ def tip_figure(
         axes.axvspan(low_deg, high_deg, color=ACCENT, alpha=0.12, label=f"seen, {low_deg:g}° to {high_deg:g}°")
     axes.set_xlabel("angle of the probe [deg]")
     axes.set_ylabel("grey value")
-    axes.set_ylim(0, 260)
-    angles_deg = [each.angle_deg for each in images]
-    margin_deg = 0.04 * (max(angles_deg) - min(angles_deg)) or 1.0
-    # Also the angles at which nothing of the tip is left to measure.
-    axes.set_xlim(min(angles_deg) - margin_deg, max(angles_deg) + margin_deg)
+    # Around what was measured: a series may go on far beyond the angle at which the tip had disappeared.
+    axes.margins(x=0.04, y=0.08)
     axes.grid(visible=True, color=GRID, linewidth=0.6)
     shared_legend(figure)
     return figure

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, TypeAlias, TypeGuard
+from typing import TYPE_CHECKING, Literal, TypeAlias, TypeGuard
 
 import msgspec
 
@@ -32,7 +32,12 @@ from markerseek.core import (
     Started,
     Unsure,
     marker_position,
+    needs_package,
 )
+from markerseek.records.html import as_html, curve_svg
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 AnswerName: TypeAlias = Literal["found", "not found", "ambiguous", "at bound", "unsure"]
 """Names of the answers in the JSON output."""
@@ -115,6 +120,46 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     seed: int | None
     configuration: str
     version: str = __version__
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """The acquisitions as a table of pandas: a row for each, numbered from 1, with the fields of `SampleRow`.
+
+        The column ``role`` tells the confirmation, the last row where there is one, from the search; the answer is in
+        ``attrs``.
+        """
+        with needs_package("pandas", extra="notebook", purpose="a DataFrame"):
+            import pandas as pd
+        rows = [{"role": "search"} | msgspec.structs.asdict(each) for each in self.samples]
+        if self.confirmation is not None:
+            rows.append({"role": "confirmation"} | msgspec.structs.asdict(self.confirmation))
+        table = pd.DataFrame(rows, columns=["role", *SampleRow.__struct_fields__])
+        table.index = pd.RangeIndex(1, len(rows) + 1, name="acquisition")
+        named = ("answer", "method", "rig", "angle_deg", "sigma_deg", "interval95_deg", "seed", "version")
+        table.attrs = {name: getattr(self, name) for name in named}
+        return table
+
+    def _repr_html_(self) -> str:
+        """The answer and the intensities, for a notebook."""
+        lit = self.samples if self.confirmation is None else [*self.samples, self.confirmation]
+        interval = self.interval95_deg
+        sigma = "" if self.sigma_deg is None else f" ± {self.sigma_deg:.3f}°"
+        rows = [
+            ("answer", self.answer if self.reason is None else f"{self.answer}: {self.reason}"),
+            # Where nothing was detected, the angle is that of the noise.
+            ("angle", None if self.answer == "not found" else f"{self.angle_deg:.3f}°{sigma}"),
+            ("95 % interval", None if interval is None else f"{interval[0]:.3f}° to {interval[1]:.3f}°"),
+            ("acquisitions", str(self.acquisitions)),
+            ("truth (simulated)", None if self.truth_deg is None else f"{self.truth_deg:.3f}°"),
+            ("reference", None if self.reference_deg is None else f"{self.reference_deg:.3f}°"),
+        ]
+        emulated = f" with emulated {' and '.join(self.emulated)}" if self.emulated else ""
+        picture = curve_svg(
+            [each.angle_deg for each in lit],
+            [each.intensity for each in lit],
+            mark_deg=self.angle_deg,
+            interval_deg=interval,
+        )
+        return as_html(f"{self.method} on a {self.rig} rig{emulated}", rows, picture)
 
 
 class Recorder:

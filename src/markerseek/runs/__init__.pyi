@@ -1,4 +1,12 @@
-from .bank_images import bank_curve, bank_facts, bank_image, bank_images, bank_samples, dark_intensity
+from .bank_images import (
+    bank_curve,
+    bank_facts,
+    bank_image,
+    bank_images,
+    bank_samples,
+    dark_intensity,
+    intensities_stored,
+)
 from .bank_of_journal import journal_bank
 from .bank_scan import scan_angles, scan_bank, scan_configuration
 from .calibration_scan import Calibration, calibrate
@@ -54,6 +62,7 @@ __all__ = [
     "find_marker",
     "focal_shared_m",
     "former_curve",
+    "intensities_stored",
     "journal_bank",
     "new_session",
     "next_angle",

@@ -39,8 +39,7 @@ def bank_samples(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | 
         for angle_deg, intensity in zip(bank.angles_deg, bank.intensities, strict=True):
             yield Sample(angle_deg=angle_deg, reading=Reading(intensity=intensity))
         return
-    # All or none: intensities of two imaging chains have different scales.
-    known = bank.intensities if probe is None and np.isfinite(bank.intensities).all() else ()
+    known = bank.intensities if intensities_stored(bank, probe=probe) else ()
     imaging = None if known else ImageReader(preset_of(bank, probe))
     for index in range(bank.dark_frames):
         frame = bank.dark_frame(index)
@@ -54,6 +53,12 @@ def bank_samples(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | 
         yield Sample(angle_deg=angle_deg, reading=reading, frame=frame)
 
 
+def intensities_stored(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | None = None) -> bool:
+    """Whether the intensities of a bank are those that it holds, not computed from its frames."""
+    # All or none: intensities of two imaging chains have different scales.
+    return probe is None and bool(bank.intensities) and bool(np.isfinite(bank.intensities).all())
+
+
 def bank_image(bank: FrameBank, index: int, *, probe: str | ProbePreset | None = None) -> PaImage:
     """Image of one angle, counted from 0; arguments and errors as of `bank_images`."""
     return next(bank_images(bank, probe=probe, order=(index,)))
@@ -61,7 +66,7 @@ def bank_image(bank: FrameBank, index: int, *, probe: str | ProbePreset | None =
 
 def bank_curve(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | None = None) -> Curve:
     """Intensity over angle; arguments and errors as of `bank_samples`."""
-    if probe is None and bank.intensities and np.isfinite(bank.intensities).all():
+    if intensities_stored(bank, probe=probe):
         return Curve(angle_deg=np.array(bank.angles_deg), intensity=np.array(bank.intensities))
     # The curve needs no frames, and all of them may not fit into memory.
     return curve_of([replace(each, frame=None) for each in bank_samples(bank, probe=probe) if not each.dark])

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 
-from markerseek.core import Event, SearchPlan, SweepingPolicy
+from markerseek.core import Event, Measured, SearchPlan, SweepingPolicy
 from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal, RecordedRun
 from markerseek.rigs import Rig
@@ -84,15 +85,17 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
     )
 
 
-def find_marker(rig: Rig, plan: SearchPlan | str = "posterior") -> SearchResult:
+def find_marker(rig: Rig, method: SearchPlan | str = "posterior", *, progress: bool = False) -> SearchResult:
     """Search for the marker on a rig, and return what was found; no record is kept.
 
     Parameters
     ----------
     rig
         A rig; one of real devices must have been armed (`Rig.arm`).
-    plan
-        How to search; the name of a method stands for its plan with all defaults, from where the probe is.
+    method
+        Name of the method, from where the probe is and with all defaults; or a whole plan.
+    progress
+        Whether each acquisition is written to standard error when it has been made.
 
     Raises
     ------
@@ -106,10 +109,14 @@ def find_marker(rig: Rig, plan: SearchPlan | str = "posterior") -> SearchResult:
     >>> result.answer
     'found'
     """
-    asked = SearchPlan(method=plan, start_deg=rig.stage.angle_deg) if isinstance(plan, str) else plan
+    asked = SearchPlan(method=method, start_deg=rig.stage.angle_deg) if isinstance(method, str) else method
     session = new_session(rig, plan_on(rig, asked))
-    for _ in session.events():
-        pass
+    for event in session.events():
+        if progress and isinstance(event, Measured) and not event.sample.dark:
+            sample = event.sample
+            sys.stderr.write(
+                f"{event.role} {event.index}: {sample.angle_deg:+7.2f}°, intensity {sample.reading.intensity:.4g}\n"
+            )
     return session.result()
 
 

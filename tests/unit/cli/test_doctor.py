@@ -70,7 +70,7 @@ def test_the_load_runs_and_ends(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_package_that_is_not_needed_is_called_optional(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(doctor, "EXTRAS", {"plot": "no_such_package"})
+    monkeypatch.setattr(doctor, "EXTRAS", {"plot": ("no_such_package", "a picture")})
     finding = doctor._packages()[-1]
     assert (finding.state, finding.needed) == ("absent", False)
     assert finding.detail == "not installed; a picture needs it: pip install 'markerseek[plot]'"

@@ -16,7 +16,15 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
-from markerseek.pictures import Curve, bank_figure, frame_figure, png_data_uri, search_figure, write_page
+from markerseek.pictures import (
+    Curve,
+    bank_figure,
+    frame_figure,
+    png_data_uri,
+    save_figure,
+    search_figure,
+    write_page,
+)
 
 LONG = (
     r"posterior on a replayed rig: /data/a folder of recordings, " * 4 + r"named $\notacommand$ and $x_1$ by somebody"
@@ -43,14 +51,12 @@ def figure_of(
     samples: list[Sample],
     *,
     confirmation: Sample | None = None,
-    title: str | None = "a search",
     density: Curve | None = None,
     recorded: Curve | None = None,
 ) -> Figure:
     figure = search_figure(
         samples,
         FOUND if confirmation is not None else NotFound(mean_deg=0.8, reason="made up", floor=FLOOR),
-        title=title,
         start_deg=0.0,
         truth_deg=0.83,
         reference_deg=None,
@@ -138,18 +144,41 @@ def bank_of(title: str) -> Figure:
     )  # fmt: skip
 
 
-def search_of(title: str) -> Figure:
-    return figure_of([sample(-3.0, 40.0), sample(2.0, 60.0)], title=title)
+def narrow_frame_of(title: str) -> Figure:
+    """Of 64 elements, 18 mm wide and 80 mm deep."""
+    lateral_m = np.linspace(-0.009, 0.009, 20)
+    narrow = PaImage(envelope=np.ones((30, 20), np.float32), lateral_m=lateral_m, depth_m=np.linspace(0, 0.08, 30))
+    return frame_figure(narrow, marks_m=[(0.0, 0.04)], title=title)
 
 
-@pytest.mark.parametrize("draw", [frame_of, bank_of, search_of])
+@pytest.mark.parametrize("draw", [frame_of, narrow_frame_of, bank_of])
 def test_a_long_title_is_broken_into_lines_that_fit_and_dollars_are_dollars(draw: object) -> None:
     figure: Figure = draw(LONG)  # type: ignore[operator]
     FigureCanvasAgg(figure).draw()
-    heading = figure._suptitle or figure.axes[0].title
+    heading = figure._suptitle
     box = heading.get_window_extent()
     assert 0 <= box.x0 < box.x1 <= figure.bbox.width
     assert " ".join(heading.get_text().split()) == LONG
+
+
+@pytest.mark.parametrize("draw", [frame_of, narrow_frame_of])
+def test_an_image_fills_its_figure(draw: object) -> None:
+    """What is drawn reaches over most of the figure in both directions."""
+    figure: Figure = draw("a frame")  # type: ignore[operator]
+    FigureCanvasAgg(figure).draw()
+    boxes = [axes.get_tightbbox() for axes in figure.axes]
+    assert max(box.x1 for box in boxes) - min(box.x0 for box in boxes) > 0.85 * figure.bbox.width
+    assert figure._suptitle.get_window_extent().y1 - min(box.y0 for box in boxes) > 0.9 * figure.bbox.height
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
+def test_the_same_figure_gives_the_same_file_of_its_ending(tmp_path: Path, suffix: str) -> None:
+    files = [tmp_path / f"{name}{suffix}" for name in ("first", "second")]
+    for file in files:
+        save_figure(bank_of("a bank"), file)
+    first, second = (file.read_bytes() for file in files)
+    assert first == second
+    assert {".png": b"PNG", ".svg": b"<svg", ".pdf": b"%PDF-"}[suffix] in first[:1000]
 
 
 def test_the_largest_dark_intensity_is_inside_the_picture_of_a_bank() -> None:
@@ -157,7 +186,7 @@ def test_the_largest_dark_intensity_is_inside_the_picture_of_a_bank() -> None:
 
 
 def test_a_page_holds_its_table_and_escapes_what_it_is_given(tmp_path: Path) -> None:
-    figure = figure_of([sample(-3.0, 40.0), sample(2.0, 60.0)], title=None)
+    figure = figure_of([sample(-3.0, 40.0), sample(2.0, 60.0)])
     assert figure._suptitle is None
     write_page(
         tmp_path / "page.html",

@@ -4,7 +4,7 @@
 Foreign files are read in a child process (`markerseek.records.sandbox`).
 """
 
-from markerseek.records.banks.arrays import ArrayBank, read_arrays
+from markerseek.records.banks.arrays import AXES, ArrayBank, read_arrays
 from markerseek.records.banks.bank import (
     HDF5_SUFFIXES,
     MAX_DEG,
@@ -24,6 +24,7 @@ from markerseek.records.untrusted_arrays import ARRAY_SUFFIXES
 
 __all__ = [
     "ARRAY_SUFFIXES",
+    "AXES",
     "DEFAULT_FORMAT",
     "HDF5_SUFFIXES",
     "MAT_PROBE",

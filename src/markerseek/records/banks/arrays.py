@@ -1,34 +1,40 @@
 """Reads banks from arrays of NumPy or MATLAB: angles with intensities, or with frames of channel data.
 
-``.npz`` and ``.mat`` hold variables by name: ``angle_deg``; ``intensity`` or ``frames`` (angles × channels × samples,
-counts, or floating-point numbers, which are scaled); and optionally ``sampling_hz``, ``reference_angle_deg``,
-``pitch_m``, ``sound_speed_m_s``, ``first_sample_s`` (when the first sample was taken, from the trigger) and ``pulses``.
-``.npy`` holds two columns, angle and intensity, or the frames alone. The frames of a Verasonics workspace, and of a
-file of zea, come with the same names.
+``.npz`` and ``.mat`` hold variables by name: ``angle_deg`` (or ``angle_mrad``, ``angle_rad``); ``intensity`` or
+``frames`` (angles × channels × samples, counts, or floating-point numbers, which are scaled); and optionally
+``sampling_hz``, ``reference_angle_deg``, ``pitch_m``, ``sound_speed_m_s``, ``first_sample_s`` (when the first sample
+was taken, from the trigger) and ``pulses``. A `TableFormat` names others. ``.npy`` holds two columns, angle and
+intensity, or intensities or frames alone. The frames of a Verasonics workspace, and of a file of zea, come with the
+same names.
 """
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
 
-from markerseek.core import MAX_INTENSITY, ChannelFrame, Float64, FrameHeader, Int16, RecordError
+from markerseek.core import Bool, ChannelFrame, Float64, FrameHeader, Int16, RecordError
 from markerseek.files import as_read_error
 from markerseek.records.banks.bank import BankFacts, FrameBank, IntensityBank, require_angles
 from markerseek.records.banks.counts import as_counts, scale_of
+from markerseek.records.banks.table import DEFAULT_FORMAT, DEG_OF, TableFormat, amplitudes, unit_of, warn_skipped
 from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_arrays import arrays_in, content
 
 USUAL_SAMPLING_HZ = 40e6
 """Sampling frequency of the SonixDAQ in Hz, assumed where the file names none."""
 
+AXES = ("angles", "channels", "samples")
+"""Axes of frames, in their order."""
+
 _LARGEST_BYTES = 1 << 33
-_ANGLES = ("angle_deg", "angles_deg", "trus_angle_deg")
+_ANGLES = ("angle_deg", "angles_deg", "trus_angle_deg", "angle_mrad", "angle_rad", "angle")
 _INTENSITIES = ("intensity", "intensities")
 
 
@@ -45,7 +51,7 @@ class ArrayBank(FrameBank):
         header = FrameHeader(
             sequence=index + 1,
             token=self.path.name,
-            pulses=self.pulses[index],
+            pulses=1,
             commanded_deg=self.angles_deg[index],
             # Arrays hold no times; NaN says so, where 0 would be a time.
             started_s=math.nan,
@@ -59,91 +65,148 @@ class ArrayBank(FrameBank):
         raise RecordError(f"{self.path}: there is no dark frame {index + 1}, it holds none")
 
 
-def read_arrays(path: Path, *, first_and_step_deg: tuple[float, float] | None = None) -> IntensityBank | ArrayBank:
+def read_arrays(
+    path: Path,
+    table: TableFormat = DEFAULT_FORMAT,
+    *,
+    first_and_step_deg: tuple[float, float] | None = None,
+    axes: tuple[str, ...] = AXES,
+) -> IntensityBank | ArrayBank:
     """Bank in an ``.npy``, ``.npz`` or ``.mat``.
 
-    ``first_and_step_deg``: angle of the first frame and step to the next, where the file holds no angles.
+    ``table``: names of the variables of angle, and of intensity or frames; their units; what becomes of angles without
+    numbers. ``first_and_step_deg``: angle of the first row and step to the next, where the file holds no angles.
+    ``axes``: order of the axes of the frames, a permutation of `AXES`.
     """
     with as_read_error(path), Sandbox() as sandbox:
         arrays = arrays_in(path, sandbox, most_bytes=_LARGEST_BYTES)
-    return bank_of_arrays(path, arrays, first_and_step_deg=first_and_step_deg)
+    return bank_of_arrays(path, arrays, table, first_and_step_deg=first_and_step_deg, axes=axes)
 
 
 def bank_of_arrays(
-    path: Path, found: Mapping[str, np.ndarray], *, first_and_step_deg: tuple[float, float] | None = None
+    path: Path,
+    found: Mapping[str, np.ndarray],
+    table: TableFormat = DEFAULT_FORMAT,
+    *,
+    first_and_step_deg: tuple[float, float] | None = None,
+    axes: tuple[str, ...] = AXES,
 ) -> IntensityBank | ArrayBank:
     """Bank of arrays by their names, as `read_arrays`; ``path``: where they are from."""
-    arrays = _named(dict(found))
-    angles, intensity, frames = (_picked(arrays, names) for names in (_ANGLES, _INTENSITIES, ("frames",)))
-    if first_and_step_deg is not None and frames is not None and angles is None:
-        first_deg, step_deg = first_and_step_deg
-        angles = first_deg + step_deg * np.arange(len(frames) if frames.ndim else 0)
-    elif first_and_step_deg is not None:
-        raise RecordError(f"{path}: a first angle and a step are for frames without angles, it holds {content(arrays)}")
-    if angles is None:
+    arrays = _named(path, dict(found))
+    angle, value = _picked(path, arrays, table)
+    if value is None:
         raise RecordError(
-            f"{path}: angle_deg is missing, it holds {content(arrays)}; add it, or give the first angle and the step"
+            f"{path}: intensity or frames expected, it holds {content(arrays)}; name its variables, --columns "
+            "ANGLE,INTENSITY or ANGLE,FRAMES"
         )
-    order = _rising(path, angles.ravel())
+    values, frames = arrays[value], value == "frames" or arrays[value].ndim == len(AXES)
+    if frames:
+        values = _turned(path, values, axes, angles=None if angle is None else arrays[angle].size)
+    elif axes != AXES:
+        raise RecordError(f"{path}: --axes is for frames, it holds {content(arrays)}; leave it out")
+    if angle is not None and first_and_step_deg is None:
+        degrees = _degrees(path, arrays[angle], angle, table)
+    elif angle is None and first_and_step_deg is not None:
+        first_deg, step_deg = first_and_step_deg
+        degrees = first_deg + step_deg * np.arange(len(values) if frames else values.size, dtype=np.float64)
+    elif angle is None:
+        raise RecordError(
+            f"{path}: angle_deg is missing, it holds {content(arrays)}; name its variables, --columns ANGLE,INTENSITY "
+            "or ANGLE,FRAMES, or give the first angle and the step: --first-deg -35 --step-deg 0.5"
+        )
+    else:
+        raise RecordError(
+            f"{path}: a first angle and a step are for frames or intensities without angles, it holds {content(arrays)}"
+        )
+    if not frames:
+        values = _intensities(path, values, degrees.size)
+    kept = _valid(path, degrees, values, table)
+    degrees, values = degrees[kept], values[kept]
+    order = np.argsort(degrees, kind="stable")
+    rising = tuple(degrees[order].tolist())
+    require_angles(path, rising)
     facts = BankFacts(
         sampling_hz=_scalar(path, arrays, "sampling_hz"),
         reference_angle_deg=_scalar(path, arrays, "reference_angle_deg"),
         pitch_m=_scalar(path, arrays, "pitch_m"),
         sound_speed_m_s=_scalar(path, arrays, "sound_speed_m_s"),
     )
-    rising = tuple(float(each) for each in angles.ravel()[order])
-    if frames is not None:
+    if frames:
+        # One scale for all angles, or their intensities could not be compared.
+        counts = as_counts(path, values, scale=scale_of(path, values))
         if unfilled := _scalar(path, arrays, "unfilled"):
             warnings.warn(f"{path}: {unfilled:g} frames hold zeros only, and are left out", stacklevel=2)
-        counts = _from_trigger(path, _counts(path, frames, len(rising)), arrays, facts.sampling_hz)
         return ArrayBank(
             path=path,
             angles_deg=rising,
-            samples=counts[order],
+            samples=_from_trigger(path, counts, arrays, facts.sampling_hz)[order],
             facts=facts,
-            pulses=tuple(_pulses(path, arrays, len(rising))[order].tolist()),
+            pulses=tuple(_pulses(path, arrays, kept.size)[kept][order].tolist()),
         )
-    if intensity is None:
-        raise RecordError(f"{path}: intensity or frames expected, it holds {content(arrays)}")
-    values = _intensity(path, intensity, len(rising))[order]
-    return IntensityBank(angles_deg=rising, intensities=tuple(values.tolist()), facts=facts)
+    intensity = amplitudes(values, db=table.db, where=lambda index: f"{path}, angle {degrees[index]:g} deg")
+    return IntensityBank(angles_deg=rising, intensities=tuple(intensity[order].tolist()), facts=facts)
 
 
-def _named(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Arrays by name; an ``.npy`` of two columns is angles and intensities, any other is frames."""
+def _named(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Arrays by name; an ``.npy`` of two columns is angles and intensities, one of an axis intensities, else frames."""
     if list(arrays) != [""]:
         return arrays
     array = arrays[""]
-    if array.ndim == 2 and array.shape[1] == 2:
-        return {"angle_deg": array[:, 0], "intensity": array[:, 1]}
-    return {"frames": array}
+    if array.ndim == 1:
+        return {"intensity": array}
+    if array.ndim != 2:
+        return {"frames": array}
+    if array.shape[1] != 2:
+        turned = "is it transposed? Save array.T" if array.shape[0] == 2 else "one frame is for markerseek frame"
+        raise RecordError(
+            f"{path}: {array.dtype} of shape {array.shape}; two columns, angle and intensity, or frames of shape "
+            f"({', '.join(AXES)}) are expected; {turned}"
+        )
+    # No name says that they are degrees.
+    return {"angle": array[:, 0], "intensity": array[:, 1]}
 
 
-def _picked(arrays: Mapping[str, np.ndarray], names: Sequence[str]) -> np.ndarray | None:
-    return next((arrays[name] for name in names if name in arrays), None)
+def _picked(path: Path, arrays: Mapping[str, np.ndarray], table: TableFormat) -> tuple[str | None, str | None]:
+    """Names of the angles, and of the intensities or frames; None where there are none."""
+    if table.columns is not None:
+        missing = [name for name in table.columns if name not in arrays]
+        if missing:
+            raise RecordError(f"{path}: there is no variable {missing[0]}, it holds {content(arrays)}")
+        return table.columns
+    angle = next((name for name in _ANGLES if name in arrays), None)
+    return angle, next((name for name in ("frames", *_INTENSITIES) if name in arrays), None)
 
 
-def _rising(path: Path, angles: np.ndarray) -> np.ndarray:
-    """Indices that sort the angles, rising."""
+def _degrees(path: Path, angles: np.ndarray, name: str, table: TableFormat) -> Float64[np.ndarray, " angles"]:
     if angles.dtype.kind not in "iuf":
-        raise RecordError(f"{path}: angle_deg is {angles.dtype}, it must hold degrees")
-    order = np.argsort(angles, kind="stable")
-    require_angles(path, angles[order].astype(np.float64).tolist())
-    return order
+        raise RecordError(f"{path}: {name} is {angles.dtype}, it must hold angles")
+    values = angles.ravel().astype(np.float64)
+    degrees: Float64[np.ndarray, " angles"] = (
+        values * DEG_OF[unit_of(path, table.unit, name, values[np.isfinite(values)])]
+    )
+    return degrees
 
 
-def _counts(path: Path, frames: np.ndarray, angles: int) -> Int16[np.ndarray, "angles channels samples"]:
-    if frames.ndim != 3 or min(frames.shape) < 1:
-        raise RecordError(
-            f"{path}: frames is {frames.dtype} of shape {frames.shape}, (angles, channels, samples) expected"
-        )
-    # A frame has more samples than channels; the reverse is (angles, samples, channels), a common slip.
-    if frames.shape[0] != angles or frames.shape[1] > frames.shape[2]:
-        raise RecordError(
-            f"{path}: frames has the shape {frames.shape} for {angles} angles; (angles, channels, samples) expected"
-        )
-    # One scale for all angles, or their intensities could not be compared.
-    return as_counts(path, frames, scale=scale_of(path, frames))
+def _turned(path: Path, frames: np.ndarray, axes: tuple[str, ...], *, angles: int | None) -> np.ndarray:
+    """Frames with their axes in our order; a message names the orders that would fit.
+
+    ``angles``: how many there are; None where the file does not say.
+    """
+    expected = f"({', '.join(axes)}) expected"
+    if frames.ndim != len(AXES):
+        raise RecordError(f"{path}: frames is {frames.dtype} of shape {frames.shape}, {expected}")
+    if not _fits(frames.shape, axes, angles):
+        fitting = [",".join(order) for order in permutations(AXES) if _fits(frames.shape, order, angles)]
+        offer = f"; is it transposed? Say so: --axes {' or '.join(fitting)}" if fitting else ""
+        given = "" if angles is None else f" for {angles} angles"
+        raise RecordError(f"{path}: frames has the shape {frames.shape}{given}; {expected}{offer}")
+    return np.transpose(frames, [axes.index(each) for each in AXES])
+
+
+def _fits(shape: tuple[int, ...], axes: tuple[str, ...], angles: int | None) -> bool:
+    """Whether the axes may have this order: a frame has more samples than channels."""
+    by_axis = dict(zip(axes, shape, strict=True))
+    return angles in (None, by_axis["angles"]) and 0 < by_axis["channels"] <= by_axis["samples"]
 
 
 def _from_trigger(
@@ -179,16 +242,27 @@ def _pulses(path: Path, arrays: Mapping[str, np.ndarray], angles: int) -> np.nda
     return values.astype(np.int64)
 
 
-def _intensity(path: Path, intensity: np.ndarray, angles: int) -> Float64[np.ndarray, " angles"]:
-    values = intensity.ravel()
-    if values.size != angles or values.dtype.kind not in "iuf":
+def _intensities(path: Path, intensity: np.ndarray, angles: int) -> Float64[np.ndarray, " angles"]:
+    if intensity.size != angles or intensity.dtype.kind not in "iuf":
         raise RecordError(f"{path}: intensity is {intensity.dtype} of shape {intensity.shape} for {angles} angles")
-    values = values.astype(np.float64)
-    if not (np.isfinite(values) & (values >= 0)).all():
-        raise RecordError(f"{path}: intensity must be finite and not negative; leave those angles out")
-    if (values > MAX_INTENSITY).any():
-        raise RecordError(f"{path}: an intensity is {values.max():g}, it must be at most {MAX_INTENSITY:g}; scale them")
-    return values
+    return intensity.ravel().astype(np.float64)
+
+
+def _valid(
+    path: Path, degrees: Float64[np.ndarray, " angles"], values: np.ndarray, table: TableFormat
+) -> Bool[np.ndarray, " angles"]:
+    """Which angles and values are finite numbers; refused where others are not to be left out."""
+    finite: Bool[np.ndarray, " angles"] = np.isfinite(degrees)
+    finite &= np.array([np.isfinite(each).all() for each in values], dtype=bool)
+    if finite.all():
+        return finite
+    if not table.skip_invalid:
+        raise RecordError(
+            f"{path}: {int((~finite).sum())} of {finite.size} angles hold a number that is not finite; leave those "
+            "angles out, or say so: --skip-invalid"
+        )
+    warn_skipped(path, "angle number", [str(index + 1) for index in np.flatnonzero(~finite)])
+    return finite
 
 
 def _scalar(path: Path, arrays: Mapping[str, np.ndarray], name: str) -> float | None:

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from markerseek.core import ChannelFrame, Interval, RecordError
+import numpy as np
+
+from markerseek.core import ChannelFrame, Interval, RecordError, needs_package
+from markerseek.records.html import as_html, curve_svg
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 HDF5_SUFFIXES = (".hdf5", ".h5")
 """Suffixes of a bank in IPASC HDF5."""
@@ -60,6 +67,37 @@ class Bank:
     angles_deg: tuple[float, ...]
     """Angles, rising; at least 3."""
     facts: BankFacts = field(default_factory=BankFacts)
+    intensities: tuple[float, ...] = field(repr=False, default=())
+    """Peak of the photoacoustic image at each angle, NaN where it is not known; empty where none is."""
+
+    def to_xarray(self) -> xr.Dataset:
+        """The bank as a data set of xarray: ``intensity`` over ``angle_deg`` where it is known, and the facts.
+
+        One of frames holds them too, read into memory: ``frames`` (``angle_deg``, ``channel``, ``time_s``).
+        """
+        with needs_package("xarray", extra="notebook", purpose="a data set"):
+            import xarray as xr
+        held = {"intensity": ("angle_deg", np.array(self.intensities))} if self.intensities else {}
+        known = {name: value for name, value in asdict(self.facts).items() if value is not None}
+        return xr.Dataset(held, coords={"angle_deg": np.array(self.angles_deg)}, attrs=known)
+
+    def _repr_html_(self) -> str:
+        """What is in it, and the intensities where they are known, for a notebook."""
+        known, finite = self.facts, np.isfinite(self.intensities)
+        rows = [
+            ("scanned", known.description or None),
+            ("angles", f"{len(self.angles_deg)}, {self.angles_deg[0]:g}° to {self.angles_deg[-1]:g}°"),
+            ("simulated", "yes" if known.simulated else None),
+            ("probe", known.probe),
+            ("reference", None if known.reference_angle_deg is None else f"{known.reference_angle_deg:.3f}°"),
+        ]
+        if not finite.any():
+            return as_html(type(self).__name__, [*rows, ("intensities", "not known before its frames are imaged")], "")
+        angles_deg, intensities = np.array(self.angles_deg)[finite], np.array(self.intensities)[finite]
+        largest_deg = float(angles_deg[np.argmax(intensities)])
+        rows.append(("largest intensity", f"{intensities.max():.4g} at {largest_deg:g}°"))
+        picture = curve_svg(angles_deg.tolist(), intensities.tolist(), mark_deg=largest_deg)
+        return as_html(type(self).__name__, rows, picture)
 
     @property
     def range(self) -> Interval:
@@ -89,8 +127,6 @@ class IntensityBank(Bank):
 class FrameBank(Bank, ABC):
     """One frame of channel data for each angle, read from disk on demand."""
 
-    intensities: tuple[float, ...] = field(repr=False, default=())
-    """Peak of the photoacoustic image at each angle, NaN where it is not known; empty where none is."""
     dark_frames: int = 0
     """Number of frames that were taken without laser."""
     started_s: tuple[float, ...] = field(repr=False, default=())
@@ -98,6 +134,16 @@ class FrameBank(Bank, ABC):
     where it is not known, empty where none is."""
     pulses: tuple[int, ...] = field(repr=False, default=())
     """Laser pulses averaged at each angle; empty where it is not known."""
+
+    def to_xarray(self) -> xr.Dataset:
+        """As of `Bank.to_xarray`."""
+        frames = [self.frame(index) for index in range(len(self.angles_deg))]
+        shapes = {frame.samples.shape for frame in frames}
+        if len(shapes) > 1:
+            raise RecordError(f"the frames have several shapes, {sorted(shapes)}: one array cannot hold them")
+        times_s = np.arange(frames[0].samples.shape[1]) / frames[0].sampling_hz
+        samples = ("angle_deg", "channel", "time_s"), np.stack([frame.samples for frame in frames])
+        return Bank.to_xarray(self).assign(frames=samples).assign_coords(time_s=times_s)
 
     @abstractmethod
     def frame(self, index: int) -> ChannelFrame:

@@ -26,13 +26,15 @@ def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank 
 
     ``path``: an HDF5 file of IPASC or zea (``.hdf5``, ``.h5``); a CSV of ``angle_deg,intensity``; or a folder that
     holds for each angle a sub-folder of SonixDAQ files or a file of channel data (``.npy``, ``.mat``), named by its
-    angle in degrees (``-12.5``, ``angle_-12.5deg``). ``table``: columns and unit of a CSV.
+    angle in degrees (``-12.5``, ``angle_-12.5deg``). ``table``: of a CSV.
     """
     with as_read_error(path):
         journal = path.is_file() and is_journal(path)
         is_table = path.is_file() and not journal and path.suffix.lower() not in HDF5_SUFFIXES
         if table != DEFAULT_FORMAT and path.exists() and not is_table:
-            raise ConfigError(f"{path}: it is no CSV, and columns and unit are for a CSV; leave them out")
+            raise ConfigError(
+                f"{path}: it is no CSV, and columns, units and rows to be left out are of a CSV; leave them out"
+            )
         if path.is_dir():
             return read_folder(path)
         if not path.exists():

@@ -1,18 +1,18 @@
-"""Reads and writes banks of intensities as CSV tables; a `TableFormat` names the columns and the unit of the angle."""
+"""Reads and writes banks of intensities as CSV tables; a `TableFormat` names the columns and their units."""
 
 from __future__ import annotations
 
 import csv
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias
 
 import numpy as np
 
-from markerseek.core import MAX_INTENSITY, ConfigError, RecordError
+from markerseek.core import MAX_INTENSITY, ConfigError, Float64, RecordError
 from markerseek.files import MIB, CsvRows, csv_rows, new_file, read_input, replace_file
 from markerseek.records.banks.bank import MIN_STEP_DEG, IntensityBank, require_angles
 from markerseek.records.untrusted_arrays import ARRAY_SUFFIXES
@@ -23,7 +23,7 @@ COLUMNS = ("angle_deg", "intensity")
 AngleUnit: TypeAlias = Literal["deg", "mrad", "rad"]
 """Unit of an angle in a table."""
 
-_DEG: dict[AngleUnit, float] = {"deg": 1.0, "mrad": math.degrees(1e-3), "rad": math.degrees(1.0)}
+DEG_OF: dict[AngleUnit, float] = {"deg": 1.0, "mrad": math.degrees(1e-3), "rad": math.degrees(1.0)}
 """Degrees of one unit."""
 
 _UNIT_OF_COLUMN: dict[str, AngleUnit] = {"angle_deg": "deg", "angle_mrad": "mrad", "angle_rad": "rad"}
@@ -36,13 +36,17 @@ _LARGEST_BYTES = 64 * MIB
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableFormat:
-    """Which columns of a CSV hold angle and intensity, and the unit of the angle."""
+    """Which columns of a CSV, or variables of an array file, hold angle and intensity, and in which units."""
 
     columns: tuple[str, str] | None = None
     """Names of the columns of angle and intensity, or their numbers, counted from 1; None: ``angle_deg`` (or
     ``angle_mrad``, ``angle_rad``) and ``intensity``, or the two columns of a table without names."""
     unit: AngleUnit | None = None
     """None: as the name of the column says, else degrees."""
+    db: bool = False
+    """Whether the intensities are decibels, 20·log10 of the amplitude that a search needs."""
+    skip_invalid: bool = False
+    """Whether a row is left out whose angle or intensity is no finite number, instead of refusing the table."""
 
     def __post_init__(self) -> None:
         if self.columns is not None and (not all(self.columns) or self.columns[0] == self.columns[1]):
@@ -85,9 +89,9 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
     """Bank in a CSV; the rows may be in any order, and the intensities of a repeated angle are averaged.
 
     Columns are separated by commas, semicolons, tabs or spaces. Where it is not the comma that separates them, a comma
-    in a number is a decimal one. A warning says what was averaged or assumed.
+    in a number is a decimal one. A warning says what was averaged, left out or assumed.
 
-    ``table``: which columns are read, and their unit.
+    ``table``: which columns are read, their units, and what becomes of rows without numbers.
     """
     if path.suffix.lower() in ARRAY_SUFFIXES:
         raise RecordError(
@@ -102,9 +106,13 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
         ) from problem
     columns = _columns(path, rows, table)
     angle_name = rows.names[columns[0]] if rows.names else ""
-    values = np.array([_numbers(path, rows, line, columns) for line in rows.cells]).reshape(-1, 2)
-    unit = _unit(path, table.unit, angle_name, values[:, 0])
-    angles_deg, intensities = _averaged(path, values[:, 0] * _DEG[unit], values[:, 1])
+    cells = {line: [_cell(path, rows, line, column, table) for column in columns] for line in rows.cells}
+    kept = [line for line, row in cells.items() if None not in row]
+    warn_skipped(path, "line", [str(line) for line in cells if line not in set(kept)])
+    values = np.array([cells[line] for line in kept], dtype=np.float64).reshape(-1, 2)
+    read = amplitudes(values[:, 1], db=table.db, where=lambda index: f"{path}, line {kept[index]}")
+    unit = unit_of(path, table.unit, angle_name, values[:, 0])
+    angles_deg, intensities = _averaged(path, values[:, 0] * DEG_OF[unit], read)
     require_angles(path, angles_deg)
     return IntensityBank(angles_deg=tuple(angles_deg), intensities=tuple(intensities))
 
@@ -129,9 +137,17 @@ def _columns(path: Path, rows: CsvRows, table: TableFormat) -> tuple[int, int]:
         has = ", ".join(names) or (f"{rows.width} columns without names" if rows.width else "nothing")
         raise RecordError(
             f"{path}, line 1: the {missing} missing, it has {has}; name the columns of angle and intensity: "
-            "--columns ANGLE,INTENSITY"
+            "--columns ANGLE,INTENSITY" + _if_transposed(rows)
         )
     return _column_index(path, rows, angle), _column_index(path, rows, intensity)
+
+
+def _if_transposed(rows: CsvRows) -> str:
+    """A question, where a table has the form of two long rows."""
+    long = rows.width > 2 and len(rows.cells) + bool(rows.names) == 2
+    return (
+        f"; or are its two rows angles and intensities? Then write one row for each of the {rows.width}" if long else ""
+    )
 
 
 def _column_index(path: Path, rows: CsvRows, column: str) -> int:
@@ -147,20 +163,40 @@ def _column_index(path: Path, rows: CsvRows, column: str) -> int:
     raise RecordError(f"{path}, line 1: there is no column {column}, it has {has}")
 
 
-def _numbers(path: Path, rows: CsvRows, line: int, columns: tuple[int, int]) -> tuple[float, float]:
-    """Angle and intensity of one row."""
-    angle, intensity = (_cell(path, rows, line, column) for column in columns)
-    if intensity < 0:
-        raise RecordError(f"{path}, line {line}: intensity is {intensity}, it must not be negative")
-    # Larger numbers overflow when the methods square them.
-    if intensity > MAX_INTENSITY:
+def amplitudes(
+    values: Float64[np.ndarray, " n"], *, db: bool, where: Callable[[int], str]
+) -> Float64[np.ndarray, " n"]:
+    """Finite intensities as amplitudes, or refused.
+
+    ``db``: whether they are in dB. ``where``: file and line of each, for the messages.
+    """
+    if db:
+        with np.errstate(over="ignore"):
+            values = 10 ** (values / 20)
+    for index in np.flatnonzero(values < 0)[:1]:
         raise RecordError(
-            f"{path}, line {line}: intensity is {intensity}, it must be at most {MAX_INTENSITY:g}; scale the column"
+            f"{where(index)}: intensity is {values[index]}, it must not be negative; are these dB, 20·log10 of the "
+            "amplitude? Say so: --db. Or was a background subtracted? Then leave it in"
         )
-    return angle, intensity
+    # Larger numbers overflow when the methods square them.
+    for index in np.flatnonzero(values > MAX_INTENSITY)[:1]:
+        raise RecordError(
+            f"{where(index)}: intensity is {values[index]}, it must be at most {MAX_INTENSITY:g}; scale the intensities"
+        )
+    return values
 
 
-def _cell(path: Path, rows: CsvRows, line: int, column: int) -> float:
+def warn_skipped(path: Path, what: str, names: Sequence[str]) -> None:
+    """Say which rows were left out; ``what``: line, or number of an angle."""
+    if names:
+        first = ", ".join(names[:5]) + (" …" if len(names) > 5 else "")
+        warnings.warn(
+            f"{path}: {len(names)} without a finite number left out (--skip-invalid): {what} {first}", stacklevel=3
+        )
+
+
+def _cell(path: Path, rows: CsvRows, line: int, column: int, table: TableFormat) -> float | None:
+    """The finite number in a cell; None where there is none, and such rows are left out."""
     row = rows.cells[line]
     name = rows.names[column] if rows.names else f"column {column + 1}"
     # A comma inside a number, in a table that commas separate, shifts all columns behind it.
@@ -169,16 +205,21 @@ def _cell(path: Path, rows: CsvRows, line: int, column: int) -> float:
             f"{path}, line {line}: it has {len(row)} columns, {rows.width} are expected; a number with a decimal comma "
             "needs columns that a semicolon or a tab separates"
         )
+    cure = "; leave that row out, or all such rows: --skip-invalid"
     try:
         value = float(rows.with_point(row[column]))
     except ValueError:
-        raise RecordError(f"{path}, line {line}: {name} is {row[column]!r}, it must be a number") from None
-    if not math.isfinite(value):
-        raise RecordError(f"{path}, line {line}: {name} is {value}, it must be finite; leave that row out")
-    return value
+        if table.skip_invalid:
+            return None
+        raise RecordError(f"{path}, line {line}: {name} is {row[column]!r}, it must be a number{cure}") from None
+    if math.isfinite(value):
+        return value
+    if table.skip_invalid:
+        return None
+    raise RecordError(f"{path}, line {line}: {name} is {value}, it must be finite{cure}")
 
 
-def _unit(path: Path, unit: AngleUnit | None, column: str, angles: np.ndarray) -> AngleUnit:
+def unit_of(path: Path, unit: AngleUnit | None, column: str, angles: np.ndarray) -> AngleUnit:
     """Unit of the angles; where only their range speaks, a small one is not guessed to be degrees."""
     if unit is not None:
         return unit

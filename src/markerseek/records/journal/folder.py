@@ -59,6 +59,8 @@ class JournalSummary(msgspec.Struct, frozen=True, kw_only=True):
     the kind of the rig, and its emulated devices."""
     description: str | None = None
     """The rig in words; of a simulated one also tissue and seed."""
+    seed: int | None = None
+    """Seed of a simulated rig."""
     state: Literal["finished", "fault", "open", "running", "damaged", "unreadable"]
     """"running" while a program writes it, "damaged" if only a part can be read, "unreadable" if nothing can."""
     answer: str | None = None
@@ -91,6 +93,7 @@ def summary(path: Path) -> JournalSummary:
         rig=recorded.configuration.facts.kind,
         emulated=recorded.configuration.facts.emulated,
         description=recorded.configuration.facts.description,
+        seed=recorded.configuration.facts.seed,
         state="damaged" if damage is not None else "running" if recorded.is_written else state.state,
         answer=None if over is None else answer_name(over.estimate),
         angle_deg=None if over is None else over.estimate.mean_deg,

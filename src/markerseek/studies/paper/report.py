@@ -13,7 +13,7 @@ from pathlib import Path
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError
-from markerseek.pictures import new_picture, png_data_uri, save_png, save_svg, write_page
+from markerseek.pictures import new_picture, png_data_uri, save_figure, write_page
 from markerseek.studies.paper.banks import OfflineBank, as_intensities, simulated_banks
 from markerseek.studies.paper.consistency import consistency
 from markerseek.studies.paper.failures import failures
@@ -98,8 +98,8 @@ def write_section(section: Section, folder: Path) -> list[Path]:
     if section.draw is not None:
         # Drawn again for the page: a figure holds megabytes, and sections are kept until the end.
         figure = section.draw()
-        save_png(figure, folder / f"{section.name}.png")
-        save_svg(figure, folder / f"{section.name}.svg")
+        save_figure(figure, folder / f"{section.name}.png")
+        save_figure(figure, folder / f"{section.name}.svg")
     return [folder / name for name in _file_names(section)]
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.io import savemat
 
 from markerseek.core import RecordError
-from markerseek.records.banks import IntensityBank, read_bank
+from markerseek.records.banks import IntensityBank, TableFormat, read_bank
 from markerseek.records.banks.arrays import ArrayBank, read_arrays
 from markerseek.records.banks.folder import FolderBank
 
@@ -63,13 +63,23 @@ def test_an_npy_of_two_columns_and_one_of_frames(tmp_path):
         ({"angle_deg": ANGLES}, "intensity or frames expected"),
         ({"angle_deg": ANGLES[:2], "intensity": INTENSITIES[:2]}, "2 angles, at least 3"),
         ({"angle_deg": ANGLES[[0, 1, 1, 2]], "intensity": INTENSITIES}, "-1 deg appears twice"),
-        ({"angle_deg": ANGLES * np.nan, "intensity": INTENSITIES}, "an angle is nan deg, it must be finite"),
+        ({"angle_deg": ANGLES * np.nan, "intensity": INTENSITIES}, "4 of 4 angles hold a number that is not finite"),
         ({"angle_deg": ANGLES * 1e4, "intensity": INTENSITIES}, "within one turn"),
         ({"angle_deg": ANGLES, "intensity": INTENSITIES[:3]}, "for 4 angles"),
-        ({"angle_deg": ANGLES, "intensity": -INTENSITIES}, "not negative"),
-        ({"angle_deg": ANGLES, "frames": FRAMES * np.nan}, "a sample is not finite"),
+        ({"angle_deg": ANGLES, "intensity": -INTENSITIES}, "angle 2 deg: .* must not be negative; are these dB"),
+        ({"angle_deg": ANGLES, "frames": FRAMES * np.nan}, "4 of 4 angles hold .*: --skip-invalid"),
+        ({"angle": ANGLES / 57, "intensity": INTENSITIES}, "are these radians. Say so: --unit rad"),
+        ({"winkel": ANGLES, "frames": FRAMES}, "angle_deg is missing, .* --first-deg -35 --step-deg 0.5"),
+        ({"angle_deg": ANGLES, "peak": INTENSITIES}, "intensity or frames expected, .* --columns ANGLE,INTENSITY"),
         ({"angle_deg": ANGLES, "frames": FRAMES[:3]}, "for 4 angles"),
-        ({"angle_deg": ANGLES, "frames": FRAMES.transpose(0, 2, 1)}, "angles, channels, samples"),
+        (
+            {"angle_deg": ANGLES, "frames": FRAMES.transpose(0, 2, 1)},
+            "transposed. Say so: --axes angles,samples,channels$",
+        ),
+        (
+            {"angle_deg": ANGLES, "frames": FRAMES.transpose(1, 2, 0)},
+            "transposed. Say so: --axes channels,samples,angles$",
+        ),
         (
             {"angle_deg": ANGLES, "intensity": INTENSITIES, "sampling_hz": INTENSITIES},
             "sampling_hz must be one finite number",
@@ -82,9 +92,57 @@ def test_what_cannot_be_a_bank_is_refused(tmp_path, suffix, arrays, message):
         read_arrays(save(tmp_path / f"a{suffix}", **arrays))
 
 
-def test_a_first_angle_is_for_frames_without_angles(tmp_path):
-    with pytest.raises(RecordError, match="for frames without angles"):
+def test_a_first_angle_is_for_what_has_no_angles(tmp_path):
+    with pytest.raises(RecordError, match="for frames or intensities without angles"):
         read_arrays(save(tmp_path / "a.npz", angle_deg=ANGLES, frames=FRAMES), first_and_step_deg=(0.0, 1.0))
+
+
+@pytest.mark.parametrize("order", ["angles,samples,channels", "channels,samples,angles", "samples,channels,angles"])
+def test_frames_are_turned_as_their_axes_say(tmp_path, order):
+    ours = ("angles", "channels", "samples")
+    axes = tuple(order.split(","))
+    path = save(tmp_path / "a.mat", angle_deg=ANGLES, frames=FRAMES.transpose([ours.index(each) for each in axes]))
+    bank = read_arrays(path, axes=axes)
+    np.testing.assert_array_equal(bank.frame(0).samples, FRAMES[ORDER[0]])
+    np.testing.assert_array_equal(bank.frame(3).samples, FRAMES[ORDER[3]])
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".mat"])
+def test_variables_and_units_are_named(tmp_path, suffix):
+    path = save(tmp_path / f"a{suffix}", theta=np.deg2rad(ANGLES), peak=20 * np.log10(INTENSITIES), rf=FRAMES, n=3.0)
+    bank = read_arrays(path, TableFormat(columns=("theta", "peak"), unit="rad", db=True))
+    assert bank.angles_deg == pytest.approx(ANGLES[list(ORDER)])
+    assert bank.intensities == pytest.approx(INTENSITIES[list(ORDER)])
+    frames = read_arrays(path, TableFormat(columns=("theta", "rf"), unit="rad"))
+    np.testing.assert_array_equal(frames.frame(1).samples, FRAMES[ORDER[1]])
+    with pytest.raises(RecordError, match=r"there is no variable phi, it holds .*theta float64"):
+        read_arrays(path, TableFormat(columns=("phi", "peak")))
+
+
+@pytest.mark.parametrize("name", ["angle_rad", "angle_mrad"])
+def test_the_name_of_a_variable_says_its_unit(tmp_path, name):
+    per_deg = {"angle_rad": np.pi / 180, "angle_mrad": np.pi / 0.18}[name]
+    bank = read_arrays(save(tmp_path / "a.mat", **{name: ANGLES * per_deg, "intensity": INTENSITIES}))
+    assert bank.angles_deg == pytest.approx(ANGLES[list(ORDER)])
+
+
+@pytest.mark.parametrize("values", [INTENSITIES, FRAMES.astype(float)], ids=["intensities", "frames"])
+def test_angles_without_numbers_are_left_out_and_named(tmp_path, values):
+    values = values.copy()
+    values[2] = np.nan
+    path = save(tmp_path / "a.npz", angle_deg=ANGLES, **{"intensity" if values.ndim == 1 else "frames": values})
+    with pytest.warns(UserWarning, match=r"1 without a finite number left out \(--skip-invalid\): angle number 3"):
+        bank = read_arrays(path, TableFormat(skip_invalid=True))
+    assert bank.angles_deg == (-1.0, 2.0, 7.0)
+
+
+def test_intensities_alone_take_a_first_angle_and_a_step(tmp_path):
+    np.save(tmp_path / "a.npy", INTENSITIES)
+    bank = read_arrays(tmp_path / "a.npy", first_and_step_deg=(3.0, -0.5))
+    assert (bank.angles_deg, bank.intensities) == ((1.5, 2.0, 2.5, 3.0), tuple(INTENSITIES[::-1]))
+    np.save(tmp_path / "b.npy", np.stack([ANGLES, INTENSITIES]))
+    with pytest.raises(RecordError, match=r"shape \(2, 4\); .* is it transposed. Save array.T"):
+        read_arrays(tmp_path / "b.npy")
 
 
 def test_a_folder_of_frame_files_is_a_bank(tmp_path):

@@ -134,10 +134,39 @@ def test_any_order_and_repeated_angles_averaged_with_a_word(tmp_path: Path) -> N
 
 
 def test_columns_and_unit_are_refused_for_anything_but_a_table(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="it is no CSV, and columns and unit are for a CSV"):
+    with pytest.raises(ConfigError, match="it is no CSV, and columns, units and rows to be left out are of a CSV"):
         read_bank(tmp_path, TableFormat(unit="rad"))
 
 
 def test_utf_16_without_its_mark_is_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="UTF-16 without its byte order mark; save it as UTF-8"):
         read_bank(written(tmp_path, table("angle_deg,intensity", ","), "utf-16-le"))
+
+
+def test_rows_without_numbers_are_left_out_and_named(tmp_path: Path) -> None:
+    path = written(tmp_path, "angle_deg,intensity\n-1,5\n0,nan\n1,7\n2,\n3,n/a\ninf,1\n4,2\n")
+    with pytest.raises(
+        RecordError, match=r"line 3: intensity is nan, it must be finite; .*all such rows: --skip-invalid"
+    ):
+        read_bank(path)
+    with pytest.warns(UserWarning, match=r"4 without a finite number left out \(--skip-invalid\): line 3, 5, 6, 7$"):
+        bank = read_bank(path, TableFormat(skip_invalid=True))
+    assert bank == IntensityBank(angles_deg=(-1.0, 1.0, 4.0), intensities=(5.0, 7.0, 2.0))
+
+
+def test_decibels_are_asked_for_and_become_amplitudes(tmp_path: Path) -> None:
+    path = written(tmp_path, "angle_deg,intensity\n-1,-40\n0,-20\n1,0\n")
+    with pytest.raises(RecordError, match=r"line 2: intensity is -40.0, it must not be negative; are these dB.* --db"):
+        read_bank(path)
+    bank = read_bank(path, TableFormat(db=True))
+    assert isinstance(bank, IntensityBank)
+    assert bank.intensities == pytest.approx((0.01, 0.1, 1.0))
+    with pytest.raises(RecordError, match="line 2: intensity is inf, it must be at most"):
+        read_bank(written(tmp_path, "angle_deg,intensity\n-1,1e9\n0,1\n1,0\n"), TableFormat(db=True))
+
+
+def test_two_long_rows_are_taken_for_a_transposed_table(tmp_path: Path) -> None:
+    with pytest.raises(
+        RecordError, match=r"are its two rows angles and intensities. Then write one row for each of the 4"
+    ):
+        read_bank(written(tmp_path, "-1,0,1,2\n5,6,7,1\n"))

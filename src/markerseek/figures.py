@@ -1,0 +1,101 @@
+"""Figures of results and banks, returned and not written: for notebooks and papers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from markerseek import runs
+from markerseek.core import Estimate, Found, Interval, NotFound, Reading, Sample
+from markerseek.pictures import bank_figure as draw_bank
+from markerseek.pictures import search_figure as draw_search
+from markerseek.records import SampleRow, SearchResult
+from markerseek.records.banks import FrameBank, IntensityBank
+from markerseek.search import Curve, peak_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def search_figure(result: SearchResult) -> Figure:
+    """Figure of a search: its intensities over the angle with the answer, and the way of the probe.
+
+    Parameters
+    ----------
+    result
+        What a search has found, as `find_marker` returns it.
+
+    Raises
+    ------
+    MissingExtraError
+        If Matplotlib is not installed.
+    """
+    samples = [_sample(each) for each in result.samples]
+    angles_deg = [each.angle_deg for each in samples]
+    return draw_search(
+        samples,
+        _estimate(result),
+        start_deg=angles_deg[0],
+        truth_deg=result.truth_deg,
+        reference_deg=result.reference_deg,
+        confirmation=None if result.confirmation is None else _sample(result.confirmation),
+        image=None,
+        limits=Interval(low_deg=min(*angles_deg, result.angle_deg), high_deg=max(*angles_deg, result.angle_deg)),
+    )
+
+
+def _sample(row: SampleRow) -> Sample:
+    return Sample(angle_deg=row.angle_deg, reading=Reading(intensity=row.intensity))
+
+
+def _estimate(result: SearchResult) -> Estimate:
+    """What the figure shows of the answer: a claim with its interval, or an angle that is not claimed."""
+    interval, kind = result.interval95_deg, result.interval_kind
+    if not result.found or interval is None or kind is None or result.sigma_deg is None:
+        return NotFound(mean_deg=result.angle_deg, reason=result.reason or "", floor=result.floor)
+    return Found(
+        mean_deg=result.angle_deg,
+        sigma_deg=result.sigma_deg,
+        interval95_deg=Interval(low_deg=interval[0], high_deg=interval[1]),
+        interval_kind=kind,
+        floor=result.floor,
+    )
+
+
+def bank_figure(
+    bank: IntensityBank | FrameBank, *, title: str = "", probe: str | None = None, curve: Curve | None = None
+) -> Figure:
+    """Figure of a bank: intensity over angle with the statistics of its peak, and the image at the maximum.
+
+    Parameters
+    ----------
+    bank
+        A bank, as `markerseek.records.banks.read_bank` returns it.
+    title
+        Heading of the figure.
+    probe
+        Preset of the imaging chain of frames, or the name of a TOML file that describes a probe; None: the one that the
+        bank names, else the first of all.
+    curve
+        Its intensities, where they have been computed already.
+
+    Raises
+    ------
+    MissingExtraError
+        If Matplotlib is not installed.
+    RecordError
+        If a frame cannot be read or imaged.
+    """
+    curve = runs.bank_curve(bank, probe=probe) if curve is None else curve
+    peak = peak_of(curve)
+    return draw_bank(
+        bank.angles_deg,
+        curve.intensity.tolist(),
+        title=title,
+        max_deg=peak.max_deg,
+        com_deg=peak.com_deg,
+        cen_deg=peak.cen_deg,
+        fwhm_deg=peak.fwhm_deg,
+        reference_deg=bank.facts.reference_angle_deg,
+        dark_level=runs.dark_intensity(bank, probe=probe),
+        image=runs.bank_image(bank, curve.strongest, probe=probe) if isinstance(bank, FrameBank) else None,
+    )

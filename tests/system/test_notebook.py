@@ -1,0 +1,38 @@
+"""The example notebook runs from its first cell to its last, and is what its page of the docs shows."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+nbformat = pytest.importorskip("nbformat", reason="needs the packages of the tests")
+nbclient = pytest.importorskip("nbclient", reason="needs the packages of the tests")
+pytest.importorskip("pandas", reason="needs the extra notebook")
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "tutorials" / "notebook.md"
+
+
+def test_the_notebook_searches_draws_and_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("IPYTHONDIR", "JUPYTER_RUNTIME_DIR", "JUPYTER_CONFIG_DIR"):
+        monkeypatch.setenv(name, str(tmp_path / name))
+    book = nbformat.read(ROOT / "examples" / "search.ipynb", as_version=4)
+    code = [cell for cell in book.cells if cell.cell_type == "code"]
+    assert sum(len(cell.source.splitlines()) for cell in code) <= 20
+    assert not any(cell.outputs for cell in code)
+    assert [cell.source for cell in code] == re.findall(r"^```ipython\n(.*?)\n```$", PAGE.read_text(), re.M | re.S)
+    where = {"metadata": {"path": str(ROOT / "examples")}}
+    nbclient.NotebookClient(book, timeout=120, kernel_name="python3", resources=where).execute()
+    searched, drawn, table, bank = [
+        {kind: data for each in cell.outputs for kind, data in each.get("data", {}).items()} for cell in code
+    ]
+    assert "<td" in searched["text/html"]
+    assert ">found<" in searched["text/html"]
+    assert "<svg" in searched["text/html"]
+    assert any("search 1:" in each.get("text", "") for each in code[0].outputs)
+    assert drawn["image/png"]
+    acquisitions = int(re.findall(r">acquisitions</th><td[^>]*>(\d+)<", searched["text/html"])[0])
+    assert [table["text/html"].count(f">{role}<") for role in ("search", "confirmation")] == [acquisitions, 1]
+    assert "-8." in bank["text/plain"]

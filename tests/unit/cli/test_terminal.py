@@ -1,0 +1,34 @@
+"""Progress of a long task where standard error is no terminal."""
+
+from __future__ import annotations
+
+import pytest
+
+from markerseek.cli.terminal import ProgressLines, time_left
+
+
+def test_lines_say_what_begins_and_ever_more_rarely_what_is_left(capsys: pytest.CaptureFixture[str]) -> None:
+    clock = iter(range(1000))
+    lines = ProgressLines(now_s=lambda: float(next(clock)))
+    # One step a second, of which 100 were done by an earlier run.
+    for done in range(100, 401):
+        lines.advance("searches [a]", done, 400)
+    printed = capsys.readouterr().err.splitlines()
+    assert printed[0] == "searches [a]: 300 to do"
+    assert [line.partition(": ")[2] for line in printed[1:]] == [
+        "102 of 400, some 5 min left",
+        "104 of 400, some 5 min left",
+        "108 of 400, some 5 min left",
+        "116 of 400, some 5 min left",
+        "132 of 400, some 4 min left",
+        "164 of 400, some 4 min left",
+        "228 of 400, some 3 min left",
+        "356 of 400, some 44 s left",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"), [(0.1, "some 1 s"), (89, "some 89 s"), (600, "some 10 min"), (9000, "some 2.5 h")]
+)
+def test_a_duration_has_the_unit_that_suits_it(seconds: float, words: str) -> None:
+    assert time_left(seconds) == words

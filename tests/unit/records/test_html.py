@@ -1,0 +1,126 @@
+"""What a notebook shows and takes of results and banks: HTML with a picture, a DataFrame, a data set."""
+
+from __future__ import annotations
+
+import builtins
+from collections.abc import Callable
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+
+import markerseek
+from markerseek.core import MissingExtraError
+from markerseek.records import SearchResult
+from markerseek.records.banks import BankFacts, IntensityBank, read_arrays, read_bank
+from markerseek.records.html import curve_svg
+
+SCAN = Path(__file__).parents[3] / "examples" / "simulated_scan.csv"
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+@pytest.fixture(scope="module")
+def result() -> SearchResult:
+    return markerseek.find_marker(markerseek.replayed(SCAN, reference_deg=-8.25))
+
+
+def test_dots_lie_where_the_numbers_say() -> None:
+    """On straight lines through both axes: equal steps of angle and intensity are equal steps of pixels."""
+    tree = ET.fromstring(curve_svg([-10.0, 0.0, 10.0, 20.0], [0.0, 1.0, 2.0, 4.0], mark_deg=20.0))
+    dots = [(float(dot.get("cx")), float(dot.get("cy"))) for dot in tree.iter(f"{SVG}circle")]
+    steps = np.diff(dots, axis=0)
+    np.testing.assert_allclose(steps[:, 0], steps[0, 0], atol=0.11)
+    np.testing.assert_allclose(steps[:, 1] / [1, 1, 2], steps[0, 1], atol=0.11)
+    assert steps[0, 0] > 0 > steps[0, 1]
+    ticks = {text.text: float(text.get("x")) for text in tree.iter(f"{SVG}text") if text.text.lstrip("-").isdigit()}
+    assert ticks["-10"] == pytest.approx(dots[0][0], abs=0.1)
+    assert ticks["20"] == pytest.approx(dots[3][0], abs=0.1)
+
+
+@pytest.mark.parametrize("intensities", [[0.0, 0.0, 0.0], [1e-9, 1e-9, 1e-9], [1e12, 0.0, 1.0]])
+def test_any_curve_has_a_picture(intensities: list[float]) -> None:
+    tree = ET.fromstring(curve_svg([1.0, 1.001, 1.002], intensities, mark_deg=1.0, interval_deg=(-1e3, 1e3)))
+    places = [float(dot.get(name)) for dot in tree.iter(f"{SVG}circle") for name in ("cx", "cy")]
+    assert np.isfinite(places).all()
+    assert 0 <= min(places) <= max(places) <= 520
+
+
+def test_a_result_shows_its_answer_and_every_acquisition(result: SearchResult) -> None:
+    tree = ET.fromstring(result._repr_html_())
+    cells = [cell.text for cell in tree.iter("td")]
+    assert result.answer == "found"
+    assert cells[:2] == ["found", f"{result.angle_deg:.3f}° ± {result.sigma_deg:.3f}°"]
+    assert len(list(tree.iter(f"{SVG}circle"))) == result.acquisitions
+    assert "replayed rig" in tree.find("strong").text
+
+
+def test_a_bank_shows_what_it_holds_with_markup_escaped() -> None:
+    facts = BankFacts(description="<b>liver & co</b>", simulated=True)
+    bank = IntensityBank(angles_deg=(1.0, 2.0, 3.0), intensities=(1.0, 5.0, np.nan), facts=facts)
+    tree = ET.fromstring(bank._repr_html_())
+    cells = [cell.text for cell in tree.iter("td")]
+    assert cells == ["<b>liver & co</b>", "3, 1° to 3°", "yes", "5 at 2°"]
+    assert len(list(tree.iter(f"{SVG}circle"))) == 2
+
+
+def test_a_result_as_a_dataframe(result: SearchResult) -> None:
+    pytest.importorskip("pandas", reason="needs the extra notebook")
+    table = result.to_dataframe()
+    assert table["angle_deg"].tolist() == [each.angle_deg for each in result.samples]
+    assert table["intensity"].max() == max(each.intensity for each in result.samples)
+    assert (table.index.name, table.index[0], set(table["role"])) == ("acquisition", 1, {"search"})
+    assert table.attrs["angle_deg"] == result.angle_deg
+
+
+def test_a_confirmation_is_the_last_row(result: SearchResult) -> None:
+    pytest.importorskip("pandas", reason="needs the extra notebook")
+    found = markerseek.find_marker(markerseek.simulated(seed=1), "ternary")
+    assert found.confirmation is not None
+    table = found.to_dataframe()
+    assert (len(table), table["role"].iloc[-1]) == (found.acquisitions + 1, "confirmation")
+    assert table["intensity"].iloc[-1] == found.confirmation.intensity
+
+
+def test_banks_as_data_sets(tmp_path: Path) -> None:
+    pytest.importorskip("xarray", reason="needs the extra notebook")
+    bank = read_bank(SCAN)
+    held = bank.to_xarray()
+    assert held["intensity"].sel(angle_deg=-35.0).item() == bank.intensities[0]
+    assert float(held["intensity"].idxmax()) == bank.angles_deg[int(np.argmax(bank.intensities))]
+    frames = np.random.default_rng(1).integers(-9, 9, (3, 4, 20)).astype(np.int16)
+    np.savez(tmp_path / "a.npz", angle_deg=[3.0, 1.0, 2.0], frames=frames, sampling_hz=40e6)
+    of_frames = read_arrays(tmp_path / "a.npz").to_xarray()
+    assert of_frames["frames"].dims == ("angle_deg", "channel", "time_s")
+    np.testing.assert_array_equal(of_frames["frames"].sel(angle_deg=3.0), frames[0])
+    assert of_frames["time_s"].values[-1] == pytest.approx(19 / 40e6)
+    assert (of_frames.attrs["sampling_hz"], "intensity" in of_frames) == (40e6, False)
+
+
+@pytest.mark.parametrize(
+    ("package", "take"),
+    [("pandas", lambda result: result.to_dataframe()), ("xarray", lambda _: read_bank(SCAN).to_xarray())],
+)
+def test_a_missing_package_is_answered_by_the_command_that_installs_it(
+    result: SearchResult, monkeypatch: pytest.MonkeyPatch, package: str, take: Callable[[SearchResult], object]
+) -> None:
+    real = builtins.__import__
+
+    def without(name: str, *args: object, **named: object) -> object:
+        if name == package:
+            raise ImportError(name)
+        return real(name, *args, **named)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(MissingExtraError, match=r"pip install 'markerseek\[notebook\]'"):
+        take(result)
+
+
+def test_progress_is_one_line_an_acquisition_on_standard_error(capsys: pytest.CaptureFixture[str]) -> None:
+    rig = markerseek.replayed(SCAN)
+    result = markerseek.find_marker(rig, method="ternary", progress=True)
+    printed = capsys.readouterr()
+    assert (printed.out, result.method) == ("", "ternary")
+    lines = [line for line in printed.err.splitlines() if line.startswith("search ")]
+    assert len(lines) == result.acquisitions
+    assert f"{result.samples[0].angle_deg:+7.2f}°" in lines[0]
