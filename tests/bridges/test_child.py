@@ -182,6 +182,7 @@ def test_a_second_search_is_refused_while_one_runs() -> None:
         ("seed", -1, "seed is -1"),
         ("seed", "1 --arm", "seed is '1 --arm'"),
         ("stay", "yes", "stay is 'yes'"),
+        ("sweep", 1, "sweep is 1"),
     ],
 )
 def test_what_a_program_may_not_ask_for_is_refused_with_a_sentence(field: str, value: object, said: str) -> None:
@@ -198,6 +199,9 @@ def test_a_request_becomes_options_that_arm_nothing_and_name_no_file() -> None:
         "--as-published",
         "--stay",
     ]
+    assert SearchRequest(sweep=True).arguments() == ["--method=posterior", "--sweep"]
+    with pytest.raises(ConfigError, match="ternary: it asks for one angle after another; only posterior sweeps"):
+        SearchRequest(method="ternary", sweep=True)
     assert json.dumps(SearchOptions(rig=Path("a.toml"), pace=1.0, keep_journal=False).arguments()) == (
         '["--rig=a.toml", "--pace=1.0"]'
     )

@@ -152,6 +152,27 @@ def test_the_checker_sees_pulses_without_a_permit(healthy: campaign_runs.Trace) 
     assert seen(replace(healthy, sent_permits=(*healthy.sent_permits, ("permit-99", 1)))) == {"P3"}
 
 
+def test_the_checker_sees_light_that_no_sweep_permits(tmp_path: Path) -> None:
+    plans = (campaign_runs.draw_plan(2, number) for number in range(2000))
+    plan = next(plan for plan in plans if plan.method == campaign_runs.SWEEPS and not plan.faults)
+    with HeldLines() as lines:
+        trace = campaign_runs.Campaign(tmp_path, lines).perform(plan)
+    assert seen(trace) == set()
+    lights = trace.world.lights
+    index = next(index for index, light in enumerate(lights) if light.sweeping)
+    (permit, _), late_s = trace.sweeps[0], 1e3
+    for change in (
+        {"angle_deg": max(permit.angle_deg, permit.to_deg) + 2.0},
+        {"at_s": lights[index].at_s - late_s},
+        {"at_s": lights[index].at_s + late_s},
+        {"at_s": lights[index + 1].at_s - permit.period_s / 2},
+        {"pulses": permit.pulses + 1},
+        {"moving": True},
+    ):
+        trace.world.lights = [*lights[:index], replace(lights[index], **change), *lights[index + 1 :]]
+        assert seen(trace) == {"P3"}, change
+
+
 def test_the_checker_sees_an_accepted_frame_that_differs_from_the_received_one(healthy: campaign_runs.Trace) -> None:
     received = healthy.world.received
     for change in ({"token": "x"}, {"intensity": 1.0}, {"angle_deg": 80.0}, {"pulses": 1}):

@@ -14,7 +14,20 @@ import pytest
 from markerseek import rigs
 from markerseek.bridges import Outcome
 from markerseek.bridges.igtl import Stream, Streams
-from markerseek.core import BModeFrame, ChannelFrame, Measured, RFFrame, Sample, ScanGeometry, SearchPlan, Turning
+from markerseek.core import (
+    Asked,
+    BModeFrame,
+    ChannelFrame,
+    Measured,
+    RFFrame,
+    Sample,
+    ScanGeometry,
+    SearchPlan,
+    Sweep,
+    SweepTiming,
+    Swept,
+    Turning,
+)
 from markerseek.records.journal import Entry
 from markerseek.runs import configuration_of
 from markerseek.sim import ReceiverSettings, SimulatedSettings
@@ -175,3 +188,35 @@ def test_image_and_transform_carry_one_time_that_of_the_acquisition(kind: str, w
     assert [each.device for each in sent] == ["ProbeToProbeHome", "BMode_ProbeHome", "PA_ProbeHome", "SearchState"]
     assert [each.time_s for each in sent] == [expected_s] * 4
     assert sent[0].metadata == {"TransformStatus": "OK"}
+
+
+def test_each_frame_of_a_sweep_has_its_own_angle_and_time() -> None:
+    rig = rigs.simulated(seed=1)
+    sample = rig.scanner.measure(5.0)
+    assert sample.frame is not None
+    configuration = configuration_of(rig, SearchPlan(method="posterior", sweep_speed_deg_s=8.6))
+    streams = Streams()
+    streams.after(msgspec.structs.replace(configuration, facts=replace(configuration.facts, kind="bench")))
+    asked = Asked(role="search", index=1, angle_deg=35.0, sweep=Sweep(to_deg=35.0, speed_deg_s=8.6))
+    streams.after(Entry(number=1, written="", clock_s=0.0, event=asked, checkpoint=None))
+    written = "2026-03-01T12:00:00+00:00"
+    began_s = datetime.fromisoformat(written).timestamp()
+    for index, (angle_deg, fired_s) in enumerate([(5.0, 99.75), (5.4, 99.8)], start=1):
+        frame = replace(sample.frame, header=replace(sample.frame.header, started_s=fired_s))
+        pulse = replace(sample, angle_deg=angle_deg, frame=frame, sweep=SweepTiming(number=1, speed_deg_s=8.6))
+        event = Measured(role="search", index=index, sample=pulse)
+        sent = by_device(
+            streams.after(Entry(number=index + 1, written=written, clock_s=100.0, event=event, checkpoint=None))
+        )
+        (time_s,) = {each.time_s for each in sent.values()}
+        assert time_s == pytest.approx(began_s - (100.0 - fired_s))
+        turned = sent["ProbeToProbeHome"].content
+        assert isinstance(turned, igtl.Transform)
+        assert math.degrees(math.atan2(turned.matrix[0, 2], turned.matrix[2, 2])) == pytest.approx(angle_deg)
+        assert isinstance(sent["PA_ProbeHome"].content, igtl.Image)
+    ended = by_device(
+        streams.after(
+            Entry(number=4, written=written, clock_s=100.5, event=Swept(angle_deg=6.0, pulses=2), checkpoint=None)
+        )
+    )
+    assert set(ended) == {"ProbeToProbeHome", "SearchState"}

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from markerseek.bridges.child import ChildRun
-from markerseek.core import MAX_ACQUISITIONS, ConfigError, SearchError, Tolerance, is_whole
+from markerseek.core import MAX_ACQUISITIONS, ConfigError, PolicyPlan, SearchError, Tolerance, is_whole
 from markerseek.drivers import BenchSettings
 from markerseek.records.journal import default_journal, make_folder
 from markerseek.rigs import read_rig_file
-from markerseek.search import method_named
+from markerseek.search import method_named, require_sweeping
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,6 +24,8 @@ class SearchRequest:
     acquisitions: int | None = None
     as_published: bool = False
     stay: bool = False
+    sweep: bool = False
+    """Whether the probe turns while the laser fires."""
     tolerance_mm: float | None = None
     """How well the angle of a marker that is found must be known, as in `markerseek.core.Tolerance`; None: as usual."""
     seed: int | None = None
@@ -39,9 +41,11 @@ class SearchRequest:
                 f"acquisitions is {number!r}, it must be a whole number from 2 to {MAX_ACQUISITIONS}; leave it out "
                 "for the number of the method"
             )
-        for name in ("as_published", "stay"):
+        for name in ("as_published", "stay", "sweep"):
             if not isinstance(getattr(self, name), bool):
                 raise ConfigError(f"{name} is {getattr(self, name)!r}, it must be true or false")
+        if self.sweep:
+            require_sweeping(PolicyPlan(method=self.method, as_published=self.as_published))
         if self.tolerance_mm is not None:
             Tolerance(mm=self.tolerance_mm)
         if self.seed is not None and not (is_whole(self.seed) and 0 <= self.seed < 2**63):
@@ -56,7 +60,8 @@ class SearchRequest:
             options.append(f"--tolerance-mm={self.tolerance_mm}")
         if self.seed is not None:
             options.append(f"--seed={self.seed}")
-        return options + ["--as-published"] * self.as_published + ["--stay"] * self.stay
+        forms = {"--as-published": self.as_published, "--stay": self.stay, "--sweep": self.sweep}
+        return options + [name for name, wanted in forms.items() if wanted]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import runs
-from markerseek.cli.options import AsJson, Out
+from markerseek.cli.options import AsJson, Out, Sweeps
 from markerseek.cli.report import Output, Report, drawn, facts, table
 from markerseek.cli.terminal import announce_compilation, progress_bar
 from markerseek.core import ConfigError
@@ -27,7 +27,8 @@ EXAMPLES = (
     "\n\n"
     "  markerseek register --frames left/ right/ --cameras StereoCalibrationDVRK.ini --calibration-sigma-px 0.2 "
     "--journal a.journal --journal b.journal --journal c.journal\n\n"
-    "  markerseek register --simulate --markers 4 --seed 1 --plot"
+    "  markerseek register --simulate --markers 4 --seed 1 --plot\n\n"
+    "  markerseek register --simulate --sweep --readout-s 0.05"
 )
 
 
@@ -92,6 +93,10 @@ def command(
         int | None, typer.Option(help="Simulated camera frames of each spot.", show_default="25")
     ] = None,
     tissue: Annotated[str | None, typer.Option(help="Simulated material.", show_default="plastisol-phantom")] = None,
+    sweep: Sweeps = False,
+    readout_s: Annotated[
+        float | None, typer.Option(help="Seconds to read one acquisition of the simulated rig.", show_default="10")
+    ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the simulation.", show_default="1")] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write register.png into --out.")] = False,
     out: Out = None,
@@ -109,7 +114,14 @@ def command(
         if points is not None or frames is not None or journal or cameras:
             raise ConfigError("--simulate makes its own points; leave the CSV, --frames, --journal and --cameras out")
         title = "simulated rig and camera"
-        scene = _scene(markers=markers, camera_mm=camera_mm, frames=simulated_frames, tissue=tissue)
+        scene = _scene(
+            markers=markers,
+            camera_mm=camera_mm,
+            frames=simulated_frames,
+            tissue=tissue,
+            readout_s=readout_s,
+            sweep=sweep,
+        )
         announce_compilation()
         with progress_bar(scene.markers, what="searching markers") as progress:
             report, truth = runs.simulate_registration(
@@ -120,9 +132,10 @@ def command(
                 on_search=lambda number: progress.update(progress.task_ids[0], completed=number),
             )
     else:
-        if (markers, camera_mm, simulated_frames, tissue, seed) != (None,) * 5:
+        if (markers, camera_mm, simulated_frames, tissue, seed, readout_s) != (None,) * 6 or sweep:
             raise ConfigError(
-                "--markers, --camera-mm, --simulated-frames, --tissue and --seed are for --simulate; leave them out"
+                "--markers, --camera-mm, --simulated-frames, --tissue, --sweep, --readout-s and --seed are for "
+                "--simulate; leave them out"
             )
         title, pairs = _pairs(points, frames, journal or (), cameras, calibration_sigma_px)
         report = runs.register_pairs(pairs, target_trus_m=target_m, without=without or ())
@@ -160,15 +173,22 @@ def _pairs(
 
 
 def _scene(
-    *, markers: int | None, camera_mm: float | None, frames: int | None, tissue: str | None
+    *,
+    markers: int | None,
+    camera_mm: float | None,
+    frames: int | None,
+    tissue: str | None,
+    readout_s: float | None,
+    sweep: bool,
 ) -> runs.SimulatedScene:
-    from markerseek.sim import EndoscopeSettings, SimulatedSettings
+    from markerseek.sim import EndoscopeSettings, SimulatedSettings, changed_settings
 
     return runs.SimulatedScene(
         markers=4 if markers is None else markers,
         camera_m=0.1 if camera_mm is None else camera_mm / 1e3,
         camera=EndoscopeSettings(frames=25 if frames is None else frames),
-        rig=SimulatedSettings() if tissue is None else SimulatedSettings(tissue=tissue),
+        rig=changed_settings(SimulatedSettings(), tissue=tissue, readout_s=readout_s),
+        sweep=sweep,
     )
 
 
@@ -217,7 +237,7 @@ def _rows(report: runs.RegistrationReport, truth: runs.SimulatedTruth | None) ->
     low_min, high_min = (seconds / 60 for seconds in truth.by_hand_s)
     rows.append(("searches (simulated)", f"{len(truth.searches)} with {counts} acquisitions"))
     all_min, rest_min = truth.elapsed_s / 60, truth.without_readout_s / 60
-    rows.append(("time (virtual)", f"{all_min:.1f} min, {rest_min:.1f} min without reading SonixDAQ files"))
+    rows.append(("time (virtual)", f"{all_min:.1f} min, {rest_min:.1f} min without reading frames"))
     rows.append(("time by hand (the paper)", f"{low_min:g} to {high_min:g} min"))
     return rows
 

@@ -12,7 +12,7 @@ from typer.core import TyperGroup
 from markerseek import bridges, drivers, rigs, runs
 from markerseek.bridges import ros2
 from markerseek.cli import ros2_devices
-from markerseek.cli.options import Acquisitions, MethodName, RigFile, Stay, ToleranceMm
+from markerseek.cli.options import Acquisitions, MethodName, RigFile, Stay, Sweeps, ToleranceMm
 from markerseek.cli.ros2_devices import RequireSecurity, ros_node
 from markerseek.cli.signals import noted_signals
 from markerseek.cli.terminal import announce_compilation, print_json, stderr, stdout
@@ -40,6 +40,7 @@ def search(
         typer.Option(help="Also publish the transform of the da Vinci camera: JSON of `markerseek register --json`."),
     ] = None,
     stay: Stay = False,
+    sweep: Sweeps = False,
     once: Annotated[
         bool, typer.Option("--once", help="Search at once, then end with the exit code of the search.")
     ] = False,
@@ -57,7 +58,7 @@ def search(
         _play(play, known, pace=pace, arguments=ctx.obj, require_security=require_security)
         return
     request = bridges.SearchRequest(
-        method=method, acquisitions=acquisitions, stay=stay, tolerance_mm=tolerance_mm, seed=seed
+        method=method, acquisitions=acquisitions, stay=stay, sweep=sweep, tolerance_mm=tolerance_mm, seed=seed
     )
     searches = bridges.Searches(bridges.SearchOptions(rig=rig, pace=pace or 0.0))
     parameters: dict[str, str | int] = {

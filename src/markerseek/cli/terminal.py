@@ -22,7 +22,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table
 from rich.text import Text
 
-from markerseek.core import ConfigError, Event, MarkerseekError, Measured, Refused, Turning
+from markerseek.core import Asked, ConfigError, Event, MarkerseekError, Measured, Refused, Turning
 
 _CONTROL = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 """Unicode categories of control characters: control, formatting, line and paragraph separators; and surrogates, which
@@ -142,6 +142,8 @@ def show_event(progress: Progress, event: Event) -> None:
         progress.update(progress.task_ids[0], completed=event.index, description=shown)
     elif isinstance(event, Turning):
         _show_turning(progress, event)
+    elif isinstance(event, Asked) and event.sweep is not None:
+        progress.update(progress.task_ids[0], description=f"sweeps to {event.angle_deg:+.2f}°")
     elif isinstance(event, Refused):
         progress.console.print(f"[yellow]refused:[/] {escape(event.reason)}")
 

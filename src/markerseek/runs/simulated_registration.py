@@ -18,6 +18,7 @@ from markerseek.core import (
     Measured,
     SearchError,
     SearchPlan,
+    Swept,
     Tolerance,
 )
 from markerseek.geometry import MIN_POINTS, RigidTransform, StereoCameras, triangulate
@@ -69,7 +70,8 @@ class SimulatedTruth(msgspec.Struct, frozen=True, kw_only=True):
     """What only a simulation knows, and the time of all searches.
 
     ``target_error_m`` is the true error at the target. ``elapsed_s`` is the time of all searches on the rig's clock and
-    ``without_readout_s`` the same without the time to read each acquisition from the SonixDAQ (10 s as in the paper).
+    ``without_readout_s`` the same without the time to read each acquisition, or sweep, from the receiver (10 s with
+    SonixDAQ's files, as in the paper).
     ``by_hand_s`` is what the paper gives for a search by hand.
     """
 
@@ -93,6 +95,8 @@ class SimulatedScene:
     camera: EndoscopeSettings = field(default_factory=EndoscopeSettings)
     rig: SimulatedSettings = field(default_factory=SimulatedSettings)
     """The simulated rig; its marker is moved from place to place."""
+    sweep: bool = False
+    """Whether the probe turns while the laser fires."""
 
     def __post_init__(self) -> None:
         if self.markers not in MARKER_PLACES:
@@ -129,9 +133,9 @@ def simulate_registration(
     angle_deg, readout_s = scene.rig.start_deg, 0.0
     curve: MarkerCurve | None = None
     for number, (spot_m, rig_seed) in enumerate(zip(spots_m, rig_seeds, strict=True), start=1):
-        result, angle_deg, frames = _search(scene.rig, spot_m, seed=rig_seed, start_deg=angle_deg, prior=curve)
+        result, angle_deg, readouts = _search(scene, spot_m, seed=rig_seed, start_deg=angle_deg, prior=curve)
         curve = result.curve or curve
-        readout_s += frames * scene.rig.receiver.readout_s
+        readout_s += readouts * scene.rig.receiver.readout_s
         searches.append(_searched(str(number), result, spot_m))
         on_search(number)
         if result.marker_trus_m is None or result.marker_sigma_m is None:
@@ -168,30 +172,35 @@ def simulate_registration(
 
 
 def _search(
-    rig: SimulatedSettings,
+    scene: SimulatedScene,
     spot_m: Float64[np.ndarray, " 3"],
     *,
     seed: int,
     start_deg: float,
     prior: MarkerCurve | None,
 ) -> tuple[SearchResult, float, int]:
-    """Result of one search for a spot, the angle at which the probe then stands, and the number of frames."""
+    """Result of one search for a spot, the angle at which the probe then stands, and how often frames were read."""
+    rig = scene.rig
     x, y, z = spot_m.tolist()
     marker = replace(
         rig.marker, angle_deg=math.degrees(math.atan2(x, z)), radius_m=math.hypot(x, z), lateral_m=y, present=True
     )
-    assembled = simulated(seed=seed, settings=replace(rig, marker=marker, start_deg=start_deg))
+    receiver = replace(rig.receiver, single_pulses=scene.sweep or rig.receiver.single_pulses)
+    assembled = simulated(seed=seed, settings=replace(rig, marker=marker, start_deg=start_deg, receiver=receiver))
     # A search begins with the intensity curve of the last marker, as `search --prior` does.
-    session = new_session(
-        assembled,
-        plan_on(
-            assembled,
-            SearchPlan(method="posterior", start_deg=start_deg, prior=prior, tolerance=REGISTRATION_TOLERANCE),
-        ),
+    plan = SearchPlan(
+        method="posterior",
+        start_deg=start_deg,
+        prior=prior,
+        tolerance=REGISTRATION_TOLERANCE,
+        sweep_speed_deg_s=assembled.scanner.sweeping.stage.fastest_sweep_deg_s if scene.sweep else None,
     )
+    session = new_session(assembled, plan_on(assembled, plan))
     with closing(session.events()) as events:
-        frames = sum(isinstance(event, Measured) for event in events)
-    return session.result(), assembled.stage.angle_deg, frames
+        readouts = sum(
+            isinstance(event, Swept) or (isinstance(event, Measured) and event.sample.sweep is None) for event in events
+        )
+    return session.result(), assembled.stage.angle_deg, readouts
 
 
 def _searched(name: str, result: SearchResult, spot_m: Float64[np.ndarray, " 3"]) -> SimulatedSearch:

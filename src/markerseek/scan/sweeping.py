@@ -41,6 +41,12 @@ SLOWEST, FASTEST = 0.2, 1.25
 BEGIN_S = 1.0
 """Time within which a stage must have begun to turn, and within which it must have come to rest after braking."""
 
+IN_FUTURE_S = 2e-3
+"""Most by which a pulse may be stamped later than it is told: the clocks are compared to 1 ms."""
+
+DARK_PERIODS = 3
+"""Periods of the laser in which at least one pulse must come."""
+
 AT_REST_DEG = 0.005
 """Most by which two readings of a stage at rest differ: ten counts of a PRM1Z8's encoder."""
 
@@ -170,13 +176,14 @@ class SweepInProgress:
         with self._held:
             stage.begin_sweep(self._permit.to_deg)
             self._await_speed()
+            lit_s = self._clock.now_s()
             laser.begin_sweep(self._permit)
             # A probe that is too slow ends the light: it stalls, or has reached the end.
             while self._read() and goes_on():
                 self._take(laser.pulses())
                 self._keep(receiver.frames())
                 yield self._matched()
-            fired = self._end()
+            fired = self._end(lit_s=lit_s)
         stage.end_sweep()
         if fired != len(self._pulses):
             raise AcquisitionError(f"{len(self._pulses)} of {fired} pulses have a time; the sweep is refused whole")
@@ -204,9 +211,12 @@ class SweepInProgress:
         self._readings.append(reading)
         return self._guard.read_sweep(reading.angle_deg, now_s=reading.at_s)
 
-    def _end(self) -> int:
-        """End the light, brake, come to rest, and return how many pulses were fired."""
+    def _end(self, *, lit_s: float) -> int:
+        """End the light that began then, brake, come to rest, and return how many pulses were fired."""
+        lasted_s = self._clock.now_s() - lit_s
         fired = self._devices.laser.end_sweep()
+        if fired == 0 and not lasted_s <= DARK_PERIODS * self._permit.period_s:
+            raise LaserError(f"no pulse came in {lasted_s:.2f} s of a sweep; check the laser and its trigger")
         self._take(self._devices.laser.pulses())
         self._devices.stage.brake()
         began_s = self._clock.now_s()
@@ -225,7 +235,13 @@ class SweepInProgress:
 
     def _take(self, pulses: Sequence[Pulse]) -> None:
         """Keep the times of pulses, which come in order and no faster than permitted."""
+        now_s = self._clock.now_s()
         for pulse in pulses:
+            if not pulse.at_s <= now_s + IN_FUTURE_S + 4 * pulse.sigma_s:
+                raise LaserError(
+                    f"a pulse is stamped {pulse.at_s:.3f} s and it is {now_s:.3f} s: its clock is wrong; compare the "
+                    "clocks, and start again"
+                )
             if self._pulses:
                 apart_s = pulse.at_s - self._pulses[-1].at_s
                 least_s = 0.9 * self._permit.period_s - 4 * pulse.sigma_s

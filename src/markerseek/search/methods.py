@@ -138,18 +138,18 @@ def build_sweeping(plan: PolicyPlan, *, limits: Interval) -> SweepingPolicy:
     if plan.sweep_speed_deg_s is None:
         return build(plan, limits=limits)
     require_sweeping(plan)
-    from markerseek.search.posterior import SweepPosterior
+    from markerseek.search.posterior import SWEPT_SIGMA_DEG, SweepPosterior
 
     return SweepPosterior(
-        lambda: _posterior(plan, limits=limits),
+        lambda: _posterior(plan, limits=limits, target_sigma_deg=SWEPT_SIGMA_DEG),
         limits=limits,
         speed_deg_s=plan.sweep_speed_deg_s,
         start_deg=plan.start_deg,
     )
 
 
-def _posterior(plan: PolicyPlan, *, limits: Interval) -> Posterior:
-    """The posterior of a plan, at rest."""
+def _posterior(plan: PolicyPlan, *, limits: Interval, target_sigma_deg: float | None = None) -> Posterior:
+    """The posterior of a plan, at rest; None: with its own target."""
     if plan.as_published:
         raise ConfigError(
             "posterior: it is markerseek's own and was not published; leave out as_published, or name a method of "
@@ -160,11 +160,12 @@ def _posterior(plan: PolicyPlan, *, limits: Interval) -> Posterior:
 
     chosen = method_named(plan.method)
     number = chosen.acquisitions if plan.acquisitions is None else plan.acquisitions
+    target_deg = TARGET_SIGMA_DEG if target_sigma_deg is None else target_sigma_deg
     return Posterior(
         limits=limits,
         acquisitions=check_acquisitions(number, least=chosen.least, method=chosen.name),
         start_deg=None if plan.start_deg is None else float(plan.start_deg),
-        target_sigma_deg=TARGET_SIGMA_DEG if plan.early_end else 0.0,
+        target_sigma_deg=target_deg if plan.early_end else 0.0,
         cues=CUES if plan.cues is None else plan.cues,
         others=USUAL_OTHERS if plan.others is None else plan.others,
         prior=plan.prior,

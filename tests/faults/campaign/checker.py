@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from markerseek.core import Failed, Finished, Found, Measured, ReadingFrame, Refused
 
 from .runs import CAPS, Trace
 from .vocabulary import FAULTS
+from .world import Light, Received
 
 SETTLED_DEG = 0.2
 """Most that a sample's angle may be off in truth: settling 0.05, play 0.1, counts, and an edge."""
 
 OFF_DEG = 2.0
 """P10: found, and off by more than twice the tolerance, which is 1 degree where the marker's depth is not known."""
+
+READ_WITHIN_S = 0.06
+"""Time from one reading of a sweep to the next, in seconds."""
 
 SAMPLE_S = 120.0
 """Longest virtual time of one acquisition with all its attempts under the faults' deadlines, beside the cap."""
@@ -80,6 +85,10 @@ def _p1(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
 
 def _p3(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
     lights = trace.world.lights
+    unpermitted = sum(not _is_permitted(light, trace, verdict.injected_deg) for light in lights if light.sweeping)
+    if harmless and unpermitted:
+        verdict.broken.append(("P3", f"{unpermitted} pulses of a sweep outside its permit"))
+    verdict.broken += [("P3", said) for said in _too_many(trace) if harmless]
     verdict.moving_pulses = sum(light.pulses for light in lights if light.moving)
     permitted = sum(pulses for _, pulses in trace.sent_permits)
     fired = sum(light.pulses for light in lights if not light.moving)
@@ -92,6 +101,31 @@ def _p3(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
     injected = sum(max(1, round(fault.amount)) for fault in trace.plan.faults if fault.name == "extra pulses")
     if any(fault.name == "extra pulses" for fault in trace.plan.faults) and largest > trace.plan.pulses + injected + 4:
         verdict.broken.append(("P3", f"{largest} pulses at once, {trace.plan.pulses} permitted, {injected} injected"))
+
+
+def _is_permitted(light: Light, trace: Trace, injected_deg: float) -> bool:
+    """Whether light on a probe that turns is inside the angles and the time of a sweep's permit."""
+    permit = next((permit for permit, began_s in reversed(trace.sweeps) if began_s <= light.at_s), None)
+    if permit is None or light.at_s > permit.expires_s:
+        return False
+    low_deg, high_deg = sorted((permit.angle_deg, permit.to_deg))
+    # The guard sees its end with the next reading.
+    room_deg = SETTLED_DEG + injected_deg + READ_WITHIN_S * permit.fastest_deg_s
+    return low_deg - room_deg <= light.angle_deg <= high_deg + room_deg
+
+
+def _too_many(trace: Trace) -> list[str]:
+    """What is more, or faster, than the permit of a sweep allows."""
+    said = []
+    ends_s = [*(began_s for _, began_s in trace.sweeps[1:]), math.inf]
+    for (permit, began_s), end_s in zip(trace.sweeps, ends_s, strict=False):
+        own = [light for light in trace.world.lights if light.sweeping and began_s <= light.at_s < end_s]
+        if sum(light.pulses for light in own) > permit.pulses:
+            said.append(f"{len(own)} pulses in a sweep of {permit.pulses}")
+        apart_s = min((after.at_s - before.at_s for before, after in pairwise(own)), default=math.inf)
+        if not apart_s >= 0.999 * permit.period_s:
+            said.append(f"two pulses {apart_s:.4f} s apart in a sweep, {permit.period_s:.4f} s were permitted")
+    return said
 
 
 def _p6(trace: Trace, verdict: Verdict, *, observable: bool) -> None:
@@ -109,13 +143,17 @@ def _p6(trace: Trace, verdict: Verdict, *, observable: bool) -> None:
 
 def _accepted_faulty(trace: Trace) -> list[str]:
     """Frames that were accepted and are not what was received, or not at that angle."""
-    truth = {each.token: each for each in trace.world.received}
+    truth: dict[str, list[Received]] = {}
+    for each in trace.world.received:
+        truth.setdefault(each.token, []).append(each)
     faulty = []
     for entry in trace.journal.entries:
         if not isinstance(entry.event, Measured):
             continue
         frame, sample = entry.event.sample.frame, entry.event.sample
-        received = truth.get("" if frame is None else frame.header.token)
+        # All frames of a sweep have one token.
+        own = truth.get("" if frame is None else frame.header.token, [])
+        received = min(own, key=lambda each: abs(each.intensity - sample.reading.intensity), default=None)
         if received is None or not isinstance(frame, ReadingFrame):
             faulty.append("a frame was accepted that was never received")
         elif not math.isclose(sample.reading.intensity, received.intensity):

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from markerseek.core import DeviceTimeoutError, LaserError, Permit
+from markerseek.core import DeviceTimeoutError, LaserError, Permit, Pulse, SweepPermit
 from markerseek.sim import Fault, SimulatedLaser, VirtualClock
 
 from .faulty import ANSWER_S, SLOWER, Faulty
 from .world import WatchedWorld
+
+DARK_S = 1.0
+"""Time in light after which a sweep without a pulse is refused, in seconds, with some room."""
 
 
 class FaultyLaser(Faulty):
@@ -38,6 +42,8 @@ class FaultyLaser(Faulty):
         self._stage_rests = stage_rests
         self._readout_s = readout_s
         self.due: tuple[float, Permit] | None = None
+        self.sweeps: list[tuple[SweepPermit, float]] = []
+        self._dark: Fault | None = None
 
     def fire(self, permit: Permit) -> int:
         self.step += 1
@@ -61,15 +67,78 @@ class FaultyLaser(Faulty):
             if slow.amount > SLOWER:
                 self.act(slow)
                 raise DeviceTimeoutError("laser: the train did not end in time; its lease has lapsed")
-        if self.has("garbled count"):
-            garbage: list[Any] = [-1, 10**9, math.nan, None, permit.pulses + 0.5]
-            return garbage[int(self._rng.integers(len(garbage)))]  # type: ignore[no-any-return]
-        return reported
+        return self._garbled(permit.pulses) if self.has("garbled count") else reported
+
+    def _garbled(self, pulses: int) -> int:
+        garbage: list[Any] = [-1, 10**9, math.nan, None, pulses + 0.5]
+        return garbage[int(self._rng.integers(len(garbage)))]  # type: ignore[no-any-return]
 
     def disarm(self) -> None:
         self.due = None
         if self.has("unplugged", silently=True):
             raise OSError("device disconnected")
+        self._inner.disarm()
+
+    @property
+    def sweep_period_s(self) -> float:
+        return self._inner.sweep_period_s
+
+    @property
+    def delay_sigma_s(self) -> float:
+        return self._inner.delay_sigma_s
+
+    def begin_sweep(self, permit: SweepPermit) -> None:
+        self.step += 1
+        if self.has("unplugged"):
+            raise OSError("device disconnected")
+        if self.has("busy"):
+            raise LaserError("laser: BUSY")
+        self._send(permit)
+        drop = self.has("energy drops")
+        self._world.energy = 1.0 if drop is None else drop.amount
+        self.sweeps.append((permit, self._clock.now_s()))
+        self._until, self._step_s, self._more = int(self._rng.integers(2, 60)), 0.0, 0
+        self._dark = self.has("dead lamp", silently=True)
+        if self._dark is None:
+            self._inner.begin_sweep(permit)
+        if (late := self.has("late answer")) is not None:
+            self._clock.wait(late.amount)
+            raise DeviceTimeoutError(f"laser: no answer within {ANSWER_S} s")
+
+    def pulses(self) -> Sequence[Pulse]:
+        if self.has("unplugged"):
+            raise OSError("device disconnected")
+        if self.has("silent"):
+            self._clock.wait(ANSWER_S)
+            raise DeviceTimeoutError(f"laser: no answer within {ANSWER_S} s")
+        told = [] if self._dark is not None else list(self._inner.pulses())
+        for each in range(len(told)):
+            self._until -= 1
+            if self._until == 0:
+                self._break_sweep()
+            told[each] = replace(told[each], at_s=told[each].at_s + self._step_s)
+        return told
+
+    def _break_sweep(self) -> None:
+        """What goes wrong at one pulse of a sweep, once, and is not told."""
+        if (step := self.has("clock step")) is not None:
+            self._step_s = step.amount
+        if self.has("hidden misfire"):
+            del self._world.flashes[-1], self._world.lights[-1]
+        if self.has("interlock", silently=True):
+            self._inner.disarm()
+        if (more := self.has("extra pulses")) is not None:
+            self._more = max(1, round(more.amount))
+            self._world.flashes += self._more * self._world.flashes[-1:]
+            self._world.lights += self._more * self._world.lights[-1:]
+
+    def end_sweep(self) -> int:
+        if self._dark is not None:
+            if self._clock.now_s() - self.sweeps[-1][1] > DARK_S:
+                self.act(self._dark)
+            return 0
+        fired = self._inner.end_sweep() + self._more
+        return self._garbled(fired) if self.has("garbled count") else fired
 
     def stage_moves(self) -> None:
         """Called while the stage moves."""

@@ -18,11 +18,13 @@ from markerseek.core import (
     MarkerseekError,
     NotFound,
     Permit,
-    Policy,
     PolicyPlan,
     RigFacts,
     Sample,
     SearchPlan,
+    Sweep,
+    SweepingPolicy,
+    SweepPermit,
 )
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
 from markerseek.records.journal import Configuration, Journal, RecordedRun, read_journal
@@ -41,6 +43,7 @@ from markerseek.sim import (
     LaserSettings,
     NoiseSettings,
     PowerCurve,
+    ReceiverSettings,
     SechCurve,
     SimulatedLaser,
     SimulatedReceiver,
@@ -53,15 +56,19 @@ from .faulty_laser import FaultyLaser
 from .faulty_receiver import FaultyReceiver
 from .faulty_stage import FaultyStage
 from .held_lines import HeldLines
-from .vocabulary import FAULTS, drawn
+from .vocabulary import FAULTS, IN_SWEEPS, drawn
 from .world import WatchedWorld
 
 CELLS = 460_000
 CAPS = RunLimits(acquisitions=60, duration_s=3600.0)
+SWEEPS = "sweeps"
+"""Method that asks for sweeps."""
+
 METHODS = (
-    ("weighted-average", (15, 29, 57), 0.40),
-    ("golden-section", (16, 28), 0.40),
+    ("weighted-average", (15, 29, 57), 0.34),
+    ("golden-section", (16, 28), 0.34),
     ("posterior", (6, 8), 0.17),
+    (SWEEPS, (0,), 0.12),
     ("endless", (0,), 0.015),
     ("wild", (0,), 0.015),
 )
@@ -99,9 +106,15 @@ def draw_plan(seed: int, number: int) -> Plan:
     )[int(rng.integers(3))]
     name, counts, _ = METHODS[int(rng.choice(len(METHODS), p=[share for *_, share in METHODS]))]
     acquisitions = int(rng.choice(counts))
-    steps = 3 + (acquisitions or 20)
+    sweeps = name == SWEEPS
+    steps = 4 if sweeps else 3 + (acquisitions or 20)
     how_many = int(rng.choice(3, p=[0.08, 0.84, 0.08]))
-    share = np.array([1.0 if each.harm == "none" else 0.3 for each in FAULTS.values()])
+    share = np.array(
+        [
+            (1.0 if each.harm == "none" else 0.3) * (sweeps or each.fault.name not in IN_SWEEPS)
+            for each in FAULTS.values()
+        ]
+    )
     chosen = rng.choice(len(FAULTS), size=how_many, replace=False, p=share / share.sum())
     return Plan(
         number=number,
@@ -112,7 +125,8 @@ def draw_plan(seed: int, number: int) -> Plan:
         curve=curve,
         peak_snr_db=float(rng.uniform(30, 50)),
         pulses=int(rng.integers(4, 33)),
-        readout_s=float(np.exp(rng.uniform(np.log(0.1), np.log(10)))),
+        # A receiver that streams, or one that is read at the end of a sweep.
+        readout_s=0.05 if sweeps and rng.random() < 0.6 else float(np.exp(rng.uniform(np.log(0.1), np.log(10)))),
         method=name,
         acquisitions=acquisitions,
         faults=tuple(drawn(rng, list(FAULTS.values())[index], steps=steps) for index in chosen),
@@ -131,6 +145,8 @@ class Trace:
     guard: Guard
     left_fault: bool
     sent_permits: tuple[tuple[str, int], ...]
+    sweeps: tuple[tuple[SweepPermit, float], ...]
+    """Permit of each sweep, and when its light was permitted to begin."""
     virtual_s: float
     real_s: float
 
@@ -154,7 +170,7 @@ class Campaign:
             self._lines.begin()
             guard.arm(by="the campaign")
             try:
-                policy = _policy(plan, rig.limits.search)
+                policy = _policy(plan, rig)
                 for _ in journalled(policy, rig, journal, limits=CAPS):
                     left_fault = left_fault or (faulty and guard.state is not State.FAULT)
                     faulty = faulty or guard.state is State.FAULT
@@ -172,6 +188,7 @@ class Campaign:
             guard=guard,
             left_fault=left_fault,
             sent_permits=self._lines.end(),
+            sweeps=tuple(devices[1].sweeps),
             virtual_s=clock.now_s(),
             real_s=time.perf_counter() - began_s,
         )
@@ -184,6 +201,7 @@ class Campaign:
             start_deg=plan.start_deg,
             laser=LaserSettings(pulses=plan.pulses),
             noise=NoiseSettings(peak_snr_db=plan.peak_snr_db),
+            receiver=ReceiverSettings(single_pulses=plan.method == SWEEPS),
         )
         clock = VirtualClock()
         rng = np.random.default_rng([plan.seed, plan.number, 1])
@@ -199,8 +217,10 @@ class Campaign:
             clock,
         )
         of = {name: tuple(fault for fault in plan.faults if fault.device == name) for name in _DEVICES}
+        turned = SimulatedStage(world=world, clock=clock, motion=settings.stage, travel=plan.limits.travel)
+        world.shaft_at = turned.probe_deg
         stage = FaultyStage(
-            SimulatedStage(world=world, clock=clock, motion=settings.stage, travel=plan.limits.travel),
+            turned,
             world,
             clock,
             of["stage"],
@@ -208,7 +228,7 @@ class Campaign:
             turning=lambda: laser.stage_moves(),  # noqa: PLW0108  it is made below
         )
         laser = FaultyLaser(
-            SimulatedLaser(world=world, clock=clock),
+            SimulatedLaser(world=world, clock=clock, probe_deg=turned.probe_deg),
             world,
             clock,
             of["laser"],
@@ -250,7 +270,7 @@ class Campaign:
             receiver=receiver,
             scanner=scanner,
             imaging=None,
-            dark_frames=3,
+            dark_frames=0 if plan.method == SWEEPS else 3,
             closing_dark=True,
         )
         return rig, world, clock, (stage, laser, receiver)
@@ -293,19 +313,58 @@ def _configuration(rig: Rig, plan: Plan) -> Configuration:
             acquisitions=plan.acquisitions or None,
             as_published=False,
             start_deg=plan.start_deg,
-            dark_frames=3,
+            dark_frames=rig.dark_frames,
             stay=False,
             closing_dark=rig.closing_dark,
         ),
     )
 
 
-def _policy(plan: Plan, limits: Interval) -> Policy:
+def _policy(plan: Plan, rig: Rig) -> SweepingPolicy:
+    limits = rig.limits.search
     if plan.method in ("endless", "wild"):
         return Unruly(plan)
+    if plan.method == SWEEPS:
+        return Sweeps(plan, fastest_deg_s=rig.scanner.sweeping.stage.fastest_sweep_deg_s)
     return build(
         PolicyPlan(method=plan.method, acquisitions=plan.acquisitions, start_deg=plan.start_deg), limits=limits
     )
+
+
+class Sweeps:
+    """A policy that asks for some sweeps and angles, and ends a sweep when it likes."""
+
+    def __init__(self, plan: Plan, *, fastest_deg_s: float) -> None:
+        self._rng = np.random.default_rng([plan.seed, plan.number, 2])
+        self._limits, self._fastest_deg_s = plan.limits.search, fastest_deg_s
+        self._left = int(self._rng.integers(1, 5))
+        self._next = self._drawn(plan.start_deg)
+
+    def ask(self) -> float | Sweep | None:
+        return self._next if self._left else None
+
+    def tell(self, sample: Sample) -> None:
+        if sample.dark:
+            return
+        self._pulses -= 1
+        asked = self._next
+        over = not isinstance(asked, Sweep) or abs(sample.angle_deg - asked.to_deg) < 1.0
+        if over or self._pulses <= 0:
+            self._left -= 1
+            self._next = self._drawn(sample.angle_deg)
+
+    def estimate(self) -> Estimate:
+        return NotFound(mean_deg=0.0, reason="it judges nothing")
+
+    def _drawn(self, from_deg: float) -> float | Sweep:
+        """The next angle, or the next sweep, at least 5 degrees long."""
+        rng, low_deg, high_deg = self._rng, self._limits.low_deg, self._limits.high_deg
+        self._pulses = int(rng.integers(1, 200))
+        to_deg = float(rng.uniform(low_deg, high_deg))
+        if rng.random() < 0.25 or abs(to_deg - from_deg) < 5.0:
+            return to_deg
+        spacing_deg = float(rng.choice((0.0, 0.1, 0.5)))
+        return Sweep(to_deg=to_deg, speed_deg_s=rng.uniform(0.3, 1.0) * self._fastest_deg_s, spacing_deg=spacing_deg)
 
 
 class Unruly:

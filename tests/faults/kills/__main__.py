@@ -57,8 +57,11 @@ def jobs(words: argparse.Namespace) -> list[Job]:
         partial(at_random_times, seed, first, min(CHUNK, words.scans - first)) for first in range(0, words.scans, CHUNK)
     ]
     for name in SEARCHES:
-        todo.append(partial(in_writes, name, seed, words.kills // 6))
         todo += [partial(at_steps, name, numbers) for numbers in chunks(whole(name).steps, every=words.every)]
+        # What a resume of a sweep does that was broken off is in no run that was not killed.
+        if SEARCHES[name].sweeps:
+            continue
+        todo.append(partial(in_writes, name, seed, words.kills // 6))
         for place in PLACES:
             last = steps_of_resume(name, place)
             todo += [partial(at_steps_of_resume, name, place, each) for each in chunks(last, every=words.every)]

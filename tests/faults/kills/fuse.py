@@ -6,10 +6,11 @@ import os
 import signal
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
+from functools import partial
 from typing import Any, Literal
 from unittest import mock
 
-from markerseek.core import Policy
+from markerseek.core import SweepingPolicy
 from markerseek.records.journal import writer
 from markerseek.rigs import Rig
 
@@ -22,6 +23,10 @@ _VERBS = {
     "acquire": "frame is taken",
     "read": "frame is read",
     "tell": "policy is told",
+    "begin_sweep": "sweep begins",
+    "read_sweep": "sweep is read",
+    "end_sweep": "sweep ends",
+    "brake": "stage brakes",
 }
 
 
@@ -59,16 +64,17 @@ class Fuse:
 
         return fused
 
-    def into(self, policy: Policy, rig: Rig) -> None:
+    def into(self, policy: SweepingPolicy, rig: Rig) -> None:
         """Put it around everything that a search does."""
         for part, verbs in (
-            (rig.stage, ("move_to", "stop")),
-            (rig.laser, ("fire", "disarm")),
-            (rig.receiver, ("arm", "acquire")),
+            (rig.stage, ("move_to", "stop", "begin_sweep", "read_sweep", "brake")),
+            (rig.laser, ("fire", "disarm", "begin_sweep", "end_sweep")),
+            (rig.receiver, ("arm", "acquire", "end_sweep")),
             (rig.scanner._reader, ("read",)),
             (policy, ("tell",)),
         ):
-            for verb in verbs:
+            # A recording does not sweep.
+            for verb in filter(partial(hasattr, part), verbs):
                 setattr(part, verb, self.around(getattr(part, verb), _VERBS[verb]))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -12,7 +13,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from markerseek.core import Measured, RecordError
+from markerseek.core import Asked, Finished, Found, Measured, RecordError, Swept
 from markerseek.records.journal import (
     Checked,
     Entry,
@@ -22,12 +23,16 @@ from markerseek.records.journal import (
     Resuming,
     read_journal,
     result_of,
+    verify,
 )
 from markerseek.runs.resume import resumed
 
 from .processes import MismatchError
-from .searches import PERSON, SEARCHES, Search, arming_watched
+from .searches import MARKER_DEG, PERSON, SEARCHES, Search, arming_watched
 from .tally import Row, Tally
+
+OFF_DEG = 1.0
+"""Most that a marker found may be off, in degrees."""
 
 Happened = list[tuple[object, float, bytes]]
 
@@ -136,6 +141,7 @@ def require_resumed(search: Search, path: Path, *, acknowledged: int, row: Row, 
         raise MismatchError(f"{acknowledged} events were acknowledged, {len(kept)} are kept")
     if kept != wanted[: len(kept)]:
         raise MismatchError("what is kept is not what happened")
+    broken_off = mid_sweep([event for event, *_ in kept])
     if len(kept) < len(wanted):
         policy, rig, _ = search.begin()
         journal, held = Journal.reopen(path)
@@ -143,9 +149,42 @@ def require_resumed(search: Search, path: Path, *, acknowledged: int, row: Row, 
             for _ in resumed(policy, rig, journal, held, by=PERSON):
                 pass
         tally.note("resumes in which nothing moved or fired before a person armed the rig")
-    require_whole(path, wanted, whole(search.name).result)
+    if broken_off is None:
+        require_whole(path, wanted, whole(search.name).result)
+    else:
+        _require_swept_anew(path, broken_off, kept)
+        tally.note("resumes that swept anew, from where the sweep that was broken off began, and found the marker")
     row.equal += 1
     remove(path)
+
+
+def mid_sweep(events: Sequence[object]) -> Asked | None:
+    """The sweep that a run was in when it has measured some of it; None where it was in none."""
+    sweep: Asked | None = None
+    for event in events:
+        if isinstance(event, Asked):
+            sweep = event if event.sweep is not None else None
+        elif isinstance(event, Swept):
+            sweep = None
+    return None if not events or isinstance(events[-1], Asked) else sweep
+
+
+def _require_swept_anew(path: Path, broken_off: Asked, kept: Happened) -> None:
+    """Refuse a resumed run that does not keep what it had, sweep anew, and find the marker."""
+    held = read_journal(path)
+    events = [event for event, *_ in happened(held)]
+    if happened(held)[: len(kept)] != kept:
+        raise MismatchError("what was kept has changed")
+    again = next((event for event in events[len(kept) :] if isinstance(event, Asked)), None)
+    # None where what was measured before the kill was enough, and the probe was braking.
+    if again is None or again.sweep not in (broken_off.sweep, None):
+        raise MismatchError(f"a sweep was broken off ({broken_off.sweep}), and not made anew: {again}")
+    last = events[-1]
+    found = isinstance(last, Finished) and isinstance(last.estimate, Found)
+    if not (found and abs(last.estimate.mean_deg - MARKER_DEG) <= OFF_DEG):
+        raise MismatchError(f"the marker at {MARKER_DEG} deg was not found: {last}")
+    if faults := verify(path).faults:
+        raise MismatchError(f"the journal has faults: {faults[0]}")
 
 
 def require_whole(path: Path, wanted: Happened, result: bytes) -> None:

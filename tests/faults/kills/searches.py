@@ -1,4 +1,4 @@
-"""The searches that are killed again and again: on intensities, on frames, and on the frames of a recorded scan.
+"""The searches that are killed again and again: on intensities, by sweeps, on frames, and on those of a recorded scan.
 
 Each refuses some frames and takes them again, so that refusals are part of what is resumed.
 """
@@ -10,22 +10,22 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 from markerseek import rigs
 from markerseek.acoustics import Probe
-from markerseek.core import AcquisitionError, Frame, LinearArray, Policy, PolicyPlan, Reader, Reading, SearchPlan
+from markerseek.core import AcquisitionError, Frame, LinearArray, Reader, Reading, SearchPlan, SweepingPolicy
 from markerseek.records.banks import read_bank
 from markerseek.records.journal import Configuration, Journal
 from markerseek.rigs import Rig
 from markerseek.runs import configuration_of, scan_bank
 from markerseek.runs.journalled import journalled
 from markerseek.runs.resume import resumed
-from markerseek.search import build
-from markerseek.sim import GaussianCurve, ReceiverSettings, SimulatedSettings
+from markerseek.search import build_sweeping
+from markerseek.sim import GaussianCurve, LaserSettings, ReceiverSettings, SimulatedSettings
 
 from .fuse import Fuse, fused_writes
 
@@ -61,28 +61,22 @@ class Search:
     method: str
     acquisitions: int
     rig: Callable[[], Rig]
+    sweeps: bool = False
 
-    def begin(self) -> tuple[Policy, Rig, Configuration]:
+    def begin(self) -> tuple[SweepingPolicy, Rig, Configuration]:
         """Policy, rig and what a journal says of them, as they are before the search."""
         rig = self.rig()
         rig.scanner._reader = Moody(rig.scanner._reader)
-        start_deg = rig.stage.angle_deg
-        policy = build(
-            PolicyPlan(method=self.method, acquisitions=self.acquisitions, start_deg=start_deg),
-            limits=rig.limits.search,
+        plan = SearchPlan(
+            method=self.method,
+            acquisitions=self.acquisitions,
+            as_published=False,
+            start_deg=rig.stage.angle_deg,
+            dark_frames=0 if self.sweeps else rig.dark_frames,
+            stay=False,
+            sweep_speed_deg_s=rig.scanner.sweeping.stage.fastest_sweep_deg_s if self.sweeps else None,
         )
-        configuration = configuration_of(
-            rig,
-            SearchPlan(
-                method=self.method,
-                acquisitions=self.acquisitions,
-                as_published=False,
-                start_deg=start_deg,
-                dark_frames=rig.dark_frames,
-                stay=False,
-            ),
-        )
-        return policy, rig, configuration
+        return build_sweeping(plan, limits=rig.limits.search), rig, configuration_of(rig, plan)
 
     def live(self, journal: Path, *, ack_fd: int, blows_at: int | None, resume: bool) -> int:
         """Begin or resume it in this process, and write a byte for each event that was handed on; its steps."""
@@ -122,6 +116,16 @@ def replayed_frames() -> Rig:
         return rigs.replayed(recorded_frames())
 
 
+def sweeping_rig() -> Rig:
+    """A rig whose slow laser gives few pulses a sweep."""
+    settings = SimulatedSettings(
+        start_deg=-35.0,
+        laser=LaserSettings(rate_hz=5.0),
+        receiver=ReceiverSettings(readout_s=0.05, single_pulses=True),
+    )
+    return rigs.of_intensities(seed=SEED, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=MARKER_DEG, settings=settings)
+
+
 SEARCHES = {
     search.name: search
     for search in (
@@ -143,6 +147,7 @@ SEARCHES = {
             acquisitions=6,
             rig=replayed_frames,
         ),
+        Search(name="sweeps", method="posterior", acquisitions=16, rig=sweeping_rig, sweeps=True),
     )
 }
 
@@ -151,7 +156,7 @@ SEARCHES = {
 def arming_watched(rig: Rig) -> Iterator[None]:
     """Nothing moves and nothing is fired before a person armed the rig; a world that is put back does not move."""
     guard, armed, putting_back = rig.scanner.guard, [], []
-    arm, fire, move_to = guard.arm, rig.laser.fire, rig.stage.move_to
+    arm = guard.arm
 
     def after_arming(verb: Callable[..., Any]) -> Callable[..., Any]:
         def watched(*arguments: Any) -> Any:
@@ -167,8 +172,10 @@ def arming_watched(rig: Rig) -> Iterator[None]:
 
     with ExitStack() as stack:
         stack.enter_context(mock.patch.object(guard, "arm", watched_arm))
-        stack.enter_context(mock.patch.object(rig.laser, "fire", after_arming(fire)))
-        stack.enter_context(mock.patch.object(rig.stage, "move_to", after_arming(move_to)))
+        for device, verbs in ((rig.laser, ("fire", "begin_sweep")), (rig.stage, ("move_to", "begin_sweep"))):
+            # A recording does not sweep.
+            for verb in filter(partial(hasattr, device), verbs):
+                stack.enter_context(mock.patch.object(device, verb, after_arming(getattr(device, verb))))
         if rig.world is not None:
             restore = rig.world.restore
 

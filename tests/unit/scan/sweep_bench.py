@@ -207,6 +207,22 @@ class Jumping(SimulatedLaser):
         return [replace(pulse, at_s=pulse.at_s + jump_s) for pulse in super().pulses()]
 
 
+class Dark(SimulatedLaser):
+    """Gives no light, and says so."""
+
+    def begin_sweep(self, permit: SweepPermit) -> None:
+        super().begin_sweep(permit)
+        self.disarm()
+
+
+class Ahead(SimulatedLaser):
+    """Its clock jumps by less than the probe needs to come to rest: all stamps lie between two readings."""
+
+    def pulses(self) -> Sequence[Pulse]:
+        jump_s = 0.2 if self._fired > 30 else 0.0
+        return [replace(pulse, at_s=pulse.at_s + jump_s) for pulse in super().pulses()]
+
+
 class Double(SimulatedLaser):
     """Gives two pulses at one trigger."""
 

@@ -33,6 +33,8 @@ from markerseek.sim import SimulatedLaser, SimulatedReceiver, SimulatedStage, St
 from tests.unit.scan.scan_bench import Bench, drain, scanner
 from tests.unit.scan.sweep_bench import (
     TO_END,
+    Ahead,
+    Dark,
     Double,
     Doubling,
     Fast,
@@ -208,8 +210,19 @@ def test_a_stage_that_does_not_do_its_part_ends_light_and_motion(kind: type[Simu
     assert abs(bench.world.angle_deg - stood_deg) <= MAX_AHEAD_DEG
 
 
-@pytest.mark.parametrize(("kind", "error"), [(Jumping, DeviceError), (Double, LaserError), (Silent, AcquisitionError)])
-def test_a_laser_whose_stamps_are_wrong_gives_no_answer(kind: type[SimulatedLaser], error: type[Exception]) -> None:
+@pytest.mark.parametrize(
+    ("kind", "error"),
+    [
+        (Jumping, DeviceError),
+        (Ahead, LaserError),
+        (Dark, LaserError),
+        (Double, LaserError),
+        (Silent, AcquisitionError),
+    ],
+)
+def test_a_laser_that_is_dark_or_whose_stamps_are_wrong_gives_no_answer(
+    kind: type[SimulatedLaser], error: type[Exception]
+) -> None:
     bench = SweepBench()
     bench.laser.__class__ = kind
     drain(bench.run(Sweeps(TO_END)), error)

@@ -121,5 +121,6 @@ _VALUES: dict[str, tuple[str, Callable[[str, str], Any]]] = {
     "Seed": ("seed", _whole),
     "Stay": ("stay", _truth),
     "AsPublished": ("as_published", _truth),
+    "Sweep": ("sweep", _truth),
 }
 """Field of a `SearchRequest`, and how its text is read, by the name in a command."""

@@ -51,7 +51,10 @@ class SettingsRow:
             "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 150),
             "acquisitions": lambda: self._number("acquisitions", "acquisitions", 84),
             "tolerance_mm": lambda: self._number("tolerance_mm", "± [mm]", 76),
-            "as_published": self._as_published,
+            "as_published": lambda: self._box(
+                "as_published", "as published", "the paper's form of the method, which always answers"
+            ),
+            "sweep": lambda: self._box("sweep", "sweep", "turns the probe while the laser fires, one frame a pulse"),
             "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 120),
             "snr_db": lambda: self._number("snr_db", "SNR [dB]", 78),
             "seed": lambda: self._number("seed", "seed", 64),
@@ -68,11 +71,11 @@ class SettingsRow:
         """What the fields show."""
         return PageSettings(**self._values)
 
-    def _as_published(self) -> None:
-        box = ui.checkbox("as published", value=self._values["as_published"])
-        box.on_value_change(lambda event: self._set("as_published", event.value))
-        box.props("dense").tooltip("the paper's form of the method, which always answers")
-        self._fields["as_published"] = box
+    def _box(self, name: str, label: str, tip: str) -> None:
+        box = ui.checkbox(label, value=self._values[name])
+        box.on_value_change(lambda event: self._set(name, event.value))
+        box.props("dense").tooltip(tip)
+        self._fields[name] = box
 
     def _select(self, name: str, options: Mapping[Any, str], label: str, width_px: int) -> None:
         value = self._values[name]
@@ -123,7 +126,7 @@ class SearchControls:
             self._pause = ui.button("Pause", icon="pause").props("dense outline padding='6px 10px'").mark("pause")
             # As wide as its longer text, so that the row stays one.
             self._pause.style("min-width: 104px")
-            names = METHOD_FIELDS + (RIG_FIELDS if self._searches.rig.simulated else ())
+            names = (*METHOD_FIELDS, "sweep") + (RIG_FIELDS if self._searches.rig.simulated else ())
             self._row = SettingsRow(settings, names, problems=problems, on_change=hold_in_link("/"))
         frame.on_click(self._start, lambda: self._searches.start(self._row.settings, asked_by=frame.viewer))
         frame.on_click(self._pause, self._pause_or_go_on)

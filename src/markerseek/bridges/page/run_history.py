@@ -87,10 +87,9 @@ class RunHistory:
     def lines(self, snapshot: Snapshot, *, most: int) -> list[str]:
         """The last lines of the log up to a snapshot, the newest first."""
         newest = snapshot.number + 1
-        # A move is a line until its acquisition replaces it.
-        known = [
-            each for each in self.snapshots[1:newest] if each.phase not in {"moving", "turning"} or each is snapshot
-        ]
+        # A move is a line until its acquisition replaces it, and a pulse of a sweep until the next.
+        passing = {"moving", "turning", "sweeping"}
+        known = [each for each in self.snapshots[1:newest] if each.phase not in passing or each is snapshot]
         # The clock of a recording that is searched again does not run.
         replayed = self.configuration.facts.kind == "replayed"
         return [each.line if replayed else f"{each.elapsed_s:7.1f} s  {each.line}" for each in reversed(known[-most:])]
@@ -128,7 +127,10 @@ def watched_journal(recorded: RecordedRun) -> RunHistory:
 
 def _name(plan: SearchPlan | None, *, seed: int | None) -> str:
     """Name of the run: method, form and seed; without a plan a person decides."""
-    parts = ["by hand"] if plan is None else [plan.method, *(["as published"] if plan.as_published else [])]
+    parts = ["by hand"]
+    if plan is not None:
+        forms = (("as published", plan.as_published), ("sweeping", plan.sweep_speed_deg_s is not None))
+        parts = [plan.method, *(form for form, holds in forms if holds)]
     return ", ".join(parts if seed is None else [*parts, f"seed {seed}"])
 
 

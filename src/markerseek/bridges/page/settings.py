@@ -10,7 +10,7 @@ from urllib.parse import urlencode
 import msgspec
 
 from markerseek.core import ConfigError, PolicyPlan, Tolerance, is_whole
-from markerseek.search import build, check_acquisitions, method_named
+from markerseek.search import build, check_acquisitions, method_named, require_sweeping
 from markerseek.sim import NoiseSettings, ReceiverSettings, VirtualClock, tissue_named
 
 SONIXDAQ_READOUT_S, REAL_TIME_READOUT_S = 10.0, 0.1
@@ -29,6 +29,8 @@ class PageSettings:
     as_published: bool = False
     tolerance_mm: float | None = None
     """How well the angle of a marker that is found must be known, as in `Tolerance`; None: as usual."""
+    sweep: bool = False
+    """Whether the probe turns while the laser fires."""
     tissue: str | None = None
     """Simulated material; None: that of the rig."""
     snr_db: float | None = None
@@ -49,6 +51,8 @@ class PageSettings:
             build(PolicyPlan(method=self.method, as_published=True))
         if self.tolerance_mm is not None:
             Tolerance(mm=self.tolerance_mm)
+        if self.sweep:
+            require_sweeping(PolicyPlan(method=self.method, as_published=self.as_published))
         if self.tissue is not None:
             tissue_named(self.tissue)
         if self.snr_db is not None:
@@ -70,6 +74,8 @@ class PageSettings:
             given.append("--as-published")
         if self.tolerance_mm is not None:
             given += ["--tolerance-mm", _as_text(self.tolerance_mm)]
+        if self.sweep:
+            given.append("--sweep")
         if not simulated:
             return given
         given += ["--seed", str(self.seed), "--pace", _as_text(self.pace)]

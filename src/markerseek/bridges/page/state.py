@@ -28,7 +28,7 @@ from markerseek.records import answer_name
 from markerseek.records.journal import Checked, Configuration, Interrupted, JournalEvent, Resuming
 
 Phase: TypeAlias = Literal[
-    "ready", "moving", "turning", "measured", "refused", "checking", "stopped", "finished", "fault"
+    "ready", "moving", "turning", "sweeping", "measured", "refused", "checking", "stopped", "finished", "fault"
 ]
 """What the rig does, as far as its events say."""
 
@@ -169,7 +169,10 @@ class SnapshotBuilder:
             return replace(now, phase="turning", target_deg=None, asked_deg=event.target_deg, line=line)
         if isinstance(event, Swept):
             line = f"the sweep ended at {event.angle_deg:.2f}° after {event.pulses} pulses"
-            return replace(now, target_deg=None, probe_deg=event.angle_deg, line=line)
+            travel_deg = now.travel_deg + self._moved_deg(event.angle_deg)
+            return replace(
+                now, phase="measured", target_deg=None, probe_deg=event.angle_deg, travel_deg=travel_deg, line=line
+            )
         where = "" if event.role == "dark" else f" at {event.angle_deg:.2f}°"
         swept = f"sweeps to {event.angle_deg:.2f}°"
         line = f"{self._name(event.role, event.index)}{where}" if event.sweep is None else swept
@@ -188,21 +191,25 @@ class SnapshotBuilder:
             return "acquisition at the answer"
         return f"{_ROLES[role]} {index}"
 
+    def _moved_deg(self, angle_deg: float) -> float:
+        """How far an angle is from where the probe was, in degrees."""
+        return abs(angle_deg - (self.snapshot.probe_deg or 0.0))
+
     def _measured(self, event: Measured, now: Snapshot) -> Snapshot:
         sample = event.sample
         name = self._name(event.role, event.index)
         line = f"{name}: {sample.angle_deg:.2f}°, intensity {sample.reading.intensity:.4g}"
-        now = replace(now, phase="measured", target_deg=None, probe_deg=sample.angle_deg, line=line)
+        phase: Phase = "measured" if sample.sweep is None else "sweeping"
+        now = replace(now, phase=phase, target_deg=None, probe_deg=sample.angle_deg, line=line)
         if sample.dark:
             return now
         point = Point(
             role=event.role, number=event.index, angle_deg=sample.angle_deg, intensity=sample.reading.intensity
         )
-        moved_deg = abs(sample.angle_deg - (self.snapshot.probe_deg or 0.0))
         return replace(
             now,
             points=(*now.points, point),
-            travel_deg=now.travel_deg + moved_deg,
+            travel_deg=now.travel_deg + self._moved_deg(sample.angle_deg),
             snr_db=_larger(now.snr_db, _snr_db(sample)),
         )
 

@@ -24,6 +24,7 @@ class SampleTopics:
         self._face_radius_m: float | None = None
         self._imaging: AnyImageReader | None = None
         self._brightest = 0.0
+        self._on_bench = False
         # All at once, and early: who subscribes misses what comes before the publisher is found.
         node.advertise(topics.BANK, _TEXT, latched=True)
         if publishes_angle:
@@ -45,32 +46,36 @@ class SampleTopics:
         """
         self._imaging = rebuild_image_reader(configuration)
         self._face_radius_m, self._brightest = configuration.facts.face_radius_m, 0.0
+        self._on_bench = configuration.facts.kind == "bench"
         known = configuration.flat()
         # Settings of a rig hold ports and programs of this computer, which nobody on a network needs.
         known.pop("recipe")
         message = messages.text(self._node.kinds, {**known, **facts, "picture_range_db": messages.RANGE_DB})
         self._node.publish(topics.BANK, message)
 
-    def publish(self, event: Measured, **facts: object) -> None:
-        """Publish one acquisition, stamped now.
+    def publish(self, event: Measured, *, clock_s: float | None = None, **facts: object) -> None:
+        """Publish one acquisition, stamped now; a pulse of a sweep on a bench with the moment of its light.
 
-        ``event``: the acquisition; an image is made of its frame where it has one. ``facts``: more for the JSON of the
-        sample.
+        ``event``: the acquisition; an image is made of its frame where it has one. ``clock_s``: time of the event on
+        the rig's clock; None: a recording is played. ``facts``: more for the JSON of the sample.
         """
         sample = event.sample
         angle_deg, intensity, frame = sample.angle_deg, sample.reading.intensity, sample.frame
-        node, kinds, now_s = self._node, self._node.kinds, self._node.now_s()
+        node, kinds, time_s = self._node, self._node.kinds, self._node.now_s()
+        if clock_s is not None and self._on_bench and sample.sweep is not None and frame is not None:
+            # Pulses of a sweep come in bundles, and the probe turns meanwhile.
+            time_s -= max(0.0, clock_s - frame.header.started_s)
         image = None
         b_mode: BModeImage | None = frame if isinstance(frame, BModeImage) else getattr(frame, "b_mode", None)
         if isinstance(frame, ChannelFrame | RFFrame) and self._imaging is not None:
             image = self._imaging.picture(frame)
         if self._publishes_angle:
-            node.publish(topics.MEASURED_JS, messages.joint_state(kinds, time_s=now_s, angle_deg=angle_deg))
+            node.publish(topics.MEASURED_JS, messages.joint_state(kinds, time_s=time_s, angle_deg=angle_deg))
         shown = {messages.IMAGE: image, messages.BMODE: b_mode}
         images = {name: each.geometry for name, each in shown.items() if each is not None}
         turned = messages.transforms(
             kinds,
-            time_s=now_s,
+            time_s=time_s,
             angle_deg=angle_deg,
             images=images,
             face_radius_m=self._face_radius_m,
@@ -78,19 +83,19 @@ class SampleTopics:
         # A stage node tells itself how the probe is turned: then only the places of the images are left.
         publish_frames(node, topics.FRAMES, turned if self._publishes_angle else turned[1:])
         if b_mode is not None:
-            node.publish(topics.BMODE, messages.b_mode(kinds, b_mode, time_s=now_s))
+            node.publish(topics.BMODE, messages.b_mode(kinds, b_mode, time_s=time_s))
         if image is not None:
             self._brightest = max(self._brightest, float(image.envelope.max()))
-            node.publish(topics.ENVELOPE, messages.envelope(kinds, image, time_s=now_s))
+            node.publish(topics.ENVELOPE, messages.envelope(kinds, image, time_s=time_s))
             # White is the brightest so far: what will come is not known.
-            picture = messages.picture(kinds, image, time_s=now_s, brightest=self._brightest)
+            picture = messages.picture(kinds, image, time_s=time_s, brightest=self._brightest)
             node.publish(topics.PICTURE, picture)
         said = messages.sample(
             index=event.index,
             role=event.role,
             angle_deg=angle_deg,
             intensity=intensity,
-            time_s=now_s,
+            time_s=time_s,
             pulses=None if frame is None else frame.header.pulses,
             images=images,
         )

@@ -97,10 +97,10 @@ class SearchNode:
         match item:
             case Configuration():
                 self._topics.begin(item)
-            case Entry(event=event):
+            case Entry(event=event, clock_s=clock_s):
                 if isinstance(event, Measured):
                     self._counts["acquisitions"] += 1
-                    self._topics.publish(event)
+                    self._topics.publish(event, clock_s=clock_s)
                 self._counts["refused"] += isinstance(event, Refused | Failed | Checked)
             case Outcome():
                 self._end(item)

@@ -4,10 +4,11 @@ from markerseek.search.posterior.belief import Belief, Choice
 from markerseek.search.posterior.policy import CUES, TARGET_SIGMA_DEG, Posterior
 from markerseek.search.posterior.steadiness import energy_spread
 from markerseek.search.posterior.survey import USUAL_OTHERS
-from markerseek.search.posterior.sweeping import SweepPosterior
+from markerseek.search.posterior.sweeping import SWEPT_SIGMA_DEG, SweepPosterior
 
 __all__ = [
     "CUES",
+    "SWEPT_SIGMA_DEG",
     "TARGET_SIGMA_DEG",
     "USUAL_OTHERS",
     "Belief",

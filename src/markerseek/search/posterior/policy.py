@@ -341,7 +341,8 @@ class Posterior(SearchPolicy):
         """Whether the angle of a source has to be known better before others are looked for."""
         # One beyond an end may never be known well enough, however often it is measured, and another may be the marker.
         patience = self._single or source.seen < OFTEN or self._budget - self._asked > SURVEY_RESERVE
-        return source.posterior.centre_sigma_deg > KNOWN_SIGMA_DEG and patience
+        enough_deg = max(KNOWN_SIGMA_DEG, self._needed_sigma_deg(source))
+        return source.posterior.centre_sigma_deg > enough_deg and patience
 
     def _remaining_deg(self) -> float | None:
         """Next angle once the strongest source is known, in degrees; None if the search is done."""

@@ -95,9 +95,10 @@ def survey_of(
     listed = np.array([sample.reading.local_maxima is not None for sample in lit])
     has_positions = bool(listed.all())
     # Where nothing else is above the noise, a frame's largest peak is looked at again before it proves a source.
-    suspect = np.where(np.array(largest) < level, suspect_level(lit, noise), level)
-    needed = np.where(listed, suspect, np.maximum(level, largest)) / posterior.sigma
-    hidden = undetected(posterior, shapes, measured_deg, needed, angles_deg).prod(axis=1)
+    share = noise_shares(lit, noise)
+    suspect = np.where(np.array(largest) < level * share, suspect_level(lit, noise), level) * share
+    needed = np.where(listed, suspect, np.maximum(level * share, largest)) / posterior.sigma
+    hidden = undetected(posterior, shapes, measured_deg, needed, angles_deg, noise=share).prod(axis=1)
     if not has_positions:
         # Beside the source itself it shows in the form of the curve only, which is tested for two humps.
         hidden[:, np.abs(angles_deg - posterior.mean_deg) <= posterior.fwhm_deg / 2] = 0.0
@@ -109,12 +110,24 @@ def survey_of(
     # A source that a sample does not show is not shown by a second one beside it, for the curve's error is the same.
     new = candidates_deg[apart_deg > BESIDE_DEG]
     candidates_deg = new if new.size else candidates_deg[[int(np.argmax(apart_deg))]]
-    expected = np.full(candidates_deg.size, (suspect_level(lit, noise) if has_positions else level) / posterior.sigma)
+    # It is measured at rest, as the last one was if any was.
+    next_share = np.full(candidates_deg.size, share.min())
+    expected = next_share * (suspect_level(lit, noise) if has_positions else level) / posterior.sigma
     if not has_positions:
         expected = np.maximum(expected, np.exp(predicted(posterior, shapes, candidates_deg).mean(axis=0)))
-    there = undetected(posterior, shapes, candidates_deg, expected, angles_deg)
+    there = undetected(posterior, shapes, candidates_deg, expected, angles_deg, noise=next_share)
     next_deg, gain = _next(hidden, there, candidates_deg, last_deg=float(measured_deg[-1]))
     return Survey(surveyed=surveyed, hidden_deg=hidden_deg, next_deg=next_deg, gain=gain)
+
+
+def noise_shares(lit: Sequence[Sample], noise: SearchNoise) -> Float64[np.ndarray, " samples"]:
+    """Return the noise of each sample over that of the search, which is that of single pulses where it has sweeps."""
+    shares = np.ones(len(lit))
+    if noise.sigma and any(sample.sweep is not None for sample in lit):
+        for index, sample in enumerate(lit):
+            if sample.sweep is None and sample.reading.noise_sigma:
+                shares[index] = sample.reading.noise_sigma / noise.sigma
+    return shares
 
 
 def _next(
@@ -147,11 +160,14 @@ def undetected(
     measured_deg: Float64[np.ndarray, " samples"],
     needed: Float64[np.ndarray, " samples"],
     angles_deg: Float64[np.ndarray, " angles"],
+    *,
+    noise: Float64[np.ndarray, " samples"],
 ) -> Float64[np.ndarray, "particles samples angles"]:
     """Return the probability that a source at each angle does not exceed the level of each sample, a factor of (13).
 
     ``posterior``: markers drawn from it give amplitude and curve. ``measured_deg``, ``needed``: angles of the samples
-    in degrees, and the intensity over σ that a source must exceed to be detected there.
+    in degrees, and the intensity over σ that a source must exceed to be detected there. ``noise``: noise of each sample
+    over σ.
     """
     # Spread over all particles, which are sorted by angle.
     drawn = np.linspace(0, posterior.theta_deg.size - 1, len(HIDDEN_STEPS)).astype(np.int64)
@@ -164,4 +180,4 @@ def undetected(
     log_peak = posterior.log_snr[drawn] + math.log(10) / 20 * np.array(HIDDEN_DB)
     log_height = log_peak[:, None, None] + log_curve
     height = np.exp(np.minimum(log_height, 50.0))
-    return np.asarray(ndtr((needed[:, None] - height) / np.hypot(1.0, MODEL_ERROR * height)))
+    return np.asarray(ndtr((needed[:, None] - height) / np.hypot(noise[:, None], MODEL_ERROR * height)))

@@ -3,28 +3,39 @@
 1. It sweeps from where the probe is to the nearer end of the range, and from there to the other end. A sweep surveys
    the range by its nature: one is ended early once `Posterior` answers `Found`.
 2. Where the centre of the curve is not known well enough by then, it sweeps back over the flanks. That also separates
-   the delay between pulse and angle from the angle, for it shifts the two directions against one another.
+   the delay between pulse and angle from the angle, for it shifts the two directions against one another. Where another
+   source may still hide, it sweeps back over the whole range.
 3. What is still missing is measured at rest, as `Posterior` does: another look at a source, more precision. Where
    nothing was detected, a search at rest begins anew, for the mean of some pulses shows what a single one does not.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
-from markerseek.core import Estimate, Found, Interval, Sample, Sweep
+from markerseek.core import Estimate, Found, Interval, Sample, Sweep, Unsure
 from markerseek.search.policy import check_sample
 from markerseek.search.posterior.belief import Belief
 from markerseek.search.posterior.policy import Posterior
+from markerseek.search.posterior.survey import STATED
 
 DECIDED_EVERY_S = 0.1
 """Time between two decisions during a sweep, at its speed: no laser is too fast for a decision then."""
+
+SWEPT_SIGMA_DEG = 0.3
+"""Standard deviation at which a search by sweeps ends, in degrees, unless the tolerance needs less: from 0.2 to 0.3 it
+would take six acquisitions at rest, longer than the sweep took."""
 
 LEAST_SPACING_DEG = 0.1
 """Least angle between two pulses: a twentieth of the narrowest curve."""
 
 AT_END_DEG = 1.0
 """Distance from its end within which a sweep is over: the last pulse comes before the probe is at rest."""
+
+MARGIN = 0.8
+"""Share of the probability that is stated of another source up to which a sweep ends early: the confirmation changes it
+by some per cent, and must not begin the search again."""
 
 PASSED, FLANK = 0.5, 0.8
 """Distance from the centre at which the marker was passed, and up to which its flank is swept again, over the full
@@ -147,7 +158,8 @@ class SweepPosterior:
         passed_deg = upwards * (sample.angle_deg - progress.mean_deg)
         if not self._swept_back and passed_deg < PASSED * progress.fwhm_deg:
             return False
-        return isinstance(self._posterior.estimate(), Found)
+        answer = self._posterior.estimate()
+        return isinstance(answer, Found) and (answer.other_probability or 0.0) <= MARGIN * STATED
 
     def _end_of_range(self, angle_deg: float) -> list[float]:
         """Ends of the sweeps that follow once the range has been swept."""
@@ -159,8 +171,16 @@ class SweepPosterior:
                 self._posterior.tell(dark)
             return []
         self._posterior.state_swept()
-        if self._swept_back or progress.sigma_deg <= progress.target_deg:
+        if self._swept_back:
+            return []
+        answer = self._posterior.estimate()
+        back_deg = 1.0 if angle_deg < self._limits.centre_deg else -1.0
+        if isinstance(answer, Unsure) and (answer.other_probability or 0.0) > STATED:
+            # What may hide beside the marker is looked for at some thirty angles in the time of five acquisitions.
+            reach_deg = math.inf
+        elif progress.sigma_deg > progress.target_deg:
+            reach_deg = abs(progress.mean_deg - angle_deg) + FLANK * progress.fwhm_deg
+        else:
             return []
         self._swept_back = True
-        away = 1.0 if angle_deg < progress.mean_deg else -1.0
-        return [self._limits.nearest(progress.mean_deg + away * FLANK * progress.fwhm_deg)]
+        return [self._limits.nearest(angle_deg + back_deg * reach_deg)]

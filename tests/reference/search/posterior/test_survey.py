@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from markerseek.core import PAPER_RANGE, Floor, Reading, Sample
+from markerseek.core import PAPER_RANGE, Floor, Reading, Sample, SweepTiming
 from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.candidates import BESIDE_DEG, Candidate
 from markerseek.search.posterior.inference import Inference
 from markerseek.search.posterior.shapes import STEP_DEG, WIDTHS_DEG, family, log_curve
-from markerseek.search.posterior.survey import HIDDEN_DB, HIDDEN_STEPS, MODEL_ERROR, survey_of, undetected
+from markerseek.search.posterior.survey import HIDDEN_DB, HIDDEN_STEPS, MODEL_ERROR, noise_shares, survey_of, undetected
 
 SHAPES = family()
 NOISE = SearchNoise(floor=Floor(level=6.4, source="dark frames"), sigma=1.0)
@@ -32,7 +34,8 @@ def test_the_probability_of_staying_undetected_is_that_of_drawn_samples():
     source, _ = candidate([-6.0, -3.0, 0.0, 3.0, 6.0])
     rng = np.random.default_rng(1)
     at_deg, angles_deg, needed = np.array([-20.0, 4.0]), np.linspace(-35, 35, 15), np.array([6.4, 9.0])
-    chance = undetected(source.posterior, SHAPES, at_deg, needed, angles_deg)
+    noise = np.array([1.0, 0.25])
+    chance = undetected(source.posterior, SHAPES, at_deg, needed, angles_deg, noise=noise)
     drawn = np.linspace(0, 47, len(HIDDEN_STEPS)).astype(int)
     steps = np.arange(SHAPES.log_curve.shape[1]) * STEP_DEG
     for row, k in enumerate(drawn):
@@ -44,14 +47,14 @@ def test_the_probability_of_staying_undetected_is_that_of_drawn_samples():
         for i in range(2):
             log_s = np.interp(np.abs(at_deg[i] - angles_deg), steps, SHAPES.log_curve[member])
             height = np.exp(source.posterior.log_snr[k] + log_s) * 10 ** (HIDDEN_DB[row] / 20)
-            sample = height + np.hypot(1.0, MODEL_ERROR * height) * rng.standard_normal((20_000, 15))
+            sample = height + np.hypot(noise[i], MODEL_ERROR * height) * rng.standard_normal((20_000, 15))
             assert chance[row, i] == pytest.approx((sample < needed[i]).mean(axis=0), abs=0.015)
 
 
 def test_a_source_beside_a_wide_one_may_be_narrow():
     source, _ = candidate([-12.0, -6.0, 0.0, 6.0, 12.0], fwhm_deg=14.0)
     at_deg, angles_deg, needed = np.array([-20.0]), np.array([-29.0]), np.array([6.4])
-    chance = undetected(source.posterior, SHAPES, at_deg, needed, angles_deg)[:, 0, 0]
+    chance = undetected(source.posterior, SHAPES, at_deg, needed, angles_deg, noise=np.ones(needed.size))[:, 0, 0]
     steps = np.array(HIDDEN_STEPS)
     # A source of about 50 σ, nine degrees off: seen at 14 degrees of width, at 6 hardly.
     assert chance[np.abs(steps) <= 1].max() < 0.1 < 0.8 < chance[steps == min(steps)].min()
@@ -65,6 +68,22 @@ def test_a_range_measured_everywhere_hides_nothing_and_a_gap_hides_a_source():
     assert 0.5 < survey.surveyed < 0.9
     assert survey.hidden_deg > 12
     assert 12 < survey.next_deg < 35
+
+
+def test_an_average_at_rest_shows_more_than_a_pulse_of_a_sweep():
+    source, lit = candidate(np.arange(-34.0, 35.0, 2.0).tolist(), peak=9.0)
+    swept = [replace(sample, sweep=SweepTiming(number=1, speed_deg_s=10.0)) for sample in lit]
+    # Of sixteen pulses: a quarter of the noise.
+    reading = Reading(intensity=1.2, noise_sigma=0.25, cells=10_000)
+    at_rest = [Sample(angle_deg=angle, reading=reading) for angle in np.arange(-34.0, -12.0, 2.0).tolist()]
+    pulses = survey_of(source, SHAPES, swept, NOISE, limits=PAPER_RANGE).surveyed
+    both = survey_of(source, SHAPES, [*swept, *at_rest], NOISE, limits=PAPER_RANGE).surveyed
+    assert pulses < 0.8
+    # All of the third of the range that was measured at rest.
+    assert both == pytest.approx(pulses + (1 - pulses) / 3, abs=0.05)
+    assert noise_shares([*swept, *at_rest], NOISE).tolist() == [1.0] * len(swept) + [0.25] * len(at_rest)
+    # Where nothing was swept, frames differ by chance only.
+    assert noise_shares(at_rest, NOISE).tolist() == [1.0] * len(at_rest)
 
 
 def test_the_next_angle_leaves_least_hidden():

@@ -81,6 +81,13 @@ def test_arguments_are_those_of_the_command():
     assert chosen.arguments(simulated=False) == method
 
 
+def test_a_sweep_is_asked_for_by_its_option():
+    settings, problems = PageSettings.of_query({"sweep": "1", "method": "ternary"})
+    assert settings == PageSettings(method="ternary")
+    assert problems == ("ternary: it asks for one angle after another; only posterior sweeps",)
+    assert PageSettings(sweep=True).arguments(simulated=False) == ["--method", "posterior", "--sweep"]
+
+
 def test_numbers_are_handed_on_without_a_loss():
     given = PageSettings(snr_db=23.4567891, pace=0.0123456789).arguments(simulated=True)
     assert given[-4:] == ["--pace", "0.0123456789", "--snr-db", "23.4567891"]

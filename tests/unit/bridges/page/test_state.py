@@ -56,6 +56,7 @@ from markerseek.core import (
     ScanGeometry,
     SearchPlan,
     Started,
+    Swept,
     Turning,
 )
 from markerseek.records import answer_name
@@ -405,6 +406,34 @@ def test_only_angles_that_are_claimed_are_named(estimate, angle, others_deg):
     rows = dict(number_rows(snapshot, name="ternary", unit="counts", pulse_j=None))
     assert rows["other sources"] == ("−8.2 dB at −20.00°" if estimate.others else "not looked for")
     assert rows["surveyed"] == ("99.6 % of range" if estimate.surveyed else "–")
+
+
+def test_a_sweep_is_drawn_pulse_by_pulse():
+    settings = SimulatedSettings(start_deg=-35.0, receiver=ReceiverSettings(readout_s=0.05))
+    rig = rigs.of_intensities(seed=3, curve=GaussianCurve(fwhm_deg=5.0), marker_deg=-14.0, settings=settings)
+    plan = SearchPlan(method="posterior", start_deg=-35.0, others=0.0, sweep_speed_deg_s=8.6)
+    session = new_session(rig, plan_on(rig, plan))
+    run = RunHistory(session.configuration)
+    events = []
+    for event in session.events():
+        events.append(event)
+        run.add(event, clock_s=rig.scanner.clock.now_s())
+    swept = next(index for index, event in enumerate(events) if isinstance(event, Swept))
+    asked = run.snapshots[2]
+    assert (asked.phase, asked.target_deg) == ("moving", PAPER_RANGE.high_deg)
+    # Each pulse is where its probe was, and the needle with it; the log keeps the sweep's end only.
+    for event, now in zip(events[2:swept], run.snapshots[3 : swept + 1], strict=True):
+        assert (now.phase, now.probe_deg, now.target_deg) == ("sweeping", event.sample.angle_deg, None)
+        assert probe_text(now).startswith("read back: ")
+    ended = run.snapshots[swept + 1]
+    assert (ended.phase, ended.probe_deg) == ("measured", events[swept].angle_deg)
+    assert len(fan_model(ended, PAPER_RANGE, duration_s=0, known_deg=None)["points"]) == events[swept].pulses
+    lines = [line.split("s  ")[1] for line in run.lines(ended, most=5)]
+    assert lines == [ended.line, run.snapshots[1].line]
+    assert ended.line.endswith(f" after {events[swept].pulses} pulses")
+    assert len(run.lines(run.snapshots[10], most=5)) == 2
+    assert run.snapshots[-1].travel_deg == pytest.approx(events[-1].travel_deg)
+    assert run.name == "posterior, sweeping"
 
 
 def found_at(mean_deg, sigma_deg, **given):

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 pytest.importorskip("rosbags", reason="needs the extra records")
 from rosbags.typesys import Stores, get_typestore
 
 from markerseek import rigs
 from markerseek.bridges.ros2.sample_topics import SampleTopics
-from markerseek.core import Measured, SearchPlan
+from markerseek.core import Measured, SearchPlan, SweepTiming
 from markerseek.records.banks import BankFacts
 from markerseek.records.exports import Series, write_mcap
 from markerseek.ros import topics
@@ -103,3 +105,30 @@ def test_b_mode_beside_channel_data_is_shown_in_a_frame_of_its_own():
     deep_m = place.z - rig.facts.face_radius_m + row * geometry["trus_image"]["depth_spacing_m"]
     assert (across_m, deep_m) == pytest.approx((image.lateral_m[column], image.depth_m[row]), abs=1e-9)
     assert geometry["trus_bmode"]["depth_spacing_m"] == b_mode.geometry.depth_step_m
+
+
+@pytest.mark.parametrize(("kind", "stamps_s"), [("bench", [0.75, 0.8]), ("simulated", [1.0, 1.0])])
+def test_each_frame_of_a_sweep_has_its_own_angle_and_stamp(kind, stamps_s):
+    rig = rigs.simulated(seed=1)
+    sample = rig.scanner.measure(5.0)
+    configuration = configuration_of(rig, SearchPlan(method="posterior", sweep_speed_deg_s=8.6))
+    configuration = structs.replace(configuration, facts=replace(configuration.facts, kind=kind))
+    node = Node()
+    shown = SampleTopics(node=node, publishes_angle=True)
+    shown.begin(configuration)
+    # Two pulses that come together: they were fired 0.25 and 0.2 s before.
+    for index, (angle_deg, fired_s) in enumerate([(5.0, 99.75), (5.4, 99.8)], start=1):
+        frame = replace(sample.frame, header=replace(sample.frame.header, started_s=fired_s))
+        timing = SweepTiming(number=1, speed_deg_s=8.6)
+        pulse = replace(sample, angle_deg=angle_deg, frame=frame, sweep=timing)
+        shown.publish(Measured(role="search", index=index, sample=pulse), clock_s=100.0)
+    joints = node.sent[topics.MEASURED_JS]
+    assert [np.rad2deg(each.position[0]) for each in joints] == pytest.approx([5.0, 5.4])
+    for topic in (topics.MEASURED_JS, topics.PICTURE, topics.ENVELOPE):
+        stamps = [each.header.stamp for each in node.sent[topic]]
+        assert [stamp.sec + 1e-9 * stamp.nanosec for stamp in stamps] == pytest.approx(stamps_s)
+    said = [json.loads(each.data) for each in node.sent[topics.SAMPLE]]
+    assert [(each["angle_deg"], each["time_s"]) for each in said] == [
+        (5.0, pytest.approx(stamps_s[0])),
+        (5.4, pytest.approx(stamps_s[1])),
+    ]

@@ -36,8 +36,10 @@ def curve_about(marker_deg: float, *, snr: float = 40.0, fwhm_deg: float = 4.0) 
 class Search:
     """A policy, and a rig without time: a sample each 0.6 degrees of a sweep, three pulses late when it is ended."""
 
-    def __init__(self, curve: Callable[[float], float], *, start_deg: float = -35.0, seed: int = 1) -> None:
-        plan = PolicyPlan(method="posterior", start_deg=start_deg, others=0.0, sweep_speed_deg_s=SPEED)
+    def __init__(
+        self, curve: Callable[[float], float], *, start_deg: float = -35.0, seed: int = 1, others: float = 0.0
+    ) -> None:
+        plan = PolicyPlan(method="posterior", start_deg=start_deg, others=others, sweep_speed_deg_s=SPEED)
         policy = build_sweeping(plan, limits=PAPER_RANGE)
         assert isinstance(policy, SweepPosterior)
         self.policy = policy
@@ -126,13 +128,21 @@ def test_what_single_pulses_do_not_show_the_mean_of_some_does() -> None:
 
 
 def test_where_the_centre_is_not_known_well_enough_it_sweeps_back_over_the_flanks() -> None:
-    search = Search(curve_about(20.0, snr=12.0, fwhm_deg=12.0))
+    search = Search(curve_about(20.0, snr=10.0, fwhm_deg=18.0))
     search.run()
     assert len(search.sweeps) == 2
     began_deg, ended_deg = search.sweeps[1]
     assert began_deg > 30
     # Over the other flank, and not to the end of the range.
-    assert 8.0 < ended_deg < 20.0
+    assert 0.0 < ended_deg < 20.0
+
+
+def test_where_another_source_may_hide_it_sweeps_back_over_the_whole_range() -> None:
+    search = Search(curve_about(20.0, snr=8.0, fwhm_deg=3.0), others=0.05)
+    search.run()
+    assert [round(to_deg) for _, to_deg in search.sweeps] == [35, -35]
+    assert search.stops == []
+    assert isinstance(search.policy.estimate(), Found)
 
 
 def test_a_confirmation_is_weighed_and_the_search_is_over() -> None:
