@@ -381,20 +381,6 @@ def test_a_whole_registration_on_the_simulated_rig(shell: Shell) -> None:
     assert simulation["by_hand_s"] == [120, 420]
 
 
-def test_a_registration_by_sweeps_takes_a_minute(shell: Shell) -> None:
-    pytest.importorskip("cv2")
-    words = ("--markers", 3, "--frames", 5, "--seed", 2, "--readout-s", 0.05, "--json")
-    code, out, _ = shell("register", "--simulate", "--sweep", *words)
-    report = json.loads(out)
-    assert (code, report["registered"]) == (0, True)
-    simulation = report["simulation"]
-    assert {search["answer"] for search in simulation["searches"]} <= {"found", "unsure"}
-    assert all(search["acquisitions"] > 50 for search in simulation["searches"])
-    assert all(search["error_m"] < 0.5e-3 for search in simulation["searches"])
-    assert 0 < simulation["without_readout_s"] < simulation["elapsed_s"] < 60
-    assert report["simulation"]["target_error_m"] < 1.5 * report["tre95_m"]
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [
