@@ -291,7 +291,7 @@ WRONG = [
     (("bank", "export", "good.csv", "b.mcap", "--face-radius-mm", 10), "--face-radius-mm is 10.0, and good.csv holds"),
     (("bank", "export", "good.csv", "b.csv", "--face-radius-mm", 10), "--face-radius-mm is for .igs.mha and .mcap"),
     (("bank", "import", "good.csv", "b.mat"), r"must end in .hdf5 or .h5"),
-    (("bank", "import", "good.csv", "b.hdf5", "--first-deg", 0), "for an .npy of frames"),
+    (("bank", "import", "good.csv", "b.hdf5", "--first-deg", 0), "are for an .npy, .npz or .mat"),
     (("bank", "import", "frames.npy", "b.hdf5"), "give the first angle and the step"),
     (("bank", "import", "frames.npy", "b.hdf5", "--first-deg", 0), "go together"),
     (("bank", "import", "frames.npy", "b.hdf5", "--first-deg", 0, "--step-deg", 0), "a step not 0"),

@@ -14,7 +14,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from markerseek import figures, rigs, runs
+from markerseek import rigs, runs
 from markerseek.cli import bank_files, bank_scan
 from markerseek.cli.options import AsJson, Out, TableOptions, require_frames, with_values
 from markerseek.cli.report import Output, Report, drawn, facts, with_version
@@ -44,6 +44,7 @@ def info(
     as_json: AsJson = False,
 ) -> None:
     """Describe a bank: angles, what is known of the probe and the laser, and the peak of its intensity curve."""
+    from markerseek.figures import bank_figure
     from markerseek.records.banks import read_bank, require_whole
     from markerseek.search import peak_of
 
@@ -60,7 +61,7 @@ def info(
     report = Report(
         values=_values(bank, held, peak, dark=dark, probe=probe),
         shown=_shown(bank, held, peak, dark=dark, computed_with=probe),
-        pictures={name: drawn(figures.bank_figure, held, title=_title(bank, held), probe=probe, curve=curve)},
+        pictures={name: drawn(bank_figure, held, title=_title(bank, held), probe=probe, curve=curve)},
     )
     output.show(report)
 

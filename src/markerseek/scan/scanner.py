@@ -119,9 +119,10 @@ class Scanner:
 
         Raises as `measure`.
         """
-        if isinstance(self._stage, GuidedStage):
+        # Of the class, and no isinstance: it would ask the device for its angle.
+        if hasattr(type(self._stage), "guide"):
             with self._faulting:
-                yield from self._stage.guide(angle_deg)
+                yield from cast("GuidedStage", self._stage).guide(angle_deg)
 
     def measure(self, angle_deg: float) -> Sample:
         """Turn the probe to an angle, fire, acquire a frame, and return its reading.

@@ -51,7 +51,7 @@ class ArrayBank(FrameBank):
         header = FrameHeader(
             sequence=index + 1,
             token=self.path.name,
-            pulses=1,
+            pulses=self.pulses[index],
             commanded_deg=self.angles_deg[index],
             # Arrays hold no times; NaN says so, where 0 would be a time.
             started_s=math.nan,

@@ -293,9 +293,9 @@ def test_the_shift_grows_as_less_of_the_sound_is_in_phase_as_that_differs_and_wi
     point, spot, uneven = coherence_of(1.0, 1.0), coherence_of(0.5, 0.5), coherence_of(0.4, 0.6)
     assert uneven.scatter == pytest.approx(0.1)
     assert shift_scale_m(point, width_m=5e-3) == pytest.approx(SHIFT_M)
-    assert shift_scale_m(spot, width_m=5e-3) == pytest.approx(0.125e-3)
-    assert shift_scale_m(uneven, width_m=5e-3) == pytest.approx(0.375e-3)
-    assert shift_scale_m(uneven, width_m=20e-3) == pytest.approx(0.75e-3)
+    assert shift_scale_m(spot, width_m=5e-3) == pytest.approx(0.13e-3)
+    assert shift_scale_m(uneven, width_m=5e-3) == pytest.approx(0.28e-3)
+    assert shift_scale_m(uneven, width_m=20e-3) == pytest.approx(0.56e-3)
     assert SHIFT_M < shift_scale_m(None, width_m=20e-3) < shift_scale_m(uneven, width_m=5e-3)
 
 
