@@ -27,7 +27,7 @@ from tests.faults.campaign.tally import upper95  # type: ignore[import-not-found
 from tests.faults.campaign.vocabulary import FAULTS  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.unchecked import unchecked  # type: ignore[import-not-found, unused-ignore]
 
-RUNS, FRAMES = 2000, 50
+RUNS, FRAMES = 1400, 36
 
 
 def test_no_promise_is_broken_and_every_fault_that_acts_is_reported(capsys: pytest.CaptureFixture[str]) -> None:

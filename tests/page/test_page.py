@@ -151,7 +151,7 @@ def test_setting_that_cannot_be_used_is_said(opened):
     watched.tab.wait_for_selector("text=at least 2 are needed")
     # Nor is another search started than the one that is shown.
     watched.tab.get_by_label("acquisitions").fill("")
-    watched.tab.get_by_role("checkbox").click()
+    watched.tab.get_by_role("checkbox", name="as published").click()
     watched.tab.wait_for_selector("text=it is markerseek's own")
     # Said once, below the fields, and nothing can be started.
     assert watched.tab.locator(".q-notification").count() == 0
