@@ -39,6 +39,7 @@ def search_figure(result: SearchResult) -> Figure:
         reference_deg=result.reference_deg,
         confirmation=None if result.confirmation is None else _sample(result.confirmation),
         image=None,
+        stand_in=result.stand_in,
         limits=Interval(low_deg=min(*angles_deg, result.angle_deg), high_deg=max(*angles_deg, result.angle_deg)),
     )
 

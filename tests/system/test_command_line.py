@@ -79,7 +79,7 @@ def test_pictures_are_a_png_and_a_page_that_loads_nothing(shell: Shell, tmp_path
     assert str(png) in out.replace("\n", "")
     assert png.read_bytes().startswith(b"\x89PNG")
     text = page.read_text(encoding="utf-8")
-    assert "Simulated rig: no hardware was involved." in text
+    assert "Simulated rig: this is no measurement on hardware." in text
     assert "data:image/png;base64," in text
     # The picture itself may hold these four letters by chance.
     assert "http" not in re.sub(r"base64,[A-Za-z0-9+/=]+", "", text).replace("http-equiv", "")

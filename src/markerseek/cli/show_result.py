@@ -212,6 +212,7 @@ def _figure(
         start_deg=recorder.start_deg,
         truth_deg=result.truth_deg,
         reference_deg=result.reference_deg,
+        stand_in=result.stand_in,
         confirmation=recorder.confirmation,
         image=None if imaging is None or last.frame is None else imaging.picture(last.frame),
         b_mode=last.frame.b_mode if isinstance(last.frame, ChannelFrame | RFFrame) else None,
@@ -237,9 +238,9 @@ def _write_page(result: SearchResult, title: str, draw: Callable[..., Figure], p
 
 def _note(result: SearchResult) -> str | None:
     """Warning above a result that no hardware has given; None for one of hardware or of a recording."""
-    if result.emulated:
-        return f"Emulated {' and '.join(result.emulated)}: this is no measurement on hardware."
-    return "Simulated rig: no hardware was involved." if result.rig == "simulated" else None
+    if result.stand_in is None:
+        return None
+    return f"{result.stand_in.capitalize()}: this is no measurement on hardware."
 
 
 def _rows(result: SearchResult) -> list[tuple[str, ...]]:

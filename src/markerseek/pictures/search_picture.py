@@ -41,6 +41,7 @@ def search_figure(
     limits: Interval,
     density: Curve | None = None,
     recorded: Curve | None = None,
+    stand_in: str | None = None,
 ) -> Figure:
     """Figure of one search.
 
@@ -53,6 +54,7 @@ def search_figure(
     - ``limits``: range of the search, which both axes of angles show.
     - ``density``: angles in degrees, and the posterior's density at each per degree; None for methods without one.
     - ``recorded``: angles in degrees, and the intensities recorded there, of the scan that a replay searches.
+    - ``stand_in``: what was simulated or emulated, in words; None where nothing was.
     """
     # Without a heading: the page or the paper around it says of what rig it is.
     figure = new_figure(width_in=11.0, height_in=7.0 if density is None else 8.0)
@@ -90,7 +92,7 @@ def search_figure(
         panel.set_title(f"{which} at {last.angle_deg:.2f}°{over}", fontsize=10)
     # The labels of the left column stand in one line, whatever the widths of the numbers beside them.
     figure.align_ylabels([curve, *([] if density is None else [posterior]), track])
-    shared_legend(figure, columns=4)
+    shared_legend(figure, columns=4, title=stand_in)
     return figure
 
 

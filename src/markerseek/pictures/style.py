@@ -77,7 +77,7 @@ def panel_grid(
     return figure, grid[: len(titles)]
 
 
-def shared_legend(figure: Figure, *, columns: int = 6) -> None:
+def shared_legend(figure: Figure, *, columns: int = 6, title: str | None = None) -> None:
     """Put one legend below all panels, with each label once and at most so many columns."""
     entries = [entry for axes in figure.axes for entry in zip(*axes.get_legend_handles_labels(), strict=True)]
     # Reversed, so that the first handle of a label is the one that stays.
@@ -89,4 +89,6 @@ def shared_legend(figure: Figure, *, columns: int = 6) -> None:
         loc="outside lower center",
         ncols=min(len(labels), columns),
         fontsize=8,
+        title=title,
+        title_fontsize=8,
     )

@@ -121,6 +121,13 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     configuration: str
     version: str = __version__
 
+    @property
+    def stand_in(self) -> str | None:
+        """What stood in for hardware, as "simulated rig" or "emulated stage and laser"; None where nothing did."""
+        if self.emulated:
+            return f"emulated {' and '.join(self.emulated)}"
+        return "simulated rig" if self.rig == "simulated" else None
+
     def to_dataframe(self) -> pd.DataFrame:
         """The acquisitions as a table of pandas: a row for each, numbered from 1, with the fields of `SampleRow`.
 

@@ -65,6 +65,7 @@ def figure_of(
         limits=Interval(low_deg=-35.0, high_deg=35.0),
         density=density,
         recorded=recorded,
+        stand_in="simulated rig",
     )
     FigureCanvasAgg(figure).draw()
     return figure
@@ -98,6 +99,7 @@ def test_the_axes_show_the_range_of_the_search_and_the_legend_lies_off_them() ->
     curve, track = figure.axes
     assert curve.get_xlim() == track.get_ylim() == pytest.approx((-36.4, 36.4))
     (legend,) = figure.legends
+    assert legend.get_title().get_text() == "simulated rig"
     box = legend.get_window_extent()
     assert not any(box.overlaps(axes.get_window_extent()) for axes in figure.axes)
     assert curve.get_ylabel().endswith("[as recorded]")
