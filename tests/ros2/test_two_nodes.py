@@ -38,7 +38,9 @@ def node() -> Iterator[RosNode]:
 
 def refusal_of(*words: object) -> str:
     """What a command says that ends with exit code 2."""
-    done = subprocess.run([*map(str, words)], check=False, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    done = subprocess.run(
+        [*map(str, words)], check=False, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60
+    )
     assert done.returncode == 2, done
     return " ".join(done.stderr.split())
 

@@ -22,7 +22,7 @@ _LAST_S = 1.0
 _DEPTH = 10
 """Messages that wait for a subscriber."""
 
-_FOUND_S = 1.0
+_FOUND_S = 1.5
 """Time in which nodes on one computer find one another, in seconds."""
 
 _GONE_S = 2.0
