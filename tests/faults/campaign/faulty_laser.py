@@ -45,7 +45,8 @@ class FaultyLaser(Faulty):
         self.sweeps: list[tuple[SweepPermit, float]] = []
         self._dark: Fault | None = None
 
-    def fire(self, permit: Permit) -> int:
+    def _take(self, permit: Permit | SweepPermit) -> None:
+        """A permit comes, to an energy that may have dropped."""
         self.step += 1
         if self.has("unplugged"):
             raise OSError("device disconnected")
@@ -54,6 +55,9 @@ class FaultyLaser(Faulty):
         self._send(permit)
         drop = self.has("energy drops")
         self._world.energy = 1.0 if drop is None else drop.amount
+
+    def fire(self, permit: Permit) -> int:
+        self._take(permit)
         fired, reported = self._train(permit)
         self._stage_rests()
         if self.has("silent"):
@@ -88,14 +92,7 @@ class FaultyLaser(Faulty):
         return self._inner.delay_sigma_s
 
     def begin_sweep(self, permit: SweepPermit) -> None:
-        self.step += 1
-        if self.has("unplugged"):
-            raise OSError("device disconnected")
-        if self.has("busy"):
-            raise LaserError("laser: BUSY")
-        self._send(permit)
-        drop = self.has("energy drops")
-        self._world.energy = 1.0 if drop is None else drop.amount
+        self._take(permit)
         self.sweeps.append((permit, self._clock.now_s()))
         self._until, self._step_s, self._more = int(self._rng.integers(2, 60)), 0.0, 0
         self._dark = self.has("dead lamp", silently=True)

@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
+from typing import TypeAlias
 
 from markerseek import rigs
-from markerseek.core import AcquisitionError, Event, Frame, Policy, PolicyPlan, Reader, Reading, SearchPlan
+from markerseek.core import (
+    AcquisitionError,
+    Event,
+    Frame,
+    Policy,
+    PolicyPlan,
+    Reader,
+    Reading,
+    SearchPlan,
+    SweepingPolicy,
+)
 from markerseek.records.journal import Checked, Configuration, Journal, RecordedRun, Resuming
 from markerseek.rigs import Rig
 from markerseek.runs import configuration_of
@@ -15,6 +27,8 @@ from markerseek.runs.resume import resumed
 from markerseek.search import build
 from markerseek.sim import GaussianCurve, NoiseSettings, SimulatedSettings
 from tests.unit.records.changed_configuration import changed
+
+Begin: TypeAlias = Callable[[], tuple[Policy | SweepingPolicy, Rig, Configuration]]
 
 METHOD, ACQUISITIONS, SEED, MARKER_DEG = "golden-section", 8, 5, -9.4
 
@@ -59,9 +73,9 @@ def configured(rig: Rig, **changes: object) -> Configuration:
     return changed(plain, **changes)
 
 
-def live(path: Path, *, until: int | None = None) -> list[Event]:
+def live(path: Path, *, until: int | None = None, begun: Begin = begin) -> list[Event]:
     """The events of a run, up to its end or to the `until`-th."""
-    policy, rig, configuration = begin()
+    policy, rig, configuration = begun()
     handed_on: list[Event] = []
     with Journal.create(path, configuration) as journal, closing(journalled(policy, rig, journal)) as events:
         for event in events:
@@ -71,8 +85,8 @@ def live(path: Path, *, until: int | None = None) -> list[Event]:
     return handed_on
 
 
-def resume_run(path: Path, *, rig: Rig | None = None, reset_fault: bool = False) -> list[Event]:
-    policy, same, _ = begin()
+def resume_run(path: Path, *, rig: Rig | None = None, reset_fault: bool = False, begun: Begin = begin) -> list[Event]:
+    policy, same, _ = begun()
     journal, held = Journal.reopen(path)
     with journal:
         return list(resumed(policy, rig or same, journal, held, by="a person", reset_fault=reset_fault))

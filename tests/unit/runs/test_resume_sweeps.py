@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -25,15 +25,14 @@ from markerseek.core import (
     SweepTiming,
     Swept,
 )
-from markerseek.records.journal import Configuration, Entry, Journal, read_journal, result_of, verify
+from markerseek.records.journal import Configuration, Entry, read_journal, result_of, verify
 from markerseek.records.journal.sequence import order_faults
 from markerseek.rigs import Rig
 from markerseek.runs import configuration_of, rebuild_reader, recompute_differences
-from markerseek.runs.journalled import journalled
 from markerseek.runs.recheck import commanded_deg, most_pulses, pulses_before
-from markerseek.runs.resume import resumed
 from markerseek.search import build_sweeping
 from markerseek.sim import GaussianCurve, SimulatedSettings
+from tests.unit.runs import journalled_runs
 from tests.unit.runs.journalled_runs import times_and_events
 
 PLAN = SearchPlan(method="posterior", start_deg=-35.0, others=0.0, sweep_speed_deg_s=8.6)
@@ -54,22 +53,7 @@ def begin() -> tuple[SweepingPolicy, Rig, Configuration]:
     return build_sweeping(PLAN, limits=rig.limits.search), rig, configuration_of(rig, PLAN)
 
 
-def live(path: Path, *, until: int | None = None) -> list[Event]:
-    policy, rig, configuration = begin()
-    handed_on: list[Event] = []
-    with Journal.create(path, configuration) as journal, closing(journalled(policy, rig, journal)) as events:
-        for event in events:
-            handed_on.append(event)
-            if len(handed_on) == until:
-                break
-    return handed_on
-
-
-def resume_run(path: Path) -> list[Event]:
-    policy, rig, _ = begin()
-    journal, held = Journal.reopen(path)
-    with journal:
-        return list(resumed(policy, rig, journal, held, by="a person"))
+live, resume_run = partial(journalled_runs.live, begun=begin), partial(journalled_runs.resume_run, begun=begin)
 
 
 @pytest.fixture(scope="module")
