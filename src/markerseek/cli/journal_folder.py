@@ -11,7 +11,7 @@ from rich.markup import escape
 
 from markerseek.cli.options import AsJson
 from markerseek.cli.terminal import one_line, print_error, print_json, stdout
-from markerseek.core import MarkerseekError, RecordError
+from markerseek.core import MarkerseekError, RecordError, rig_in_words
 
 if TYPE_CHECKING:
     from markerseek.records.journal import JournalSummary
@@ -66,8 +66,8 @@ def _in_words(each: JournalSummary) -> str:
     if each.angle_deg is not None and each.answer != "not found":
         end = f"{each.angle_deg:.3f}°" if each.as_published else f"{end} at {each.angle_deg:.3f}°"
     form = " as published" if each.as_published else ""
-    emulated = f" with emulated {' and '.join(each.emulated)}" if each.emulated else ""
-    text = f"{begun}, {each.method}{form} on a {each.rig} rig{emulated}: {end}, {each.acquisitions} acquisitions"
+    rig = rig_in_words(str(each.rig), each.emulated)
+    text = f"{begun}, {each.method}{form} on a {rig}: {end}, {each.acquisitions} acquisitions"
     return f"{text}, {each.size_bytes / 1e6:.1f} MB" + ("" if each.problem is None else f"; {each.problem}")
 
 

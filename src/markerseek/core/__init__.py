@@ -34,7 +34,7 @@ from markerseek.core.estimate import (
     Unsure,
 )
 from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Refused, Role, Started, Swept, Turning
-from markerseek.core.facts import RigFacts, RigKind
+from markerseek.core.facts import RigFacts, RigKind, rig_in_words
 from markerseek.core.frame import NO_HEADER, BModeFrame, ChannelFrame, Frame, FrameHeader, ReadingFrame, RFFrame
 from markerseek.core.image import BModeImage, PaImage, ScanGeometry
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
@@ -169,4 +169,5 @@ __all__ = [
     "marker_position",
     "needs_package",
     "require_range",
+    "rig_in_words",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
@@ -11,6 +12,11 @@ from markerseek.core.interval import Interval
 
 RigKind: TypeAlias = Literal["simulated", "replayed", "bench"]
 """Whether a rig is simulated, plays back a recording, or is one of devices."""
+
+
+def rig_in_words(kind: str, emulated: Sequence[str]) -> str:
+    """The kind of rig for people, emulated devices named: "bench rig with emulated stage and laser"."""
+    return f"{kind} rig" + (f" with emulated {' and '.join(emulated)}" if emulated else "")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,8 +84,8 @@ class RigFacts:
 
     @property
     def rig_name(self) -> str:
-        """The kind of rig for people, emulated devices named: "bench rig with emulated stage and laser"."""
-        return f"{self.kind} rig" + (f" with emulated {' and '.join(self.emulated)}" if self.emulated else "")
+        """As of `rig_in_words`."""
+        return rig_in_words(self.kind, self.emulated)
 
     @property
     def known_deg(self) -> float | None:

@@ -33,6 +33,7 @@ from markerseek.core import (
     Unsure,
     marker_position,
     needs_package,
+    rig_in_words,
 )
 from markerseek.records.html import as_html, curve_svg
 
@@ -159,14 +160,13 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
             ("truth (simulated)", None if self.truth_deg is None else f"{self.truth_deg:.3f}°"),
             ("reference", None if self.reference_deg is None else f"{self.reference_deg:.3f}°"),
         ]
-        emulated = f" with emulated {' and '.join(self.emulated)}" if self.emulated else ""
         picture = curve_svg(
             [each.angle_deg for each in lit],
             [each.intensity for each in lit],
             mark_deg=self.angle_deg,
             interval_deg=interval,
         )
-        return as_html(f"{self.method} on a {self.rig} rig{emulated}", rows, picture)
+        return as_html(f"{self.method} on a {rig_in_words(self.rig, self.emulated)}", rows, picture)
 
 
 class Recorder:
