@@ -133,13 +133,14 @@ def _packages() -> list[CheckResult]:
     found = [CheckResult(what="Python", state="ok", detail=platform.python_version())]
     # Installed in any case: without them this command would not have started.
     found += [CheckResult(what=name, state="ok", detail=importlib.metadata.version(name)) for name in REQUIRED]
+    # A module may come from a package of another name, as cv2 does, or of a system, as rclpy.
+    packages_of = importlib.metadata.packages_distributions()
     for extra, (module, purpose) in EXTRAS.items():
         if importlib.util.find_spec(module) is None:
             cure = f"not installed; {purpose} needs it: pip install 'markerseek[{extra}]'"
             found.append(CheckResult(what=module, state="absent", detail=cure, needed=False))
         else:
-            # A module may come from a package of another name, as cv2 does, or of a system, as rclpy.
-            packages = importlib.metadata.packages_distributions().get(module)
+            packages = packages_of.get(module)
             version = importlib.metadata.version(packages[0]) if packages else "of the system"
             found.append(CheckResult(what=module, state="ok", detail=f"{version} (extra {extra})", needed=False))
     return found
