@@ -26,7 +26,8 @@ class Served:
         self.notes: list[str] = []
         self.changed = threading.Condition()
         self.requests: list[Request] = []
-        self.loop = asyncio.new_event_loop()
+        self._runner = asyncio.Runner()
+        self.loop = self._runner.get_loop()
         self._now_s = 0.0
         self.loop.time = lambda: self._now_s
         known = [plain_address(each) for each in allowed]
@@ -73,7 +74,8 @@ class Served:
         asyncio.run_coroutine_threadsafe(self.server.close(), self.loop).result(LONGEST_S)
         self.loop.call_soon_threadsafe(self.loop.stop)
         self._thread.join()
-        self.loop.close()
+        # Connections that were still being accepted are closed as well.
+        self._runner.close()
 
 
 @contextmanager
