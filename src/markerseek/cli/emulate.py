@@ -25,6 +25,7 @@ EXAMPLES = (
     "  markerseek emulate bench --dir /tmp/bench\n\n"
     "  markerseek emulate bench --dir /tmp/bench --seed 3 --pace 0.1\n\n"
     "  markerseek emulate bench --dir /tmp/bench --receiver plus\n\n"
+    "  markerseek emulate bench --dir /tmp/bench --receiver vantage\n\n"
     "  markerseek emulate kdc101 --dir /tmp/stage"
 )
 
@@ -51,8 +52,8 @@ def command(
         bool, typer.Option("--mirrored", help="Mount the probe the other way round on the stage (kdc101, bench).")
     ] = False,
     receiver: Annotated[
-        Literal["sonixdaq", "plus"],
-        typer.Option(help="Emulate a SonixDAQ's folder, or a PLUS server on this computer (bench)."),
+        Literal["sonixdaq", "plus", "vantage"],
+        typer.Option(help="Emulate a SonixDAQ's folder, or on this computer a PLUS server or a Vantage (bench)."),
     ] = "sonixdaq",
     sdk: Annotated[
         int, typer.Option(min=5, max=6, help="SDK whose channel files are written (daq, bench): 5 or 6.")
@@ -62,8 +63,8 @@ def command(
     import numpy as np
 
     emulators.require_pace(pace)
-    if receiver == "plus" and device != "bench":
-        raise ConfigError(f"--receiver plus is for bench, and {device} is emulated; leave it out")
+    if receiver != "sonixdaq" and device != "bench":
+        raise ConfigError(f"--receiver {receiver} is for bench, and {device} is emulated; leave it out")
     settings = rigs.read_simulated(rig, cure="the world behind emulated devices is of kind simulated")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -105,15 +106,18 @@ def _serve(
         }
         for name, port in ports.items():
             stdout.print(f"{name}: {port.path}")
-        plus = emulated.daq if isinstance(emulated.daq, emulators.EmulatedPlus) else None
-        if plus is not None:
-            opened.callback(plus.close)
-            stdout.print(f"PLUS server: 127.0.0.1, port {plus.port}")
+        daq = emulated.daq
+        if isinstance(daq, emulators.EmulatedPlus):
+            opened.callback(daq.close)
+            stdout.print(f"PLUS server: 127.0.0.1, port {daq.port}")
+        elif isinstance(daq, emulators.EmulatedVantage):
+            opened.callback(daq.close)
+            stdout.print(f"Vantage: sends to 127.0.0.1, port {daq.port}")
         elif device != "kdc101":
             stdout.print(f"channel files: {folder / 'daq'}")
         if device == "bench":
             rig_file = folder / "rig.toml"
-            write_rig_file(rig_file, _rig_toml(folder, settings, pace=pace, plus=plus))
+            write_rig_file(rig_file, _rig_toml(folder, settings, pace=pace, emulated=emulated))
             stdout.print(f"try: markerseek search --rig {rig_file} --arm")
         if device == "daq":
             stdout.print(f"each line typed here gives {settings.laser.pulses} pulses of light and a trigger for each")
@@ -154,24 +158,22 @@ def _typed_line() -> bool:
     return bool(ready) and bool(sys.stdin.readline())
 
 
-def _rig_toml(folder: Path, settings: SimulatedSettings, *, pace: float, plus: emulators.EmulatedPlus | None) -> str:
+def _rig_toml(folder: Path, settings: SimulatedSettings, *, pace: float, emulated: emulators.EmulatedBench) -> str:
     """Text of the rig file for the emulated devices."""
     # 10 % more than the emulator needs, or the driver would report a timeout on a loaded computer.
     readout_s = round(_READOUT_SPARE_S + 1.1 * pace * settings.receiver.readout_s, 3)
     place = folder.resolve()
-    receiver = (
-        f"""folder = {json.dumps(str(place / "daq"))}
+    daq = emulated.daq
+    if isinstance(daq, emulators.EmulatedPlus):
+        receiver = f'driver = "plus"\ndevice = "{daq.device}"\nport = {daq.port}\nquiet_s = 0.5\n'
+    elif isinstance(daq, emulators.EmulatedVantage):
+        receiver = f'driver = "vantage"\nprobe = "{daq.probe}"\nport = {daq.port}\nquiet_s = 0.5\n'
+    else:
+        receiver = f"""folder = {json.dumps(str(place / "daq"))}
 readout_s = {readout_s}
 frames = "triggered"
 sweep_period_s = {settings.receiver.frame_period_s}
 """
-        if plus is None
-        else f"""driver = "plus"
-device = "{plus.device}"
-port = {plus.port}
-quiet_s = 0.5
-"""
-    )
     # A laser that is measured is that of a box with a light meter.
     meter = settings.laser.energy_meter_noise is not None
     energy = f'energy_from = "photodiode"\nusual_energy = {emulators.LIGHT_COUNTS}\n' if meter else ""

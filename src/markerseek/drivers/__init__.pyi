@@ -17,6 +17,7 @@ from .simulated import SimulatedLaserKeys, SimulatedReceiverKeys, SimulatedStage
 from .sonixdaq import SonixDaqReceiver, SonixDaqSettings
 from .table import DRIVERS, entry_of
 from .typed_angle import TypedStage
+from .vantage import VantageReceiver, VantageSettings, await_sender
 from .ximc import XimcSettings, XimcStage
 
 __all__ = [
@@ -63,8 +64,11 @@ __all__ = [
     "StageSettings",
     "SystemClock",
     "TypedStage",
+    "VantageReceiver",
+    "VantageSettings",
     "XimcSettings",
     "XimcStage",
+    "await_sender",
     "bench_settings_from",
     "connect_plus",
     "entry_of",

@@ -16,23 +16,18 @@ from markerseek.core import (
     ChannelFrame,
     Clock,
     ConfigError,
-    DeviceError,
-    DeviceTimeoutError,
     Int16,
     NotConnectedError,
     Permit,
     require_range,
 )
 from markerseek.drivers._receivers import acquired_frame
+from markerseek.drivers._triggered import TriggeredMessages
 from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
 from markerseek.wire import igtl
 
 MAX_IMAGE_BYTES = 1 << 24
 """Largest message: 128 channels of 65,536 samples."""
-
-_READ_BYTES = 1 << 18
-_MAX_DRAINED_BYTES = 1 << 26
-_SLICE_S = 0.005
 
 
 class PlusSettings(
@@ -101,20 +96,30 @@ class PlusReceiver:
         dark_triggers: int,
         unix_s: Callable[[], float] = time.time,  # noqa: TID251  the time of day is part of the protocol
     ) -> None:
-        connection.setblocking(False)
-        self._connection, self._clock, self._settings, self._unix_s = connection, clock, settings, unix_s
+        self._clock, self._settings, self._unix_s = clock, settings, unix_s
         self._dark_triggers = dark_triggers
         self._framer = igtl.Framer(most_bytes=MAX_IMAGE_BYTES)
+        self._images = TriggeredMessages(
+            connection,
+            clock=clock,
+            decode=self._decoded,
+            driver="plus",
+            peer="server",
+            messages="images",
+            check=f"the trigger and the name of the device, {settings.device}",
+            timeout_s=settings.timeout_s,
+            quiet_s=settings.quiet_s,
+        )
         self._armed: tuple[Permit, float, float] | None = None
         self._sequence = 0
         self._fields: list[Mapping[str, str]] = []
         self.emulated = False
         # An emulator says so when a client comes; other servers say nothing, and no image may come before a trigger.
-        self._until_quiet(most=0)
+        self._images.until_quiet(most=0)
 
     def close(self) -> None:
         """Close the connection; allowed twice."""
-        self._connection.close()
+        self._images.close()
 
     def settle(self) -> None:
         """Wait until no image comes.
@@ -123,7 +128,7 @@ class PlusReceiver:
         `NotConnectedError` if the connection has ended.
         """
         self._armed = None
-        late = self._until_quiet(most=0)
+        late = self._images.until_quiet(most=0)
         if late:
             raise AcquisitionError(
                 f"plus: {len(late)} images of {self._settings.device} came although nothing was triggered; they are "
@@ -138,8 +143,8 @@ class PlusReceiver:
         """
         self._armed = None
         # What waits was sent before: it is of no acquisition that will be asked for.
-        self._received()
-        if self._until_quiet(most=0):
+        self._images.received()
+        if self._images.until_quiet(most=0):
             raise AcquisitionError(
                 f"plus: images of {self._settings.device} come although nothing is triggered; the device must send one "
                 "image for each trigger"
@@ -159,7 +164,10 @@ class PlusReceiver:
         # Disarmed before reading: a frame that was refused cannot be asked for again.
         self._armed = None
         count = permit.pulses or self._dark_triggers
-        images = self._images(count)
+        images = self._images.exactly(count)
+        stamps = [image.time_s for image in images]
+        if any(later <= earlier for earlier, later in pairwise(stamps)):
+            raise AcquisitionError("plus: two images have the same time, or times that fall; the server repeats itself")
         if not self.emulated and any("emulator" in image.metadata for image in images):
             # Its greeting came late: what was taken for a device must not go into a result as one.
             raise NotConnectedError("plus: the server is an emulator, which it did not say in time; connect again")
@@ -196,63 +204,6 @@ class PlusReceiver:
                 "the server send it with each image"
             ) from problem
         return fmean(values)
-
-    def _images(self, count: int) -> list[igtl.Message]:
-        """Exactly so many images; the firing has ended."""
-        images: list[igtl.Message] = []
-        ends_s = self._clock.now_s() + self._settings.timeout_s
-        while len(images) < count:
-            images += self._received()
-            if len(images) < count:
-                if not self._clock.now_s() <= ends_s:
-                    raise DeviceTimeoutError(
-                        f"plus: {len(images)} of {count} images of {self._settings.device} came within "
-                        f"{self._settings.timeout_s:g} s; check the trigger and the name of the device"
-                    )
-                self._clock.wait(_SLICE_S)
-        images += self._until_quiet(most=count)
-        if len(images) > count:
-            raise AcquisitionError(
-                f"plus: {len(images)} images came for {count} pulses; which are of this acquisition is not known"
-            )
-        stamps = [image.time_s for image in images]
-        if any(later <= earlier for earlier, later in pairwise(stamps)):
-            raise AcquisitionError("plus: two images have the same time, or times that fall; the server repeats itself")
-        return images
-
-    def _until_quiet(self, *, most: int) -> list[igtl.Message]:
-        """Images until none came for a while, or more than are of use."""
-        images: list[igtl.Message] = []
-        quiet_s = self._clock.now_s() + self._settings.quiet_s
-        while self._clock.now_s() < quiet_s and len(images) <= most:
-            new = self._received()
-            images += new
-            if new:
-                quiet_s = self._clock.now_s() + self._settings.quiet_s
-            self._clock.wait(_SLICE_S)
-        return images
-
-    def _received(self) -> list[igtl.Message]:
-        """Images of the device that have come, without waiting; messages of other devices are left out."""
-        taken = 0
-        messages: list[igtl.Message] = []
-        while taken < _MAX_DRAINED_BYTES:
-            try:
-                data = self._connection.recv(_READ_BYTES)
-            except BlockingIOError:
-                break
-            except OSError as problem:
-                raise NotConnectedError(f"plus: the connection has ended: {problem.strerror}") from problem
-            if not data:
-                raise NotConnectedError("plus: the server has closed the connection; start it again")
-            taken += len(data)
-            try:
-                messages += self._decoded(data)
-            except DeviceError as problem:
-                # No next message begins at a known place.
-                self._connection.close()
-                raise NotConnectedError(f"plus: {problem}; the connection is closed") from problem
-        return messages
 
     def _decoded(self, data: bytes) -> Iterator[igtl.Message]:
         for header, body in self._framer.feed(data):

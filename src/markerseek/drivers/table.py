@@ -29,6 +29,7 @@ DRIVERS: dict[Part, dict[str, str]] = {
     "receiver": {
         "sonixdaq": "sonixdaq:ENTRY",
         "plus": "plus:ENTRY",
+        "vantage": "vantage:ENTRY",
         "ros2": "ros2_acquisition:RECEIVER_ENTRY",
         "simulated": "simulated:RECEIVER_ENTRY",
     },

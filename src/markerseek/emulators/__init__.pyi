@@ -3,6 +3,7 @@ from .kdc101 import EmulatedKdc101
 from .laserbox import LIGHT_COUNTS
 from .lines import ByteDevice, DirectPort, PtyLine
 from .plus import EmulatedPlus
+from .vantage import EmulatedVantage
 
 __all__ = [
     "LIGHT_COUNTS",
@@ -11,6 +12,7 @@ __all__ = [
     "EmulatedBench",
     "EmulatedKdc101",
     "EmulatedPlus",
+    "EmulatedVantage",
     "PtyLine",
     "require_pace",
     "serve",

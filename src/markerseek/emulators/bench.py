@@ -21,6 +21,7 @@ from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.emulators.lines import PtyLine
 from markerseek.emulators.plus import EmulatedPlus
 from markerseek.emulators.sonixdaq import EmulatedSonixDaq
+from markerseek.emulators.vantage import EmulatedVantage
 from markerseek.rigs import draw_scene
 from markerseek.sim import CLOCK_DRIFT, SimulatedSettings, VirtualClock, World
 
@@ -34,8 +35,8 @@ class EmulatedBench:
     """Devices that act on one world, drawn from settings as `markerseek.rigs.simulated` draws it from the same seed.
 
     ``settings``: settings of the world and of its data acquisition. ``stage``: None: its play is that of the settings.
-    ``sdk``: layout of the channel files. ``receiver``: whether channel files are written, or images are sent as by a
-    PLUS server.
+    ``sdk``: layout of the channel files. ``receiver``: whether channel files are written, images are sent as by a
+    PLUS server, or frames as by a Vantage.
     """
 
     def __init__(
@@ -46,7 +47,7 @@ class EmulatedBench:
         folder: Path,
         stage: EmulatedKdc101 | None = None,
         sdk: Literal[5, 6] = 6,
-        receiver: Literal["sonixdaq", "plus"] = "sonixdaq",
+        receiver: Literal["sonixdaq", "plus", "vantage"] = "sonixdaq",
     ) -> None:
         if settings.receiver.data != "channels":
             raise ConfigError(
@@ -70,9 +71,11 @@ class EmulatedBench:
         self.stage = Kdc101Emulator(
             probe=self.world, settings=stage or EmulatedKdc101(play_deg=settings.stage.backlash_deg), rng=noise
         )
-        self.daq: EmulatedSonixDaq | EmulatedPlus
+        self.daq: EmulatedSonixDaq | EmulatedPlus | EmulatedVantage
         if receiver == "plus":
             self.daq = EmulatedPlus(world=self.world, rng=apart)
+        elif receiver == "vantage":
+            self.daq = EmulatedVantage(world=self.world, rng=apart)
         else:
             self.daq = EmulatedSonixDaq(
                 world=self.world, folder=folder, rng=apart, readout_s=settings.receiver.readout_s, sdk=sdk
@@ -157,7 +160,7 @@ def serve(
     lines: Sequence[PtyLine],
     clock: Clock,
     pace: float,
-    daq: EmulatedSonixDaq | EmulatedPlus,
+    daq: EmulatedSonixDaq | EmulatedPlus | EmulatedVantage,
     until: Callable[[], bool],
 ) -> None:
     """Serve emulated devices until ``until`` is true.

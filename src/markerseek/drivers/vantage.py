@@ -1,0 +1,287 @@
+"""Driver of a live Verasonics Vantage: `matlab/markerseek_send.m` sends one int16 frame per laser trigger over TCP."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+
+import numpy as np
+
+from markerseek.core import (
+    AcquisitionError,
+    ChannelFrame,
+    Clock,
+    ConfigError,
+    Int16,
+    NotConnectedError,
+    Permit,
+    require_range,
+)
+from markerseek.drivers._receivers import acquired_frame
+from markerseek.drivers._triggered import SLICE_S, TriggeredMessages
+from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
+from markerseek.wire import vantage as wire
+
+_GREETING_S = 5.0
+"""Longest time from a connection to its greeting, in seconds."""
+
+
+class VantageSettings(
+    ReceiverSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="vantage"
+):
+    """A Verasonics Vantage whose sequence calls ``markerseek_send`` once for each trigger of the laser."""
+
+    probe: str
+    """Name of the probe, as the sender is told it: a frame of another is refused."""
+    host: str = "127.0.0.1"
+    port: int = 18955
+    """``host`` and ``port``: address of this computer, and the port on which it waits for the sender."""
+    peer: str = "127.0.0.1"
+    """Address of the Vantage's computer; others are turned away."""
+    connect_s: float = 60.0
+    """Longest time until the sender is opened in MATLAB."""
+    timeout_s: float = 20.0
+    """Longest time from the trigger to the last frame."""
+    quiet_s: float = 0.2
+    """Time without a frame that is waited for before a trigger and after the last frame."""
+    clock_s: float = 0.05
+    """Largest difference between the clocks of the two computers: frames that are older than the trigger by more, or
+    are sent later than now by more, are refused."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (self.probe.isascii() and self.probe.isprintable() and 0 < len(self.probe) <= wire.MAX_PROBE_BYTES):
+            raise ConfigError(
+                f"receiver: probe is {self.probe!r}, it must have 1 to {wire.MAX_PROBE_BYTES} characters of ASCII"
+            )
+        require_range("receiver: port", self.port, low=1, high=65535)
+        for name, high in (("connect_s", 600), ("timeout_s", 600), ("quiet_s", 60)):
+            require_range(f"receiver: {name}", getattr(self, name), low=0, high=high, unit="s", open_low=True)
+        require_range("receiver: clock_s", self.clock_s, low=0, high=60, unit="s")
+
+    @property
+    def varied(self) -> bool:
+        """Whether the number of pulses may vary: there is a frame for each."""
+        return True
+
+
+def await_sender(settings: VantageSettings, clock: Clock) -> socket.socket:
+    """The connection that the sender opens; `NotConnectedError` if it does not come."""
+    where = f"{settings.host}, port {settings.port}"
+    try:
+        server = socket.create_server((settings.host, settings.port), backlog=1)
+    except OSError as problem:
+        raise NotConnectedError(
+            f"vantage: {where} cannot be listened on: {problem.strerror or problem}; correct host and port, or end the "
+            "program that has the port"
+        ) from problem
+    with server:
+        server.setblocking(False)
+        ends_s = clock.now_s() + settings.connect_s
+        refused = ""
+        while clock.now_s() <= ends_s:
+            try:
+                connection, (address, *_) = server.accept()
+            except BlockingIOError:
+                clock.wait(SLICE_S)
+                continue
+            if address == settings.peer:
+                return connection
+            connection.close()
+            refused = f" ({address} was turned away: receiver.peer is {settings.peer})"
+    raise NotConnectedError(
+        f"vantage: no sender came to {where} within {settings.connect_s:g} s{refused}; call markerseek_send ('open', "
+        "...) in MATLAB while the search waits"
+    )
+
+
+class VantageReceiver:
+    """Frames of a Vantage, one for each trigger, averaged.
+
+    A frame is the mean of as many as pulses were permitted, their counters one after the other since the last frame
+    that came, all sent between `arm` and the end of the firing. Anything else is refused.
+
+    ``connection``: from the sender, which greets at once; it is closed by `close`. ``unix_s``: time of day in seconds
+    since 1970, as the frames have it. ``emulated``: whether an emulator sends. Raises `NotConnectedError` if no
+    greeting comes, or it names another probe.
+    """
+
+    def __init__(
+        self,
+        *,
+        connection: socket.socket,
+        clock: Clock,
+        settings: VantageSettings,
+        dark_triggers: int,
+        unix_s: Callable[[], float] = time.time,  # noqa: TID251  the time of day is part of the protocol
+    ) -> None:
+        self._clock, self._settings, self._unix_s = clock, settings, unix_s
+        self._dark_triggers = dark_triggers
+        self._framer = wire.VantageFramer()
+        self._frames = TriggeredMessages(
+            connection,
+            clock=clock,
+            decode=self._decoded,
+            driver="vantage",
+            peer="sender",
+            messages="frames",
+            check="the trigger, and that the sequence calls markerseek_send for each",
+            timeout_s=settings.timeout_s,
+            quiet_s=settings.quiet_s,
+        )
+        self._armed: tuple[Permit, float, float] | None = None
+        self._sequence = 0
+        self._counter = 0
+        self._shape: tuple[int, ...] | None = None
+        self.emulated = self._greeting().emulated
+
+    def close(self) -> None:
+        """Close the connection; allowed twice."""
+        self._frames.close()
+
+    def settle(self) -> None:
+        """Wait until no frame comes.
+
+        Raises `AcquisitionError` if frames came although nothing was triggered; they are not used. Raises
+        `NotConnectedError` if the connection has ended.
+        """
+        self._armed = None
+        late = self._frames.until_quiet(most=0)
+        if late:
+            raise AcquisitionError(
+                f"vantage: {len(late)} frames came although nothing was triggered; they are not used"
+            )
+
+    def arm(self, permit: Permit) -> None:
+        """Forget what came before, and check that no frame comes without a trigger.
+
+        Raises `AcquisitionError` if frames come although nothing is triggered. Raises `NotConnectedError` if the
+        connection has ended.
+        """
+        self._armed = None
+        # What waits was sent before: it is of no acquisition that will be asked for.
+        self._frames.received()
+        if self._frames.until_quiet(most=0):
+            raise AcquisitionError(
+                "vantage: frames come although nothing is triggered; the sequence must wait for the laser's trigger "
+                "(triggerIn) before each acquisition"
+            )
+        self._armed = permit, self._clock.now_s(), self._unix_s()
+
+    def acquire(self, permit: Permit) -> ChannelFrame:
+        """Mean of the frames since `arm`.
+
+        Raises `AcquisitionError` if it was not armed for this permit, or the frames are not those of the permitted
+        pulses: lost, doubled, late, of another size or probe. Raises `DeviceTimeoutError` if too few come in time.
+        Raises `NotConnectedError` if the connection has ended.
+        """
+        if self._armed is None or self._armed[0] != permit:
+            raise AcquisitionError(f"vantage: it was not armed for the permit {permit.token!r}; arm it before firing")
+        _, started_s, armed_unix_s = self._armed
+        # Disarmed before reading: a frame that was refused cannot be asked for again.
+        self._armed = None
+        last = self._counter
+        frames = self._frames.exactly(permit.pulses or self._dark_triggers)
+        self._require_in_order(frames, last)
+        self._require_in_time(frames, armed_unix_s)
+        samples = self._mean(frames)
+        self._sequence += 1
+        return acquired_frame(
+            samples,
+            permit,
+            sequence=self._sequence,
+            pulses=permit.pulses,
+            started_s=started_s,
+            clock=self._clock,
+            sampling_hz=self._settings.sampling_hz,
+        )
+
+    def _greeting(self) -> wire.VantageFrame:
+        ends_s = self._clock.now_s() + _GREETING_S
+        while not (came := self._frames.received()):
+            if not self._clock.now_s() <= ends_s:
+                raise NotConnectedError(
+                    f"vantage: what has connected says nothing for {_GREETING_S:g} s; is it markerseek_send.m?"
+                )
+            self._clock.wait(SLICE_S)
+        if came[0].counter != 0:
+            raise NotConnectedError(f"vantage: the first frame has the counter {came[0].counter}, no greeting came")
+        if came[0].probe != self._settings.probe:
+            raise NotConnectedError(
+                f"vantage: the sender has the probe {came[0].probe!r}, receiver.probe is {self._settings.probe!r}; "
+                "connect that probe, or correct the key"
+            )
+        return came[0]
+
+    def _require_in_order(self, frames: list[wire.VantageFrame], last: int) -> None:
+        for frame in frames:
+            if frame.counter <= last:
+                raise AcquisitionError(
+                    f"vantage: a frame with the counter {frame.counter} came after {last}: it is doubled, or the "
+                    "sender counts anew; take the frame again"
+                )
+            if frame.counter > last + 1:
+                raise AcquisitionError(
+                    f"vantage: {frame.counter - last - 1} frames are lost: {frame.counter} came after {last}; take the "
+                    "frame again"
+                )
+            last = frame.counter
+
+    def _require_in_time(self, frames: list[wire.VantageFrame], armed_unix_s: float) -> None:
+        now_s = self._unix_s()
+        for frame in frames:
+            early_s, late_s = armed_unix_s - frame.time_s, frame.time_s - now_s
+            if not max(early_s, late_s) <= self._settings.clock_s:
+                said = (
+                    f"sent {early_s:.3f} s before the receiver was armed"
+                    if early_s > late_s
+                    else f"sent {late_s:.3f} s after it came"
+                )
+                raise AcquisitionError(
+                    f"vantage: frame {frame.counter} was {said}, clock_s allows {self._settings.clock_s:g} s; it is of "
+                    "another trigger, or the clocks of the two computers differ"
+                )
+
+    def _mean(self, frames: list[wire.VantageFrame]) -> Int16[np.ndarray, "channels samples"]:
+        """Mean of the samples, rounded to counts."""
+        for frame in frames:
+            if frame.emulated != self.emulated:
+                raise AcquisitionError(
+                    f"vantage: frame {frame.counter} and the greeting differ in whether an emulator sends"
+                )
+            if frame.probe != self._settings.probe:
+                raise AcquisitionError(
+                    f"vantage: frame {frame.counter} is of the probe {frame.probe!r}, receiver.probe is "
+                    f"{self._settings.probe!r}"
+                )
+            if frame.samples.shape != (self._shape or frames[0].samples.shape):
+                raise AcquisitionError(
+                    f"vantage: frame {frame.counter} has {frame.samples.shape} channels and samples, those before had "
+                    f"{self._shape or frames[0].samples.shape}; do not change the sequence during a search"
+                )
+        self._shape = frames[0].samples.shape
+        mean: Int16[np.ndarray, "channels samples"] = np.rint(
+            np.mean([frame.samples for frame in frames], axis=0)
+        ).astype(np.int16)
+        return mean
+
+    def _decoded(self, data: bytes) -> Iterator[wire.VantageFrame]:
+        for frame in self._framer.feed(data):
+            # Also of frames that are not used: the next acquisition begins after them.
+            self._counter = frame.counter
+            yield frame
+
+
+def _open(settings: VantageSettings, opening: Opening) -> VantageReceiver:
+    connection = opening.keep(closing(await_sender(settings, opening.clock)))
+    return VantageReceiver(connection=connection, clock=opening.clock, settings=settings, dark_triggers=opening.pulses)
+
+
+ENTRY: Entry[VantageSettings, VantageReceiver] = Entry(
+    settings=VantageSettings,
+    open=_open,
+    describe=lambda settings, _receiver: f"Vantage with {settings.probe}, sender at {settings.peer}",
+    same=("probe",),
+)
