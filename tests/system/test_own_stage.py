@@ -1,4 +1,4 @@
-"""A lab's own stage, written from the tutorial alone and outside of the package: doctor, search, kill, and its errors."""
+"""A stage of a lab, written from the tutorial alone and outside of the package: doctor, search, kill, its errors."""
 
 from __future__ import annotations
 
