@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import socket
 import struct
 import threading
+import warnings
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 
 import numpy as np
 import pytest
@@ -26,8 +28,7 @@ class Served:
         self.notes: list[str] = []
         self.changed = threading.Condition()
         self.requests: list[Request] = []
-        self._runner = asyncio.Runner()
-        self.loop = self._runner.get_loop()
+        self.loop = asyncio.new_event_loop()
         self._now_s = 0.0
         self.loop.time = lambda: self._now_s
         known = [plain_address(each) for each in allowed]
@@ -74,8 +75,7 @@ class Served:
         asyncio.run_coroutine_threadsafe(self.server.close(), self.loop).result(LONGEST_S)
         self.loop.call_soon_threadsafe(self.loop.stop)
         self._thread.join()
-        # Connections that were still being accepted are closed as well.
-        self._runner.close()
+        self.loop.close()
 
 
 @contextmanager
@@ -336,6 +336,26 @@ def test_a_flood_of_one_address_leaves_the_clients_of_others_alone(own_address: 
         ]
         assert flood[0].recv(1) == b""
         assert "heard" in watcher.ask('<Command Name="A" />')
+
+
+@pytest.mark.parametrize("turns", range(6))
+def test_a_connection_that_comes_while_the_server_ends_is_ended_too(turns: int) -> None:
+    async def connect_and_end() -> None:
+        server = IgtlServer(on_request=lambda _request: CommandAnswer(done=True, sentence=""))
+        port = await server.open("127.0.0.1", 0)
+        with socket.create_connection(("127.0.0.1", port), timeout=LONGEST_S) as client:
+            for _ in range(turns):
+                await asyncio.sleep(0)
+            await server.close()
+            # An end or a reset; an open connection would wait for the time limit.
+            with suppress(ConnectionResetError):
+                assert client.recv(1) == b""
+
+    with warnings.catch_warnings(record=True) as left_open:
+        warnings.simplefilter("always", ResourceWarning)
+        asyncio.run(connect_and_end())
+        gc.collect()
+    assert not left_open
 
 
 def test_only_computers_that_are_allowed_are_served(own_address: str) -> None:

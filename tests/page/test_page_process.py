@@ -10,7 +10,6 @@ import socket
 import subprocess
 import sys
 import time
-import urllib.request
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -187,15 +186,6 @@ def test_26_16_ctrl_c_leaves_no_trace_though_an_answer_is_under_way(tmp_path, ti
             page.process.send_signal(signal.SIGINT)
         assert page.process.wait(ENDS_S) == 0
     assert (tmp_path / "page.stderr").read_text() == ""
-
-
-def test_page_ends_though_one_of_its_threads_works(tmp_path):
-    work = "import time; from markerseek.bridges.page import run_history; run_history.warm_up = lambda: time.sleep(60)"
-    with served(tmp_path, start=f"{work}; {START}") as page:
-        # It answers: its threads have begun.
-        urllib.request.build_opener(urllib.request.HTTPCookieProcessor()).open(page.link).close()
-        page.process.send_signal(signal.SIGINT)
-        assert page.process.wait(ENDS_S) == 0
 
 
 @needs_browser

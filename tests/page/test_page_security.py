@@ -165,6 +165,15 @@ def test_26_8_stop_is_heard_within_1_s_among_1100_strangers(tmp_path, sent):
         assert (status, time.monotonic() - began_s < 1.0) == (204, True)
 
 
+def test_26_8_kernels_whose_loading_would_hold_up_stop_are_loaded_before_the_port_is_open(tmp_path):
+    told = "from markerseek.bridges.page import listener, run_history"
+    told += "; load = run_history.warm_up; init = listener.Listener.__init__"
+    told += "; run_history.warm_up = lambda: (load(), print('loaded', file=sys.stderr))"
+    told += "; listener.Listener.__init__ = lambda *a: (print('open', file=sys.stderr), init(*a))[1]"
+    with served(tmp_path, start=f"import sys; {told}; {START}"):
+        assert (tmp_path / "page.stderr").read_text().split() == ["loaded", "open"]
+
+
 @pytest.mark.parametrize(
     "sent",
     [b"GET / HTTP/1.1\r\nX: ", b"POST / HTTP/1.1\r\nHost: elsewhere\r\nContent-Length: 1000\r\n\r\n"],

@@ -133,7 +133,7 @@ def test_nothing_is_fired_unarmed_and_ctrl_c_stops_and_releases_everything(shell
         process.send_signal(signal.SIGINT)
         _, printed = process.communicate(timeout=60)
         assert process.returncode == 130, printed
-        assert "stopped by SIGINT: the laser is disarmed" in printed
+        assert "stopped by the user: the laser is disarmed" in printed
         assert f"markerseek resume {kept} --rig {devices.rig}" in printed
         # the lines are free again, and the devices fit for another search
         code, out, err = shell("search", "--rig", devices.rig, "--arm", "--stay", *SEARCH)

@@ -16,8 +16,10 @@ PROGRAM = "from markerseek.cli import main; main()"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
-@pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143)])
-def test_a_search_in_the_background_stops_and_says_how_to_continue(tmp_path: Path, name: str, code: int) -> None:
+@pytest.mark.parametrize(("name", "by", "code"), [("SIGINT", "the user", 130), ("SIGTERM", "another program", 143)])
+def test_a_search_in_the_background_stops_and_says_how_to_continue(
+    tmp_path: Path, name: str, by: str, code: int
+) -> None:
     """A shell without job control starts a command with & so that it ignores SIGINT."""
     journal = tmp_path / "run.journal"
     command = [sys.executable, "-c", PROGRAM, "search", "--seed", "1", "--pace", "0.2", "--journal", str(journal)]
@@ -34,7 +36,7 @@ def test_a_search_in_the_background_stops_and_says_how_to_continue(tmp_path: Pat
     process.send_signal(signal.Signals[name])
     _, said = process.communicate(timeout=120)
     assert process.returncode == code
-    assert 0 <= said.find(f"stopped by {name}") < said.find("continue with: markerseek resume")
+    assert 0 <= said.find(f"stopped by {by}") < said.find("continue with: markerseek resume")
     assert "Traceback" not in said
 
 
@@ -62,7 +64,7 @@ def test_after_a_stop_no_signal_interrupts_the_end() -> None:
         pass
     # Nothing was stopped: the next Ctrl-C counts.
     assert signal.getsignal(signal.SIGINT) is before
-    with pytest.raises(StoppedBySignal, match="SIGINT"), stopped_by_signals():
+    with pytest.raises(StoppedBySignal, match="the user"), stopped_by_signals():
         signal.raise_signal(signal.SIGINT)
     # While the devices are closed.
     signal.raise_signal(signal.SIGINT)

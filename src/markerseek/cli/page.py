@@ -13,7 +13,7 @@ import typer
 from markerseek import rigs
 from markerseek.bridges import page
 from markerseek.cli.options import RigFile
-from markerseek.cli.terminal import quoted, stdout
+from markerseek.cli.terminal import announce_compilation, quoted, stdout
 from markerseek.core import ConfigError
 
 EXAMPLES = (
@@ -70,6 +70,7 @@ def command(
             # Without the token: the command of the browser is seen by all users of the computer.
             threading.Thread(target=browser.open, args=(link.partition("?")[0],), daemon=True).start()
 
+    announce_compilation()
     page.serve(searches, address, on_ready=ready, opened=open_browser)
     # Python would wait for threads that form images or draw a report, which nobody needs any more.
     sys.stdout.flush()

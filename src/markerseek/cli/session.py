@@ -38,7 +38,7 @@ def run_session(
         except StoppedBySignal as stop:
             # Further signals are still ignored here, while the journal is written.
             try:
-                session.interrupt(stop.name)
+                session.interrupt(stop.by)
             except RecordError as problem:
                 print_warning(str(problem))
             end_stopped(

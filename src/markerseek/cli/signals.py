@@ -15,6 +15,13 @@ from markerseek.cli.terminal import print_json, print_warning
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that end a command."""
 
+_BY = {
+    # Ctrl-C, and STOP on the page or from another computer.
+    signal.SIGINT: "the user",
+    signal.SIGTERM: "another program (SIGTERM)",
+    signal.SIGHUP: "the end of its terminal (SIGHUP)",
+}
+
 _AGAIN_S = 1e-3
 """Time until a stop that was lost is raised again, in seconds."""
 
@@ -22,13 +29,13 @@ _AGAIN_S = 1e-3
 class StoppedBySignal(KeyboardInterrupt):
     """Raised by a signal; the interrupted code cleans up, as after Ctrl-C.
 
-    ``exit_code``: exit code of the process, 128 + signal number.
+    ``by``: who stopped it, in words. ``exit_code``: exit code of the process, 128 + signal number.
     """
 
     def __init__(self, number: int) -> None:
-        self.name = signal.Signals(number).name
+        self.by = _BY[signal.Signals(number)]
         self.exit_code = 128 + number
-        super().__init__(self.name)
+        super().__init__(self.by)
 
 
 class Stopped(SystemExit):
@@ -40,11 +47,11 @@ def end_stopped(stop: StoppedBySignal, *, as_json: bool, kept: Path | None, resu
 
     ``kept``: file that holds what was measured. ``resume``: command that continues.
     """
-    print_warning(f"stopped by {stop.name}: the laser is disarmed, and the probe stays where it was")
+    print_warning(f"stopped by {stop.by}: the laser is disarmed, and the probe stays where it was")
     if resume is not None:
         print_warning(f"continue with: {resume}")
     if as_json:
-        print_json({"error": f"stopped by {stop.name}", "kind": "Stopped", "kept": None if kept is None else str(kept)})
+        print_json({"error": f"stopped by {stop.by}", "kind": "Stopped", "kept": None if kept is None else str(kept)})
     raise Stopped(stop.exit_code) from None
 
 

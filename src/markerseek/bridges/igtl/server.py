@@ -51,6 +51,9 @@ class IgtlServer:
         self._allowed = frozenset(allowed)
         # In the order in which they were last heard.
         self._peers: dict[Peer, None] = {}
+        # All whose connection has not ended, accepted or refused.
+        self._connected: set[Peer] = set()
+        self._ending = False
         self._newest: dict[tuple[str, str], bytes] = {}
         self._sequences: dict[tuple[str, str], int] = {}
         self._server: asyncio.Server | None = None
@@ -88,13 +91,19 @@ class IgtlServer:
         return socket.create_server(place, family=family)
 
     async def close(self) -> None:
-        """End all connections."""
+        """End all connections, those that are just being accepted too, and return when none is left."""
+        self._ending = True
         if self._server is not None:
+            # What was accepted has its peer in the loop's next turn; a server closed before that loses it, open
+            # (Python issue 109564).
+            for listening in self._server.sockets:
+                asyncio.get_running_loop().remove_reader(listening.fileno())
+            await asyncio.sleep(0)
             self._server.close()
         for peer in tuple(self._peers):
             peer.drop("the bridge ends")
-        if self._server is not None:
-            await self._server.wait_closed()
+        while self._connected:
+            await asyncio.sleep(0)
 
     def publish(self, stream: Stream, *, metadata: Mapping[str, str]) -> None:
         """Send a message to all clients.
@@ -119,9 +128,14 @@ class IgtlServer:
             peer.put((*key, 0), data)
 
     def _peer(self) -> Peer:
-        return Peer(on_open=self._opened, on_message=self._received, on_close=self._closed)
+        peer = Peer(on_open=self._opened, on_message=self._received, on_close=self._lost)
+        self._connected.add(peer)
+        return peer
 
     def _opened(self, peer: Peer) -> None:
+        if self._ending:
+            peer.drop("the bridge ends")
+            return
         if peer.address != LOOPBACK and peer.address not in self._allowed:
             self._on_note(f"{peer.name}: refused, --allow does not name it")
             peer.drop("--allow does not name it")
@@ -139,6 +153,10 @@ class IgtlServer:
         silent = next(peer for peer in self._peers if held[peer.address] == max(held.values()))
         self._closed(silent, f"it was silent longest of {MAX_CLIENTS} clients when one more came")
         silent.drop("")
+
+    def _lost(self, peer: Peer, reason: str) -> None:
+        self._connected.discard(peer)
+        self._closed(peer, reason)
 
     def _closed(self, peer: Peer, reason: str) -> None:
         if peer in self._peers:

@@ -14,7 +14,6 @@ from nicegui import Client, ui
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.race_page import build_race_page
 from markerseek.bridges.page.replay_page import ReplayPage
-from markerseek.bridges.page.run_history import warm_up
 from markerseek.bridges.page.search_page import build_search_page
 from markerseek.bridges.page.security import App
 from markerseek.bridges.page.settings import PageSettings
@@ -35,8 +34,6 @@ def page_application(searches: PageSearches, *, unwatched_s: float) -> App:
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        # No thread of the event loop, which would wait for it at its end.
-        threading.Thread(target=warm_up, name="warm up", daemon=True).start()
         over = threading.Event()
         watched = (searches, asyncio.get_running_loop(), over)
         threading.Thread(target=_stop_when_hung, args=watched, name="stop when hung", daemon=True).start()

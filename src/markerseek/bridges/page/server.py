@@ -108,6 +108,10 @@ def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str],
         import nicegui  # noqa: F401  tested before a port is opened
         import uvicorn
     from markerseek.bridges.page.application import page_application
+    from markerseek.bridges.page.run_history import warm_up
+
+    # While kernels are loaded the event loop hears no STOP: before the port is open.
+    warm_up()
 
     class Server(uvicorn.Server):
         """Stops the searches with the first signal, not only once the connections are closed."""

@@ -26,7 +26,7 @@ from markerseek.runs import new_session, plan_on
 from markerseek.sim import GaussianCurve
 
 BROWSER = "a browser at 127.0.0.1"
-STOPPED = Outcome(exit_code=130, answer={"error": "stopped by SIGINT"})
+STOPPED = Outcome(exit_code=130, answer={"error": "stopped by the user"})
 FOUND = Outcome(exit_code=0, answer={"answer": "found", "angle_deg": 1.0, "reason": None})
 
 
