@@ -126,9 +126,18 @@ clean:  ## remove the environment and everything made
 # (--no-deps), and Python compiles a module when it is first imported (--no-compile) instead of all of them now.
 INSTALL := $(PIP) install --no-deps --no-compile
 
+# Without pip an environment was interrupted while it was made, and is made again.
+FITS := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
+define NEW_ENVIRONMENT
+@echo "setting up $(@D) (once)"
+@$(@D)/bin/python -m pip --version >/dev/null 2>&1 || { \
+	$(PYTHON) -c '$(FITS)' 2>/dev/null || { echo "PYTHON is $(PYTHON): it is missing, older than 3.11, or without venv" \
+	"(Debian: apt install python3-venv); name another, as in: make $(or $(MAKECMDGOALS),demo) PYTHON=python3.12" >&2; exit 1; }; \
+	$(PYTHON) -m venv $(@D) || { echo "$(@D) cannot be made in $(CURDIR); clone markerseek into a folder of your own" >&2; exit 1; }; }
+endef
+
 .venv/demo: requirements/demo.txt pyproject.toml
-	@echo "setting up .venv (once)"
-	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(NEW_ENVIRONMENT)
 	$(INSTALL) --require-hashes -r requirements/demo.txt
 	$(INSTALL) --no-build-isolation -e .
 	@touch $@
@@ -151,8 +160,7 @@ INSTALL := $(PIP) install --no-deps --no-compile
 .venv-peers/ready: requirements/dev.txt requirements/peers.txt
 .venv-ros/ready: requirements/run.txt requirements/ros2.txt
 .venv-bench/ready .venv-peers/ready .venv-ros/ready: pyproject.toml
-	@echo "setting up $(@D) (once)"
-	test -x $(@D)/bin/python || $(PYTHON) -m venv $(@D)
+	$(NEW_ENVIRONMENT)
 	$(@D)/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --require-hashes $(addprefix -r ,$(filter %.txt,$^))
 	$(@D)/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-build-isolation -e .
 	@touch $@

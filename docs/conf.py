@@ -33,6 +33,8 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc"]
 exclude_patterns = ["_build"]
 # The theme is named here alone.
 html_theme = "furo"
+html_static_path = ["site.css"]
+html_css_files = ["site.css"]
 html_title = f"markerseek {version}"
 html_show_sourcelink = False
 nitpicky = True

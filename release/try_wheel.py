@@ -20,10 +20,13 @@ PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 TOOLS = {"pytest", "pytest-cov", "coverage", "hypothesis", "sphinx", "mypy", "ruff", "pymust", "beartype"}
 NOT_IN_SDIST = (".ci/", ".github/", ".gitignore")
 
+LIMIT_S = 300.0
+"""Seconds within which a command ends, the compilation of the kernels included."""
+
 WITHOUT = {
     "plot": ("search", "--seed", "1", "--plot", "--no-journal"),
     "records": ("bank", "scan", "scan.hdf5"),
-    "devices": ("emulate", "kdc101", "--dir", "."),
+    "devices": ("search", "--rig", str(ROOT / "examples" / "rigs" / "bench.toml"), "--arm", "--no-journal"),
     "page": ("page",),
     "igtl": ("igtl",),
     "vision": ("tooltip", "images"),
@@ -85,15 +88,19 @@ class Environment:
             "HOME": str(self._folder),
             "COLUMNS": "200",
         }
-        done = subprocess.run(
-            [self._folder / "bin" / "markerseek", *words],
-            cwd=self._folder,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        try:
+            done = subprocess.run(
+                [self._folder / "bin" / "markerseek", *words],
+                cwd=self._folder,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                text=True,
+                check=False,
+                timeout=LIMIT_S,
+            )
+        except subprocess.TimeoutExpired:
+            return -1, f"it has not ended in {LIMIT_S:g} s"
         return done.returncode, done.stdout + done.stderr
 
 

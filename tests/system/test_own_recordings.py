@@ -47,6 +47,20 @@ def test_the_answer_from_all_angles_stands_in_the_table(shell: Shell, tmp_path: 
     assert "found, 7.2" in line or "found, 7.3" in line
 
 
+@pytest.mark.parametrize(("marker_deg", "answer", "code"), [(12.0, "found", 0), (None, "not found", 3)])
+def test_amounts_of_noise_in_a_file_are_no_second_source(
+    shell: Shell, tmp_path: Path, marker_deg: float | None, answer: str, code: int
+) -> None:
+    rng = np.random.default_rng(5)
+    angles_deg = np.linspace(-62, 62, 87)
+    curve = 0.0 if marker_deg is None else 100 / (1 + ((angles_deg - marker_deg) / 4.6) ** 2) * rng.normal(1, 0.03, 87)
+    rows = np.column_stack([angles_deg, abs(curve + rng.normal(size=87))])
+    np.savetxt(tmp_path / "mine.csv", rows, delimiter=",", header="angle_deg,intensity", comments="")
+    ended, out, _ = shell("replay", tmp_path / "mine.csv", "--json")
+    result = json.loads(out)
+    assert (result["answer"], result["all_angles"]["answer"], ended) == (answer, answer, code)
+
+
 def test_a_recording_that_is_used_up_is_not_told_to_take_more(shell: Shell, tmp_path: Path) -> None:
     path = tmp_path / "coarse.csv"
     # Two sources as loud as one another, seen by five angles.

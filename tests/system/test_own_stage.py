@@ -1,4 +1,4 @@
-"""A lab's own stage, written from the how-to alone and outside of the package: doctor, search, kill, and its errors."""
+"""A stage of a lab, written from the tutorial alone and outside of the package: doctor, search, kill, its errors."""
 
 from __future__ import annotations
 
@@ -18,17 +18,16 @@ from tests.emulated import markerseek
 
 Shell = Callable[..., tuple[int, str, str]]
 
-PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "bring-your-own-stage.md"
+PAGE = Path(__file__).parents[2] / "docs" / "tutorials" / "own-stage.md"
 
 pytestmark = pytest.mark.real_time
 
 
 def blocks() -> dict[str, str]:
-    """The files that the page tells to save, and its test."""
+    """The files that the page tells to save."""
     text = PAGE.read_text(encoding="utf-8")
     saved = re.findall(r"Save this as `([\w.]+)`.*?^```\w+\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
-    contract = re.findall(r"^```python\n(from toy_stage import.*?)^```", text, re.MULTILINE | re.DOTALL)
-    return dict(saved) | {"test_toy_stage.py": contract[0]}
+    return dict(saved)
 
 
 @pytest.fixture

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import re
+import shutil
+import subprocess
 import tomllib
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -50,3 +54,20 @@ def test_the_page_of_licences_has_what_is_pinned_and_nothing_under_the_gpl() -> 
 def test_the_changelog_has_a_section_for_the_next_release() -> None:
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert re.search(r"^## \d+\.\d+\.\d+ (\(unreleased\)|\(\d{4}-\d\d-\d\d\))$", text, re.MULTILINE)
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
+def test_a_python_that_is_missing_or_too_old_is_said_before_anything_is_made(tmp_path: Path) -> None:
+    old = tmp_path / "python3.10"
+    old.write_text("#!/bin/sh\nexit 1\n")
+    old.chmod(0o755)
+    shutil.copytree(ROOT / "requirements", tmp_path / "requirements")
+    for name in ("Makefile", "pyproject.toml"):
+        shutil.copy2(ROOT / name, tmp_path)
+    for python in ("no-such-python", str(old)):
+        command = ["make", "demo", f"PYTHON={python}"]
+        ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert ended.returncode == 2
+        assert f"PYTHON is {python}: it is missing, older than 3.11" in ended.stderr
+        assert "make demo PYTHON=python3.12" in ended.stderr
+        assert not (tmp_path / ".venv").exists()

@@ -40,3 +40,14 @@ def test_a_tutorial_shows_what_its_commands_print(page: Path, tmp_path: Path) ->
             expected, ended.stdout, doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
         )
         assert as_shown, f"{page.name}: {command}\nshown:\n{expected}\nprinted:\n{ended.stdout}\n{ended.stderr}"
+
+
+def test_the_method_of_the_tutorial_keeps_the_contract(tmp_path: Path) -> None:
+    text = (ROOT / "docs" / "tutorials" / "own-policy.md").read_text(encoding="utf-8")
+    (saved,) = re.findall(r"`(test_\w+\.py)` beside.*?^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    (tmp_path / saved[0]).write_text(saved[1], encoding="utf-8")
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "examples")}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", saved[0]]
+    ended = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stdout
+    assert re.search(r"^[5-9] passed|^\d\d passed", ended.stdout, re.MULTILINE), ended.stdout

@@ -7,6 +7,7 @@ import csv
 import io
 import re
 from dataclasses import dataclass, field
+from itertools import takewhile
 from pathlib import Path
 
 from markerseek.core import RecordError
@@ -41,19 +42,27 @@ def csv_rows(path: Path, data: bytes) -> CsvRows:
     first_line = next((line for line in text.splitlines() if line.strip()), "")
     # Excel writes the separator into this line.
     named = first_line.lower().startswith("sep=") and len(first_line) == len("sep=,")
-    separator = first_line[-1] if named else _separator(first_line)
+    uncommented = next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), first_line)
+    separator = first_line[-1] if named else _separator(uncommented)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True, skipinitialspace=True)
     table = [
         (reader.line_num, row)
         for row in reader
-        # Spreadsheets append empty rows; NumPy writes the names as a comment.
+        # Spreadsheets append empty rows.
         if any(cell.strip() for cell in row) and not row[0].lower().startswith("sep=")
     ]
-    names: tuple[str, ...] = ()
-    if table and not all(map(_is_number, table[0][1])):
-        names = tuple(cell.strip() for cell in table.pop(0)[1])
-        names = (names[0].removeprefix("#").strip(), *names[1:])
+    # NumPy writes the names as a comment.
+    comments = [row for _, row in takewhile(lambda each: each[1][0].startswith("#"), table)]
     cells = {line: row for line, row in table if not row[0].startswith("#")}
+    first = next(iter(cells), None)
+    numbers = [_is_number(cell) for cell in cells[first]] if first is not None else []
+    names: tuple[str, ...] = ()
+    # Below a comment, which may hold the names, a row with some numbers is one of data that lacks the others.
+    if first is not None and not (any(numbers) if comments else all(numbers)):
+        names = tuple(cell.strip() for cell in cells.pop(first))
+    elif comments and (first is None or len(comments[-1]) == len(numbers)):
+        names = tuple(cell.strip() for cell in comments[-1])
+        names = (names[0].removeprefix("#").strip(), *names[1:])
     width = len(names or next(iter(cells.values()), ()))
     if separator != ",":
         _refuse_thousands(path, cells)

@@ -14,7 +14,10 @@ N frames have M·N cells. The threshold for a share p of false finds is therefor
    its own floor;
 3. the lower quartile of the intensities at 12 angles or more, each weighted by the part of the range around it
    (for equal steps the plain quartile); the threshold follows as from dark samples, with the quartile for the median.
-   The quartile may be a marker's tail, so that σ itself is taken smaller where the curve is smoother than noise;
+   The quartile may be a marker's tail, so that σ itself is taken smaller where the curve is smoother than noise.
+   Intensities of a file need not be maxima of an image: where those of even steps scatter more than such maxima, as
+   amounts of normal noise do by s = σ·sqrt(1 − 2/π), the threshold is what that noise reaches above the quartile,
+   σ·sqrt(2·ln(N/p)), and σ is no less than that of the scatter;
 4. nothing: the floor is unknown.
 
 The threshold is never below the largest dark intensity: real noise has tails and bursts.
@@ -44,6 +47,10 @@ a maximum. With 30, three dark intensities or a quartile of 15 keep false finds 
 
 QUARTILE_ANGLES = 12
 """Angles that a lower quartile needs."""
+
+SMOOTHNESS = 3.4
+"""Largest σ over the scatter of the samples. The largest of M Rayleigh cells scatters by π/sqrt(6)/sqrt(2·ln M)·σ,
+0.30 σ for 12,800 cells, and a sample above the noise by σ: this fits the former and is generous to the latter."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,9 +86,15 @@ def noise_of(lit: Sequence[Sample], *, dark: Sequence[Sample] = ()) -> SearchNoi
     curve = curve_of(lit)
     if np.unique(curve.angle_deg).size >= QUARTILE_ANGLES:
         cells = _cells(lit, otherwise=FEWEST_CELLS)
-        most = _lower_quartile(curve) / _quantile_factor(0.25, cells=cells)
-        level = most * noise_factor(cells=cells, frames=len(lit))
-        return SearchNoise(floor=Floor(level=level, source="lower quartile"), sigma=min(most, _roughness(curve)))
+        quartile, scatter = _lower_quartile(curve), _scatter(curve)
+        most = quartile / _quantile_factor(0.25, cells=cells)
+        folded = scatter / math.sqrt(1 - 2 / math.pi) if _is_even(curve) else 0.0
+        level = max(
+            most * noise_factor(cells=cells, frames=len(lit)),
+            quartile + folded * noise_factor(cells=1, frames=len(lit)),
+        )
+        sigma = min(max(most, folded), SMOOTHNESS * scatter)
+        return SearchNoise(floor=Floor(level=level, source="lower quartile"), sigma=sigma)
     return SearchNoise(floor=Floor(level=None, source="unknown"), sigma=None)
 
 
@@ -118,18 +131,21 @@ def _quantile_factor(share: float, *, cells: int) -> float:
     return math.sqrt(-2 * math.log(-math.expm1(math.log(share) / max(1, cells))))
 
 
-def _roughness(curve: Curve) -> float:
-    """Largest σ that the curve's smoothness allows: 3.4 times its scatter about the line through both neighbours."""
-    # The largest of M Rayleigh cells scatters by π/sqrt(6)/sqrt(2·ln M)·σ, 0.30 σ for 12,800 cells, and a sample above
-    # the noise by σ: the factor 3.4 fits the former and is generous to the latter. 1.4826 turns a median into a
-    # standard deviation, and 1.5 is the variance with that of the two neighbours.
+def _scatter(curve: Curve) -> float:
+    """Scatter of the samples about the line through both neighbours, as a standard deviation of one."""
+    # 1.4826 turns a median into a standard deviation, and 1.5 is the variance with that of the two neighbours.
     low_deg, middle_deg, high_deg = curve.angle_deg[:-2], curve.angle_deg[1:-1], curve.angle_deg[2:]
     spaced = high_deg > low_deg
     share = (middle_deg - low_deg)[spaced] / (high_deg - low_deg)[spaced]
     # The line through both neighbours removes slope; a peak still bends, but the median ignores it.
     line = (1 - share) * curve.intensity[:-2][spaced] + share * curve.intensity[2:][spaced]
-    scatter = float(np.median(np.abs(curve.intensity[1:-1][spaced] - line)))
-    return 3.4 * 1.4826 * scatter / math.sqrt(1.5)
+    return 1.4826 * float(np.median(np.abs(curve.intensity[1:-1][spaced] - line))) / math.sqrt(1.5)
+
+
+def _is_even(curve: Curve) -> bool:
+    """Whether the angles have even steps, as those of a scan: about a search's own, far apart, a curve bends."""
+    steps_deg = np.diff(np.unique(curve.angle_deg))
+    return bool(steps_deg.max() <= 2 * np.median(steps_deg))
 
 
 def _lower_quartile(curve: Curve) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from markerseek.core import (
@@ -104,6 +105,15 @@ class TestFloor:
         lit = [sample(float(index), 1.0 + 0.1 * index) for index in range(angles)]
         assert noise_of(lit).floor.source == source
         assert (noise_of(lit).floor.level is None) == (source == "unknown")
+
+    def test_amounts_of_normal_noise_stay_below_the_floor(self):
+        """Those of a file are no maxima of images: their largest is eight times their quartile."""
+        rng = np.random.default_rng(3)
+        files = [np.abs(rng.normal(size=60)) for _ in range(400)]
+        floors = [noise_of([sample(float(k), value) for k, value in enumerate(each.tolist())]) for each in files]
+        above = sum(each.max() > noise.floor.level for each, noise in zip(files, floors, strict=True))
+        assert above <= 4
+        assert np.median([noise.sigma for noise in floors]) == pytest.approx(1.0, abs=0.15)
 
     def test_the_same_angle_twice_is_one_angle(self):
         assert noise_of([sample(float(index % 11), 1.0) for index in range(22)]).floor.source == "unknown"

@@ -39,6 +39,8 @@ def written(folder: Path, text: str, encoding: str = "utf-8") -> Path:
         table("angle_deg\tintensity", "\t", comma=True),
         table("angle_deg intensity", "   "),
         table("# angle_deg,intensity", ","),
+        table("# my scan, 2024\nangle_deg\tintensity", "\t"),
+        table("# my scan, 2024\n\n# second; line\n# angle_deg,intensity", ","),
         "sep=;\n" + table("angle_deg;intensity", ";", comma=True),
         '"angle_deg","intensity"\n' + table("", ","),
     ],
@@ -114,6 +116,16 @@ def test_a_range_below_two_asks_for_the_unit(tmp_path: Path) -> None:
     named = written(tmp_path, "angle_deg,intensity\n-0.6,1\n0,3\n0.6,2\n")
     with pytest.warns(UserWarning, match="are these radians"):
         assert read_bank(named).angles_deg == (-0.6, 0.0, 0.6)
+
+
+def test_a_comment_above_numbers_names_no_columns(tmp_path: Path) -> None:
+    with pytest.warns(UserWarning, match="no names"):
+        assert read_bank(written(tmp_path, table("# a scan", "\t"))) == EXPECTED
+
+
+def test_below_the_names_in_a_comment_a_row_that_lacks_a_number_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match=r"line 2.*n/a"):
+        read_bank(written(tmp_path, "# angle_deg,intensity\nn/a,3.0\n" + table("", ",")))
 
 
 def test_any_order_and_repeated_angles_averaged_with_a_word(tmp_path: Path) -> None:
