@@ -66,8 +66,8 @@ _RIG = SimulatedSettings(
     receiver=ReceiverSettings(readout_s=0.05),
 )
 
-METHODS = ("ternary", "golden-section", "weighted-average", "posterior", "exhaustive")
-"""The paper's three, ours, and every angle."""
+METHODS = ("ternary", "golden-section", "weighted-average", "posterior", "exhaustive", "bounded-minimiser")
+"""The paper's three, ours, every angle, and SciPy's optimiser (Brent), whose answers are checked as the paper's."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -58,6 +58,16 @@ def test_the_example_in_octave_finds_a_marker():
         assert row.error_deg < 2.6
 
 
+def test_scipys_optimiser_is_among_the_methods_and_finds_a_marker_whose_curve_it_sees():
+    settings = PolicySettings(method=benchmark.METHODS[-1])
+    assert str(settings).startswith("bounded-minimiser")
+    study = world("intensities", "one").study("test", (settings,), searches=12)
+    rows = [run_trial(study, cells(study)[0], trial, 0) for trial in range(12)]
+    found = [row for row in rows if row.answer == "found"]
+    assert found
+    assert all(row.error_deg < 2.0 for row in found)
+
+
 def test_a_row_is_the_same_whatever_else_is_run():
     """Common random numbers: a method meets the same marker alone, beside others, and in a larger benchmark."""
     one, others = (
