@@ -163,8 +163,8 @@ def test_an_export_has_one_image_for_each_angle(shell, scan, tmp_path, name):
     assert (code, "there is a file already" in err) == (2, True)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_scan_stays_readable(tmp_path, number):
+@pytest.mark.parametrize(("number", "by"), [(signal.SIGINT, "the user"), (signal.SIGTERM, "another program (SIGTERM)")])
+def test_an_interrupted_scan_stays_readable(tmp_path, number, by):
     path = tmp_path / "a.hdf5"
     words = ("bank", "scan", str(path), "--step-deg", "0.02", "--json")
     process = subprocess.Popen((*MARKERSEEK, *words), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -175,7 +175,7 @@ def test_an_interrupted_scan_stays_readable(tmp_path, number):
     process.send_signal(number)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 128 + number, err
-    assert json.loads(out) == {"error": f"stopped by {number.name}", "kind": "Stopped", "kept": str(path)}
+    assert json.loads(out) == {"error": f"stopped by {by}", "kind": "Stopped", "kept": str(path)}
     assert "the laser is disarmed" in err
     bank = read_bank(path)
     assert isinstance(bank, FrameBank)

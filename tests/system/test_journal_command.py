@@ -137,8 +137,17 @@ def test_a_journal_is_shown_as_a_table(shell: Shell, tmp_path: Path) -> None:
     assert "state: finished" in out
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name)
-def test_a_signal_stops_a_search_that_can_be_resumed(number: signal.Signals, shell: Shell, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("number", "by"),
+    [
+        (signal.SIGINT, "the user"),
+        (signal.SIGTERM, "another program (SIGTERM)"),
+        (signal.SIGHUP, "the end of its terminal (SIGHUP)"),
+    ],
+)
+def test_a_signal_stops_a_search_that_can_be_resumed(
+    number: signal.Signals, by: str, shell: Shell, tmp_path: Path
+) -> None:
     path = tmp_path / "run.journal"
     ended = killed_search(path, number, after=3)
     assert ended.returncode == 128 + number
@@ -146,7 +155,7 @@ def test_a_signal_stops_a_search_that_can_be_resumed(number: signal.Signals, she
     assert f"markerseek resume {path}" in ended.stderr.replace("\n", "")
     assert not Path(f"{path}-journal").exists()
     held = read_journal(path)
-    assert held.entries[-1].event == Interrupted(reason=number.name)
+    assert held.entries[-1].event == Interrupted(reason=by)
     assert sum(isinstance(entry.event, Measured) and not entry.event.sample.dark for entry in held.entries) == 3
     _, out, _ = shell("resume", path, "--arm", "--json")
     assert out == shell(*SEARCH, "--no-journal", "--json")[1]
