@@ -96,7 +96,7 @@ def strike_once(folder: Path, phase: str, number: signal.Signals) -> Struck:
     clock = SystemClock()
     over = threading.Event()
     journal = folder / "run.journal"
-    described = _rig_toml(folder, settings, pace=1.0, plus=None).replace("triggered", "fixed")
+    described = _rig_toml(folder, settings, pace=1.0, emulated=bench).replace("triggered", "fixed")
     # the lease of a real rig, by which everything must have come to rest
     (folder / "rig.toml").write_text(described.replace("lease_s = 1.0", "lease_s = 0.1"))
     with ExitStack() as opened:
