@@ -101,9 +101,7 @@ class Admission:
         sigma = reading.noise_sigma
         if sigma is not None and usual_sigma and not 1 / self.noise_ratio <= sigma / usual_sigma <= self.noise_ratio:
             why = f"the noise is {sigma:.3g} and was {usual_sigma:.3g} at first in this run, by more than a factor of"
-            raise AcquisitionError(
-                f"{why} {self.noise_ratio:g}; take it again, and look for what disturbs the receiver"
-            )
+            raise AcquisitionError(f"{why} {self.noise_ratio:g}; take it again, and find what disturbs the receiver")
         saturated = reading.saturated_fraction
         if saturated is not None and not saturated <= self.saturated_limit:
             why = f"saturated: {saturated:.0%} of the channels are at full scale in the marker's window, the limit is"

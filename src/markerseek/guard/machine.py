@@ -204,12 +204,14 @@ class Guard:
 
         A dark frame that holds a source ends in FAULT: if frames come late, a second try would hide it.
         """
-        pulses, dark_sigma = frame.header.pulses, self._usual_sigma.get(0) or 0
-        usual_sigma = self._usual_sigma.get(pulses) or max(reading.noise_sigma or 0, dark_sigma)
+        pulses, known = frame.header.pulses, self._usual_sigma
+        # The first lit frame may be louder than a dark one, and the first dark one quieter than those with light.
+        others = [sigma for of, sigma in known.items() if sigma and bool(of) != bool(pulses)]
+        usual_sigma = known.get(pulses) or (max if pulses else min)([reading.noise_sigma or 0, *others])
         self._admission.admit_reading(reading, frame=frame, usual_sigma=usual_sigma)
         if not pulses and (source := self._admission.source_in_dark(reading)) is not None:
             raise self._failed(AcquisitionError(source))
-        self._usual_sigma.setdefault(pulses, reading.noise_sigma)
+        known.setdefault(pulses, reading.noise_sigma)
 
     def _failed(self, error: DeviceError) -> DeviceError:
         self.fail(str(error))

@@ -293,7 +293,7 @@ def test_a_frame_is_as_noisy_as_the_first_of_its_kind(
             Admission().admit_reading(reading, frame=FRAME, usual_sigma=usual_sigma)
         assert str(refusal.value) == (
             f"the noise is {sigma:.3g} and was {usual_sigma:.3g} at first in this run, by more than a factor of 2; "
-            "take it again, and look for what disturbs the receiver"
+            "take it again, and find what disturbs the receiver"
         )
         rules = Admission(noise_ratio=math.inf)
         rules.admit_reading(reading, frame=FRAME, usual_sigma=usual_sigma)

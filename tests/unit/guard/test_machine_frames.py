@@ -107,6 +107,20 @@ def test_a_lit_frame_may_be_noisier_than_the_dark_ones_and_not_quieter(dark: flo
             made.admit_reading(reading, frame=frame_of(pulses=16))
 
 
+@pytest.mark.parametrize(("dark", "believed"), [(0.01, True), (2.0, True), (2.01, False)])
+def test_the_first_dark_frame_may_be_quieter_than_the_lit_ones_and_not_noisier(dark: float, believed: bool) -> None:
+    made = guard()
+    # Single pulses of a sweep are noisier than the mean of 16; no noise is known of one.
+    for pulses, sigma in ((1, 4.0), (16, 1.0), (8, None)):
+        made.admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=frame_of(pulses=pulses))
+    reading = Reading(intensity=1.0, noise_sigma=dark)
+    if believed:
+        made.admit_reading(reading, frame=frame_of(pulses=0))
+    else:
+        with pytest.raises(AcquisitionError, match=r"the noise is 2\.01 and was 1 at first"):
+            made.admit_reading(reading, frame=frame_of(pulses=0))
+
+
 @pytest.mark.parametrize("pulses", [0, 16])
 @pytest.mark.parametrize("sigma", [0.0, 1e-6, 1e6])
 def test_the_first_frame_of_a_run_may_be_of_any_noise(pulses: int, sigma: float) -> None:
