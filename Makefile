@@ -151,7 +151,8 @@ endef
 	@touch $@
 
 .venv/dev: requirements/dev.txt .venv/compiled
-	$(PIP) install --require-hashes -r requirements/dev.txt
+	$(INSTALL) --require-hashes -r requirements/dev.txt
+	$(PIP) check
 	@touch $@
 
 # The programs of others that ours are timed beside, or that open our files, are heavy, and ROS 2 starts another Python at
