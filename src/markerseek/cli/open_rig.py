@@ -18,7 +18,7 @@ from rich.markup import escape
 
 from markerseek import drivers, rigs
 from markerseek.cli.terminal import one_line, print_json, print_warning, printable, stderr
-from markerseek.core import ConfigError, SweepingPolicy
+from markerseek.core import AnyPolicy, ConfigError
 
 if TYPE_CHECKING:
     from markerseek.sim import SimulatedSettings
@@ -121,7 +121,7 @@ def open_rig(
     yield rigs.simulated(seed=seed, settings=settings, pace=options.pace), settings.start_deg
 
 
-def announce_sweeps(rig: rigs.Rig, policy: SweepingPolicy, *, start_deg: float) -> None:
+def announce_sweeps(rig: rigs.Rig, policy: AnyPolicy, *, start_deg: float) -> None:
     """Print how a rig will sweep, and for how long, run-up included."""
     from markerseek.search.posterior import SweepPosterior
 

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek.cli.report import Output, Report, drawn, facts, file_line
-from markerseek.core import ChannelFrame, Estimate, Floor, NotFound, OtherSource, RFFrame, SweepingPolicy
+from markerseek.core import AnyPolicy, ChannelFrame, Estimate, Floor, NotFound, OtherSource, RFFrame
 from markerseek.records import Recorder, SearchResult, answer_name
 from markerseek.records.journal import Configuration, Journal
 from markerseek.search import FALSE_FOUND
@@ -127,7 +127,7 @@ def conclude(
     *,
     name: str,
     imaging: AnyImageReader | None,
-    policy: SweepingPolicy | None,
+    policy: AnyPolicy | None,
     journal: Journal | None = None,
     recorded: Curve | None = None,
     from_all: Estimate | None = None,
@@ -187,7 +187,7 @@ def _all_angles(estimate: Estimate) -> dict[str, object]:
     }
 
 
-def _density(policy: SweepingPolicy | None) -> Curve | None:
+def _density(policy: AnyPolicy | None) -> Curve | None:
     """Density of the angle at the end of a search; None for methods without a posterior."""
     from markerseek.search.posterior import Posterior, SweepPosterior
 

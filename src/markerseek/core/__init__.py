@@ -43,6 +43,7 @@ from markerseek.core.marker_curve import MarkerCurve
 from markerseek.core.permit import SWEEP_READING_S, Permit, SweepPermit
 from markerseek.core.plan import ByHand, PolicyPlan, RunPlan, SearchPlan, Tolerance
 from markerseek.core.protocols import (
+    AnyPolicy,
     Clock,
     ConfirmablePolicy,
     GuidedStage,
@@ -79,6 +80,7 @@ __all__ = [
     "AcquisitionError",
     "Ambiguous",
     "AngleBelief",
+    "AnyPolicy",
     "Arrival",
     "Asked",
     "AtBound",

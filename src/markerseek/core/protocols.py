@@ -7,7 +7,7 @@ Angles are in degrees, times in seconds. A part that cannot do what it is asked 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeAlias, runtime_checkable
 
 from markerseek.core.estimate import Estimate
 from markerseek.core.events import Turning
@@ -34,7 +34,7 @@ class Policy(Protocol):
 
 @runtime_checkable
 class SweepingPolicy(Protocol):
-    """A policy that may ask for a sweep instead of an angle; every `Policy` is one that never does.
+    """A policy that may ask for a sweep instead of an angle.
 
     During a sweep it is told each sample as it comes. The sweep goes on while `ask` returns an equal `Sweep`; anything
     else ends it: the light first, then the probe brakes.
@@ -46,8 +46,18 @@ class SweepingPolicy(Protocol):
     def tell(self, sample: Sample) -> None:
         """Receive one sample; its angle is the one reached."""
 
+    def end_sweep(self) -> None:
+        """Learn that the sweep is over, by itself or at its end, and that all its samples have been told.
+
+        Its last sample does not say so: how far from the end the light goes out is a matter of the stage and the laser.
+        """
+
     def estimate(self) -> Estimate:
         """Present answer; allowed at any time, also before the first sample."""
+
+
+AnyPolicy: TypeAlias = Policy | SweepingPolicy
+"""What a run takes."""
 
 
 @runtime_checkable

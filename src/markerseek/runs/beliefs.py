@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from markerseek.core import AngleBelief, Asked, Event, Finished, Float64, Measured, SearchPlan, SweepingPolicy
+from markerseek.core import AngleBelief, AnyPolicy, Asked, Event, Finished, Float64, Measured, SearchPlan
 from markerseek.search import THRESHOLD, BracketSearch, CheckedPolicy
 from markerseek.search.posterior import Posterior, SweepPosterior
 
@@ -17,7 +17,7 @@ ZEROS_DEG = 0.6
 class Beliefs:
     """What a policy believes whenever it asks."""
 
-    def __init__(self, policy: SweepingPolicy, plan: SearchPlan) -> None:
+    def __init__(self, policy: AnyPolicy, plan: SearchPlan) -> None:
         self._policy, self._plan = policy, plan
         self._intensities: list[float] = []
 

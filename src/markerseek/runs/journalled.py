@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import msgspec
 
-from markerseek.core import Clock, Event, Failed, Measured, Refused, SearchPlan, Started, SweepingPolicy, Swept
+from markerseek.core import AnyPolicy, Clock, Event, Failed, Measured, Refused, SearchPlan, Started, Swept
 from markerseek.records.journal import Configuration, Journal
 from markerseek.rigs import ReaderRecipe, Rig, SpareRecipe, TipRecipe
 from markerseek.runs.beliefs import Beliefs
@@ -36,7 +36,7 @@ def _reader_recipe(rig: Rig) -> ReaderRecipe:
 
 
 def journalled(
-    policy: SweepingPolicy, rig: Rig, journal: Journal, *, limits: RunLimits = _RUN_LIMITS
+    policy: AnyPolicy, rig: Rig, journal: Journal, *, limits: RunLimits = _RUN_LIMITS
 ) -> Generator[Event, None, None]:
     """`run` with each event committed to a journal before it is yielded, and so before the policy receives it.
 

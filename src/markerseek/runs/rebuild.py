@@ -7,7 +7,17 @@ from pathlib import Path
 
 import msgspec
 
-from markerseek.core import ConfigError, ConfirmablePolicy, Measured, Reader, RecordError, Sweep, SweepingPolicy
+from markerseek.core import (
+    AnyPolicy,
+    ConfigError,
+    ConfirmablePolicy,
+    Measured,
+    Reader,
+    RecordError,
+    Sweep,
+    SweepingPolicy,
+    Swept,
+)
 from markerseek.drivers import BenchSettings
 from markerseek.records.journal import Configuration, RecordedRun
 from markerseek.rigs import (
@@ -141,22 +151,24 @@ def _recipe(configuration: Configuration) -> Recipe | None:
     return recipe
 
 
-def rebuild_policy(configuration: Configuration) -> SweepingPolicy:
+def rebuild_policy(configuration: Configuration) -> AnyPolicy:
     """The policy of a journal in its state before the run."""
     return build_sweeping(configuration.plan, limits=configuration.facts.search)
 
 
-def next_angle(recorded: RecordedRun, policy: SweepingPolicy) -> float | None:
+def next_angle(recorded: RecordedRun, policy: AnyPolicy) -> float | None:
     """Next angle of a run in degrees, of a sweep its end; None if the policy needs no more.
 
     ``policy``: the policy in its state before the run; it is fed the recorded samples.
     """
     for entry in recorded.entries:
-        if not isinstance(entry.event, Measured):
-            continue
-        if entry.event.role != "confirmation":
-            policy.tell(entry.event.sample)
-        elif isinstance(policy, ConfirmablePolicy):
-            policy.confirm(entry.event.sample)
+        match entry.event:
+            case Measured(role="confirmation", sample=sample):
+                if isinstance(policy, ConfirmablePolicy):
+                    policy.confirm(sample)
+            case Measured(sample=sample):
+                policy.tell(sample)
+            case Swept() if isinstance(policy, SweepingPolicy):
+                policy.end_sweep()
     asked = policy.ask()
     return asked.to_deg if isinstance(asked, Sweep) else asked

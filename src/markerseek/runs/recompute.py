@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import closing
 from dataclasses import replace
 
-from markerseek.core import Finished, Measured, Reader, ReadingFrame, SweepingPolicy
+from markerseek.core import AnyPolicy, Finished, Measured, Reader, ReadingFrame
 from markerseek.guard import Limits
 from markerseek.records.journal import Entry, JournalEvent, RecordedRun
 from markerseek.runs.beliefs import Beliefs
@@ -15,7 +15,7 @@ from markerseek.scan import run
 from markerseek.signals import IntensityReader
 
 
-def recompute_differences(recorded: RecordedRun, policy: SweepingPolicy, reader: Reader) -> list[str]:
+def recompute_differences(recorded: RecordedRun, policy: AnyPolicy, reader: Reader) -> list[str]:
     """Differences, bit for bit, between a run recomputed from its frames and its journal; empty if there are none.
 
     Each stored frame is read again, the policy, in its state before the run, receives the readings, and its decisions

@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from markerseek.core import (
+    AnyPolicy,
     Asked,
     DeviceError,
     Event,
@@ -22,7 +23,6 @@ from markerseek.core import (
     RecordError,
     Refused,
     Started,
-    SweepingPolicy,
     Swept,
 )
 from markerseek.records.journal import Entry, Journal, RecordedRun, Resuming, RunState, run_state, versions
@@ -38,7 +38,7 @@ RUN_EVENTS = (Started, Asked, Measured, Swept, Refused, Finished)
 
 
 def resumed(
-    policy: SweepingPolicy,
+    policy: AnyPolicy,
     rig: Rig,
     journal: Journal,
     recorded: RecordedRun,

@@ -7,7 +7,7 @@ from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 
-from markerseek.core import Event, Measured, SearchPlan, SweepingPolicy
+from markerseek.core import AnyPolicy, Event, Measured, SearchPlan
 from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal, RecordedRun
 from markerseek.rigs import Rig
@@ -22,7 +22,7 @@ from markerseek.search import build_sweeping, most_acquisitions
 class Session:
     """A search on a rig. Iterate over `events`, then ask for `result`."""
 
-    policy: SweepingPolicy
+    policy: AnyPolicy
     rig: Rig
     configuration: Configuration
     """Plan of the search and facts of the rig, as a journal holds them."""

@@ -15,6 +15,7 @@ from typing import Protocol
 from markerseek.core import (
     MAX_ACQUISITIONS,
     AcquisitionError,
+    AnyPolicy,
     Asked,
     Clock,
     ConfigError,
@@ -98,7 +99,7 @@ _RUN_LIMITS, _RUN_PLAN = RunLimits(), RunPlan()
 
 
 def run(
-    policy: SweepingPolicy,
+    policy: AnyPolicy,
     scanner: AnyScanner,
     plan: RunPlan = _RUN_PLAN,
     *,
@@ -234,12 +235,14 @@ class _SweepsDone:
 
 
 def _swept(
-    scanner: AnyScanner, policy: SweepingPolicy, asked: Sweep, done: _SweepsDone, *, attempts: int
+    scanner: AnyScanner, policy: AnyPolicy, asked: Sweep, done: _SweepsDone, *, attempts: int
 ) -> Generator[Event, None, None]:
-    """A sweep: the policy is told each sample as it comes, and may end it early.
+    """A sweep: the policy is told each sample as it comes, may end it early, and is told when it is over.
 
     One that was broken off by a kill, or refused whole, is made anew from its beginning while the policy wants it.
     """
+    if not isinstance(policy, SweepingPolicy):
+        raise SearchError(f"the policy {type(policy).__name__} asks for a sweep and has no end_sweep")
     begin_deg = done.way_deg[-1] if asked.from_deg is None else asked.from_deg
     # Always stated: a run that is resumed goes on from another angle.
     from_deg = scanner.limits.search.nearest(begin_deg)
@@ -256,6 +259,7 @@ def _swept(
                         yield outcome
                         if isinstance(outcome, Swept):
                             done.way_deg.append(outcome.angle_deg)
+                            policy.end_sweep()
                             return
                         continue
                     done.acquisitions += 1

@@ -50,6 +50,9 @@ DARK_PERIODS = 3
 AT_REST_DEG = 0.005
 """Most by which two readings of a stage at rest differ: ten counts of a PRM1Z8's encoder."""
 
+SHORT_DEG = 1.0
+"""Most by which a sweep that nobody ended may end before its end: it brakes earlier, and at least as hard."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepingDevices:
@@ -179,12 +182,19 @@ class SweepInProgress:
             lit_s = self._clock.now_s()
             laser.begin_sweep(self._permit)
             # A probe that is too slow ends the light: it stalls, or has reached the end.
-            while self._read() and goes_on():
+            wanted = True
+            while self._read() and (wanted := goes_on()):
                 self._take(laser.pulses())
                 self._keep(receiver.frames())
                 yield self._matched()
             fired = self._end(lit_s=lit_s)
         stage.end_sweep()
+        last_deg = self._readings[-1].angle_deg
+        if wanted and not abs(last_deg - self._permit.to_deg) <= SHORT_DEG:
+            to_deg = self._permit.to_deg
+            raise MoveError(
+                f"the probe stopped at {last_deg:.3f} deg on its way to {to_deg:.3f} deg; look for an obstacle"
+            )
         if fired != len(self._pulses):
             raise AcquisitionError(f"{len(self._pulses)} of {fired} pulses have a time; the sweep is refused whole")
         self._keep(receiver.end_sweep(pulses=fired))
@@ -192,7 +202,7 @@ class SweepInProgress:
         yield self._matched()
         if self._told < len(self._frames):
             raise self._not_between(self._pulses[self._told])
-        return Swept(angle_deg=self._readings[-1].angle_deg, pulses=fired)
+        return Swept(angle_deg=last_deg, pulses=fired)
 
     def _await_speed(self) -> None:
         """Run up without light, to the least speed at which the probe may be lit."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, SupportsFloat
 
-from markerseek.core import PAPER_RANGE, ConfigError, Interval, Policy, PolicyPlan, SweepingPolicy, as_interval
+from markerseek.core import PAPER_RANGE, AnyPolicy, ConfigError, Interval, Policy, PolicyPlan, as_interval
 from markerseek.search.average import THRESHOLD
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
 from markerseek.search.checked import CheckedPolicy
@@ -130,7 +130,7 @@ def build(plan: PolicyPlan | str, *, limits: Interval | Sequence[SupportsFloat] 
     )
 
 
-def build_sweeping(plan: PolicyPlan, *, limits: Interval) -> SweepingPolicy:
+def build_sweeping(plan: PolicyPlan, *, limits: Interval) -> AnyPolicy:
     """Return a policy for one search, as `build`, which sweeps where its plan says so.
 
     The most acquisitions of its plan are those at rest, which follow where sweeps are not enough.

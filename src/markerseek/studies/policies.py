@@ -17,13 +17,13 @@ import markerseek
 from markerseek.adapters import ADAPTERS, build_adapter
 from markerseek.core import (
     PAPER_RANGE,
+    AnyPolicy,
     ConfigError,
     Interval,
     MarkerCurve,
     MarkerseekError,
     Policy,
     PolicyPlan,
-    SweepingPolicy,
     Tolerance,
 )
 from markerseek.search import (
@@ -144,7 +144,7 @@ def build_policy(
     start_deg: float | None,
     prior: MarkerCurve | None = None,
     sweep_speed_deg_s: float | None = None,
-) -> SweepingPolicy:
+) -> AnyPolicy:
     """Return a policy for one search.
 
     ``prior``: intensity curve of a former marker on this rig, for a posterior. ``sweep_speed_deg_s``: speed of its

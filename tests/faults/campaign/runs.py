@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from markerseek.core import (
+    AnyPolicy,
     Estimate,
     Interval,
     MarkerseekError,
@@ -23,7 +24,6 @@ from markerseek.core import (
     Sample,
     SearchPlan,
     Sweep,
-    SweepingPolicy,
     SweepPermit,
 )
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
@@ -320,7 +320,7 @@ def _configuration(rig: Rig, plan: Plan) -> Configuration:
     )
 
 
-def _policy(plan: Plan, rig: Rig) -> SweepingPolicy:
+def _policy(plan: Plan, rig: Rig) -> AnyPolicy:
     limits = rig.limits.search
     if plan.method in ("endless", "wild"):
         return Unruly(plan)
@@ -338,6 +338,7 @@ class Sweeps:
         self._rng = np.random.default_rng([plan.seed, plan.number, 2])
         self._limits, self._fastest_deg_s = plan.limits.search, fastest_deg_s
         self._left = int(self._rng.integers(1, 5))
+        self._ended = False
         self._next = self._drawn(plan.start_deg)
 
     def ask(self) -> float | Sweep | None:
@@ -346,15 +347,25 @@ class Sweeps:
     def tell(self, sample: Sample) -> None:
         if sample.dark:
             return
-        self._pulses -= 1
-        asked = self._next
-        over = not isinstance(asked, Sweep) or abs(sample.angle_deg - asked.to_deg) < 1.0
-        if over or self._pulses <= 0:
-            self._left -= 1
-            self._next = self._drawn(sample.angle_deg)
+        if sample.sweep is None:
+            self._go_on(sample.angle_deg)
+        elif not self._ended:
+            self._pulses -= 1
+            if self._pulses <= 0:
+                self._ended = True
+                self._go_on(sample.angle_deg)
+
+    def end_sweep(self) -> None:
+        if not self._ended and isinstance(self._next, Sweep):
+            self._go_on(self._next.to_deg)
+        self._ended = False
 
     def estimate(self) -> Estimate:
         return NotFound(mean_deg=0.0, reason="it judges nothing")
+
+    def _go_on(self, from_deg: float) -> None:
+        self._left -= 1
+        self._next = self._drawn(from_deg)
 
     def _drawn(self, from_deg: float) -> float | Sweep:
         """The next angle, or the next sweep, at least 5 degrees long."""

@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any, Literal
 from unittest import mock
 
-from markerseek.core import SweepingPolicy
+from markerseek.core import AnyPolicy
 from markerseek.records.journal import writer
 from markerseek.rigs import Rig
 
@@ -64,7 +64,7 @@ class Fuse:
 
         return fused
 
-    def into(self, policy: SweepingPolicy, rig: Rig) -> None:
+    def into(self, policy: AnyPolicy, rig: Rig) -> None:
         """Put it around everything that a search does."""
         for part, verbs in (
             (rig.stage, ("move_to", "stop", "begin_sweep", "read_sweep", "brake")),

@@ -17,7 +17,7 @@ from unittest import mock
 
 from markerseek import rigs
 from markerseek.acoustics import Probe
-from markerseek.core import AcquisitionError, Frame, LinearArray, Reader, Reading, SearchPlan, SweepingPolicy
+from markerseek.core import AcquisitionError, AnyPolicy, Frame, LinearArray, Reader, Reading, SearchPlan
 from markerseek.records.banks import read_bank
 from markerseek.records.journal import Configuration, Journal
 from markerseek.rigs import Rig
@@ -63,7 +63,7 @@ class Search:
     rig: Callable[[], Rig]
     sweeps: bool = False
 
-    def begin(self) -> tuple[SweepingPolicy, Rig, Configuration]:
+    def begin(self) -> tuple[AnyPolicy, Rig, Configuration]:
         """Policy, rig and what a journal says of them, as they are before the search."""
         rig = self.rig()
         rig.scanner._reader = Moody(rig.scanner._reader)

@@ -10,6 +10,7 @@ from typing import TypeAlias
 from markerseek import rigs
 from markerseek.core import (
     AcquisitionError,
+    AnyPolicy,
     Event,
     Frame,
     Policy,
@@ -17,7 +18,6 @@ from markerseek.core import (
     Reader,
     Reading,
     SearchPlan,
-    SweepingPolicy,
 )
 from markerseek.records.journal import Checked, Configuration, Journal, RecordedRun, Resuming
 from markerseek.rigs import Rig
@@ -28,7 +28,7 @@ from markerseek.search import build
 from markerseek.sim import GaussianCurve, NoiseSettings, SimulatedSettings
 from tests.unit.records.changed_configuration import changed
 
-Begin: TypeAlias = Callable[[], tuple[Policy | SweepingPolicy, Rig, Configuration]]
+Begin: TypeAlias = Callable[[], tuple[AnyPolicy, Rig, Configuration]]
 
 METHOD, ACQUISITIONS, SEED, MARKER_DEG = "golden-section", 8, 5, -9.4
 

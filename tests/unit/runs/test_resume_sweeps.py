@@ -10,6 +10,7 @@ import pytest
 
 from markerseek import rigs
 from markerseek.core import (
+    AnyPolicy,
     Asked,
     Event,
     Finished,
@@ -21,7 +22,6 @@ from markerseek.core import (
     SearchPlan,
     Started,
     Sweep,
-    SweepingPolicy,
     SweepTiming,
     Swept,
 )
@@ -38,7 +38,7 @@ from tests.unit.runs.journalled_runs import times_and_events
 PLAN = SearchPlan(method="posterior", start_deg=-35.0, others=0.0, sweep_speed_deg_s=8.6)
 
 
-def begin() -> tuple[SweepingPolicy, Rig, Configuration]:
+def begin() -> tuple[AnyPolicy, Rig, Configuration]:
     settings = SimulatedSettings(start_deg=-35.0)
     rig = rigs.of_intensities(
         seed=3,

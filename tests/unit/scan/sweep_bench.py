@@ -31,17 +31,22 @@ class Sweeps:
         self.left = list(sweeps)
         self.until_deg = until_deg
         self.samples: list[Sample] = []
+        self.ended = False
 
     def ask(self) -> Sweep | None:
         """The next sweep, until it was over."""
         return self.left[0] if self.left else None
 
     def tell(self, sample: Sample) -> None:
-        """Take a sample; a sweep is over half a degree from its end."""
+        """Take a sample."""
         self.samples.append(sample)
-        over = self.left and abs(sample.angle_deg - self.left[0].to_deg) < 1.0
-        if over or sample.angle_deg > self.until_deg:
-            self.left = self.left[1:]
+        if self.left and sample.angle_deg > self.until_deg:
+            self.ended, self.left = True, self.left[1:]
+
+    def end_sweep(self) -> None:
+        """Go on to the next sweep, unless this one was ended here."""
+        self.left = self.left if self.ended else self.left[1:]
+        self.ended = False
 
     def estimate(self) -> Estimate:
         """Nothing."""

@@ -149,6 +149,17 @@ def test_two_sweeps_there_and_back() -> None:
     bench.require_permitted()
 
 
+def test_a_fast_laser_whose_light_ends_degrees_before_the_end_ends_the_sweep() -> None:
+    """Pulses 0.1 degrees apart need 10 deg/s at 100 Hz: when the probe brakes from 12.5 deg/s, two degrees are left."""
+    bench = SweepBench(rate_hz=1000.0)
+    policy = Sweeps(*(Sweep(to_deg=to_deg, speed_deg_s=12.5, spacing_deg=0.1) for to_deg in (35.0, -35.0)))
+    events = list(bench.run(policy))
+    first = [sample.angle_deg for sample in policy.samples if sample.sweep is not None and sample.sweep.number == 1]
+    assert max(first) < 34.0
+    assert [round(event.angle_deg) for event in events if isinstance(event, Swept)] == [35, -35]
+    bench.require_permitted()
+
+
 def test_the_probe_is_moved_to_the_beginning_without_light() -> None:
     bench = SweepBench(start_deg=10.0)
     policy = Sweeps(Sweep(to_deg=20.0, speed_deg_s=10.0, from_deg=-20.0))

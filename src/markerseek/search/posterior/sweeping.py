@@ -20,8 +20,8 @@ from markerseek.search.posterior.belief import Belief
 from markerseek.search.posterior.policy import Posterior
 from markerseek.search.posterior.survey import STATED
 
-DECIDED_EVERY_S = 0.1
-"""Time between two decisions during a sweep, at its speed: no laser is too fast for a decision then."""
+JUDGED_EVERY_S = 0.1
+"""Time between two judgements during a sweep, at its speed: no laser is too fast for them then."""
 
 SWEPT_SIGMA_DEG = 0.3
 """Standard deviation at which a search by sweeps ends, in degrees, unless the tolerance needs less: from 0.2 to 0.3 it
@@ -31,7 +31,7 @@ LEAST_SPACING_DEG = 0.1
 """Least angle between two pulses: a twentieth of the narrowest curve."""
 
 AT_END_DEG = 1.0
-"""Distance from its end within which a sweep is over: the last pulse comes before the probe is at rest."""
+"""Distance from an end of the range within which a sweep to it is not worth its light."""
 
 MARGIN = 0.8
 """Share of the probability that is stated of another source up to which a sweep ends early: the confirmation changes it
@@ -79,7 +79,7 @@ class SweepPosterior:
             ends_deg = ends_deg[1:]
         self._to_deg = ends_deg
         self._swept_back = False
-        self._decided_deg: float | None = None
+        self._judged_deg: float | None = None
         self._next: tuple[float | Sweep | None] | None = None
 
     def ask(self) -> float | Sweep | None:
@@ -105,7 +105,13 @@ class SweepPosterior:
             self._next = None
         else:
             self._posterior.tell_swept(sample)
-            self._advance(sample)
+            self._judge(sample)
+
+    def end_sweep(self) -> None:
+        """Choose what follows a sweep that went to its end; one that was ended by the answer is over already."""
+        if self._to_deg:
+            self._to_deg = self._to_deg[1:] or self._after_range(self._to_deg[0])
+            self._next = None
 
     def confirm(self, sample: Sample) -> None:
         """Take the acquisition at the angle found, as `Posterior.confirm`."""
@@ -129,24 +135,20 @@ class SweepPosterior:
             for to_deg in self._to_deg
         ]
 
-    def _advance(self, sample: Sample) -> None:
-        """Decide, every tenth of a second, whether a sweep goes on after a sample of it."""
+    def _judge(self, sample: Sample) -> None:
+        """End the sweep, if the marker is known; asked every tenth of a second."""
         # The light is off before the probe brakes; samples that come after a sweep was ended are used like any others.
         if not self._to_deg:
             self._next = None
             return
-        at_end = abs(sample.angle_deg - self._to_deg[0]) <= AT_END_DEG
-        last_deg = self._decided_deg
-        since_deg = self._speed_deg_s * DECIDED_EVERY_S
-        if not at_end and last_deg is not None and abs(sample.angle_deg - last_deg) < since_deg:
+        last_deg = self._judged_deg
+        if last_deg is not None and abs(sample.angle_deg - last_deg) < self._speed_deg_s * JUDGED_EVERY_S:
             return
-        self._decided_deg = sample.angle_deg
+        self._judged_deg = sample.angle_deg
         if self._is_known(sample):
             self._posterior.state_swept()
             self._to_deg = []
-        elif at_end:
-            self._to_deg = self._to_deg[1:] or self._end_of_range(sample.angle_deg)
-        self._next = None
+            self._next = None
 
     def _is_known(self, sample: Sample) -> bool:
         """Whether the marker was passed and found, and its centre is known well enough."""
@@ -161,8 +163,8 @@ class SweepPosterior:
         answer = self._posterior.estimate()
         return isinstance(answer, Found) and (answer.other_probability or 0.0) <= MARGIN * STATED
 
-    def _end_of_range(self, angle_deg: float) -> list[float]:
-        """Ends of the sweeps that follow once the range has been swept."""
+    def _after_range(self, end_deg: float) -> list[float]:
+        """Ends of the sweeps that follow once the range has been swept to that end."""
         progress = self._posterior.progress
         if progress is None:
             # Single pulses show nothing: the search at rest begins anew, with the noise of its own frames.
@@ -174,13 +176,13 @@ class SweepPosterior:
         if self._swept_back:
             return []
         answer = self._posterior.estimate()
-        back_deg = 1.0 if angle_deg < self._limits.centre_deg else -1.0
+        back_deg = 1.0 if end_deg < self._limits.centre_deg else -1.0
         if isinstance(answer, Unsure) and (answer.other_probability or 0.0) > STATED:
             # What may hide beside the marker is looked for at some thirty angles in the time of five acquisitions.
             reach_deg = math.inf
         elif progress.sigma_deg > progress.target_deg:
-            reach_deg = abs(progress.mean_deg - angle_deg) + FLANK * progress.fwhm_deg
+            reach_deg = abs(progress.mean_deg - end_deg) + FLANK * progress.fwhm_deg
         else:
             return []
         self._swept_back = True
-        return [self._limits.nearest(angle_deg + back_deg * reach_deg)]
+        return [self._limits.nearest(end_deg + back_deg * reach_deg)]

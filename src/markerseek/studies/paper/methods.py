@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple, TypeAlias
 
 from markerseek.core import (
     PAPER_RANGE,
+    AnyPolicy,
     Asked,
     Estimate,
     Finished,
@@ -18,7 +19,6 @@ from markerseek.core import (
     RunPlan,
     Sample,
     SearchError,
-    SweepingPolicy,
 )
 from markerseek.scan import Scanner, run
 from markerseek.search import build
@@ -127,7 +127,7 @@ class SearchTrace(NamedTuple):
 
 
 def searched(
-    policy: SweepingPolicy, scanner: Scanner, *, stay: bool = True, dark_frames: int = 0, counts: Collection[int] = ()
+    policy: AnyPolicy, scanner: Scanner, *, stay: bool = True, dark_frames: int = 0, counts: Collection[int] = ()
 ) -> SearchTrace:
     """Run a search on a rig.
 

@@ -34,11 +34,21 @@ def curve_about(marker_deg: float, *, snr: float = 40.0, fwhm_deg: float = 4.0) 
 
 
 class Search:
-    """A policy, and a rig without time: a sample each 0.6 degrees of a sweep, three pulses late when it is ended."""
+    """A policy, and a rig without time: a sample each 0.6 degrees of a sweep, three pulses late when it is ended.
+
+    ``dark_deg``: how long before its end the light of a sweep goes out.
+    """
 
     def __init__(
-        self, curve: Callable[[float], float], *, start_deg: float = -35.0, seed: int = 1, others: float = 0.0
+        self,
+        curve: Callable[[float], float],
+        *,
+        start_deg: float = -35.0,
+        seed: int = 1,
+        others: float = 0.0,
+        dark_deg: float = 0.0,
     ) -> None:
+        self.dark_deg = dark_deg
         plan = PolicyPlan(method="posterior", start_deg=start_deg, others=others, sweep_speed_deg_s=SPEED)
         policy = build_sweeping(plan, limits=PAPER_RANGE)
         assert isinstance(policy, SweepPosterior)
@@ -62,7 +72,8 @@ class Search:
         timing = SweepTiming(
             number=len(self.sweeps) + 1, speed_deg_s=float(SPEED * np.sign(step_deg)), delay_sigma_s=0.005
         )
-        angles = np.arange(self.place_deg + step_deg / 2, sweep.to_deg, step_deg).tolist()
+        last_deg = sweep.to_deg - np.sign(step_deg) * self.dark_deg
+        angles = np.arange(self.place_deg + step_deg / 2, last_deg, step_deg).tolist()
         began_deg, left = self.place_deg, 3
         for angle_deg in angles:
             self.policy.tell(self.sample(angle_deg, timing=timing))
@@ -70,6 +81,7 @@ class Search:
             left -= self.policy.ask() != sweep
             if left == 0:
                 break
+        self.policy.end_sweep()
         self.sweeps.append((began_deg, self.place_deg))
 
     def run(self) -> None:
@@ -108,6 +120,12 @@ def test_it_begins_with_the_nearer_end(start_deg: float, ends_deg: list[int]) ->
     assert swept == pytest.approx(ends_deg, abs=1)
 
 
+def test_a_sweep_is_over_however_long_before_its_end_the_light_goes_out() -> None:
+    search = Search(lambda _: 0.0, start_deg=10.0, dark_deg=3.0)
+    search.run()
+    assert [round(to_deg) for _, to_deg in search.sweeps] == pytest.approx([32, -32], abs=1)
+
+
 def test_where_single_pulses_show_nothing_a_search_at_rest_begins_anew() -> None:
     search = Search(lambda _: 0.0)
     search.run()
@@ -133,8 +151,8 @@ def test_where_the_centre_is_not_known_well_enough_it_sweeps_back_over_the_flank
     assert len(search.sweeps) == 2
     began_deg, ended_deg = search.sweeps[1]
     assert began_deg > 30
-    # Over the other flank, and not to the end of the range.
-    assert 0.0 < ended_deg < 20.0
+    # Until the centre is known, and not to the end of the range.
+    assert 0.0 < ended_deg < 28.0
 
 
 def test_where_another_source_may_hide_it_sweeps_back_over_the_whole_range() -> None:
