@@ -91,6 +91,9 @@ class Observation:
     """Standard deviation of the error of its angle by itself."""
     energy_share: float = 1.0
     """What the laser's energy adds to it, over the `Hypotheses.sample_error` of a search."""
+    beside: int = 1
+    """How many weak observations, itself included, count as one: what the curve differs from its template by is nearly
+    the same in all of them."""
 
     @property
     def strong(self) -> bool:

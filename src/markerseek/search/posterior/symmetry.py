@@ -185,7 +185,18 @@ def grouped(observations: Sequence[Observation], *, fwhm_deg: float) -> Grouped:
             break
     groups = [_without_outliers(group) for group in groups]
     groups.sort(key=lambda group: -float(np.median([each.log_intensity for each in group])))
+    others = _counted(others, width_deg=SWEPT_GROUP_WIDTHS[-1] * fwhm_deg)
     return Grouped(strong=groups[:MAX_GROUPS], others=[*others, *map(median_of, groups[MAX_GROUPS:])])
+
+
+def _counted(weak: Sequence[Observation], *, width_deg: float) -> list[Observation]:
+    """Weak observations, those of sweeps with how many of the same sweep lie within a group's width."""
+    place_deg, sweep = np.array([(each.angle_deg, _sweep(each)) for each in weak]).reshape(-1, 2).T
+    near = (np.abs(place_deg[:, None] - place_deg) <= width_deg / 2) & (sweep[:, None] == sweep)
+    return [
+        each if each.sweep is None else replace(each, beside=int(count))
+        for each, count in zip(weak, near.sum(axis=1), strict=True)
+    ]
 
 
 def with_energies(samples: Grouped) -> tuple[Grouped, float | None]:
@@ -235,7 +246,7 @@ def symmetric_log_likelihood(
     errors = tuple(ERRORS.tolist())
     tables = np.empty((len(weak), ERRORS.size, TABLE_SIZE))
     for row, each in zip(tables, weak, strict=True):
-        row[:] = log_tables(noise=each.noise, cells=each.cells, errors=errors, ratio=each.lateral_ratio)
+        row[:] = log_tables(noise=each.noise, cells=each.cells, errors=errors, ratio=each.lateral_ratio) / each.beside
     log_p = np.empty((angles_deg.size, hypotheses.member.size))
     log_amplitude = np.empty_like(log_p)
     _symmetry.symmetric_likelihood(

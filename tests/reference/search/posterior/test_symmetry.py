@@ -226,6 +226,25 @@ def test_a_weak_sample_counts_by_its_table():
         assert found[0, kind] - without[0, kind] == pytest.approx(table[place], abs=1e-6)
 
 
+def test_weak_samples_beside_one_another_in_a_sweep_count_as_one():
+    """The template is off by the same in all of them: a fast laser must not count that error a hundred times."""
+    strong = [swept(t, number=1) for t in (-2.0, 0.0, 2.5)]
+    weak = replace(swept(12.0, number=1), log_intensity=-3.0, noise=0.24, cells=10_000)
+    hypotheses, places = hypotheses_of(SHAPES, MEMBERS), np.array([-0.2, 0.1])
+
+    def log_likelihood(others):
+        return symmetric_log_likelihood(SHAPES, hypotheses, grouped([*strong, *others], fwhm_deg=6.0), places)[0]
+
+    one = log_likelihood([weak])
+    np.testing.assert_allclose(log_likelihood([weak] * 20), one, rtol=0, atol=1e-6)
+    apart = [weak, replace(weak, angle_deg=14.0)]
+    both = log_likelihood(apart) - log_likelihood(apart[1:])
+    np.testing.assert_allclose(both, one - log_likelihood([]), rtol=0, atol=1e-6)
+    at_rest = replace(weak, sweep=None)
+    twice = log_likelihood([at_rest] * 2) - log_likelihood([])
+    np.testing.assert_allclose(twice, 2 * (log_likelihood([at_rest]) - log_likelihood([])), rtol=0, atol=1e-6)
+
+
 @settings(max_examples=60, deadline=None)
 @given(
     angle_deg=st.floats(-20, 20),
