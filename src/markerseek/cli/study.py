@@ -101,6 +101,8 @@ def command(
 
 _TYPICAL_S = {"curves": (0.06, 0.003), "readings": (0.15, 0.12), "frames": (0.3, 0.3)}
 """Seconds of a core that one search of the posterior, and one of any other method, takes at each level, about."""
+_SWEEPING_S = 2.5
+"""The same of a search that sweeps, of a hundred pulses and more."""
 
 
 def _announce(study: studies.Study, *, workers: int | None, scheduler: str | None) -> None:
@@ -108,7 +110,9 @@ def _announce(study: studies.Study, *, workers: int | None, scheduler: str | Non
     cells = len(studies.cells(study))
     count = studies.default_workers() if workers is None else workers
     slow, quick = _TYPICAL_S[study.level]
-    each_s = sum(slow if policy.method == "posterior" else quick for policy in study.policies)
+    each_s = sum(
+        _SWEEPING_S if policy.sweep else slow if policy.method == "posterior" else quick for policy in study.policies
+    )
     where = f"on {scheduler}" if scheduler is not None else f"in {count} process{'es' if count > 1 else ''}"
     takes = (
         "" if scheduler is not None else f", {time_left(each_s * cells * study.trials / count + 5)} on a usual computer"
