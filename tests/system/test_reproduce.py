@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
+from markerseek.cli.reproduce import typical_s
 from markerseek.core import ChannelFrame
 from markerseek.records.banks import IntensityBank, read_bank
 from markerseek.records.banks.table import write_bank
+from markerseek.studies.paper import RunOptions
 from markerseek.wire.sonixdaq import element_of_file, encode_file
 
 pytest.importorskip("matplotlib")
@@ -31,7 +33,9 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 def test_travel_comes_as_object_files_and_page_with_the_same_numbers(shell: Shell, tmp_path: Path) -> None:
     code, out, err = shell("reproduce", "travel", "--markers", 40, "--workers", 1, "--out", tmp_path, "--json")
     assert code == 0
-    assert f"travel with 40 markers in 1 process, into {tmp_path}" in err.replace("\n", "")
+    assert f"travel with 40 markers in 1 process, into {tmp_path}, some 2 s on a usual computer" in err.replace(
+        "\n", ""
+    )
     assert " to do" in err
     answer = json.loads(out)
     (section,) = answer["sections"]
@@ -41,6 +45,13 @@ def test_travel_comes_as_object_files_and_page_with_the_same_numbers(shell: Shel
     assert {"travel.csv", "travel.png", "travel.svg"} <= {Path(path).name for path in section["files"]}
     page = Path(answer["report"]).read_text(encoding="utf-8")
     assert all(f"{number['ours']:.3g}" in page for number in section["numbers"] if number["ours"] < 100)
+
+
+def test_searches_that_sections_share_take_their_time_once() -> None:
+    options = RunOptions(markers=1000, workers=2)
+    assert typical_s(["fig6", "table1"], options) == typical_s(["table1"], options)
+    assert typical_s(["fig6", "fig5"], options) == typical_s(["fig6"], options) + typical_s(["fig5"], options)
+    assert typical_s(["fig5"], RunOptions(markers=1000, workers=4)) == typical_s(["fig5"], options) / 2
 
 
 def test_the_same_seed_gives_the_same_numbers_and_another_seed_others(shell: Shell, tmp_path: Path) -> None:

@@ -16,11 +16,11 @@ from rich.table import Table as Grid
 from markerseek import signals, studies
 from markerseek.cli.options import AsJson, require_frames
 from markerseek.cli.report import Output, Report, file_line, require_room, table
-from markerseek.cli.terminal import print_warning, stages_bar, stderr
+from markerseek.cli.terminal import print_warning, stages_bar, stderr, time_left
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
-    from markerseek.studies.paper import Reproduction, Section, Table
+    from markerseek.studies.paper import Reproduction, RunOptions, Section, Table
 
 EXAMPLES = (
     "Examples:\n\n"
@@ -81,9 +81,11 @@ def command(
         reproduction = Reproduction(options=options, folder=out, own_bank=own)
         names = _names(reproduction) if what == "all" else [what]
         processes = "1 process" if options.workers == 1 else f"{options.workers} processes"
+        # How long a bank of one's own takes, its frames decide.
+        takes = "" if own is not None else f", {time_left(typical_s(names, options))} on a usual computer"
         stderr.print(
-            f"{', '.join(names)} with {markers} markers in {processes}, into {escape(str(out))}; the time that is left "
-            "of each part is said as soon as it is known"
+            f"{', '.join(names)} with {markers} markers in {processes}, into {escape(str(out))}{takes}; the time that "
+            "is left of each part is said as soon as it is known"
         )
         sections, files = [], []
         durations_s: list[float] = []
@@ -100,6 +102,28 @@ def command(
         shown=[*shown, file_line("report", page)],
     )
     Output(as_json=as_json).show(report)
+
+
+_TYPICAL_S = {
+    "fig5": (26.0, 0.2),
+    "fig6": (23.0, 0.07),
+    "table2": (22.0, 0.12),
+    "tissues": (55.0, 0.35),
+    "fig9": (10.0, 0.01),
+    "consistency": (11.0, 0.06),
+    "failures": (3.0, 0.4),
+}
+"""Seconds of a core that a section takes, about, and those of each marker of the study; the others take one or two."""
+
+_SHARED = {"table1": "fig6", "fig7": "table2", "fig8": "table2"}
+"""Sections made of the searches of another one, which are done once."""
+
+
+def typical_s(names: list[str], options: RunOptions) -> float:
+    """About how long these sections take in all, in seconds."""
+    needed = {_SHARED.get(name, name) for name in names}
+    costs = [_TYPICAL_S.get(name, (2.0, 0.0)) for name in needed]
+    return sum(fixed + each * options.markers for fixed, each in costs) / options.workers
 
 
 def _names(reproduction: Reproduction) -> list[str]:
