@@ -26,6 +26,8 @@ class Track:
     quality: TrackQuality
     lost: bool
     """Whether the tracker called the marker lost, or was off by more than half the width of the curve at the end."""
+    covered: float
+    """Share of the frames at which the truth was within 1.96 standard deviations of the angle."""
 
 
 def track(
@@ -67,7 +69,7 @@ def track(
         most_speed_deg_s=1.5 * speed_deg_s,
         acceleration_deg_s2=2 * speed_deg_s / TURN_S,
     )
-    errors, speeds = [], []
+    errors, speeds, sigmas = [], [], []
     for number in range(1, math.ceil(duration_s / period_s) + 1):
         now_s = start_s + number * period_s
         truth_deg = swing_deg(now_s, speed_deg_s)
@@ -78,5 +80,10 @@ def track(
         tracker.tell(probe_deg, frame.intensity, after_s=period_s)
         if number * period_s >= _SETTLED_S:
             errors.append(tracker.mean_deg - truth_deg)
+            sigmas.append(tracker.sigma_deg)
             speeds.append((swing_deg(now_s + _MOMENT_S, speed_deg_s) - truth_deg) / _MOMENT_S)
-    return Track(quality=TrackQuality.of(errors, speeds), lost=tracker.lost or abs(errors[-1]) > fwhm_deg / 2)
+    return Track(
+        quality=TrackQuality.of(errors, speeds),
+        lost=tracker.lost or abs(errors[-1]) > fwhm_deg / 2,
+        covered=float(np.mean(np.abs(errors) <= 1.96 * np.array(sigmas))),
+    )
