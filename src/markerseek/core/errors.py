@@ -44,8 +44,13 @@ class ConfigError(MarkerseekError, ValueError):
 class MissingExtraError(ConfigError):
     """An optional package is needed and not installed."""
 
-    def __init__(self, *, package: str, extra: str, purpose: str) -> None:
-        super().__init__(
+    # What is given to `Exception`, another process makes the error again from.
+    def __init__(self, package: str, extra: str, purpose: str) -> None:
+        super().__init__(package, extra, purpose)
+
+    def __str__(self) -> str:
+        package, extra, purpose = self.args
+        return (
             f"{purpose} needs the package {package}, which is not installed; "
             f"install it with: pip install 'markerseek[{extra}]'"
         )

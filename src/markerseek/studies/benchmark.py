@@ -29,6 +29,7 @@ from markerseek.sim import (
     SimulatedSettings,
     StageMotion,
 )
+from markerseek.studies.bound import mean_bounds
 from markerseek.studies.policies import PolicySettings
 from markerseek.studies.runner import read_rows, run_study, write_json
 from markerseek.studies.scene import ClutterAround, SceneSettings, SecondSource
@@ -41,7 +42,7 @@ RESULTS = "results.json"
 """Name of the file of results in the benchmark's folder."""
 
 SEED = 20261124
-"""Seed of all worlds."""
+"""Seed of all worlds, unless another one is given."""
 
 MOST = 64
 """Most acquisitions that an entry may make in a search."""
@@ -66,6 +67,12 @@ _RIG = SimulatedSettings(
     receiver=ReceiverSettings(readout_s=0.05),
 )
 
+OPTIMISERS = ("scikit-optimize", "botorch")
+"""Methods of other packages that are run if they are asked for: they think for a tenth of a second at each step."""
+
+BOUND_ACQUISITIONS = 8, 16
+"""Numbers of acquisitions for which the bound is computed."""
+
 METHODS = ("ternary", "golden-section", "weighted-average", "posterior", "exhaustive", "bounded-minimiser")
 """The paper's three, ours, every angle, and SciPy's optimiser (Brent), whose answers are checked as the paper's."""
 
@@ -87,13 +94,13 @@ class World:
         """Name of its folder."""
         return f"{self.tier}-{self.name}".replace(" ", "-")
 
-    def study(self, group: str, policies: Sequence[PolicySettings], *, searches: int) -> Study:
+    def study(self, group: str, policies: Sequence[PolicySettings], *, searches: int, seed: int = SEED) -> Study:
         """The study of a group of policies in it."""
         level = _LEVELS[self.tier]
         return Study(
             name=f"{group} {self.place}",
             policies=tuple(policies),
-            seed=SEED,
+            seed=seed,
             trials=math.ceil(searches / max(1, math.prod(len(axis.values) for axis in self.vary))),
             level=level,
             drawn="marker" if level == "curves" else "everything",
@@ -124,11 +131,11 @@ WORLDS: tuple[World, ...] = tuple(_worlds())
 """The frozen worlds."""
 
 
-def worlds_hash() -> str:
+def worlds_hash(seed: int = SEED) -> str:
     """Hash of the worlds: of the settings and seed from which every search is drawn."""
     posterior = (PolicySettings(method="posterior"),)
     drawn = [
-        [world.place, SEED, [cell.digest for cell in cells(world.study("hash", posterior, searches=1))]]
+        [world.place, seed, [cell.digest for cell in cells(world.study("hash", posterior, searches=1, seed=seed))]]
         for world in WORLDS
     ]
     return hashlib.sha256(msgspec.json.encode(drawn)).hexdigest()
@@ -196,6 +203,16 @@ class Score(msgspec.Struct, frozen=True, kw_only=True):
     failed: int
 
 
+class Bound(msgspec.Struct, frozen=True, kw_only=True):
+    """Van Trees' bound on the mean error of a search of so many acquisitions for one point, at the best angles."""
+
+    tier: str
+    world: str
+    markers: int
+    acquisitions: int
+    error_deg: float
+
+
 class EntryResult(msgspec.Struct, frozen=True, kw_only=True):
     """What is known of an entry; ``failure``: in which world it failed, and how, empty where it did not."""
 
@@ -214,13 +231,14 @@ class BenchmarkResults(msgspec.Struct, frozen=True, kw_only=True):
     seed: int
     searches: dict[str, int]
     scores: list[Score]
+    bounds: list[Bound]
     entries: list[EntryResult]
     files: dict[str, str]
 
 
-def benchmark_size(*, scale: float, entries: int) -> int:
-    """Searches of a whole benchmark."""
-    methods = {world: sum(len(policies) for _, policies in _groups(world)) + entries for world in WORLDS}
+def benchmark_size(*, scale: float, others: int) -> int:
+    """Searches of a whole benchmark, ``others`` being the entries and optimisers."""
+    methods = {world: sum(len(policies) for _, policies in _groups(world)) + others for world in WORLDS}
     return sum(_searches(world.tier, scale) * count for world, count in methods.items())
 
 
@@ -228,26 +246,34 @@ def run_benchmark(
     folder: Path,
     *,
     entries: Sequence[Entry] = (),
+    optimisers: Sequence[str] = (),
     scale: float = 1.0,
+    seed: int | None = None,
     workers: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> BenchmarkResults:
     """Run the benchmark, or the rest of it, and write `RESULTS` into its folder.
 
-    ``folder``: created if it does not exist. ``scale``: searches over the usual number. ``progress``: receives the
-    number of searches that are done.
+    ``folder``: created if it does not exist. ``optimisers``: some of `OPTIMISERS`. ``scale``: searches over the usual
+    number. ``seed``: of all worlds, instead of `SEED`. ``progress``: receives the number of searches that are done.
     """
+    unknown = [name for name in optimisers if name not in OPTIMISERS]
+    if unknown:
+        raise ConfigError(f"--optimiser {unknown[0]} is unknown; there are: {', '.join(OPTIMISERS)}")
+    seed = SEED if seed is None else seed
     if not 0 < scale <= 1000:
         raise ConfigError(f"scale is {scale:g}, it must lie in (0, 1000]; 1 takes the usual number of searches")
     scores: list[Score] = []
+    bounds: list[Bound] = []
+    asked = [(name, (PolicySettings(method=name),)) for name in optimisers]
     files: dict[str, str] = {}
     failures: dict[str, str] = {}
     done = 0
     for world in WORLDS:
         searches = _searches(world.tier, scale)
         entered = [(entry.group, (_as_policy(entry),)) for entry in entries if entry.group not in failures]
-        for group, policies in (*_groups(world), *entered):
-            study = world.study(group, policies, searches=searches)
+        for group, policies in (*_groups(world), *asked, *entered):
+            study = world.study(group, policies, searches=searches, seed=seed)
             # Its first search, before a world full of failures.
             fault = fault_of(study, 0) if policies[0].command else ""
             if fault:
@@ -266,13 +292,15 @@ def run_benchmark(
             done += study.rows
             if progress is not None:
                 progress(done)
+        bounds += _bounds(world, searches=searches, seed=seed)
     results = BenchmarkResults(
         benchmark=1,
         version=__version__,
-        worlds=worlds_hash(),
-        seed=SEED,
+        worlds=worlds_hash(seed),
+        seed=seed,
         searches={tier: _searches(tier, scale) for tier in _LEVELS},
         scores=scores,
+        bounds=bounds,
         entries=[
             EntryResult(
                 method=str(_as_policy(entry)),
@@ -298,6 +326,16 @@ def _groups(world: World) -> list[tuple[str, tuple[PolicySettings, ...]]]:
     if world.tier == "intensities":
         return [ours]
     return [ours, ("sweeps", (PolicySettings(method="posterior", sweep=True),))]
+
+
+def _bounds(world: World, *, searches: int, seed: int) -> Iterator[Bound]:
+    """The bounds in a world of one point; a closed form's curve has no distances, from which they are computed."""
+    if world.name != "one" or world.tier == "intensities":
+        return
+    study = world.study("bound", (PolicySettings(method="posterior"),), searches=searches, seed=seed)
+    errors_deg = mean_bounds(study, cells(study)[0], markers=searches, acquisitions=BOUND_ACQUISITIONS)
+    for count, error_deg in zip(BOUND_ACQUISITIONS, errors_deg, strict=True):
+        yield Bound(tier=world.tier, world=world.name, markers=searches, acquisitions=count, error_deg=error_deg)
 
 
 def _as_policy(entry: Entry) -> PolicySettings:

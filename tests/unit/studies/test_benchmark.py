@@ -6,11 +6,12 @@ import json
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, MissingExtraError
 from markerseek.studies import benchmark
 from markerseek.studies.benchmark import WORLDS, Entry, run_benchmark, worlds_hash
 from markerseek.studies.policies import PolicySettings
@@ -78,6 +79,40 @@ def test_a_row_is_the_same_whatever_else_is_run():
     large = world("intensities", "one").study("b", others, searches=9)
     alone, beside = run_trial(small, cells(small)[0], 0, 0), run_trial(large, cells(large)[0], 0, 1)
     assert (alone.truth_deg, alone.mean_deg, alone.elapsed_s) == (beside.truth_deg, beside.mean_deg, beside.elapsed_s)
+
+
+def test_another_seed_is_another_benchmark():
+    assert worlds_hash(7) != worlds_hash()
+    policies = (PolicySettings(method="ternary"),)
+    rows = []
+    for given in ({}, {"seed": 7}):
+        study = world("intensities", "one").study("a", policies, searches=1, **given)
+        rows.append(run_trial(study, cells(study)[0], 0, 0))
+    assert rows[0].truth_deg != rows[1].truth_deg
+
+
+def test_the_bound_is_of_worlds_with_one_point_that_has_a_distance():
+    bounds = [each for one in WORLDS for each in benchmark._bounds(one, searches=2, seed=benchmark.SEED)]
+    assert {(each.tier, each.world, each.markers) for each in bounds} == {
+        ("block maxima", "one", 2),
+        ("raw channels", "one", 2),
+    }
+    less, more = (each.error_deg for each in bounds[:2])
+    assert 0 < more < less < 0.2
+
+
+def test_an_optimiser_of_another_package_is_scored_if_it_is_asked_for(two_worlds, tmp_path):
+    pytest.importorskip("skopt", reason="scikit-optimize is not installed")
+    results = run_benchmark(tmp_path, optimisers=["scikit-optimize"], scale=0.02, workers=1)
+    assert [each.method for each in results.scores if each.world == "one"][-1] == "scikit-optimize, 16"
+    with pytest.raises(ConfigError, match="--optimiser nope is unknown; there are: scikit-optimize, botorch"):
+        run_benchmark(tmp_path, optimisers=["nope"])
+
+
+@pytest.mark.skipif(find_spec("botorch") is not None, reason="BoTorch is installed")
+def test_a_package_that_is_missing_is_named_by_worker_processes_too(two_worlds, tmp_path):
+    with pytest.raises(MissingExtraError, match=r"the method botorch needs the package botorch.*markerseek\[botorch\]"):
+        run_benchmark(tmp_path, optimisers=["botorch"], scale=0.02, workers=2)
 
 
 @pytest.fixture
