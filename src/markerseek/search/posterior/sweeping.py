@@ -1,10 +1,10 @@
 """The policy `SweepPosterior`: turns the probe over the range in light, and stops it only where that is not enough.
 
-1. It sweeps from where the probe is to the nearer end of the range, and from there to the other end. A sweep surveys
-   the range by its nature: one is ended early once `Posterior` answers `Found`.
-2. Where the centre of the curve is not known well enough by then, it sweeps back over the flanks. That also separates
-   the delay between pulse and angle from the angle, for it shifts the two directions against one another. Where another
-   source may still hide, it sweeps back over the whole range.
+1. It sweeps from where the probe is to the nearer end of the range, and from there to the other end, whatever it sees:
+   the last degrees cost tenths of a second, and a louder source may be there.
+2. Where the centre of the curve is not known well enough by then, it sweeps back over the flanks, and ends that sweep
+   once it is. That also separates the delay between pulse and angle from the angle, for it shifts the two directions
+   against one another. Where another source may still hide, it sweeps back over the whole range.
 3. What is still missing is measured at rest, as `Posterior` does: another look at a source, more precision. Where
    nothing was detected, a search at rest begins anew, for the mean of some pulses shows what a single one does not.
 """
@@ -21,7 +21,7 @@ from markerseek.search.posterior.policy import Posterior
 from markerseek.search.posterior.survey import STATED
 
 JUDGED_EVERY_S = 0.1
-"""Time between two judgements during a sweep, at its speed: no laser is too fast for them then."""
+"""Time between two judgements during a sweep back, at its speed: no laser is too fast for them then."""
 
 SWEPT_SIGMA_DEG = 0.3
 """Standard deviation at which a search by sweeps ends, in degrees, unless the tolerance needs less: from 0.2 to 0.3 it
@@ -34,12 +34,11 @@ AT_END_DEG = 1.0
 """Distance from an end of the range within which a sweep to it is not worth its light."""
 
 MARGIN = 0.8
-"""Share of the probability that is stated of another source up to which a sweep ends early: the confirmation changes it
+"""Share of the probability that is stated of another source up to which a sweep back ends: the confirmation changes it
 by some per cent, and must not begin the search again."""
 
-PASSED, FLANK = 0.5, 0.8
-"""Distance from the centre at which the marker was passed, and up to which its flank is swept again, over the full
-width at half maximum."""
+FLANK = 0.8
+"""Distance from the centre up to which its flank is swept again, over the full width at half maximum."""
 
 
 class SweepPosterior:
@@ -136,29 +135,25 @@ class SweepPosterior:
         ]
 
     def _judge(self, sample: Sample) -> None:
-        """End the sweep, if the marker is known; asked every tenth of a second."""
+        """End a sweep back, if the marker is known; asked every tenth of a second."""
         # The light is off before the probe brakes; samples that come after a sweep was ended are used like any others.
         if not self._to_deg:
             self._next = None
+            return
+        if not self._swept_back:
             return
         last_deg = self._judged_deg
         if last_deg is not None and abs(sample.angle_deg - last_deg) < self._speed_deg_s * JUDGED_EVERY_S:
             return
         self._judged_deg = sample.angle_deg
-        if self._is_known(sample):
-            self._posterior.state_swept()
+        if self._is_known():
             self._to_deg = []
             self._next = None
 
-    def _is_known(self, sample: Sample) -> bool:
-        """Whether the marker was passed and found, and its centre is known well enough."""
+    def _is_known(self) -> bool:
+        """Whether the marker is found, and its centre known well enough."""
         progress = self._posterior.progress
         if progress is None or progress.sigma_deg > progress.target_deg:
-            return False
-        # With one flank the centre may seem known: passed, in the direction of the sweep, it has two.
-        upwards = 1.0 if sample.sweep is not None and sample.sweep.speed_deg_s >= 0 else -1.0
-        passed_deg = upwards * (sample.angle_deg - progress.mean_deg)
-        if not self._swept_back and passed_deg < PASSED * progress.fwhm_deg:
             return False
         answer = self._posterior.estimate()
         return isinstance(answer, Found) and (answer.other_probability or 0.0) <= MARGIN * STATED
