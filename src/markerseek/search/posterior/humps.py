@@ -54,7 +54,7 @@ def dip_deg(at: Sequence[Sample], *, sigma: float, level: float) -> float | None
         return None
     order = sorted(at, key=lambda sample: sample.angle_deg)
     angle_deg = np.array([sample.angle_deg for sample in order])
-    hump, bottom = _without_outliers(angle_deg, np.array([sample.reading.intensity for sample in order]))
+    hump, bottom = _without_outliers(angle_deg, _heights(order))
     has_positions = all(sample.reading.local_maxima is not None for sample in at)
     lower = np.minimum(np.maximum.accumulate(hump)[:-2], np.maximum.accumulate(hump[::-1])[::-1][2:])
     drop = lower - bottom[1:-1]
@@ -70,6 +70,18 @@ def dip_deg(at: Sequence[Sample], *, sigma: float, level: float) -> float | None
     between = (angle_deg[1:-1] > angle_deg[0]) & (angle_deg[1:-1] < angle_deg[-1])
     deep = np.where((drop > least) & (lower > level) & (apart_deg >= HUMPS_APART_DEG) & between, drop, 0.0)
     return float(angle_deg[1:-1][np.argmax(deep)]) if deep.any() else None
+
+
+def _heights(order: Sequence[Sample]) -> Float64[np.ndarray, " samples"]:
+    """Intensities; of a sample of a sweep the median of those about it, for one pulse of hundreds may be weak."""
+    height = np.array([sample.reading.intensity for sample in order])
+    angle_deg = np.array([sample.angle_deg for sample in order])
+    sweep = np.array([0 if sample.sweep is None else sample.sweep.number for sample in order])
+    alike = (np.abs(angle_deg[:, None] - angle_deg) <= ALIKE_DEG / 2) & (sweep[:, None] == sweep)
+    return np.array(
+        [float(np.median(height[alike[k]])) if sweep[k] else float(height[k]) for k in range(len(order))],
+        dtype=np.float64,
+    )
 
 
 def _without_outliers(
@@ -106,7 +118,7 @@ def asymmetric_sample(at: Sequence[Sample], *, centre_deg: float, sigma: float, 
     """
     order = sorted(at, key=lambda sample: abs(sample.angle_deg - centre_deg))
     angle_deg = np.array([sample.angle_deg for sample in order])
-    hump, bottom = _without_outliers(angle_deg, np.array([sample.reading.intensity for sample in order]))
+    hump, bottom = _without_outliers(angle_deg, _heights(order))
     drop = hump - np.minimum.accumulate(bottom)
     least = np.maximum(DOUBTFUL_DIP_SIGMAS * np.hypot(1.5 * sigma, SAMPLE_ERROR * hump), ASYMMETRY_SHARE * hump)
     excess = np.where((drop > least) & (hump > level), drop, 0.0)
