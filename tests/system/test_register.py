@@ -335,6 +335,12 @@ def test_images_of_both_cameras_end_as_their_pixels_do(shell: Shell, tmp_path: P
     assert by_images["points"] == json.loads(out)["points"]
     for point, true_m in zip(by_images["points"], camera_m, strict=True):
         assert np.linalg.norm(np.array(point["camera_m"]) - true_m) < 1e-3
+    _, out, _ = shell("register", "--frames", left, right, *words, "--plot", "--out", tmp_path / "drawn")
+    assert json.loads(out)["target_covariance_m2"] == by_images["target_covariance_m2"]
+    # The three points were not moved with the searches: they do not fit, and no place of the target is known.
+    assert not (tmp_path / "drawn" / "target.png").exists()
+    _, _, said = shell("register", "--frames", left, right, *words[:-1], "--plot", "--out", tmp_path / "drawn")
+    assert "no target.png: the points do not fit" in " ".join(said.split())
     (left / "b" / "0.png").write_bytes(b"no image")
     for change, said in (
         (["--frames", left, right, *words], "cannot be read as an image"),

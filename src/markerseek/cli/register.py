@@ -98,7 +98,10 @@ def command(
         float | None, typer.Option(help="Seconds to read one acquisition of the simulated rig.", show_default="10")
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the simulation.", show_default="1")] = None,
-    plot: Annotated[bool, typer.Option("--plot", help="Write register.png into --out.")] = False,
+    plot: Annotated[
+        bool,
+        typer.Option("--plot", help="Write register.png into --out, and with --frames target.png: the target there."),
+    ] = False,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
@@ -139,10 +142,22 @@ def command(
             )
         title, pairs = _pairs(points, frames, journal or (), cameras, calibration_sigma_px)
         report = runs.register_pairs(pairs, target_trus_m=target_m, without=without or ())
+    heading = f"{title}: FRE {1e3 * report.fre_m:.2f} mm, expected TRE {1e3 * report.tre_m:.2f} mm"
+    pictures = {"register.png": drawn(_figure, report, heading)}
+    notes: tuple[str, ...] = ()
+    if plot and frames is not None and cameras:
+        try:
+            stereo = runs.read_stereo(cameras, calibration_sigma_px=calibration_sigma_px)
+            views = runs.target_views(report, *frames, stereo=stereo)
+        except ConfigError as problem:
+            notes = (f"no target.png: {escape(str(problem))}",)
+        else:
+            pictures["target.png"] = drawn(_target_figure, views, heading)
     shown = Report(
         values=msgspec.to_builtins(report) | ({} if truth is None else {"simulation": msgspec.to_builtins(truth)}),
         shown=_shown(report, truth, title),
-        pictures={"register.png": drawn(_figure, report, title)},
+        pictures=pictures,
+        notes=notes,
         exit_code=0 if report.registered else 3,
     )
     output.show(shown)
@@ -242,6 +257,14 @@ def _rows(report: runs.RegistrationReport, truth: runs.SimulatedTruth | None) ->
     return rows
 
 
+def _target_figure(views: Sequence[runs.TargetView], title: str) -> Figure:
+    from markerseek.pictures import target_figure
+
+    return target_figure(
+        [(f"{view.camera} camera", view.image, view.pixel, view.covariance_px2) for view in views], title=title
+    )
+
+
 def _figure(report: runs.RegistrationReport, title: str) -> Figure:
     import numpy as np
 
@@ -252,6 +275,5 @@ def _figure(report: runs.RegistrationReport, title: str) -> Figure:
         np.array([point.transformed_m for point in report.points]),
         names=[point.name for point in report.points],
         target_m=report.target_trus_m,
-        title=f"{title}: FRE {1e3 * report.fre_m:.2f} mm, expected TRE {1e3 * report.tre_m:.2f} mm"
-        + ("" if report.registered else " (not accepted)"),
+        title=title + ("" if report.registered else " (not accepted)"),
     )

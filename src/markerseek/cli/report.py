@@ -48,7 +48,7 @@ class Output:
     folder: Path | None = None
     """Folder for pictures; None where none are asked for."""
     file: Path | None = None
-    """Where the picture goes under a name of the user's; then its page is not written."""
+    """Where the first picture goes under a name of the user's; then neither its page nor others are written."""
 
     @classmethod
     def asked(cls, *, as_json: bool, plot: bool, out: Path | None) -> Output:
@@ -81,9 +81,7 @@ class Output:
                 stdout.print(part)
             stdout.width = usual
         if self.folder is not None:
-            for name, write in report.pictures.items():
-                if self.file is not None and name.endswith(".html"):
-                    continue
+            for name, write in list(report.pictures.items())[: 1 if self.file is not None else None]:
                 path = self.file or self.folder / name
                 write(path)
                 # Where a program reads standard output, people are told on standard error.

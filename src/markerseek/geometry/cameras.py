@@ -47,6 +47,16 @@ class Camera:
         distorted, _ = self.distort(points_m[:, :2] / points_m[:, 2:])
         return np.asarray(distorted * self.focal_px + self.centre_px)
 
+    def project_covariance(
+        self, point_m: Float64[np.ndarray, " 3"], covariance_m2: Float64[np.ndarray, "3 3"]
+    ) -> Float64[np.ndarray, "2 2"]:
+        """Covariance of the pixel of a point in the camera's frame, to first order, in px²."""
+        x, y, z = point_m
+        _, distorted = self.distort(point_m[None, :2] / z)
+        direct = np.array([[1 / z, 0, -x / z**2], [0, 1 / z, -y / z**2]])
+        slope = np.array(self.focal_px)[:, None] * (distorted[0] @ direct)
+        return np.asarray(slope @ covariance_m2 @ slope.T)
+
     def distort(
         self, direct: Float64[np.ndarray, "points 2"]
     ) -> tuple[Float64[np.ndarray, "points 2"], Float64[np.ndarray, "points 2 2"]]:

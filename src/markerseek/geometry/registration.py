@@ -73,6 +73,10 @@ class Registration:
         """
         return self.errors.tre_m(target_m) * math.sqrt(max(1.0, self.misfit))
 
+    def tre_covariance_m2(self, target_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, "3 3"]:
+        """Covariance of a target's position in its frame, in m²; scaled as `tre_m`."""
+        return self.errors.tre_covariance_m2(target_m) * max(1.0, self.misfit)
+
     def tre95_m(self, target_m: Float64[np.ndarray, " 3"]) -> float:
         """Length in metres that 95 % of the errors at a target stay below; scaled as `tre_m`."""
         return self.errors.tre95_m(target_m) * math.sqrt(max(1.0, self.misfit))

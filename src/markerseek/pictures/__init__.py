@@ -13,6 +13,7 @@ from markerseek.pictures.images import b_mode_figure, frame_figure, overlay_figu
 from markerseek.pictures.registration_picture import registration_figure
 from markerseek.pictures.search_picture import Curve, search_figure
 from markerseek.pictures.style import ERROR_BARS, new_figure, panel_grid, shared_legend
+from markerseek.pictures.target_picture import target_figure
 from markerseek.pictures.tip_picture import TipImage, tip_figure
 from markerseek.pictures.tracks import ComparedSearch, comparison_figure, track_figure
 
@@ -37,6 +38,7 @@ __all__ = [
     "save_figure",
     "search_figure",
     "shared_legend",
+    "target_figure",
     "tip_figure",
     "track_figure",
     "write_page",

@@ -31,6 +31,7 @@ from .simulated_registration import (
     simulate_registration,
 )
 from .stereo_files import StereoSettings, read_stereo
+from .target_views import TargetView, target_views
 from .tracking import TrackQuality, quality_of, stage_period_s, track_run, tracking_policy
 from .whole_recording import answer_from_all
 
@@ -48,6 +49,7 @@ __all__ = [
     "SimulatedScene",
     "SimulatedTruth",
     "StereoSettings",
+    "TargetView",
     "TrackQuality",
     "answer_from_all",
     "bank_curve",
@@ -88,6 +90,7 @@ __all__ = [
     "simulate_registration",
     "spot_pairs",
     "stage_period_s",
+    "target_views",
     "track_run",
     "tracking_policy",
     "trus_shared_m",

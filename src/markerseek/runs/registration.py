@@ -86,9 +86,10 @@ class RegistrationReport(msgspec.Struct, frozen=True, kw_only=True):
     the registration is not accepted, and ``reason`` says why. ``fre_m`` is the root mean square residual,
     ``expected_fre_m`` what the sigmas let expect (without sigmas: `ASSUMED_SIGMA_M`), ``misfit`` chi squared by its
     degrees of freedom, and ``probability`` that of residuals as large or larger. ``tre_m`` is the expected root mean
-    square error at ``target_trus_m``, and 95 % of the errors there are below ``tre95_m``; errors that all points share
-    are in both. ``shared`` are those that were estimated, none without sigmas. ``weights`` says whether the sigmas were
-    used. ``worst`` is the point without which the others fit best, and ``without`` are those that the user left out.
+    square error at ``target_trus_m``, 95 % of the errors there are below ``tre95_m``, and their covariance is
+    ``target_covariance_m2``, in the TRUS frame; errors that all points share are in all three. ``shared`` are those
+    that were estimated, none without sigmas. ``weights`` says whether the sigmas were used. ``worst`` is the point
+    without which the others fit best, and ``without`` are those that the user left out.
     """
 
     registered: bool
@@ -100,6 +101,7 @@ class RegistrationReport(msgspec.Struct, frozen=True, kw_only=True):
     tre_m: float
     tre95_m: float
     target_trus_m: Triple
+    target_covariance_m2: list[list[float]]
     misfit: float
     probability: float
     mirror_image_fre_m: float
@@ -179,6 +181,7 @@ def register_pairs(
         tre_m=found.tre_m(np.array(target)),
         tre95_m=found.tre95_m(np.array(target)),
         target_trus_m=target,
+        target_covariance_m2=found.tre_covariance_m2(np.array(target)).tolist(),
         misfit=fit.chi_squared / fit.freedom,
         probability=fit.probability,
         mirror_image_fre_m=mirror_fre_m,
