@@ -12,6 +12,10 @@ TESTS ?= tests
 WATCHED := $(if $(filter tests,$(TESTS)),tests/system tests/page tests/igtl tests/bridges)
 BENCH ?=
 
+# Commands and tests start Python hundreds of times. An environment that forbids bytecode (as images of containers do)
+# would have each start compile all that it imports, which takes longer than a search.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .PHONY: help demo page test check bench faults failures kills mutants peers ros2 setup docs figures dist wheel release lock clean
 
