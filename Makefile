@@ -166,6 +166,6 @@ endef
 .venv-ros/ready: requirements/run.txt requirements/ros2.txt
 .venv-bench/ready .venv-peers/ready .venv-ros/ready: pyproject.toml
 	$(NEW_ENVIRONMENT)
-	$(@D)/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --require-hashes $(addprefix -r ,$(filter %.txt,$^))
-	$(@D)/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-build-isolation -e .
+	$(@D)/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-compile --require-hashes $(addprefix -r ,$(filter %.txt,$^))
+	$(@D)/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-compile --no-build-isolation -e .
 	@touch $@
