@@ -57,11 +57,13 @@ def _has_shape(hint: object) -> bool:
     return any(map(_has_shape, typing.get_args(hint)))
 
 
-def _in_context(checked: Callable[..., object]) -> Callable[..., object]:
-    """The function, whose type checker finds axes of one name to be of one length in all arguments and the result."""
+def _in_context(function: Callable[..., object], checked: Callable[..., object]) -> Callable[..., object]:
+    """The checked function, in which axes of one name must be of one length in all arguments and the result."""
 
-    @functools.wraps(checked)
+    @functools.wraps(function)
     def call(*arguments: object, **named: object) -> object:
+        if jaxtyping.config.jaxtyping_disable:
+            return function(*arguments, **named)
         with _BINDINGS:
             return checked(*arguments, **named)
 
@@ -81,7 +83,7 @@ def _checked(decorated: object = None, *, typechecker: Callable[..., object]) ->
         except NameError:  # it names a class that is defined later
             return _jaxtyped(decorated, typechecker=typechecker)
         checked = typechecker(decorated)
-        return _in_context(checked) if any(map(_has_shape, hints.values())) else checked
+        return _in_context(decorated, checked) if any(map(_has_shape, hints.values())) else checked
     return _jaxtyped(decorated, typechecker=typechecker)
 
 

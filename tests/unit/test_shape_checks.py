@@ -25,7 +25,7 @@ def test_an_array_of_the_wrong_shape_is_refused():
 
 def test_a_result_is_held_against_the_arguments():
     @jaxtyping.jaxtyped(typechecker=beartype)
-    def cut(values: Float64[np.ndarray, "samples"], *, by: int) -> Float64[np.ndarray, "samples"]:
+    def cut(values: Float64[np.ndarray, " samples"], *, by: int) -> Float64[np.ndarray, " samples"]:
         return values[by:]
 
     assert cut(np.zeros(3), by=0).shape == (3,)
