@@ -145,7 +145,7 @@ def test_what_it_writes_to_standard_error_is_kept_only_at_its_end(monkeypatch):
     """A file of it would grow to the size of the disk."""
     monkeypatch.setattr(entry, "START_S", 1.0)
     made = policy("while True: sys.stderr.write('x' * 100_000 + chr(10) + 'last' + chr(10))")
-    with pytest.raises(entry.EntryError, match="it did not reply within 1 s; its last words: (last|x+)$"):
+    with pytest.raises(entry.EntryError, match=r"it did not reply within 1 s; its last words: (last|x+)$"):
         made.ask()
     assert len(made._child._said) <= 2000
 
@@ -154,16 +154,18 @@ def test_a_line_that_comes_before_it_is_asked_is_no_reply():
     """Else the angle of one sample would be taken for that of the next."""
     made = policy(
         """
+        import time
         next(lines)
         angle(1)
+        time.sleep(0.3)
         angle(2)
         next(lines)
         """
     )
-    with pytest.raises(entry.EntryError, match="a line that nobody asked for|and more; write one line"):
-        assert made.ask() == 1
-        assert select.select([made._child._child.stdout], [], [], 10)[0]
-        made.tell(sample(1.0))
+    made.ask()
+    assert select.select([made._child._child.stdout], [], [], 10)[0]
+    made.tell(sample(1.0))
+    with pytest.raises(entry.EntryError, match="a line that nobody asked for"):
         made.ask()
 
 
