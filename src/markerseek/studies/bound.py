@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from markerseek.core import ConfigError, Interval, Measured, RunPlan
+from markerseek.core import ConfigError, Measured, RunPlan
 from markerseek.pictures import ERROR_BARS, panel_grid, shared_legend
+from markerseek.rigs import image_peak
 from markerseek.scan import run
 from markerseek.search.bounds import (
     TABLE_PRIOR,
@@ -32,7 +33,6 @@ from markerseek.studies.study import Cell, Study
 from markerseek.studies.summary import PolicySummary, Summary
 from markerseek.studies.trial import former_curve
 from markerseek.studies.unknowns import Unknowns
-from markerseek.studies.window import noise_free, window_of
 from markerseek.studies.worlds import draw_trial, study_rig
 
 if TYPE_CHECKING:
@@ -69,15 +69,19 @@ class BoundComparison(msgspec.Struct, frozen=True, kw_only=True):
 
 
 @lru_cache(maxsize=1024)
-def marker_curve(unknowns: Unknowns, travel: Interval) -> SampledCurve:
-    """Noise-free curve of a drawn marker.
+def marker_curve(unknowns: Unknowns) -> SampledCurve:
+    """Noise-free curve of a drawn marker."""
+    model, marker = unknowns.model, unknowns.marker
 
-    ``travel``: angles that the probe can have.
-    """
-    window = window_of(unknowns, travel)
-    heights = [noise_free(window, off_deg=off_deg) for off_deg in _OFF_DEG.tolist()]
-    # Behind the plane of the face there is no signal, and the bound takes the logarithm of the curve.
-    return SampledCurve(_OFF_DEG, np.maximum(heights, 1e-6))
+    def height(off_deg: float) -> float:
+        angle_deg = marker.angle_deg + off_deg
+        # Behind the plane of the face there is no signal.
+        seen = model.channel_data([marker], angle_deg=angle_deg).any()
+        return image_peak([marker], model, angle_deg=angle_deg) if seen else 0.0
+
+    heights = np.array([height(off_deg) for off_deg in _OFF_DEG.tolist()])
+    # The bound takes the logarithm of the curve.
+    return SampledCurve(_OFF_DEG, np.maximum(heights / heights[0], 1e-6))
 
 
 def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -> BoundComparison:
@@ -152,7 +156,7 @@ def _marker(study: Study, cell: Cell, trial: int) -> tuple[Unknowns, IntensityNo
         snr=10 ** (rig.noise.peak_snr_db / 20),
         jitter=rig.laser.energy_jitter / math.sqrt(unknowns.pulses),
     )
-    return unknowns, noise, marker_curve(unknowns, rig.limits.travel)
+    return unknowns, noise, marker_curve(unknowns)
 
 
 def _root_mean_square(values: Sequence[float]) -> float:
