@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from markerseek.core import ConfigError, Measured, RunPlan
+from markerseek.core import ConfigError
 from markerseek.pictures import ERROR_BARS, panel_grid, shared_legend
 from markerseek.rigs import image_peak
-from markerseek.scan import run
 from markerseek.search.bounds import (
     TABLE_PRIOR,
     IntensityNoise,
@@ -31,7 +30,7 @@ from markerseek.studies.policies import build_policy
 from markerseek.studies.statistics import Mean
 from markerseek.studies.study import Cell, Study
 from markerseek.studies.summary import PolicySummary, Summary
-from markerseek.studies.trial import former_curve
+from markerseek.studies.trial import former_curve, searched
 from markerseek.studies.unknowns import Unknowns
 from markerseek.studies.worlds import draw_trial, study_rig
 
@@ -95,8 +94,7 @@ def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -
         searcher = build_policy(settings, limits=limits, start_deg=rig.stage.angle_deg, prior=prior)
         dark_frames = 0 if settings.as_published else rig.dark_frames
         # Without the confirmation at the end, which no bound on the angle takes into account.
-        events = run(searcher, rig.scanner, RunPlan(dark_frames=dark_frames, stay=True))
-        samples = [event.sample for event in events if isinstance(event, Measured)]
+        samples = searched(searcher, rig.scanner, dark_frames=dark_frames).samples
         marker_deg = unknowns.marker.angle_deg
         errors.append(searcher.estimate().mean_deg - marker_deg)
         # The best angles of this marker need its true angle: no policy can know them.
@@ -104,7 +102,7 @@ def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -
             curve, marker_deg=marker_deg, noise=noise, acquisitions=settings.most, limits=limits, prior=TABLE_PRIOR
         )
         best.append(ideal.bound_deg)
-        angles_deg = np.array([sample.angle_deg for sample in samples if not sample.dark])
+        angles_deg = np.array([sample.angle_deg for sample in samples])
         information = sample_information(curve, angles_deg, marker_deg=marker_deg, noise=noise).sum(axis=0)
         taken.append(float(angle_bound_deg(information, prior=TABLE_PRIOR)))
     rmse_deg, best_deg, taken_deg = (_root_mean_square(values) for values in (errors, best, taken))

@@ -32,7 +32,6 @@ from markerseek.sim import (
     Spot,
     TwoHumps,
     VirtualClock,
-    World,
     tissue_named,
 )
 from markerseek.studies.scene import DrawnScene, draw_extra_sources
@@ -157,18 +156,8 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, dr
     else:
         settings = replace(settings, laser=replace(settings.laser, pulses=unknowns.pulses))
     imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
-    scene = _scene(unknowns, settings, draw.scene, rng)
-    world = World(
-        model=scene.model,
-        absorbers=scene.absorbers,
-        noise=scene.noise,
-        energy_jitter=settings.laser.energy_jitter,
-        start_deg=settings.start_deg,
-        rng=rng,
-        averaged=settings.laser.pulses,
-    )
     return rig_in_world(
-        world,
+        _scene(unknowns, settings, draw.scene, rng).world(settings, rng),
         settings,
         clock=VirtualClock(),
         reader=imaging,
