@@ -12,6 +12,10 @@ TESTS ?= tests
 WATCHED := $(if $(filter tests,$(TESTS)),tests/system tests/page tests/igtl tests/bridges)
 BENCH ?=
 
+# Commands and tests start Python hundreds of times. An environment that forbids bytecode (as images of containers do)
+# would have each start compile all that it imports, which takes longer than a search.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .PHONY: help demo page test check bench faults failures kills mutants peers ros2 setup docs figures dist wheel release lock clean
 
@@ -33,7 +37,7 @@ IN_TWO := -n 2 --dist worksteal
 
 # Two processes have both cores: threads of the linear algebra would only wait for one another.
 test: export OPENBLAS_NUM_THREADS := 1
-test: .venv/dev  ## run every test
+test: .venv/dev .venv/compiled  ## run every test
 	$(BIN)/python -m pytest $(IN_TWO) -m "not real_time" $(TESTS) || test $$? -eq 5
 	$(if $(WATCHED),$(BIN)/python -m pytest -n 3 --dist load --maxschedchunk 1 -m real_time $(WATCHED))
 	$(BIN)/python -m pytest -m real_time $(addprefix --ignore=,$(WATCHED)) $(TESTS) || test $$? -eq 5
@@ -80,7 +84,7 @@ else
 	@echo "tests/ros2 skipped: PyPI has ROS 2 for Linux on x86-64 only"
 endif
 
-setup: .venv/dev $(ROS_READY)  ## set up the environments of the tests
+setup: .venv/dev .venv/compiled $(ROS_READY)  ## set up the environments of the tests
 
 docs: .venv/dev  ## make the documentation site in out/docs (warnings are errors), for reading offline
 	$(BIN)/python -m sphinx -W --keep-going -q -E -b html docs out/docs
@@ -152,7 +156,7 @@ endef
 	$(BIN)/markerseek doctor
 	@touch $@
 
-.venv/dev: requirements/dev.txt .venv/compiled
+.venv/dev: requirements/dev.txt .venv/run
 	$(INSTALL) --require-hashes -r requirements/dev.txt
 	$(PIP) check
 	@touch $@
@@ -164,6 +168,6 @@ endef
 .venv-ros/ready: requirements/run.txt requirements/ros2.txt
 .venv-bench/ready .venv-peers/ready .venv-ros/ready: pyproject.toml
 	$(NEW_ENVIRONMENT)
-	$(@D)/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --require-hashes $(addprefix -r ,$(filter %.txt,$^))
-	$(@D)/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-build-isolation -e .
+	$(@D)/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-compile --require-hashes $(addprefix -r ,$(filter %.txt,$^))
+	$(@D)/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-compile --no-build-isolation -e .
 	@touch $@
