@@ -92,6 +92,10 @@ def command(
     simulated_frames: Annotated[
         int | None, typer.Option(help="Simulated camera frames of each spot.", show_default="25")
     ] = None,
+    rig: Annotated[
+        Path | None,
+        typer.Option(help="Rig file of the simulated rig: its stage, laser and noise.", show_default="the usual one"),
+    ] = None,
     tissue: Annotated[str | None, typer.Option(help="Simulated material.", show_default="plastisol-phantom")] = None,
     sweep: Sweeps = False,
     readout_s: Annotated[
@@ -121,6 +125,7 @@ def command(
             markers=markers,
             camera_mm=camera_mm,
             frames=simulated_frames,
+            rig=rig,
             tissue=tissue,
             readout_s=readout_s,
             sweep=sweep,
@@ -135,9 +140,9 @@ def command(
                 on_search=lambda number: progress.update(progress.task_ids[0], completed=number),
             )
     else:
-        if (markers, camera_mm, simulated_frames, tissue, seed, readout_s) != (None,) * 6 or sweep:
+        if (markers, camera_mm, simulated_frames, rig, tissue, seed, readout_s) != (None,) * 7 or sweep:
             raise ConfigError(
-                "--markers, --camera-mm, --simulated-frames, --tissue, --sweep, --readout-s and --seed are for "
+                "--markers, --camera-mm, --simulated-frames, --rig, --tissue, --sweep, --readout-s and --seed are for "
                 "--simulate; leave them out"
             )
         title, pairs = _pairs(points, frames, journal or (), cameras, calibration_sigma_px)
@@ -192,17 +197,20 @@ def _scene(
     markers: int | None,
     camera_mm: float | None,
     frames: int | None,
+    rig: Path | None,
     tissue: str | None,
     readout_s: float | None,
     sweep: bool,
 ) -> runs.SimulatedScene:
-    from markerseek.sim import EndoscopeSettings, SimulatedSettings, changed_settings
+    from markerseek.rigs import read_simulated
+    from markerseek.sim import EndoscopeSettings, changed_settings
 
+    settings = read_simulated(rig, cure="a registration with its devices takes the journals of its searches")
     return runs.SimulatedScene(
         markers=4 if markers is None else markers,
         camera_m=0.1 if camera_mm is None else camera_mm / 1e3,
         camera=EndoscopeSettings(frames=25 if frames is None else frames),
-        rig=changed_settings(SimulatedSettings(), tissue=tissue, readout_s=readout_s),
+        rig=changed_settings(settings, tissue=tissue, readout_s=readout_s),
         sweep=sweep,
     )
 
