@@ -14,6 +14,8 @@ from markerseek.studies import PolicySettings, Study, cells, run_row
 from markerseek.studies.window import FLOOR_SCATTER, noise_free, window_of
 from markerseek.studies.worlds import draw_trial, study_rig
 
+pytestmark = pytest.mark.usefixtures("unchecked_shapes")
+
 COUNT = 24
 
 STUDY = Study(
