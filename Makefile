@@ -130,14 +130,16 @@ clean:  ## remove the environment and everything made
 # (--no-deps), and Python compiles a module when it is first imported (--no-compile) instead of all of them now.
 INSTALL := $(PIP) install --no-deps --no-compile
 
-# Without pip an environment was interrupted while it was made, and is made again.
+# Without pip an environment was interrupted while it was made, and is made again; Ctrl-C prints no traceback of venv.
+MADE := import runpy, signal, sys; signal.signal(signal.SIGINT, signal.SIG_DFL); sys.argv = ["venv", sys.argv[1]]; \
+	runpy.run_module("venv", run_name="__main__")
 FITS := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 define NEW_ENVIRONMENT
-@echo "setting up $(@D) (once)"
+@echo "setting up $(@D) (once; after Ctrl-C the same command goes on)"
 @$(@D)/bin/python -m pip --version >/dev/null 2>&1 || { \
 	$(PYTHON) -c '$(FITS)' 2>/dev/null || { echo "PYTHON is $(PYTHON): it is missing, older than 3.11, or without venv" \
 	"(Debian: apt install python3-venv); name another, as in: make $(or $(MAKECMDGOALS),demo) PYTHON=python3.12" >&2; exit 1; }; \
-	$(PYTHON) -m venv $(@D) || { echo "$(@D) cannot be made in $(CURDIR); clone markerseek into a folder of your own" >&2; exit 1; }; }
+	$(PYTHON) -c '$(MADE)' $(@D) || { echo "$(@D) cannot be made in $(CURDIR); clone markerseek into a folder of your own" >&2; exit 1; }; }
 endef
 
 .venv/demo: requirements/demo.txt pyproject.toml

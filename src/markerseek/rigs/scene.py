@@ -21,7 +21,7 @@ from markerseek.acoustics import (
 )
 from markerseek.rigs.spot import image_peak, image_reader, largest_count
 from markerseek.signals import beamformed_sigma
-from markerseek.sim import MarkerSettings, SimulatedSettings, Spot, Tissue, tissue_named
+from markerseek.sim import MarkerSettings, SimulatedSettings, Spot, Tissue, World, tissue_named
 
 _USUAL_COUNTS = 600.0
 """Largest count of the marker in a channel, where the receiver chooses its own gain and nothing speaks against it."""
@@ -54,6 +54,18 @@ class Scene:
     """Largest count of the marker in one channel with the probe on it; also if the marker is absent."""
     second: Absorber | None = None
     """``marker`` and ``second``: position of the marker, and of the second one."""
+
+    def world(self, settings: SimulatedSettings, rng: np.random.Generator) -> World:
+        """The scene with a probe that receives it."""
+        return World(
+            model=self.model,
+            absorbers=self.absorbers,
+            noise=self.noise,
+            energy_jitter=settings.laser.energy_jitter,
+            start_deg=settings.start_deg,
+            rng=rng,
+            averaged=settings.laser.pulses,
+        )
 
 
 def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
