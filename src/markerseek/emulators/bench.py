@@ -73,7 +73,12 @@ class EmulatedBench:
                 world=self.world, folder=folder, rng=apart, readout_s=settings.receiver.readout_s, sdk=sdk
             )
         self.laser_box = EmulatedLaserBox(
-            world=self.world, on_triggers=self.daq.trigger, laser=settings.laser, rng=light, moment=self._turned
+            world=self.world,
+            on_triggers=self.daq.trigger,
+            laser=settings.laser,
+            rng=light,
+            moment=self._turned,
+            edges=self.stage.edges,
         )
         self.laser_box.faults.clock_drift = CLOCK_DRIFT
 
@@ -95,6 +100,7 @@ class EmulatedBench:
         serving = ServingClock(clock)
         # The time of a pulse is the stage's: a box that was held up fires it later, where the probe is then.
         self.laser_box.moment = lambda _: self._turned(serving.real_s)
+        self.laser_box.edges = lambda _: self.stage.edges(serving.real_s)
         return PtyLine(device=self.laser_box, clock=serving, link=link)
 
 
