@@ -6,8 +6,10 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
+import msgspec
+
 from markerseek.core import ChannelFrame, Measured, RecordError, Sample
-from markerseek.records.banks import FrameBank, IntensityBank, require_angles
+from markerseek.records.banks import BankFacts, FrameBank, IntensityBank, require_angles
 from markerseek.records.journal import RecordedRun, read_journal
 from markerseek.runs.bank_scan import bank_facts
 
@@ -48,7 +50,8 @@ def journal_bank(path: Path) -> IntensityBank | JournalBank:
     bank = IntensityBank(
         angles_deg=tuple(each.angle_deg for each in lit),
         intensities=tuple(each.reading.intensity for each in lit),
-        facts=bank_facts(
+        facts=_scan_facts(recorded)
+        or bank_facts(
             known,
             description=f"journal of {recorded.configuration.plan.method} on a {known.rig_name}: {known.description}"
             + (f", without {repeated} at repeated angles" if repeated else ""),
@@ -69,6 +72,15 @@ def journal_bank(path: Path) -> IntensityBank | JournalBank:
         started_s=tuple(each.frame.header.started_s for each in lit if each.frame is not None),
         pulses=tuple(each.frame.header.pulses for each in lit if each.frame is not None),
     )
+
+
+def _scan_facts(recorded: RecordedRun) -> BankFacts | None:
+    """Facts of the bank that a scan was to become; None of a search."""
+    try:
+        known: BankFacts | None = msgspec.json.decode(recorded.configuration.bank, type=BankFacts | None)
+    except msgspec.MsgspecError as problem:
+        raise RecordError(f"{recorded.path}: what its bank is to hold cannot be read: {problem}") from problem
+    return known
 
 
 def _clock_zero_unix_s(recorded: RecordedRun) -> float:

@@ -1,22 +1,34 @@
-"""Scans the search range of a rig in equal steps and writes a bank, through the same loop as a search."""
+"""Scans the search range of a rig in equal steps, through the same loop as a search, and makes a bank of its record."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Generator
-from contextlib import closing
+from collections.abc import Generator, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
+
 from markerseek._version import __version__
-from markerseek.core import MAX_ACQUISITIONS, ConfigError, Event, Measured, RigFacts, RunPlan, SearchPlan
+from markerseek.core import (
+    MAX_ACQUISITIONS,
+    ChannelFrame,
+    ConfigError,
+    Event,
+    Measured,
+    RecordError,
+    RigFacts,
+    Sample,
+    SearchPlan,
+)
 from markerseek.records.banks import BankFacts
-from markerseek.records.banks.ipasc import BankWriter
-from markerseek.records.journal import Configuration
+from markerseek.records.banks.ipasc import require_new_bank, require_room, whole_bank
+from markerseek.records.journal import Configuration, Entry, Journal, salvage
 from markerseek.rigs import Rig
-from markerseek.runs.journalled import configuration_of
-from markerseek.scan import RunLimits, run
+from markerseek.runs.journalled import configuration_of, journalled
+from markerseek.scan import RunLimits
 from markerseek.search import Exhaustive
 
 MAX_ANGLES = 5000
@@ -83,6 +95,11 @@ def scan_configuration(rig: Rig, *, step_deg: float) -> Configuration:
     return configuration_of(rig, plan)
 
 
+def record_of(path: Path) -> Path:
+    """Where the record of a scan is kept until its bank is written: beside it."""
+    return path.with_name(f"{path.name}.journal")
+
+
 def scan_bank(
     rig: Rig,
     path: Path,
@@ -91,10 +108,12 @@ def scan_bank(
     wavelength_m: float | None = None,
     pulse_energy_j: float | None = None,
 ) -> Generator[Event, None, None]:
-    """Scan the search range and write each acquisition before the next is made.
+    """Scan the search range; each acquisition is on disk before the next is made, and at the end all become a bank.
 
-    If closed or interrupted, the stage stops, the laser is disarmed, and the file has all acquisitions so far. Times
-    start at this computer's date; the clock of a simulated rig is virtual, and runs faster or slower from there.
+    If closed or interrupted, the stage stops, the laser is disarmed, and the bank has all acquisitions so far. Until
+    it is written they are in a journal beside it (`record_of`), which outlives a process that is killed: it can be
+    imported (`journal_bank`), or resumed. Times start at this computer's date; the clock of a simulated rig is
+    virtual, and runs faster or slower from there.
 
     ``rig``: every acquisition passes its guard. ``path``: new file, ``.hdf5`` or ``.h5``; it must not exist.
     ``step_deg``: largest step. ``wavelength_m``, ``pulse_energy_j``: wavelength in metres and energy of one laser pulse
@@ -113,12 +132,64 @@ def scan_bank(
     # A scan is a search that never decides, so that guard, journal events and errors are the same.
     policy = Exhaustive(limits=rig.limits.search, acquisitions=angles, start_deg=rig.stage.angle_deg)
     limits = RunLimits(acquisitions=angles, duration_s=_S_PER_ANGLE * (angles + rig.dark_frames))
+    known = msgspec.Raw(msgspec.json.encode(facts))
+    configuration = msgspec.structs.replace(scan_configuration(rig, step_deg=step_deg), bank=known)
+    require_new_bank(path)
+    room_is_known = False
     with (
-        BankWriter(path, angles=angles, dark_frames=rig.dark_frames, facts=facts) as writer,
-        # The writer is the outer block: the rig is stopped before the file is closed.
-        closing(run(policy, rig.scanner, RunPlan(dark_frames=rig.dark_frames, stay=True), limits=limits)) as events,
+        # The outer block: the rig is stopped before the bank is written.
+        _recorded(path, configuration, facts) as journal,
+        closing(journalled(policy, rig, journal, limits=limits)) as events,
     ):
         for event in events:
-            if isinstance(event, Measured):
-                writer.add(event.sample)
+            if isinstance(event, Measured) and isinstance(event.sample.frame, ChannelFrame) and not room_is_known:
+                room_is_known = True
+                # For the record, and for the bank that is made of it: a disk that is full later would end the scan.
+                require_room(path, 2 * event.sample.frame.samples.nbytes * (angles + rig.dark_frames))
             yield event
+
+
+@contextmanager
+def _recorded(path: Path, configuration: Configuration, facts: BankFacts) -> Iterator[Journal]:
+    """The record of a scan, of which a bank is made when the block ends, however it ends."""
+    record = record_of(path)
+    if record.exists():
+        raise RecordError(
+            f"{record}: it holds a scan that was killed; make a bank of it: 'markerseek bank import {record} "
+            f"{path}', or delete it"
+        )
+    journal = Journal.create(record, configuration)
+    try:
+        with journal:
+            yield journal
+    finally:
+        _export(journal.path, path, facts)
+
+
+def _export(record: Path, path: Path, facts: BankFacts) -> None:
+    """Make a bank of a record, frame by frame, and delete the record; no bank where nothing was measured."""
+    lit: dict[float, int] = {}
+    dark: list[int] = []
+
+    def count(entry: Entry) -> None:
+        match entry.event:
+            case Measured(sample=Sample(dark=False, angle_deg=angle_deg)):
+                lit[angle_deg] = entry.number
+            case Measured(sample=Sample(frame=ChannelFrame())):
+                dark.append(entry.number)
+
+    def add(entry: Entry) -> None:
+        if isinstance(entry.event, Measured) and entry.number in kept:
+            writer.add(entry.event.sample)
+
+    salvage(record, frames=False, on_entry=count)
+    kept = {*lit.values(), *dark}
+    if lit:
+        try:
+            with whole_bank(path, angles=len(lit), dark_frames=len(dark), facts=facts) as writer:
+                salvage(record, frames=False, on_entry=add)
+        except RecordError as problem:
+            raise RecordError(
+                f"{problem}; what was measured is in {record}: 'markerseek bank import {record} NEW.hdf5'"
+            ) from problem
+    record.unlink()

@@ -16,7 +16,7 @@ from markerseek.records.banks.bank import (
 )
 from markerseek.records.banks.folder import FolderBank, read_folder
 from markerseek.records.banks.frames import MAT_PROBE, load_frame
-from markerseek.records.banks.ipasc import BankWriter, IpascBank, require_new_bank, whole_bank
+from markerseek.records.banks.ipasc import IpascBank, require_new_bank, whole_bank
 from markerseek.records.banks.reading import frame_faults, has_checksums, read_bank, require_whole
 from markerseek.records.banks.table import DEFAULT_FORMAT, AngleUnit, TableFormat, read_table, write_bank
 from markerseek.records.banks.ultrasonix import ULTRASONIX_SUFFIXES, UltrasonixFile, open_ultrasonix
@@ -34,7 +34,6 @@ __all__ = [
     "ArrayBank",
     "Bank",
     "BankFacts",
-    "BankWriter",
     "FolderBank",
     "FrameBank",
     "IntensityBank",

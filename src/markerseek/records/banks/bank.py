@@ -104,11 +104,6 @@ class Bank:
         """From the first angle to the last."""
         return Interval(low_deg=self.angles_deg[0], high_deg=self.angles_deg[-1])
 
-    @property
-    def planned(self) -> int:
-        """Number of angles planned; more than there are if the scan was cut short."""
-        return len(self.angles_deg)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IntensityBank(Bank):

@@ -84,7 +84,7 @@ def frame_faults(bank: IntensityBank | FrameBank) -> Iterator[str | None]:
 
 def has_checksums(bank: IntensityBank | FrameBank) -> bool:
     """Whether the frames have checksums, which detect a change."""
-    return isinstance(bank, IpascBank) and bool(bank.frame_sums)
+    return isinstance(bank, IpascBank) and bank.checked
 
 
 def require_whole(bank: IntensityBank | FrameBank) -> None:
