@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from markerseek.core.checks import is_finite, is_whole, require_range
 from markerseek.core.errors import ConfigError
-from markerseek.core.marker_curve import MarkerCurve
+from markerseek.core.estimate import MarkerCurve
 from markerseek.core.reading import MAX_ACQUISITIONS
 
 MAX_DARK_FRAMES = 100

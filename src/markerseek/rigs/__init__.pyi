@@ -4,8 +4,7 @@ from .recipe import BenchRecipe, ReaderRecipe, Recipe, ReplayedRecipe, Simulated
 from .replay import replayed
 from .rig import Rig, fingerprint
 from .rig_file import read_rig_file, read_simulated
-from .scene import Scene, draw_scene, scene_of
-from .scene_curve import scene_curve
+from .scene import Scene, draw_scene, scene_curve, scene_of
 from .simulated_devices import USUAL_CELLS, of_intensities, rig_in_world
 from .simulation import simulated
 from .spot import image_peak, image_reader, largest_count

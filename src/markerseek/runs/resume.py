@@ -27,8 +27,7 @@ from markerseek.core import (
 )
 from markerseek.records.journal import Entry, Journal, RecordedRun, Resuming, RunState, run_state, versions
 from markerseek.rigs import Rig
-from markerseek.runs.beliefs import Beliefs
-from markerseek.runs.journalled import closing_run, commit_event
+from markerseek.runs.journalled import Beliefs, closing_run, commit_event
 from markerseek.runs.recheck import commanded_deg, pulses_before, require_unchanged, samples_to_recheck
 from markerseek.runs.recorded_scanner import RecordedScanner
 from markerseek.scan import AnyScanner, RunLimits, run

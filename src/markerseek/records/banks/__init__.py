@@ -14,8 +14,7 @@ from markerseek.records.banks.bank import (
     IntensityBank,
     require_angles,
 )
-from markerseek.records.banks.folder import FolderBank, read_folder
-from markerseek.records.banks.frames import MAT_PROBE, load_frame
+from markerseek.records.banks.frames import MAT_PROBE, FolderBank, load_frame, read_folder
 from markerseek.records.banks.ipasc import IpascBank, require_new_bank, whole_bank
 from markerseek.records.banks.reading import frame_faults, has_checksums, read_bank, require_whole
 from markerseek.records.banks.table import DEFAULT_FORMAT, AngleUnit, TableFormat, read_table, write_bank

@@ -23,6 +23,9 @@ HDF5_SUFFIXES = (".hdf5", ".h5")
 MAX_DEG = 360.0
 """Largest angle of a bank to either side, in degrees."""
 
+USUAL_SAMPLING_HZ = 40e6
+"""Sampling frequency of the SonixDAQ in Hz, assumed where the file names none."""
+
 MIN_STEP_DEG = 1e-6
 """Least distance of two angles of a bank in degrees; a stage's encoder counts steps of 5e-4."""
 

@@ -9,7 +9,7 @@ from markerseek.core import ConfigError, RecordError
 from markerseek.files import as_read_error, require_input
 from markerseek.records.banks.arrays import ArrayBank, bank_of_arrays
 from markerseek.records.banks.bank import HDF5_SUFFIXES, FrameBank, IntensityBank
-from markerseek.records.banks.folder import read_folder
+from markerseek.records.banks.frames import read_folder
 from markerseek.records.banks.ipasc.reading import IpascBank, read_probed, walk_bank
 from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, read_table
 from markerseek.records.banks.zea import zea_arrays

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from markerseek.core import ConfigError, Interval, LimitError, Permit, ReadingFrame, RecordError
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank
-from markerseek.records.banks.folder import FolderBank
+from markerseek.records.banks.frames import FolderBank
 from markerseek.records.replay import ReplayReceiver, ReplayStage
 from markerseek.signals import IntensityReader
 
