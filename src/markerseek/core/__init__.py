@@ -45,13 +45,12 @@ from markerseek.core.events import (
     Swept,
     Turning,
 )
-from markerseek.core.facts import RigFacts, RigKind, rig_in_words
 from markerseek.core.frame import NO_HEADER, BModeFrame, ChannelFrame, Frame, FrameHeader, ReadingFrame, RFFrame
 from markerseek.core.image import BModeImage, LinearArray, PaImage, ScanGeometry
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerPosition, marker_position
 from markerseek.core.permit import SWEEP_READING_S, Permit, SweepPermit
-from markerseek.core.plan import ByHand, PolicyPlan, RunPlan, SearchPlan, Tolerance
+from markerseek.core.plan import ByHand, PolicyPlan, RigFacts, RigKind, RunPlan, SearchPlan, Tolerance, rig_in_words
 from markerseek.core.protocols import (
     AnyPolicy,
     Clock,

@@ -7,7 +7,7 @@ from .bank_images import (
     dark_intensity,
     intensities_stored,
 )
-from .bank_scan import journal_bank, scan_angles, scan_bank, scan_configuration
+from .bank_scan import journal_bank, require_new_scan, scan_angles, scan_bank, scan_configuration
 from .calibration_scan import Calibration, calibrate
 from .former_search import former_curve
 from .journalled import configuration_of
@@ -22,7 +22,6 @@ from .rebuild import (
     recorded_bench,
     require_same_measurement,
 )
-from .recheck import samples_to_recheck
 from .registration import (
     TARGET_DEPTH_M,
     KnownRegistration,
@@ -31,7 +30,7 @@ from .registration import (
     read_registration,
     register_pairs,
 )
-from .resume import require_reset
+from .resume import require_reset, samples_to_recheck
 from .session import Session, answer_from_all, find_marker, new_session, plan_on, resumed_session
 from .shared_errors import FOCAL_LENGTH, camera_shared_m, focal_shared_m, trus_shared_m
 from .simulated_registration import (
@@ -91,6 +90,7 @@ __all__ = [
     "recompute_differences",
     "recorded_bench",
     "register_pairs",
+    "require_new_scan",
     "require_reset",
     "require_same_measurement",
     "resumed_session",

@@ -101,6 +101,17 @@ def record_of(path: Path) -> Path:
     return path.with_name(f"{path.name}.journal")
 
 
+def require_new_scan(path: Path) -> None:
+    """Refuse a path where no bank can be written, or beside which a scan that was killed is kept."""
+    require_new_bank(path)
+    record = record_of(path)
+    if record.exists():
+        raise RecordError(
+            f"{record}: it holds a scan that was killed; make a bank of it: 'markerseek bank import {record} "
+            f"{path}', or delete it"
+        )
+
+
 def scan_bank(
     rig: Rig,
     path: Path,
@@ -135,7 +146,7 @@ def scan_bank(
     limits = RunLimits(acquisitions=angles, duration_s=_S_PER_ANGLE * (angles + rig.dark_frames))
     known = msgspec.Raw(msgspec.json.encode(facts))
     configuration = msgspec.structs.replace(scan_configuration(rig, step_deg=step_deg), bank=known)
-    require_new_bank(path)
+    require_new_scan(path)
     room_is_known = False
     with (
         # The outer block: the rig is stopped before the bank is written.
@@ -153,13 +164,7 @@ def scan_bank(
 @contextmanager
 def _recorded(path: Path, configuration: Configuration, facts: BankFacts) -> Iterator[Journal]:
     """The record of a scan, of which a bank is made when the block ends, however it ends."""
-    record = record_of(path)
-    if record.exists():
-        raise RecordError(
-            f"{record}: it holds a scan that was killed; make a bank of it: 'markerseek bank import {record} "
-            f"{path}', or delete it"
-        )
-    journal = Journal.create(record, configuration)
+    journal = Journal.create(record_of(path), configuration)
     try:
         with journal:
             yield journal
@@ -183,7 +188,7 @@ def _export(record: Path, path: Path, facts: BankFacts) -> None:
         if isinstance(entry.event, Measured) and entry.number in kept:
             writer.add(entry.event.sample)
 
-    salvage(record, frames=False, on_entry=count)
+    damage = salvage(record, frames=False, on_entry=count)[1]
     kept = {*lit.values(), *dark}
     if lit:
         try:
@@ -193,7 +198,9 @@ def _export(record: Path, path: Path, facts: BankFacts) -> None:
             raise RecordError(
                 f"{problem}; what was measured is in {record}: 'markerseek bank import {record} NEW.hdf5'"
             ) from problem
-    record.unlink()
+    # What another program damaged may still hold more than could be read.
+    if damage is None:
+        record.unlink()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
