@@ -1,4 +1,4 @@
-"""Plan of a search: method, number of acquisitions, start and end. It does not depend on the rig."""
+"""Plan of a search (method, number of acquisitions, start and end), which no rig changes; and the facts of a rig."""
 
 from __future__ import annotations
 

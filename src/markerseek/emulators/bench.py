@@ -23,7 +23,7 @@ from markerseek.emulators.plus import EmulatedPlus
 from markerseek.emulators.sonixdaq import EmulatedSonixDaq
 from markerseek.emulators.vantage import EmulatedVantage
 from markerseek.rigs import draw_scene
-from markerseek.sim import CLOCK_DRIFT, SimulatedSettings, VirtualClock, World
+from markerseek.sim import CLOCK_DRIFT, SimulatedSettings, VirtualClock
 
 _TICK_S = 2e-3
 
@@ -57,15 +57,7 @@ class EmulatedBench:
             raise ConfigError("receiver.b_mode: a SonixDAQ takes no B-mode images; leave it out")
         scene = draw_scene(settings, rng)
         self.truth_deg = scene.marker.angle_deg if settings.marker.present else None
-        self.world = World(
-            model=scene.model,
-            absorbers=scene.absorbers,
-            noise=scene.noise,
-            energy_jitter=settings.laser.energy_jitter,
-            start_deg=settings.start_deg,
-            rng=rng,
-            averaged=settings.laser.pulses,
-        )
+        self.world = scene.world(settings, rng, averaged=settings.laser.pulses)
         # Child generators: draws per pulse must not shift the random numbers of the world, or seeds would not compare.
         apart, noise, light = rng.spawn(3)
         self.stage = Kdc101Emulator(

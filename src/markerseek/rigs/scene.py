@@ -24,7 +24,7 @@ from markerseek.acoustics import (
 from markerseek.core import NO_HEADER, ChannelFrame, Float64, PaImage
 from markerseek.rigs.spot import MAX_COUNTS, image_peak, image_reader, largest_count
 from markerseek.signals import ImageReader, beamformed_sigma, strongest_peaks
-from markerseek.sim import MarkerSettings, RecordedCurve, SimulatedSettings, Spot, Tissue, tissue_named
+from markerseek.sim import MarkerSettings, RecordedCurve, SimulatedSettings, Spot, Tissue, World, tissue_named
 
 _USUAL_COUNTS = 600.0
 """Largest count of the marker in a channel, where the receiver chooses its own gain and nothing speaks against it."""
@@ -57,6 +57,18 @@ class Scene:
     """Largest count of the marker in one channel with the probe on it; also if the marker is absent."""
     second: Absorber | None = None
     """``marker`` and ``second``: position of the marker, and of the second one."""
+
+    def world(self, settings: SimulatedSettings, rng: np.random.Generator, *, averaged: int | None = None) -> World:
+        """The world that has these sources; ``averaged``: pulses of which its noise is the mean."""
+        return World(
+            model=self.model,
+            absorbers=self.absorbers,
+            noise=self.noise,
+            energy_jitter=settings.laser.energy_jitter,
+            start_deg=settings.start_deg,
+            rng=rng,
+            averaged=averaged,
+        )
 
 
 def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:

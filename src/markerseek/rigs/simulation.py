@@ -29,7 +29,6 @@ from markerseek.sim import (
     SimulatedSettings,
     SimulatedWorld,
     VirtualClock,
-    World,
 )
 from markerseek.vision import TipReader, TipSettings
 
@@ -86,15 +85,7 @@ def simulated(
         return _tip_rig(seed, settings, pace=pace, rng=rng)
     scene = draw_scene(settings, rng)
     _require_noise(scene, settings)
-    world = World(
-        model=scene.model,
-        absorbers=scene.absorbers,
-        noise=scene.noise,
-        energy_jitter=settings.laser.energy_jitter,
-        start_deg=settings.start_deg,
-        rng=rng,
-        averaged=settings.laser.pulses,
-    )
+    world = scene.world(settings, rng, averaged=settings.laser.pulses)
     # Not the tissue's sound speed: a user images with a preset, and the error is part of the result.
     imaging: AnyImageReader = image_reader(settings.probe.array, sampling_hz=settings.receiver.sampling_hz)
     seen: SimulatedWorld = world

@@ -1,4 +1,4 @@
-"""Serves OpenIGTLink clients: who may connect and who goes first, the searches that they ask for, what they are sent."""
+"""Serves OpenIGTLink clients: who may connect and who goes first, the searches they ask for, what they are sent."""
 
 from __future__ import annotations
 
