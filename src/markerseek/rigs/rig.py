@@ -1,4 +1,4 @@
-"""The type of an assembled rig (devices, scanner, facts), the fingerprint of its settings, and its recipe in a journal."""
+"""The type of an assembled rig (devices, scanner, facts), its fingerprint, and its recipe in a journal."""
 
 from __future__ import annotations
 
