@@ -65,6 +65,8 @@ from markerseek.core.protocols import (
     SweepingPolicy,
     SweepingReceiver,
     SweepingStage,
+    TriggeredLaser,
+    TriggeringStage,
 )
 from markerseek.core.reading import (
     MAX_ACQUISITIONS,
@@ -75,7 +77,7 @@ from markerseek.core.reading import (
     Sample,
 )
 from markerseek.core.shapes import Bool, Complex128, Float32, Float64, Int16, Int32, Int64, UInt8
-from markerseek.core.sweep import MAX_AHEAD_DEG, Pulse, StageReading, Sweep, SweepTiming, fastest_sweep_deg_s
+from markerseek.core.sweep import MAX_AHEAD_DEG, Pulse, StageReading, Sweep, SweepTiming, Triggers, fastest_sweep_deg_s
 
 __all__ = [
     "MAX_ACQUISITIONS",
@@ -170,6 +172,9 @@ __all__ = [
     "SweepingStage",
     "Swept",
     "Tolerance",
+    "TriggeredLaser",
+    "TriggeringStage",
+    "Triggers",
     "Turning",
     "UInt8",
     "Unsure",

@@ -203,7 +203,14 @@ class SimulatedParts:
         rng = np.random.default_rng(keys.seed)
         scene = draw_scene(settings, rng)
         self._settings, self._bench, self._readout_s, self._rng = settings, bench, keys.readout_s, rng
-        self._world = scene.world(settings, rng)
+        self._world = World(
+            model=scene.model,
+            absorbers=scene.absorbers,
+            noise=scene.noise,
+            energy_jitter=settings.laser.energy_jitter,
+            start_deg=settings.start_deg,
+            rng=rng,
+        )
 
     def opened(self, settings: DeviceSettings, *, clock: Clock, stage: Stage | None) -> Any:
         """The device that has these settings; ``stage``: of the rig, whatever drives it."""

@@ -58,8 +58,8 @@ class Scene:
     second: Absorber | None = None
     """``marker`` and ``second``: position of the marker, and of the second one."""
 
-    def world(self, settings: SimulatedSettings, rng: np.random.Generator, *, averaged: int | None = None) -> World:
-        """The world that has these sources; ``averaged``: pulses of which its noise is the mean."""
+    def world(self, settings: SimulatedSettings, rng: np.random.Generator) -> World:
+        """The scene with a probe that receives it."""
         return World(
             model=self.model,
             absorbers=self.absorbers,
@@ -67,7 +67,7 @@ class Scene:
             energy_jitter=settings.laser.energy_jitter,
             start_deg=settings.start_deg,
             rng=rng,
-            averaged=averaged,
+            averaged=settings.laser.pulses,
         )
 
 

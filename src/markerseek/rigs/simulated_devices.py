@@ -73,6 +73,7 @@ def rig_in_world(
         energy_drift_per_min=light.energy_drift_per_min,
         stamp_delay_s=light.stamp_delay_s,
         probe_deg=stage.probe_deg,
+        triggered_s=stage.triggered_s if light.sweep_mode == "position-triggered" else None,
         rng=rng,
     )
     receiver = SimulatedReceiver(

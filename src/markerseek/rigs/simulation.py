@@ -83,7 +83,7 @@ def simulated(
         return _tip_rig(seed, settings, pace=pace, rng=rng)
     scene = draw_scene(settings, rng)
     _require_noise(scene, settings)
-    world = scene.world(settings, rng, averaged=settings.laser.pulses)
+    world = scene.world(settings, rng)
     # Not the tissue's sound speed: a user images with a preset, and the error is part of the result.
     imaging: AnyImageReader = image_reader(settings.probe.array, sampling_hz=settings.receiver.sampling_hz)
     seen: SimulatedWorld = world

@@ -1,6 +1,6 @@
 """ROS 2 messages of a rig and of one acquisition, for running nodes and for logs.
 
-The classes are passed in: those of rosbags for a log, those of rclpy for a node (`markerseek.ros.kinds.Kinds`).
+The classes are passed in: those of rosbags for a log, those of rclpy for a node (`markerseek.ros.node.Kinds`).
 """
 
 from __future__ import annotations

@@ -100,9 +100,11 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
     try:
         rows = csv_rows(path, read_input(path, most_bytes=_LARGEST_BYTES))
     except (OSError, UnicodeDecodeError, csv.Error) as problem:
+        # Those of the codec and of csv speak of bytes and quotes.
+        why = f"cannot be read ({problem})" if isinstance(problem, OSError) else "is no text with rows and columns"
         raise RecordError(
-            f"{path}: it cannot be read as a CSV of {','.join(COLUMNS)}: {problem}; a bank is such a table, an IPASC "
-            "HDF5 file (.hdf5, .h5), or a folder with one frame per angle"
+            f"{path}: it {why}; a bank is a CSV of {','.join(COLUMNS)}, an IPASC HDF5 file (.hdf5, .h5), or a folder "
+            "with one frame per angle"
         ) from problem
     columns = _columns(path, rows, table)
     angle_name = rows.names[columns[0]] if rows.names else ""
