@@ -19,9 +19,8 @@ import pacfish
 import pytest
 
 from markerseek.core import Measured, RecordError
-from markerseek.records.banks import FrameBank, read_bank
+from markerseek.records.banks import FrameBank, read_bank, record_of
 from markerseek.records.journal import read_journal
-from markerseek.runs.bank_scan import record_of
 from markerseek.wire import sonixdaq
 from tests.unit.records.vantage_workspaces import write_workspace
 

@@ -24,7 +24,7 @@ from markerseek.core import (
     Sample,
     SearchPlan,
 )
-from markerseek.records.banks import BankFacts, FrameBank, IntensityBank, require_angles
+from markerseek.records.banks import BankFacts, FrameBank, IntensityBank, record_of, require_angles
 from markerseek.records.banks.ipasc import require_new_bank, require_room, whole_bank
 from markerseek.records.journal import Configuration, Entry, Journal, RecordedRun, read_journal, salvage
 from markerseek.rigs import Rig
@@ -94,11 +94,6 @@ def scan_configuration(rig: Rig, *, step_deg: float) -> Configuration:
         stay=True,
     )
     return configuration_of(rig, plan)
-
-
-def record_of(path: Path) -> Path:
-    """Where the record of a scan is kept until its bank is written: beside it."""
-    return path.with_name(f"{path.name}.journal")
 
 
 def require_new_scan(path: Path) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 
 from markerseek import runs
 from markerseek.core import Event, Measured, RecordError
-from markerseek.records.banks import FrameBank
+from markerseek.records.banks import FrameBank, record_of
 from markerseek.records.banks.ipasc.reading import IpascBank, read_probed
 from markerseek.records.journal import Journal
 from markerseek.runs import bank_scan
@@ -115,7 +115,7 @@ def whole_scan() -> WholeScan:
 
 def _opened(path: Path) -> FrameBank:
     """The bank, or that of the record while there is none."""
-    bank = read_probed(path) if path.exists() else runs.journal_bank(bank_scan.record_of(path))
+    bank = read_probed(path) if path.exists() else runs.journal_bank(record_of(path))
     if not isinstance(bank, FrameBank):
         raise MismatchError("it holds no frames")
     return bank
@@ -182,7 +182,7 @@ def _dark_acknowledged(end: End) -> int:
 def _left_well(path: Path, end: End, row: Row, tally: Tally) -> None:
     row.kills += 1
     row.acknowledged += end.acknowledged
-    left = path.exists() or bank_scan.record_of(path).exists()
+    left = path.exists() or record_of(path).exists()
     if end.acknowledged == 0 and not _dark_acknowledged(end) and not left:
         _remove_all(path)
         return
@@ -224,6 +224,6 @@ def _taken(path: Path, end: End, tally: Tally) -> int:
 
 def _remove_all(path: Path) -> None:
     remove(path)
-    bank_scan.record_of(path).unlink(missing_ok=True)
+    record_of(path).unlink(missing_ok=True)
     for part in path.parent.glob(f".{path.name}.*.part"):
         part.unlink()

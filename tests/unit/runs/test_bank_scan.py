@@ -9,10 +9,9 @@ import pytest
 
 from markerseek import rigs
 from markerseek.core import Measured, RecordError
-from markerseek.records.banks import FrameBank, read_bank
+from markerseek.records.banks import FrameBank, read_bank, record_of
 from markerseek.records.journal import read_journal
 from markerseek.runs import journal_bank, scan_bank
-from markerseek.runs.bank_scan import record_of
 
 
 def scanned(path: Path, *, stop_after: int = 99) -> int:
@@ -54,6 +53,8 @@ def test_a_bank_that_cannot_be_written_leaves_the_record(tmp_path: Path, monkeyp
     with pytest.raises(RecordError, match=r"what was measured is in .*a\.hdf5\.journal: 'markerseek bank import"):
         scanned(path)
     assert [each.name for each in tmp_path.iterdir()] == ["a.hdf5.journal"]
+    with pytest.raises(RecordError, match=r"no such file or folder; its scan was killed, and is kept: 'markerseek"):
+        read_bank(path)
     held = journal_bank(record_of(path))
     assert (len(held.angles_deg), held.dark_frames, held.facts.pulse_energy_j) == (8, 3, 2e-3)
     with pytest.raises(RecordError, match="it holds a scan that was killed; make a bank of it"):

@@ -10,6 +10,7 @@ from markerseek.records.banks.bank import (
     BankFacts,
     FrameBank,
     IntensityBank,
+    record_of,
     require_angles,
 )
 from markerseek.records.banks.frames import MAT_PROBE, FolderBank, load_frame
@@ -40,6 +41,7 @@ __all__ = [
     "open_ultrasonix",
     "read_arrays",
     "read_bank",
+    "record_of",
     "require_angles",
     "require_new_bank",
     "require_whole",

@@ -152,6 +152,11 @@ class FrameBank(Bank, ABC):
         """One frame without laser, counted from 0; `RecordError` where it cannot be read."""
 
 
+def record_of(path: Path) -> Path:
+    """Journal beside a bank, in which a scan is kept until the bank is made of it."""
+    return path.with_name(f"{path.name}.journal")
+
+
 def require_angles(path: Path, angles_deg: Sequence[float]) -> None:
     """Refuse angles that a search cannot use.
 
