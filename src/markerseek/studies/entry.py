@@ -67,6 +67,7 @@ class EntryPolicy(SearchPolicy):
     """The policy of one search that asks a child process, which is kept for the searches that follow.
 
     ``command``: its words. ``acquisitions``: most that it may ask for. ``start_deg``: present angle of the probe.
+    ``channels``: whether it is told the channel data.
     """
 
     name = "entry"
@@ -79,10 +80,11 @@ class EntryPolicy(SearchPolicy):
         acquisitions: int,
         start_deg: float | None = None,
         tolerance: Tolerance,
+        channels: bool = True,
     ) -> None:
         super().__init__()
         self._child = _child(tuple(command))
-        self._limits, self._acquisitions = limits, acquisitions
+        self._limits, self._acquisitions, self._channels = limits, acquisitions, channels
         self._search = {
             "type": "search",
             "low_deg": limits.low_deg,
@@ -98,9 +100,9 @@ class EntryPolicy(SearchPolicy):
         if self._answer is not None:
             return None
         if self._lit:
-            message = {"type": "sample", **_told(self._lit[-1])}
+            message = {"type": "sample", **self._told(self._lit[-1])}
         else:
-            message = {**self._search, "dark": [_told(sample) for sample in self._dark]}
+            message = {**self._search, "dark": [self._told(sample) for sample in self._dark]}
         reply = self._child.reply_to(message)
         if reply.answer is not None:
             self._answer = self._estimate_of(reply)
@@ -131,36 +133,35 @@ class EntryPolicy(SearchPolicy):
         )
         return found if reply.answer == "found" else found.as_unsure("source", "the entry says so")
 
+    def _told(self, sample: Sample) -> dict[str, Any]:
+        """What an entry is told of a sample: all that its tier has."""
+        reading = sample.reading
+        told: dict[str, Any] = {"angle_deg": sample.angle_deg, "intensity": reading.intensity}
+        if reading.noise_sigma is not None:
+            told["noise_sigma"] = reading.noise_sigma
+        blocks = reading.local_maxima
+        if blocks is not None:
+            told["blocks"] = {
+                "first_lateral_m": blocks.first_lateral_m,
+                "first_depth_m": blocks.first_depth_m,
+                "lateral_step_m": blocks.lateral_step_m,
+                "depth_step_m": blocks.depth_step_m,
+                "columns": blocks.columns,
+                "intensities": np.frombuffer(blocks.intensities, "<f4").tolist(),
+            }
+        frame = sample.frame
+        if self._channels and isinstance(frame, ChannelFrame):
+            told["channels"] = {
+                "shape": list(frame.samples.shape),
+                "sampling_hz": frame.sampling_hz,
+                "int16": b64encode(frame.samples.astype("<i2").tobytes()).decode("ascii"),
+            }
+        return told
+
     def _within(self, angle_deg: float | None, name: str) -> float:
         if angle_deg is None or not is_finite(angle_deg) or angle_deg not in self._limits:
             raise EntryError(f"{name} is {angle_deg} deg, it must be a finite number in the range {self._limits}")
         return angle_deg
-
-
-def _told(sample: Sample) -> dict[str, Any]:
-    """What an entry is told of a sample: all that its tier has."""
-    reading = sample.reading
-    told: dict[str, Any] = {"angle_deg": sample.angle_deg, "intensity": reading.intensity}
-    if reading.noise_sigma is not None:
-        told["noise_sigma"] = reading.noise_sigma
-    blocks = reading.local_maxima
-    if blocks is not None:
-        told["blocks"] = {
-            "first_lateral_m": blocks.first_lateral_m,
-            "first_depth_m": blocks.first_depth_m,
-            "lateral_step_m": blocks.lateral_step_m,
-            "depth_step_m": blocks.depth_step_m,
-            "columns": blocks.columns,
-            "intensities": np.frombuffer(blocks.intensities, "<f4").tolist(),
-        }
-    frame = sample.frame
-    if isinstance(frame, ChannelFrame):
-        told["channels"] = {
-            "shape": list(frame.samples.shape),
-            "sampling_hz": frame.sampling_hz,
-            "int16": b64encode(frame.samples.astype("<i2").tobytes()).decode("ascii"),
-        }
-    return told
 
 
 class EntryProcess:
