@@ -37,7 +37,7 @@ from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
 from markerseek.emulators import LIGHT_COUNTS, DirectPort
 from markerseek.emulators.bench import BenchClock, EmulatedBench
 from markerseek.guard import Admission, FiringLimits, Guard
-from markerseek.rigs.spot import image_reader
+from markerseek.rigs.scene import image_reader
 from markerseek.scan import Scanner, run
 from markerseek.search import build
 from markerseek.signals import pickup_amplitude
