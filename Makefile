@@ -12,6 +12,10 @@ TESTS ?= tests
 WATCHED := $(if $(filter tests,$(TESTS)),tests/system tests/page tests/igtl tests/bridges)
 BENCH ?=
 
+# Commands and tests start Python hundreds of times. An environment that forbids bytecode (as images of containers do)
+# would have each start compile all that it imports, which takes longer than a search.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .PHONY: help demo page test check bench faults failures kills mutants peers ros2 setup docs figures dist wheel release lock clean
 
@@ -33,7 +37,7 @@ IN_TWO := -n 2 --dist worksteal
 
 # Two processes have both cores: threads of the linear algebra would only wait for one another.
 test: export OPENBLAS_NUM_THREADS := 1
-test: .venv/dev  ## run every test
+test: .venv/dev .venv/compiled  ## run every test
 	$(BIN)/python -m pytest $(IN_TWO) -m "not real_time" $(TESTS) || test $$? -eq 5
 	$(if $(WATCHED),$(BIN)/python -m pytest -n 3 --dist load --maxschedchunk 1 -m real_time $(WATCHED))
 	$(BIN)/python -m pytest -m real_time $(addprefix --ignore=,$(WATCHED)) $(TESTS) || test $$? -eq 5
@@ -80,7 +84,7 @@ else
 	@echo "tests/ros2 skipped: PyPI has ROS 2 for Linux on x86-64 only"
 endif
 
-setup: .venv/dev $(ROS_READY)  ## set up the environments of the tests
+setup: .venv/dev .venv/compiled $(ROS_READY)  ## set up the environments of the tests
 
 docs: .venv/dev  ## make the documentation site in out/docs (warnings are errors), for reading offline
 	$(BIN)/python -m sphinx -W --keep-going -q -E -b html docs out/docs
@@ -126,14 +130,16 @@ clean:  ## remove the environment and everything made
 # (--no-deps), and Python compiles a module when it is first imported (--no-compile) instead of all of them now.
 INSTALL := $(PIP) install --no-deps --no-compile
 
-# Without pip an environment was interrupted while it was made, and is made again.
+# Without pip an environment was interrupted while it was made, and is made again; Ctrl-C prints no traceback of venv.
+MADE := import runpy, signal, sys; signal.signal(signal.SIGINT, signal.SIG_DFL); sys.argv = ["venv", sys.argv[1]]; \
+	runpy.run_module("venv", run_name="__main__")
 FITS := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 define NEW_ENVIRONMENT
-@echo "setting up $(@D) (once)"
+@echo "setting up $(@D) (once; after Ctrl-C the same command goes on)"
 @$(@D)/bin/python -m pip --version >/dev/null 2>&1 || { \
 	$(PYTHON) -c '$(FITS)' 2>/dev/null || { echo "PYTHON is $(PYTHON): it is missing, older than 3.11, or without venv" \
 	"(Debian: apt install python3-venv); name another, as in: make $(or $(MAKECMDGOALS),demo) PYTHON=python3.12" >&2; exit 1; }; \
-	$(PYTHON) -m venv $(@D) || { echo "$(@D) cannot be made in $(CURDIR); clone markerseek into a folder of your own" >&2; exit 1; }; }
+	$(PYTHON) -c '$(MADE)' $(@D) || { echo "$(@D) cannot be made in $(CURDIR); clone markerseek into a folder of your own" >&2; exit 1; }; }
 endef
 
 .venv/demo: requirements/demo.txt pyproject.toml
@@ -150,7 +156,7 @@ endef
 	$(BIN)/markerseek doctor
 	@touch $@
 
-.venv/dev: requirements/dev.txt .venv/compiled
+.venv/dev: requirements/dev.txt .venv/run
 	$(INSTALL) --require-hashes -r requirements/dev.txt
 	$(PIP) check
 	@touch $@
@@ -162,6 +168,6 @@ endef
 .venv-ros/ready: requirements/run.txt requirements/ros2.txt
 .venv-bench/ready .venv-peers/ready .venv-ros/ready: pyproject.toml
 	$(NEW_ENVIRONMENT)
-	$(@D)/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --require-hashes $(addprefix -r ,$(filter %.txt,$^))
-	$(@D)/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-build-isolation -e .
+	$(@D)/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-compile --require-hashes $(addprefix -r ,$(filter %.txt,$^))
+	$(@D)/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-compile --no-build-isolation -e .
 	@touch $@

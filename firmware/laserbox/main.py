@@ -7,8 +7,8 @@ byte for byte against the emulator. `main` gives it pins, a serial line and a wa
 
 LEASE_MS = 100
 IDENTITY = "laserbox1"
-VERSION = 3
-METERED_VERSION = 4  # of a board with a light meter
+VERSION = 5
+METERED_VERSION = 6  # of a board with a light meter
 LINE_BYTES = 80
 MAX_PULSES = 1024
 MAX_RATE_HZ = 1000
@@ -24,6 +24,7 @@ PIN_LASER = 2
 PIN_ACQUISITION = 3
 PIN_PHOTODIODE = 4
 PIN_INTERLOCK = 5
+PIN_TRIGGER = 7  # trigger of the stage: each rising edge gives a pulse of a position-triggered sweep
 PIN_PROGRAM = 6  # tied to ground at power-up: no box, but a board that takes a new program
 PIN_METER = None  # 26: what the light meter says; None: the board has none
 METER_US = 30  # from the beginning of a trigger to the reading of the light meter
@@ -50,7 +51,7 @@ def line_of_bytes(data):
     return data + "*{:04X}\n".format(crc16(data)).encode()
 
 
-ARGUMENTS = {"HELLO": 0, "PERMIT": 5, "SWEEP": 4, "TIME": 1, "BEAT": 1, "FIRE": 1, "DISARM": 0}
+ARGUMENTS = {"HELLO": 0, "PERMIT": 5, "SWEEP": 4, "EDGES": 4, "TIME": 1, "BEAT": 1, "FIRE": 1, "DISARM": 0}
 
 
 def period_of(rate_hz):
@@ -77,20 +78,24 @@ class Box:
     `trigger(laser)` is called for each trigger, `photodiode()` returns the pulses seen since power-up,
     `interlock_closed()` whether it may fire, and `light()`, of a board with a light meter, the sum since power-up of
     what it read of each pulse. An interrupt sets `interlock_opened` whenever the interlock opens, so that
-    it is noticed also where it closes again before the next turn of the loop.
+    it is noticed also where it closes again before the next turn of the loop. `edges()` is how many rising edges the
+    trigger input has had since power-up.
 
     A permit is leave for light. A train is what goes to the acquisition: it is completed at the same rate, without
     light, when the permit is taken away, so that an acquisition that counts triggers never waits for the rest.
 
-    Permit and train are a token, pulses, the time between two in us, triggers, and whether it is that of a sweep, whose
-    pulses are stamped one by one.
+    Permit and train are a token, pulses, the time between two in us, triggers, and what gives them: None where they
+    are averaged, "SWEEP" or "EDGES" for those of a sweep, which are stamped one by one.
     """
 
-    def __init__(self, trigger, photodiode, interlock_closed, light=None):
+    def __init__(self, trigger, photodiode, interlock_closed, light=None, edges=None):
         self.trigger = trigger
         self.photodiode = photodiode
         self.interlock_closed = interlock_closed
         self.light = light
+        self.edges = edges or (lambda: 0)
+        self.edges_before = 0  # at the beginning of the train
+        self.edges_looked = 0
         self.now_us = 0
         self.buffer = b""
         self.too_long = False
@@ -108,7 +113,7 @@ class Box:
         self.seen_before = 0
         self.light_before = 0
         self.last_trigger_us = 0
-        self.untold = None  # stamp of the last pulse of a sweep, and the photodiode's count before it
+        self.untold = None  # stamp of the last pulse of a sweep; counts of photodiode, edges and light before it
         self.dark_told = True
         self.fired = []  # second and pulses, of the last minute
 
@@ -145,7 +150,7 @@ class Box:
             return
         self._tell_light()
         if self.triggers < self.train[3]:
-            if self.due_us <= self.now_us:
+            if self._given() and self.due_us <= self.now_us:
                 self._pull()
                 self._tell_light()
         elif self.now_us >= self.last_trigger_us + LIGHT_LATE_US:
@@ -156,14 +161,22 @@ class Box:
             self.said += line_of(done)
             self.train = None
 
+    def _given(self):
+        """Whether something gives a trigger now: in a train of edges only a new one, as long as there may be light."""
+        if self.train[4] != "EDGES" or self.permit is None:
+            return True
+        before, self.edges_looked = self.edges_looked, self.edges()
+        return self.edges_looked != before
+
     def _tell_light(self):
         """Tell the last pulse of a sweep once its light has been seen, and once the last of all."""
         if self.untold is not None and self.now_us >= self.last_trigger_us + LIGHT_LATE_US:
-            stamp_us, before = self.untold
+            stamp_us, before, edge, light = self.untold
             self.untold = None
-            self.said += line_of(
-                "PULSE {} {} {} {}".format(self.train[0], self.sent, stamp_us, self.photodiode() - before)
-            )
+            pulse = "PULSE {} {} {} {} {}".format(self.train[0], self.sent, stamp_us, self.photodiode() - before, edge)
+            if self.light is not None:
+                pulse += " {}".format(min(self.light() - light, MAX_COUNT))
+            self.said += line_of(pulse)
         if self.permit is None and self.untold is None and not self.dark_told:
             self.dark_told = True
             self.said += line_of("DARK {} {} {}".format(self.train[0], self.sent, self.photodiode() - self.seen_before))
@@ -194,8 +207,8 @@ class Box:
             return self._greet()
         if verb == "PERMIT":
             return self._take_permit(*numbers)
-        if verb == "SWEEP":
-            return self._take_sweep(*numbers)
+        if verb in ("SWEEP", "EDGES"):
+            return self._take_sweep(verb, *numbers)
         if verb == "BEAT":
             return self._renew(numbers[0])
         if verb == "FIRE":
@@ -235,9 +248,9 @@ class Box:
             and 1000 * triggers <= rate_hz * MAX_EXPIRY_MS
         ):
             return "FORM"
-        return self._permit("PERMIT", (token, pulses, period_of(rate_hz), triggers, False), expiry_ms)
+        return self._permit("PERMIT", (token, pulses, period_of(rate_hz), triggers, None), expiry_ms)
 
-    def _take_sweep(self, token, pulses, period_us, expiry_ms):
+    def _take_sweep(self, verb, token, pulses, period_us, expiry_ms):
         if not (
             token >= 1
             and 1 <= pulses <= MAX_SWEEP_PULSES
@@ -246,7 +259,7 @@ class Box:
             and pulses * period_us <= 1000 * MAX_EXPIRY_MS
         ):
             return "FORM"
-        return self._permit("SWEEP", (token, pulses, period_us, pulses, True), expiry_ms)
+        return self._permit(verb, (token, pulses, period_us, pulses, verb), expiry_ms)
 
     def _permit(self, verb, permit, expiry_ms):
         token, pulses = permit[:2]
@@ -279,10 +292,11 @@ class Box:
             return "TOKEN"
         self.train = self.permit
         self.triggers = self.sent = 0
-        self.dark_told = not self.train[4]
+        self.dark_told = self.train[4] is None
         self.seen_before = self.photodiode()
         self.light_before = 0 if self.light is None else self.light()
         self.due_us = self.now_us
+        self.edges_before = self.edges_looked = self.edges()
         self._act()
         return None
 
@@ -290,7 +304,9 @@ class Box:
         _token, pulses, period_us, triggers, swept = self.train
         laser = self.permit is not None and self.triggers < pulses
         if laser and swept:
-            self.untold = (self.now_us & MAX_COUNT, self.photodiode())
+            edge = self.edges_looked - self.edges_before if swept == "EDGES" else 0
+            light = 0 if self.light is None else self.light()
+            self.untold = (self.now_us & MAX_COUNT, self.photodiode(), edge, light)
         self.trigger(laser)
         self.triggers += 1
         self.last_trigger_us = self.now_us
@@ -346,7 +362,19 @@ def main():
             time.sleep_us(METER_US - PULSE_US)
             light[0] += max(0, meter.read_u16() - rest)
 
-    box = Box(trigger, lambda: seen[0], lambda: interlock.value() == 1, None if meter is None else lambda: light[0])
+    edges = [0]
+
+    def step(_pin):
+        edges[0] += 1
+
+    machine.Pin(PIN_TRIGGER, machine.Pin.IN, machine.Pin.PULL_DOWN).irq(step, machine.Pin.IRQ_RISING, hard=True)
+    box = Box(
+        trigger,
+        lambda: seen[0],
+        lambda: interlock.value() == 1,
+        None if meter is None else lambda: light[0],
+        lambda: edges[0],
+    )
 
     def opened(_pin):
         box.interlock_opened = True

@@ -158,7 +158,7 @@ def test_an_error_is_one_sentence(tmp_path: Path) -> None:
 
 
 def test_a_second_search_is_refused_while_one_runs() -> None:
-    searches = Searches(SearchOptions(pace=0.02, keep_journal=False))
+    searches = Searches(SearchOptions(pace=0.02))
     assert not searches.cancel()
     with searches.start(SearchRequest(seed=1)) as child:
         with pytest.raises(SearchError, match="a search is running; cancel it, or wait for its result"):
@@ -202,6 +202,12 @@ def test_a_request_becomes_options_that_arm_nothing_and_name_no_file() -> None:
     assert SearchRequest(sweep=True).arguments() == ["--method=posterior", "--sweep"]
     with pytest.raises(ConfigError, match="ternary: it asks for one angle after another; only posterior sweeps"):
         SearchRequest(method="ternary", sweep=True)
-    assert json.dumps(SearchOptions(rig=Path("a.toml"), pace=1.0, keep_journal=False).arguments()) == (
-        '["--rig=a.toml", "--pace=1.0"]'
-    )
+    assert json.dumps(SearchOptions(rig=Path("a.toml"), pace=1.0).arguments()) == ('["--rig=a.toml", "--pace=1.0"]')
+
+
+def test_devices_are_not_searched_without_a_journal_and_the_cure_is_one_that_there_is(tmp_path: Path) -> None:
+    (tmp_path / "data").write_text("no folder")
+    assert SearchOptions().new_journal(method="posterior") is None
+    bench = Path(__file__).parents[2] / "examples" / "rigs" / "bench.toml"
+    with pytest.raises(SearchError, match=r"no journal can be written there.*another data folder in XDG_DATA_HOME"):
+        SearchOptions(rig=bench).new_journal(method="posterior")

@@ -55,6 +55,16 @@ def test_targets_of_a_finger_and_width_of_a_phone(opened, path):
     assert [text for text, box in sizes if min(box["width"], box["height"]) < 44] == []
 
 
+@pytest.mark.parametrize("options", [{}, PHONE], ids=["window", "phone"])
+def test_no_name_in_a_field_is_cut(opened, options):
+    watched = opened("/", "&method=weighted-average&tissue=plastisol-phantom&readout_s=10&pace=0.01", **options)
+    shown = watched.tab.locator(".q-select .q-field__native span")
+    sizes = shown.evaluate_all("all => all.map(each => [each.innerText, each.scrollWidth, each.clientWidth])")
+    assert [text for text, _, _ in sizes] == ["weighted-average", "plastisol-phantom", "SonixDAQ, 10 s", "100 × faster"]
+    assert [text for text, needed, has in sizes if needed > has] == []
+    assert watched.tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
 def test_verdict_of_a_phone_is_read_from_two_metres(opened):
     watched = opened("/", "&pace=0&seed=3", **PHONE)
     watched.search()

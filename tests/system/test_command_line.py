@@ -319,14 +319,6 @@ def test_the_doctor_passes(shell: Shell) -> None:
     assert searched == ["simulated search, weighted-average", "simulated search, posterior"]
 
 
-def test_a_fresh_process_imports_nothing_heavy_until_it_needs_it() -> None:
-    heavy = ("numba", "scipy", "matplotlib", "rich.progress", "typer")
-    code = f"import sys, markerseek; sys.exit(any(name in sys.modules for name in {heavy}))"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-    code = f"import sys, markerseek.cli; sys.exit(any(name in sys.modules for name in {heavy[:3]}))"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
 def test_the_installed_command_prints_its_version() -> None:
     command = Path(sys.executable).with_name("markerseek")
     ran = subprocess.run([command, "--version"], check=True, capture_output=True, text=True)

@@ -81,7 +81,7 @@ sys.meta_path.insert(0, CtrlC())
 """
 
 
-@pytest.mark.parametrize("name", ["typer", "rich.console", "msgspec", "markerseek.rigs.simulation", "scipy", "numba"])
+@pytest.mark.parametrize("name", ["rich.console", "msgspec", "markerseek.rigs.simulation", "scipy", "numba"])
 def test_ctrl_c_during_an_import_gives_one_sentence(name: str) -> None:
     program = INTERRUPTED.format(name=name) + PROGRAM
     command = [sys.executable, "-c", program, "search", "--seed", "1", "--no-journal"]

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
+import signal
 import subprocess
+import sys
+import time
 import tomllib
 from pathlib import Path
 
@@ -71,3 +75,23 @@ def test_a_python_that_is_missing_or_too_old_is_said_before_anything_is_made(tmp
         assert f"PYTHON is {python}: it is missing, older than 3.11" in ended.stderr
         assert "make demo PYTHON=python3.12" in ended.stderr
         assert not (tmp_path / ".venv").exists()
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
+def test_ctrl_c_in_the_set_up_says_how_to_go_on_and_shows_no_traceback(tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "requirements", tmp_path / "requirements")
+    for name in ("Makefile", "pyproject.toml"):
+        shutil.copy2(ROOT / name, tmp_path)
+    # Also where the tests themselves run in the background, which ignores Ctrl-C.
+    command = ["env", "--default-signal=INT", "make", "demo", f"PYTHON={sys.executable}"]
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    with subprocess.Popen(command, cwd=tmp_path, start_new_session=True, **streams) as started:
+        said = started.stdout.readline()
+        while not (tmp_path / ".venv" / "bin" / "python").exists():
+            assert started.poll() is None
+            time.sleep(0.05)
+        os.killpg(started.pid, signal.SIGINT)
+        said += started.stdout.read()
+    assert "after Ctrl-C the same command goes on" in said
+    assert "Interrupt" in said
+    assert "Traceback" not in said

@@ -13,7 +13,7 @@ from markerseek import cli
 STUDY = """
 version = 1
 trials = 2
-level = "readings"
+level = "frames"
 drawn = "everything"
 stay = true
 marks = [2, 4]

@@ -89,7 +89,7 @@ def test_no_cell_is_cut_in_a_narrow_terminal_and_the_columns_are_explained(
         (
             ("version", 'level = "pictures"\nversion'),
             (),
-            "level is 'pictures', it must be one of: curves, readings",
+            "level is 'pictures', it must be one of: curves, frames",
         ),
         (('"sech"', '"cosh"'), (), "curve.family is 'cosh', it must be one of: acoustic, gaussian, sech, power"),
         (("", ""), ("--row", "8000"), "has the rows 0 to 1599"),

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import importlib
 
+import jaxtyping
 import numpy as np
 import pytest
+from beartype import beartype
 from beartype.roar import BeartypeCallHintViolation
-from jaxtyping import TypeCheckError
+from jaxtyping import Float64
 
 from markerseek.core import Interval
 from markerseek.search import weighted_average
@@ -15,8 +17,20 @@ from markerseek.search.floor import noise_factor
 
 
 def test_an_array_of_the_wrong_shape_is_refused():
-    with pytest.raises(TypeCheckError, match="intensity"):
+    with pytest.raises(BeartypeCallHintViolation, match="intensity"):
         weighted_average(np.zeros((2, 3)), np.zeros((2, 4)))
+    # What a call has bound ends with it.
+    assert weighted_average(np.zeros((2, 4)), np.ones((2, 4))).shape == (2,)
+
+
+def test_a_result_is_held_against_the_arguments():
+    @jaxtyping.jaxtyped(typechecker=beartype)
+    def cut(values: Float64[np.ndarray, " samples"], *, by: int) -> Float64[np.ndarray, " samples"]:
+        return values[by:]
+
+    assert cut(np.zeros(3), by=0).shape == (3,)
+    with pytest.raises(BeartypeCallHintViolation, match="return"):
+        cut(np.zeros(3), by=1)
 
 
 def test_what_is_no_number_is_refused_by_functions_and_values_without_arrays():

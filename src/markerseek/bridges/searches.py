@@ -72,8 +72,6 @@ class SearchOptions:
     """None for the simulated rig with its defaults."""
     pace: float = 0.0
     """Real seconds per virtual second of a simulated rig."""
-    keep_journal: bool = True
-    """Whether each search keeps a journal, in the data folder."""
 
     def arguments(self) -> list[str]:
         """Options of ``markerseek search``."""
@@ -81,12 +79,10 @@ class SearchOptions:
         return [*options, f"--pace={self.pace}"] if self.pace else options
 
     def new_journal(self, *, method: str) -> Path | None:
-        """Journal of a new search; None where none is wanted, and where the data folder of a simulated rig takes none.
+        """Journal of a new search, in the data folder; None where that takes none, and the rig is simulated.
 
         Raises `SearchError` for a rig of devices: exposure of tissue without a record must be asked for.
         """
-        if not self.keep_journal:
-            return None
         path = default_journal(method=method)
         try:
             make_folder(path.parent)
@@ -96,8 +92,8 @@ class SearchOptions:
             if self.rig is None or not isinstance(read_rig_file(self.rig), BenchSettings):
                 return None
             raise SearchError(
-                f"{path}: no journal can be written there ({problem.strerror}); end the bridge, and start it with "
-                "--no-journal to search without one"
+                f"{path}: no journal can be written there ({problem.strerror}); give the folder back to its owner, "
+                "or end the bridge and start it with another data folder in XDG_DATA_HOME"
             ) from problem
         return path
 

@@ -8,6 +8,7 @@ included: the smear alone would be mistaken for a delay.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -17,8 +18,60 @@ from scipy.optimize import OptimizeResult, least_squares
 from scipy.signal import hilbert
 
 from markerseek.calibration.moveout import Moveout
-from markerseek.calibration.requirements import BESIDE, MIN_ANGLES
-from markerseek.core import Float64, SearchError
+from markerseek.core import Float64, Sample, SearchError
+
+MIN_ANGLES = 8
+"""Fewest angles that receive the source well."""
+
+BESIDE = 2
+"""Fewest of these angles on each side of the strongest."""
+
+RECEIVED_RATIO = 8.0
+"""Intensity over the noise from which a source is received well."""
+
+_CURE = "scan one small source from 12 deg below it to 12 deg above, in steps of at most 1 deg"
+
+
+def require_peak(samples: Sequence[Sample], *, saturated_limit: float) -> None:
+    """Refuse a scan whose intensities alone show that it cannot be used for calibration.
+
+    ``samples``: one for each angle, in the order of the angles. ``saturated_limit``: largest share of saturated
+    channels at the strongest angle; clipping changes the shape of the wave.
+    """
+    if len(samples) < MIN_ANGLES:
+        raise SearchError(
+            f"{len(samples)} angles are too few to calibrate with, at least {MIN_ANGLES} must receive the source; "
+            f"{_CURE}"
+        )
+    intensity = np.array([sample.reading.intensity for sample in samples])
+    # Exactly equal: noise alone makes any two real intensities differ.
+    if np.ptp(intensity) == 0:
+        raise SearchError(
+            f"the intensity is {intensity[0]:.4g} at every one of {len(samples)} angles, so that nothing turned or "
+            f"nothing was recorded; {_CURE}"
+        )
+    best = int(np.argmax(intensity))
+    strongest = samples[best]
+    noise = strongest.reading.noise_sigma
+    if noise is not None and not intensity[best] > RECEIVED_RATIO * noise:
+        raise SearchError(
+            f"no source at any angle: the strongest, at {strongest.angle_deg:g} deg, is {intensity[best] / noise:.2g} "
+            f"times the noise, more than {RECEIVED_RATIO:g} are needed; check laser and gain, or average more pulses"
+        )
+    if not BESIDE <= best < len(samples) - BESIDE:
+        raise SearchError(
+            f"the source is strongest at {strongest.angle_deg:g} deg, at an end of the scan from "
+            f"{samples[0].angle_deg:g} to {samples[-1].angle_deg:g} deg; scan further to that side, 12 deg beyond it"
+        )
+    # Only the strongest: it is the first to clip, and its wave is the template of the fit.
+    clipped = strongest.reading.saturated_fraction
+    if clipped is not None and not clipped <= saturated_limit:
+        raise SearchError(
+            f"{clipped:.0%} of the channels are saturated at {strongest.angle_deg:g} deg, at most "
+            f"{saturated_limit:.0%} may be, for the shape of the wave is fitted; reduce the gain or the laser's energy "
+            "and scan again"
+        )
+
 
 # Gauss-Legendre over the height of an element: the delay is smooth there, so that few nodes suffice.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
@@ -237,3 +290,55 @@ def _residual(
     if not weighted:
         return np.asarray(left)
     return np.asarray(left / np.hypot(waves.sigma / height, _MODEL_SHARE)[:, None])
+
+
+MIN_SHARE = 0.5
+"""Least delay of the waves' middles over that of the fitted geometry; on simulated scans it is 1.6 to 5.
+
+It is more than 1 because the sound off the plane is also spread over the height of the elements, to later times.
+"""
+
+_STRONG_SHARE = 0.05
+"""Power over a wave's largest below which a sample counts as noise."""
+
+
+def require_delays(waves: SourceWaves, geometry: Geometry) -> None:
+    """Refuse a fit of waves that do not arrive later off the image plane, where their way is longer.
+
+    Frames that were aligned, scaled or copied from one angle to another have no such delay, and the fit alone would
+    still return numbers.
+    """
+    predicted_s = _path_delay_s(waves.angle_deg, geometry)
+    measured_s = waves.arrival_s + _middle_s(waves)
+    # Weighted least squares of the measured times on the predicted delay: the weaker waves scatter more.
+    weight = np.abs(waves.wave).max(axis=1)
+    slope = float(np.polyfit(predicted_s, measured_s, 1, w=weight)[0])
+    if not slope >= MIN_SHARE:
+        span_ns = 1e9 * float(np.ptp(predicted_s))
+        raise SearchError(
+            f"off the image plane the sound arrives {slope * span_ns:.0f} ns later, {span_ns:.0f} ns or more are "
+            "expected of a probe that turns about its axis: these frames do not hold the delays from which face radius "
+            "and trigger offset follow; calibrate with the channel data as they were recorded at each angle, not "
+            "aligned, scaled or copied"
+        )
+    low_m, _ = geometry.face_radius_m.interval95
+    if not low_m > MIN_FACE_M:
+        raise SearchError(
+            f"the face radius is {1e3 * geometry.face_radius_m.value:.1f} mm or less, which this scan does not "
+            "determine; scan one small source from 12 deg below it to 12 deg above, in steps of at most 1 deg"
+        )
+
+
+def _path_delay_s(angle_deg: Float64[np.ndarray, " frames"], geometry: Geometry) -> Float64[np.ndarray, " frames"]:
+    """Delay of the way from the source to the face, over that in the image plane, in seconds."""
+    radius_m, face_m = geometry.source_radius_m.value, geometry.face_radius_m.value
+    turn = np.radians(angle_deg - geometry.source_deg.value)
+    path_m = np.hypot(radius_m * np.sin(turn), radius_m * np.cos(turn) - face_m)
+    return np.asarray((path_m - (radius_m - face_m)) / geometry.sound_speed_m_s.value)
+
+
+def _middle_s(waves: SourceWaves) -> Float64[np.ndarray, " frames"]:
+    """Middle of the power of each wave within its window, in seconds."""
+    power = np.abs(hilbert(waves.wave, axis=1)) ** 2
+    power = np.where(power > _STRONG_SHARE * power.max(axis=1, keepdims=True), power, 0.0)
+    return np.asarray(power @ waves.time_s / power.sum(axis=1))

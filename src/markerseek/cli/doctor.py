@@ -21,7 +21,7 @@ from markerseek import drivers, rigs
 from markerseek.cli.direction import prove_direction, require_source_deg
 from markerseek.cli.open_rig import open_rig
 from markerseek.cli.options import AsJson
-from markerseek.cli.terminal import print_json, stdout
+from markerseek.cli.report import Output, Report
 from markerseek.core import ConfigError, DeviceError, Finished, Measured, PolicyPlan
 from markerseek.testing import RuleCheck
 
@@ -107,12 +107,8 @@ def command(
             right, detail = prove_direction(rig, source_deg=source_deg, arm=arm, as_json=as_json)
             findings.append(CheckResult(what="sense of rotation", state="ok" if right else "broken", detail=detail))
     ok = all(finding.state == "ok" for finding in findings if finding.needed)
-    if as_json:
-        print_json({"ok": ok, "findings": findings})
-    else:
-        for finding in findings:
-            stdout.print(f"{_STATES[finding.state, finding.needed]}  {escape(f'{finding.what}: {finding.detail}')}")
-    raise typer.Exit(0 if ok else 1)
+    shown = (f"{_STATES[each.state, each.needed]}  {escape(f'{each.what}: {each.detail}')}" for each in findings)
+    Output(as_json=as_json).show(Report(values={"ok": ok, "findings": findings}, shown=shown, exit_code=int(not ok)))
 
 
 _STATES = {

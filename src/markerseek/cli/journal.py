@@ -15,6 +15,7 @@ import typer
 from markerseek import runs
 from markerseek.cli import journal_folder
 from markerseek.cli.options import AsJson
+from markerseek.cli.report import Output, Report
 from markerseek.cli.terminal import announce_compilation, new_table, one_line, print_error, print_json, stdout
 from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started, Swept, Turning
 
@@ -85,13 +86,15 @@ def verify(journal: _File, as_json: AsJson = False) -> None:
     from markerseek.records.journal import verify as verify_journal
 
     finding = verify_journal(journal)
-    if as_json:
-        print_json({"ok": not finding.faults, "entries": finding.entries, "faults": finding.faults})
-    else:
-        for fault in finding.faults:
-            stdout.print(f"[red]wrong:[/] {one_line(fault)}")
-        stdout.print(f"{finding.entries} entries are whole" + ("" if finding.faults else ", and nothing is wrong"))
-    raise typer.Exit(1 if finding.faults else 0)
+    report = Report(
+        values={"ok": not finding.faults, "entries": finding.entries, "faults": finding.faults},
+        shown=[
+            *(f"[red]wrong:[/] {one_line(fault)}" for fault in finding.faults),
+            f"{finding.entries} entries are whole" + ("" if finding.faults else ", and nothing is wrong"),
+        ],
+        exit_code=1 if finding.faults else 0,
+    )
+    Output(as_json=as_json).show(report)
 
 
 @app.command(epilog="Example:\n\n  markerseek journal replay run.journal")
@@ -104,16 +107,15 @@ def replay(journal: _File, as_json: AsJson = False) -> None:
     found = runs.recompute_differences(
         recorded, runs.rebuild_policy(recorded.configuration), runs.rebuild_reader(recorded.configuration)
     )
-    state = run_state(recorded.entries).state
-    if as_json:
-        print_json({"equal": not found, "entries": len(recorded.entries), "state": state, "differences": found})
-    else:
-        for line in found:
-            stdout.print(f"[red]differs:[/] {one_line(line)}")
-        if not found:
-            what = "readings, decisions and answer" if state == "finished" else "readings and decisions so far"
-            stdout.print(f"{what} come out equal, bit for bit, from {len(recorded.entries)} entries")
-    raise typer.Exit(1 if found else 0)
+    state, count = run_state(recorded.entries).state, len(recorded.entries)
+    what = "readings, decisions and answer" if state == "finished" else "readings and decisions so far"
+    equal = f"{what} come out equal, bit for bit, from {count} entries"
+    report = Report(
+        values={"equal": not found, "entries": count, "state": state, "differences": found},
+        shown=[f"[red]differs:[/] {one_line(line)}" for line in found] or [equal],
+        exit_code=1 if found else 0,
+    )
+    Output(as_json=as_json).show(report)
 
 
 def _as_object(entry: Entry) -> dict[str, object]:

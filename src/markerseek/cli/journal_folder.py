@@ -10,7 +10,8 @@ import typer
 from rich.markup import escape
 
 from markerseek.cli.options import AsJson
-from markerseek.cli.terminal import one_line, print_error, print_json, stdout
+from markerseek.cli.report import Output, Report
+from markerseek.cli.terminal import one_line, print_error
 from markerseek.core import MarkerseekError, RecordError, rig_in_words
 
 if TYPE_CHECKING:
@@ -46,15 +47,15 @@ def list_journals(
     paths = journals_in(place) if folder is not None or place.exists() else []
     total_bytes = sum(map(size_bytes_of, paths))
     summaries = [summary(path) for path in paths[: -last - 1 : -1]]
-    if as_json:
-        print_json({"folder": str(place), "count": len(paths), "total_bytes": total_bytes, "journals": summaries})
-        return
+    lines = []
     for each in summaries:
-        stdout.print(f"[bold]{one_line(Path(each.path).name)}[/]\n  {one_line(_in_words(each))}")
+        lines.append(f"[bold]{one_line(Path(each.path).name)}[/]\n  {one_line(_in_words(each))}")
         if each.description is not None:
-            stdout.print(f"  [dim]{one_line(each.description)}[/]")
-    shown = "" if len(summaries) == len(paths) else f", the newest {len(summaries)} are listed (--last)"
-    stdout.print(f"{len(paths)} journals in {escape(str(place))}, {total_bytes / 1e6:.1f} MB{shown}")
+            lines.append(f"  [dim]{one_line(each.description)}[/]")
+    listed = "" if len(summaries) == len(paths) else f", the newest {len(summaries)} are listed (--last)"
+    lines.append(f"{len(paths)} journals in {escape(str(place))}, {total_bytes / 1e6:.1f} MB{listed}")
+    values = {"folder": str(place), "count": len(paths), "total_bytes": total_bytes, "journals": summaries}
+    Output(as_json=as_json).show(Report(values=values, shown=lines))
 
 
 def _in_words(each: JournalSummary) -> str:
@@ -117,23 +118,23 @@ def prune(
         except RecordError as problem:
             problems.append(problem)
     freed_bytes = sum(each.size_bytes for each in gone)
-    if as_json:
-        print_json(
-            {
-                "deleted": delete,
-                "journals": [each.path for each in gone],
-                "bytes": freed_bytes,
-                "kept": [each.path for each in found.kept],
-                "problems": list(map(str, problems)),
-            }
-        )
-    else:
-        for each in gone:
-            stdout.print(f"{one_line(Path(each.path).name)}  {each.size_bytes / 1e6:.1f} MB")
-        done = "deleted" if delete else "to be deleted (--delete)"
-        stdout.print(f"{len(gone)} journals, {freed_bytes / 1e6:.1f} MB, {done}")
-        if found.kept:
-            stdout.print(f"{len(found.kept)} old ones stay: their runs are not over, or they cannot be read")
+    done = "deleted" if delete else "to be deleted (--delete)"
+    stay = [f"{len(found.kept)} old ones stay: their runs are not over, or they cannot be read"]
+    report = Report(
+        values={
+            "deleted": delete,
+            "journals": [each.path for each in gone],
+            "bytes": freed_bytes,
+            "kept": [each.path for each in found.kept],
+            "problems": list(map(str, problems)),
+        },
+        shown=[
+            *(f"{one_line(Path(each.path).name)}  {each.size_bytes / 1e6:.1f} MB" for each in gone),
+            f"{len(gone)} journals, {freed_bytes / 1e6:.1f} MB, {done}",
+            *(stay if found.kept else []),
+        ],
+        exit_code=problems[0].exit_code if problems else 0,
+    )
     for error in problems:
         print_error(error, as_json=False)
-    raise typer.Exit(problems[0].exit_code if problems else 0)
+    Output(as_json=as_json).show(report)

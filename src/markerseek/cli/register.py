@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import runs
-from markerseek.cli.options import AsJson, Out, Sweeps
+from markerseek.cli.options import AsJson, Out, Sweeps, with_values
 from markerseek.cli.report import Output, Report, drawn, facts, table
 from markerseek.cli.terminal import announce_compilation, progress_bar
 from markerseek.core import ConfigError
@@ -36,6 +37,50 @@ SHOWN_SHARE = 0.7
 """An error that all points share is printed where they show it: its standard deviation over that of before."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneOptions:
+    """Options of a simulated scene; None: as usual."""
+
+    markers: Annotated[
+        int | None, typer.Option(help="Number of simulated markers: 3, 4, 6 or 9.", show_default="4")
+    ] = None
+    camera_mm: Annotated[
+        float | None, typer.Option(help="Distance of the simulated camera from the tissue.", show_default="100")
+    ] = None
+    simulated_frames: Annotated[
+        int | None, typer.Option(help="Simulated camera frames of each spot.", show_default="25")
+    ] = None
+    rig: Annotated[
+        Path | None,
+        typer.Option(help="Rig file of the simulated rig: its stage, laser and noise.", show_default="the usual one"),
+    ] = None
+    tissue: Annotated[str | None, typer.Option(help="Simulated material.", show_default="plastisol-phantom")] = None
+    sweep: Sweeps = False
+    readout_s: Annotated[
+        float | None, typer.Option(help="Seconds to read one acquisition of the simulated rig.", show_default="10")
+    ] = None
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the simulation.", show_default="1")] = None
+
+    def scene(self) -> runs.SimulatedScene:
+        """The scene."""
+        from markerseek.rigs import read_simulated
+        from markerseek.sim import EndoscopeSettings, changed_settings
+
+        settings = read_simulated(self.rig, cure="register --journal takes the searches of a rig of devices")
+        return runs.SimulatedScene(
+            markers=4 if self.markers is None else self.markers,
+            camera_m=0.1 if self.camera_mm is None else self.camera_mm / 1e3,
+            camera=EndoscopeSettings(frames=25 if self.simulated_frames is None else self.simulated_frames),
+            rig=changed_settings(settings, tissue=self.tissue, readout_s=self.readout_s),
+            sweep=self.sweep,
+        )
+
+
+NOT_SIMULATED = SceneOptions()
+"""None of them."""
+
+
+@with_values
 def command(
     points: Annotated[
         Path | None,
@@ -83,21 +128,7 @@ def command(
     simulate: Annotated[
         bool, typer.Option("--simulate", help="Search markers on the simulated rig, and simulate the camera.")
     ] = False,
-    markers: Annotated[
-        int | None, typer.Option(help="Number of simulated markers: 3, 4, 6 or 9.", show_default="4")
-    ] = None,
-    camera_mm: Annotated[
-        float | None, typer.Option(help="Distance of the simulated camera from the tissue.", show_default="100")
-    ] = None,
-    simulated_frames: Annotated[
-        int | None, typer.Option(help="Simulated camera frames of each spot.", show_default="25")
-    ] = None,
-    tissue: Annotated[str | None, typer.Option(help="Simulated material.", show_default="plastisol-phantom")] = None,
-    sweep: Sweeps = False,
-    readout_s: Annotated[
-        float | None, typer.Option(help="Seconds to read one acquisition of the simulated rig.", show_default="10")
-    ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the simulation.", show_default="1")] = None,
+    simulated: SceneOptions = NOT_SIMULATED,
     plot: Annotated[
         bool,
         typer.Option("--plot", help="Write register.png into --out, and with --frames target.png: the target there."),
@@ -117,27 +148,20 @@ def command(
         if points is not None or frames is not None or journal or cameras:
             raise ConfigError("--simulate makes its own points; leave the CSV, --frames, --journal and --cameras out")
         title = "simulated rig and camera"
-        scene = _scene(
-            markers=markers,
-            camera_mm=camera_mm,
-            frames=simulated_frames,
-            tissue=tissue,
-            readout_s=readout_s,
-            sweep=sweep,
-        )
+        scene = simulated.scene()
         announce_compilation()
         with progress_bar(scene.markers, what="searching markers") as progress:
             report, truth = runs.simulate_registration(
                 scene,
-                seed=1 if seed is None else seed,
+                seed=1 if simulated.seed is None else simulated.seed,
                 target_trus_m=target_m,
                 without=without or (),
                 on_search=lambda number: progress.update(progress.task_ids[0], completed=number),
             )
     else:
-        if (markers, camera_mm, simulated_frames, tissue, seed, readout_s) != (None,) * 6 or sweep:
+        if simulated != NOT_SIMULATED:
             raise ConfigError(
-                "--markers, --camera-mm, --simulated-frames, --tissue, --sweep, --readout-s and --seed are for "
+                "--markers, --camera-mm, --simulated-frames, --rig, --tissue, --sweep, --readout-s and --seed are for "
                 "--simulate; leave them out"
             )
         title, pairs = _pairs(points, frames, journal or (), cameras, calibration_sigma_px)
@@ -185,26 +209,6 @@ def _pairs(
         raise ConfigError("--frames gives pixels; name the calibration of the endoscope by --cameras FILE")
     left, right = frames
     return f"{left} and {right}", runs.spot_pairs(left, right, searches=searches, stereo=stereo)
-
-
-def _scene(
-    *,
-    markers: int | None,
-    camera_mm: float | None,
-    frames: int | None,
-    tissue: str | None,
-    readout_s: float | None,
-    sweep: bool,
-) -> runs.SimulatedScene:
-    from markerseek.sim import EndoscopeSettings, SimulatedSettings, changed_settings
-
-    return runs.SimulatedScene(
-        markers=4 if markers is None else markers,
-        camera_m=0.1 if camera_mm is None else camera_mm / 1e3,
-        camera=EndoscopeSettings(frames=25 if frames is None else frames),
-        rig=changed_settings(SimulatedSettings(), tissue=tissue, readout_s=readout_s),
-        sweep=sweep,
-    )
 
 
 def _shown(report: runs.RegistrationReport, truth: runs.SimulatedTruth | None, title: str) -> Iterator[str | Table]:

@@ -99,7 +99,7 @@ def command(
     Output(as_json=as_json, folder=folder if plot else None).show(report)
 
 
-_TYPICAL_S = {"curves": (0.06, 0.003), "readings": (0.15, 0.12), "frames": (0.3, 0.3)}
+_TYPICAL_S = {"curves": (0.06, 0.003), "frames": (0.3, 0.3)}
 """Seconds of a core that one search of the posterior, and one of any other method, takes at each level, about."""
 _SWEEPING_S = 2.5
 """The same of a search that sweeps, of a hundred pulses and more."""

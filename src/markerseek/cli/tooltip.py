@@ -217,19 +217,10 @@ def _shown(
 
 
 def _figure(measured: vision.SensitiveRange, pixels: dict[float, np.ndarray], *, title: str) -> Figure:
-    from markerseek.pictures import TipImage, tip_figure
+    from markerseek.pictures import tip_figure
 
-    shown = [
-        TipImage(
-            angle_deg=frame.angle_deg,
-            pixels=pixels[frame.angle_deg],
-            centroid=(frame.tip.row, frame.tip.column) if frame.tip is not None and frame.tip.visible else None,
-            # A region of no pixels has no grey value.
-            intensity=None if frame.tip is None or frame.tip.area_px == 0 else frame.tip.intensity,
-            level=None if frame.tip is None or frame.tip.area_px == 0 else frame.tip.level,
-        )
-        for frame in measured.frames
-    ]
-    seen = [each.angle_deg for each in shown if each.centroid is not None]
-    ends = (min(seen), max(seen)) if seen else (None, None)
-    return tip_figure(shown, title=title, low_deg=ends[0], high_deg=ends[1])
+    frames = measured.frames
+    seen = [frame.angle_deg for frame in frames if frame.tip is not None and frame.tip.visible]
+    low_deg, high_deg = (min(seen), max(seen)) if seen else (None, None)
+    images = [pixels[frame.angle_deg] for frame in frames]
+    return tip_figure(frames, images, title=title, low_deg=low_deg, high_deg=high_deg)

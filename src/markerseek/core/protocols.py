@@ -15,7 +15,7 @@ from markerseek.core.frame import Frame
 from markerseek.core.interval import Interval
 from markerseek.core.permit import Permit, SweepPermit
 from markerseek.core.reading import Reading, Sample
-from markerseek.core.sweep import Pulse, StageReading, Sweep
+from markerseek.core.sweep import Pulse, StageReading, Sweep, Triggers
 
 
 @runtime_checkable
@@ -141,6 +141,18 @@ class SweepingStage(Stage, Protocol):
 
 
 @runtime_checkable
+class TriggeringStage(SweepingStage, Protocol):
+    """A stage that gives a trigger at each of some positions while it turns."""
+
+    @property
+    def trigger_step_deg(self) -> float:
+        """Least distance between two triggers in degrees; `ConfigError` says why this stage has none."""
+
+    def set_triggers(self, *, from_deg: float, to_deg: float, spacing_deg: float) -> Triggers:
+        """Set them for the sweep that follows, at least so far apart; `end_sweep` and `stop` take them away."""
+
+
+@runtime_checkable
 class Laser(Protocol):
     """Fires pulses of light. There is no "on"."""
 
@@ -171,6 +183,15 @@ class SweepingLaser(Laser, Protocol):
 
     def end_sweep(self) -> int:
         """End the light, and return how many pulses were fired in all; `pulses` returns those not told yet."""
+
+
+@runtime_checkable
+class TriggeredLaser(SweepingLaser, Protocol):
+    """A laser whose pulses the stage's triggers may give."""
+
+    @property
+    def position_triggered(self) -> bool:
+        """Whether a sweep is: each pulse then comes at a trigger of the stage, and says at which (`Pulse.edge`)."""
 
 
 @runtime_checkable

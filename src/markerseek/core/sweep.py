@@ -117,10 +117,30 @@ class Pulse:
         When it was fired, on the rig's clock in seconds.
     sigma_s
         Standard deviation of that, independent from pulse to pulse, in seconds.
+    edge
+        Number of the stage's trigger that gave it, of all that came since the light began, counted from 1; None where
+        the laser runs free.
     """
 
     at_s: float
     sigma_s: float = 0.0
+    edge: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Triggers:
+    """Where a stage gives a trigger during one sweep, in the order in which it comes by.
+
+    Attributes
+    ----------
+    angles_deg
+        Readback at each trigger, in degrees.
+    sigma_deg
+        Standard deviation of that: of the encoder's count, in degrees.
+    """
+
+    angles_deg: tuple[float, ...]
+    sigma_deg: float
 
 
 MAX_AHEAD_DEG = 5.0

@@ -8,7 +8,16 @@ from typing import TypeVar
 from markerseek.core import Clock, DeviceError, DeviceTimeoutError
 from markerseek.wire import AptFramer, Port, apt
 
-_AnswerT = TypeVar("_AnswerT", apt.Info, apt.Velocity, apt.SoftLimits, apt.Status, apt.Counts)
+_AnswerT = TypeVar(
+    "_AnswerT",
+    apt.Info,
+    apt.Velocity,
+    apt.SoftLimits,
+    apt.Status,
+    apt.Counts,
+    apt.TriggerPorts,
+    apt.TriggerPositions,
+)
 
 _POLL_S = 1e-3
 _READ_BYTES = 4096

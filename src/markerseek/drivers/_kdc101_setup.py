@@ -10,7 +10,7 @@ from markerseek.core import Interval, LimitError, MoveError, NotConnectedError
 from markerseek.drivers._apt_line import AptLine
 from markerseek.wire import apt
 
-_ValueT = TypeVar("_ValueT", apt.Velocity, apt.Counts, apt.SoftLimits)
+_ValueT = TypeVar("_ValueT", apt.Velocity, apt.Counts, apt.SoftLimits, apt.TriggerPorts, apt.TriggerPositions)
 
 _MODELS = ("KDC101", "TDC001")
 _TRIES = 3
@@ -88,6 +88,21 @@ def set_up(
 def write_velocity(line: AptLine, velocity: apt.Velocity) -> None:
     """Write speed and acceleration of the moves that follow; `MoveError` if the controller does not keep them."""
     _write(line, "speed and acceleration", velocity, apt.set_velocity(velocity) + apt.ask_velocity(), apt.VELOCITY)
+
+
+def write_trigger_row(line: AptLine, row: apt.TriggerRow, *, mode: int) -> None:
+    """Make trigger port 1 give a pulse at each position of a row; `MoveError` if the controller does not keep it."""
+    positions = apt.TriggerPositions(up=row, down=row)
+    messages = apt.set_trigger_positions(positions) + apt.ask_trigger_positions()
+    _write(line, "trigger positions", positions, messages, apt.TRIGGER_POSITIONS)
+    # Only now: a port takes over the positions when it is set.
+    write_trigger_ports(line, mode=mode)
+
+
+def write_trigger_ports(line: AptLine, *, mode: int) -> None:
+    """Set what trigger port 1 does, and port 2 to nothing; `MoveError` if the controller does not keep it."""
+    ports = apt.TriggerPorts(first=mode)
+    _write(line, "trigger ports", ports, apt.set_trigger_ports(ports) + apt.ask_trigger_ports(), apt.TRIGGER_PORTS)
 
 
 def _require_ready(status: apt.Status) -> None:

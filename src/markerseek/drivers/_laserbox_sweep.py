@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from markerseek.core import LaserError, Pulse
 from markerseek.wire import laserbox as wire
@@ -80,7 +80,10 @@ class BoxSweep:
     clock: BoxClock = field(default_factory=BoxClock)
     asked_s: dict[int, float] = field(default_factory=dict)
     """When it was asked for its clock, by the number of the question; those that were answered are left out."""
-    stamps_us: list[int] = field(default_factory=list)
+    edged: bool
+    """Whether it is position-triggered."""
+    stamped: list[wire.Stamped] = field(default_factory=list)
+    """Pulses, in order."""
     told: int = 0
     """Pulses that were handed on."""
     ending: bool = False
@@ -97,10 +100,10 @@ class BoxSweep:
                 asked_s = self.asked_s.pop(number, None)
                 if asked_s is not None:
                     self.clock.add(clock_us, asked_s=asked_s, answered_s=now_s)
-            case wire.Stamped(token=self.token, number=number, stamp_us=stamp_us, photodiode=1) if (
-                number == len(self.stamps_us) + 1
-            ):
-                self.stamps_us.append(stamp_us)
+            case wire.Stamped(token=self.token, number=number, photodiode=1) if number == len(
+                self.stamped
+            ) + 1 and self._follows(reply):
+                self.stamped.append(reply)
             case wire.Dark(token=self.token):
                 self.dark = reply
             case wire.Disarmed():
@@ -109,9 +112,16 @@ class BoxSweep:
                 pass
             case _:
                 raise LaserError(
-                    f"laser box: {reply} came after {len(self.stamps_us)} pulses of the sweep {self.token}, each of "
+                    f"laser box: {reply} came after {len(self.stamped)} pulses of the sweep {self.token}, each of "
                     "which the photodiode must see once; check laser, photodiode and trigger"
                 )
+
+    def _follows(self, pulse: wire.Stamped) -> bool:
+        """Whether a pulse has a later edge than the one before if edges give them, and none if not."""
+        edge = pulse.edge if isinstance(pulse, wire.EdgeStamped) else 0
+        before = self.stamped[-1] if self.stamped else None
+        last = before.edge if isinstance(before, wire.EdgeStamped) else 0
+        return edge > last if self.edged else edge == 0
 
     def require_light(self) -> None:
         """Refuse a sweep whose light has ended before the box was told so, and before all its pulses."""
@@ -124,15 +134,24 @@ class BoxSweep:
     def fired(self) -> int:
         """Pulses that were fired, once the light has ended; `LaserError` if box, photodiode and stamps differ."""
         dark = self.dark
-        if dark is None or not dark.sent == dark.photodiode == len(self.stamps_us):
+        if dark is None or not dark.sent == dark.photodiode == len(self.stamped):
             raise LaserError(
-                f"laser box: {dark} ended a sweep of {len(self.stamps_us)} stamped pulses; check laser, photodiode and "
+                f"laser box: {dark} ended a sweep of {len(self.stamped)} stamped pulses; check laser, photodiode and "
                 "trigger"
             )
         return dark.sent
 
     def untold(self) -> list[Pulse]:
         """Pulses since the last call, with their times on the rig's clock."""
-        new = [self.clock.pulse(stamp_us) for stamp_us in self.stamps_us[self.told :]]
-        self.told = len(self.stamps_us)
+        new = [self._pulse(stamped) for stamped in self.stamped[self.told :]]
+        self.told = len(self.stamped)
         return new
+
+    def _pulse(self, stamped: wire.Stamped) -> Pulse:
+        pulse = self.clock.pulse(stamped.stamp_us)
+        return replace(pulse, edge=stamped.edge) if self.edged and isinstance(stamped, wire.EdgeStamped) else pulse
+
+    def light(self, index: int) -> int | None:
+        """What the light meter read of a pulse, by its place in the sweep; None if it was not told."""
+        stamped = self.stamped[index] if index < len(self.stamped) else None
+        return stamped.light if isinstance(stamped, wire.MeteredStamped) else None

@@ -27,14 +27,15 @@ from markerseek.drivers.entry import LaserSettings
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.plus import PlusReceiver
 from markerseek.signals import pickup_amplitude
+from markerseek.wire.laserbox import METERED_EDGE_VERSION
 
 
 class EnergyMeter:
     """A receiver whose frames say the energy of their pulses.
 
     ``receiver``: the receiver itself. ``measured``: what the meter says of a frame that has come, in a unit of its own.
-    ``usual_energy``: what it says of a usual pulse; None leaves the header as it is. ``of_trains``: whether it measures
-    whole trains of pulses only, and none of a sweep.
+    ``usual_energy``: what it says of a usual pulse; None leaves the header as it is. ``box``: the laser box that
+    measures it, which tells the energy of single pulses of a sweep apart from that of a train; None: something else.
     """
 
     def __init__(
@@ -43,10 +44,10 @@ class EnergyMeter:
         *,
         measured: Callable[[Frame], float | None],
         usual_energy: float | None,
-        of_trains: bool = False,
+        box: LaserBox | None = None,
     ) -> None:
         self._receiver, self._measured, self._usual_energy = receiver, measured, usual_energy
-        self._of_trains = of_trains
+        self._box, self._swept = box, 0
         self._values: list[float] = []
 
     @property
@@ -69,10 +70,11 @@ class EnergyMeter:
     @property
     def frame_period_s(self) -> float:
         """As of the receiver; `ConfigError` if that, or the meter, cannot sweep."""
-        if self._of_trains:
+        if self._box is not None and not self._box.measures_pulses:
             raise ConfigError(
-                'this rig cannot sweep: energy_from = "photodiode" measures whole trains, and no single pulses; leave '
-                "laser.energy_from or --sweep out"
+                'this rig cannot sweep: energy_from = "photodiode" measures single pulses of a sweep from version '
+                f"{METERED_EDGE_VERSION} of the laser box's protocol on; load the firmware that came with this "
+                "program, or leave laser.energy_from or --sweep out"
             )
         return self._sweeping.frame_period_s
 
@@ -83,15 +85,16 @@ class EnergyMeter:
 
     def begin_sweep(self, permit: SweepPermit) -> None:
         """As of the receiver."""
+        self._swept = 0
         self._sweeping.begin_sweep(permit)
 
     def frames(self) -> Sequence[Frame]:
         """Frames of the receiver, each with the energy of its pulse in the header."""
-        return [self._with_energy(frame) for frame in self._sweeping.frames()]
+        return self._each_with_energy(self._sweeping.frames())
 
     def end_sweep(self, *, pulses: int) -> Sequence[Frame]:
         """As `frames`, those that are left."""
-        return [self._with_energy(frame) for frame in self._sweeping.end_sweep(pulses=pulses)]
+        return self._each_with_energy(self._sweeping.end_sweep(pulses=pulses))
 
     @property
     def _sweeping(self) -> SweepingReceiver:
@@ -103,9 +106,19 @@ class EnergyMeter:
             )
         return cast("SweepingReceiver", self._receiver)
 
+    def _each_with_energy(self, frames: Sequence[Frame]) -> Sequence[Frame]:
+        """Frames of a sweep; each is of the pulse after that of the frame before."""
+        first, self._swept = self._swept, self._swept + len(frames)
+        if self._box is None:
+            return [self._with_energy(frame) for frame in frames]
+        return [self._of(frame, self._box.light_of_pulse(first + index)) for index, frame in enumerate(frames)]
+
     def _with_energy(self, frame: Frame) -> Frame:
         # A dark frame has no pulse, whatever a meter says of it.
-        value = self._measured(frame) if frame.header.pulses else None
+        return self._of(frame, self._measured(frame) if frame.header.pulses else None)
+
+    def _of(self, frame: Frame, value: float | None) -> Frame:
+        """The frame, with the energy that the meter says of it."""
         if value is None:
             return frame
         self._values.append(value)
@@ -123,8 +136,8 @@ def metered(keys: LaserSettings, laser: Laser, receiver: Receiver, *, full_scale
     measured = _measured_by(keys, laser, receiver, full_scale)
     if measured is None:
         return receiver
-    trains = keys.energy_from == "photodiode"
-    return EnergyMeter(receiver, measured=measured, usual_energy=keys.usual_energy, of_trains=trains)
+    box = laser if keys.energy_from == "photodiode" and isinstance(laser, LaserBox) else None
+    return EnergyMeter(receiver, measured=measured, usual_energy=keys.usual_energy, box=box)
 
 
 def _measured_by(
@@ -135,8 +148,8 @@ def _measured_by(
             raise ConfigError(_unfit("photodiode", "laser.driver laserbox, of this rig file"))
         if not laser.metered:
             raise NotConnectedError(
-                "laser box: its photodiode only counts pulses (versions 1 and 3 of the protocol), and energy_from is "
-                'photodiode; load a firmware with a light meter, or set energy_from = "none"'
+                "laser box: its photodiode only counts pulses (versions 1, 3 and 5 of the protocol), and energy_from "
+                'is photodiode; load a firmware with a light meter, or set energy_from = "none"'
             )
         return lambda _frame: laser.light_per_pulse
     if keys.energy_from == "metadata":

@@ -18,12 +18,13 @@ from markerseek.core import (
     LimitError,
     MoveError,
     StageReading,
+    Triggers,
     fastest_sweep_deg_s,
     require_range,
 )
 from markerseek.drivers._apt_line import AptLine
 from markerseek.drivers._kdc101_move import Move, MoveRules
-from markerseek.drivers._kdc101_setup import set_up, write_velocity
+from markerseek.drivers._kdc101_setup import set_up, write_trigger_ports, write_trigger_row, write_velocity
 from markerseek.drivers._kdc101_sweep import SweepMove
 from markerseek.drivers.entry import Entry, Opening, StageSettings
 from markerseek.files import Line
@@ -192,7 +193,7 @@ class Kdc101Stage:
         self._pushed: int | None = None
         self._move: Move | None = None
         self._sweep: SweepMove | None = None
-        self._has_speed_of_sweep = False
+        self._has_speed_of_sweep = self._has_triggers = False
         self._velocity = velocity = apt.Velocity(
             acceleration=apt.acceleration_word(settings.acceleration_deg_s2),
             speed=apt.speed_word(settings.speed_deg_s),
@@ -308,6 +309,38 @@ class Kdc101Stage:
         write_velocity(self._line, velocity)
         self._sweep_rules = replace(self._rules, speed=_counts_per_s(velocity))
 
+    @property
+    def trigger_step_deg(self) -> float:
+        """Least distance between two triggers, one count; `ConfigError` if the controller has none."""
+        if self.identity.model != "KDC101":
+            raise ConfigError(
+                f"this rig cannot sweep position-triggered: its stage's controller is a {self.identity.model}, which "
+                'gives no triggers; set laser.sweep_mode = "free-running"'
+            )
+        return 1 / apt.COUNTS_PER_DEG
+
+    def set_triggers(self, *, from_deg: float, to_deg: float, spacing_deg: float) -> Triggers:
+        """Give triggers at its port 1 in the sweep that follows, and read back that it will; none at its very ends.
+
+        They are taken away by `end_sweep` and `stop`. Raises as `prepare_sweep`.
+        """
+        start, way = self._counts_of(from_deg), self._counts_of(to_deg) - self._counts_of(from_deg)
+        interval = math.ceil(spacing_deg * apt.COUNTS_PER_DEG)
+        # A stage that comes to rest at its end may stay a count or two before it.
+        number = (abs(way) - _SAME_COUNTS) // interval
+        if number < 1:
+            raise ConfigError(f"sweep: {spacing_deg:g} deg between two triggers leave none from {from_deg} to {to_deg}")
+        step = interval if way > 0 else -interval
+        # Noted first: half of a write may have reached it.
+        self._has_triggers = True
+        write_trigger_row(
+            self._line,
+            apt.TriggerRow(start=start + step, interval=interval, number=number),
+            mode=apt.TRIGGER_STEPS_UP if way > 0 else apt.TRIGGER_STEPS_DOWN,
+        )
+        angles_deg = tuple(self._angle_of(start + step * index) for index in range(1, number + 1))
+        return Triggers(angles_deg=angles_deg, sigma_deg=self.trigger_step_deg / math.sqrt(12))
+
     def begin_sweep(self, to_deg: float) -> None:
         """Begin to turn there; refused by `LimitError` as `move_to`."""
         if to_deg not in self.limits:
@@ -339,7 +372,7 @@ class Kdc101Stage:
             self._sweep.brake()
 
     def end_sweep(self) -> None:
-        """Restore the speed of moves; raises as `prepare_sweep`."""
+        """Restore the speed of moves, and give no triggers any more; raises as `prepare_sweep`."""
         sweep, self._sweep, self._move = self._sweep, None, None
         if sweep is not None:
             self._rest = sweep.position
@@ -348,6 +381,9 @@ class Kdc101Stage:
         if self._has_speed_of_sweep:
             write_velocity(self._line, self._velocity)
             self._has_speed_of_sweep = False
+        if self._has_triggers:
+            write_trigger_ports(self._line, mode=apt.TRIGGER_OFF)
+            self._has_triggers = False
 
     def stop(self) -> None:
         """Stop at once, and check that it is at rest; allowed at any time, also twice.

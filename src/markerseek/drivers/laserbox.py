@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import TypeGuard, TypeVar
+from typing import Literal, TypeGuard, TypeVar
 
 from markerseek.core import (
     SWEEP_READING_S,
@@ -51,6 +51,9 @@ _DELAY_SIGMA_S = 5e-3
 """Standard deviation of the delay that nobody knows between a stamp and the stage's readings, in seconds: the laser's
 own, and that of the controller's readout."""
 
+_LIGHT_SIGMA_S = wire.LIGHT_LATE_US / 1e6 / math.sqrt(3)
+"""The same of the delay from the stage's trigger to the light, which comes within `wire.LIGHT_LATE_US`."""
+
 _Kind = TypeVar("_Kind", bound=wire.Reply)
 
 
@@ -63,13 +66,23 @@ class LaserBoxSettings(
     """Serial port of the laser box."""
     answer_s: float = 0.5
     """Longest time for its answer."""
+    sweep_mode: Literal["free-running", "position-triggered"] = "free-running"
+    """What gives the pulses of a sweep: the box, at its own pace, or the triggers of a KDC101 at its trigger input."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.sweep_mode not in ("free-running", "position-triggered"):
+            raise ConfigError(
+                f"laser: sweep_mode is {self.sweep_mode!r}, it must be 'free-running' or 'position-triggered'"
+            )
 
 
 class LaserBox:
     """A laser that a laser box triggers.
 
     ``rate_hz``: pulses per second, a whole number. ``dark_triggers``: how often the acquisition is triggered for a dark
-    frame: as often as for a lit one, so that both average alike. ``answer_s``: longest time for an answer. Raises
+    frame: as often as for a lit one, so that both average alike. ``answer_s``: longest time for an answer.
+    ``position_triggered``: whether edges at the box's trigger input give the pulses of a sweep. Raises
     `NotConnectedError` if no box of this protocol answers, or it keeps triggering for longer than any firing takes.
 
     ``metered``: whether its photodiode measures the light of the pulses as well. ``light_per_pulse``: what it read of a
@@ -77,7 +90,14 @@ class LaserBox:
     """
 
     def __init__(
-        self, *, port: Port, clock: Clock, rate_hz: float = 100.0, dark_triggers: int = 16, answer_s: float = 0.5
+        self,
+        *,
+        port: Port,
+        clock: Clock,
+        rate_hz: float = 100.0,
+        dark_triggers: int = 16,
+        answer_s: float = 0.5,
+        position_triggered: bool = False,
     ) -> None:
         if not 1 <= rate_hz <= wire.MAX_RATE_HZ or rate_hz != round(rate_hz):
             raise ConfigError(
@@ -95,6 +115,7 @@ class LaserBox:
         self._rate_hz = round(rate_hz)
         self._dark_triggers = dark_triggers
         self._answer_s = answer_s
+        self.position_triggered = position_triggered
         self._lines = wire.Lines()
         self._replies: list[bytes] = []
         self._used: set[str] = set()
@@ -146,7 +167,13 @@ class LaserBox:
     @property
     def sweep_period_s(self) -> float:
         """Least time between two pulses of a sweep; `ConfigError` if the box cannot sweep."""
-        if self._version not in (wire.SWEEP_VERSION, wire.METERED_SWEEP_VERSION):
+        if self.position_triggered and self._version < wire.EDGE_VERSION:
+            raise ConfigError(
+                f"this rig cannot sweep position-triggered: its laser box has version {self._version} of the protocol, "
+                f"which has no trigger input, {wire.EDGE_VERSION} is needed; load the firmware that came with this "
+                'program, or set laser.sweep_mode = "free-running"'
+            )
+        if self._version < wire.SWEEP_VERSION:
             raise ConfigError(
                 f"this rig cannot sweep: its laser box has version {self._version} of the protocol, which stamps no "
                 f"pulses, {wire.SWEEP_VERSION} is needed; load the firmware that came with this program, or leave "
@@ -156,11 +183,20 @@ class LaserBox:
 
     @property
     def delay_sigma_s(self) -> float:
-        """Standard deviation of the delay of all stamps, in seconds."""
-        return _DELAY_SIGMA_S
+        """Standard deviation of the delay of all pulses, in seconds."""
+        return _LIGHT_SIGMA_S if self.position_triggered else _DELAY_SIGMA_S
+
+    @property
+    def measures_pulses(self) -> bool:
+        """Whether its light meter measures single pulses of a sweep."""
+        return self._version == wire.METERED_EDGE_VERSION
+
+    def light_of_pulse(self, index: int) -> int | None:
+        """What the light meter read of a pulse of the last sweep, counted from 0; None if it was not told."""
+        return None if self._sweep is None else self._sweep.light(index)
 
     def begin_sweep(self, permit: SweepPermit) -> None:
-        """Begin to fire single pulses, free-running; refused as by `fire`.
+        """Begin to fire single pulses, free-running or at the edges of the trigger input; refused as by `fire`.
 
         Raises `NotConnectedError` if the box still sends the dark triggers of the sweep before.
         """
@@ -176,11 +212,13 @@ class LaserBox:
             self._finish_sweep(within_s=0.0)
             self._token += 1
             now_s = self._clock.now_s()
-            sweep = BoxSweep(token=self._token, pulses=permit.pulses, heard_s=now_s, stepped_s=now_s)
+            edged = self.position_triggered
+            sweep = BoxSweep(token=self._token, pulses=permit.pulses, heard_s=now_s, stepped_s=now_s, edged=edged)
+            kind = wire.PermitEdges if edged else wire.PermitSweep
             for _ in range(_ROUND_TRIPS):
                 self._ask_time(sweep)
             self._use_permit(
-                wire.PermitSweep(
+                kind(
                     token=self._token,
                     pulses=permit.pulses,
                     # Rounded up: two pulses are never nearer than permitted.
@@ -301,7 +339,7 @@ class LaserBox:
         greeting = self._greet(patience_s=patience_s)
         self.identity = greeting.identity
         self._version = greeting.version
-        self.metered = greeting.version in (wire.METERED_VERSION, wire.METERED_SWEEP_VERSION)
+        self.metered = greeting.version % 2 == 0
         self._token = greeting.last_token
         self._seen = greeting.seen
         self._step = 0
@@ -420,6 +458,7 @@ def _open(settings: LaserBoxSettings, opening: Opening) -> LaserBox:
         rate_hz=settings.rate_hz,
         dark_triggers=opening.pulses,
         answer_s=settings.answer_s,
+        position_triggered=settings.sweep_mode == "position-triggered",
     )
     opening.beat_with(box.beat)
     return box

@@ -23,7 +23,7 @@ from markerseek.emulators.plus import EmulatedPlus
 from markerseek.emulators.sonixdaq import EmulatedSonixDaq
 from markerseek.emulators.vantage import EmulatedVantage
 from markerseek.rigs import draw_scene
-from markerseek.sim import CLOCK_DRIFT, SimulatedSettings, VirtualClock, World
+from markerseek.sim import CLOCK_DRIFT, SimulatedSettings, VirtualClock
 
 _TICK_S = 2e-3
 
@@ -57,15 +57,7 @@ class EmulatedBench:
             raise ConfigError("receiver.b_mode: a SonixDAQ takes no B-mode images; leave it out")
         scene = draw_scene(settings, rng)
         self.truth_deg = scene.marker.angle_deg if settings.marker.present else None
-        self.world = World(
-            model=scene.model,
-            absorbers=scene.absorbers,
-            noise=scene.noise,
-            energy_jitter=settings.laser.energy_jitter,
-            start_deg=settings.start_deg,
-            rng=rng,
-            averaged=settings.laser.pulses,
-        )
+        self.world = scene.world(settings, rng)
         # Child generators: draws per pulse must not shift the random numbers of the world, or seeds would not compare.
         apart, noise, light = rng.spawn(3)
         self.stage = Kdc101Emulator(
@@ -81,7 +73,12 @@ class EmulatedBench:
                 world=self.world, folder=folder, rng=apart, readout_s=settings.receiver.readout_s, sdk=sdk
             )
         self.laser_box = EmulatedLaserBox(
-            world=self.world, on_triggers=self.daq.trigger, laser=settings.laser, rng=light, moment=self._turned
+            world=self.world,
+            on_triggers=self.daq.trigger,
+            laser=settings.laser,
+            rng=light,
+            moment=self._turned,
+            edges=self.stage.edges,
         )
         self.laser_box.faults.clock_drift = CLOCK_DRIFT
 
@@ -103,6 +100,7 @@ class EmulatedBench:
         serving = ServingClock(clock)
         # The time of a pulse is the stage's: a box that was held up fires it later, where the probe is then.
         self.laser_box.moment = lambda _: self._turned(serving.real_s)
+        self.laser_box.edges = lambda _: self.stage.edges(serving.real_s)
         return PtyLine(device=self.laser_box, clock=serving, link=link)
 
 

@@ -25,6 +25,8 @@ from markerseek.emulators._kdc101_motion import (
     VELOCITY,
     MotionControl,
 )
+from markerseek.emulators._kdc101_triggers import PORTS, POSITIONS, Edge
+from markerseek.emulators._kdc101_triggers import POWER_UP as NO_TRIGGERS
 from markerseek.emulators._prm1z8 import Prm1z8, Turned
 from markerseek.emulators.lines import FaultyLine
 from markerseek.emulators.stage_faults import STAGE_FAULTS
@@ -152,6 +154,11 @@ class Kdc101Emulator:
         """Turn the motor to where it is at that time; what the controller sends by itself waits for `advance`."""
         self._motion.advance(now_s)
 
+    def edges(self, now_s: float) -> list[Edge]:
+        """Rising edges of its trigger port 1 until that time, each once."""
+        self._motion.advance(now_s)
+        return self._motion.triggers.taken(now_s)
+
     @property
     def velocity(self) -> bytes:
         """The parameters of speed and acceleration that it holds, as they were written."""
@@ -167,7 +174,9 @@ class Kdc101Emulator:
         return self._out()
 
     def _message_handlers(self) -> dict[int, Callable[[AptMessage], None]]:
-        parameters = (VELOCITY, JOG, LIMITS, BACKLASH, HOME, TARGET)
+        parameters = [VELOCITY, JOG, LIMITS, BACKLASH, HOME, TARGET]
+        if self._settings.model == "KDC101":
+            parameters += [PORTS, POSITIONS]
         return {
             **dict.fromkeys(parameters, self._set),
             **dict.fromkeys([ident + 1 for ident in parameters], self._send_parameter),
@@ -190,7 +199,8 @@ class Kdc101Emulator:
         }
 
     def _power_up(self, *, homed: bool) -> None:
-        self._stored = dict(POWER_UP)
+        self._stored = {**POWER_UP, **NO_TRIGGERS}
+        self._motion.triggers.set(self._stored)
         self._motion.wake_up(homed=homed)
         self._updates, self._reports_ends = self._settings.talking, True
         self._next_update_s = self._now_s
@@ -216,7 +226,10 @@ class Kdc101Emulator:
 
     def _set(self, message: AptMessage) -> None:
         self._stored[message.ident] = message.data
-        if message.ident != TARGET:
+        if message.ident == PORTS:
+            self._motion.triggers.set(self._stored)
+            self._motion.look()
+        elif message.ident not in (TARGET, POSITIONS):
             self._motion.learn(self._stored)
 
     def _set_counter(self, message: AptMessage) -> None:

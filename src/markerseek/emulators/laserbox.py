@@ -7,13 +7,14 @@ holds what it fired in truth, whatever it reports.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from markerseek.core import ConfigError
+from markerseek.emulators._kdc101_triggers import Edge
 from markerseek.sim import LaserSettings, SimulatedWorld, vary_last_flash
 from markerseek.wire import laserbox as wire
 
@@ -51,6 +52,12 @@ class LaserBoxFaults:
     """By how much that clock is ahead."""
     doubled_at: int = 0
     """Number of the pulse of a sweep at which the laser gives two; 0: none."""
+    edges_cut: bool = False
+    """No edge reaches the trigger input."""
+    edge_lost_at: int = 0
+    edge_doubled_at: int = 0
+    """``edge_lost_at`` and ``edge_doubled_at``: number of the edge of a sweep that does not reach the trigger input, or
+    bounces; 0: none."""
 
 
 _AnyPermit: TypeAlias = wire.PermitPulses | wire.PermitSweep
@@ -73,8 +80,9 @@ class EmulatedLaserBox:
     ``on_triggers``: called at the end of a train with the number of triggers sent to the acquisition, those without
     light after a permit was taken away included. ``lease_ms``: at most `markerseek.wire.laserbox.LEASE_MS`.
     ``turn_us``: time between two turns of its loop. ``laser``: how the energy of an acquisition varies, and the noise
-    of the light meter, without which it has none. ``rng``: source of randomness for both. ``sweeps``: whether it knows
-    sweeps: without them it is of version 1, or 2 with a light meter. ``moment``: called with the box's time in seconds
+    of the light meter, without which it has none. ``rng``: source of randomness for both. ``version``: of its
+    protocol; with a light meter it is one more. ``edges``: called with the box's time in seconds, returns the edges at
+    its trigger input until then; None: nothing is connected. ``moment``: called with the box's time in seconds
     at a stamp, turns the probe to where it is then, and returns what an ideal clock shows; None: the probe is there.
     """
 
@@ -88,7 +96,8 @@ class EmulatedLaserBox:
         faults: LaserBoxFaults | None = None,
         laser: LaserSettings | None = None,
         rng: np.random.Generator | None = None,
-        sweeps: bool = True,
+        version: Literal[1, 3, 5] = 5,
+        edges: Callable[[float], Sequence[Edge]] | None = None,
         moment: Callable[[float], float] | None = None,
     ) -> None:
         if not 1 <= lease_ms <= wire.LEASE_MS:
@@ -105,7 +114,8 @@ class EmulatedLaserBox:
         self._interlock_closed = True
         self._laser = laser or LaserSettings()
         self._rng = rng
-        self._sweeps = sweeps
+        self._version = version + (self._laser.energy_meter_noise is not None)
+        self.edges = edges or (lambda _now_s: ())
         self.moment = moment or float
         self.power_up()
 
@@ -121,8 +131,10 @@ class EmulatedLaserBox:
         self._train: _AnyPermit | None = None
         self._triggers = self._sent = self._seen_before = 0
         self._last_trigger_us = 0
-        self._untold: tuple[int, int] | None = None
-        """Stamp of the last pulse of a sweep, and the photodiode's count before it."""
+        self._untold: tuple[int, int, int] | None = None
+        """Stamp of the last pulse of a sweep, the photodiode's count before it, and the edge that gave it."""
+        self._edge = self._given_edges = self._edge_due_us = 0
+        """Edges of this train, those that its trigger input got, and when the next may give a pulse."""
         self._dark_told = True
         self._fired: deque[tuple[int, int]] = deque()
         self._light_us: deque[int] = deque()
@@ -178,7 +190,8 @@ class EmulatedLaserBox:
         if self._permit is not None:
             due_us.append(min(self._ends_us, self._expires_us))
         if self._train is not None:
-            due_us.append(self._due_us if self._triggers < self._given else self._last_trigger_us + wire.LIGHT_LATE_US)
+            waits_us = self._now_us if self._awaits_edges else self._due_us
+            due_us.append(waits_us if self._triggers < self._given else self._last_trigger_us + wire.LIGHT_LATE_US)
             if self._untold is not None:
                 due_us.append(self._last_trigger_us + wire.LIGHT_LATE_US)
         if not due_us:
@@ -196,11 +209,32 @@ class EmulatedLaserBox:
             return
         self._tell_light(self._train)
         if self._triggers < self._given:
-            if self._due_us <= self._now_us:
+            if self._awaits_edges:
+                self._take_edges(self._train)
+            elif self._due_us <= self._now_us:
                 self._trigger(self._train)
                 self._tell_light(self._train)
         elif self._now_us >= self._last_trigger_us + wire.LIGHT_LATE_US:
             self._end_train(self._train)
+
+    @property
+    def _awaits_edges(self) -> bool:
+        """Whether edges give the triggers of the train: as long as there may be light."""
+        return isinstance(self._train, wire.PermitEdges) and self._permit is not None
+
+    def _take_edges(self, train: _AnyPermit) -> None:
+        """Give a pulse at each edge since the last turn that does not come too early."""
+        for edge in self.edges(self._now_us / 1e6):
+            self._given_edges += 1
+            if self.faults.edges_cut or self._given_edges == self.faults.edge_lost_at:
+                continue
+            for _ in range(1 + (self._given_edges == self.faults.edge_doubled_at)):
+                self._edge += 1
+                at_us = round(1e6 * edge.at_s)
+                if at_us >= self._edge_due_us and self._awaits_edges:
+                    self._edge_due_us = at_us + _period_us(train)
+                    self._tell_light(train)
+                    self._trigger(train, edge=edge)
 
     @property
     def _given(self) -> int:
@@ -230,7 +264,9 @@ class EmulatedLaserBox:
         match command:
             case wire.Hello():
                 return self._greet()
-            case wire.PermitSweep() | wire.AskTime() if not self._sweeps:
+            case wire.PermitEdges() if self._version < wire.EDGE_VERSION:
+                return wire.Refusal(reason="FORM")
+            case wire.PermitSweep() | wire.AskTime() if self._version < wire.SWEEP_VERSION:
                 return wire.Refusal(reason="FORM")
             case wire.PermitPulses() | wire.PermitSweep():
                 return self._take_permit(command)
@@ -259,15 +295,9 @@ class EmulatedLaserBox:
             seen=self._seen & wire.MAX_COUNT,
         )
 
-    @property
-    def _version(self) -> int:
-        if self._laser.energy_meter_noise is None:
-            return wire.SWEEP_VERSION if self._sweeps else wire.VERSION
-        return wire.METERED_SWEEP_VERSION if self._sweeps else wire.METERED_VERSION
-
-    def _clock_us(self) -> int:
-        """What its own clock shows."""
-        at_s = self.moment(self._now_us / 1e6)
+    def _clock_us(self, edge: Edge | None = None) -> int:
+        """What its own clock shows now, or at an edge."""
+        at_s = self.moment(self._now_us / 1e6) if edge is None else edge.at_s
         return (round(1e6 * at_s * (1 + self.faults.clock_drift)) + self.faults.clock_step_us) & wire.MAX_COUNT
 
     def _take_permit(self, permit: _AnyPermit) -> wire.Reply:
@@ -284,6 +314,8 @@ class EmulatedLaserBox:
         self._ends_us = self._now_us + self._lease_us
         self._expires_us = self._now_us + 1000 * permit.expiry_ms
         answer = wire.SweepPermitted if isinstance(permit, wire.PermitSweep) else wire.Permitted
+        if isinstance(permit, wire.PermitEdges):
+            answer = wire.EdgesPermitted
         return answer(token=permit.token, seen=self._seen & wire.MAX_COUNT)
 
     def _pulses_of_last_minute(self) -> int:
@@ -307,10 +339,13 @@ class EmulatedLaserBox:
         self._dark_told = not isinstance(self._train, wire.PermitSweep)
         self._seen_before = self._seen
         self._due_us = self._now_us
+        self._edge = self._given_edges = self._edge_due_us = 0
+        # Those before the light count nowhere.
+        self.edges(self._now_us / 1e6)
         self._turn()
         return None
 
-    def _trigger(self, train: _AnyPermit) -> None:
+    def _trigger(self, train: _AnyPermit, *, edge: Edge | None = None) -> None:
         """Give one trigger to the acquisition, and to the laser while the permit holds and pulses are left."""
         swept = isinstance(train, wire.PermitSweep)
         lit = self._permit is not None and self._triggers < train.pulses + self.faults.extra_pulses
@@ -320,8 +355,8 @@ class EmulatedLaserBox:
             self._sent += 1
             self._fired.append((self._now_us // 1_000_000, 1))
             if swept:
-                self._untold = self._clock_us(), self._seen
-                self._flash_one()
+                self._untold = self._clock_us(edge), self._seen, self._edge
+                self._flash_one(self._world.angle_deg if edge is None else edge.angle_deg)
             if not self.faults.laser_dead:
                 twice = swept and self._sent == self.faults.doubled_at
                 self._light_us.extend([self._now_us + self.faults.light_late_us] * (1 + twice))
@@ -335,23 +370,35 @@ class EmulatedLaserBox:
             self._due_us + period_us, self._until_us + period_us if swept else self._now_us + period_us // 2
         )
 
-    def _flash_one(self) -> None:
-        """Light the world by a pulse of a sweep, at the angle where the probe is now."""
+    def _flash_one(self, angle_deg: float) -> None:
+        """Light the world by a pulse of a sweep, with the probe at that angle."""
         if not self.faults.laser_dead:
             self._light_world(pulses=1)
-            self._world.flashes[-1] = replace(self._world.flashes[-1], angle_deg=self._world.angle_deg)
+            self._world.flashes[-1] = replace(self._world.flashes[-1], angle_deg=angle_deg)
 
     def _tell_light(self, train: _AnyPermit) -> None:
         """Tell the last pulse of a sweep once its light has been seen, and once the last of all."""
         if self._untold is not None and self._now_us >= self._last_trigger_us + wire.LIGHT_LATE_US:
-            stamp_us, before = self._untold
+            stamp_us, before, edge = self._untold
             self._untold = None
             seen = self._seen - before
-            self._answer(wire.Stamped(token=train.token, number=self._sent, stamp_us=stamp_us, photodiode=seen))
+            self._answer(self._stamped(train, stamp_us=stamp_us, seen=seen, edge=edge))
         if self._permit is None and self._untold is None and not self._dark_told:
             self._dark_told = True
             seen = self._seen - self._seen_before
             self._answer(wire.Dark(token=train.token, sent=self._sent, photodiode=seen))
+
+    def _stamped(self, train: _AnyPermit, *, stamp_us: int, seen: int, edge: int) -> wire.Stamped:
+        """The line of the last pulse of a sweep."""
+        token, number, noise = train.token, self._sent, self._laser.energy_meter_noise
+        if self._version < wire.EDGE_VERSION:
+            return wire.Stamped(token=token, number=number, stamp_us=stamp_us, photodiode=seen)
+        if noise is None:
+            return wire.EdgeStamped(token=token, number=number, stamp_us=stamp_us, photodiode=seen, edge=edge)
+        light = self._light_of(seen, noise=noise)
+        return wire.MeteredStamped(
+            token=token, number=number, stamp_us=stamp_us, photodiode=seen, edge=edge, light=light
+        )
 
     def _void(self) -> None:
         """Void the permit: no light from now on; a train that has begun is completed without light."""

@@ -10,11 +10,10 @@ from markerseek.pictures.files import (
     write_page,
 )
 from markerseek.pictures.images import b_mode_figure, frame_figure, overlay_figure, rf_figure
-from markerseek.pictures.registration_picture import registration_figure
+from markerseek.pictures.registration_picture import registration_figure, target_figure
 from markerseek.pictures.search_picture import Curve, search_figure
 from markerseek.pictures.style import ERROR_BARS, new_figure, panel_grid, shared_legend
-from markerseek.pictures.target_picture import target_figure
-from markerseek.pictures.tip_picture import TipImage, tip_figure
+from markerseek.pictures.tip_picture import tip_figure
 from markerseek.pictures.tracks import ComparedSearch, comparison_figure, track_figure
 
 __all__ = [
@@ -22,7 +21,6 @@ __all__ = [
     "PICTURE_SUFFIXES",
     "ComparedSearch",
     "Curve",
-    "TipImage",
     "b_mode_figure",
     "bank_figure",
     "comparison_figure",

@@ -17,9 +17,7 @@ def read_png(path: Path) -> dict[str, np.ndarray]:
     """``pixels`` of one image, shape (1, rows, columns), of 8 or 16 bits; colours become grey."""
     import cv2
 
-    image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
-    if image is None:
-        raise RecordError(f"{path}: it cannot be read as an image; it is damaged, or of another kind: export it again")
+    image = _decoded(path, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
     return {"pixels": image[np.newaxis]}
 
 
@@ -27,10 +25,22 @@ def read_camera_png(path: Path) -> dict[str, np.ndarray]:
     """``pixels`` of one camera image, shape (1, rows, columns): the brightest of its colours, without transparency."""
     import cv2
 
-    image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+    image = _decoded(path, cv2.IMREAD_UNCHANGED)
+    return {"pixels": (image if image.ndim == 2 else image[..., :3].max(axis=-1))[np.newaxis]}
+
+
+def _decoded(path: Path, flags: int) -> np.ndarray:
+    import cv2
+
+    try:
+        image = cv2.imdecode(np.fromfile(path, np.uint8), flags)
+    except cv2.error as problem:
+        # Its text is a place in OpenCV's own source.
+        reason = "it is empty" if not path.stat().st_size else "it is far larger than its file, or damaged"
+        raise RecordError(f"{path}: it cannot be read as an image: {reason}; export it again") from problem
     if image is None:
         raise RecordError(f"{path}: it cannot be read as an image; it is damaged, or of another kind: export it again")
-    return {"pixels": (image if image.ndim == 2 else image[..., :3].max(axis=-1))[np.newaxis]}
+    return np.asarray(image)
 
 
 def read_dicom(path: Path) -> dict[str, np.ndarray]:

@@ -320,9 +320,9 @@ class _Workspace:
         return self.file.scalars(data[()].ravel(), name=name)
 
     def _items(self, *names: str) -> list[h5py.Dataset] | None:
-        """Datasets of a variable, or of a field of it, one for each cell or structure; None where it is missing."""
+        """Datasets of a variable, or of a field of it, one for each cell or structure; None where it has none."""
         item = self._item(*names)
-        return None if item is None else self._expanded(item, name=".".join(names))
+        return None if item is None else self._expanded(item, name=".".join(names)) or None
 
     def _item(self, *names: str) -> object:
         """A variable, or a field of it; None where it is missing."""

@@ -21,6 +21,8 @@ def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
     receiver's folder is relative to the rig file, and the module of a foreign driver is looked for beside it.
     """
     table = read_toml(path, what="rig file")
+    if "policies" in table:
+        raise ConfigError(f"{path}: it has policies, so that it is a study file: 'markerseek study'")
     if "kind" not in table:
         raise ConfigError(f'{path}: the key kind is missing; write kind = "simulated" or kind = "bench" at its top')
     # Removed here, because it selects the settings that know the other keys.

@@ -10,8 +10,7 @@ import numpy as np
 
 from markerseek.core import ConfigError, Reader, RigFacts
 from markerseek.guard import Admission, FiringLimits, Guard
-from markerseek.rigs.recipe import SimulatedRecipe
-from markerseek.rigs.rig import Rig, fingerprint, with_probe
+from markerseek.rigs.rig import Rig, SimulatedRecipe, fingerprint, with_probe
 from markerseek.scan import Scanner
 from markerseek.signals import AnyImageReader, IntensityReader
 from markerseek.sim import (
@@ -74,6 +73,7 @@ def rig_in_world(
         energy_drift_per_min=light.energy_drift_per_min,
         stamp_delay_s=light.stamp_delay_s,
         probe_deg=stage.probe_deg,
+        triggered_s=stage.triggered_s if light.sweep_mode == "position-triggered" else None,
         rng=rng,
     )
     receiver = SimulatedReceiver(

@@ -13,12 +13,10 @@ import numpy as np
 
 from markerseek.acoustics import Absorber
 from markerseek.core import ConfigError
-from markerseek.rigs.recipe import SimulatedRecipe
-from markerseek.rigs.rig import Rig
+from markerseek.rigs.rig import Rig, SimulatedRecipe
 from markerseek.rigs.rig_file import read_simulated
-from markerseek.rigs.scene import Scene, draw_marker, draw_scene
+from markerseek.rigs.scene import Scene, draw_marker, draw_scene, image_reader
 from markerseek.rigs.simulated_devices import require_seed, rig_in_world
-from markerseek.rigs.spot import image_reader
 from markerseek.signals import AnyImageReader, ProbePreset, SpareReader
 from markerseek.sim import (
     BModeSettings,
@@ -29,7 +27,6 @@ from markerseek.sim import (
     SimulatedSettings,
     SimulatedWorld,
     VirtualClock,
-    World,
 )
 from markerseek.vision import TipReader, TipSettings
 
@@ -86,15 +83,7 @@ def simulated(
         return _tip_rig(seed, settings, pace=pace, rng=rng)
     scene = draw_scene(settings, rng)
     _require_noise(scene, settings)
-    world = World(
-        model=scene.model,
-        absorbers=scene.absorbers,
-        noise=scene.noise,
-        energy_jitter=settings.laser.energy_jitter,
-        start_deg=settings.start_deg,
-        rng=rng,
-        averaged=settings.laser.pulses,
-    )
+    world = scene.world(settings, rng)
     # Not the tissue's sound speed: a user images with a preset, and the error is part of the result.
     imaging: AnyImageReader = image_reader(settings.probe.array, sampling_hz=settings.receiver.sampling_hz)
     seen: SimulatedWorld = world

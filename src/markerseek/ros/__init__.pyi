@@ -1,6 +1,5 @@
 from . import messages, topics
-from .node import Network, RosNode, local_transport
-from .security import require_keys
+from .node import Network, RosNode, local_transport, require_keys
 from .stamps import MAX_AGE_S, MAX_AHEAD_S, StampedCommands, degrees, joint_angle_deg
 
 __all__ = [

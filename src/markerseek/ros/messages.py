@@ -1,6 +1,6 @@
 """ROS 2 messages of a rig and of one acquisition, for running nodes and for logs.
 
-The classes are passed in: those of rosbags for a log, those of rclpy for a node (`markerseek.ros.kinds.Kinds`).
+The classes are passed in: those of rosbags for a log, those of rclpy for a node (`markerseek.ros.node.Kinds`).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ RANGE_DB = 40.0
 """Dynamic range from white to black, in dB."""
 
 _TRANSDUCER_QUATERNION = (0.5, 0.5, 0.5, 0.5)
-"""The rotation of `markerseek.records.exports.frames.TRANSDUCER_AXES` as x, y, z, w."""
+"""The rotation of `markerseek.records.exports.sequence.TRANSDUCER_AXES` as x, y, z, w."""
 
 
 def time_ns(time_s: float) -> int:

@@ -2,16 +2,52 @@
 
 from __future__ import annotations
 
+import array
+import importlib
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+import numpy as np
+
 from markerseek.core import ConfigError, RecordError, needs_package
-from markerseek.ros.kinds import Kinds
 from markerseek.ros.topics import in_namespace
+
+
+class Kinds(Mapping[str, Any]):
+    """Classes of messages by name, imported when they are asked for; NumPy arrays become those of the message."""
+
+    def __init__(self) -> None:
+        self._classes: dict[str, Any] = {}
+
+    def __getitem__(self, name: str) -> Any:
+        kind = self.kind(name)
+        return lambda **fields: kind(**{key: _native(value) for key, value in fields.items()})
+
+    def kind(self, name: str) -> Any:
+        """The class itself; `KeyError` if its package is not installed."""
+        if name not in self._classes:
+            package, folder, member = name.split("/")
+            try:
+                self._classes[name] = getattr(importlib.import_module(f"{package}.{folder}"), member)
+            except (ImportError, AttributeError) as problem:
+                raise KeyError(name) from problem
+        return self._classes[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._classes)
+
+    def __len__(self) -> int:
+        return len(self._classes)
+
+
+def _native(value: object) -> object:
+    # An image as an array of NumPy costs rclpy 100 ms, which takes each pixel for itself; as an array of bytes nothing.
+    return array.array(value.dtype.char, value.tobytes()) if isinstance(value, np.ndarray) else value
+
 
 _TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 _PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
@@ -303,3 +339,28 @@ def _quality(*, latched: bool) -> Any:
     if latched:
         return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     return QoSProfile(depth=_DEPTH)
+
+
+def require_keys(enclave: str) -> None:
+    """Refuse to start unless ROS 2 enforces security, by the environment of this process, and has the keys of a node.
+
+    ``enclave``: name of the keys of this node, such as ``/markerseek/stage``.
+    """
+    enabled = os.environ.get("ROS_SECURITY_ENABLE", "").lower() == "true"
+    if not (enabled and os.environ.get("ROS_SECURITY_STRATEGY", "").lower() == "enforce"):
+        raise ConfigError(
+            "--require-security: ROS 2 would start without keys; set ROS_SECURITY_ENABLE=true, "
+            "ROS_SECURITY_STRATEGY=Enforce and ROS_SECURITY_KEYSTORE"
+        )
+    keystore = os.environ.get("ROS_SECURITY_KEYSTORE")
+    folder = None if keystore is None else Path(keystore) / "enclaves" / enclave.strip("/")
+    missing = [
+        name
+        for name in ("cert.pem", "key.pem", "governance.p7s", "permissions.p7s")
+        if folder is None or not (folder / name).is_file()
+    ]
+    if missing:
+        raise ConfigError(
+            f"--require-security: there are no keys for {enclave} in {folder}: {', '.join(missing)} missing; "
+            "make them with: ros2 security create_enclave KEYSTORE ENCLAVE"
+        )

@@ -6,6 +6,7 @@ All three are in the conventions of OpenCV's ``stereoCalibrate``. The last two d
 from __future__ import annotations
 
 import configparser
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -176,7 +177,11 @@ def _of_ini(sections: configparser.ConfigParser, calibration_sigma_px: float | N
     def camera(section: str) -> Camera:
         k1, k2, p1, p2, k3 = numbers(section, *(f"kc_{each}" for each in range(5)))
         fx, fy, cx, cy, width, height = numbers(section, "fc_x", "fc_y", "cc_x", "cc_y", "res_x", "res_y")
-        _require_square(f"[{section}] alpha_c", sections[section].get("alpha_c", 0))
+        skew = f"[{section}] alpha_c"
+        _require_square(skew, _number(skew, sections[section].get("alpha_c", "0")))
+        for key in sections[section]:
+            if re.fullmatch(r"kc_([5-9]|\d\d+)", key) and _number(f"[{section}] {key}", sections[section][key]) != 0:
+                raise ConfigError(f"[{section}] has {key}, five coefficients are understood; calibrate with them")
         return Camera(
             focal_px=(fx, fy),
             centre_px=(cx, cy),
@@ -233,8 +238,9 @@ def _read_camera_info(path: Path) -> _CameraInfo:
     with needs_package("pyyaml", extra="vision", purpose=f"{path}: it"):
         import yaml
     try:
-        # A message that was printed ends with the line "---" behind it.
-        documents = [each for each in yaml.safe_load_all(_text(path)) if each is not None]
+        # Into texts, lists and tables only: no tag of a file is followed. A message that was printed ends with the line
+        # "---" behind it.
+        documents = [each for each in yaml.load_all(_text(path), Loader=yaml.BaseLoader) if each]
     except (yaml.YAMLError, RecursionError, ValueError) as problem:
         reason = " ".join(str(problem).split())[:200]
         raise ConfigError(f"{path}: it cannot be read as YAML: {reason}; save the camera_info again") from problem
@@ -249,10 +255,12 @@ def _read_camera_info(path: Path) -> _CameraInfo:
 def _camera_info(table: Mapping[str, Any]) -> _CameraInfo:
     model = table.get("distortion_model", "plumb_bob")
     if model != "plumb_bob":
-        raise ConfigError(f"distortion_model is {str(model)[:40]!r}, plumb_bob is understood; calibrate with it")
+        raise ConfigError(f"distortion_model is {_shown(model)}, plumb_bob is understood; calibrate with it")
     for name in ("binning_x", "binning_y"):
-        if table.get(name, 0) not in (0, 1):
-            raise ConfigError(f"{name} is {table[name]}: pixels are joined; save the camera_info of the full image")
+        if table.get(name, "0") not in ("0", "1"):
+            raise ConfigError(
+                f"{name} is {_shown(table[name])}: pixels are joined; save the camera_info of the full image"
+            )
     matrix = _values(table, "camera_matrix", 9)
     # OpenCV leaves k3 out where it is 0.
     distortion = (*_values(table, "distortion_coefficients", 4, 5), 0.0)[:5]
@@ -298,16 +306,21 @@ def _values(table: Mapping[str, Any], name: str, *counts: int) -> tuple[float, .
 
 
 def _number(name: str, value: object) -> float:
-    """A finite number; also from text, for YAML takes 1e-05 for one."""
+    """A finite number from text."""
     if value is None:
         raise ConfigError(f"{name} is missing; add it, or save the calibration again")
     try:
-        number = float(value) if isinstance(value, str | int | float) and not isinstance(value, bool) else None
-    except (ValueError, OverflowError):
+        number = float(value) if isinstance(value, str) else None
+    except ValueError:
         number = None
     if number is None or not is_finite(number):
-        raise ConfigError(f"{name} is {str(value)[:40]!r}, it must be a finite number")
+        raise ConfigError(f"{name} is {_shown(value)}, it must be a finite number")
     return number
+
+
+def _shown(value: object) -> str:
+    """The beginning of a text; no list in full, whose aliases can make it larger than the memory."""
+    return repr(value[:40]) if isinstance(value, str) else "no text or number"
 
 
 def _whole(name: str, value: float) -> int:
@@ -316,6 +329,6 @@ def _whole(name: str, value: float) -> int:
     return int(value)
 
 
-def _require_square(name: str, skew: object) -> None:
-    if _number(name, skew) != 0:
+def _require_square(name: str, skew: float) -> None:
+    if skew != 0:
         raise ConfigError(f"{name} is {skew}; the axes of a camera's pixels are square here: calibrate with 0")

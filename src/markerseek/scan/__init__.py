@@ -5,7 +5,7 @@ A recorded scan over all angles is a bank (`markerseek.records.banks`).
 
 from markerseek.scan.confirmation import SEEN_SIGMAS, larger_noise, moved_source
 from markerseek.scan.loop import AnyScanner, RunLimits, run
-from markerseek.scan.scanner import Scanner, Watchdog, divided_reading
+from markerseek.scan.scanner import Scanner, Watchdog
 
 __all__ = [
     "SEEN_SIGMAS",
@@ -13,7 +13,6 @@ __all__ = [
     "RunLimits",
     "Scanner",
     "Watchdog",
-    "divided_reading",
     "larger_noise",
     "moved_source",
     "run",

@@ -170,6 +170,7 @@ class Scanner:
         with self._faulting:
             devices.stage.prepare_sweep(speed_deg_s=sweep.speed_deg_s)
         with self._refusable:
+            triggers = devices.set_triggers(sweep, permit)
             devices.receiver.begin_sweep(permit)
         from_deg, now_s = self.angle_deg, self.clock.now_s()
         self.guard.redeem(permit, angle_deg=from_deg, now_s=now_s)
@@ -182,6 +183,7 @@ class Scanner:
             held=self._watchdog_held,
             number=number,
             at=StageReading(angle_deg=from_deg, asked_s=now_s, answered_s=now_s),
+            triggers=triggers,
         )
         try:
             with self._refusable:

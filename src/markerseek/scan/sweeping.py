@@ -1,6 +1,7 @@
 """One sweep: the stage turns, the laser fires single pulses, and each gives a sample at the angle where it was fired.
 
-The angle of a pulse is interpolated between two readings of the stage, never taken from a set point.
+The angle of a pulse is interpolated between two readings of the stage, never taken from a set point. Where the stage
+triggers the laser by its position, it is the encoder's at the trigger, and the interpolated one must agree with it.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import math
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from typing import cast
 
 from markerseek.core import (
     AcquisitionError,
@@ -29,6 +31,8 @@ from markerseek.core import (
     SweepPermit,
     SweepTiming,
     Swept,
+    TriggeringStage,
+    Triggers,
 )
 from markerseek.guard import Guard
 
@@ -53,6 +57,17 @@ AT_REST_DEG = 0.005
 SHORT_DEG = 1.0
 """Most by which a sweep that nobody ended may end before its end: it brakes earlier, and at least as hard."""
 
+TRIGGER_SPARE = 1.1
+"""Time between two triggers at the speed of the sweep, over the least between two pulses: a servo is never exact, and
+a trigger that comes too early gives no light."""
+
+AGREE_DEG = 0.02
+"""Most by which the angle of a trigger and that of its stamp differ, beside what the clocks leave open."""
+
+READ_LATE_S = 15e-3
+"""Most by which the stage's readings may be late against the stamps, where its triggers tell the angles: three times
+what a free-running sweep takes for its standard deviation."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepingDevices:
@@ -74,8 +89,25 @@ class SweepingDevices:
                 )
         devices = cls(stage=stage, laser=laser, receiver=receiver)  # type: ignore[arg-type]
         # Asked here, since a device of a kind that can may not be set up for it.
-        _ = devices.least_period_s
+        _ = devices.least_period_s, devices.triggering
         return devices
+
+    @property
+    def triggering(self) -> TriggeringStage | None:
+        """The stage, if its triggers give the pulses; None where the laser runs free.
+
+        Raises `ConfigError` if they are to, and the stage has none.
+        """
+        if not getattr(self.laser, "position_triggered", False):
+            return None
+        if not hasattr(type(self.stage), "set_triggers"):
+            raise ConfigError(
+                f"this rig cannot sweep position-triggered: its stage ({type(self.stage).__name__}) gives no triggers; "
+                'set laser.sweep_mode = "free-running"'
+            )
+        stage = cast("TriggeringStage", self.stage)
+        _ = stage.trigger_step_deg
+        return stage
 
     @property
     def least_period_s(self) -> float:
@@ -92,17 +124,32 @@ class SweepingDevices:
             )
         # The floor of the speed keeps two pulses apart by the spacing also on the ramps; 0.8 leaves it room below.
         period_s = max(self.least_period_s, sweep.spacing_deg / (0.8 * speed))
+        if self.triggering is None:
+            # A tenth more, for a stage that is slower than it says.
+            pulses = math.ceil(1.1 * self.duration_s(sweep, from_deg=from_deg) / period_s) + 1
+        else:
+            pulses = math.ceil(abs(sweep.to_deg - from_deg) / trigger_spacing_deg(sweep, period_s=period_s))
         return SweepPermit(
             token="",
             angle_deg=from_deg,
-            # A tenth more, for a stage that is slower than it says.
-            pulses=math.ceil(1.1 * self.duration_s(sweep, from_deg=from_deg) / period_s) + 1,
+            pulses=pulses,
             expires_s=0.0,
             to_deg=sweep.to_deg,
             slowest_deg_s=max(SLOWEST * speed, sweep.spacing_deg / period_s),
             fastest_deg_s=FASTEST * speed,
             period_s=period_s,
             spacing_deg=sweep.spacing_deg,
+        )
+
+    def set_triggers(self, sweep: Sweep, permit: SweepPermit) -> Triggers | None:
+        """Have the stage give a trigger for each pulse of that sweep; None where the laser runs free."""
+        stage = self.triggering
+        if stage is None:
+            return None
+        return stage.set_triggers(
+            from_deg=permit.angle_deg,
+            to_deg=permit.to_deg,
+            spacing_deg=trigger_spacing_deg(sweep, period_s=permit.period_s),
         )
 
     def require_in_time(self, sweep: Sweep, permit: SweepPermit, *, now_s: float) -> None:
@@ -127,6 +174,11 @@ class SweepingDevices:
         return way_deg / speed + speed / acceleration
 
 
+def trigger_spacing_deg(sweep: Sweep, *, period_s: float) -> float:
+    """Distance between two triggers of a sweep, whose pulses must not be nearer than the period."""
+    return max(sweep.spacing_deg, TRIGGER_SPARE * sweep.speed_deg_s * period_s)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweptFrame:
     """A frame of a sweep, with the angle of its pulse."""
@@ -137,10 +189,22 @@ class SweptFrame:
     timing: SweepTiming
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StampedAngle:
+    """The angle of a pulse by its stamp, between two readings of the stage."""
+
+    lower: StageReading
+    upper: StageReading
+    angle_deg: float
+    sigma_deg: float
+    speed_deg_s: float
+
+
 class SweepInProgress:
     """One sweep from its redeemed permit on; the guard is SWEEPING until the probe is at rest again.
 
     ``held``: holds the watchdog's lease while the probe turns. ``at``: readback and time at which the permit was used.
+    ``triggers``: where the stage triggers the laser; None where that runs free.
     """
 
     def __init__(
@@ -154,8 +218,11 @@ class SweepInProgress:
         held: AbstractContextManager[None],
         number: int,
         at: StageReading,
+        triggers: Triggers | None = None,
     ) -> None:
         self._devices = devices
+        self._triggers = triggers
+        self._before_first: int | None = None
         self._permit = permit
         self._speed_deg_s = speed_deg_s
         self._guard = guard
@@ -225,7 +292,11 @@ class SweepInProgress:
         """End the light that began then, brake, come to rest, and return how many pulses were fired."""
         lasted_s = self._clock.now_s() - lit_s
         fired = self._devices.laser.end_sweep()
-        if fired == 0 and not lasted_s <= DARK_PERIODS * self._permit.period_s:
+        apart_s = self._permit.period_s
+        if self._triggers is not None and len(self._triggers.angles_deg) > 1:
+            first_deg, second_deg, *_ = self._triggers.angles_deg
+            apart_s = max(apart_s, abs(second_deg - first_deg) / self._permit.slowest_deg_s)
+        if fired == 0 and not lasted_s <= DARK_PERIODS * apart_s:
             raise LaserError(f"no pulse came in {lasted_s:.2f} s of a sweep; check the laser and its trigger")
         self._take(self._devices.laser.pulses())
         self._devices.stage.brake()
@@ -294,6 +365,53 @@ class SweepInProgress:
 
     def _at(self, pulse: Pulse, frame: Frame) -> SweptFrame:
         """A frame with the angle of its pulse, and what that angle may be off by."""
+        stamped = self._stamped(pulse)
+        angle_deg, sigma_deg = stamped.angle_deg, stamped.sigma_deg
+        if self._triggers is not None:
+            angle_deg, sigma_deg = self._triggered_deg(self._triggers, pulse, stamped), self._triggers.sigma_deg
+        header = replace(
+            frame.header, angle_before_deg=stamped.lower.angle_deg, angle_after_deg=stamped.upper.angle_deg
+        )
+        return SweptFrame(
+            frame=replace(frame, header=header),
+            angle_deg=angle_deg,
+            angle_sigma_deg=sigma_deg,
+            timing=SweepTiming(
+                number=self._number,
+                speed_deg_s=stamped.speed_deg_s,
+                delay_sigma_s=self._devices.laser.delay_sigma_s,
+                play_sigma_deg=self._devices.stage.play_deg(self._permit.forward),
+            ),
+        )
+
+    def _triggered_deg(self, triggers: Triggers, pulse: Pulse, stamped: StampedAngle) -> float:
+        """Angle of the trigger that gave a pulse, with which that of its stamp must agree.
+
+        Which trigger was the first in light its stamp says, for some may have come before; from there on they are
+        counted, and one that is lost or doubled on its way shows itself by all later stamps.
+        """
+        angles_deg, edge = triggers.angles_deg, pulse.edge
+        if edge is None:
+            raise LaserError("a pulse of a position-triggered sweep does not say which trigger gave it")
+        if self._before_first is None:
+            nearest = min(range(len(angles_deg)), key=lambda each: abs(angles_deg[each] - stamped.angle_deg))
+            self._before_first = nearest - edge
+        index = self._before_first + edge
+        most_deg = AGREE_DEG + 4 * stamped.sigma_deg + READ_LATE_S * abs(stamped.speed_deg_s)
+        if len(angles_deg) > 1:
+            # Farther away it might as well be that of the next trigger.
+            most_deg = min(most_deg, abs(angles_deg[1] - angles_deg[0]) / 2)
+        off_deg = stamped.angle_deg - angles_deg[index] if 0 <= index < len(angles_deg) else math.inf
+        if not abs(off_deg) <= most_deg:
+            raise AcquisitionError(
+                f"trigger {edge} of the stage and the stamp of its pulse differ by {off_deg:.3f} deg, at most "
+                f"{most_deg:.3f} deg are the clocks': a trigger was lost or doubled, and the sweep is refused whole; "
+                "check the cable from the stage's trigger to the laser box"
+            )
+        return angles_deg[index]
+
+    def _stamped(self, pulse: Pulse) -> StampedAngle:
+        """The angle of a pulse by its time."""
         after = next((index for index, each in enumerate(self._readings) if each.at_s >= pulse.at_s), 0)
         if after == 0:
             raise self._not_between(pulse)
@@ -311,15 +429,10 @@ class SweepInProgress:
             first = self._readings[after - 2]
             before_deg_s = (lower.angle_deg - first.angle_deg) / (lower.at_s - first.at_s)
             bend_deg = abs(speed_deg_s - before_deg_s) * interval_s / 8
-        header = replace(frame.header, angle_before_deg=lower.angle_deg, angle_after_deg=upper.angle_deg)
-        return SweptFrame(
-            frame=replace(frame, header=header),
+        return StampedAngle(
+            lower=lower,
+            upper=upper,
             angle_deg=lower.angle_deg + share * (upper.angle_deg - lower.angle_deg),
-            angle_sigma_deg=math.hypot(speed_deg_s * math.hypot(read_s, pulse.sigma_s), bend_deg),
-            timing=SweepTiming(
-                number=self._number,
-                speed_deg_s=speed_deg_s,
-                delay_sigma_s=self._devices.laser.delay_sigma_s,
-                play_sigma_deg=self._devices.stage.play_deg(self._permit.forward),
-            ),
+            sigma_deg=math.hypot(speed_deg_s * math.hypot(read_s, pulse.sigma_s), bend_deg),
+            speed_deg_s=speed_deg_s,
         )

@@ -1,4 +1,3 @@
-from .features import FALSE_PER_FRAME, MIN_CHANNELS, found_level
 from .findings import FrameFindings
 from .intensities import IntensityReader
 from .noise_gain import beamformed_sigma, envelope_cells
@@ -11,8 +10,6 @@ from .reader import ImageReader
 from .spare import AnyImageReader, SpareReader
 
 __all__ = [
-    "FALSE_PER_FRAME",
-    "MIN_CHANNELS",
     "PRESET_NAMES",
     "AnyImageReader",
     "FrameFindings",
@@ -24,7 +21,6 @@ __all__ = [
     "beamformed_sigma",
     "common_wave",
     "envelope_cells",
-    "found_level",
     "is_own",
     "pickup_amplitude",
     "probe_preset",

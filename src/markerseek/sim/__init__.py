@@ -7,7 +7,7 @@ from markerseek.sim.bmode import BModeSettings, BModeWorld
 from markerseek.sim.camera import EndoscopeSettings, camera_above, endoscope, spot_images
 from markerseek.sim.checkpoint import SimulatedState
 from markerseek.sim.clock import VirtualClock
-from markerseek.sim.curve_world import CurveWorld, largest_noise
+from markerseek.sim.curve_world import CurveWorld
 from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, RecordedCurve, SechCurve, TwoHumps
 from markerseek.sim.faults import Fault, FaultKind
 from markerseek.sim.hand import HandMotion, SimulatedHand
@@ -27,7 +27,7 @@ from markerseek.sim.settings import (
 )
 from markerseek.sim.stage import SimulatedStage, StageMotion
 from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
-from markerseek.sim.world import Flash, SimulatedWorld, World, flash_of, noise_gain
+from markerseek.sim.world import Flash, SimulatedWorld, World
 
 __all__ = [
     "CLOCK_DRIFT",
@@ -72,10 +72,7 @@ __all__ = [
     "camera_above",
     "changed_settings",
     "endoscope",
-    "flash_of",
     "hashable_values",
-    "largest_noise",
-    "noise_gain",
     "post_beamformed",
     "spot_images",
     "swing_deg",

@@ -15,6 +15,9 @@ DELAY_SIGMA_S = 5e-3
 """Standard deviation of the delay between the laser's stamps and the stage's readings, where nothing triggers one by
 the other."""
 
+TRIGGER_SIGMA_S = 0.6e-3
+"""Standard deviation of the delay from the stage's trigger to the light: within a millisecond, as of a laser box."""
+
 CLOCK_DRIFT = 20e-6
 """By how much the clock of the stamps is fast, where it is compared with the rig's at the beginning of a sweep."""
 
@@ -25,6 +28,8 @@ class SimulatedLaser:
     ``rate_hz``: pulses per second. ``energy_spread``: standard deviation of ln energy from one acquisition to the next,
     beside that of the pulses. ``energy_drift_per_min``: change of ln energy in a minute. ``stamp_delay_s``: time from
     the stamp of a pulse to its light. ``probe_deg``: true angle of the probe at a time of a sweep; None: at rest.
+    ``triggered_s``: times of the stage's triggers until a time, each once, which then give the pulses of a sweep; None:
+    it runs free.
     """
 
     def __init__(
@@ -37,6 +42,7 @@ class SimulatedLaser:
         energy_drift_per_min: float = 0.0,
         stamp_delay_s: float = 0.0,
         probe_deg: Callable[[float], float] | None = None,
+        triggered_s: Callable[[float], Sequence[float]] | None = None,
         rng: np.random.Generator | None = None,
     ) -> None:
         if energy_spread > 0 and rng is None:
@@ -49,10 +55,12 @@ class SimulatedLaser:
         self._energy_spread, self._energy_drift_per_min = energy_spread, energy_drift_per_min
         self._stamp_delay_s = stamp_delay_s
         self._probe_deg = probe_deg
+        self._triggered_s = triggered_s
         self._rng = rng
         self._used: set[str] = set()
         self._sweep: SweepPermit | None = None
-        self._began_s, self._fired = 0.0, 0
+        self._began_s, self._fired, self._edges = 0.0, 0, 0
+        self._last_s = -math.inf
         self._untold: list[Pulse] = []
 
     def fire(self, permit: Permit) -> int:
@@ -74,13 +82,22 @@ class SimulatedLaser:
 
     @property
     def delay_sigma_s(self) -> float:
-        """Standard deviation of the unknown delay of all stamps, in seconds."""
-        return DELAY_SIGMA_S
+        """Standard deviation of the unknown delay of all pulses, in seconds."""
+        return TRIGGER_SIGMA_S if self.position_triggered else DELAY_SIGMA_S
+
+    @property
+    def position_triggered(self) -> bool:
+        """Whether the stage's triggers give the pulses of a sweep."""
+        return self._triggered_s is not None
 
     def begin_sweep(self, permit: SweepPermit) -> None:
         """Begin to fire single pulses; refused as by `fire`."""
         self._use(permit)
         self._sweep, self._began_s, self._fired, self._untold = permit, self._clock.now_s(), 0, []
+        self._edges, self._last_s = 0, -math.inf
+        if self._triggered_s is not None:
+            # Those before the light count nowhere.
+            self._triggered_s(self._began_s)
 
     def pulses(self) -> Sequence[Pulse]:
         """Pulses since the last call; they are fired here, at their times that have gone by."""
@@ -109,14 +126,26 @@ class SimulatedLaser:
 
     def _fire_until(self, now_s: float) -> None:
         sweep = self._sweep
-        while sweep is not None and self._fired < sweep.pulses:
-            at_s = self._began_s + self._fired * sweep.period_s
-            if not at_s <= min(now_s, sweep.expires_s):
-                break
-            self._flash(1, at_s, angle_deg=None if self._probe_deg is None else self._probe_deg(at_s))
-            self._fired += 1
-            stamp_s = at_s - self._stamp_delay_s + CLOCK_DRIFT * (at_s - self._began_s)
-            self._untold.append(Pulse(at_s=stamp_s))
+        if sweep is None:
+            return
+        until_s = min(now_s, sweep.expires_s)
+        if self._triggered_s is None:
+            while self._fired < sweep.pulses and (at_s := self._began_s + self._fired * sweep.period_s) <= until_s:
+                self._fire_one(at_s)
+            return
+        for at_s in self._triggered_s(until_s):
+            self._edges += 1
+            # One that comes too early is counted, and gives no light.
+            if self._fired < sweep.pulses and at_s >= self._last_s + sweep.period_s:
+                self._last_s = at_s
+                self._fire_one(at_s, edge=self._edges)
+
+    def _fire_one(self, at_s: float, *, edge: int | None = None) -> None:
+        """One pulse of a sweep, and its stamp."""
+        self._flash(1, at_s, angle_deg=None if self._probe_deg is None else self._probe_deg(at_s))
+        self._fired += 1
+        stamp_s = at_s - self._stamp_delay_s + CLOCK_DRIFT * (at_s - self._began_s)
+        self._untold.append(Pulse(at_s=stamp_s, edge=edge))
 
     def _flash(self, pulses: int, at_s: float, *, angle_deg: float | None) -> None:
         """Light the tissue with the energy that the laser has then."""

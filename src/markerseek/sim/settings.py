@@ -55,6 +55,8 @@ class LaserSettings:
     """Change of ln energy in a minute."""
     stamp_delay_s: float = 0.0
     """Time from the stamp of a pulse to its light in a sweep, which nothing in the rig knows."""
+    sweep_mode: Literal["free-running", "position-triggered"] = "free-running"
+    """What gives the pulses of a sweep: the laser, at its own pace, or the stage's triggers by position."""
     energy_meter_noise: float | None = None
     """Relative standard deviation of an energy meter, whose value stands in the header of each frame."""
 
@@ -65,6 +67,10 @@ class LaserSettings:
         require_range("laser: energy_drift_per_min", self.energy_drift_per_min, low=-1, high=1)
         if self.energy_meter_noise is not None:
             require_range("laser: energy_meter_noise", self.energy_meter_noise, low=0, high=0.3)
+        if self.sweep_mode not in ("free-running", "position-triggered"):
+            raise ConfigError(
+                f"laser: sweep_mode is {self.sweep_mode!r}, it must be 'free-running' or 'position-triggered'"
+            )
         require_range("laser: stamp_delay_s", self.stamp_delay_s, low=-0.1, high=0.1, unit="s")
         require_range("laser: rate_hz", self.rate_hz, low=0, high=1000, unit="Hz", open_low=True)
         most = FiringLimits().pulses_per_permit
@@ -188,7 +194,7 @@ def changed_settings(
 
 
 _NEWER_RECEIVER = ("data", "receive_focus_m", "b_mode", "frame_period_s", "single_pulses")
-_NEWER_LASER = ("energy_spread", "energy_drift_per_min", "energy_meter_noise", "stamp_delay_s")
+_NEWER_LASER = ("energy_spread", "energy_drift_per_min", "energy_meter_noise", "stamp_delay_s", "sweep_mode")
 
 
 def hashable_values(settings: SimulatedSettings) -> dict[str, Any]:

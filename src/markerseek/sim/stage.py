@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from markerseek.core import (
@@ -13,6 +13,7 @@ from markerseek.core import (
     Interval,
     LimitError,
     StageReading,
+    Triggers,
     fastest_sweep_deg_s,
     require_range,
 )
@@ -77,6 +78,7 @@ class SimulatedStage:
         self._sweep_deg_s = motion.speed_deg_s
         self._sweep_from_deg = self._sweep_to_deg = 0.0
         self._legs: list[Leg] = []
+        self._triggers: list[float] = []
 
     @property
     def seen_deg(self) -> float:
@@ -126,10 +128,38 @@ class SimulatedStage:
         """Set the speed of a sweep."""
         self._sweep_deg_s = speed_deg_s
 
+    @property
+    def trigger_step_deg(self) -> float:
+        """Least distance between two triggers: one count."""
+        return 1 / self._motion.counts_per_deg
+
+    def set_triggers(self, *, from_deg: float, to_deg: float, spacing_deg: float) -> Triggers:
+        """Trigger at whole counts in the sweep that follows, until it ends; none at its very ends."""
+        start, end = (round(each * self._motion.counts_per_deg) for each in (from_deg, to_deg))
+        step = math.ceil(spacing_deg * self._motion.counts_per_deg)
+        number = (abs(end - start) - 1) // step
+        if number < 1:
+            raise ConfigError(f"sweep: {spacing_deg:g} deg between two triggers leave none from {from_deg} to {to_deg}")
+        step = step if end > start else -step
+        angles_deg = tuple((start + step * each) / self._motion.counts_per_deg for each in range(1, number + 1))
+        self._triggers = list(angles_deg)
+        return Triggers(angles_deg=angles_deg, sigma_deg=self.trigger_step_deg / math.sqrt(12))
+
+    def triggered_s(self, until_s: float) -> Sequence[float]:
+        """Times at which it has given a trigger, until then, each once."""
+        times_s: list[float] = []
+        ends_s = [*(leg.began_s for leg in self._legs[1:]), math.inf]
+        for leg, end_s in zip(self._legs, ends_s, strict=False):
+            there_deg = leg.at(min(end_s, until_s))[0]
+            low_deg, high_deg = min(leg.start_deg, there_deg), max(leg.start_deg, there_deg)
+            while self._triggers and low_deg <= self._triggers[0] <= high_deg:
+                times_s.append(leg.time_s(self._triggers.pop(0)))
+        return times_s
+
     def begin_sweep(self, to_deg: float) -> None:
         """Begin to turn there; `LimitError` if that is outside the travel range."""
         self._require_inside(to_deg)
-        self.end_sweep()
+        self._come_to_rest()
         # It turns one way only, so that the play is taken up from where the probe was at the beginning.
         self._sweep_to_deg, self._sweep_from_deg = to_deg, self._world.angle_deg
         self._legs = [self._leg(self.angle_deg, 0.0)]
@@ -154,7 +184,11 @@ class SimulatedStage:
             self._legs.append(self._leg(here_deg, speed_deg_s))
 
     def end_sweep(self) -> None:
-        """Come to rest; moves have their own speed here."""
+        """Come to rest, and give no triggers any more; moves have their own speed here."""
+        self._come_to_rest()
+        self._triggers = []
+
+    def _come_to_rest(self) -> None:
         if self._legs:
             while self._legs[-1].at(self._clock.now_s())[1] > 0:
                 self._clock.wait(0.01)

@@ -24,6 +24,19 @@ class Leg:
         gone_deg, speed = self._gone(max(time_s - self.began_s, 0.0), way_deg)
         return self.start_deg + math.copysign(gone_deg, self.target_deg - self.start_deg), speed
 
+    def time_s(self, angle_deg: float) -> float:
+        """When it comes by an angle of its way."""
+        # Loaded here: scipy takes a while, and most rigs trigger nothing.
+        from scipy.optimize import brentq
+
+        even_s, ramp_s = (
+            abs(self.target_deg - self.start_deg) / self.top_deg_s,
+            self.top_deg_s / self.acceleration_deg_s2,
+        )
+        # Twice the longest that it can take.
+        ends_s = self.began_s + 2 * (even_s + 2 * ramp_s)
+        return float(brentq(lambda at_s: self.at(at_s)[0] - angle_deg, self.began_s, ends_s, xtol=1e-9))
+
     def _gone(self, elapsed_s: float, way_deg: float) -> tuple[float, float]:
         v0, a = self.speed_deg_s, self.acceleration_deg_s2
         # A target nearer than the way of braking is overrun: the stage comes to rest as soon as it can.

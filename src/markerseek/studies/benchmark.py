@@ -50,9 +50,9 @@ MOST = 64
 Tier: TypeAlias = Literal["intensities", "block maxima", "raw channels"]
 """What a search is told."""
 
-_LEVELS: dict[Tier, Literal["curves", "readings", "frames"]] = {
+_LEVELS: dict[Tier, Literal["curves", "frames"]] = {
     "intensities": "curves",
-    "block maxima": "readings",
+    "block maxima": "frames",
     "raw channels": "frames",
 }
 
@@ -271,7 +271,7 @@ def run_benchmark(
     done = 0
     for world in WORLDS:
         searches = _searches(world.tier, scale)
-        entered = [(entry.group, (_as_policy(entry),)) for entry in entries if entry.group not in failures]
+        entered = [(entry.group, (_as_policy(entry, world.tier),)) for entry in entries if entry.group not in failures]
         for group, policies in (*_groups(world), *asked, *entered):
             study = world.study(group, policies, searches=searches, seed=seed)
             # Its first search, before a world full of failures.
@@ -303,7 +303,7 @@ def run_benchmark(
         bounds=bounds,
         entries=[
             EntryResult(
-                method=str(_as_policy(entry)),
+                method=str(_as_policy(entry, "raw channels")),
                 command=entry.command,
                 files=dict(entry.files),
                 failure=failures.get(entry.group, ""),
@@ -338,8 +338,9 @@ def _bounds(world: World, *, searches: int, seed: int) -> Iterator[Bound]:
         yield Bound(tier=world.tier, world=world.name, markers=searches, acquisitions=count, error_deg=error_deg)
 
 
-def _as_policy(entry: Entry) -> PolicySettings:
-    return PolicySettings(method=entry.label, acquisitions=MOST, command=entry.command)
+def _as_policy(entry: Entry, tier: Tier) -> PolicySettings:
+    channels = tier == "raw channels"
+    return PolicySettings(method=entry.label, acquisitions=MOST, command=entry.command, channels=channels)
 
 
 def _score(world: World, method: str, rows: Sequence[Row]) -> Score:

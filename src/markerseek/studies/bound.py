@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from markerseek.core import ConfigError, Interval, Measured, RunPlan
+from markerseek.core import ConfigError
 from markerseek.pictures import ERROR_BARS, panel_grid, shared_legend
-from markerseek.scan import run
+from markerseek.rigs import image_peak
 from markerseek.search.bounds import (
     TABLE_PRIOR,
     IntensityNoise,
@@ -30,9 +30,8 @@ from markerseek.studies.policies import build_policy
 from markerseek.studies.statistics import Mean
 from markerseek.studies.study import Cell, Study
 from markerseek.studies.summary import PolicySummary, Summary
-from markerseek.studies.trial import former_curve
+from markerseek.studies.trial import former_curve, searched
 from markerseek.studies.unknowns import Unknowns
-from markerseek.studies.window import noise_free, window_of
 from markerseek.studies.worlds import draw_trial, study_rig
 
 if TYPE_CHECKING:
@@ -69,15 +68,19 @@ class BoundComparison(msgspec.Struct, frozen=True, kw_only=True):
 
 
 @lru_cache(maxsize=1024)
-def marker_curve(unknowns: Unknowns, travel: Interval) -> SampledCurve:
-    """Noise-free curve of a drawn marker.
+def marker_curve(unknowns: Unknowns) -> SampledCurve:
+    """Noise-free curve of a drawn marker."""
+    model, marker = unknowns.model, unknowns.marker
 
-    ``travel``: angles that the probe can have.
-    """
-    window = window_of(unknowns, travel)
-    heights = [noise_free(window, off_deg=off_deg) for off_deg in _OFF_DEG.tolist()]
-    # Behind the plane of the face there is no signal, and the bound takes the logarithm of the curve.
-    return SampledCurve(_OFF_DEG, np.maximum(heights, 1e-6))
+    def height(off_deg: float) -> float:
+        angle_deg = marker.angle_deg + off_deg
+        # Behind the plane of the face there is no signal.
+        seen = model.channel_data([marker], angle_deg=angle_deg).any()
+        return image_peak([marker], model, angle_deg=angle_deg) if seen else 0.0
+
+    heights = np.array([height(off_deg) for off_deg in _OFF_DEG.tolist()])
+    # The bound takes the logarithm of the curve.
+    return SampledCurve(_OFF_DEG, np.maximum(heights / heights[0], 1e-6))
 
 
 def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -> BoundComparison:
@@ -91,8 +94,7 @@ def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -
         searcher = build_policy(settings, limits=limits, start_deg=rig.stage.angle_deg, prior=prior)
         dark_frames = 0 if settings.as_published else rig.dark_frames
         # Without the confirmation at the end, which no bound on the angle takes into account.
-        events = run(searcher, rig.scanner, RunPlan(dark_frames=dark_frames, stay=True))
-        samples = [event.sample for event in events if isinstance(event, Measured)]
+        samples = searched(searcher, rig.scanner, dark_frames=dark_frames).samples
         marker_deg = unknowns.marker.angle_deg
         errors.append(searcher.estimate().mean_deg - marker_deg)
         # The best angles of this marker need its true angle: no policy can know them.
@@ -100,7 +102,7 @@ def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -
             curve, marker_deg=marker_deg, noise=noise, acquisitions=settings.most, limits=limits, prior=TABLE_PRIOR
         )
         best.append(ideal.bound_deg)
-        angles_deg = np.array([sample.angle_deg for sample in samples if not sample.dark])
+        angles_deg = np.array([sample.angle_deg for sample in samples])
         information = sample_information(curve, angles_deg, marker_deg=marker_deg, noise=noise).sum(axis=0)
         taken.append(float(angle_bound_deg(information, prior=TABLE_PRIOR)))
     rmse_deg, best_deg, taken_deg = (_root_mean_square(values) for values in (errors, best, taken))
@@ -152,7 +154,7 @@ def _marker(study: Study, cell: Cell, trial: int) -> tuple[Unknowns, IntensityNo
         snr=10 ** (rig.noise.peak_snr_db / 20),
         jitter=rig.laser.energy_jitter / math.sqrt(unknowns.pulses),
     )
-    return unknowns, noise, marker_curve(unknowns, rig.limits.travel)
+    return unknowns, noise, marker_curve(unknowns)
 
 
 def _root_mean_square(values: Sequence[float]) -> float:

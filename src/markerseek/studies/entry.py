@@ -8,10 +8,10 @@ anything but such a line, and an angle out of range end the entry with an `Entry
 from __future__ import annotations
 
 import os
+import select
 import signal
 import subprocess
-import tempfile
-import threading
+import time
 import weakref
 from base64 import b64encode
 from collections.abc import Sequence
@@ -42,6 +42,10 @@ START_S = 180.0
 """Longest time for the first one: MATLAB takes a minute to start."""
 
 _LONGEST_LINE = 1 << 16
+_READ_BYTES = 1 << 16
+_LAST_BYTES = 2000
+"""Bytes of standard error that are kept: an entry can write more than a disk holds."""
+
 _SIGMAS_OF_95 = 3.92
 """Width of the 95 % interval of a normal distribution over its standard deviation."""
 
@@ -63,6 +67,7 @@ class EntryPolicy(SearchPolicy):
     """The policy of one search that asks a child process, which is kept for the searches that follow.
 
     ``command``: its words. ``acquisitions``: most that it may ask for. ``start_deg``: present angle of the probe.
+    ``channels``: whether it is told the channel data.
     """
 
     name = "entry"
@@ -75,10 +80,11 @@ class EntryPolicy(SearchPolicy):
         acquisitions: int,
         start_deg: float | None = None,
         tolerance: Tolerance,
+        channels: bool = True,
     ) -> None:
         super().__init__()
         self._child = _child(tuple(command))
-        self._limits, self._acquisitions = limits, acquisitions
+        self._limits, self._acquisitions, self._channels = limits, acquisitions, channels
         self._search = {
             "type": "search",
             "low_deg": limits.low_deg,
@@ -94,9 +100,9 @@ class EntryPolicy(SearchPolicy):
         if self._answer is not None:
             return None
         if self._lit:
-            message = {"type": "sample", **_told(self._lit[-1])}
+            message = {"type": "sample", **self._told(self._lit[-1])}
         else:
-            message = {**self._search, "dark": [_told(sample) for sample in self._dark]}
+            message = {**self._search, "dark": [self._told(sample) for sample in self._dark]}
         reply = self._child.reply_to(message)
         if reply.answer is not None:
             self._answer = self._estimate_of(reply)
@@ -127,36 +133,35 @@ class EntryPolicy(SearchPolicy):
         )
         return found if reply.answer == "found" else found.as_unsure("source", "the entry says so")
 
+    def _told(self, sample: Sample) -> dict[str, Any]:
+        """What an entry is told of a sample: all that its tier has."""
+        reading = sample.reading
+        told: dict[str, Any] = {"angle_deg": sample.angle_deg, "intensity": reading.intensity}
+        if reading.noise_sigma is not None:
+            told["noise_sigma"] = reading.noise_sigma
+        blocks = reading.local_maxima
+        if blocks is not None:
+            told["blocks"] = {
+                "first_lateral_m": blocks.first_lateral_m,
+                "first_depth_m": blocks.first_depth_m,
+                "lateral_step_m": blocks.lateral_step_m,
+                "depth_step_m": blocks.depth_step_m,
+                "columns": blocks.columns,
+                "intensities": np.frombuffer(blocks.intensities, "<f4").tolist(),
+            }
+        frame = sample.frame
+        if self._channels and isinstance(frame, ChannelFrame):
+            told["channels"] = {
+                "shape": list(frame.samples.shape),
+                "sampling_hz": frame.sampling_hz,
+                "int16": b64encode(frame.samples.astype("<i2").tobytes()).decode("ascii"),
+            }
+        return told
+
     def _within(self, angle_deg: float | None, name: str) -> float:
         if angle_deg is None or not is_finite(angle_deg) or angle_deg not in self._limits:
             raise EntryError(f"{name} is {angle_deg} deg, it must be a finite number in the range {self._limits}")
         return angle_deg
-
-
-def _told(sample: Sample) -> dict[str, Any]:
-    """What an entry is told of a sample: all that its tier has."""
-    reading = sample.reading
-    told: dict[str, Any] = {"angle_deg": sample.angle_deg, "intensity": reading.intensity}
-    if reading.noise_sigma is not None:
-        told["noise_sigma"] = reading.noise_sigma
-    blocks = reading.local_maxima
-    if blocks is not None:
-        told["blocks"] = {
-            "first_lateral_m": blocks.first_lateral_m,
-            "first_depth_m": blocks.first_depth_m,
-            "lateral_step_m": blocks.lateral_step_m,
-            "depth_step_m": blocks.depth_step_m,
-            "columns": blocks.columns,
-            "intensities": np.frombuffer(blocks.intensities, "<f4").tolist(),
-        }
-    frame = sample.frame
-    if isinstance(frame, ChannelFrame):
-        told["channels"] = {
-            "shape": list(frame.samples.shape),
-            "sampling_hz": frame.sampling_hz,
-            "int16": b64encode(frame.samples.astype("<i2").tobytes()).decode("ascii"),
-        }
-    return told
 
 
 class EntryProcess:
@@ -165,24 +170,26 @@ class EntryProcess:
     def __init__(self, command: tuple[str, ...]) -> None:
         self._fault: str | None = None
         self._replies = 0
-        # A file, not a pipe: one that nobody reads would fill, and hold the child up.
-        self._errors = tempfile.TemporaryFile()  # noqa: SIM115
+        self._said = b""
         try:
             # The user's own command.
             self._child = subprocess.Popen(  # noqa: S603
                 command,
+                bufsize=0,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                stderr=self._errors,
+                stderr=subprocess.PIPE,
                 # Workers have it; an entry may import what lies beside its file.
                 env={name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"},
                 # A group of its own, which is ended as a whole.
                 start_new_session=True,
             )
         except OSError as problem:
-            self._errors.close()
             raise EntryError(f"{command[0]}: it cannot be started: {problem.strerror}; check the command") from problem
-        self._end = weakref.finalize(self, _end, self._child, self._errors)
+        for pipe in _pipes(self._child):
+            # A process that it has started may hold them when it has ended: no wait for one is without a limit.
+            os.set_blocking(pipe.fileno(), False)
+        self._end = weakref.finalize(self, _end, self._child)
 
     def reply_to(self, message: dict[str, Any]) -> _Reply:
         """The reply to one message; `EntryError` where there is none, or it is not one."""
@@ -196,43 +203,58 @@ class EntryProcess:
             raise
 
     def _exchange(self, line: bytes) -> _Reply:
-        limit_s = REPLY_S if self._replies else START_S
-        expired = threading.Event()
-        timer = threading.Timer(limit_s, _expire, (self._child, expired))
-        timer.daemon = True
-        timer.start()
-        try:
-            received = self._pipes(line)
-        finally:
-            timer.cancel()
-        if expired.is_set():
-            raise EntryError(f"it did not reply within {limit_s:g} s{self._last_words()}")
-        if not received.endswith(b"\n"):
-            said = f"it replied with more than {_LONGEST_LINE} bytes in a line" if received else "it ended"
-            raise EntryError(f"{said} where a reply was due{self._last_words()}")
+        _, stdout, _ = _pipes(self._child)
+        if _read(stdout).strip():
+            raise EntryError("it wrote a line that nobody asked for; write one for each line that comes")
+        reply, *more = self._line_after(line).split(b"\n")
+        if any(more):
+            raise EntryError(f"it replied {reply[:60]!r}, and more; write one line for each that comes")
         self._replies += 1
         try:
-            return msgspec.json.decode(received, type=_Reply)
+            return msgspec.json.decode(reply, type=_Reply)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as problem:
             raise EntryError(
-                f"it replied {received[:60]!r}, which is no JSON of a reply: {problem}; "
+                f"it replied {reply[:60]!r}, which is no JSON of a reply: {problem}; "
                 'write {"angle_deg": -12.5}, or an answer'
             ) from problem
 
-    def _pipes(self, line: bytes) -> bytes:
-        stdin, stdout = _both(self._child)
-        try:
-            stdin.write(line)
-            stdin.flush()
-            return stdout.readline(_LONGEST_LINE)
-        except (OSError, ValueError):
-            return b""
+    def _line_after(self, line: bytes) -> bytes:
+        """What it writes to standard output after a line, to the end of one or beyond."""
+        limit_s = REPLY_S if self._replies else START_S
+        ends_s = time.monotonic() + limit_s
+        stdin, stdout, stderr = _pipes(self._child)
+        received = b""
+        heard: list[IO[bytes]] = [stdout, stderr]
+        while b"\n" not in received:
+            left_s = ends_s - time.monotonic()
+            if not left_s > 0:
+                raise EntryError(f"it did not reply within {limit_s:g} s{self._last_words()}")
+            ready, writable, _ = select.select(heard, [stdin] if line else [], [], left_s)
+            if writable:
+                try:
+                    line = line[os.write(stdin.fileno(), line[:_READ_BYTES]) :]
+                except OSError:
+                    # It reads no more; what it says last is still read.
+                    line = b""
+            if stderr in ready:
+                said = _read(stderr)
+                self._said = (self._said + said)[-_LAST_BYTES:]
+                if not said:
+                    heard.remove(stderr)
+            if stdout in ready:
+                piece = _read(stdout)
+                received += piece
+                if not piece:
+                    raise EntryError(f"it ended where a reply was due{self._last_words()}")
+                if len(received) > _LONGEST_LINE:
+                    raise EntryError(f"it replied with more than {_LONGEST_LINE} bytes{self._last_words()}")
+        return received
 
     def _last_words(self) -> str:
         """The last line that it wrote to standard error."""
-        self._errors.seek(0, os.SEEK_END)
-        self._errors.seek(max(0, self._errors.tell() - 2000))
-        lines = self._errors.read().decode("utf-8", "replace").strip().splitlines()
+        _, _, stderr = _pipes(self._child)
+        said = (self._said + _read(stderr))[-_LAST_BYTES:]
+        lines = said.decode("utf-8", "replace").strip().splitlines()
         return f"; its last words: {lines[-1][:200]}" if lines else ""
 
 
@@ -242,25 +264,24 @@ def _child(command: tuple[str, ...]) -> EntryProcess:
     return EntryProcess(command)
 
 
-def _both(child: subprocess.Popen[bytes]) -> tuple[IO[bytes], IO[bytes]]:
-    if child.stdin is None or child.stdout is None:
+def _pipes(child: subprocess.Popen[bytes]) -> tuple[IO[bytes], IO[bytes], IO[bytes]]:
+    if child.stdin is None or child.stdout is None or child.stderr is None:
         raise RuntimeError("an entry's process has no pipes")
-    return child.stdin, child.stdout
+    return child.stdin, child.stdout, child.stderr
 
 
-def _expire(child: subprocess.Popen[bytes], expired: threading.Event) -> None:
-    expired.set()
-    _kill(child)
+def _read(pipe: IO[bytes]) -> bytes:
+    """What has come, without waiting; nothing at its end, too."""
+    try:
+        return os.read(pipe.fileno(), _READ_BYTES)
+    except BlockingIOError:
+        return b""
 
 
-def _kill(child: subprocess.Popen[bytes]) -> None:
+def _end(child: subprocess.Popen[bytes]) -> None:
     with suppress(OSError):
         os.killpg(child.pid, signal.SIGKILL)
-
-
-def _end(child: subprocess.Popen[bytes], errors: IO[bytes]) -> None:
-    _kill(child)
-    for pipe in (*_both(child), errors):
+    for pipe in _pipes(child):
         with suppress(OSError):
             pipe.close()
     child.wait()

@@ -73,6 +73,8 @@ class PolicySettings:
     command: tuple[str, ...] = ()
     """Words that start an entry, a search method of somebody else as a child process (`markerseek.studies.entry`);
     ``method`` is then its name only."""
+    channels: bool = True
+    """Whether an entry is told the channel data of a frame, too."""
     tolerance_mm: float = 1.0
     """How well the angle of a marker that is found must be known, as in `markerseek.core.Tolerance`."""
 
@@ -157,6 +159,7 @@ def build_policy(
             acquisitions=settings.most,
             start_deg=start_deg,
             tolerance=settings.tolerance,
+            channels=settings.channels,
         )
     if is_own(settings.method):
         return _build_own(settings.method, limits=limits, acquisitions=settings.most)

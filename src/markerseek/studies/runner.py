@@ -39,7 +39,7 @@ COLUMNS = tuple(name for name in Row.__struct_fields__ if name != "settings")
 _MAX_TABLE_BYTES, _MAX_JSON_BYTES = 1 << 40, 256 * MIB
 """Largest table that is read, line by line, and largest file beside it."""
 
-_CHUNK_ROWS = {"curves": 250, "readings": 64, "frames": 16}
+_CHUNK_ROWS = {"curves": 250, "frames": 16}
 """Rows of a chunk, about: at most a second of work, so that little is lost when a study is interrupted, and no worker
 waits long for the last one."""
 
@@ -234,7 +234,7 @@ def values_of(row: Row) -> tuple[object, ...]:
 def chunks(study: Study, *, first: int = 0) -> Iterator[range]:
     """Trials of each chunk from the first on, counted through all cells."""
     trials = range(first, len(cells(study)) * study.trials)
-    # Whole trials: the policies of a trial share its window and its curve, which are cached.
+    # Whole trials: the policies of a trial share its curve, which is cached.
     size = max(1, _CHUNK_ROWS[study.level] // len(study.policies))
     return (trials[start : start + size] for start in range(0, len(trials), size))
 

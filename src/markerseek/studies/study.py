@@ -97,12 +97,11 @@ class Study:
     seed: int = 1
     trials: int = 100
     """Searches of each policy in each cell."""
-    level: Literal["curves", "readings", "frames"] = "curves"
-    """From intensity curves; from simulated channel data (hundreds of times slower); or from readings of channel data
-    that are cut to where the marker is (`markerseek.studies.window`)."""
+    level: Literal["curves", "frames"] = "curves"
+    """From intensity curves, or from simulated channel data, which is hundreds of times slower."""
     drawn: Literal["marker", "everything"] = "marker"
     """What is drawn in each trial besides noise: the marker's angle and place, or everything that is unknown in the
-    physics table (`markerseek.studies.unknowns`), which needs readings or frames."""
+    physics table (`markerseek.studies.unknowns`), which needs frames."""
     marks: tuple[int, ...] = ()
     """Numbers of acquisitions, rising, after which the answer of the search so far is recorded."""
     stay: bool = False
@@ -132,13 +131,10 @@ class Study:
             raise ConfigError(f"vary: a key is named twice in {', '.join(keys)}")
         if any(later <= earlier for earlier, later in itertools.pairwise((0, *self.marks))):
             raise ConfigError(f"study: marks are {list(self.marks)}, they must be positive and rise")
-        if (self.level == "curves") != (self.drawn == "marker") and self.level != "frames":
-            raise ConfigError(
-                f'study: level "{self.level}" cannot have drawn = "{self.drawn}"; curves need "marker", readings need '
-                '"everything", frames can have both'
-            )
-        if self.level != "curves" and any(key.startswith("curve.") for key in keys):
-            raise ConfigError(f"study: curve settings have no effect at the level {self.level}; leave them out of vary")
+        if self.level == "curves" and self.drawn == "everything":
+            raise ConfigError('study: level "curves" cannot have drawn = "everything"; set level = "frames"')
+        if self.level == "frames" and any(key.startswith("curve.") for key in keys):
+            raise ConfigError("study: curve settings have no effect at the level frames; leave them out of vary")
         # Made here: a combination that cannot be is refused when the study is read, not hours later.
         cells(self)
 
@@ -175,11 +171,6 @@ class Cell:
 def _digest(study: Study) -> str:
     # With the version: another one may compute other rows.
     values = msgspec.to_builtins(study) | {"rig": hashable_values(study.rig)}
-    for policy in values["policies"]:
-        # Newer than the first hashes.
-        for newer in ("sweep", "command"):
-            if not policy[newer]:
-                del policy[newer]
     return _hashed([values, __version__]).hexdigest()[:16]
 
 
@@ -198,15 +189,11 @@ def cells(study: Study) -> tuple[Cell, ...]:
             raise ConfigError("rig.receiver.b_mode: a study computes channel data only; leave it out")
         if world.rig.noise.bursts is not None and study.level != "frames":
             raise ConfigError('rig.noise.bursts: bursts are simulated in frames only; set level = "frames"')
-        if world.rig.noise.coloured and study.level == "readings":
-            raise ConfigError(
-                'rig.noise.coloured: readings have white noise only; leave it out, or set level = "frames"'
-            )
         _require_scene(study, world)
         if world.rig.second.present and (study.level != "frames" or study.drawn == "everything"):
             raise ConfigError('rig.second.present: a second marker needs level = "frames" and a rig that is not drawn')
         if study.drawn == "everything":
-            _require_default(world.rig, tissues=study.level == "frames")
+            _require_default(world.rig)
         # Of the settings without the version and the index: a cell keeps its markers when others are added.
         digest = int.from_bytes(_hashed(_hashable(world)).digest()[:8], "big")
         made.append(Cell(index=index, varied=varied, world=world, digest=digest))
@@ -229,7 +216,7 @@ def _require_scene(study: Study, world: CellWorld) -> None:
         return
     if not world.rig.marker.present:
         raise ConfigError("scene: there is nothing beside a marker that is not present; leave the scene out")
-    if study.level == "frames" and study.drawn == "everything":
+    if study.drawn == "everything":
         return
     if (
         study.level == "curves"
@@ -261,10 +248,9 @@ def _require_size(study: Study) -> None:
         raise ConfigError(f"study: its table has {rows:,} rows, at most {MAX_ROWS:,} are computed; take fewer trials")
 
 
-def _require_default(rig: SimulatedSettings, *, tissues: bool) -> None:
-    """Refuse settings that would have no effect because they are drawn; frames have ``tissues``, readings a point."""
+def _require_default(rig: SimulatedSettings) -> None:
+    """Refuse settings that would have no effect because they are drawn."""
     drawn = (
-        "tissue",
         "probe",
         "laser.pulse_s",
         "laser.pulses",
@@ -272,7 +258,7 @@ def _require_default(rig: SimulatedSettings, *, tissues: bool) -> None:
         "marker.source_radius_m",
         "receiver.trigger_offset_s",
     )
-    for key in drawn[1:] if tissues else drawn:
+    for key in drawn:
         setting = attrgetter(key)
         if setting(rig) != setting(SimulatedSettings()):
             raise ConfigError(f'rig.{key} is drawn in each trial because drawn = "everything"; leave it out')
@@ -305,6 +291,8 @@ def read_study(path: Path) -> Study:
     makes one policy of each number; the word ``"none"`` is the value None.
     """
     table = read_toml(path, what="study file")
+    if "kind" in table and "policies" not in table:
+        raise ConfigError(f"{path}: it has a kind and no policies, so that it is a rig file: 'markerseek search --rig'")
     try:
         policies = [expanded for entry in _tables(table.pop("policies", [])) for expanded in _policies(entry)]
         vary = [{"key": key, "values": values} for key, values in _flat(table.pop("vary", {}))]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from typing import Literal, NamedTuple
 
 import msgspec
@@ -10,6 +11,7 @@ import msgspec
 from markerseek import rigs
 from markerseek.core import (
     Ambiguous,
+    AnyPolicy,
     Asked,
     ConfigError,
     DeviceError,
@@ -18,13 +20,15 @@ from markerseek.core import (
     Found,
     MarkerCurve,
     MarkerseekError,
+    Measured,
     Refused,
     RunPlan,
+    Sample,
     SearchError,
     Unsure,
 )
 from markerseek.records import answer_name
-from markerseek.scan import run
+from markerseek.scan import Scanner, run
 from markerseek.studies.entry import EntryError
 from markerseek.studies.policies import PolicySettings, build_policy, described, is_own, own_lines
 from markerseek.studies.study import Cell, Study, Value, cells
@@ -96,11 +100,14 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
     rig = study_rig(study, cell, draw)
     prior = former_curve(study, cell, trial, settings)
     try:
-        finished, refused, marks_deg = _search(study, settings, rig, prior=prior)
+        found = _search(study, settings, rig, prior=prior)
     # Simulated faults are part of a study, and so are those of entries. Other errors are of its settings, and end it.
     except (DeviceError, EntryError):
-        finished, refused, marks_deg = None, 0, ()
+        found = None
+    finished = found.finished if found is not None else None
     estimate = finished.estimate if finished is not None else None
+    # A search that ended before a mark has its final answer there.
+    at_marks = [] if found is None else [found.answers.get(mark, found.finished.estimate) for mark in study.marks]
     interval = estimate.interval95_deg if isinstance(estimate, Found | Unsure) else None
     # float(): a user's own policy may answer in NumPy's numbers, which no table holds.
     mean_deg = float(estimate.mean_deg) if estimate is not None else None
@@ -124,9 +131,9 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
         sigma_deg=float(estimate.sigma_deg) if isinstance(estimate, Found | Unsure) else None,
         low_deg=float(interval.low_deg) if interval is not None else None,
         high_deg=float(interval.high_deg) if interval is not None else None,
-        marks_deg=marks_deg,
+        marks_deg=tuple(float(each.mean_deg) for each in at_marks),
         acquisitions=None if finished is None else finished.acquisitions,
-        refused=refused,
+        refused=0 if found is None else found.refused,
         travel_deg=None if finished is None else finished.travel_deg,
         elapsed_s=None if finished is None else finished.elapsed_s,
         surveyed=None if estimate is None else estimate.surveyed,
@@ -151,10 +158,10 @@ def former_curve(study: Study, cell: Cell, trial: int, settings: PolicySettings)
     if not settings.prior:
         return None
     try:
-        finished, _, _ = _search(study, settings, former_rig(study, cell, trial))
+        estimate = _search(study, settings, former_rig(study, cell, trial)).finished.estimate
     except DeviceError:
         return None
-    return finished.estimate.curve if isinstance(finished.estimate, Found) else None
+    return estimate.curve if isinstance(estimate, Found) else None
 
 
 class TwoAngles(NamedTuple):
@@ -190,9 +197,14 @@ def run_row(study: Study, row: int) -> Row:
     """Run the search of a row again, by its index in the table of the study."""
     if not 0 <= row < study.rows:
         raise ConfigError(f"row is {row}, the study {study.name} has the rows 0 to {study.rows - 1}")
+    return run_trial(study, *_place(study, row))
+
+
+def _place(study: Study, row: int) -> tuple[Cell, int, int]:
+    """Cell, trial and policy of a row."""
     place, policy = divmod(row, len(study.policies))
     cell, trial = divmod(place, study.trials)
-    return run_trial(study, cells(study)[cell], trial, policy)
+    return cells(study)[cell], trial, policy
 
 
 def fault_of(study: Study, row: int) -> str:
@@ -200,9 +212,7 @@ def fault_of(study: Study, row: int) -> str:
 
     ``row``: its index in the table; the first rows are the first searches of the policies.
     """
-    place, policy = divmod(row, len(study.policies))
-    index, trial = divmod(place, study.trials)
-    cell = cells(study)[index]
+    cell, trial, policy = _place(study, row)
     rig = study_rig(study, cell, draw_trial(study, cell, trial))
     try:
         _search(study, study.policies[policy], rig, prior=former_curve(study, cell, trial, study.policies[policy]))
@@ -211,10 +221,54 @@ def fault_of(study: Study, row: int) -> str:
     return ""
 
 
-def _search(
-    study: Study, settings: PolicySettings, rig: rigs.Rig, *, prior: MarkerCurve | None = None
-) -> tuple[Finished, int, tuple[float, ...]]:
-    """End of a search, number of refused frames, and answers at the marks; `DeviceError` if a device ended it."""
+class SearchTrace(NamedTuple):
+    """One search: its samples in order, its end, and its answers after some numbers of acquisitions.
+
+    ``frames`` counts all that were taken, dark frames and confirmations included, and ``refused`` those that were not.
+    """
+
+    samples: list[Sample]
+    finished: Finished
+    answers: dict[int, Estimate]
+    frames: int
+    refused: int
+
+
+def searched(
+    policy: AnyPolicy, scanner: Scanner, *, stay: bool = True, dark_frames: int = 0, counts: Collection[int] = ()
+) -> SearchTrace:
+    """Run a search on a rig.
+
+    The angles of a bracket search, and of a posterior without an early end, do not depend on its length: its answers on
+    the way are those of shorter searches.
+
+    ``stay``: whether to leave out the last move to the angle found, and the confirmation there. ``dark_frames``:
+    acquisitions without laser before the first. ``counts``: numbers of acquisitions after which the answer is kept.
+    Raises `MarkerseekError` whatever ended the run.
+    """
+    samples: list[Sample] = []
+    answers: dict[int, Estimate] = {}
+    frames = refused = 0
+    for event in run(policy, scanner, RunPlan(stay=stay, dark_frames=dark_frames)):
+        # When acquisition n is asked for, the policy holds n − 1 samples.
+        if isinstance(event, Asked) and event.role == "search" and event.index - 1 in counts:
+            answers[event.index - 1] = policy.estimate()
+        elif isinstance(event, Refused):
+            refused += 1
+        elif isinstance(event, Measured):
+            frames += 1
+            # Without the confirmation at the end.
+            if event.role == "search":
+                samples.append(event.sample)
+        elif isinstance(event, Finished):
+            if event.acquisitions in counts:
+                answers[event.acquisitions] = event.estimate
+            return SearchTrace(samples, event, answers, frames, refused)
+    raise SearchError("the run ended without an answer")
+
+
+def _search(study: Study, settings: PolicySettings, rig: rigs.Rig, *, prior: MarkerCurve | None = None) -> SearchTrace:
+    """One search with its answers at the marks; `DeviceError` if a device ended it."""
     policy = build_policy(
         settings,
         limits=rig.limits.search,
@@ -222,24 +276,12 @@ def _search(
         prior=prior,
         sweep_speed_deg_s=rig.scanner.sweeping.stage.fastest_sweep_deg_s if settings.sweep else None,
     )
-    refused = 0
-    marks_deg: list[float] = []
     dark_frames = 0 if settings.as_published or settings.sweep else rig.dark_frames
     try:
-        for event in run(policy, rig.scanner, RunPlan(dark_frames=dark_frames, stay=study.stay)):
-            if isinstance(event, Refused):
-                refused += 1
-            # When acquisition n is asked for, the estimate holds n − 1 samples.
-            elif isinstance(event, Asked) and event.role == "search" and event.index - 1 in study.marks:
-                marks_deg.append(float(policy.estimate().mean_deg))
-            elif isinstance(event, Finished):
-                # A search that ended before a mark has its final answer there.
-                missing = len(study.marks) - len(marks_deg)
-                return event, refused, (*marks_deg, *[float(event.estimate.mean_deg)] * missing)
+        return searched(policy, rig.scanner, stay=study.stay, dark_frames=dark_frames, counts=study.marks)
     except Exception as problem:
         if isinstance(problem, MarkerseekError) or not is_own(settings.method):
             raise
         raise SearchError(
             f"{settings.method}: the policy failed: {described(problem)}{own_lines(problem)}"
         ) from problem
-    raise SearchError("the run ended without an answer")

@@ -10,7 +10,7 @@ import numpy as np
 
 from markerseek import rigs
 from markerseek.acoustics import Absorber, AcousticModel
-from markerseek.core import Interval, Reader
+from markerseek.core import Interval
 from markerseek.rigs import (
     Scene,
     draw_scene,
@@ -29,17 +29,14 @@ from markerseek.sim import (
     RecordedCurve,
     SechCurve,
     SimulatedSettings,
-    SimulatedWorld,
     Spot,
     TwoHumps,
     VirtualClock,
-    World,
     tissue_named,
 )
 from markerseek.studies.scene import DrawnScene, draw_extra_sources
 from markerseek.studies.study import Cell, CurveSettings, Study
 from markerseek.studies.unknowns import MARKER_RADIUS_M, Unknowns, draw_unknowns
-from markerseek.studies.window import PrecomputedReader, WindowWorld, window_of
 
 _LARGEST_COUNTS = 2000.0
 """Largest count in a channel, of all sources and `_NOISE_SIGMAS` of noise; full scale is 2047."""
@@ -150,7 +147,7 @@ def study_rig(study: Study, cell: Cell, draw: Draw) -> rigs.Rig:
 
 
 def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, draw: Draw) -> rigs.Rig:
-    """Rig with everything drawn, with frames or with readings."""
+    """Rig with everything drawn."""
     model, rng = unknowns.model, np.random.default_rng(draw.noise_seed)
     settings = replace(settings, probe=model.probe)
     if study.sweeps:
@@ -159,29 +156,13 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, dr
     else:
         settings = replace(settings, laser=replace(settings.laser, pulses=unknowns.pulses))
     imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
-    reader: Reader
-    if study.level == "frames":
-        scene = _scene(unknowns, settings, draw.scene, rng)
-        reader = imaging
-        world: SimulatedWorld = World(
-            model=scene.model,
-            absorbers=scene.absorbers,
-            noise=scene.noise,
-            energy_jitter=settings.laser.energy_jitter,
-            start_deg=settings.start_deg,
-            rng=rng,
-            averaged=settings.laser.pulses,
-        )
-    else:
-        reader = PrecomputedReader()
-        world = WindowWorld(window_of(unknowns, settings.limits.travel), settings, rng=rng)
     return rig_in_world(
-        world,
+        _scene(unknowns, settings, draw.scene, rng).world(settings, rng),
         settings,
         clock=VirtualClock(),
-        reader=reader,
-        imaging=imaging if study.level == "frames" else None,
-        description=f"simulated {study.level}, all unknowns drawn, peak SNR {settings.noise.peak_snr_db:g} dB",
+        reader=imaging,
+        imaging=imaging,
+        description=f"simulated frames, all unknowns drawn, peak SNR {settings.noise.peak_snr_db:g} dB",
         truth_deg=unknowns.marker.angle_deg if settings.marker.present else None,
         rng=rng,
     )

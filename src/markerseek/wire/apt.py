@@ -28,7 +28,22 @@ EMULATOR = "simulated by markerseek"
 """Notes in the identity of an emulated controller."""
 
 INFO, VELOCITY, BACKLASH, LIMITS, TARGET, STATUS = 0x0006, 0x0415, 0x043C, 0x0425, 0x0452, 0x0491
+TRIGGER_PORTS, TRIGGER_POSITIONS = 0x0525, 0x0528
 """Identities of the answers that `decode` knows."""
+
+TRIGGER_OFF, TRIGGER_STEPS_UP, TRIGGER_STEPS_DOWN = 0x00, 0x0D, 0x0E
+"""Modes of a trigger port: nothing, or a pulse at each position while the counts rise, or fall.
+
+Thorlabs, "APT Communications Protocol", MGMSG_MOT_SET_KCUBETRIGIOCONFIG. 0x0B is high while it moves, and 0x0C while it
+turns at its full speed: either would give one edge a sweep.
+"""
+
+TRIGGER_US = 50
+"""Length of a trigger pulse, in microseconds: the box counts its rising edge by an interrupt."""
+
+_ACTIVE_HIGH = 1
+
+_KNOWN = (INFO, VELOCITY, BACKLASH, LIMITS, TARGET, STATUS, TRIGGER_PORTS, TRIGGER_POSITIONS)
 
 _UNSIGNED = 2**32
 
@@ -104,7 +119,37 @@ class Counts:
     counts: int
 
 
-Answer = Info | Velocity | SoftLimits | Status | Counts
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TriggerPorts:
+    """Modes of the two trigger ports; an active output is high."""
+
+    first: int
+    second: int = TRIGGER_OFF
+    polarities: tuple[int, int] = (_ACTIVE_HIGH, _ACTIVE_HIGH)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TriggerRow:
+    """Positions at which a port gives pulses while the stage turns one way, in counts."""
+
+    start: int
+    interval: int
+    """Distance from one to the next, positive in either direction."""
+    number: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TriggerPositions:
+    """Where the ports give pulses: while the counts rise, and while they fall."""
+
+    up: TriggerRow
+    down: TriggerRow
+    pulse_us: int = TRIGGER_US
+    cycles: int = 1
+    """How often both rows may be run through."""
+
+
+Answer = Info | Velocity | SoftLimits | Status | Counts | TriggerPorts | TriggerPositions
 
 
 def counts_of(angle_deg: float) -> int:
@@ -202,6 +247,44 @@ def ask_target() -> bytes:
     return _packed("mot_req_moveabsparams", chan_ident=CHANNEL)
 
 
+def set_trigger_positions(positions: TriggerPositions) -> bytes:
+    """Set where a port gives pulses; it does so from the next `set_trigger_ports` on."""
+    return _packed(
+        "mot_set_kcubeposttrigparams",
+        chan_ident=CHANNEL,
+        start_pos_fwd=positions.up.start,
+        interval_fwd=positions.up.interval,
+        num_pulses_fwd=positions.up.number,
+        start_pos_rev=positions.down.start,
+        interval_rev=positions.down.interval,
+        num_pulses_rev=positions.down.number,
+        pulse_width=positions.pulse_us,
+        num_cycles=positions.cycles,
+    )
+
+
+def ask_trigger_positions() -> bytes:
+    """Ask where a port gives pulses."""
+    return _packed("mot_req_kcubeposttrigparams", chan_ident=CHANNEL)
+
+
+def set_trigger_ports(ports: TriggerPorts) -> bytes:
+    """Set what the trigger ports do."""
+    return _packed(
+        "mot_set_kcubetrigioconfig",
+        chan_ident=CHANNEL,
+        trig1_mode=ports.first,
+        trig1_polarity=ports.polarities[0],
+        trig2_mode=ports.second,
+        trig2_polarity=ports.polarities[1],
+    )
+
+
+def ask_trigger_ports() -> bytes:
+    """Ask what the trigger ports do."""
+    return _packed("mot_req_kcubetrigconfig", chan_ident=CHANNEL)
+
+
 def move() -> bytes:
     """Move to the stored target, also during another move."""
     return _packed("mot_move_absolute", chan_ident=CHANNEL)
@@ -217,7 +300,7 @@ def decode(message: AptMessage) -> Answer | None:
 
     Raises `DeviceError` if it is of another channel, or no controller can have sent it.
     """
-    if message.ident not in (INFO, VELOCITY, BACKLASH, LIMITS, TARGET, STATUS):
+    if message.ident not in _KNOWN:
         return None
     fields = _library().parsing.id_to_func[message.ident](message.raw)
     if message.ident == INFO:
@@ -231,6 +314,14 @@ def decode(message: AptMessage) -> Answer | None:
         return _limits(fields)
     if message.ident == VELOCITY:
         return Velocity(acceleration=fields["acceleration"], speed=fields["max_velocity"])
+    if message.ident == TRIGGER_PORTS:
+        return TriggerPorts(
+            first=fields["trig1_mode"],
+            second=fields["trig2_mode"],
+            polarities=(fields["trig1_polarity"], fields["trig2_polarity"]),
+        )
+    if message.ident == TRIGGER_POSITIONS:
+        return _trigger_positions(fields)
     return Counts(counts=fields["backlash_distance" if message.ident == BACKLASH else "absolute_position"])
 
 
@@ -257,6 +348,16 @@ def _limits(fields: dict[str, Any]) -> SoftLimits:
         mode=fields["soft_limit_mode"],
         switches=fields["cw_hardlimit"],
     )
+
+
+def _trigger_positions(fields: dict[str, Any]) -> TriggerPositions:
+    up, down = (
+        TriggerRow(
+            start=fields[f"start_pos_{way}"], interval=fields[f"interval_{way}"], number=fields[f"num_pulses_{way}"]
+        )
+        for way in ("fwd", "rev")
+    )
+    return TriggerPositions(up=up, down=down, pulse_us=fields["pulse_width"], cycles=fields["num_cycles"])
 
 
 def _status(fields: dict[str, Any]) -> Status:

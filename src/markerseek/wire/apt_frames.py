@@ -43,6 +43,8 @@ TO_HOST: Forms = {
     0x0466: frozenset({0, 14}),  # stopped
     0x0481: frozenset({14}),  # status
     0x0491: frozenset({14}),  # status
+    0x0525: frozenset({12}),  # trigger ports
+    0x0528: frozenset({34}),  # trigger positions
 }
 """Messages from a motor controller of one channel."""
 
@@ -52,7 +54,7 @@ TO_CONTROLLER: Forms = {
         for ident in (
             *(0x0002, 0x0005, 0x0011, 0x0012, 0x0018, 0x0060, 0x0065, 0x0210, 0x0211, 0x0223),
             *(0x040A, 0x0411, 0x0414, 0x0417, 0x0424, 0x0429, 0x043B, 0x0441, 0x0443, 0x0446, 0x0451),
-            *(0x0457, 0x0465, 0x046A, 0x046B, 0x046C, 0x0480, 0x0490, 0x0492),
+            *(0x0457, 0x0465, 0x046A, 0x046B, 0x046C, 0x0480, 0x0490, 0x0492, 0x0524, 0x0527),
         )
     },
     **{ident: frozenset({6}) for ident in (0x0409, 0x0410, 0x043A, 0x0445, 0x0450)},
@@ -60,6 +62,8 @@ TO_CONTROLLER: Forms = {
     **{ident: frozenset({0, 6}) for ident in (0x0448, 0x0453)},
     0x0416: frozenset({22}),
     0x0423: frozenset({16}),
+    0x0523: frozenset({12}),
+    0x0526: frozenset({34}),
 }
 """Messages to such a controller."""
 

@@ -16,6 +16,8 @@ host to box                                             box to host
 after its ``FIRE``                                      ``PULSE token number stamp_us photodiode`` for each pulse,
                                                         ``DARK token sent photodiode`` when its light has ended, and
                                                         ``DONE`` as above when the train has
+``EDGES token pulses period_us expiry_ms``              ``OK EDGES token seen``, from version 5 on; the pulses are told
+after its ``FIRE``                                      as those of SWEEP
 ``TIME number``                                         ``OK TIME number clock_us``
 anything that is refused                                ``ERR reason``
 ======================================================  ==========================================================
@@ -43,6 +45,13 @@ begins; its line follows `LIGHT_LATE_US` later with what the photodiode saw sinc
 at once. After that the train is completed without light, up to as many triggers as pulses were permitted: an
 acquisition that counts them ends, and its last frames are dark. TIME is answered at any time: the host knows by the
 time of question and answer what its own clock showed, and so does with each stamp.
+
+**Position-triggered sweeps.** A box of version 5, or 6 with a light meter, has a trigger input and knows EDGES: as
+SWEEP, but each pulse is given at a rising edge there, that of a stage which triggers by its position. Edges are counted
+from FIRE on. One that comes sooner than ``period_us`` after the last pulse is counted and gives nothing, neither light
+nor a trigger of the acquisition. Once the light has ended, edges count no more: the train is completed at
+``period_us``. In any sweep of these versions the line of a pulse ends with the number of the edge that gave it, 0 where
+none did, and in version 6 with ``light`` after that: what the meter read of that pulse.
 """
 
 from __future__ import annotations
@@ -58,6 +67,9 @@ VERSION, METERED_VERSION = 1, 2
 
 SWEEP_VERSION, METERED_SWEEP_VERSION = 3, 4
 """The same of a box that sweeps, too: of one without a light meter, and with one."""
+
+EDGE_VERSION, METERED_EDGE_VERSION = 5, 6
+"""The same of a box with a trigger input; with a light meter it measures single pulses of a sweep as well."""
 
 EMULATOR = "emulator"
 """Identity of an emulated box."""
@@ -142,6 +154,13 @@ class PermitSweep:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PermitEdges(PermitSweep):
+    """Permits single pulses, one at each rising edge of the trigger input, as `PermitSweep`."""
+
+    head: ClassVar[str] = "EDGES"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AskTime:
     """Asks what the box's clock shows; the number comes back with the answer."""
 
@@ -207,6 +226,13 @@ class SweepPermitted:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class EdgesPermitted(SweepPermitted):
+    """Answer to `PermitEdges`, as `Permitted`."""
+
+    head: ClassVar[str] = "OK EDGES"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Stamped:
     """A pulse of a sweep, counted from 1: when its trigger began, and what the photodiode saw of it."""
 
@@ -215,6 +241,20 @@ class Stamped:
     number: int
     stamp_us: int
     photodiode: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EdgeStamped(Stamped):
+    """`Stamped` of a box with a trigger input: ``edge`` is the number of the edge that gave it, 0 if none did."""
+
+    edge: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeteredStamped(EdgeStamped):
+    """`EdgeStamped` of a box with a light meter: ``light`` is what it read of the pulse, in counts of its own."""
+
+    light: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -251,9 +291,21 @@ class Refusal:
     reason: RefusalReason
 
 
-Command: TypeAlias = Hello | PermitPulses | PermitSweep | AskTime | Beat | Fire | Disarm
+Command: TypeAlias = Hello | PermitPulses | PermitSweep | PermitEdges | AskTime | Beat | Fire | Disarm
 Reply: TypeAlias = (
-    Greeting | Permitted | SweepPermitted | Stamped | Dark | Time | Done | MeteredDone | Disarmed | Refusal
+    Greeting
+    | Permitted
+    | SweepPermitted
+    | EdgesPermitted
+    | Stamped
+    | EdgeStamped
+    | MeteredStamped
+    | Dark
+    | Time
+    | Done
+    | MeteredDone
+    | Disarmed
+    | Refusal
 )
 
 

@@ -145,6 +145,8 @@ def refused(files: Sequence[Path], **options: float) -> str:
         (("T_0=-5.21", "T_0=-0.00521"), "a dVRK writes millimetres"),
         (("[StereoLeft]", "no section"), "cannot be read as an INI file"),
         (("res_y=1024", "res_y=1024\nR_0=0"), "[StereoLeft] R_1 is missing"),
+        (("res_y=1024", "res_y=1024\nkc_5=0.3"), "[StereoLeft] has kc_5, five coefficients"),
+        (("fc_x=1103.25", "fc_x=1103,25"), "fc_x is '1103,25', it must be a finite number"),
     ],
 )
 def test_an_ini_file_that_lies_is_refused(tmp_path: Path, change: tuple[str, str], says: str) -> None:
@@ -162,7 +164,9 @@ def test_an_ini_file_that_lies_is_refused(tmp_path: Path, change: tuple[str, str
         ("left", ("distortion_coefficients", "coefficients"), "distortion_coefficients is missing"),
         ("left", ("data: [1103.25", "data: [[1, 2], 1103.25"), "not 9 numbers"),
         ("left", ("data: [1103.25", "data: [.inf"), "must be a finite number"),
-        ("left", ("image_width: 1280", "image_width: !!python/object/apply:os.getcwd []"), "cannot be read as YAML"),
+        ("left", ("image_width: 1280", "image_width: !!python/object/apply:os.getcwd []"), "must be a finite number"),
+        ("left", ("image_width: 1280", f"image_width: 0x{'f' * 6000}"), "must be a finite number"),
+        ("left", ("image_width: 1280", "image_width: 21:20"), "width is '21:20', it must be a finite number"),
         ("left", ("camera_name", "'a': [" * 3000 + "\ncamera_name"), "cannot be read as YAML"),
     ],
 )
@@ -171,6 +175,20 @@ def test_a_camera_info_that_lies_is_refused(tmp_path: Path, side: str, change: t
     assert change[0] in camera_info(side)
     (tmp_path / f"{side}.yaml").write_text(camera_info(side).replace(*change, 1), encoding="utf-8")
     assert says in refused(files, calibration_sigma_px=0.2)
+
+
+# A list of ten lists of ten, and so on: a few lines that would be 10^9 numbers in full.
+BOMB = "a0: &a0 [0, 0, 0, 0, 0, 0, 0, 0, 0, 0]\n" + "".join(
+    f"a{depth}: &a{depth} [{', '.join([f'*a{depth - 1}'] * 10)}]\n" for depth in range(1, 9)
+)
+
+
+@pytest.mark.parametrize("key", ["image_width: 1280", "distortion_model: plumb_bob", "binning_x: 0"])
+def test_a_yaml_bomb_is_refused_without_being_unfolded(tmp_path: Path, key: str) -> None:
+    files = camera_infos(tmp_path)
+    text = (camera_info("left") + "binning_x: 0\n").replace(key, f"{key.split(':', maxsplit=1)[0]}: *a8")
+    files[0].write_text(BOMB + text, encoding="utf-8")
+    assert "is no text or number" in refused(files, calibration_sigma_px=0.2)
 
 
 def test_what_does_not_go_together_is_refused(tmp_path: Path) -> None:

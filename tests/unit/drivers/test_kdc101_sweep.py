@@ -11,11 +11,13 @@ import pytest
 
 from markerseek.core import (
     MAX_AHEAD_DEG,
+    ConfigError,
     DeviceError,
     Interval,
     LimitError,
     StageReading,
     SweepingStage,
+    TriggeringStage,
     fastest_sweep_deg_s,
 )
 from markerseek.drivers import Kdc101Stage
@@ -196,6 +198,49 @@ def test_a_sweep_out_of_the_travel_range_does_not_begin() -> None:
             stage.begin_sweep(to_deg)
     it.clock.wait(1.0)
     assert it.probe.angle_deg == 0.0
+
+
+@pytest.mark.parametrize(("to_deg", "direction"), [(35.0, "forward"), (-35.0, "forward"), (-35.0, "reverse")])
+def test_it_triggers_where_it_says_and_no_more_after_the_sweep(to_deg: float, direction: str) -> None:
+    it = bench(start_deg=np.copysign(20.0, -to_deg), mirrored=direction == "reverse", play_deg=0.0)
+    stage = it.stage(**KEYS, direction=direction)
+    assert isinstance(stage, TriggeringStage)
+    stage.prepare_sweep(speed_deg_s=12.0)
+    it.port.said.clear()
+    triggers = stage.set_triggers(from_deg=stage.angle_deg, to_deg=to_deg, spacing_deg=0.7)
+    # Positions first, then the port, which takes them over; each is asked for again.
+    assert [ident for ident in it.port.said if ident >= 0x0500] == [0x0526, 0x0527, 0x0523, 0x0524]
+    assert abs(triggers.angles_deg[1] - triggers.angles_deg[0]) == pytest.approx(0.7, abs=1e-3)
+    stage.begin_sweep(to_deg)
+    readings(it, stage, 6.0)
+    edges = it.emulator.edges(it.clock.now_s())
+    assert [edge.angle_deg for edge in edges] == pytest.approx(triggers.angles_deg, abs=2 * triggers.sigma_deg)
+    assert len(edges) > 70
+    stage.end_sweep()
+    stage.move_to(0.0)
+    assert it.emulator.edges(it.clock.now_s()) == []
+
+
+def test_a_stop_takes_the_triggers_away_and_a_line_that_loses_them_is_named() -> None:
+    it = bench(start_deg=-35.0)
+    stage = it.stage(**KEYS)
+    stage.prepare_sweep(speed_deg_s=12.0)
+    stage.set_triggers(from_deg=-35.0, to_deg=35.0, spacing_deg=0.7)
+    stage.stop()
+    stage.move_to(-20.0)
+    assert it.emulator.edges(it.clock.now_s()) == []
+    for ident, what in ((0x0526, "trigger positions"), (0x0523, "trigger ports")):
+        it.port.swallowed = ident
+        with pytest.raises(DeviceError, match=f"does not keep its {what}"):
+            stage.set_triggers(from_deg=-20.0, to_deg=35.0, spacing_deg=0.9)
+    it.port.swallowed = None
+
+
+def test_triggers_that_no_controller_or_no_sweep_can_give_are_refused() -> None:
+    with pytest.raises(ConfigError, match="its stage's controller is a TDC001, which gives no triggers"):
+        _ = bench(model="TDC001").stage().trigger_step_deg
+    with pytest.raises(ConfigError, match="leave none"):
+        bench().stage().set_triggers(from_deg=0.0, to_deg=0.5, spacing_deg=0.7)
 
 
 def test_what_a_sweep_may_be_follows_from_its_keys() -> None:

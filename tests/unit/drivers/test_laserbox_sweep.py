@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Literal
 
 import pytest
 from hypothesis import given
@@ -23,6 +24,7 @@ from markerseek.core import (
 from markerseek.drivers import LaserBox
 from markerseek.drivers._laserbox_sweep import BoxSweep
 from markerseek.emulators import DirectPort
+from markerseek.emulators._kdc101_triggers import Edge
 from markerseek.emulators.bench import BenchClock
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.emulators.lines import ByteDevice
@@ -60,11 +62,11 @@ class SlowPort(DirectPort):
 class Bench:
     """A box that sweeps, and its driver, whose beat is in each wait."""
 
-    def __init__(self, *, sweeps: bool = True, metered: bool = False, late_s: float = 1e-3) -> None:
+    def __init__(self, *, version: Literal[1, 3, 5] = 5, metered: bool = False, late_s: float = 1e-3) -> None:
         self.world = Lit()
         self.triggers: list[int] = []
         light = LaserSettings(energy_meter_noise=0.0 if metered else None)
-        self.box = EmulatedLaserBox(world=self.world, on_triggers=self.triggers.append, laser=light, sweeps=sweeps)
+        self.box = EmulatedLaserBox(world=self.world, on_triggers=self.triggers.append, laser=light, version=version)
         self.box.faults.clock_drift = 50e-6
         self.clock = BenchClock(tick_s=1e-3)
         self.port = SlowPort(device=self.box, clock=self.clock, late_s=late_s)
@@ -94,9 +96,10 @@ def permit(token: str = "s", *, pulses: int = 100, period_s: float = 0.05, expir
     )
 
 
+@pytest.mark.parametrize("version", [3, 5])
 @pytest.mark.parametrize("ahead_us", [0, 2**31 - 1_000_000, 2**30])
-def test_each_pulse_of_a_sweep_has_its_time_on_the_rig_s_clock(ahead_us: int) -> None:
-    bench = Bench()
+def test_each_pulse_of_a_sweep_has_its_time_on_the_rig_s_clock(ahead_us: int, version: Literal[3, 5]) -> None:
+    bench = Bench(version=version)
     # Also where the box's count of microseconds starts anew in mid-sweep.
     bench.box.faults.clock_step_us = ahead_us
     bench.driver.begin_sweep(permit())
@@ -165,6 +168,38 @@ def test_a_loop_that_does_not_come_by_any_more_has_no_light(still_beats: bool) -
         bench.driver.pulses()
 
 
+def test_pulses_of_a_position_triggered_sweep_say_which_edge_gave_them() -> None:
+    bench = Bench()
+    edges = [Edge(at_s=at_s, angle_deg=0.0) for at_s in (0.2, 0.3, 0.32, 0.4, 0.5)]
+
+    def taken(now_s: float) -> list[Edge]:
+        return [edges.pop(0) for edge in list(edges) if edge.at_s <= now_s]
+
+    bench.box.edges = taken
+    driver = LaserBox(port=bench.port, clock=bench.clock, position_triggered=True)
+    bench.driver = driver
+    driver.begin_sweep(permit(pulses=4))
+    pulses = bench.turn(1.0)
+    # The third came too early: it was counted, and gave no light.
+    assert [pulse.edge for pulse in pulses] == [1, 2, 4, 5]
+    assert [pulse.at_s for pulse in pulses] == pytest.approx([0.2, 0.3, 0.4, 0.5], abs=1e-3)
+    assert driver.end_sweep() == len(bench.box.pulses) == 4
+
+
+def test_a_box_that_names_edges_where_none_were_asked_for_is_refused() -> None:
+    now_s = 0.0
+    for edged, edges in ((False, [1]), (True, [0]), (True, [2, 2]), (True, [3, 2])):
+        sweep = BoxSweep(token=1, pulses=4, heard_s=now_s, stepped_s=now_s, edged=edged)
+        *before, last = (
+            wire.EdgeStamped(token=1, number=number, stamp_us=number, photodiode=1, edge=edge)
+            for number, edge in enumerate(edges, 1)
+        )
+        for each in before:
+            sweep.hear(each, now_s=now_s)
+        with pytest.raises(LaserError, match="each of which the photodiode must see once"):
+            sweep.hear(last, now_s=now_s)
+
+
 def silent(bench: Bench) -> None:
     bench.box.faults.silent = True
 
@@ -225,7 +260,7 @@ def test_a_line_too_slow_for_the_time_of_a_pulse_is_refused() -> None:
 
 @pytest.mark.parametrize(("metered", "version"), [(False, 1), (True, 2)])
 def test_a_box_without_stamps_fires_as_before_and_says_why_it_cannot_sweep(metered: bool, version: int) -> None:
-    bench = Bench(sweeps=False, metered=metered)
+    bench = Bench(version=1, metered=metered)
     assert bench.driver.fire(Permit(token="a", angle_deg=0.0, pulses=7, expires_s=math.inf)) == 7
     with pytest.raises(ConfigError, match=f"its laser box has version {version} of the protocol, which stamps no"):
         _ = bench.driver.sweep_period_s
@@ -284,7 +319,9 @@ REPLIES = st.one_of(
 @given(st.lists(st.tuples(REPLIES, st.floats(0.0, 0.1)), max_size=30))
 def test_whatever_a_box_says_a_pulse_has_a_time_or_there_is_none(said: list[tuple[wire.Reply, float]]) -> None:
     now_s = 10.0
-    sweep = BoxSweep(token=1, pulses=4, heard_s=now_s, stepped_s=now_s, asked_s=dict.fromkeys(range(1, 6), now_s))
+    sweep = BoxSweep(
+        token=1, pulses=4, heard_s=now_s, stepped_s=now_s, edged=False, asked_s=dict.fromkeys(range(1, 6), now_s)
+    )
     pulses: list[Pulse] = []
     try:
         for reply, later_s in said:

@@ -192,7 +192,7 @@ def test_a_served_bench_answers_on_its_lines_and_an_error_of_the_writer_ends_it(
         os.write(end, b"HELLO*49D6\n")
         ticks = iter(range(50))
         serve(lines=[line], clock=clock, pace=1.0, daq=bench.daq, until=lambda: next(ticks) == 49)
-        assert os.read(end, 100).startswith(b"OK HELLO emulator 3 100 0 0*")
+        assert os.read(end, 100).startswith(b"OK HELLO emulator 5 100 0 0*")
         (tmp_path / "daq").rmdir()
         bench.daq.trigger(4)
         with pytest.raises(OSError, match="No such file"):

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from markerseek.emulators import laserbox as emulator
+from markerseek.emulators._kdc101_triggers import Edge
 from markerseek.sim import Flash, LaserSettings
 from markerseek.wire import laserbox as wire
 
@@ -54,18 +55,38 @@ class Pair:
         self.pulls: list[tuple[int, bool]] = []
         self.now_ms = 0
         self.stray_pulses = 0
+        self.edges_ms: list[int] = []
+        """Times of the edges at the trigger input."""
+        self.taken = 0
         self.emulated = emulator.EmulatedLaserBox(
             world=Dark(),
             on_triggers=self.trains.append,
             turn_us=1000,
             laser=LaserSettings(energy_meter_noise=0.0 if metered else None),
+            edges=self.edges,
         )
         self.firmware = FIRMWARE.Box(
             lambda laser: self.pulls.append((self.now_ms, laser)),
             self.seen,
             lambda: self.interlock,
             (lambda: emulator.LIGHT_COUNTS * self.seen()) if metered else None,
+            lambda: len(self.edges_ms),
         )
+
+    def edges(self, _now_s: float) -> list[Edge]:
+        """Edges that the emulator has not taken yet."""
+        new, self.taken = self.edges_ms[self.taken :], len(self.edges_ms)
+        return [Edge(at_s=at_ms / 1e3, angle_deg=0.0) for at_ms in new]
+
+    def step(self, every_ms: int) -> tuple[bytes, bytes]:
+        """Turn the stage by five edges, one in so many milliseconds."""
+        theirs = ours = b""
+        for _ in range(5):
+            answers = self.pass_ms(every_ms - 1)
+            self.edges_ms.append(self.now_ms + 1)
+            last = self.pass_ms(1)
+            theirs, ours = theirs + answers[0] + last[0], ours + answers[1] + last[1]
+        return theirs, ours
 
     def seen(self) -> int:
         return self.stray_pulses + sum(laser for _, laser in self.pulls)
@@ -110,9 +131,9 @@ def permit_line(numbers: tuple[int, int, int, int, int]) -> bytes:
     )
 
 
-def sweep_line(numbers: tuple[int, int, int, int]) -> bytes:
+def sweep_line(numbers: tuple[int, int, int, int], kind: type[wire.PermitSweep] = wire.PermitSweep) -> bytes:
     token, pulses, period_ms, expiry_ms = numbers
-    sweep = wire.PermitSweep(token=token, pulses=pulses, period_us=1000 * period_ms, expiry_ms=expiry_ms)
+    sweep = kind(token=token, pulses=pulses, period_us=1000 * period_ms, expiry_ms=expiry_ms)
     return wire.encode(sweep)
 
 
@@ -120,6 +141,9 @@ LINES = st.one_of(
     st.integers(0, 3).map(lambda number: wire.encode(wire.AskTime(number=number))),
     st.tuples(st.integers(1, 8), st.integers(1, 9), st.integers(2, 40), st.integers(1, 300)).map(
         lambda numbers: sweep_line(numbers) + wire.encode(wire.Fire(token=numbers[0]))
+    ),
+    st.tuples(st.integers(1, 8), st.integers(1, 9), st.integers(2, 40), st.integers(50, 300)).map(
+        lambda numbers: sweep_line(numbers, wire.PermitEdges) + wire.encode(wire.Fire(token=numbers[0]))
     ),
     st.just(wire.encode(wire.Hello())),
     st.just(wire.encode(wire.Disarm())),
@@ -146,7 +170,7 @@ LINES = st.one_of(
 
 @given(
     st.lists(
-        st.one_of(LINES, LINES, st.integers(1, 120), st.none(), st.just("flick"), st.just("light")),
+        st.one_of(LINES, LINES, st.integers(1, 120), st.none(), st.sampled_from(["flick", "light", "step3", "step25"])),
         max_size=25,
     ),
     st.booleans(),
@@ -165,6 +189,8 @@ def test_firmware_and_emulator_answer_alike_to_any_commands(
                 theirs, ours = pair.switch_interlock()
             case "flick":
                 theirs, ours = pair.flick_interlock()
+            case "step3" | "step25":
+                theirs, ours = pair.step(int(step.removeprefix("step")))
             case _:
                 theirs, ours = pair.shine()
         assert ours == theirs
@@ -259,7 +285,9 @@ def test_each_pulse_of_a_sweep_is_stamped_and_the_train_ends_dark() -> None:
         ours
         == theirs
         == b"".join(
-            wire.encode(wire.Stamped(token=1, number=number, stamp_us=1000 * (7 + 20 * number - 20), photodiode=1))
+            wire.encode(
+                wire.EdgeStamped(token=1, number=number, stamp_us=1000 * (7 + 20 * number - 20), photodiode=1, edge=0)
+            )
             for number in (1, 2, 3)
         )
     )
@@ -287,13 +315,60 @@ def test_no_two_pulses_of_a_sweep_are_nearer_than_permitted_however_late_the_loo
     assert min(after - before for before, after in itertools.pairwise(times)) >= 10
 
 
+@pytest.mark.parametrize("metered", [False, True])
+def test_an_edge_gives_a_pulse_and_one_that_comes_too_early_is_counted_in_the_dark(metered: bool) -> None:
+    pair = Pair(metered=metered)
+    pair.step(9)
+    pair.send(sweep_line((1, 6, 20, 2000), wire.PermitEdges) + wire.encode(wire.Fire(token=1)))
+    beats = iter(range(1, 100))
+    edges_ms = [100, 130, 135, 149, 160, 190]
+    said: list[wire.Reply] = []
+    for _ in range(200):
+        if pair.now_ms % 40 == 0:
+            pair.send(wire.encode(wire.Beat(step=next(beats))))
+        if pair.now_ms + 1 in edges_ms:
+            pair.edges_ms.append(pair.now_ms + 1)
+        theirs, ours = pair.pass_ms(1)
+        assert ours == theirs
+        said += map(wire.decode_reply, ours.splitlines())
+    # Nothing at FIRE, at 130 + 5 and 130 + 19 ms; the triggers of the acquisition are those of the light.
+    assert pair.pulls == [(100, True), (130, True), (160, True), (190, True)]
+    stamped = [reply for reply in said if isinstance(reply, wire.EdgeStamped)]
+    assert [(pulse.stamp_us, pulse.edge) for pulse in stamped] == [
+        (100_000, 1),
+        (130_000, 2),
+        (160_000, 5),
+        (190_000, 6),
+    ]
+    assert [getattr(pulse, "light", None) for pulse in stamped] == [emulator.LIGHT_COUNTS if metered else None] * 4
+    # Once the light has ended the train is completed, without edges.
+    pair.send(wire.encode(wire.Disarm()))
+    pair.pass_ms(100)
+    assert [laser for _, laser in pair.pulls] == [True] * 4 + [False] * 2
+
+
+def test_a_permit_of_edges_ends_with_its_lease_expiry_and_count() -> None:
+    for beats, expiry_ms, pulses in ((False, 2000, 50), (True, 300, 50), (True, 2000, 4)):
+        pair = Pair()
+        pair.send(sweep_line((1, pulses, 10, expiry_ms), wire.PermitEdges) + wire.encode(wire.Fire(token=1)))
+        for step in range(1, 21):
+            if beats:
+                pair.send(wire.encode(wire.Beat(step=step)))
+            theirs, ours = pair.step(10)
+            assert ours == theirs
+        lit_ms = [at_ms for at_ms, laser in pair.pulls if laser]
+        assert max(lit_ms) <= (100 if not beats else 300)
+        assert len(lit_ms) <= pulses
+        assert len(pair.pulls) == pulses
+
+
 @given(st.binary(max_size=80))
 def test_the_firmware_s_crc_is_the_codec_s(data: bytes) -> None:
     assert FIRMWARE.crc16(data) == wire.crc16(data)
 
 
 def test_limits_and_lease_are_those_of_the_codec() -> None:
-    assert (FIRMWARE.VERSION, FIRMWARE.METERED_VERSION) == (wire.SWEEP_VERSION, wire.METERED_SWEEP_VERSION)
+    assert (FIRMWARE.VERSION, FIRMWARE.METERED_VERSION) == (wire.EDGE_VERSION, wire.METERED_EDGE_VERSION)
     for name in (
         "LEASE_MS",
         "MAX_SWEEP_PULSES",

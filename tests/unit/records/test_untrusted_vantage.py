@@ -107,6 +107,16 @@ def leads_elsewhere(workspace):
     workspace.file["Trans"] = h5py.ExternalLink("/etc/hostname", "/")
 
 
+def emptied(field):
+    """A cell of Octave without items."""
+
+    def change(workspace):
+        del workspace.file[field]
+        workspace.file.create_group(field)
+
+    return change
+
+
 def huge(workspace):
     shape = (1000, 1 << 20)
     workspace.held.create_dataset("huge", shape, np.int16, chunks=(1, 1 << 20), compression="gzip")
@@ -142,6 +152,9 @@ def every(field, value):
         (every("Receive/framenum", 77.0), "fill frames 77 to 77, and RcvData holds 5"),
         (every("Receive/bufnum", 2.0), "RcvData has 1 buffers, and the receives fill number 2"),
         (every("Receive/startDepth", 1e12), "more than the 60 samples of a frame last; correct it"),
+        (emptied("RcvData"), "RcvData has 0 buffers"),
+        (emptied("Receive/framenum"), "Receive.framenum is missing"),
+        (emptied("Trans/Connector"), "Trans.Connector is missing; save Trans too"),
         (loops, "no MATLAB file|numbers are expected"),
         (refers_to_a_group, "RcvData is no dataset"),
         (refers_to_nothing, "Receive.framenum refers to nothing, or to no dataset"),
@@ -152,6 +165,11 @@ def every(field, value):
 def test_what_cannot_be_read_is_refused_with_a_cure(tmp_path, change, message):
     with pytest.raises(RecordError, match=message):
         read(write_workspace(tmp_path / "run.mat", FRAMES, change=change))
+
+
+def test_a_number_that_is_an_empty_cell_is_missing(tmp_path):
+    path = write_workspace(tmp_path / "run.mat", FRAMES, change=emptied("Trans/spacingMm"))
+    assert read(path).facts.pitch_m is None
 
 
 def test_pairs_of_samples_are_refused(tmp_path):

@@ -6,6 +6,7 @@ import math
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Literal
 
 from markerseek import rigs
 from markerseek.core import Estimate, Event, Frame, NotFound, Pulse, Sample, StageReading, Sweep, SweepPermit
@@ -63,10 +64,12 @@ class SweepBench:
     start_deg: float = -35.0
     delay_s: float = 0.0
     jitter: float = 0.1
+    sweep_mode: Literal["free-running", "position-triggered"] = "free-running"
 
     def __post_init__(self) -> None:
         settings = SimulatedSettings(start_deg=self.start_deg, stage=self.motion)
         light = replace(settings.laser, rate_hz=self.rate_hz, energy_jitter=self.jitter, stamp_delay_s=self.delay_s)
+        light = replace(light, sweep_mode=self.sweep_mode)
         receiver = replace(settings.receiver, readout_s=self.readout_s, frame_period_s=max(self.readout_s, 1e-3))
         if self.readout_s > 0.1:
             receiver = replace(receiver, frame_period_s=0.05)

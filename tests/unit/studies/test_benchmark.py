@@ -40,7 +40,7 @@ def test_the_example_is_short_knows_nothing_of_us_and_finds_markers():
     text = EXAMPLE.read_text(encoding="utf-8")
     assert len(text.splitlines()) <= 30
     assert "import" not in text
-    settings = benchmark._as_policy(Entry.named(f"{EXAMPLE}:Steps"))
+    settings = benchmark._as_policy(Entry.named(f"{EXAMPLE}:Steps"), "intensities")
     study = world("intensities", "one").study("test", (settings,), searches=4)
     rows = [run_trial(study, cells(study)[0], trial, 0) for trial in range(4)]
     assert [row.answer for row in rows].count("found") >= 3
@@ -52,11 +52,16 @@ def test_the_example_is_short_knows_nothing_of_us_and_finds_markers():
 @pytest.mark.skipif(shutil.which("octave-cli") is None, reason="GNU Octave is missing (apt-get install octave)")
 def test_the_example_in_octave_finds_a_marker():
     entry = Entry.named(f"octave-cli --quiet --no-init-file {EXAMPLE.with_suffix('.m')}")
-    study = world("intensities", "one").study("test", (benchmark._as_policy(entry),), searches=2)
+    study = world("intensities", "one").study("test", (benchmark._as_policy(entry, "intensities"),), searches=2)
     for trial in range(2):
         row = run_trial(study, cells(study)[0], trial, 0)
         assert (row.answer, row.acquisitions) == ("found", 29)
         assert row.error_deg < 2.6
+
+
+def test_an_entry_is_told_the_channel_data_in_the_last_tier_only():
+    entry = Entry.named("python3")
+    assert {world.tier for world in WORLDS if benchmark._as_policy(entry, world.tier).channels} == {"raw channels"}
 
 
 def test_scipys_optimiser_is_among_the_methods_and_finds_a_marker_whose_curve_it_sees():

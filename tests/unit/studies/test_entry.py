@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 import sys
 import textwrap
 
@@ -89,7 +90,7 @@ def test_it_need_not_claim_anything(answer, kind):
 @pytest.mark.parametrize(
     ("body", "message"),
     [
-        ("for _ in lines: reply('hello')", r"it replied b'hello\\n', which is no JSON of a reply"),
+        ("for _ in lines: reply('hello')", r"it replied b'hello', which is no JSON of a reply"),
         ("for _ in lines: reply('[1]')", "which is no JSON of a reply"),
         ("for _ in lines: reply('{\"angle\": 3}')", "unknown field `angle`"),
         ("for _ in lines: angle(float('nan'))", "which is no JSON of a reply"),
@@ -104,8 +105,9 @@ def test_it_need_not_claim_anything(answer, kind):
             "hold the angle between them",
         ),
         ("raise KeyError('oops')", "it ended where a reply was due; its last words: KeyError: 'oops'"),
-        ("for _ in lines: print('x' * 100_000, end='', flush=True)", "more than 65536 bytes in a line"),
+        ("for _ in lines: print('x' * 100_000, end='', flush=True)", "more than 65536 bytes"),
         ("import os\nfor _ in lines: os._exit(0)", "it ended where a reply was due"),
+        ('for _ in lines: reply(\'{"angle_deg": 1}\\n{"angle_deg": 2}\')', "and more; write one line for each"),
     ],
 )
 def test_a_child_that_breaks_the_contract_is_a_failed_entry(body, message):
@@ -124,18 +126,62 @@ def test_a_child_that_hangs_is_ended_and_not_asked_again(monkeypatch):
         made.ask()
 
 
+HELD = """
+import subprocess
+subprocess.Popen([sys.executable, "-c", "import time; time.sleep(20)"], start_new_session=True)
+"""
+
+
+@pytest.mark.parametrize("after", ["next(lines)", ""])
+def test_a_process_that_it_leaves_behind_with_its_pipes_holds_nothing_up(monkeypatch, after):
+    """Also where the line is longer than a pipe holds, and nobody reads it."""
+    monkeypatch.setattr(entry, "START_S", 0.5)
+    made = policy(HELD + after)
+    with pytest.raises(entry.EntryError, match=r"it did not reply within 0\.5 s"):
+        made._child.reply_to({"type": "search", "channels": "x" * 1_000_000})
+
+
+def test_what_it_writes_to_standard_error_is_kept_only_at_its_end(monkeypatch):
+    """A file of it would grow to the size of the disk."""
+    monkeypatch.setattr(entry, "START_S", 1.0)
+    made = policy("while True: sys.stderr.write('x' * 100_000 + chr(10) + 'last' + chr(10))")
+    with pytest.raises(entry.EntryError, match=r"it did not reply within 1 s; its last words: (last|x+)$"):
+        made.ask()
+    assert len(made._child._said) <= 2000
+
+
+def test_a_line_that_comes_before_it_is_asked_is_no_reply():
+    """Else the angle of one sample would be taken for that of the next."""
+    made = policy(
+        """
+        import time
+        next(lines)
+        angle(1)
+        time.sleep(0.3)
+        angle(2)
+        next(lines)
+        """
+    )
+    made.ask()
+    assert select.select([made._child._child.stdout], [], [], 10)[0]
+    made.tell(sample(1.0))
+    with pytest.raises(entry.EntryError, match="a line that nobody asked for"):
+        made.ask()
+
+
 def test_a_program_that_is_not_there_is_a_failed_entry():
     with pytest.raises(entry.EntryError, match="it cannot be started: No such file"):
         entry.EntryPolicy(("no-such-program",), limits=LIMITS, acquisitions=3, tolerance=Tolerance())
 
 
-def study_of(tier, world, body):
+def study_of(tier, world, body, *, channels=True):
     (held,) = [each for each in WORLDS if (each.tier, each.name) == (tier, world)]
-    settings = PolicySettings(method="mine", acquisitions=5, command=command(body))
+    settings = PolicySettings(method="mine", acquisitions=5, command=command(body), channels=channels)
     return held.study("test", (settings,), searches=1)
 
 
-def test_channel_data_and_block_maxima_are_told():
+@pytest.mark.parametrize(("channels", "answer"), [(True, "found"), (False, "not found")])
+def test_channel_data_and_block_maxima_are_told(channels, answer):
     """The entry answers found only where it was told of 128 × 2080 counts and of all blocks."""
     body = """
     import base64
@@ -143,17 +189,18 @@ def test_channel_data_and_block_maxima_are_told():
         if line["type"] == "search":
             angle(3)
             continue
-        rows, columns = line["channels"]["shape"]
-        counts = base64.b64decode(line["channels"]["int16"])
+        channels = line.get("channels", {"shape": (0, 0), "int16": ""})
+        rows, columns = channels["shape"]
+        counts = base64.b64decode(channels["int16"])
         blocks = line["blocks"]
         whole = (rows, columns) == (128, 2080) and len(counts) == 2 * 128 * 2080
         whole = whole and max(blocks["intensities"]) <= line["intensity"] * 1.01 and line["noise_sigma"] > 0
         found = '{"answer": "found", "angle_deg": 3, "low_deg": 2, "high_deg": 4}'
         reply(found if whole else '{"answer": "not found"}')
     """
-    study = study_of("raw channels", "one", body)
+    study = study_of("raw channels", "one", body, channels=channels)
     row = run_trial(study, cells(study)[0], 0, 0)
-    assert (row.answer, row.mean_deg, row.acquisitions) == ("found", 3.0, 1)
+    assert (row.answer, row.acquisitions) == (answer, 1)
 
 
 def test_a_failed_entry_is_a_row_without_an_angle_and_its_fault_can_be_asked_for():

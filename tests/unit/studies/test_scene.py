@@ -98,7 +98,6 @@ def test_clutter_and_repeats_are_drawn_over_their_ranges() -> None:
         (lambda: Repeats(least_delay_s=0.0), "least_delay_s is 0"),
         (lambda: Repeats(most_gain=0.01), "most_gain is 0.01"),
         (lambda: Repeats(most_repeats=0), "most_repeats is 0"),
-        (lambda: replace(FRAMES, level="readings"), "need level"),
         (lambda: replace(FRAMES, drawn="marker"), "need level"),
         (lambda: replace(FRAMES, level="curves", drawn="marker"), "need level"),
         (lambda: replace(FRAMES, rig=SimulatedSettings(marker=MarkerSettings(present=False))), "not present"),

@@ -84,7 +84,9 @@ class SettingsRow:
             # A link may hold a value that is not in the list.
             known[value] = _pace_text(value) if name == "pace" else f"{value:g} s"
         field = ui.select(known, value=value, label=label, on_change=lambda event: self._set(name, event.value))
-        field.props("dense outlined options-dense no-error-icon hide-bottom-space").style(f"width: {width_px}px")
+        field.props("dense outlined options-dense no-error-icon hide-bottom-space")
+        # As wide as its text: no name is cut.
+        field.style(f"min-width: {width_px}px")
         self._fields[name] = field
 
     def _number(self, name: str, label: str, width_px: int) -> None:

@@ -174,7 +174,7 @@ def race_options(runs: Mapping[str, Sequence[Snapshot]], limits: Interval) -> di
         "xAxis": _axis("time on the clocks of the rigs [s]", gap_px=26),
         "yAxis": _axis("probe angle [deg]", gap_px=40)
         | {"min": limits.low_deg, "max": limits.high_deg}
-        | {"axisLabel": {"fontSize": 13, ":formatter": _WITH_MINUS}},
+        | {"axisLabel": {"fontSize": 13, ":formatter": _WITH_MINUS, "hideOverlap": True}},
         "series": [
             {
                 "name": name,

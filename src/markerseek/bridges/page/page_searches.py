@@ -2,20 +2,49 @@
 
 from __future__ import annotations
 
+import asyncio
 import threading
 import time
+import weakref
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from markerseek.bridges.page.change_signal import ChangeSignal
 from markerseek.bridges.page.child_search import ChildSearch, Launch
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.core import Interval, SearchError
 from markerseek.drivers import BenchSettings
 from markerseek.records.journal import default_journal, journals_folder, journals_in, make_folder
 from markerseek.sim import SimulatedSettings
+
+
+class ChangeSignal:
+    """One event of asyncio for each viewer, all set together."""
+
+    def __init__(self) -> None:
+        self._loop: asyncio.AbstractEventLoop | None = None
+        # Weak: a viewer who is gone waits no more.
+        self._viewers: weakref.WeakSet[asyncio.Event] = weakref.WeakSet()
+
+    def subscribe(self) -> asyncio.Event:
+        """The event of a new viewer, who clears it himself; only in the event loop of the server."""
+        self._loop = asyncio.get_running_loop()
+        event = asyncio.Event()
+        self._viewers.add(event)
+        return event
+
+    def tell(self) -> None:
+        """Wake all viewers; by any thread, at any time."""
+        if self._loop is not None:
+            # A loop that is closed has no viewers.
+            with suppress(RuntimeError):
+                self._loop.call_soon_threadsafe(self._wake)
+
+    def _wake(self) -> None:
+        for each in self._viewers:
+            each.set()
+
 
 MAX_LISTED = 50
 """Journals of the data folder that are offered for replay, the newest."""

@@ -127,7 +127,7 @@ def interval_text(belief: AngleBelief) -> str:
     low, high = (f"{end_deg:z.{digits_of(belief.sigma_deg)}f}°" for end_deg in belief.interval95_deg)
     estimate = belief.estimate
     half_width_m = estimate.half_width_m if isinstance(estimate, Found | Unsure) else None
-    at_marker = "" if half_width_m is None else f", ± {1e3 * half_width_m:.2g} mm"
+    at_marker = "" if half_width_m is None else f", ±\N{NO-BREAK SPACE}{1e3 * half_width_m:.2g}\N{NO-BREAK SPACE}mm"
     # What a bracket search has left is no probability.
     name = "last bracket" if getattr(estimate, "interval_kind", None) == "bracket" else "95 %"
     return with_minus(f"{name}: {low} to {high}{at_marker}")

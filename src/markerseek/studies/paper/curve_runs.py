@@ -25,12 +25,12 @@ from markerseek.studies.paper.methods import (
     BUILT,
     ONLINE_STEPS,
     AnyMethod,
-    searched,
 )
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.section import Answer
 from markerseek.studies.policies import PolicySettings, build_policy
 from markerseek.studies.study import Cell, CurveSettings, Study, cells
+from markerseek.studies.trial import searched
 from markerseek.studies.worlds import Draw, draw_trial, intensity_curve, study_rig
 
 

@@ -30,13 +30,13 @@ from markerseek.studies.paper.methods import (
     PAPER_METHODS,
     AnyMethod,
     PaperMethod,
-    searched,
 )
 from markerseek.studies.paper.options import PAPER_MARKERS, RunOptions
 from markerseek.studies.paper.printed import SENSITIVE_DEG
 from markerseek.studies.paper.section import Cell, Section, Table, make_section, make_table
 from markerseek.studies.statistics import Share, clopper_pearson
 from markerseek.studies.study import CurveSettings
+from markerseek.studies.trial import searched
 from markerseek.studies.worlds import intensity_curve
 
 WIDE = Condition(source_radius_m=0.4e-3, peak_snr_db=50.0)

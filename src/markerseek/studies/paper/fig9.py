@@ -11,7 +11,7 @@ import numpy as np
 
 from markerseek.acoustics import Probe
 from markerseek.core import SearchError
-from markerseek.pictures import TipImage, tip_figure
+from markerseek.pictures import tip_figure
 from markerseek.sim import BModeSettings, BModeWorld
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.printed import paper_number
@@ -153,20 +153,10 @@ def _series(job: tuple[Tip, int], *, seed: int) -> _Series:
 def _draw(series: _Series) -> Figure:
     if series.found.half_deg is None:
         raise SearchError("fig9: the tip of the picture was not seen; that is a defect")
-    images = [
-        TipImage(
-            angle_deg=frame.angle_deg,
-            pixels=pixels,
-            centroid=(frame.tip.row, frame.tip.column) if frame.tip is not None and frame.tip.visible else None,
-            # A region of no pixels has no grey value.
-            intensity=None if frame.tip is None or frame.tip.area_px == 0 else frame.tip.intensity,
-            level=None if frame.tip is None or frame.tip.area_px == 0 else frame.tip.level,
-        )
-        for frame, pixels in zip(series.found.frames, series.images, strict=True)
-    ]
     paper = paper_number("sensitive")
     return tip_figure(
-        images,
+        series.found.frames,
+        series.images,
         title=f"Tool tip in simulated B-mode: seen up to {series.found.half_deg:g}° off the plane (paper: {paper})",
         low_deg=0.0,
         high_deg=series.found.half_deg,

@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Literal, TypeAlias
 
 from markerseek.core import (
     PAPER_RANGE,
-    AnyPolicy,
-    Asked,
     Estimate,
-    Finished,
     Interval,
-    Measured,
     Policy,
     PolicyPlan,
     Reading,
-    RunPlan,
     Sample,
-    SearchError,
 )
-from markerseek.scan import Scanner, run
 from markerseek.search import build
 from markerseek.sim import StageMotion
 
@@ -112,49 +104,6 @@ class QuantisedPolicy:
     def estimate(self) -> Estimate:
         """Answer of the policy."""
         return self._policy.estimate()
-
-
-class SearchTrace(NamedTuple):
-    """One search: its samples in order, its end, and its answers after some numbers of acquisitions.
-
-    ``frames`` counts all that were taken, dark frames and confirmations included.
-    """
-
-    samples: list[Sample]
-    finished: Finished
-    answers: dict[int, Estimate]
-    frames: int
-
-
-def searched(
-    policy: AnyPolicy, scanner: Scanner, *, stay: bool = True, dark_frames: int = 0, counts: Collection[int] = ()
-) -> SearchTrace:
-    """Run a search on a rig.
-
-    The angles of a bracket search, and of a posterior without an early end, do not depend on its length: its answers on
-    the way are those of shorter searches.
-
-    ``stay``: whether to leave out the last move to the angle found, and the confirmation there. ``dark_frames``:
-    acquisitions without laser before the first. ``counts``: numbers of acquisitions after which the answer is kept.
-    Raises `MarkerseekError` whatever ended the run.
-    """
-    samples: list[Sample] = []
-    answers: dict[int, Estimate] = {}
-    frames = 0
-    for event in run(policy, scanner, RunPlan(stay=stay, dark_frames=dark_frames)):
-        # When acquisition n is asked for, the policy holds n − 1 samples.
-        if isinstance(event, Asked) and event.role == "search" and event.index - 1 in counts:
-            answers[event.index - 1] = policy.estimate()
-        elif isinstance(event, Measured):
-            frames += 1
-            # Without the confirmation at the end, which is not one of the paper's acquisitions.
-            if event.role == "search":
-                samples.append(event.sample)
-        elif isinstance(event, Finished):
-            if event.acquisitions in counts:
-                answers[event.acquisitions] = event.estimate
-            return SearchTrace(samples, event, answers, frames)
-    raise SearchError("the run ended without an answer")
 
 
 def noise_free_track(name: PaperMethod, marker_deg: float, *, acquisitions: int) -> tuple[list[float], float]:

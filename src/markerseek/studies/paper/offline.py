@@ -21,7 +21,6 @@ from markerseek.studies.paper.methods import (
     AnyMethod,
     QuantisedPolicy,
     policy_of,
-    searched,
 )
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.printed import MATERIALS, OwnNumber, paper_number
@@ -41,6 +40,7 @@ from markerseek.studies.paper.section import (
     summary_of,
 )
 from markerseek.studies.paper.style import Panel, errors_figure
+from markerseek.studies.trial import searched
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

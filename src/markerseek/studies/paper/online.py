@@ -27,7 +27,6 @@ from markerseek.studies.paper.methods import (
     TABLE_ACQUISITIONS,
     PaperMethod,
     policy_of,
-    searched,
 )
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.printed import OwnNumber, paper_number
@@ -46,6 +45,7 @@ from markerseek.studies.paper.section import (
     summary_of,
 )
 from markerseek.studies.paper.style import COLOURS, MARKS, Panel, errors_figure
+from markerseek.studies.trial import searched
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
@@ -82,9 +82,7 @@ class Errors:
     @property
     def cells(self) -> tuple[Cell, ...]:
         """The summary as cells of a table, under `ERRORS`."""
-        return (
-            self.count, self.mean_deg, self.sd_deg, self.half_deg, self.failed, self.unclaimed, self.claimed_failed
-        )  # fmt: skip
+        return astuple(self)
 
 
 ERRORS = (

@@ -46,7 +46,7 @@ from markerseek.core import (
 from markerseek.records import answer_name
 from markerseek.records.journal import Interrupted, Resuming
 from markerseek.runs import new_session, plan_on
-from markerseek.runs.beliefs import Beliefs
+from markerseek.runs.journalled import Beliefs
 from markerseek.search import METHODS, BracketSearch, build
 from markerseek.sim import GaussianCurve, ReceiverSettings, SimulatedSettings
 
@@ -347,7 +347,10 @@ def test_sigma_has_two_significant_digits_and_the_angle_as_many(mean_deg, sigma_
 
 
 def test_interval_says_what_it_is():
-    assert interval_text(found_at(-3.0, 0.1, half_width_m=5e-4)) == "95 %: −3.20° to −2.80°, ± 0.5 mm"
+    assert (
+        interval_text(found_at(-3.0, 0.1, half_width_m=5e-4))
+        == "95 %: −3.20° to −2.80°, ±\N{NO-BREAK SPACE}0.5\N{NO-BREAK SPACE}mm"
+    )
     assert interval_text(found_at(3.0, 0.1, interval_kind="bracket")) == "last bracket: 2.80° to 3.20°"
 
 

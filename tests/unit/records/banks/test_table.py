@@ -155,6 +155,16 @@ def test_utf_16_without_its_mark_is_a_sentence(tmp_path: Path) -> None:
         read_bank(written(tmp_path, table("angle_deg,intensity", ","), "utf-16-le"))
 
 
+@pytest.mark.parametrize("data", [b"\x89PNG\r\n\x1a\n\x9d\x81", b'{"cells": [\n "metadata": {}\n]}\n'])
+def test_a_file_of_another_kind_is_told_what_a_bank_is(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "scan.csv"
+    path.write_bytes(data)
+    with pytest.raises(
+        RecordError, match=r"scan\.csv: it is no text with rows and columns; a bank is a CSV of angle_deg"
+    ):
+        read_bank(path)
+
+
 def test_rows_without_numbers_are_left_out_and_named(tmp_path: Path) -> None:
     path = written(tmp_path, "angle_deg,intensity\n-1,5\n0,nan\n1,7\n2,\n3,n/a\ninf,1\n4,2\n")
     with pytest.raises(

@@ -14,8 +14,8 @@ from markerseek.sim import CurveWorld, LaserSettings, MarkerSettings, NoiseSetti
 from markerseek.studies import CurveSettings, cells
 from markerseek.studies.paper import curve_runs
 from markerseek.studies.paper.curve_runs import Condition, answers_of_trial, study_of
-from markerseek.studies.paper.methods import searched
 from markerseek.studies.paper.section import Answer
+from markerseek.studies.trial import searched
 from markerseek.studies.worlds import draw_trial, study_rig
 
 

@@ -11,8 +11,9 @@ import pytest
 from markerseek import rigs
 from markerseek.sim import NoiseSettings, SimulatedSettings, StageMotion
 from markerseek.studies.paper import RunOptions
-from markerseek.studies.paper.methods import QuantisedPolicy, SearchTrace, noise_free_track, policy_of, searched
+from markerseek.studies.paper.methods import QuantisedPolicy, noise_free_track, policy_of
 from markerseek.studies.paper.travel import rotation_s, shortest_order, travel, travel_deg
+from markerseek.studies.trial import SearchTrace, searched
 
 MARKERS = np.random.default_rng(11).uniform(-35, 35, 1500)
 

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.registration.marker_errors import kept_errors, search_errors
+from benchmarks.registration.trials import Conditions, registrations
 from markerseek.core import ConfigError
-from markerseek.studies.registration import Conditions, kept_errors, registrations, search_errors
 
 KNOWN = Conditions(shared_assumed=False)
 """Nothing that all points share is wrong, and the registration knows that."""

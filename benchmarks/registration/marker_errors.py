@@ -21,7 +21,7 @@ from markerseek.runs import REGISTRATION_TOLERANCE, new_session, plan_on
 from markerseek.sim import SimulatedSettings, tissue_named
 
 KEPT = "marker_errors.csv"
-"""Table of the searches that were made; ``python -m markerseek.studies.registration --searches`` makes it."""
+"""Table of the searches that were made; ``python -m benchmarks.registration --searches`` makes it."""
 
 SEARCHES = {
     "plastisol-phantom": range(1, 301),

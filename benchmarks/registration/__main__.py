@@ -1,6 +1,6 @@
 """The study's table: target registration errors under all conditions, as Markdown.
 
-``python -m markerseek.studies.registration [--registrations N] [--searches]`` prints it, or makes the searches anew.
+``python -m benchmarks.registration [--registrations N] [--searches]`` prints it, or makes the searches anew.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from markerseek.studies.registration.marker_errors import KEPT, SEARCHES, kept_errors, search_errors, write_errors
-from markerseek.studies.registration.trials import SOURCES, Conditions, Trial, registrations
+from benchmarks.registration.marker_errors import KEPT, SEARCHES, kept_errors, search_errors, write_errors
+from benchmarks.registration.trials import SOURCES, Conditions, Trial, registrations
 
 POINT, STAINED = "plastisol-phantom", ("chicken-breast", "liver", "muscle", "muscle-icg")
 """Materials whose searches the study draws from: a point, and uneven stained spots."""
@@ -122,7 +122,7 @@ def _cells(trials: Sequence[Trial]) -> list[str]:
 def main() -> None:
     """Print the table, or make the searches anew from which it draws."""
     parser = argparse.ArgumentParser(
-        prog="python -m markerseek.studies.registration",
+        prog="python -m benchmarks.registration",
         description="Errors of registrations with markers found by searches; all is simulated.",
     )
     parser.add_argument("--registrations", type=int, default=1000, help="registrations for each number (1000)")

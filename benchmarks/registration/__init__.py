@@ -1,0 +1,1 @@
+"""Errors of registrations with markers found by searches; all is simulated."""

@@ -1,0 +1,208 @@
+"""Position-triggered sweeps of the real drivers over the emulated bench, whose stage triggers its laser box."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from markerseek.core import (
+    AcquisitionError,
+    ConfigError,
+    DeviceError,
+    Found,
+    LaserError,
+    Measured,
+    Sample,
+    Sweep,
+    Swept,
+)
+from markerseek.drivers import Kdc101Settings, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
+from markerseek.drivers.energy_meter import EnergyMeter
+from markerseek.emulators import DirectPort, EmulatedBench, EmulatedKdc101
+from markerseek.emulators.bench import BenchClock
+from markerseek.emulators.laserbox import LIGHT_COUNTS, LaserBoxFaults
+from markerseek.guard import Admission, FiringLimits, Guard, State
+from markerseek.rigs import image_reader
+from markerseek.scan import Scanner, run
+from markerseek.sim import SimulatedSettings
+from markerseek.wire import CONTROLLER, TO_CONTROLLER, AptFramer, apt
+from tests.unit.emulators.test_bench_sweep import SETTINGS, sweeping
+from tests.unit.scan.stamp_offsets import stamp_offsets_deg
+
+SWEEP = Sweep(to_deg=-20.0, speed_deg_s=12.0, spacing_deg=0.1, from_deg=-35.0)
+
+
+class Swallowing(DirectPort):
+    """A line to the stage on which one kind of message is lost."""
+
+    ident: int | None = None
+
+    def write(self, data: bytes) -> None:
+        for message in AptFramer(TO_CONTROLLER, to=CONTROLLER).feed(data):
+            if message.ident != self.ident:
+                super().write(message.raw)
+
+
+class Bench:
+    """Real drivers on emulated devices, with a cable from the stage's trigger port to the box's trigger input."""
+
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        settings: SimulatedSettings = SETTINGS,
+        model: str = "KDC101",
+        position_triggered: bool = True,
+    ) -> None:
+        self.emulated = EmulatedBench(
+            settings=settings, rng=np.random.default_rng(3), folder=folder, stage=EmulatedKdc101(model=model)
+        )
+        self.clock = clock = BenchClock(tick_s=2e-3)
+        self.stage_port = Swallowing(device=self.emulated.stage, clock=clock)
+        port = DirectPort(device=self.emulated.laser_box, clock=clock)
+        keys = Kdc101Settings(port="", zero_deg=0.0, speed_deg_s=20.0, acceleration_deg_s2=25.0)
+        self.laser = LaserBox(port=port, clock=clock, position_triggered=position_triggered)
+        clock.lead(lambda _: self.laser.beat(), lambda _: port.read(0, timeout_s=0.0), self.emulated.daq.advance)
+        daq = SonixDaqSettings(folder=str(folder), timeout_s=10.0, readout_s=0.5, frames="triggered")
+        receiver = SonixDaqReceiver(settings=daq, clock=clock)
+        self.guard = Guard(limits=settings.limits, firing=FiringLimits(), admission=Admission())
+        self.scanner = Scanner(
+            stage=Kdc101Stage(port=self.stage_port, clock=clock, settings=keys),
+            laser=self.laser,
+            receiver=receiver
+            if settings.laser.energy_meter_noise is None
+            else EnergyMeter(receiver, measured=lambda _: None, usual_energy=LIGHT_COUNTS, box=self.laser),
+            reader=image_reader(settings.probe.array, sampling_hz=settings.receiver.sampling_hz),
+            clock=clock,
+            guard=self.guard,
+        )
+        self.guard.arm(by="test")
+
+    def swept(self) -> list[Sample]:
+        """Samples of one sweep."""
+        outcomes = list(self.scanner.sweep(SWEEP, number=1, goes_on=lambda: True))
+        assert isinstance(outcomes[-1], Swept)
+        return [outcome for outcome in outcomes if isinstance(outcome, Sample)]
+
+    @property
+    def faults(self) -> LaserBoxFaults:
+        return self.emulated.laser_box.faults
+
+    def truth_deg(self) -> list[float]:
+        return [flash.angle_deg for flash in self.emulated.world.flashes if flash.angle_deg is not None]
+
+
+def test_each_pulse_is_where_the_encoder_triggered_it_and_its_stamp_agrees(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench(tmp_path)
+    offsets_deg = stamp_offsets_deg(monkeypatch)
+    events = list(run(sweeping(bench.scanner.sweeping.stage.fastest_sweep_deg_s), bench.scanner))
+    answer = events[-1].estimate  # type: ignore[union-attr]
+    assert isinstance(answer, Found)
+    assert answer.mean_deg == pytest.approx(-24.0, abs=0.1)
+    samples = [event.sample for event in events if isinstance(event, Measured) and event.sample.sweep is not None]
+    truth_deg = bench.truth_deg()
+    assert len(samples) == len(truth_deg) > 80
+    # Upwards, in the direction of the approach: no play is between encoder and probe. Half a count, and the rounding.
+    off_deg = [sample.angle_deg - true for sample, true in zip(samples, truth_deg, strict=True)]
+    assert max(map(abs, off_deg)) < 1e-3
+    assert len(offsets_deg) == len(samples)
+    assert max(map(abs, offsets_deg)) <= 0.02
+    assert all(sample.sweep is not None and sample.sweep.delay_sigma_s < 1e-3 for sample in samples)
+    # The ports are as before, and the moves of the confirmation gave no edge.
+    assert bench.emulated.stage.edges(bench.clock.now_s()) == []
+
+
+def lost(bench: Bench) -> None:
+    bench.faults.edge_lost_at = 8
+
+
+def doubled(bench: Bench) -> None:
+    bench.faults.edge_doubled_at = 8
+
+
+@pytest.mark.parametrize("break_it", [lost, doubled])
+def test_a_trigger_lost_or_doubled_on_its_way_to_the_box_refuses_the_sweep_whole(
+    tmp_path: Path, break_it: Callable[[Bench], None]
+) -> None:
+    bench = Bench(tmp_path)
+    break_it(bench)
+    with pytest.raises(AcquisitionError, match=r"trigger \d+ of the stage and the stamp of its pulse differ by -?0\.6"):
+        bench.swept()
+    assert bench.guard.state is State.ARMED
+    bench.emulated.laser_box.faults = LaserBoxFaults()
+    assert len(bench.swept()) > 15
+
+
+def test_a_cable_that_is_off_gives_no_light_and_is_named(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    bench.faults.edges_cut = True
+    with pytest.raises(LaserError, match="no pulse came in"):
+        bench.swept()
+    assert bench.truth_deg() == []
+    assert bench.guard.state is State.FAULT
+
+
+@pytest.mark.parametrize(("ident", "what"), [(0x0526, "trigger positions"), (0x0523, "trigger ports")])
+def test_what_is_read_back_otherwise_than_written_ends_before_anything_moves(
+    tmp_path: Path, ident: int, what: str
+) -> None:
+    bench = Bench(tmp_path)
+    bench.stage_port.ident = ident
+    with pytest.raises(DeviceError, match=f"does not keep its {what}"):
+        bench.swept()
+    assert (bench.emulated.stage.moves, bench.truth_deg()) == (0, [])
+
+
+@pytest.mark.parametrize(("mode", "edges"), [(0x0B, 1), (0x0C, 1), (apt.TRIGGER_STEPS_UP, 40)])
+def test_the_modes_beside_position_steps_give_one_edge_a_move(tmp_path: Path, mode: int, edges: int) -> None:
+    """0x0C reads like a position in some manuals; it is "at full speed"."""
+    bench = Bench(tmp_path)
+    row = apt.TriggerRow(start=apt.counts_of(-34.0), interval=apt.counts_of(0.25), number=40)
+    bench.stage_port.write(apt.set_trigger_positions(apt.TriggerPositions(up=row, down=row)))
+    bench.stage_port.write(apt.set_trigger_ports(apt.TriggerPorts(first=mode)))
+    bench.stage_port.write(apt.set_target(apt.counts_of(-10.0)) + apt.move())
+    bench.clock.wait(4.0)
+    given = bench.emulated.stage.edges(bench.clock.now_s())
+    assert len(given) == edges
+    if edges > 1:
+        expected_deg = [apt.degrees_of(row.start + row.interval * each) for each in range(edges)]
+        assert [edge.angle_deg for edge in given] == pytest.approx(expected_deg, abs=1e-6)
+
+
+def test_positions_count_once_the_port_is_set_after_them(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    row = apt.TriggerRow(start=apt.counts_of(-34.0), interval=apt.counts_of(0.25), number=40)
+    bench.stage_port.write(apt.set_trigger_ports(apt.TriggerPorts(first=apt.TRIGGER_STEPS_UP)))
+    bench.stage_port.write(apt.set_trigger_positions(apt.TriggerPositions(up=row, down=row)))
+    bench.stage_port.write(apt.set_target(apt.counts_of(-10.0)) + apt.move())
+    bench.clock.wait(4.0)
+    assert bench.emulated.stage.edges(bench.clock.now_s()) == []
+
+
+def test_a_rig_without_triggers_says_why_it_cannot(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, model="TDC001")
+    with pytest.raises(ConfigError, match="its stage's controller is a TDC001, which gives no triggers"):
+        _ = bench.scanner.sweeping
+    bench = Bench(tmp_path)
+    bench.laser._version = 3
+    with pytest.raises(ConfigError, match="its laser box has version 3 of the protocol, which has no trigger input"):
+        _ = bench.scanner.sweeping
+    assert bench.emulated.stage.moves == 0
+
+
+@pytest.mark.parametrize("position_triggered", [True, False])
+def test_the_light_meter_measures_each_pulse_of_a_sweep(tmp_path: Path, position_triggered: bool) -> None:
+    light = replace(SETTINGS.laser, energy_meter_noise=0.01, energy_spread=0.1)
+    bench = Bench(tmp_path, settings=replace(SETTINGS, laser=light), position_triggered=position_triggered)
+    samples = bench.swept()
+    measured = [sample.frame.header.energy for sample in samples if sample.frame is not None]
+    truth = [flash.energy for flash in bench.emulated.world.flashes]
+    assert np.std(truth) > 0.05
+    assert len(measured) == len(truth) > 15
+    assert measured == pytest.approx(truth, rel=0.05)
