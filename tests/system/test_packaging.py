@@ -95,3 +95,11 @@ def test_ctrl_c_in_the_set_up_says_how_to_go_on_and_shows_no_traceback(tmp_path:
     assert "after Ctrl-C the same command goes on" in said
     assert "Interrupt" in said
     assert "Traceback" not in said
+
+
+@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="needs a clone")
+def test_every_folder_of_a_clone_is_in_the_source_distribution() -> None:
+    held = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
+    folders = {name.split("/")[0] for name in held if "/" in name and not name.startswith(".")}
+    grafted = set(re.findall(r"^graft (\S+)$", (ROOT / "MANIFEST.in").read_text(encoding="utf-8"), re.MULTILINE))
+    assert folders - {"src"} == grafted
