@@ -339,9 +339,10 @@ WRONG = [
     (("frame", "a.b8", "--number", 3), "there is no frame 3, it holds 2"),
     (("frame", "a.b8", "--probe", "L3-8"), "--probe is for channel data"),
     (("frame", "a.b32"), "a.b32: it is a .b32 (type 8), which is not read; export .b8"),
-    (("frame", "broken.hdf5"), "not one frame; see 'markerseek bank info broken.hdf5'"),
+    (("frame", "broken.hdf5"), "no bank in HDF5 that can be read"),
+    (("frame", "good.csv"), "a scan of many angles, not one frame"),
     (("frame", "frames.npy", "--min-depth-mm", -5), "--min-depth-mm is -5, it must lie between 0 and 1000 mm"),
-    (("frame", "frames.npy", "--number", 2), "only Ultrasonix files"),
+    (("frame", "frames.npy", "--number", 2), "only scans (HDF5) and Ultrasonix files"),
     (("replay", "good.csv", "--probe", "X1"), "probe 'X1' is not known"),
 ]
 

@@ -149,6 +149,19 @@ def test_a_file_of_zea_is_imported_as_it_was_exported(shell, scan, tmp_path):
     assert after.intensities == pytest.approx(before.intensities, rel=1e-3)
 
 
+def test_one_frame_of_a_scan_is_searched_as_the_same_frame_alone(shell, scan, folder, tmp_path):
+    exported(shell, scan, tmp_path / "a.zea.hdf5")
+    alone = sorted(folder.iterdir(), key=lambda path: float(path.stem.removeprefix("angle_").removesuffix("deg")))[2]
+    _, expected, _ = shell("frame", alone, "--json")
+    for file in (scan, tmp_path / "a.zea.hdf5"):
+        code, out, err = shell("frame", file, "--number", 3, "--json")
+        assert code in (0, 3), err
+        assert json.loads(out)["intensity"] == pytest.approx(json.loads(expected)["intensity"], rel=1e-3)
+    code, _, err = shell("frame", scan, "--number", 6)
+    assert code == 2
+    assert "holds 5 frames" in err
+
+
 def test_a_table_has_no_channels_for_zea(shell, tmp_path):
     (tmp_path / "a.csv").write_text("angle_deg,intensity\n1,2\n2,3\n3,1\n")
     code, _, err = shell("bank", "export", tmp_path / "a.csv", tmp_path / "a.zea.hdf5")

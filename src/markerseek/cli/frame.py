@@ -43,6 +43,7 @@ EXAMPLES = (
     "Examples:\n\n"
     "  markerseek frame waterbath_20170419-171121.mat --plot\n\n"
     "  markerseek frame frame.npy --probe examples/probes/linear-64.toml\n\n"
+    "  markerseek frame scan.hdf5 --number 3 --plot\n\n"
     "  markerseek frame bmode.b8 --number 5 --plot\n\n"
     "  markerseek frame pa.rf --spare --plot\n\n"
     "  markerseek frame scan/angle_-12.5deg --probe BPL9-5/55 --max-depth-mm 60 --json"
@@ -55,8 +56,9 @@ def command(
     file: Annotated[
         Path,
         typer.Argument(
-            help="A SonixDAQ folder, an .npy of (channels, samples), a .mat of the Allman-Bell data set; "
-            "or an Ultrasonix .b8 or .rf, which is described and drawn, and with --spare an .rf is searched too."
+            help="A SonixDAQ folder, an .npy of (channels, samples), a .mat of the Allman-Bell data set, a scan "
+            "(HDF5); or an Ultrasonix .b8 or .rf, which is described and drawn, and with --spare an .rf is searched "
+            "too."
         ),
     ],
     probe: Annotated[
@@ -68,7 +70,9 @@ def command(
     ] = None,
     min_depth_mm: Annotated[float | None, typer.Option(help="Smallest depth of a source.")] = None,
     max_depth_mm: Annotated[float | None, typer.Option(help="Largest depth of a source.")] = None,
-    number: Annotated[int, typer.Option(min=1, help="Which frame of an Ultrasonix file, counted from 1.")] = 1,
+    number: Annotated[
+        int, typer.Option(min=1, help="Which frame of a scan (HDF5) or of an Ultrasonix file, counted from 1.")
+    ] = 1,
     spare: Annotated[
         bool, typer.Option("--spare", help="Find a source in an .rf by SPARE: its lines are focused again, one way.")
     ] = False,
@@ -88,7 +92,7 @@ def command(
     as_json: AsJson = False,
 ) -> None:
     """Find the sources in one frame of channel data, or say that there is none."""
-    from markerseek.records.banks import MAT_PROBE, ULTRASONIX_SUFFIXES, load_frame
+    from markerseek.records.banks import HDF5_SUFFIXES, MAT_PROBE, ULTRASONIX_SUFFIXES, load_frame
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     _require_spare(file, spare=spare, receive_focus_mm=receive_focus_mm)
@@ -96,20 +100,26 @@ def command(
     if file.suffix.lower() in ULTRASONIX_SUFFIXES and not spare:
         _require_none(probe=probe, min_depth_mm=min_depth_mm, max_depth_mm=max_depth_mm, over=over)
         output.show(_ultrasonix_report(file, number=number))
-    if number != 1 and not spare:
-        raise ConfigError(f"--number is {number}, and only Ultrasonix files hold more than one frame; leave it out")
+    scan = file.suffix.lower() in HDF5_SUFFIXES
+    if number != 1 and not (spare or scan):
+        raise ConfigError(
+            f"--number is {number}, and only scans (HDF5) and Ultrasonix files hold more than one frame; leave it out"
+        )
     # The public data set was recorded with one probe, which its files do not name.
-    preset = rigs.chosen_probe(probe or (MAT_PROBE if file.suffix.lower() == ".mat" else signals.PRESET_NAMES[0]))
-    probe = preset.name
+    usual = MAT_PROBE if file.suffix.lower() == ".mat" else signals.PRESET_NAMES[0]
     low_m, high_m = _depth_m("--min-depth-mm", min_depth_mm), _depth_m("--max-depth-mm", max_depth_mm)
     reader: signals.AnyImageReader
     frame: ChannelFrame | RFFrame
     if spare:
-        preset, frame = _lines_of(file, preset, number=number)
+        preset, frame = _lines_of(file, rigs.chosen_probe(probe or usual), number=number)
         focus_m = None if receive_focus_mm is None else receive_focus_mm / 1e3
         reader = signals.SpareReader(preset, receive_focus_m=focus_m, min_depth_m=low_m, max_depth_m=high_m)
     else:
-        frame = load_frame(file, sampling_hz=preset.sampling_hz)
+        if scan:
+            preset, frame = _frame_of_scan(file, probe, number=number)
+        else:
+            preset = rigs.chosen_probe(probe or usual)
+            frame = load_frame(file, sampling_hz=preset.sampling_hz)
         reader = signals.ImageReader(preset, min_depth_m=low_m, max_depth_m=high_m)
     under = None
     if over is not None:
@@ -122,7 +132,9 @@ def command(
         findings = reader.findings(frame)
     except AcquisitionError as problem:
         raise RecordError(f"{file}: {problem}") from problem
-    title = f"{file.name}, probe {probe}, {reader.method}"
+    probe = preset.name
+    at = f", frame {number} at {frame.header.commanded_deg:g} deg" if scan else ""
+    title = f"{file.name}{at}, probe {probe}, {reader.method}"
     name = f"{file.stem if file.is_file() else file.name}.png"
     report = Report(
         values=_values(findings, probe, method=reader.method),
@@ -250,6 +262,18 @@ def _ultrasonix_report(path: Path, *, number: int) -> Report:
     )
     pictures = {f"{path.stem}.png": drawn(_ultrasonix_figure, file, pixels, number=number)}
     return Report(values=values, shown=_described(file, pixels, number=number), pictures=pictures)
+
+
+def _frame_of_scan(path: Path, probe: str | None, *, number: int) -> tuple[signals.ProbePreset, ChannelFrame]:
+    """The preset of a scan, and one of its frames, in the order of their angles, counted from 1."""
+    from markerseek.records.banks import FrameBank, read_bank
+
+    bank = read_bank(path)
+    if not isinstance(bank, FrameBank):
+        raise RecordError(f"{path}: it holds intensities and no frames; see 'markerseek bank info {path}'")
+    if number > len(bank.angles_deg):
+        raise ConfigError(f"--number is {number}, and {path} holds {len(bank.angles_deg)} frames; name one of these")
+    return rigs.preset_of(bank, probe), bank.frame(number - 1)
 
 
 def _lines_of(path: Path, preset: signals.ProbePreset, *, number: int) -> tuple[signals.ProbePreset, RFFrame]:

@@ -6,6 +6,7 @@ Foreign files are read in a child process (`markerseek.records.sandbox`).
 
 from markerseek.records.banks.arrays import AXES, ArrayBank, read_arrays
 from markerseek.records.banks.bank import (
+    HDF5_SUFFIXES,
     Bank,
     BankFacts,
     FrameBank,
@@ -24,6 +25,7 @@ __all__ = [
     "ARRAY_SUFFIXES",
     "AXES",
     "DEFAULT_FORMAT",
+    "HDF5_SUFFIXES",
     "MAT_PROBE",
     "ULTRASONIX_SUFFIXES",
     "ArrayBank",
