@@ -32,7 +32,15 @@ from .simulated_registration import (
 )
 from .stereo_files import StereoSettings, read_stereo
 from .target_views import TargetView, target_views
-from .tracking import TrackQuality, quality_of, stage_period_s, track_run, tracking_policy
+from .tracking import (
+    AnyTrackingPolicy,
+    TrackQuality,
+    quality_of,
+    stage_period_s,
+    swept_tracking_policy,
+    track_run,
+    tracking_policy,
+)
 from .whole_recording import answer_from_all
 
 __all__ = [
@@ -92,6 +100,7 @@ __all__ = [
     "stage_period_s",
     "target_views",
     "track_run",
+    "swept_tracking_policy",
     "tracking_policy",
     "trus_shared_m",
 ]
