@@ -28,7 +28,6 @@ ROWS: list[Row] = [
     ("the same, curve Gaussian", LIMITS, 20.0, 5.0, GaussianCurve(fwhm_deg=FWHM_DEG)),
     ("the same, curve with wider tails", LIMITS, 20.0, 5.0, PowerCurve(fwhm_deg=FWHM_DEG, power=0.8)),
     *(("PRM1Z8 as it is driven, 20 Hz", DRIVEN, 20.0, speed, CURVE) for speed in (1.0, 5.0, 10.0)),
-    *(("PRM1Z8 at its limits, 100 Hz", LIMITS, 100.0, speed, CURVE) for speed in (1.0, 5.0, 10.0)),
 ]
 
 

@@ -102,6 +102,8 @@ def command(
         settings = _for_sweeps(settings)
     announce_compilation()
     assembled = rigs.simulated(seed=seed, settings=settings, swing=swing)
+    if sweep:
+        runs.require_streaming(assembled)
     tolerance = tolerance_of(tolerance_mm, None)
     plan = runs.plan_on(
         assembled, SearchPlan(method="posterior", start_deg=settings.start_deg, others=0.0, tolerance=tolerance)
@@ -150,8 +152,8 @@ def _for_sweeps(settings: SimulatedSettings) -> SimulatedSettings:
     """The rig with a gain that leaves room for the noise of single pulses."""
     if settings.laser.sweep_mode != "free-running":
         raise ConfigError(
-            f'laser: sweep_mode is "{settings.laser.sweep_mode}", and a marker is followed with a laser that runs free: '
-            'set sweep_mode = "free-running"'
+            f'laser: sweep_mode is "{settings.laser.sweep_mode}", and a marker is followed with a laser that runs '
+            'free: set sweep_mode = "free-running"'
         )
     return replace(settings, receiver=replace(settings.receiver, single_pulses=True))
 

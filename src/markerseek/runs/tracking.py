@@ -11,7 +11,7 @@ import numpy as np
 
 from markerseek.core import ConfigError, Event, Found, RunPlan, Sample, SearchError
 from markerseek.rigs import Rig
-from markerseek.scan import RunLimits, run
+from markerseek.scan import RunLimits, SweepingDevices, run
 from markerseek.search import FLANK_SHARE, SweptRig, SweptTracker, SweptTrackingPolicy, Tracker, TrackingPolicy
 from markerseek.sim import TURN_S, OscillatingMotion, StageMotion
 
@@ -97,6 +97,18 @@ def tracking_policy(
     return TrackingPolicy(tracker, began_s=now_s, until_s=now_s + duration_s, period_s=period_s)
 
 
+def require_streaming(rig: Rig) -> SweepingDevices:
+    """The devices of a rig that can follow a marker by sweeps; `ConfigError` says what it lacks."""
+    devices = rig.scanner.sweeping
+    readout_s = devices.receiver.sweep_readout_s
+    if readout_s > 0:
+        raise ConfigError(
+            f"track: the receiver reads its frames for {readout_s:g} s after each sweep, and a marker is followed from "
+            "frame to frame; name a rig whose readout_s is at most its frame_period_s, or leave --sweep out"
+        )
+    return devices
+
+
 def swept_tracking_policy(
     rig: Rig, found: Found, confirmation: Sample, *, speed_deg_s: float, duration_s: float
 ) -> SweptTrackingPolicy:
@@ -107,13 +119,7 @@ def swept_tracking_policy(
     noise_sigma = confirmation.reading.noise_sigma
     if found.curve is None or noise_sigma is None:
         raise SearchError("the search states no curve, or its frames no noise; search with the method posterior")
-    devices = rig.scanner.sweeping
-    readout_s = devices.receiver.sweep_readout_s
-    if readout_s > 0:
-        raise ConfigError(
-            f"track: the receiver reads its frames for {readout_s:g} s after each sweep, and a marker is followed from "
-            "frame to frame; name a rig whose readout_s is at most its frame_period_s"
-        )
+    devices = require_streaming(rig)
     now_s = rig.scanner.clock.now_s()
     tracker = SweptTracker(
         angle_deg=found.mean_deg,

@@ -242,7 +242,8 @@ class SweepInProgress:
         Those of a burst come all at once, and are admitted before the first is used: none grows old meanwhile.
 
         ``goes_on``: whether more of the sweep is wanted; if not, the light ends, then the motion, or both together
-        where the sweep says so. `AcquisitionError` refuses the sweep as a whole: frames and pulses do not belong together.
+        where the sweep says so. `AcquisitionError` refuses the sweep as a whole: frames and pulses do not belong
+        together.
         """
         stage, laser, receiver = self._devices.stage, self._devices.laser, self._devices.receiver
         with self._held:

@@ -1,8 +1,9 @@
 """Follows a marker from single pulses of a probe that turns: particles of its motion and of its intensity curve.
 
-A particle has an angle, a speed and an acceleration of the marker, and a curve: height, width and form. The marker keeps
-its speed, or is accelerated for about `TURN_S` seconds (a Markov chain of two states). That the curve is an unknown as
-well keeps the band honest: what it is off by is the same in all frames of one flank, and no number of them averages it.
+A particle has an angle, a speed and an acceleration of the marker, and a curve: height, width and form. The marker
+keeps its speed, or is accelerated for about `TURN_S` seconds (a Markov chain of two states). That the curve is an
+unknown as well keeps the band honest: what it is off by is the same in all frames of one flank, and no number of them
+averages it.
 The energy from pulse to pulse is one of `ENERGY_ERRORS`, of which the frames say how probable each is.
 """
 
@@ -17,7 +18,6 @@ from markerseek.core import PAPER_RANGE, Float64, Int64, Interval, SearchError, 
 from markerseek.search.posterior.likelihood import (
     OUTLIER_RANGE,
     OUTLIER_SHARE,
-    STRONG_SNR,
     TABLE_LOW,
     TABLE_SIZE,
     TABLE_STEP,
@@ -33,7 +33,7 @@ BEGINS_PER_S, TURN_S = 0.5, 1.0
 MOST_TIMES = 1.25
 """Largest acceleration over the one that is stated: each is uniform up to it, in either direction."""
 
-WANDER = 0.2
+WANDER = 0.05
 """Change of the speed beside that, in a second, over the acceleration that is stated."""
 
 ENERGY_ERRORS: tuple[float, ...] = (0.03, 0.06, 0.1, 0.15)
@@ -47,10 +47,6 @@ HEIGHT_ERROR, WIDTH_ERROR = 0.05, 0.05
 
 MISFIT, MISFIT_PACE = 0.5, 0.15
 """Share of outliers among the last frames above which the marker is lost, and the weight of each frame in it."""
-
-WEAK = 0.3
-"""Power of the likelihood of a frame near the noise (`STRONG_SNR`): the tails of a curve differ from any member of the
-family by the same in many frames, which would outvote those of the top."""
 
 _DRIFT = 0.01
 """Change of ln height and ln width in the root of a second: laser and tissue, and it keeps the particles apart."""
@@ -208,8 +204,6 @@ class SweptTracker:
         below = place.astype(int)
         share = place - below
         likelihoods = np.exp(tables[:, below] * (1 - share) + tables[:, below + 1] * share)
-        if intensity < STRONG_SNR * noise_sigma:
-            likelihoods **= WEAK
         evidence = likelihoods @ self._weight
         weight = self._weight * (self._error_share @ likelihoods)
         self._weight = weight / weight.sum()
@@ -231,7 +225,7 @@ class SweptTracker:
         self._misfit = 0.0
 
     def _log_curve(self, probe_deg: float) -> Float64[np.ndarray, " particles"]:
-        """ln of (1) of `shapes` for each particle, relative to the peak that was stated."""
+        """Ln of (1) of `shapes` for each particle, relative to the peak that was stated."""
         width_deg = self.fwhm_deg * np.exp(self._log_width)
         scaled = 2 * np.abs(probe_deg - self._angle_deg) / width_deg
         rise = 2 ** (self._knee / self._tail) - 1
@@ -261,7 +255,8 @@ class SweptTracker:
         drift = _DRIFT * math.sqrt(after_s)
         for values, deviation in ((self._log_height, HEIGHT_ERROR), (self._log_width, WIDTH_ERROR)):
             # Towards what the search stated, so that it stays as far from it as that may be off.
-            values += drift * rng.standard_normal(number) - values * drift**2 / (2 * deviation**2)
+            step = drift * rng.standard_normal(number) - values * drift**2 / (2 * deviation**2)
+            np.add(values, step, out=values)
 
     def _resample(self) -> None:
         """Draw the particles anew by their weights, systematically (Kitagawa 1996)."""

@@ -1,15 +1,15 @@
-"""A `SweptTracker` as a policy: it turns the probe to and fro about a marker that moves, in light, and never stops it long.
+"""A `SweptTracker` as a policy: it turns the probe to and fro about a marker that moves, in light.
 
-Which sweep is next, and whether the present one goes on, is decided by what the frames would tell. Of markers drawn from
-the posterior, each with its curve and its motion, any two are told apart by the intensities that they would give along
-the way of the probe: D is the squared difference of these, in units of their noise. What is left of the posterior's
-variance at a time is about
+Which sweep is next, and whether the present one goes on, is decided by what the frames would tell. Of markers drawn
+from the posterior, each with its curve and its motion, any two are told apart by the intensities that they would give
+along the way of the probe: D is the squared difference of these, in units of their noise. What is left of the
+posterior's variance at a time is about
 
     V = Σ_ij (x_i − x_j)²·exp(−D_ij/4)/N²                                                                        (1)
 
-with x the marker's angle then. The way is taken for which the mean of ln V over the next `AHEAD_S` is least. So the probe
-crosses a slow marker, goes with a fast one, a little faster or slower than it, and turns when it does; a marker that is
-lost is searched for over the range, without a rule for any of this.
+with x the marker's angle then. The way is taken for which the mean of ln V over the next `AHEAD_S` is least. So the
+probe crosses a slow marker, goes with a fast one, a little faster or slower than it, and turns when it does; a marker
+that is lost is searched for over the range, without a rule for any of this.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ GIVEN_UP_RANGES = 2.0
 """Sweeps over the whole range, in time, after which a marker that is lost is given up."""
 
 DEEPER_DEG = 15.0
-"""Angle off the plane up to which the marker is looked up in the image, which shows it the deeper the farther off it is."""
+"""Angle off the plane up to which the marker is looked up in the image, which shows it deeper there."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,7 +133,7 @@ class SweptTrackingPolicy:
         return self._lost_since_s is not None
 
     def ask(self) -> Sweep | None:
-        """Next sweep, or that which goes on; None at the end, while the probe brakes, or once the marker is given up."""
+        """Next sweep, or that which goes on; None at the end, while it brakes, or once the marker is given up."""
         if self._ending or self._last_s > self._until_s or self._given_up():
             return None
         if self._sweep is None:

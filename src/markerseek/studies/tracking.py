@@ -1,4 +1,4 @@
-"""Error and lag of the trackers on a simulated marker that moves: `Tracker` at a rate of frames, `SweptTracker` on a rig."""
+"""Error and lag of the trackers on a simulated marker that moves: at a rate of frames, and by sweeps of a rig."""
 
 from __future__ import annotations
 
@@ -119,7 +119,13 @@ class SweptTrack:
 
 
 def track_by_sweeps(
-    curve: IntensityCurve, *, fwhm_deg: float, settings: SimulatedSettings, speed_deg_s: float, duration_s: float, seed: int
+    curve: IntensityCurve,
+    *,
+    fwhm_deg: float,
+    settings: SimulatedSettings,
+    speed_deg_s: float,
+    duration_s: float,
+    seed: int,
 ) -> SweptTrack:
     """Follow one simulated marker by sweeps, on a rig whose frames are intensities.
 
@@ -128,7 +134,7 @@ def track_by_sweeps(
     ``curve``: true intensity curve, without noise. ``fwhm_deg``: its full width at half maximum, which the tracker
     knows to `CURVE_ERROR`, as the height. ``settings``: of the rig. ``duration_s``: how long it is followed.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.Generator(np.random.PCG64(seed))
     swing = OscillatingMotion(speed_deg_s=speed_deg_s)
     world = CurveWorld.of_settings(settings, curve=curve, marker_deg=0.0, cells=PLACE_CELLS, rng=rng)
     rig = rig_in_world(
