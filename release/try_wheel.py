@@ -45,7 +45,7 @@ WITH = {
 }
 """The same, or its help where it would not end, once they are installed; they are installed together."""
 
-RESOLVED = ("cluster", "optimizers", "botorch", "ros2", "standa")
+RESOLVED = ("cluster", "notebook", "optimizers", "botorch", "ros2", "standa")
 """Extras that are resolved and not installed: they are large."""
 
 

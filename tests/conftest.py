@@ -95,6 +95,14 @@ jaxtyping.install_import_hook(_pure_modules(), "beartype.beartype(conf=beartype.
 
 
 @pytest.fixture
+def unchecked_shapes() -> Iterator[None]:
+    """For thousands of searches, of whose time the checks take a third; unit tests check the same functions."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
+@pytest.fixture
 def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
     """Runs a command in this process; its exit code, standard output and standard error come back."""
 

@@ -71,6 +71,22 @@ def sweeps(journal: Path) -> bool:
         return False
 
 
+def test_a_stage_that_triggers_the_laser_box_finds_the_marker(tmp_path: Path) -> None:
+    world = WORLD + '[laser]\nsweep_mode = "position-triggered"\n[receiver]\nsingle_pulses = true\n'
+    with emulation(tmp_path, seed=3, text=world) as devices:
+        assert 'sweep_mode = "position-triggered"' in devices.rig.read_text()
+        for number in range(TRIES):
+            process = search(devices, tmp_path / f"{number}.journal")
+            out, err = process.communicate()
+            if process.returncode != 1 or "outside SweepPermit" not in err:
+                break
+    assert process.returncode == 0, err
+    result = json.loads(out)
+    assert (result["answer"], result["confirmed"]) == ("found", True)
+    assert result["angle_deg"] == pytest.approx(6.4, abs=0.3)
+    assert "at most 20 frames a second that the stage triggers" in " ".join(err.split())
+
+
 def test_a_sweep_is_killed_and_the_next_one_finds_the_marker(tmp_path: Path) -> None:
     world = WORLD + "[receiver]\nsingle_pulses = true\n"
     with emulation(tmp_path, seed=3, text=world) as devices:

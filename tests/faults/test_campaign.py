@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from markerseek.core import Found, Interval
+from markerseek.core import Found, Interval, NotConnectedError
 from markerseek.guard import Guard, State
 from markerseek.sim import RECEIVER_FAULTS, FaultKind
 
@@ -150,6 +150,23 @@ def test_the_checker_sees_pulses_without_a_permit(healthy: campaign_runs.Trace) 
     assert seen(healthy) == {"P3"}
     healthy.world.lights = lights
     assert seen(replace(healthy, sent_permits=(*healthy.sent_permits, ("permit-99", 1)))) == {"P3"}
+
+
+def test_sweeps_without_a_fault_end_with_an_answer_free_running_and_position_triggered(tmp_path: Path) -> None:
+    plans = [campaign_runs.draw_plan(2, number) for number in range(2000)]
+    sound = [plan for plan in plans if plan.method == campaign_runs.SWEEPS and not plan.faults]
+    with HeldLines() as lines:
+        campaign = campaign_runs.Campaign(tmp_path, lines)
+        for triggered in (0, 1):
+            plans = [plan for plan in sound if plan.number % 2 == triggered][:3]
+            traces = [campaign.perform(plan) for plan in plans]
+            # On a computer that is held up for a second the supervisor rightly ends a run.
+            ended = [trace for trace in traces if not isinstance(trace.raised, NotConnectedError)]
+            assert ended
+            for trace in ended:
+                assert trace.raised is None
+                assert trace.sweeps
+            assert set().union(*map(seen, traces)) == set()
 
 
 def test_the_checker_sees_light_that_no_sweep_permits(tmp_path: Path) -> None:

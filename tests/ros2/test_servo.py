@@ -60,7 +60,7 @@ def test_item_3_a_servo_command_further_on_does_not_stop_the_stage_in_between(st
 
 
 @pytest.mark.real_time
-@pytest.mark.parametrize("jump_s", [-30.0, 30.0])
+@pytest.mark.parametrize("jump_s", [-3600.0, -30.0, 30.0])
 def test_item_4_no_jump_of_the_clock_keeps_a_servo_command_alive_or_the_node_mute(
     start: Start, node: RosNode, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, jump_s: float
 ) -> None:

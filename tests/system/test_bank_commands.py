@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -17,7 +18,9 @@ import numpy as np
 import pacfish
 import pytest
 
-from markerseek.records.banks import FrameBank, read_bank
+from markerseek.core import Measured, RecordError
+from markerseek.records.banks import FrameBank, read_bank, record_of
+from markerseek.records.journal import read_journal
 from markerseek.wire import sonixdaq
 from tests.unit.records.vantage_workspaces import write_workspace
 
@@ -44,7 +47,7 @@ def replayed(shell, path, *words):
 def test_a_scan_holds_the_whole_range_and_what_is_known(shell, scan):
     code, out, _ = shell("bank", "info", scan, "--json")
     info = json.loads(out)
-    assert (code, info["angles"], info["planned"], info["dark_frames"]) == (0, 15, 15, 3)
+    assert (code, info["angles"], info["dark_frames"]) == (0, 15, 3)
     assert info["first_deg"] == pytest.approx(-35, abs=0.01)
     assert info["last_deg"] == pytest.approx(35, abs=0.01)
     assert info["largest_step_deg"] == pytest.approx(5, abs=0.01)
@@ -57,9 +60,13 @@ def test_a_scan_holds_the_whole_range_and_what_is_known(shell, scan):
 def test_a_frame_that_has_changed_is_found_by_every_command_that_would_not_need_it(shell, scan, tmp_path):
     damaged = tmp_path / "damaged.hdf5"
     shutil.copyfile(scan, damaged)
-    with h5py.File(damaged, "r+") as file:
-        for row in (2, 9):
-            file["binary_time_series_data"][5, 7, 0, row] ^= 1
+    with h5py.File(damaged) as file:
+        frames = file["binary_time_series_data"].id
+        places = [frames.get_chunk_info_by_coord((0, 0, 0, row)).byte_offset for row in (2, 9)]
+    raw = bytearray(damaged.read_bytes())
+    for place in places:
+        raw[place + 1000] ^= 1
+    damaged.write_bytes(raw)
     for words in (
         ("info", damaged),
         ("export", damaged, tmp_path / "out.csv"),
@@ -168,7 +175,7 @@ def test_an_interrupted_scan_stays_readable(tmp_path, number, by):
     path = tmp_path / "a.hdf5"
     words = ("bank", "scan", str(path), "--step-deg", "0.02", "--json")
     process = subprocess.Popen((*MARKERSEEK, *words), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    while process.poll() is None and angles_in(path) < 3:
+    while process.poll() is None and angles_in(record_of(path)) < 3:
         # Waits, so that the scan has the processor, and ends with it.
         with suppress(subprocess.TimeoutExpired):
             process.wait(0.05)
@@ -186,31 +193,58 @@ def test_an_interrupted_scan_stays_readable(tmp_path, number, by):
 
 def angles_in(path):
     try:
-        with h5py.File(path, "r", locking=False) as file:
-            return int(np.isfinite(file["meta_data/trus_angle_deg"][()]).sum())
-    except (OSError, KeyError, RuntimeError):
+        return sum(
+            isinstance(each.event, Measured) and not each.event.sample.dark for each in read_journal(path).entries
+        )
+    except RecordError:
         return 0
 
 
-def test_a_killed_scan_reports_how_to_complete_it(shell, scan, tmp_path):
-    killed, whole = tmp_path / "killed.hdf5", tmp_path / "whole.hdf5"
-    shutil.copy(scan, killed)
-    with h5py.File(killed, "r+") as file:
-        file["meta_data/trus_angle_deg"][9:] = np.nan
-    code, out, _ = shell("bank", "info", killed)
-    said = " ".join(out.split())
-    assert (code, "9 of 15 planned: the scan was cut short" in said) == (0, True)
-    assert "markerseek bank import" in said
-    code, _, err = shell("bank", "import", killed, whole)
-    assert code == 0, err
-    first, second = read_bank(killed), read_bank(whole)
-    assert isinstance(first, FrameBank)
-    assert isinstance(second, FrameBank)
-    assert (second.planned, second.angles_deg, second.facts) == (9, first.angles_deg, first.facts)
-    assert (second.intensities, second.started_s, second.pulses) == (first.intensities, first.started_s, first.pulses)
-    for index in range(9):
-        np.testing.assert_array_equal(first.frame(index).samples, second.frame(index).samples)
-    assert pacfish.load_data(str(whole)).binary_time_series_data.shape[3] == 9
+def test_a_killed_scan_becomes_a_bank_or_is_continued_to_the_whole_one(shell, scan, tmp_path):
+    killed = tmp_path / "killed.hdf5"
+    words = ("bank", "scan", str(killed), "--seed", "3", "--step-deg", "5", "--wavelength-nm", "760")
+    program = KILLED.format(words=["markerseek", *words])
+    ended = subprocess.run((sys.executable, "-c", program), capture_output=True, check=False)
+    assert ended.returncode == -signal.SIGKILL, ended.stderr
+    record = record_of(killed)
+    assert [path.name for path in tmp_path.iterdir()] == [record.name]
+    code, _, err = shell(*words)
+    assert (code, "it holds a scan that was killed" in err) == (2, True)
+    whole = read_bank(scan)
+    for part, angles, words in (("part.hdf5", 9, ()), ("all.hdf5", 15, ("resume", record, "--arm"))):
+        if words:
+            code, _, err = shell(*words)
+            assert code in (0, 3), err
+        code, _, err = shell("bank", "import", record, tmp_path / part)
+        assert code == 0, err
+        bank = read_bank(tmp_path / part)
+        assert bank.angles_deg == whole.angles_deg[:angles]
+        assert bank.intensities == whole.intensities[:angles]
+        assert (bank.started_s, bank.pulses) == (whole.started_s[:angles], whole.pulses[:angles])
+        assert replace(bank.facts, clock_zero_unix_s=whole.facts.clock_zero_unix_s) == whole.facts
+        for index in range(angles):
+            np.testing.assert_array_equal(bank.frame(index).samples, whole.frame(index).samples)
+    assert pacfish.load_data(str(tmp_path / "all.hdf5")).binary_time_series_data.shape[3] == 15
+
+
+KILLED = """
+import os, signal, sys
+from unittest import mock
+from markerseek import runs
+from markerseek.cli import main
+from markerseek.core import Measured
+scan = runs.scan_bank
+def killed(*given, **named):
+    taken = 0
+    for event in scan(*given, **named):
+        taken += isinstance(event, Measured)
+        if taken == 12:
+            os.kill(os.getpid(), signal.SIGKILL)
+        yield event
+mock.patch.object(runs, "scan_bank", killed).start()
+sys.argv = {words!r}
+main()
+"""
 
 
 def test_a_damaged_frame_is_no_answer_and_its_import_leaves_nothing_behind(shell, scan, tmp_path):

@@ -53,6 +53,14 @@ def test_the_files_that_the_map_names_exist() -> None:
         assert any((place / name).exists() for place in (ROOT, ROOT / "src" / "markerseek")), name
 
 
+def test_the_map_names_every_package() -> None:
+    text = (DOCS / "explanation" / "map.md").read_text(encoding="utf-8")
+    source = ROOT / "src" / "markerseek"
+    packages = [front.parent.relative_to(source).as_posix() for front in sorted(source.glob("*/**/__init__.py"))]
+    assert len(packages) > 25
+    assert [name for name in packages if not re.search(rf"`{name}[/`]|markerseek/{name}/", text)] == []
+
+
 def inline_commands() -> Iterator[str]:
     """Commands within the text of the pages; decisions tell of former ones."""
     for page in PAGES:

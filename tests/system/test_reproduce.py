@@ -151,6 +151,7 @@ def test_each_section_says_how_long_it_took(shell: Shell, tmp_path: Path) -> Non
     assert "Made in " in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_fig_5_agrees_between_curves_and_frames(shell: Shell, tmp_path: Path) -> None:
     code, out, _ = shell("reproduce", "fig5", "--markers", 16, "--workers", 1, "--out", tmp_path, "--json")
     assert code == 0
@@ -172,8 +173,9 @@ def test_fig_5_agrees_between_curves_and_frames(shell: Shell, tmp_path: Path) ->
     assert {row["share_without_a_claim"] for row in rows if row["method"] != "posterior"} == {"0.0"}
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_failures_of_the_unguarded_rules_and_ours(shell: Shell, tmp_path: Path) -> None:
-    code, _, _ = shell("reproduce", "failures", "--markers", 60, "--workers", 1, "--out", tmp_path)
+    code, _, _ = shell("reproduce", "failures", "--markers", 30, "--workers", 1, "--out", tmp_path)
     assert code == 0
     rows = {(row["fault"], row["method"], row["rules"]): row for row in rows_of(tmp_path / "failures.csv")}
     unguarded, ours = "the paper's", "ours"

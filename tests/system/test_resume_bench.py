@@ -20,7 +20,7 @@ from markerseek.guard import FiringLimits, Limits
 from markerseek.records.journal import Configuration, Journal
 from markerseek.rigs import BenchRecipe, SimulatedRecipe, fingerprint
 from markerseek.runs import rebuild_rig, require_same_measurement
-from markerseek.runs.same_bench import differences_of_benches
+from markerseek.runs.rebuild import differences_of_benches
 from markerseek.sim import SimulatedSettings
 from tests.unit.records.changed_configuration import changed
 

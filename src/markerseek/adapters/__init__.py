@@ -5,10 +5,7 @@ Each maximises the intensity without a model of its curve. Their packages are im
 
 from __future__ import annotations
 
-from markerseek.adapters.botorch import BoTorch
-from markerseek.adapters.bounded_minimiser import BoundedMinimiser
-from markerseek.adapters.optimiser import OptimiserPolicy
-from markerseek.adapters.scikit_optimize import ScikitOptimize
+from markerseek.adapters.optimiser import BoTorch, BoundedMinimiser, OptimiserPolicy, ScikitOptimize
 from markerseek.core import PAPER_RANGE, ConfigError, Interval, Policy
 from markerseek.search import CheckedPolicy, Method
 

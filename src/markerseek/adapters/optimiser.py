@@ -1,12 +1,16 @@
-"""What all adapters share: the check of their package, and the strongest sample as the answer."""
+"""Optimisers as policies: SciPy's bounded minimiser, scikit-optimize and BoTorch (extras of their names).
+
+They share the check of their package, and the strongest sample as the answer.
+"""
 
 from __future__ import annotations
 
 import importlib
 import math
+import warnings
 from abc import abstractmethod
-from collections.abc import Sequence
-from typing import ClassVar
+from collections.abc import Iterator, Sequence
+from typing import Any, ClassVar
 
 from markerseek.core import PAPER_RANGE, Found, Interval, needs_package
 from markerseek.search import SearchPolicy, check_acquisitions
@@ -118,3 +122,124 @@ class OptimiserPolicy(SearchPolicy):
     def _inside(self, angle_deg: float) -> float:
         """The angle, or the nearer end of the range if the stage went beyond it: the optimisers accept no other."""
         return self._limits.nearest(angle_deg)
+
+
+TOLERANCE_DEG = 1e-3
+"""Change of the angle at which it ends, in degrees."""
+
+
+class _NotMeasuredError(Exception):
+    """The minimiser evaluates an angle that has not been measured yet."""
+
+    def __init__(self, angle_deg: float) -> None:
+        super().__init__(angle_deg)
+        self.angle_deg = angle_deg
+
+
+class BoundedMinimiser(OptimiserPolicy):
+    """`scipy.optimize.minimize_scalar(method="bounded")` on the negative intensity.
+
+    Where the stage stops next to the requested angle, the minimiser uses the value as that of the requested angle.
+    """
+
+    name = "bounded-minimiser"
+    summary = "SciPy's bounded minimiser (Brent) on the intensity"
+    least = 1
+
+    def _propose(self, angles_deg: Sequence[float], values: Sequence[float]) -> float | None:
+        from scipy.optimize import minimize_scalar
+
+        measured: Iterator[float] = iter(values)
+
+        def negative_intensity(angle_deg: float) -> float:
+            value = next(measured, None)
+            if value is None:
+                raise _NotMeasuredError(float(angle_deg))
+            return -value
+
+        # `minimize_scalar` runs its own loop. It is therefore restarted for each acquisition and replays the measured
+        # values: the method draws nothing at random and takes microseconds, so that it requests the same angles again.
+        try:
+            minimize_scalar(
+                negative_intensity,
+                bounds=(self._limits.low_deg, self._limits.high_deg),
+                method="bounded",
+                options={"xatol": TOLERANCE_DEG, "maxiter": len(angles_deg) + 1},
+            )
+        except _NotMeasuredError as wanted:
+            return wanted.angle_deg
+        return None
+
+
+class ScikitOptimize(OptimiserPolicy):
+    """`skopt.Optimizer` on the negative intensity: a Gaussian process with noise, acquisition function "gp_hedge".
+
+    The package's defaults, except that the first design is no longer than the budget. The same samples give the same
+    angles.
+    """
+
+    name = "scikit-optimize"
+    summary = "scikit-optimize's Gaussian process with its own choice of the next angle"
+    package, extra = "skopt", "optimizers"
+
+    def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int = 16) -> None:
+        super().__init__(limits=limits, acquisitions=acquisitions)
+        from skopt import Optimizer
+
+        self._optimizer: Any = Optimizer(
+            [(limits.low_deg, limits.high_deg)],
+            base_estimator="GP",
+            n_initial_points=min(INITIAL, self._budget),
+            initial_point_generator="lhs",
+            random_state=SEED,
+        )
+        self._passed_on = 0
+
+    def _propose(self, angles_deg: Sequence[float], values: Sequence[float]) -> float | None:
+        # It warns of repeated angles and of a fit at the edge of its bounds; the user can change neither.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            for angle_deg, value in zip(angles_deg[self._passed_on :], values[self._passed_on :], strict=True):
+                self._optimizer.tell([angle_deg], -value)
+                self._passed_on += 1
+            return float(self._optimizer.ask()[0])
+
+
+class BoTorch(OptimiserPolicy):
+    """Gaussian process with inferred noise (`SingleTaskGP`) and log noisy expected improvement.
+
+    BoTorch's parts with their defaults: inputs scaled to 0–1, outputs standardised, hyperparameters by the marginal
+    likelihood, `qLogNoisyExpectedImprovement` maximised by `optimize_acqf`. The same samples give the same angles.
+    """
+
+    name = "botorch"
+    summary = "BoTorch's Gaussian process, next the largest expected improvement"
+    package, extra = "botorch", "botorch"
+
+    def _propose(self, angles_deg: Sequence[float], values: Sequence[float]) -> float | None:
+        initial = min(INITIAL, self._budget)
+        if len(angles_deg) < initial:
+            # The first design: the centres of equal parts of the range.
+            return self._limits.low_deg + self._limits.width_deg * (len(angles_deg) + 0.5) / initial
+        import torch
+        from botorch.acquisition.logei import qLogNoisyExpectedImprovement
+        from botorch.fit import fit_gpytorch_mll
+        from botorch.models import SingleTaskGP
+        from botorch.models.transforms import Normalize, Standardize
+        from botorch.optim import optimize_acqf
+        from gpytorch.mlls import ExactMarginalLogLikelihood
+
+        angles = torch.tensor(angles_deg, dtype=torch.float64).unsqueeze(-1)
+        heights = torch.tensor(values, dtype=torch.float64).unsqueeze(-1)
+        bounds = torch.tensor([[self._limits.low_deg], [self._limits.high_deg]], dtype=torch.float64)
+        # BoTorch draws from PyTorch's global generator: its state is restored for other code that uses it.
+        with warnings.catch_warnings(), torch.random.fork_rng(devices=[]):
+            warnings.simplefilter("ignore")
+            torch.manual_seed(SEED + len(angles_deg))
+            model = SingleTaskGP(
+                angles, heights, input_transform=Normalize(d=1, bounds=bounds), outcome_transform=Standardize(m=1)
+            )
+            fit_gpytorch_mll(ExactMarginalLogLikelihood(model.likelihood, model))
+            gain = qLogNoisyExpectedImprovement(model, X_baseline=angles)
+            candidate, _ = optimize_acqf(gain, bounds=bounds, q=1, num_restarts=8, raw_samples=64)
+        return float(candidate[0, 0])

@@ -76,7 +76,6 @@ def _values(
         content=_content(bank),
         description=known.description,
         angles=len(angles),
-        planned=bank.planned,
         first_deg=angles[0],
         last_deg=angles[-1],
         largest_step_deg=_largest_step_deg(bank),
@@ -124,18 +123,13 @@ def _shown(
 ) -> Iterator[str | Table]:
     yield f"[bold]{escape(str(path))}[/]: {_content(bank)}"
     known, angles, began_unix_s = bank.facts, bank.angles_deg, _began_unix_s(bank)
-    cut, dark_frames = "", None
+    dark_frames = None
     if bank.dark_frames:
         dark_frames = f"{bank.dark_frames}, the largest intensity is {dark or math.nan:.4g}"
-    if bank.planned != len(angles):
-        cut = (
-            f" of {bank.planned} planned: the scan was cut short, and other programs see zeros for the rest; "
-            f"'markerseek bank import {path} whole.hdf5' leaves them off"
-        )
     rows: list[tuple[str, str | None]] = [
         ("scanned", known.description or None),
         ("began", None if began_unix_s is None else _date(began_unix_s)),
-        ("angles", f"{len(angles)}{cut}"),
+        ("angles", str(len(angles))),
         ("range", f"{angles[0]:g}° to {angles[-1]:g}°, steps of at most {_largest_step_deg(bank):.3g}°"),
         ("dark frames", dark_frames),
         ("intensities", _origin(bank, computed_with)),

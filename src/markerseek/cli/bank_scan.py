@@ -65,9 +65,7 @@ def command(
 
     If stopped early, the file has all acquisitions so far.
     """
-    from markerseek.records.banks.ipasc import require_new_bank
-
-    require_new_bank(out)
+    runs.require_new_scan(out)
     watch = WatchOptions(events=events, heartbeat=heartbeat)
     announce_compilation()
     taken, dark, refused = 0, 0, 0

@@ -95,7 +95,7 @@ def command(
     _require_over(over, over_pixel_mm, plot=plot)
     if file.suffix.lower() in ULTRASONIX_SUFFIXES and not spare:
         _require_none(probe=probe, min_depth_mm=min_depth_mm, max_depth_mm=max_depth_mm, over=over)
-        output.show(ultrasonix_report(file, number=number))
+        output.show(_ultrasonix_report(file, number=number))
     if number != 1 and not spare:
         raise ConfigError(f"--number is {number}, and only Ultrasonix files hold more than one frame; leave it out")
     # The public data set was recorded with one probe, which its files do not name.
@@ -105,13 +105,12 @@ def command(
     reader: signals.AnyImageReader
     frame: ChannelFrame | RFFrame
     if spare:
+        preset, frame = _lines_of(file, preset, number=number)
         focus_m = None if receive_focus_mm is None else receive_focus_mm / 1e3
-        reader, frame = open_for_spare(
-            file, number=number, probe=probe, receive_focus_m=focus_m, min_depth_m=low_m, max_depth_m=high_m
-        )
+        reader = signals.SpareReader(preset, receive_focus_m=focus_m, min_depth_m=low_m, max_depth_m=high_m)
     else:
-        reader = signals.ImageReader(preset, min_depth_m=low_m, max_depth_m=high_m)
         frame = load_frame(file, sampling_hz=preset.sampling_hz)
+        reader = signals.ImageReader(preset, min_depth_m=low_m, max_depth_m=high_m)
     under = None
     if over is not None:
         # Before the frame is imaged: a wrong name is said at once.
@@ -223,7 +222,7 @@ def _figure(findings: signals.FrameFindings, picture: PaImage, *, under: BModeIm
     return frame_figure(picture, marks_m=marks_m, title=title)
 
 
-def ultrasonix_report(path: Path, *, number: int) -> Report:
+def _ultrasonix_report(path: Path, *, number: int) -> Report:
     """A file and one of its frames, described and drawn.
 
     ``number``: number of the frame, counted from 1.
@@ -253,38 +252,24 @@ def ultrasonix_report(path: Path, *, number: int) -> Report:
     return Report(values=values, shown=_described(file, pixels, number=number), pictures=pictures)
 
 
-def open_for_spare(
-    path: Path,
-    *,
-    number: int,
-    probe: str,
-    receive_focus_m: float | None,
-    min_depth_m: float | None,
-    max_depth_m: float | None,
-) -> tuple[signals.SpareReader, RFFrame]:
-    """Reader for the lines of an ``.rf`` file, and one of its frames.
+def _lines_of(path: Path, preset: signals.ProbePreset, *, number: int) -> tuple[signals.ProbePreset, RFFrame]:
+    """The preset of the lines of an ``.rf`` file, and one of its frames, counted from 1.
 
-    ``path``: its header gives the sampling frequency, and how many lines cover the probe. ``number``: number of the
-    frame, counted from 1. ``probe``: preset with the probe's length and band.
+    Its header gives the sampling frequency, and how many lines cover the probe, whose length and band are the preset's.
     """
     from markerseek.records.banks import open_ultrasonix
 
     file = open_ultrasonix(path)
     header = file.header
-    preset = signals.probe_preset(probe)
     width_m = preset.array.elements * preset.array.pitch_m
     # Some exports leave the density out; then all lines of the file cover the probe.
     pitch_m = width_m / (header.line_density if header.line_density > 0 else header.width)
     try:
         lines = LinearArray(elements=header.width, pitch_m=pitch_m)
-        preset = replace(preset, array=lines, sampling_hz=float(header.sampling_hz))
+        of_lines = replace(preset, array=lines, sampling_hz=float(header.sampling_hz))
     except ConfigError as problem:
-        raise RecordError(f"{path}: the lines in its header do not fit probe {probe}: {problem}") from problem
-    frame = RFFrame(header=NO_HEADER, samples=file.rf(number - 1), sampling_hz=preset.sampling_hz)
-    reader = signals.SpareReader(
-        preset, receive_focus_m=receive_focus_m, min_depth_m=min_depth_m, max_depth_m=max_depth_m
-    )
-    return reader, frame
+        raise RecordError(f"{path}: the lines in its header do not fit probe {preset.name}: {problem}") from problem
+    return of_lines, RFFrame(header=NO_HEADER, samples=file.rf(number - 1), sampling_hz=of_lines.sampling_hz)
 
 
 def b_mode_under(

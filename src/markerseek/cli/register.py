@@ -50,6 +50,10 @@ class SceneOptions:
     simulated_frames: Annotated[
         int | None, typer.Option(help="Simulated camera frames of each spot.", show_default="25")
     ] = None
+    rig: Annotated[
+        Path | None,
+        typer.Option(help="Rig file of the simulated rig: its stage, laser and noise.", show_default="the usual one"),
+    ] = None
     tissue: Annotated[str | None, typer.Option(help="Simulated material.", show_default="plastisol-phantom")] = None
     sweep: Sweeps = False
     readout_s: Annotated[
@@ -59,13 +63,15 @@ class SceneOptions:
 
     def scene(self) -> runs.SimulatedScene:
         """The scene."""
-        from markerseek.sim import EndoscopeSettings, SimulatedSettings, changed_settings
+        from markerseek.rigs import read_simulated
+        from markerseek.sim import EndoscopeSettings, changed_settings
 
+        settings = read_simulated(self.rig, cure="register --journal takes the searches of a rig of devices")
         return runs.SimulatedScene(
             markers=4 if self.markers is None else self.markers,
             camera_m=0.1 if self.camera_mm is None else self.camera_mm / 1e3,
             camera=EndoscopeSettings(frames=25 if self.simulated_frames is None else self.simulated_frames),
-            rig=changed_settings(SimulatedSettings(), tissue=self.tissue, readout_s=self.readout_s),
+            rig=changed_settings(settings, tissue=self.tissue, readout_s=self.readout_s),
             sweep=self.sweep,
         )
 
@@ -155,7 +161,7 @@ def command(
     else:
         if simulated != NOT_SIMULATED:
             raise ConfigError(
-                "--markers, --camera-mm, --simulated-frames, --tissue, --sweep, --readout-s and --seed are for "
+                "--markers, --camera-mm, --simulated-frames, --rig, --tissue, --sweep, --readout-s and --seed are for "
                 "--simulate; leave them out"
             )
         title, pairs = _pairs(points, frames, journal or (), cameras, calibration_sigma_px)

@@ -1,8 +1,6 @@
 """Values, protocols, events and errors that all other packages share. Pure; it imports none of them."""
 
-from markerseek.core.array import LinearArray
 from markerseek.core.arrival import Arrival, LocalMaxima, SpotEnergy
-from markerseek.core.belief import AngleBelief
 from markerseek.core.checks import is_finite, is_whole, require_range
 from markerseek.core.errors import (
     AcquisitionError,
@@ -29,19 +27,30 @@ from markerseek.core.estimate import (
     Floor,
     Found,
     IntervalKind,
+    MarkerCurve,
     NotFound,
     OtherSource,
     Unsure,
 )
-from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Refused, Role, Started, Swept, Turning
-from markerseek.core.facts import RigFacts, RigKind, rig_in_words
+from markerseek.core.events import (
+    AngleBelief,
+    Asked,
+    Event,
+    Failed,
+    Finished,
+    Measured,
+    Refused,
+    Role,
+    Started,
+    Swept,
+    Turning,
+)
 from markerseek.core.frame import NO_HEADER, BModeFrame, ChannelFrame, Frame, FrameHeader, ReadingFrame, RFFrame
-from markerseek.core.image import BModeImage, PaImage, ScanGeometry
+from markerseek.core.image import BModeImage, LinearArray, PaImage, ScanGeometry
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerPosition, marker_position
-from markerseek.core.marker_curve import MarkerCurve
 from markerseek.core.permit import SWEEP_READING_S, Permit, SweepPermit
-from markerseek.core.plan import ByHand, PolicyPlan, RunPlan, SearchPlan, Tolerance
+from markerseek.core.plan import ByHand, PolicyPlan, RigFacts, RigKind, RunPlan, SearchPlan, Tolerance, rig_in_words
 from markerseek.core.protocols import (
     AnyPolicy,
     Clock,

@@ -9,8 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from markerseek.core.checks import require_range
 from markerseek.core.interval import Interval
-from markerseek.core.marker_curve import MarkerCurve
+from markerseek.core.reading import MAX_INTENSITY, MIN_INTENSITY
 
 IntervalKind: TypeAlias = Literal["posterior", "bracket", "propagated"]
 """Where an interval comes from: a probability, the width left of a bracket, or noise propagated through a formula."""
@@ -182,3 +183,28 @@ class Unsure:
 
 # A union and no base class: a match statement over it is checked for missing cases by mypy.
 Estimate: TypeAlias = Found | NotFound | Ambiguous | AtBound | Unsure
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MarkerCurve:
+    """The intensity curve of a marker that was found.
+
+    Attributes
+    ----------
+    fwhm_deg
+        Full width at half maximum, in degrees.
+    peak
+        Intensity with the probe on the marker, in the unit of the frames.
+
+    Raises
+    ------
+    ConfigError
+        If a number is not finite, or out of range.
+    """
+
+    fwhm_deg: float
+    peak: float
+
+    def __post_init__(self) -> None:
+        require_range("marker curve: fwhm_deg", self.fwhm_deg, low=0.5, high=90.0, unit="deg")
+        require_range("marker curve: peak", self.peak, low=MIN_INTENSITY, high=MAX_INTENSITY)

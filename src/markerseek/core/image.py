@@ -1,4 +1,4 @@
-"""Photoacoustic and B-mode images, and where the pixels of an image are."""
+"""Photoacoustic and B-mode images, where the pixels of an image are, and where the elements of the array are."""
 
 from __future__ import annotations
 
@@ -124,3 +124,38 @@ class BModeImage:
                 f"B-mode image: pixels are {self.pixels.dtype} of shape {self.pixels.shape}, "
                 "they must be uint8 of shape (rows, columns)"
             )
+
+
+if TYPE_CHECKING or CHECKED:
+    import numpy as np
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinearArray:
+    """Elements in a row, evenly spaced, centred on the middle of the image.
+
+    Attributes
+    ----------
+    elements
+        Number of elements.
+    pitch_m
+        Distance from one element's centre to the next, in metres.
+    """
+
+    elements: int = 128
+    pitch_m: float = 0.43e-3
+
+    def __post_init__(self) -> None:
+        if not 2 <= self.elements <= 4096:
+            raise ConfigError(f"array: elements is {self.elements}, it must lie between 2 and 4096 to form an image")
+        if not 1e-6 <= self.pitch_m <= 0.1:
+            raise ConfigError(f"array: pitch_m is {self.pitch_m} m, it must lie between 1e-6 and 0.1 m")
+
+    @property
+    def lateral_m(self) -> Float64[np.ndarray, " elements"]:
+        """Centre of each element along the array, in metres."""
+        # Imported here: NumPy takes a tenth of a second to import, and ``markerseek --help`` needs none of it.
+        import numpy as np
+
+        from_middle: Float64[np.ndarray, " elements"] = np.arange(self.elements) - (self.elements - 1) / 2
+        return from_middle * self.pitch_m

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from markerseek.core.estimate import Found, Unsure
-from markerseek.core.facts import RigFacts
+from markerseek.core.plan import RigFacts
 from markerseek.core.reading import Sample
 from markerseek.core.shapes import CHECKED, Float64
 

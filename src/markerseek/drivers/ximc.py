@@ -64,6 +64,11 @@ class XimcSettings(
     """Time without motion after which it counts as stuck."""
 
     def __post_init__(self) -> None:
+        if self.uri.startswith(_VIRTUAL) and not self.uri.endswith(".bin"):
+            raise ConfigError(
+                f"stage: uri is {self.uri!r}; the file of a virtual device must end in .bin, because the library "
+                "overwrites what it names"
+            )
         for name, low, high, unit in (
             ("steps_per_deg", 1, 10_000, ""),
             ("zero_deg", -360, 360, "deg"),

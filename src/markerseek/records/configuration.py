@@ -35,6 +35,8 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     """All settings of the rig, as JSON; null for a rig that was not assembled from settings."""
     imaging: msgspec.Raw = msgspec.Raw(b"null")
     """Preset of the rig's imaging chain, as JSON; null where there are intensities only."""
+    bank: msgspec.Raw = msgspec.Raw(b"null")
+    """Facts of the bank that a scan becomes, as JSON; null for a search."""
     versions: dict[str, str] = msgspec.field(default_factory=versions)
 
     def flat(self) -> dict[str, object]:

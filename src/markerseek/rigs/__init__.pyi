@@ -1,14 +1,21 @@
 from .bench_rig import bench, bench_part
 from .probe_file import chosen_probe, preset_of, probe_facts, with_probe_facts
-from .recipe import BenchRecipe, ReaderRecipe, Recipe, ReplayedRecipe, SimulatedRecipe, SpareRecipe, TipRecipe
 from .replay import replayed
-from .rig import Rig, fingerprint
+from .rig import (
+    BenchRecipe,
+    ReaderRecipe,
+    Recipe,
+    ReplayedRecipe,
+    Rig,
+    SimulatedRecipe,
+    SpareRecipe,
+    TipRecipe,
+    fingerprint,
+)
 from .rig_file import read_rig_file, read_simulated
-from .scene import Scene, draw_scene, scene_of
-from .scene_curve import scene_curve
+from .scene import Scene, draw_scene, image_peak, image_reader, largest_count, scene_curve, scene_of
 from .simulated_devices import USUAL_CELLS, of_intensities, rig_in_world
 from .simulation import simulated
-from .spot import image_peak, image_reader, largest_count
 
 __all__ = [
     "USUAL_CELLS",

@@ -10,8 +10,7 @@ from markerseek.core import Clock, ConfigError, Laser, Receiver, RigFacts, Stage
 from markerseek.drivers import PARTS, BenchProbe, BenchSettings, Part, SystemClock, entry_of, is_emulated, metered
 from markerseek.guard import Guard
 from markerseek.rigs.bench_devices import OpenDevices, guard_of
-from markerseek.rigs.recipe import BenchRecipe
-from markerseek.rigs.rig import Rig, fingerprint, with_probe
+from markerseek.rigs.rig import BenchRecipe, Rig, fingerprint, with_probe
 from markerseek.rigs.simulated_devices import DARK_FRAMES
 from markerseek.scan import Scanner
 from markerseek.signals import ImageReader, probe_preset

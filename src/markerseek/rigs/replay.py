@@ -13,8 +13,7 @@ from markerseek.guard import Admission, FiringLimits, Guard, Limits
 from markerseek.records import ReplayLaser, ReplayReceiver, ReplayStage
 from markerseek.records.banks import DEFAULT_FORMAT, FrameBank, TableFormat, read_bank
 from markerseek.rigs.probe_file import preset_of, with_probe_facts
-from markerseek.rigs.recipe import ReplayedRecipe
-from markerseek.rigs.rig import Rig, fingerprint, with_probe
+from markerseek.rigs.rig import ReplayedRecipe, Rig, fingerprint, with_probe
 from markerseek.scan import Scanner
 from markerseek.signals import ImageReader, IntensityReader, ProbePreset, is_own
 from markerseek.sim import VirtualClock

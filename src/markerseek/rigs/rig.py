@@ -1,4 +1,4 @@
-"""The type of an assembled rig (devices, scanner, facts), and the fingerprint of its settings."""
+"""The type of an assembled rig (devices, scanner, facts), its fingerprint, and its recipe in a journal."""
 
 from __future__ import annotations
 
@@ -6,18 +6,17 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Any, Literal, Protocol, Self, TypeAlias
 
 import msgspec
 
-from markerseek.core import ByHand, Laser, Receiver, RigFacts, RunPlan, Stage
-from markerseek.drivers import BenchSettings
+from markerseek.core import ByHand, ConfigError, Laser, Receiver, RecordError, RigFacts, RunPlan, Stage
+from markerseek.drivers import BenchSettings, bench_settings_from
 from markerseek.guard import Limits
-from markerseek.records.banks import FrameBank, IntensityBank
+from markerseek.records.banks import DEFAULT_FORMAT, FrameBank, IntensityBank, TableFormat
 from markerseek.rigs.probe_file import probe_facts
-from markerseek.rigs.recipe import Recipe
 from markerseek.scan import Scanner
-from markerseek.signals import AnyImageReader
+from markerseek.signals import AnyImageReader, ProbePreset
 from markerseek.sim import SimulatedSettings, hashable_values
 from markerseek.testing import RuleCheck
 from markerseek.vision import TipSettings
@@ -134,3 +133,66 @@ def fingerprint(of: SimulatedSettings | BenchSettings | IntensityBank | FrameBan
         plain = {"angles_deg": of.angles_deg, "intensities": of.intensities, "facts": known}
     # 128 bits exclude a coincidence, and fit into one line of a table.
     return hashlib.sha256(msgspec.json.encode(plain)).hexdigest()[:32]
+
+
+class SimulatedRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="simulated"):
+    """Arguments of `markerseek.rigs.simulated`."""
+
+    seed: int
+    settings: SimulatedSettings
+    pace: float
+
+    def __post_init__(self) -> None:
+        if not self.seed >= 0:
+            raise ConfigError(f"seed is {self.seed}, it must be 0 or a positive whole number")
+
+
+class ReplayedRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="replayed"):
+    """Arguments of `markerseek.rigs.replayed`; the path is absolute."""
+
+    path: str
+    probe: str | ProbePreset | None
+    reference_deg: float | None
+    between: Literal["nearest", "interpolated"]
+    table: TableFormat = DEFAULT_FORMAT
+
+
+class BenchRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="bench"):
+    """Arguments of `markerseek.rigs.bench_rig.bench`, as the tables of its rig file."""
+
+    # Plain values: the drivers that they name are looked up when they are compared with a rig file.
+    tables: dict[str, Any] = msgspec.field(name="settings")
+
+    @classmethod
+    def of(cls, settings: BenchSettings) -> BenchRecipe:
+        """Recipe with these settings."""
+        return cls(tables=settings.table())
+
+    @property
+    def settings(self) -> BenchSettings:
+        """The settings; `RecordError` if the tables hold none."""
+        try:
+            return bench_settings_from(self.tables)
+        except (ConfigError, RecursionError) as problem:
+            raise RecordError(f"the journal's rig cannot be read: {problem}") from problem
+
+
+Recipe: TypeAlias = SimulatedRecipe | ReplayedRecipe | BenchRecipe
+"""Recipe of any kind of rig."""
+
+
+class SpareRecipe(msgspec.Struct, frozen=True, kw_only=True, tag_field="reader", tag="spare"):
+    """Arguments of `markerseek.signals.SpareReader`."""
+
+    preset: ProbePreset
+    receive_focus_m: float | None
+
+
+class TipRecipe(msgspec.Struct, frozen=True, kw_only=True, tag_field="reader", tag="tooltip"):
+    """Arguments of `markerseek.vision.TipReader`."""
+
+    settings: TipSettings
+
+
+ReaderRecipe: TypeAlias = ProbePreset | SpareRecipe | TipRecipe | None
+"""What a journal holds of a rig's reader; a preset stands for channel data, None for intensities."""

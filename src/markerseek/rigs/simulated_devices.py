@@ -10,8 +10,7 @@ import numpy as np
 
 from markerseek.core import ConfigError, Reader, RigFacts
 from markerseek.guard import Admission, FiringLimits, Guard
-from markerseek.rigs.recipe import SimulatedRecipe
-from markerseek.rigs.rig import Rig, fingerprint, with_probe
+from markerseek.rigs.rig import Rig, SimulatedRecipe, fingerprint, with_probe
 from markerseek.scan import Scanner
 from markerseek.signals import AnyImageReader, IntensityReader
 from markerseek.sim import (

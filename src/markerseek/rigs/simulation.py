@@ -13,12 +13,10 @@ import numpy as np
 
 from markerseek.acoustics import Absorber
 from markerseek.core import ConfigError
-from markerseek.rigs.recipe import SimulatedRecipe
-from markerseek.rigs.rig import Rig
+from markerseek.rigs.rig import Rig, SimulatedRecipe
 from markerseek.rigs.rig_file import read_simulated
-from markerseek.rigs.scene import Scene, draw_marker, draw_scene
+from markerseek.rigs.scene import Scene, draw_marker, draw_scene, image_reader
 from markerseek.rigs.simulated_devices import require_seed, rig_in_world
-from markerseek.rigs.spot import image_reader
 from markerseek.signals import AnyImageReader, ProbePreset, SpareReader
 from markerseek.sim import (
     BModeSettings,

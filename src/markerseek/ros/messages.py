@@ -32,7 +32,7 @@ RANGE_DB = 40.0
 """Dynamic range from white to black, in dB."""
 
 _TRANSDUCER_QUATERNION = (0.5, 0.5, 0.5, 0.5)
-"""The rotation of `markerseek.records.exports.frames.TRANSDUCER_AXES` as x, y, z, w."""
+"""The rotation of `markerseek.records.exports.sequence.TRANSDUCER_AXES` as x, y, z, w."""
 
 
 def time_ns(time_s: float) -> int:

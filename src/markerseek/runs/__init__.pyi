@@ -7,20 +7,31 @@ from .bank_images import (
     dark_intensity,
     intensities_stored,
 )
-from .bank_of_journal import journal_bank
-from .bank_scan import scan_angles, scan_bank, scan_configuration
+from .bank_scan import journal_bank, require_new_scan, scan_angles, scan_bank, scan_configuration
 from .calibration_scan import Calibration, calibrate
 from .former_search import former_curve
 from .journalled import configuration_of
 from .points import point_pairs, spot_pairs
-from .rebuild import next_angle, rebuild_image_reader, rebuild_policy, rebuild_reader, rebuild_rig, recorded_bench
-from .recheck import samples_to_recheck
-from .recompute import recompute_differences
-from .registration import TARGET_DEPTH_M, PointPair, RegistrationReport, register_pairs
-from .registration_file import KnownRegistration, read_registration
-from .resume import require_reset
-from .same_bench import require_same_measurement
-from .session import Session, find_marker, new_session, plan_on, resumed_session
+from .rebuild import (
+    next_angle,
+    rebuild_image_reader,
+    rebuild_policy,
+    rebuild_reader,
+    rebuild_rig,
+    recompute_differences,
+    recorded_bench,
+    require_same_measurement,
+)
+from .registration import (
+    TARGET_DEPTH_M,
+    KnownRegistration,
+    PointPair,
+    RegistrationReport,
+    read_registration,
+    register_pairs,
+)
+from .resume import require_reset, samples_to_recheck
+from .session import Session, answer_from_all, find_marker, new_session, plan_on, resumed_session
 from .shared_errors import FOCAL_LENGTH, camera_shared_m, focal_shared_m, trus_shared_m
 from .simulated_registration import (
     GRID_STEP_M,
@@ -42,7 +53,6 @@ from .tracking import (
     track_run,
     tracking_policy,
 )
-from .whole_recording import answer_from_all
 
 __all__ = [
     "FOCAL_LENGTH",
@@ -90,6 +100,7 @@ __all__ = [
     "recompute_differences",
     "recorded_bench",
     "register_pairs",
+    "require_new_scan",
     "require_reset",
     "require_same_measurement",
     "require_streaming",

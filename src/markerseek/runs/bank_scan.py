@@ -1,22 +1,35 @@
-"""Scans the search range of a rig in equal steps and writes a bank, through the same loop as a search."""
+"""Scans the search range of a rig through the same loop as a search, and makes banks of the records of runs."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Generator
-from contextlib import closing
-from dataclasses import replace
+from collections.abc import Generator, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field, replace
+from datetime import datetime
 from pathlib import Path
 
+import msgspec
+
 from markerseek._version import __version__
-from markerseek.core import MAX_ACQUISITIONS, ConfigError, Event, Measured, RigFacts, RunPlan, SearchPlan
-from markerseek.records.banks import BankFacts
-from markerseek.records.banks.ipasc import BankWriter
-from markerseek.records.journal import Configuration
+from markerseek.core import (
+    MAX_ACQUISITIONS,
+    ChannelFrame,
+    ConfigError,
+    Event,
+    Measured,
+    RecordError,
+    RigFacts,
+    Sample,
+    SearchPlan,
+)
+from markerseek.records.banks import BankFacts, FrameBank, IntensityBank, record_of, require_angles
+from markerseek.records.banks.ipasc import require_new_bank, require_room, whole_bank
+from markerseek.records.journal import Configuration, Entry, Journal, RecordedRun, read_journal, salvage
 from markerseek.rigs import Rig
-from markerseek.runs.journalled import configuration_of
-from markerseek.scan import RunLimits, run
+from markerseek.runs.journalled import configuration_of, journalled
+from markerseek.scan import RunLimits
 from markerseek.search import Exhaustive
 
 MAX_ANGLES = 5000
@@ -83,6 +96,17 @@ def scan_configuration(rig: Rig, *, step_deg: float) -> Configuration:
     return configuration_of(rig, plan)
 
 
+def require_new_scan(path: Path) -> None:
+    """Refuse a path where no bank can be written, or beside which a scan that was killed is kept."""
+    require_new_bank(path)
+    record = record_of(path)
+    if record.exists():
+        raise RecordError(
+            f"{record}: it holds a scan that was killed; make a bank of it: 'markerseek bank import {record} "
+            f"{path}', or delete it"
+        )
+
+
 def scan_bank(
     rig: Rig,
     path: Path,
@@ -91,10 +115,12 @@ def scan_bank(
     wavelength_m: float | None = None,
     pulse_energy_j: float | None = None,
 ) -> Generator[Event, None, None]:
-    """Scan the search range and write each acquisition before the next is made.
+    """Scan the search range; each acquisition is on disk before the next is made, and at the end all become a bank.
 
-    If closed or interrupted, the stage stops, the laser is disarmed, and the file has all acquisitions so far. Times
-    start at this computer's date; the clock of a simulated rig is virtual, and runs faster or slower from there.
+    If closed or interrupted, the stage stops, the laser is disarmed, and the bank has all acquisitions so far. Until
+    it is written they are in a journal beside it (`record_of`), which outlives a process that is killed: it can be
+    imported (`journal_bank`), or resumed. Times start at this computer's date; the clock of a simulated rig is
+    virtual, and runs faster or slower from there.
 
     ``rig``: every acquisition passes its guard. ``path``: new file, ``.hdf5`` or ``.h5``; it must not exist.
     ``step_deg``: largest step. ``wavelength_m``, ``pulse_energy_j``: wavelength in metres and energy of one laser pulse
@@ -113,12 +139,140 @@ def scan_bank(
     # A scan is a search that never decides, so that guard, journal events and errors are the same.
     policy = Exhaustive(limits=rig.limits.search, acquisitions=angles, start_deg=rig.stage.angle_deg)
     limits = RunLimits(acquisitions=angles, duration_s=_S_PER_ANGLE * (angles + rig.dark_frames))
+    known = msgspec.Raw(msgspec.json.encode(facts))
+    configuration = msgspec.structs.replace(scan_configuration(rig, step_deg=step_deg), bank=known)
+    require_new_scan(path)
+    room_is_known = False
     with (
-        BankWriter(path, angles=angles, dark_frames=rig.dark_frames, facts=facts) as writer,
-        # The writer is the outer block: the rig is stopped before the file is closed.
-        closing(run(policy, rig.scanner, RunPlan(dark_frames=rig.dark_frames, stay=True), limits=limits)) as events,
+        # The outer block: the rig is stopped before the bank is written.
+        _recorded(path, configuration, facts) as journal,
+        closing(journalled(policy, rig, journal, limits=limits)) as events,
     ):
         for event in events:
-            if isinstance(event, Measured):
-                writer.add(event.sample)
+            if isinstance(event, Measured) and isinstance(event.sample.frame, ChannelFrame) and not room_is_known:
+                room_is_known = True
+                # For the record, and for the bank that is made of it: a disk that is full later would end the scan.
+                require_room(path, 2 * event.sample.frame.samples.nbytes * (angles + rig.dark_frames))
             yield event
+
+
+@contextmanager
+def _recorded(path: Path, configuration: Configuration, facts: BankFacts) -> Iterator[Journal]:
+    """The record of a scan, of which a bank is made when the block ends, however it ends."""
+    journal = Journal.create(record_of(path), configuration)
+    try:
+        with journal:
+            yield journal
+    finally:
+        _export(journal.path, path, facts)
+
+
+def _export(record: Path, path: Path, facts: BankFacts) -> None:
+    """Make a bank of a record, frame by frame, and delete the record; no bank where nothing was measured."""
+    lit: dict[float, int] = {}
+    dark: list[int] = []
+
+    def count(entry: Entry) -> None:
+        match entry.event:
+            case Measured(sample=Sample(dark=False, angle_deg=angle_deg)):
+                lit[angle_deg] = entry.number
+            case Measured(sample=Sample(frame=ChannelFrame())):
+                dark.append(entry.number)
+
+    def add(entry: Entry) -> None:
+        if isinstance(entry.event, Measured) and entry.number in kept:
+            writer.add(entry.event.sample)
+
+    damage = salvage(record, frames=False, on_entry=count)[1]
+    kept = {*lit.values(), *dark}
+    if lit:
+        try:
+            with whole_bank(path, angles=len(lit), dark_frames=len(dark), facts=facts) as writer:
+                salvage(record, frames=False, on_entry=add)
+        except RecordError as problem:
+            raise RecordError(
+                f"{problem}; what was measured is in {record}: 'markerseek bank import {record} NEW.hdf5'"
+            ) from problem
+    # What another program damaged may still hold more than could be read.
+    if damage is None:
+        record.unlink()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JournalBank(FrameBank):
+    """Frames of a run, in memory."""
+
+    samples: tuple[Sample, ...] = field(repr=False)
+    """Acquisitions with light, in the order of the angles."""
+    dark: tuple[Sample, ...] = field(repr=False)
+    """Acquisitions without light, in the order of time."""
+
+    def frame(self, index: int) -> ChannelFrame:
+        """Channel data of one angle, with the recorded header."""
+        return _channels(self.samples[index])
+
+    def dark_frame(self, index: int) -> ChannelFrame:
+        """One frame without laser, counted from 0; `RecordError` where there is none."""
+        if not 0 <= index < self.dark_frames:
+            raise RecordError(f"there is no dark frame {index + 1}, the journal holds {self.dark_frames}")
+        return _channels(self.dark[index])
+
+
+def journal_bank(path: Path) -> IntensityBank | JournalBank:
+    """Bank of all acquisitions of a run, with the confirmation; of several at one angle the last.
+
+    ``path``: the journal; its run need not be over.
+    """
+    recorded = read_journal(path)
+    known = recorded.configuration.facts
+    samples = [entry.event.sample for entry in recorded.entries if isinstance(entry.event, Measured)]
+    # A bank has one acquisition per angle; the last one is nearest in time to the answer.
+    by_angle = {each.angle_deg: each for each in samples if not each.dark}
+    repeated = sum(not each.dark for each in samples) - len(by_angle)
+    require_angles(path, sorted(by_angle))
+    lit = tuple(by_angle[angle_deg] for angle_deg in sorted(by_angle))
+    bank = IntensityBank(
+        angles_deg=tuple(each.angle_deg for each in lit),
+        intensities=tuple(each.reading.intensity for each in lit),
+        facts=_scan_facts(recorded)
+        or bank_facts(
+            known,
+            description=f"journal of {recorded.configuration.plan.method} on a {known.rig_name}: {known.description}"
+            + (f", without {repeated} at repeated angles" if repeated else ""),
+            clock_zero_unix_s=_clock_zero_unix_s(recorded),
+        ),
+    )
+    # A bank of frames needs channel data at every angle; of other frames only the intensities are taken.
+    if not all(isinstance(each.frame, ChannelFrame) for each in lit):
+        return bank
+    dark = tuple(each for each in samples if each.dark and isinstance(each.frame, ChannelFrame))
+    return JournalBank(
+        angles_deg=bank.angles_deg,
+        intensities=bank.intensities,
+        facts=bank.facts,
+        dark_frames=len(dark),
+        samples=lit,
+        dark=dark,
+        started_s=tuple(each.frame.header.started_s for each in lit if each.frame is not None),
+        pulses=tuple(each.frame.header.pulses for each in lit if each.frame is not None),
+    )
+
+
+def _scan_facts(recorded: RecordedRun) -> BankFacts | None:
+    """Facts of the bank that a scan was to become; None of a search."""
+    try:
+        known: BankFacts | None = msgspec.json.decode(recorded.configuration.bank, type=BankFacts | None)
+    except msgspec.MsgspecError as problem:
+        raise RecordError(f"{recorded.path}: what its bank is to hold cannot be read: {problem}") from problem
+    return known
+
+
+def _clock_zero_unix_s(recorded: RecordedRun) -> float:
+    """Unix time at which the clock of the run read 0, from the date of its first entry."""
+    first = recorded.entries[0]
+    return datetime.fromisoformat(first.written).timestamp() - first.clock_s
+
+
+def _channels(sample: Sample) -> ChannelFrame:
+    assert isinstance(sample.frame, ChannelFrame)  # noqa: S101 - only such samples are put into a bank of frames
+    return sample.frame

@@ -1,7 +1,10 @@
-"""Rebuilds policy, rig and imaging chain of a run from the configuration in its journal."""
+"""Rebuilds policy, rig and imaging chain of a run from the configuration in its journal, and computes it again."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -11,15 +14,18 @@ from markerseek.core import (
     AnyPolicy,
     ConfigError,
     ConfirmablePolicy,
+    Finished,
     Measured,
     Reader,
+    ReadingFrame,
     RecordError,
     Sweep,
     SweepingPolicy,
     Swept,
 )
 from markerseek.drivers import BenchSettings
-from markerseek.records.journal import Configuration, RecordedRun
+from markerseek.guard import Limits
+from markerseek.records.journal import Configuration, Entry, JournalEvent, RecordedRun
 from markerseek.rigs import (
     BenchRecipe,
     ReaderRecipe,
@@ -28,10 +34,14 @@ from markerseek.rigs import (
     SimulatedRecipe,
     SpareRecipe,
     TipRecipe,
+    fingerprint,
     replayed,
     simulated,
 )
-from markerseek.runs.same_bench import require_same_measurement
+from markerseek.runs.journalled import Beliefs
+from markerseek.runs.recorded_scanner import RecordedScanner
+from markerseek.runs.resume import RUN_EVENTS
+from markerseek.scan import run
 from markerseek.search import build_sweeping
 from markerseek.signals import AnyImageReader, ImageReader, IntensityReader, ProbePreset, SpareReader
 from markerseek.vision import TipReader
@@ -172,3 +182,83 @@ def next_angle(recorded: RecordedRun, policy: AnyPolicy) -> float | None:
                 policy.end_sweep()
     asked = policy.ask()
     return asked.to_deg if isinstance(asked, Sweep) else asked
+
+
+def differences_of_benches(recorded: BenchSettings, named: BenchSettings) -> dict[str, str]:
+    """Settings in the user's rig file that differ from those in the journal: a description by dotted key."""
+    was, now = _by_key(recorded.table()), _by_key(named.table())
+    keys = sorted(was.keys() | now.keys())
+    return {key: f"{key} is {now.get(key)}, was {was.get(key)}" for key in keys if was.get(key) != now.get(key)}
+
+
+def require_same_measurement(configuration: Configuration, recorded: BenchSettings, named: BenchSettings) -> list[str]:
+    """Refuse a rig file whose acquisitions are not comparable with the journal's; return all other differences.
+
+    ``named``: settings in the user's rig file. Returns differences that do not change what is measured, such as ports,
+    travel limits and budgets.
+    """
+    found = differences_of_benches(recorded, named)
+    # A port may change from day to day: it says where a device is plugged in, and not what it measures.
+    refused = [text for key, text in found.items() if key.startswith(named.comparable) and not key.endswith(".port")]
+    # The journal states the range twice, in the recipe and in the facts; both must be that of the file.
+    if not refused and configuration.facts.search != named.limits.search:
+        refused = [f"limits.search is {named.limits.search}, the journal searches {configuration.facts.search}"]
+    if refused:
+        was = configuration.facts.fingerprint
+        raise ConfigError(
+            f"the rig file does not describe the rig of the journal: {'; '.join(refused)} (fingerprint "
+            f"{fingerprint(named)}, was {was}); name the rig file that the search was begun with, "
+            "or begin a new search"
+        )
+    return list(found.values())
+
+
+def _by_key(table: Mapping[str, object], prefix: str = "") -> dict[str, object]:
+    """Nested settings as a flat table with dotted keys."""
+    flat: dict[str, object] = {}
+    for name, value in table.items():
+        flat |= _by_key(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
+    return flat
+
+
+def recompute_differences(recorded: RecordedRun, policy: AnyPolicy, reader: Reader) -> list[str]:
+    """Differences, bit for bit, between a run recomputed from its frames and its journal; empty if there are none.
+
+    Each stored frame is read again, the policy, in its state before the run, receives the readings, and its decisions
+    and its answer are compared with those of the journal.
+    """
+    found: list[str] = []
+    again = [_read_again(entry, reader, found) for entry in recorded.entries if isinstance(entry.event, RUN_EVENTS)]
+    if not again:
+        return []
+    search = recorded.configuration.facts.search
+    # A journal does not hold the limits of travel; nothing moves here.
+    scanner = RecordedScanner(again, limits=Limits(search=search, travel=search))
+    plan = recorded.configuration.plan
+    events = run(policy, scanner, plan)
+    beliefs = Beliefs(policy, plan)
+    with closing(events):
+        # Not strict: the journal of an interrupted run ends before the run does.
+        for entry, event in zip(again, map(beliefs.added, events), strict=False):
+            if _timeless(event) != _timeless(entry.event):
+                found.append(f"entry {entry.number}: {event} where the journal has {entry.event}")
+                # Later decisions depend on this one, so that their differences would say nothing new.
+                break
+    return found
+
+
+def _timeless(event: JournalEvent) -> JournalEvent:
+    """The event without the duration of the run, which cannot be recomputed from frames."""
+    return replace(event, elapsed_s=0.0) if isinstance(event, Finished) else event
+
+
+def _read_again(entry: Entry, reader: Reader, found: list[str]) -> Entry:
+    """The entry with its reading recomputed; appends a difference to `found`."""
+    event = entry.event
+    if not isinstance(event, Measured) or event.sample.frame is None:
+        return entry
+    frame = event.sample.frame
+    reading = (IntensityReader() if isinstance(frame, ReadingFrame) else reader).read(frame)
+    if reading != event.sample.reading:
+        found.append(f"entry {entry.number}: its frame is read as {reading}, the journal has {event.sample.reading}")
+    return replace(entry, event=replace(event, sample=replace(event.sample, reading=reading)))

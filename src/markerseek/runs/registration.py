@@ -1,19 +1,21 @@
-"""Registration of the da Vinci system to the probe from markers and camera points, judged and reported."""
+"""Registration of the da Vinci system to the probe from markers and camera points: judged, reported, read again."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
 from scipy.special import chdtrc
 
 from markerseek._version import __version__
-from markerseek.core import Bool, ConfigError, Float64
-from markerseek.geometry import Registration, leave_one_out, mirror_image_fre, register_points
+from markerseek.core import Bool, ConfigError, Float64, RecordError
+from markerseek.files import MIB, read_input
+from markerseek.geometry import Registration, RigidTransform, leave_one_out, mirror_image_fre, register_points
 from markerseek.runs.shared_errors import FOCAL_ERROR, TRUS_ERRORS, focal_shared_m, trus_shared_m
 
 MIN_PROBABILITY = 1e-3
@@ -292,3 +294,61 @@ def _under(trus_m: Float64[np.ndarray, "points 3"]) -> Triple:
 def _triple(point_m: Float64[np.ndarray, " 3"]) -> Triple:
     x, y, z = point_m.tolist()
     return x, y, z
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class KnownRegistration:
+    """A registration to be shown to other programs."""
+
+    name: str
+    davinci_to_trus: RigidTransform
+    """From the camera of the da Vinci system to the probe at 0 degrees, in metres."""
+    simulated: bool
+    """Whether markers and camera were simulated."""
+    fre_m: float
+    tre_m: float
+    """``fre_m`` and ``tre_m``: fiducial registration error, and expected error at the target."""
+
+    @property
+    def known(self) -> dict[str, object]:
+        """What is shown beside the transform."""
+        return {"file": self.name, "simulated": self.simulated, "fre_m": self.fre_m, "tre_m": self.tre_m}
+
+
+class _File(RegistrationReport, frozen=True, kw_only=True):
+    """A report, and what a simulation adds to it."""
+
+    simulation: Any = None
+
+
+def read_registration(path: Path) -> KnownRegistration:
+    """The registration in a file.
+
+    ``path``: JSON of ``markerseek register --json``.
+    """
+    try:
+        stored = msgspec.json.decode(read_input(path, most_bytes=8 * MIB), type=_File)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as problem:
+        raise RecordError(
+            f"{path}: it is no registration as JSON: {problem}; make one with 'markerseek register points.csv --json "
+            "> registration.json'"
+        ) from problem
+    if not stored.registered or stored.davinci_to_trus is None:
+        raise RecordError(f"{path}: its registration was not accepted ({stored.reason}); register again")
+    rows = stored.davinci_to_trus
+    if [len(row) for row in rows] != [4] * 4 or rows[3] != [0, 0, 0, 1]:
+        raise RecordError(f"{path}: davinci_to_trus must have 4 rows of 4 numbers, the last row 0, 0, 0, 1")
+    matrix = np.array(rows, dtype=float)
+    try:
+        transform = RigidTransform(
+            source="DaVinci", target="ProbeHome", rotation=matrix[:3, :3], translation_m=matrix[:3, 3]
+        )
+    except ConfigError as problem:
+        raise RecordError(f"{path}: {problem}") from problem
+    return KnownRegistration(
+        name=path.name,
+        davinci_to_trus=transform,
+        simulated=stored.simulation is not None,
+        fre_m=stored.fre_m,
+        tre_m=stored.tre_m,
+    )

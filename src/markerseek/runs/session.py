@@ -7,7 +7,7 @@ from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 
-from markerseek.core import AnyPolicy, Event, Measured, SearchPlan
+from markerseek.core import MAX_ACQUISITIONS, AnyPolicy, Estimate, Event, Measured, PolicyPlan, SearchPlan
 from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal, RecordedRun
 from markerseek.rigs import Rig
@@ -15,7 +15,7 @@ from markerseek.runs.journalled import configuration_of, journalled
 from markerseek.runs.rebuild import rebuild_policy
 from markerseek.runs.resume import resumed
 from markerseek.scan import run
-from markerseek.search import build_sweeping, most_acquisitions
+from markerseek.search import build, build_sweeping, most_acquisitions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,3 +140,20 @@ def resumed_session(rig: Rig, journal: Journal, recorded: RecordedRun, *, by: st
         by=by,
         reset_fault=reset_fault,
     )
+
+
+def answer_from_all(rig: Rig, plan: PolicyPlan) -> Estimate | None:
+    """Return the posterior's answer from every angle of a recording; None where there are too many, or invented ones.
+
+    ``rig``: a replayed rig that has measured nothing yet. ``plan``: of a search of it, whose method may be another.
+    """
+    if rig.angles_deg is None or not 2 <= len(rig.angles_deg) <= MAX_ACQUISITIONS:
+        return None
+    asked = plan if plan.method == "posterior" else PolicyPlan(method="posterior", tolerance=plan.tolerance)
+    asked = replace(asked, acquisitions=len(rig.angles_deg), early_end=False, angles_deg=rig.angles_deg)
+    policy = build(asked, limits=rig.limits.search)
+    for _ in range(rig.dark_frames):
+        policy.tell(rig.scanner.measure_dark())
+    while (angle_deg := policy.ask()) is not None:
+        policy.tell(rig.scanner.measure(angle_deg))
+    return policy.estimate()

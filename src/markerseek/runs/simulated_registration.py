@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from itertools import chain
 
 import msgspec
 import numpy as np
@@ -53,6 +54,16 @@ MARKER_PLACES: dict[int, tuple[tuple[int, int], ...]] = {
     9: ((-1, -1), (-1, 0), (-1, 1), (0, 1), (0, 0), (0, -1), (1, -1), (1, 0), (1, 1)),
 }
 """Places of the markers in steps along x and y of the TRUS frame, in an order with little rotation (x is across)."""
+
+
+def on_alternate_sides(places: Sequence[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
+    """The places in an order for sweeps: right and left in turn, those in the middle last.
+
+    A sweep goes to the nearer end of the range first, and ends at the other: a marker on that side is nearer then. The
+    first one starts in the middle and ends at the right.
+    """
+    right, left, middle = ([place for place in places if np.sign(place[0]) == side] for side in (1, -1, 0))
+    return (*chain.from_iterable(zip(right, left, strict=True)), *middle)
 
 
 class SimulatedSearch(msgspec.Struct, frozen=True, kw_only=True):
@@ -118,7 +129,8 @@ def simulate_registration(
     ``target_trus_m``, ``without``: the names are the numbers of the markers.
     """
     rng = np.random.default_rng(seed)
-    places = GRID_STEP_M * np.array(MARKER_PLACES[scene.markers], dtype=float)
+    in_turn = MARKER_PLACES[scene.markers]
+    places = GRID_STEP_M * np.array(on_alternate_sides(in_turn) if scene.sweep else in_turn, dtype=float)
     radius_m = scene.rig.marker.radius_m
     spots_m = np.column_stack([places, radius_m + RELIEF_M * rng.uniform(-0.5, 0.5, len(places))])
     true = camera_above(

@@ -135,7 +135,8 @@ class SweepingDevices:
             pulses=pulses,
             expires_s=0.0,
             to_deg=sweep.to_deg,
-            slowest_deg_s=max(SLOWEST * speed, sweep.spacing_deg / period_s),
+            # By a billionth more, so that rounding does not put two pulses nearer than the spacing.
+            slowest_deg_s=max(SLOWEST * speed, (1 + 1e-9) * sweep.spacing_deg / period_s),
             fastest_deg_s=FASTEST * speed,
             period_s=period_s,
             spacing_deg=sweep.spacing_deg,

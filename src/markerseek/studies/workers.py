@@ -55,14 +55,21 @@ def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, worker
     # Spawned, because a fork would copy the locks that threads of this process hold.
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(max_workers=workers, mp_context=context, initializer=_begin)
+    others = set(multiprocessing.active_children())
+    over = False
     try:
         yield from _in_order(partial(_submit, pool, function), jobs, ahead=_AHEAD * workers)
+        over = True
     except BrokenProcessPool as problem:
         raise MarkerseekError(
             "a worker process was ended from outside, perhaps for lack of memory; run the same command again with "
             "fewer --workers (a study continues where it was)"
         ) from problem
     finally:
+        if not over:
+            # What is under way is lost, and begins anew later: an entry of the benchmark may think for minutes.
+            for process in set(multiprocessing.active_children()) - others:
+                process.terminate()
         pool.shutdown(wait=True, cancel_futures=True)
         # Programs that this process starts later may need the current folder.
         if before is None:

@@ -237,19 +237,9 @@ def _fitted(
     level = float(np.median(image[rows, columns]))
     values = np.array([float(image[row, column]) - level, column, row, math.log(4.0), 0, 0, 0, level, 0, 0])
     centre = values[1:3].copy()
-    low = [0, column - half, row - half, 0, -0.9, -0.9, math.log(_EXPONENTS[0]), -np.inf, -np.inf, -np.inf]
-    high = [
-        np.inf,
-        column + half,
-        row + half,
-        math.log(_MAX_RADIUS_PX),
-        0.9,
-        0.9,
-        math.log(_EXPONENTS[1]),
-        np.inf,
-        np.inf,
-        np.inf,
-    ]
+    low = [0, column - half, row - half, 0, -0.9, -0.9, math.log(_EXPONENTS[0]), *[-np.inf] * 3]
+    most = math.log(_MAX_RADIUS_PX)
+    high = [np.inf, column + half, row + half, most, 0.9, 0.9, math.log(_EXPONENTS[1]), *[np.inf] * 3]
     reach_px = float(half)
     for _ in range(3):
         near = np.hypot(columns - values[1], rows - values[2]) <= reach_px

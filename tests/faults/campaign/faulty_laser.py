@@ -91,6 +91,10 @@ class FaultyLaser(Faulty):
     def delay_sigma_s(self) -> float:
         return self._inner.delay_sigma_s
 
+    @property
+    def position_triggered(self) -> bool:
+        return self._inner.position_triggered
+
     def begin_sweep(self, permit: SweepPermit) -> None:
         self._take(permit)
         self.sweeps.append((permit, self._clock.now_s()))

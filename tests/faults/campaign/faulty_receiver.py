@@ -94,7 +94,7 @@ class FaultyReceiver(Faulty):
             raise OSError("device disconnected")
         return self._swept(self._inner.frames())
 
-    def end_sweep(self) -> Sequence[Frame]:
+    def end_sweep(self, *, pulses: int) -> Sequence[Frame]:
         if self.has("unplugged"):
             raise OSError("device disconnected")
         slow = self.has("slow", silently=True)
@@ -103,7 +103,7 @@ class FaultyReceiver(Faulty):
             if slow.amount > SLOWER:
                 self.act(slow)
                 raise AcquisitionError("receiver: no frames came in time; check it and start again")
-        return self._swept(self._inner.end_sweep())
+        return self._swept(self._inner.end_sweep(pulses=pulses))
 
     def _swept(self, frames: Sequence[Frame]) -> Sequence[Frame]:
         """Frames of a sweep as it hands them over."""

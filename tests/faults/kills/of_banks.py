@@ -1,7 +1,7 @@
-"""Kills of `markerseek bank scan`: at random times, and at every write of its start, of one row and its close.
+"""Kills of `markerseek bank scan`: at random times, and at every write of an event and of the bank made at the end.
 
-What must hold: the bank opens, it holds the first acquisitions of the whole scan bit for bit, and they are those that
-were acknowledged or one more.
+What must hold: the bank, or the record that becomes one, holds the first acquisitions of the whole scan bit for bit,
+and they are those that were acknowledged or one more.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ import numpy as np
 
 from markerseek import runs
 from markerseek.core import Event, Measured, RecordError
-from markerseek.records.banks import FrameBank
-from markerseek.records.banks.ipasc import BankWriter
+from markerseek.records.banks import FrameBank, record_of
 from markerseek.records.banks.ipasc.reading import IpascBank, read_probed
+from markerseek.records.journal import Journal
+from markerseek.runs import bank_scan
 
 from .at_times import rig_file
 from .ground import new_path, remove
@@ -41,7 +42,7 @@ EARLY = 6
 """Acquisitions, dark ones included, after which a scan is stopped by Ctrl-C before its end."""
 
 _FEWEST = 3
-"""Angles of the smallest bank; a scan that died before leaves a file that opens, and is refused for this."""
+"""Angles of the smallest bank; the record of a scan that died before opens, and is refused for this."""
 
 
 def _words(path: Path) -> list[str]:
@@ -49,7 +50,9 @@ def _words(path: Path) -> list[str]:
     return [str(word) for word in words]
 
 
-def _prepared(ack_fd: int, *, stop_after: int | None = None, trace: str | None = None, row: int = 0) -> None:
+def _prepared(
+    ack_fd: int, *, stop_after: int | None = None, trace: tuple[Any, str] | None = None, row: int = 0
+) -> None:
     """Acknowledge each acquisition, stop by Ctrl-C after `stop_after`, and count the writes of one step."""
     scan = runs.scan_bank
 
@@ -66,13 +69,13 @@ def _prepared(ack_fd: int, *, stop_after: int | None = None, trace: str | None =
 
     mock.patch.object(runs, "scan_bank", acknowledging).start()
     if trace is not None:
-        step = getattr(BankWriter, trace)
+        step = getattr(*trace)
         calls = iter(range(1 << 30))
 
         def counted(*args: Any, **named: Any) -> Any:
             return (around(step) if next(calls) == row else step)(*args, **named)
 
-        mock.patch.object(BankWriter, trace, counted).start()
+        mock.patch.object(*trace, counted).start()
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,8 @@ def whole_scan() -> WholeScan:
     end = command(*_words(path), out=path, before=_prepared)
     require_well(end, 0)
     bank = _opened(path)
+    if not isinstance(bank, IpascBank):
+        raise MismatchError("its bank was not written")
     order = np.argsort(bank.columns.rows)
     whole = WholeScan(
         angles_deg=tuple(bank.angles_deg[place] for place in order),
@@ -108,9 +113,10 @@ def whole_scan() -> WholeScan:
     return whole
 
 
-def _opened(path: Path) -> IpascBank:
-    bank = read_probed(path)
-    if not isinstance(bank, IpascBank):
+def _opened(path: Path) -> FrameBank:
+    """The bank, or that of the record while there is none."""
+    bank = read_probed(path) if path.exists() else runs.journal_bank(record_of(path))
+    if not isinstance(bank, FrameBank):
         raise MismatchError("it holds no frames")
     return bank
 
@@ -138,9 +144,9 @@ def at_random_times(seed: int, first: int, runs: int) -> Tally:
 
 
 STEPS: dict[str, dict[str, Any]] = {
-    "a later row": {"trace": "add", "row": EARLY},
-    "close": {"trace": "close"},
-    "close after Ctrl-C": {"trace": "close", "stop_after": EARLY},
+    "a later event": {"trace": (Journal, "commit"), "row": 2 * EARLY},
+    "the bank": {"trace": (bank_scan, "_export")},
+    "the bank after Ctrl-C": {"trace": (bank_scan, "_export"), "stop_after": EARLY},
 }
 """Steps of a scan that are killed at every write, by what `_prepared` must do."""
 
@@ -176,7 +182,8 @@ def _dark_acknowledged(end: End) -> int:
 def _left_well(path: Path, end: End, row: Row, tally: Tally) -> None:
     row.kills += 1
     row.acknowledged += end.acknowledged
-    if end.acknowledged == 0 and not _dark_acknowledged(end) and not path.exists():
+    left = path.exists() or record_of(path).exists()
+    if end.acknowledged == 0 and not _dark_acknowledged(end) and not left:
         _remove_all(path)
         return
     row.begun += 1
@@ -197,7 +204,7 @@ def _taken(path: Path, end: End, tally: Tally) -> int:
         said = re.search(rf"it holds (\d+) angles, at least {_FEWEST} are needed", str(problem))
         if said is None or end.acknowledged >= _FEWEST:
             raise
-        tally.note("banks that died with fewer than 3 angles, opened, and refused for that")
+        tally.note("scans that died with fewer than 3 angles, opened, and refused for that")
         return int(said[1])
     kept = len(bank.angles_deg)
     if sorted(whole.angles_deg[:kept]) != list(bank.angles_deg):
@@ -217,5 +224,6 @@ def _taken(path: Path, end: End, tally: Tally) -> int:
 
 def _remove_all(path: Path) -> None:
     remove(path)
+    record_of(path).unlink(missing_ok=True)
     for part in path.parent.glob(f".{path.name}.*.part"):
         part.unlink()

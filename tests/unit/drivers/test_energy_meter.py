@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,7 @@ from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
 from markerseek.emulators import LIGHT_COUNTS, DirectPort
 from markerseek.emulators.bench import BenchClock, EmulatedBench
 from markerseek.guard import Admission, FiringLimits, Guard
-from markerseek.rigs.spot import image_reader
+from markerseek.rigs.scene import image_reader
 from markerseek.scan import Scanner, run
 from markerseek.search import build
 from markerseek.signals import pickup_amplitude
@@ -243,8 +244,22 @@ def test_each_frame_of_a_sweep_has_the_energy_of_its_pulse() -> None:
 
 def test_what_measures_trains_only_and_what_only_stands_still_say_why_they_cannot_sweep() -> None:
     swept: Any = Swept()
-    with pytest.raises(ConfigError, match="measures whole trains, and no single pulses"):
-        _ = EnergyMeter(swept, measured=lambda _: None, usual_energy=1.0, of_trains=True).frame_period_s
+    trains: Any = SimpleNamespace(measures_pulses=False)
+    with pytest.raises(
+        ConfigError, match="measures single pulses of a sweep from version 6 of the laser box's protocol"
+    ):
+        _ = EnergyMeter(swept, measured=lambda _: None, usual_energy=1.0, box=trains).frame_period_s
     still: Any = object()
     with pytest.raises(ConfigError, match=r"its receiver \(object\) only works with the probe at rest"):
         _ = EnergyMeter(still, measured=lambda _: None, usual_energy=1.0).frame_period_s
+
+
+def test_each_frame_of_a_sweep_has_what_the_box_says_of_its_own_pulse() -> None:
+    swept: Any = Swept()
+    permit: Any = object()
+    box: Any = SimpleNamespace(measures_pulses=True, light_of_pulse={0: 10_000, 1: 30_000, 2: None}.get)
+    meter = EnergyMeter(swept, measured=lambda _: 1.0, usual_energy=20_000.0, box=box)
+    for _ in range(2):
+        meter.begin_sweep(permit)
+        assert [frame.header.energy for frame in meter.end_sweep(pulses=3)] == [0.5, 1.5, None]
+    assert meter.usual == 20_000.0

@@ -13,7 +13,7 @@ from markerseek.core import ConfigError, DeviceError, Interval, LimitError, NotC
 from markerseek.drivers import BenchSettings, NamedStage, bench_settings_from
 from markerseek.guard import Limits
 from markerseek.rigs import BenchRecipe, bench, fingerprint, read_rig_file
-from markerseek.runs.same_bench import differences_of_benches
+from markerseek.runs.rebuild import differences_of_benches
 from markerseek.sim import VirtualClock
 from markerseek.testing import check_laser, check_receiver, check_stage
 

@@ -90,7 +90,7 @@ def test_no_box_at_all_is_not_connected() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"version": 5}, "has version 5 of the protocol, 1 to 4 are known"),
+        ({"version": 7}, "has version 7 of the protocol, 1 to 6 are known"),
         ({"version": 0}, "has version 0 of the protocol"),
         ({"lease_ms": 40}, "its lease is 40 ms, it must lie between 50 and 100 ms"),
         ({"lease_ms": 5000}, "its lease is 5000 ms"),

@@ -208,6 +208,7 @@ def test_an_address_at_which_nothing_is_cannot_be_connected() -> None:
         ({"steps_per_deg": math.nan}, "steps_per_deg is nan"),
         ({"speed_deg_s": 50.0}, "speed_deg_s is 50.0"),
         ({"steps_per_deg": 1.0, "arrival_deg": 0.001}, "less than a microstep"),
+        ({"uri": "xi-emu:///home/me/rig.toml"}, "must end in .bin, because the library overwrites"),
     ],
 )
 def test_keys_that_cannot_be_used_are_refused(keys: dict[str, Any], says: str) -> None:

@@ -16,8 +16,7 @@ from markerseek.records.journal import Journal, read_journal, verify
 from markerseek.rigs import Rig
 from markerseek.runs import rebuild_policy
 from markerseek.runs.journalled import journalled
-from markerseek.runs.recheck import pulses_before
-from markerseek.runs.resume import resumed
+from markerseek.runs.resume import pulses_before, resumed
 from markerseek.sim import GaussianCurve
 from tests.unit.runs.journalled_runs import ACQUISITIONS, configured, times_and_events
 

@@ -29,7 +29,7 @@ from markerseek.records.journal import Configuration, Entry, read_journal, resul
 from markerseek.records.journal.sequence import order_faults
 from markerseek.rigs import Rig
 from markerseek.runs import configuration_of, rebuild_reader, recompute_differences
-from markerseek.runs.recheck import commanded_deg, most_pulses, pulses_before
+from markerseek.runs.resume import commanded_deg, most_pulses, pulses_before
 from markerseek.search import build_sweeping
 from markerseek.sim import GaussianCurve, SimulatedSettings
 from tests.unit.runs import journalled_runs

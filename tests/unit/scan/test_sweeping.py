@@ -7,6 +7,8 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from markerseek.core import (
     MAX_AHEAD_DEG,
@@ -380,3 +382,14 @@ def test_a_permit_has_room_for_a_stage_that_is_slower_than_it_says() -> None:
     permit: SweepPermit = bench.scanner.sweeping.permit(TO_END, from_deg=-35.0)
     assert permit.pulses >= 1.09 * 20 * bench.scanner.sweeping.duration_s(TO_END, from_deg=-35.0)
     assert permit.fastest_deg_s < 2 * TO_END.speed_deg_s
+
+
+@given(st.floats(0.5, 8.5), st.floats(0.01, 1.0), st.sampled_from([20.0, 100.0, 1000.0]))
+def test_a_permit_leaves_its_spacing_at_any_speed_whatever_is_rounded(
+    speed_deg_s: float, spacing_deg: float, rate_hz: float
+) -> None:
+    devices = SweepBench(rate_hz=rate_hz).scanner.sweeping
+    sweep = Sweep(to_deg=35.0, speed_deg_s=speed_deg_s, spacing_deg=spacing_deg)
+    permit = devices.permit(sweep, from_deg=-35.0)
+    assert permit.spacing_deg == spacing_deg
+    assert permit.slowest_deg_s * permit.period_s >= spacing_deg

@@ -6,8 +6,10 @@ import dataclasses
 import importlib
 import json
 import math
+import multiprocessing
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -230,3 +232,14 @@ def test_without_dask_the_answer_is_the_command_that_installs_it(
     monkeypatch.setattr(importlib, "import_module", missing)
     with pytest.raises(MissingExtraError, match=r"pip install 'markerseek\[cluster\]'"):
         run_study(STUDY, tmp_path, scheduler="tcp://127.0.0.1:1")
+
+
+@pytest.mark.real_time
+def test_processes_whose_results_nobody_takes_any_more_are_ended_and_not_waited_for() -> None:
+    """As at Ctrl-C: each of the jobs takes five minutes."""
+    results = on_processes(time.sleep, [0.0, *[300.0] * 8], workers=2)
+    assert next(results) is None
+    began_s = time.monotonic()
+    results.close()
+    assert time.monotonic() - began_s < 60
+    assert not multiprocessing.active_children()

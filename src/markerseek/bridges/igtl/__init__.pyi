@@ -1,7 +1,6 @@
 from .commands import CommandAnswer, Request
 from .peer import IPAddress, plain_address
-from .server import PORT, IgtlServer
-from .service import SearchService
+from .service import PORT, IgtlServer, SearchService
 from .streams import Stream, Streams
 
 __all__ = [

@@ -1,21 +1,33 @@
-"""Runs the searches that OpenIGTLink clients ask for, and sends what they show."""
+"""Serves OpenIGTLink clients: who may connect and who goes first, the searches they ask for, what they are sent."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Collection, Iterable, Iterator
+import errno
+import os
+import socket
+import time
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Collection, Iterable, Iterator, Mapping
 from typing import Literal, TypeVar
 
 from markerseek.bridges.child import ChildRun
-from markerseek.bridges.igtl.commands import CommandAnswer, Request, search_request
-from markerseek.bridges.igtl.peer import IPAddress
-from markerseek.bridges.igtl.server import IgtlServer
+from markerseek.bridges.igtl.commands import (
+    CommandAnswer,
+    Request,
+    answer_message,
+    is_command,
+    read_request,
+    search_request,
+)
+from markerseek.bridges.igtl.peer import LOOPBACK, IPAddress, Peer, plain_address
 from markerseek.bridges.igtl.streams import Stream, Streams
 from markerseek.bridges.recordings import Recording
 from markerseek.bridges.searches import Searches
 from markerseek.core import ConfigError, RecordError, SearchError
 from markerseek.records.journal import JournalItem
 from markerseek.runs import KnownRegistration
+from markerseek.wire import igtl
 
 ALIVE_S = 1.0
 """Time from one sign of life to the next, in seconds."""
@@ -145,3 +157,164 @@ async def _each(items: Iterator[_Item]) -> AsyncIterator[_Item]:
     """Items that are waited for in a thread, so that the event loop is not held up."""
     while (item := await asyncio.to_thread(next, items, None)) is not None:
         yield item
+
+
+PORT = 18945
+"""Usual port; PLUS has 18944."""
+
+MAX_CLIENTS = 64
+"""Most connections. One more ends that which has been silent longest, of the address that holds most of them."""
+
+_ACCEPTED_AT_ONCE = 8
+"""Connections that are accepted between two readings of all: what a client sends is read before 64 others have come."""
+
+
+class IgtlServer:
+    """Serves all clients; use it in one event loop.
+
+    A new client gets the newest message of each stream at once. For each client only the newest message of a stream
+    waits. Metadata hold a ``sequence`` number of each stream, which rises by one, so that a client can count what it
+    lost.
+
+    ``on_request``: carries out a command and answers, at once. ``allowed``: addresses of the other computers that may
+    connect. ``version``: version of the header: with 1, for old clients, there are no metadata. ``on_note``: receives a
+    sentence when a client comes, goes, or is refused.
+    """
+
+    def __init__(
+        self,
+        *,
+        on_request: Callable[[Request], CommandAnswer],
+        allowed: Collection[IPAddress] = (),
+        version: Literal[1, 2] = 2,
+        on_note: Callable[[str], None] = lambda _sentence: None,
+    ) -> None:
+        self._on_request, self._version, self._on_note = on_request, version, on_note
+        self._allowed = frozenset(allowed)
+        # In the order in which they were last heard.
+        self._peers: dict[Peer, None] = {}
+        # All whose connection has not ended, accepted or refused.
+        self._connected: set[Peer] = set()
+        self._ending = False
+        self._newest: dict[tuple[str, str], bytes] = {}
+        self._sequences: dict[tuple[str, str], int] = {}
+        self._server: asyncio.Server | None = None
+
+    async def open(self, host: str, port: int) -> int:
+        """Listen, and return the port, which port 0 leaves to the operating system."""
+        loop = asyncio.get_running_loop()
+        try:
+            listening = self._listening(host, port)
+            self._server = await loop.create_server(self._peer, sock=listening, backlog=_ACCEPTED_AT_ONCE)
+            # asyncio has one number for both. With so short a queue of the system, clients would wait a second for it.
+            listening.listen(socket.SOMAXCONN)
+        except OSError as problem:
+            if problem.errno == errno.EADDRINUSE:
+                raise ConfigError(
+                    f"port {port} of {host} is taken by another program; end that one, or name another --port"
+                ) from problem
+            # The number of a name that is not known is none of the system's errors.
+            why = problem.strerror if isinstance(problem, socket.gaierror) else os.strerror(problem.errno or 0)
+            raise ConfigError(f"{host}, port {port}: {why}; name another") from problem
+        return int(listening.getsockname()[1])
+
+    def _listening(self, host: str, port: int) -> socket.socket:
+        """A socket at an address, which is judged as the system reads it: "0", "127.1" and a name are addresses too."""
+        try:
+            # A name can have several: IPv4 first, which clients expect.
+            family, _, _, _, place = min(socket.getaddrinfo(host, port, type=socket.SOCK_STREAM))
+        except UnicodeError:
+            raise OSError(errno.EINVAL, "no address") from None
+        if plain_address(str(place[0])) != LOOPBACK and not self._allowed:
+            raise ConfigError(
+                f"--host {host} is {place[0]}, which other computers reach, and OpenIGTLink has no passwords; name "
+                "each computer that may connect with --allow ADDRESS"
+            )
+        return socket.create_server(place, family=family)
+
+    async def close(self) -> None:
+        """End all connections, those that are just being accepted too, and return when none is left."""
+        self._ending = True
+        if self._server is not None:
+            # What was accepted has its peer in the loop's next turn; a server closed before that loses it, open
+            # (Python issue 109564).
+            for listening in self._server.sockets:
+                asyncio.get_running_loop().remove_reader(listening.fileno())
+            await asyncio.sleep(0)
+            self._server.close()
+        for peer in tuple(self._peers):
+            peer.drop("the bridge ends")
+        while self._connected:
+            await asyncio.sleep(0)
+
+    def publish(self, stream: Stream, *, metadata: Mapping[str, str]) -> None:
+        """Send a message to all clients.
+
+        ``stream``: its device, content and time. ``metadata``: sent with it, beside the sequence number and those of
+        the stream.
+        """
+        key = stream.content.kind, stream.device
+        self._sequences[key] = self._sequences.get(key, 0) + 1
+        data = igtl.encode(
+            igtl.Message(
+                device=stream.device,
+                content=stream.content,
+                # The time of day is part of the protocol.
+                time_s=time.time() if stream.time_s is None else stream.time_s,  # noqa: TID251
+                metadata={"sequence": str(self._sequences[key]), **metadata, **stream.metadata},
+                version=self._version,
+            )
+        )
+        self._newest[key] = data
+        for peer in tuple(self._peers):
+            peer.put((*key, 0), data)
+
+    def _peer(self) -> Peer:
+        peer = Peer(on_open=self._opened, on_message=self._received, on_close=self._lost)
+        self._connected.add(peer)
+        return peer
+
+    def _opened(self, peer: Peer) -> None:
+        if self._ending:
+            peer.drop("the bridge ends")
+            return
+        if peer.address != LOOPBACK and peer.address not in self._allowed:
+            self._on_note(f"{peer.name}: refused, --allow does not name it")
+            peer.drop("--allow does not name it")
+            return
+        if len(self._peers) >= MAX_CLIENTS:
+            self._make_room()
+        self._peers[peer] = None
+        self._on_note(f"{peer.name}: connected")
+        for key, data in self._newest.items():
+            peer.put((*key, 0), data)
+
+    def _make_room(self) -> None:
+        """End the longest silent connection of the busiest address, so that one computer cannot crowd out others."""
+        held = Counter(peer.address for peer in self._peers)
+        silent = next(peer for peer in self._peers if held[peer.address] == max(held.values()))
+        self._closed(silent, f"it was silent longest of {MAX_CLIENTS} clients when one more came")
+        silent.drop("")
+
+    def _lost(self, peer: Peer, reason: str) -> None:
+        self._connected.discard(peer)
+        self._closed(peer, reason)
+
+    def _closed(self, peer: Peer, reason: str) -> None:
+        if peer in self._peers:
+            del self._peers[peer]
+            self._on_note(f"{peer.name}: gone: {reason}")
+
+    def _received(self, peer: Peer, message: igtl.Message) -> None:
+        del self._peers[peer]
+        self._peers[peer] = None
+        if not is_command(message):
+            # Slicer and PLUS also send what nobody asked for.
+            return
+        try:
+            request = read_request(message, client=peer.name)
+            answer = self._on_request(request)
+        except ConfigError as refusal:
+            answer = CommandAnswer(done=False, sentence=str(refusal))
+        now_s = time.time()  # noqa: TID251
+        peer.answer(igtl.encode(answer_message(message, answer, time_s=now_s)))

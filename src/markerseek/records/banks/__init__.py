@@ -6,19 +6,17 @@ Foreign files are read in a child process (`markerseek.records.sandbox`).
 
 from markerseek.records.banks.arrays import AXES, ArrayBank, read_arrays
 from markerseek.records.banks.bank import (
-    HDF5_SUFFIXES,
-    MAX_DEG,
     Bank,
     BankFacts,
     FrameBank,
     IntensityBank,
+    record_of,
     require_angles,
 )
-from markerseek.records.banks.folder import FolderBank, read_folder
-from markerseek.records.banks.frames import MAT_PROBE, load_frame
-from markerseek.records.banks.ipasc import BankWriter, IpascBank, require_new_bank, whole_bank
+from markerseek.records.banks.frames import MAT_PROBE, FolderBank, load_frame
+from markerseek.records.banks.ipasc import IpascBank, require_new_bank, whole_bank
 from markerseek.records.banks.reading import frame_faults, has_checksums, read_bank, require_whole
-from markerseek.records.banks.table import DEFAULT_FORMAT, AngleUnit, TableFormat, read_table, write_bank
+from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, write_bank
 from markerseek.records.banks.ultrasonix import ULTRASONIX_SUFFIXES, UltrasonixFile, open_ultrasonix
 from markerseek.records.untrusted_arrays import ARRAY_SUFFIXES
 
@@ -26,15 +24,11 @@ __all__ = [
     "ARRAY_SUFFIXES",
     "AXES",
     "DEFAULT_FORMAT",
-    "HDF5_SUFFIXES",
     "MAT_PROBE",
-    "MAX_DEG",
     "ULTRASONIX_SUFFIXES",
-    "AngleUnit",
     "ArrayBank",
     "Bank",
     "BankFacts",
-    "BankWriter",
     "FolderBank",
     "FrameBank",
     "IntensityBank",
@@ -47,8 +41,7 @@ __all__ = [
     "open_ultrasonix",
     "read_arrays",
     "read_bank",
-    "read_folder",
-    "read_table",
+    "record_of",
     "require_angles",
     "require_new_bank",
     "require_whole",

@@ -21,14 +21,11 @@ import numpy as np
 
 from markerseek.core import Bool, ChannelFrame, Float64, FrameHeader, Int16, RecordError
 from markerseek.files import as_read_error
-from markerseek.records.banks.bank import BankFacts, FrameBank, IntensityBank, require_angles
-from markerseek.records.banks.counts import as_counts, scale_of
-from markerseek.records.banks.table import DEFAULT_FORMAT, DEG_OF, TableFormat, amplitudes, unit_of, warn_skipped
+from markerseek.records.banks.bank import USUAL_SAMPLING_HZ, BankFacts, FrameBank, IntensityBank, require_angles
+from markerseek.records.banks.frames import as_counts, scale_of
+from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, amplitudes, in_degrees, unit_of, warn_skipped
 from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_arrays import arrays_in, content
-
-USUAL_SAMPLING_HZ = 40e6
-"""Sampling frequency of the SonixDAQ in Hz, assumed where the file names none."""
 
 AXES = ("angles", "channels", "samples")
 """Axes of frames, in their order."""
@@ -181,8 +178,8 @@ def _degrees(path: Path, angles: np.ndarray, name: str, table: TableFormat) -> F
     if angles.dtype.kind not in "iuf":
         raise RecordError(f"{path}: {name} is {angles.dtype}, it must hold angles")
     values = angles.ravel().astype(np.float64)
-    degrees: Float64[np.ndarray, " angles"] = (
-        values * DEG_OF[unit_of(path, table.unit, name, values[np.isfinite(values)])]
+    degrees: Float64[np.ndarray, " angles"] = in_degrees(
+        values, unit_of(path, table.unit, name, values[np.isfinite(values)])
     )
     return degrees
 

@@ -23,6 +23,9 @@ HDF5_SUFFIXES = (".hdf5", ".h5")
 MAX_DEG = 360.0
 """Largest angle of a bank to either side, in degrees."""
 
+USUAL_SAMPLING_HZ = 40e6
+"""Sampling frequency of the SonixDAQ in Hz, assumed where the file names none."""
+
 MIN_STEP_DEG = 1e-6
 """Least distance of two angles of a bank in degrees; a stage's encoder counts steps of 5e-4."""
 
@@ -104,11 +107,6 @@ class Bank:
         """From the first angle to the last."""
         return Interval(low_deg=self.angles_deg[0], high_deg=self.angles_deg[-1])
 
-    @property
-    def planned(self) -> int:
-        """Number of angles planned; more than there are if the scan was cut short."""
-        return len(self.angles_deg)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IntensityBank(Bank):
@@ -152,6 +150,11 @@ class FrameBank(Bank, ABC):
     @abstractmethod
     def dark_frame(self, index: int) -> ChannelFrame:
         """One frame without laser, counted from 0; `RecordError` where it cannot be read."""
+
+
+def record_of(path: Path) -> Path:
+    """Journal beside a bank, in which a scan is kept until the bank is made of it."""
+    return path.with_name(f"{path.name}.journal")
 
 
 def require_angles(path: Path, angles_deg: Sequence[float]) -> None:

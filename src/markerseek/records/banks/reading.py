@@ -8,8 +8,8 @@ from pathlib import Path
 from markerseek.core import ConfigError, RecordError
 from markerseek.files import as_read_error, require_input
 from markerseek.records.banks.arrays import ArrayBank, bank_of_arrays
-from markerseek.records.banks.bank import HDF5_SUFFIXES, FrameBank, IntensityBank
-from markerseek.records.banks.folder import read_folder
+from markerseek.records.banks.bank import HDF5_SUFFIXES, FrameBank, IntensityBank, record_of
+from markerseek.records.banks.frames import read_folder
 from markerseek.records.banks.ipasc.reading import IpascBank, read_probed, walk_bank
 from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, read_table
 from markerseek.records.banks.zea import zea_arrays
@@ -38,7 +38,9 @@ def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank 
         if path.is_dir():
             return read_folder(path)
         if not path.exists():
-            raise RecordError(f"{path}: there is no such file or folder")
+            record = record_of(path)
+            kept = f"; its scan was killed, and is kept: 'markerseek bank import {record} {path}'"
+            raise RecordError(f"{path}: there is no such file or folder{kept if record.exists() else ''}")
         if journal:
             raise RecordError(
                 f"{path}: it is the journal of a run and no bank; its run is computed again by "
@@ -84,7 +86,7 @@ def frame_faults(bank: IntensityBank | FrameBank) -> Iterator[str | None]:
 
 def has_checksums(bank: IntensityBank | FrameBank) -> bool:
     """Whether the frames have checksums, which detect a change."""
-    return isinstance(bank, IpascBank) and bool(bank.frame_sums)
+    return isinstance(bank, IpascBank) and bank.checked
 
 
 def require_whole(bank: IntensityBank | FrameBank) -> None:

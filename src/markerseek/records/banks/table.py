@@ -23,13 +23,16 @@ COLUMNS = ("angle_deg", "intensity")
 AngleUnit: TypeAlias = Literal["deg", "mrad", "rad"]
 """Unit of an angle in a table."""
 
-DEG_OF: dict[AngleUnit, float] = {"deg": 1.0, "mrad": math.degrees(1e-3), "rad": math.degrees(1.0)}
+_DEG_OF: dict[AngleUnit, float] = {"deg": 1.0, "mrad": math.degrees(1e-3), "rad": math.degrees(1.0)}
 """Degrees of one unit."""
 
 _UNIT_OF_COLUMN: dict[str, AngleUnit] = {"angle_deg": "deg", "angle_mrad": "mrad", "angle_rad": "rad"}
 
 _FEW = 2.0
 """Range below which angles may be radians: it is more than half a turn of a probe in radians."""
+
+_DEG_DIGITS = 4
+"""Digits behind the point of an angle in degrees that was written in another unit."""
 
 _LARGEST_BYTES = 64 * MIB
 
@@ -114,7 +117,7 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
     values = np.array([cells[line] for line in kept], dtype=np.float64).reshape(-1, 2)
     read = amplitudes(values[:, 1], db=table.db, where=lambda index: f"{path}, line {kept[index]}")
     unit = unit_of(path, table.unit, angle_name, values[:, 0])
-    angles_deg, intensities = _averaged(path, values[:, 0] * DEG_OF[unit], read)
+    angles_deg, intensities = _averaged(path, in_degrees(values[:, 0], unit), read)
     require_angles(path, angles_deg)
     return IntensityBank(angles_deg=tuple(angles_deg), intensities=tuple(intensities))
 
@@ -163,6 +166,11 @@ def _column_index(path: Path, rows: CsvRows, column: str) -> int:
         return int(column) - 1
     has = ", ".join(rows.names) or f"{rows.width} columns without names, which are numbered from 1"
     raise RecordError(f"{path}, line 1: there is no column {column}, it has {has}")
+
+
+def in_degrees(angles: Float64[np.ndarray, " n"], unit: AngleUnit) -> Float64[np.ndarray, " n"]:
+    """Angles in degrees, without the rounding of another unit: the same scan in degrees is searched in the same way."""
+    return angles if unit == "deg" else np.round(angles * _DEG_OF[unit], _DEG_DIGITS)
 
 
 def amplitudes(

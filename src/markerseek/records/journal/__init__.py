@@ -20,7 +20,6 @@ from markerseek.records.journal.folder import (
     summary,
 )
 from markerseek.records.journal.reader import (
-    JournalCheck,
     JournalItem,
     RecordedRun,
     follow,
@@ -38,7 +37,6 @@ __all__ = [
     "Entry",
     "Interrupted",
     "Journal",
-    "JournalCheck",
     "JournalEvent",
     "JournalItem",
     "JournalSummary",

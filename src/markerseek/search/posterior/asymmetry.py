@@ -55,10 +55,6 @@ POINT_SIGMA, NOISE_SIGMA = 0.005, 0.5
 """Deviation of a point's C from 1, root mean square from point to point, and that by noise times the SNR: of 260
 simulated points with all that is unknown drawn, at 30 and 40 dB."""
 
-SPOT_COHERENCES = 0.35, 1.0
-"""Coherences of spots of a narrow curve, evenly spread: those of 95 % of 160 simulated ones of 0.4 to 1.2 mm radius
-were 0.43 to 0.98."""
-
 UNRESOLVED_WIDTH_M, UNRESOLVED_POWER = 9e-3, 6
 """Width w₀ of a curve of which every second spot looks like a point, and the power n with which their share grows,
 1/(1 + (w₀/w)ⁿ): of the 1,039 spots 1 % had C > 0.985 where w < 5 mm, 44 % where it was 12 to 15 mm."""
@@ -118,9 +114,9 @@ def asymmetry_probability(coherence: MeanCoherence | None, *, width_m: float) ->
     of_point = OUTLIERS + (1 - OUTLIERS) * math.exp(-((incoherence / sigma) ** 2) / 2) / (
         sigma * math.sqrt(math.pi / 2)
     )
-    low, high = SPOT_COHERENCES
     unresolved = 1 / (1 + (UNRESOLVED_WIDTH_M / width_m) ** UNRESOLVED_POWER)
-    resolved = 1 / (high - low) if coherence.mean >= low else 0.0
+    # A resolved spot may have any coherence from 0 to 1, each as probably: those of patches of 5 mm were 0.3 to 0.8.
+    resolved = 1.0
     like_point = math.exp(-incoherence / UNRESOLVED_INCOHERENCE) / UNRESOLVED_INCOHERENCE
     of_spot = OUTLIERS + (1 - OUTLIERS) * ((1 - unresolved) * resolved + unresolved * like_point)
     return PRIOR * of_spot / (PRIOR * of_spot + (1 - PRIOR) * of_point)

@@ -324,7 +324,10 @@ class Posterior(SearchPolicy):
             wanted_deg = step_near_deg(wanted_deg, limits=self._limits, step_deg=self._by_hand.step_deg)
         if self._left_deg is None or wanted_deg is None:
             return wanted_deg
-        return min(self._left_deg, key=lambda angle_deg: abs(angle_deg - wanted_deg), default=None)
+        # Of two as near the lower one: which is nearer by less than a readback repeats must not choose.
+        return min(
+            self._left_deg, key=lambda angle_deg: (round(abs(angle_deg - wanted_deg), 2), angle_deg), default=None
+        )
 
     def _wanted_deg(self) -> float | None:
         """Next angle in degrees, whether it can be measured or not; None at the end."""

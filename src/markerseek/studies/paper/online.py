@@ -312,7 +312,7 @@ def _draw_tracks(searches: Sequence[OnlineSearch]) -> Figure:
     truths_deg = {each.position: each.truth_deg for each in searches}
     tracks_deg = {(each.position, each.method): each.track_deg for each in searches}
     figure, panels = panel_grid(
-        [f"position {position}, marker at {truth_deg:.1f}°" for position, truth_deg in truths_deg.items()],
+        [f"position {at}, marker at {truth_deg:z.1f}°".replace("-", "−") for at, truth_deg in truths_deg.items()],
         heading="Track of the probe on the simulated rig",
         x_label="acquisition",
         y_label="probe angle [deg]",

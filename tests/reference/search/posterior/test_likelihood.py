@@ -266,12 +266,20 @@ def test_a_spot_is_distinguished_from_a_point(width_m):
     sigma = math.hypot(POINT_SIGMA, math.hypot(POINT_SIGMA, NOISE_SIGMA / 60) / math.sqrt(2))
     of_point = 0.03 + 0.97 * halfnorm.pdf(0.02, scale=sigma)
     unresolved = 1 / (1 + (9e-3 / width_m) ** 6)
-    of_spot = (1 - unresolved) * uniform.pdf(0.02, 0, 0.65) + unresolved * expon.pdf(0.02, scale=0.05)
+    of_spot = (1 - unresolved) * uniform.pdf(0.02) + unresolved * expon.pdf(0.02, scale=0.05)
     of_spot = 0.03 + 0.97 * of_spot
     expected = PRIOR * of_spot / (PRIOR * of_spot + (1 - PRIOR) * of_point)
     assert probability(0.97, 0.99) == pytest.approx(expected)
     assert probability(1.0, 0.99, 0.995) < 0.25 < 0.5 < probability(0.8, 0.6)
     assert probability(None, None) == PRIOR
+
+
+def test_a_spot_of_which_hardly_any_sound_is_in_phase_is_no_point():
+    """A third of the patches of 5 mm have coherences below 0.35; they passed for points with a probability of 0.7."""
+    of_point, *of_spots = (
+        asymmetry_probability(coherence_of(each, each), width_m=5e-3) for each in (0.99, 0.9, 0.5, 0.36, 0.34, 0.1)
+    )
+    assert of_point < 0.5 < 0.9 < min(of_spots)
 
 
 def test_a_wide_curve_says_less_of_a_coherence_of_one():

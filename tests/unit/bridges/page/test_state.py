@@ -46,7 +46,7 @@ from markerseek.core import (
 from markerseek.records import answer_name
 from markerseek.records.journal import Interrupted, Resuming
 from markerseek.runs import new_session, plan_on
-from markerseek.runs.beliefs import Beliefs
+from markerseek.runs.journalled import Beliefs
 from markerseek.search import METHODS, BracketSearch, build
 from markerseek.sim import GaussianCurve, ReceiverSettings, SimulatedSettings
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from markerseek.core import ChannelFrame, FrameHeader, Reading, Sample
 from markerseek.records.banks import BankFacts
-from markerseek.records.banks.ipasc import BankWriter
+from markerseek.records.banks.ipasc import whole_bank
 
 FIXTURES = Path(__file__).parents[3] / "data" / "banks"
 FACTS = BankFacts(
@@ -51,8 +51,8 @@ def sample(angle_deg, *, seed=0, dark=False, shape=(8, 50), frame=True, energy=N
 ANGLES = (4.0, 2.0, 0.5, -1.0)
 
 
-def write(path, *, planned=4, taken=4, facts=FACTS, frame=True, energies=(None,) * 4):
-    with BankWriter(path, angles=planned, dark_frames=2, facts=facts) as writer:
+def write(path, *, taken=4, facts=FACTS, frame=True, energies=(None,) * 4):
+    with whole_bank(path, angles=taken, dark_frames=2 if frame else 0, facts=facts) as writer:
         for seed in (8, 9):
             writer.add(sample(0.0, seed=seed, dark=True, frame=frame))
         for seed, angle in enumerate(ANGLES[:taken]):
@@ -60,12 +60,10 @@ def write(path, *, planned=4, taken=4, facts=FACTS, frame=True, energies=(None,)
     return path
 
 
-def changed(path, change, *, sums=True):
-    """The same bank, changed, and without its checksums if need be."""
+def changed(path, change):
+    """The same bank, changed by the library, which writes new checksums."""
     with h5py.File(path, "r+") as file:
         change(file)
-        for name in () if sums else [each for each in file["meta_data"] if each.endswith("_crc32")]:
-            del file["meta_data"][name]
     return path
 
 

@@ -9,7 +9,7 @@ from scipy.io import savemat
 from markerseek.core import RecordError
 from markerseek.records.banks import IntensityBank, TableFormat, read_bank
 from markerseek.records.banks.arrays import ArrayBank, read_arrays
-from markerseek.records.banks.folder import FolderBank
+from markerseek.records.banks.frames import FolderBank
 
 ANGLES = np.array([2.0, -1.0, 0.5, 7.0])
 INTENSITIES = np.array([5.0, 1.0, 3.0, 2.0])

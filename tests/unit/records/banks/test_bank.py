@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from markerseek.core import ConfigError, Interval, LimitError, Permit, ReadingFrame, RecordError
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank
-from markerseek.records.banks.folder import FolderBank
+from markerseek.records.banks.frames import FolderBank
 from markerseek.records.replay import ReplayReceiver, ReplayStage
 from markerseek.signals import IntensityReader
 
@@ -68,7 +68,7 @@ def test_a_table_comes_back_as_another_writer_wrote_it(tmp_path: Path, rows: lis
         ("angle_deg;intensity\n1;1.234,5\n2;1\n3;4\n", "line 2: intensity is '1.234,5', it must be a number"),
         ("angle_deg,intensity,angle_deg\n1,2,3\n2,1,3\n3,4,3\n", "angle_deg appears more than once"),
         ("angle_deg,intensity\n1,2\n2,1\n", "it holds 2 angles, at least 3"),
-        ('angle_deg,intensity\n"1,2\n2,1\n', "cannot be read as a CSV"),
+        ('angle_deg,intensity\n"1,2\n2,1\n', "is no text with rows and columns"),
     ],
 )
 def test_a_table_with_a_fault_is_refused_with_its_line(tmp_path: Path, text: str, message: str) -> None:
@@ -84,7 +84,7 @@ def test_a_scan_from_high_to_low_is_turned_round_and_blank_lines_are_passed_over
 def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "scan.csv"
     path.write_bytes(bytes(range(128, 256)))
-    with pytest.raises(RecordError, match="cannot be read as a CSV"):
+    with pytest.raises(RecordError, match="is no text with rows and columns"):
         read_bank(path)
 
 

@@ -10,7 +10,7 @@ import SimpleITK as sitk  # noqa: N813 - the name that its users give it
 from scipy.spatial.transform import Rotation
 
 from markerseek.records.exports import write_sequence
-from markerseek.records.exports.frames import (
+from markerseek.records.exports.sequence import (
     IMAGE_ORIENTATION,
     TRANSDUCER_AXES,
     image_to_probe,

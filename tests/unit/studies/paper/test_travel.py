@@ -59,7 +59,7 @@ def test_the_shortest_order_is_that_of_all_orders_tried() -> None:
 def test_rotation_takes_as_long_as_on_the_simulated_rig() -> None:
     settings = SimulatedSettings(start_deg=-35.0, noise=NoiseSettings(peak_snr_db=60))
     rig = rigs.simulated(seed=2, marker_deg=4.0, settings=settings)
-    samples, finished, _, _ = searched(policy_of("TS", acquisitions=6), rig.scanner)
+    samples, finished, *_ = searched(policy_of("TS", acquisitions=6), rig.scanner)
     acquiring_s = 6 * (settings.receiver.readout_s + settings.laser.pulses / settings.laser.rate_hz)
     track = [-35.0, *(sample.angle_deg for sample in samples)]
     assert finished.elapsed_s - acquiring_s == pytest.approx(rotation_s(track, motion=settings.stage), abs=2e-3)

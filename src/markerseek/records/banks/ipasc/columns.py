@@ -6,7 +6,6 @@ The elements must be the straight, equally spaced row that the imaging needs.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +14,6 @@ import numpy as np
 from markerseek.core import MAX_INTENSITY, Float64, RecordError
 from markerseek.records.banks.bank import BankFacts, require_angles
 from markerseek.records.banks.ipasc import fields
-from markerseek.records.banks.ipasc.rows import row_sum
 from markerseek.records.untrusted_hdf5 import UntrustedHdf5
 
 TOLERANCE = 0.01
@@ -30,8 +28,6 @@ _LONGEST_SEED = 100
 class Columns:
     """Columns of the measurements that were taken, in the order of the angles."""
 
-    room: int
-    """Rows of the file, filled or not."""
     rows: tuple[int, ...]
     """Row in the file of each measurement."""
     angles_deg: tuple[float, ...]
@@ -42,72 +38,32 @@ class Columns:
     are 1."""
     energies: tuple[float, ...]
     """Energy of the pulses over the usual one; NaN where it was not measured."""
-    row_sums: tuple[int, ...]
-    """Checksum of each row, already verified; empty where the file has none."""
 
 
 def read_columns(path: Path, file: UntrustedHdf5, *, ours: bool) -> Columns:
-    """Columns of a bank that has ``trus_angle_deg``; rows that were never filled are skipped.
+    """Columns of a bank that has ``trus_angle_deg``.
 
     Raises `ValueError` if a field does not hold what it should.
     """
     angles = file.numbers(fields.ANGLES)
     if angles.size > _MAX_ANGLES:
-        raise RecordError(f"{path}: it has room for {angles.size} angles, at most {_MAX_ANGLES} are expected")
-    # The writer writes the angle last, so that a row with an angle is complete.
-    taken = np.flatnonzero(np.isfinite(angles))
-    order = taken[np.argsort(angles[taken], kind="stable")]
+        raise RecordError(f"{path}: it holds {angles.size} angles, at most {_MAX_ANGLES} are expected")
+    order = np.argsort(angles, kind="stable")
     require_angles(path, angles[order].tolist())
     # Files of other programs have no rig clock, only timestamps since 1970.
     times = _one_each(file, fields.RIG_CLOCK if ours else fields.TIMES, angles.size, otherwise=math.nan)
     pulses = _one_each(file, fields.PULSES, angles.size, otherwise=1.0)[order]
-    columns = Columns(
-        room=angles.size,
+    return Columns(
         rows=tuple(order.tolist()),
         angles_deg=tuple(angles[order].tolist()),
         intensities=tuple(_intensities(path, file, angles.size)[order].tolist()),
         pulses=tuple(int(each) for each in np.where(pulses >= 0, pulses, 1)),
         started_s=tuple(times[order].tolist()),
         energies=tuple(_energies(file, angles.size, ours=ours)[order].tolist()),
-        row_sums=sums_of(file, fields.ROW_SUMS, order.tolist(), room=angles.size),
-    )
-    if columns.row_sums:
-        _require_unchanged(path, columns)
-    return columns
-
-
-def sums_of(file: UntrustedHdf5, name: str, rows: Sequence[int], *, room: int | None) -> tuple[int, ...]:
-    """Checksums of some rows; empty where the file has none.
-
-    Raises `ValueError` if there are fewer, or not as many as there is room for, where that is given.
-    """
-    if not file.has(name):
-        return ()
-    values = file.numbers(name)
-    if values.size < len(rows) or (room is not None and values.size != room):
-        raise ValueError(f"{name} holds {values.size} checksums for {room or len(rows)} frames")
-    return tuple(int(values[row]) for row in rows)
-
-
-def changed(path: Path, what: str) -> RecordError:
-    """Error for a part of the file whose checksum differs."""
-    return RecordError(
-        f"{path}: {what} has changed since it was written, its checksum differs; take the file from a backup or scan "
-        "again, or, if it was changed on purpose, delete the fields of meta_data that end in _crc32"
     )
 
 
-def _require_unchanged(path: Path, columns: Columns) -> None:
-    values = (columns.angles_deg, columns.intensities, columns.pulses, columns.started_s, columns.energies)
-    for summed, (angle_deg, intensity, pulses, started_s, energy) in zip(
-        columns.row_sums, zip(*values, strict=True), strict=True
-    ):
-        written = row_sum(angle_deg=angle_deg, intensity=intensity, pulses=pulses, started_s=started_s, energy=energy)
-        if written != summed:
-            raise changed(path, f"what is written of the angle {angle_deg:g} deg")
-
-
-def _energies(file: UntrustedHdf5, count: int, *, ours: bool) -> Float64[np.ndarray, " planned"]:
+def _energies(file: UntrustedHdf5, count: int, *, ours: bool) -> Float64[np.ndarray, " angles"]:
     """Energy of each measurement's pulses over the usual one; NaN where it was not measured.
 
     Another program's file has joules: over their mean, where they differ from one measurement to the next.
@@ -129,7 +85,7 @@ def _joules(file: UntrustedHdf5) -> Float64[np.ndarray, " values"]:
     return np.where(np.isfinite(joules) & (joules > 0), joules, np.nan)
 
 
-def _intensities(path: Path, file: UntrustedHdf5, count: int) -> Float64[np.ndarray, " planned"]:
+def _intensities(path: Path, file: UntrustedHdf5, count: int) -> Float64[np.ndarray, " angles"]:
     if not file.has(fields.INTENSITIES):
         return np.full(count, np.nan)
     values = file.numbers(fields.INTENSITIES)
@@ -143,7 +99,7 @@ def _intensities(path: Path, file: UntrustedHdf5, count: int) -> Float64[np.ndar
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _one_each(file: UntrustedHdf5, name: str, count: int, *, otherwise: float) -> Float64[np.ndarray, " planned"]:
+def _one_each(file: UntrustedHdf5, name: str, count: int, *, otherwise: float) -> Float64[np.ndarray, " angles"]:
     """One number for each measurement, missing ones replaced by `otherwise`."""
     values = file.numbers(name) if file.has(name) and file.text(name) is None else np.empty(0)
     if values.size not in (0, count):

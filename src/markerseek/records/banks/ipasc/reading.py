@@ -12,8 +12,7 @@ import numpy as np
 from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
 from markerseek.records.banks.bank import FrameBank, IntensityBank
 from markerseek.records.banks.ipasc import fields
-from markerseek.records.banks.ipasc.columns import Columns, changed, element_row, read_columns, read_facts, sums_of
-from markerseek.records.banks.ipasc.rows import frame_sum
+from markerseek.records.banks.ipasc.columns import Columns, element_row, read_columns, read_facts
 from markerseek.records.untrusted_hdf5 import UntrustedHdf5, as_record_error, require_h5py
 
 
@@ -27,15 +26,8 @@ class IpascBank(FrameBank):
     """What the file says of each angle, with its row; ``pulses`` are 1 where it does not."""
     falling: bool = False
     """Whether the elements are in reverse order in the file."""
-    frame_sums: tuple[int, ...] = field(repr=False, default=())
-    dark_sums: tuple[int, ...] = field(repr=False, default=())
-    """``frame_sums`` and ``dark_sums``: checksums of the counts at each angle, and of the dark frames; empty where
-    there are none."""
-
-    @property
-    def planned(self) -> int:
-        """Number of angles planned; more than there are if the process was killed during the scan."""
-        return self.columns.room
+    checked: bool = False
+    """Whether the library compares the frames with checksums in the file."""
 
     def frame(self, index: int) -> ChannelFrame:
         """Channel data of one angle, from the disk.
@@ -43,13 +35,7 @@ class IpascBank(FrameBank):
         Raises `RecordError` if they cannot be read, or are not ADC counts.
         """
         angle_deg, row = self.angles_deg[index], self.columns.rows[index]
-        samples = self._samples(
-            fields.FRAMES,
-            row,
-            what=f"the frame at {angle_deg:g} deg",
-            summed=self.frame_sums[index] if self.frame_sums else None,
-            after=self.columns.row_sums[index] if self.columns.row_sums else 0,
-        )
+        samples = self._samples(fields.FRAMES, row, what=f"frame at {angle_deg:g} deg")
         energy = self.columns.energies[index]
         return self._frame(
             samples,
@@ -64,18 +50,20 @@ class IpascBank(FrameBank):
         """One frame without laser, from the disk; `RecordError` where it cannot be read."""
         if not 0 <= index < self.dark_frames:
             raise RecordError(f"{self.path}: there is no dark frame {index + 1}, it holds {self.dark_frames}")
-        summed = self.dark_sums[index] if self.dark_sums else None
-        samples = self._samples(fields.DARK_FRAMES, index, what=f"dark frame {index + 1}", summed=summed, after=0)
+        samples = self._samples(fields.DARK_FRAMES, index, what=f"dark frame {index + 1}")
         return self._frame(samples, index, angle_deg=0.0, pulses=0, started_s=math.nan)
 
-    def _samples(
-        self, name: str, row: int, *, what: str, summed: int | None, after: int
-    ) -> Int16[np.ndarray, "channels samples"]:
+    def _samples(self, name: str, row: int, *, what: str) -> Int16[np.ndarray, "channels samples"]:
         with as_bank_error(self.path):
-            samples = _counts(self.file, name, row)
-        # Checked per frame and not on opening, because a bank can hold gigabytes.
-        if summed is not None and frame_sum(samples, after=after) != summed:
-            raise changed(self.path, what)
+            try:
+                samples = _counts(self.file, name, row)
+            except OSError as problem:
+                if not self.checked:
+                    raise
+                raise RecordError(
+                    f"{self.path}: the {what} has changed since it was written, its checksum differs; take the file "
+                    "from a backup or scan again"
+                ) from problem
         return np.ascontiguousarray(samples[::-1]) if self.falling else samples
 
     def _frame(
@@ -105,7 +93,7 @@ class IpascBank(FrameBank):
 def read_probed(path: Path) -> IntensityBank | IpascBank:
     """Bank in an IPASC HDF5 file that holds ``trus_angle_deg``; its frames stay on disk.
 
-    Rows that a scan did not fill are skipped. A file without ``markerseek_bank_version`` was written by another
+    A file without ``markerseek_bank_version`` was written by another
     program, and is read if it has the angles. The file has been read in a child before (`walk_bank`).
     """
     with as_bank_error(path), ExitStack() as closing:
@@ -121,27 +109,25 @@ def _bank_of(path: Path, file: UntrustedHdf5) -> IntensityBank | IpascBank:
     if not file.has(fields.ANGLES):
         raise RecordError(f"{path}: {fields.ANGLES} is missing; without the angles it is no bank of a scan")
     columns = read_columns(path, file, ours=ours)
-    frames = _frame_shape(path, file, columns.room)
+    frames = _frame_shape(path, file, len(columns.rows))
     if frames is None:
         if not all(map(math.isfinite, columns.intensities)):
             raise RecordError(f"{path}: it holds neither frames nor an intensity for each angle")
         facts = read_facts(file, ours=ours, pitch_m=None)
         return IntensityBank(angles_deg=columns.angles_deg, intensities=columns.intensities, facts=facts)
     array = element_row(path, file, elements=frames[0])
-    dark_frames = _dark_frames(file, frames)
     return IpascBank(
         angles_deg=columns.angles_deg,
         intensities=columns.intensities if any(map(math.isfinite, columns.intensities)) else (),
         facts=read_facts(file, ours=ours, pitch_m=array.pitch_m),
-        dark_frames=dark_frames,
+        dark_frames=_dark_frames(file, frames),
         started_s=columns.started_s,
         pulses=columns.pulses,
         path=path,
         file=file,
         columns=columns,
         falling=array.falling,
-        frame_sums=sums_of(file, fields.FRAME_SUMS, columns.rows, room=columns.room),
-        dark_sums=sums_of(file, fields.DARK_SUMS, range(dark_frames), room=None),
+        checked=bool(file.dataset(fields.FRAMES).fletcher32),
     )
 
 
@@ -162,7 +148,8 @@ def walk_bank(path: Path) -> dict[str, np.ndarray]:
 
 def as_bank_error(path: Path) -> AbstractContextManager[None]:
     """Errors of the library as those of a bank."""
-    return as_record_error(path, what="bank in HDF5", cure="it is damaged, unfinished, or of another kind")
+    cure = "it has changed since it was written, or is of another kind: take it from a backup or scan again"
+    return as_record_error(path, what="bank in HDF5", cure=cure)
 
 
 def _is_ours(path: Path, file: UntrustedHdf5) -> bool:
@@ -196,9 +183,7 @@ def _dark_frames(file: UntrustedHdf5, frames: tuple[int, int]) -> int:
     shape: tuple[int, ...] = file.dataset(fields.DARK_FRAMES).shape
     if shape[:2] != frames or not 2 <= len(shape) <= 3:
         raise ValueError(f"{fields.DARK_FRAMES} has the shape {shape}")
-    room = 1 if len(shape) == 2 else shape[2]
-    taken = file.number(fields.DARK_TAKEN)
-    return room if taken is None else max(0, min(int(taken), room))
+    return 1 if len(shape) == 2 else shape[2]
 
 
 def _counts(file: UntrustedHdf5, name: str, row: int) -> Int16[np.ndarray, "channels samples"]:

@@ -1,28 +1,36 @@
-"""Writes a bank as IPASC HDF5; the file stays readable at every moment of a scan.
+"""Writes a bank as IPASC HDF5, whole: the file gets its name when everything announced is in it.
 
-The file has its full size from the first frame on and only numbers change in it, so that a killed process leaves a file
-that opens. An angle of NaN marks an empty row: the angle is written last, after the rest of its row is on disk. The
-file is never truncated: `BankWriter.close` replaces one that was not filled by a smaller copy (decision 12).
-
-A bank of intensities has no detection elements and frames of size zero; PATATO opens it, too.
+The file is what pacfish would write, but pacfish needs a whole bank in memory, and its installation brings pytest and
+Sphinx; the tests compare the two. Frames and the numbers of the measurements have the checksums of HDF5 (Fletcher-32),
+which the library compares when it reads them. A bank of intensities has no detection elements and frames of size
+zero; PATATO opens it, too.
 """
 
 from __future__ import annotations
 
 import math
-import os
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+import uuid
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
-from markerseek.core import ChannelFrame, ConfigError, RecordError, Sample
-from markerseek.files import create_atomically, replace_file, require_new
-from markerseek.records.banks.bank import HDF5_SUFFIXES, BankFacts
+import numpy as np
+
+from markerseek._version import __version__
+from markerseek.core import (
+    ChannelFrame,
+    ConfigError,
+    Float64,
+    FrameHeader,
+    LinearArray,
+    RecordError,
+    Sample,
+)
+from markerseek.files import new_file, require_new
+from markerseek.records.banks.bank import HDF5_SUFFIXES, MAX_DEG, BankFacts
 from markerseek.records.banks.ipasc import fields
-from markerseek.records.banks.ipasc.layout import copy_trimmed, make_file, write_frame
-from markerseek.records.banks.ipasc.rows import frame_sum, probe_pose, require_keepable, row_sum
 from markerseek.records.untrusted_hdf5 import require_h5py
 
 if TYPE_CHECKING:
@@ -30,6 +38,16 @@ if TYPE_CHECKING:
 
 _ROOM_BYTES = 1 << 20
 """Space for everything but frames, in bytes."""
+
+DEVICE_IDENTIFIERS = {
+    "BPL9-5/55": "a4e26483-0a87-4ae7-8bb2-7ab133bcac32",
+    "L3-8": "4462eea9-bcfa-49b0-bfaf-263f86caa10c",
+}
+"""IPASC wants a random UUID for each device; these were drawn once for each preset, and must not change."""
+
+
+_UNKNOWN = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=math.nan, ended_s=math.nan)
+"""Header of a measurement without a frame."""
 
 
 def require_new_bank(path: Path) -> None:
@@ -40,195 +58,226 @@ def require_new_bank(path: Path) -> None:
     require_new(path)
 
 
-class BankWriter:
-    """A bank that grows by one acquisition at a time; a context manager that closes it.
-
-    ``path``: where to write; the suffix is .hdf5 or .h5. ``angles``: most acquisitions with the laser that will come.
-    ``dark_frames``: most acquisitions without. ``whole_as``: final name of the file, given by `whole_bank` when it is
-    complete; until then it is not flushed after each acquisition. None: it has its name from the first acquisition on.
-    """
-
-    def __init__(
-        self, path: Path, *, angles: int, dark_frames: int = 0, facts: BankFacts, whole_as: Path | None = None
-    ) -> None:
-        self._path, self._named, self._grows = path, whole_as or path, whole_as is None
-        require_new_bank(self._named)
-        self._planned, self._planned_dark = angles, dark_frames
-        self._facts = facts
-        self._file: h5py.File | None = None
-        self._descriptor = -1
-        self._layout: fields.Layout | None = None
-        self._angles_deg: dict[float, None] = {}
-        self._taken_dark = 0
-
-    @property
-    def taken(self) -> int:
-        """Acquisitions with the laser that are in the file."""
-        return len(self._angles_deg)
-
-    def add(self, sample: Sample) -> None:
-        """Write one acquisition, dark or not; when this returns, it is on the disk."""
-        frame = sample.frame if isinstance(sample.frame, ChannelFrame) else None
-        if sample.dark and frame is None:
-            return
-        row, planned = (self._taken_dark, self._planned_dark) if sample.dark else (self.taken, self._planned)
-        if row >= planned:
-            raise RecordError(
-                f"{self._named}: {planned} acquisitions were announced and one more came; announce it too"
-            )
-        require_keepable(self._named, sample, layout=self._layout, angles_deg=self._angles_deg)
-        try:
-            file = self._file or self._begin(frame)
-            if sample.dark and frame is not None:
-                self._put_dark(file, frame)
-            else:
-                self._put(file, sample, frame)
-        except (OSError, RuntimeError) as problem:
-            raise self._unwritten(problem) from problem
-
-    def close(self) -> None:
-        """Close the file, and remove the rows that were announced and not filled; allowed twice.
-
-        The empty rows stay, and readers skip them, where the disk has no space for a copy.
-        """
-        if not self.release() or (self.taken, self._taken_dark) == (self._planned, self._planned_dark):
-            return
-        try:
-            if shutil.disk_usage(self._path.parent).free > self._path.stat().st_size + _ROOM_BYTES:
-                with replace_file(self._path) as part:
-                    copy_trimmed(self._path, part)
-        except (OSError, RuntimeError):
-            return
-
-    def __enter__(self) -> Self:
-        """The writer itself."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close the file, whatever happened."""
-        self.close()
-
-    def release(self) -> bool:
-        """Close the file without removing empty rows; returns whether it was open. `RecordError` if the flush fails."""
-        file, self._file = self._file, None
-        if file is None:
-            return False
-        try:
-            file.close()
-            os.fsync(self._descriptor)
-        except (OSError, RuntimeError) as problem:
-            raise self._unwritten(problem) from problem
-        finally:
-            os.close(self._descriptor)
-        return True
-
-    def require_whole(self) -> None:
-        """Refuse a bank with fewer acquisitions than announced."""
-        if (self.taken, self._taken_dark) != (self._planned, self._planned_dark):
-            raise RecordError(
-                f"{self._named}: {self.taken} of {self._planned} angles and {self._taken_dark} of "
-                f"{self._planned_dark} dark frames came; nothing was kept: read the source again"
-            )
-
-    def _begin(self, frame: ChannelFrame | None) -> h5py.File:
-        import h5py
-
-        facts = self._facts
-        self._layout = fields.Layout(
-            angles=self._planned,
-            dark_frames=self._planned_dark,
-            shape=(0, 0) if frame is None else (frame.samples.shape[0], frame.samples.shape[1]),
-            sampling_hz=facts.sampling_hz if frame is None else frame.sampling_hz,
-        )
-        self._require_room(self._layout.frame_bytes + _ROOM_BYTES)
-        with create_atomically(self._path) as part:
-            make_file(part, self._layout, facts)
-        self._file = h5py.File(self._path, "r+")
-        self._descriptor = os.open(self._path, os.O_RDWR)
-        return self._file
-
-    def _require_room(self, needed: int) -> None:
-        """Refuse a disk without enough space: HDF5 can crash on a write that fails."""
-        free = shutil.disk_usage(self._path.parent).free
-        if free < needed:
-            raise RecordError(
-                f"{self._named}: the bank needs {needed / 1e6:.1f} MB, {free / 1e6:.1f} MB are free; "
-                "nothing was written: make room, or name another place"
-            )
-
-    def _put(self, file: h5py.File, sample: Sample, frame: ChannelFrame | None) -> None:
-        row, angle_deg, intensity = self.taken, sample.angle_deg, sample.reading.intensity
-        header = None if sample.frame is None else sample.frame.header
-        pulses = 0 if header is None else header.pulses
-        started_s = math.nan if header is None or not math.isfinite(header.started_s) else header.started_s
-        energy = math.nan if header is None or header.energy is None else header.energy
-        summed = row_sum(angle_deg=angle_deg, intensity=intensity, pulses=pulses, started_s=started_s, energy=energy)
-        if frame is not None:
-            write_frame(file[fields.FRAMES], (0, 0, 0, row), frame.samples.astype("<i2").tobytes())
-            file[fields.FRAME_SUMS][row] = frame_sum(frame.samples, after=summed)
-        file[fields.INTENSITIES][row] = intensity
-        file[fields.PULSES][row] = pulses
-        file[fields.ENERGY][row] = energy
-        if self._facts.pulse_energy_j is not None and not math.isnan(energy):
-            file[fields.PULSE_ENERGY][row] = self._facts.pulse_energy_j * energy
-        file[fields.RIG_CLOCK][row] = started_s
-        zero_s = self._facts.clock_zero_unix_s
-        file[fields.TIMES][row] = math.nan if zero_s is None else zero_s + started_s
-        if self._facts.face_radius_m is not None:
-            first_deg = next(iter(self._angles_deg), angle_deg)
-            pose = probe_pose(angle_deg, first_deg=first_deg, face_radius_m=self._facts.face_radius_m)
-            file[fields.POSES][row] = pose
-        file[fields.ROW_SUMS][row] = summed
-        self._sync(file)
-        # The angle last, after a flush: a row with an angle is complete.
-        file[fields.ANGLES][row] = angle_deg
-        self._sync(file)
-        self._angles_deg[angle_deg] = None
-
-    def _put_dark(self, file: h5py.File, frame: ChannelFrame) -> None:
-        row = self._taken_dark
-        write_frame(file[fields.DARK_FRAMES], (0, 0, row), frame.samples.astype("<i2").tobytes())
-        file[fields.DARK_SUMS][row] = frame_sum(frame.samples)
-        self._sync(file)
-        file[fields.DARK_TAKEN][()] = row + 1
-        self._sync(file)
-        self._taken_dark += 1
-
-    def _sync(self, file: h5py.File) -> None:
-        if self._grows:
-            # flush() hands the data to the system, fsync() to the disk; HDF5 has no call for the latter.
-            file.flush()
-            os.fsync(self._descriptor)
-
-    def _unwritten(self, problem: Exception) -> RecordError:
-        return RecordError(
-            f"{self._named}: the bank cannot be written: {problem}; {self.taken} acquisitions are in it and stay "
-            "readable; make room, or name another place"
+def require_room(path: Path, needed: int) -> None:
+    """Refuse a disk without enough space, in bytes: HDF5 can crash on a write that fails."""
+    free = shutil.disk_usage(path.parent).free
+    if free < needed + _ROOM_BYTES:
+        raise RecordError(
+            f"{path}: the bank needs {(needed + _ROOM_BYTES) / 1e6:.1f} MB, {free / 1e6:.1f} MB are free; "
+            "nothing was written: make room, or name another place"
         )
 
 
 @contextmanager
 def whole_bank(path: Path, *, angles: int, dark_frames: int = 0, facts: BankFacts) -> Iterator[BankWriter]:
-    """A writer of a bank that is renamed when the block ends with everything announced, and deleted if not."""
+    """A writer of a bank that is renamed when the block ends with everything announced, and deleted if not.
+
+    ``path``: where to write; the suffix is .hdf5 or .h5. ``angles``: acquisitions with the laser that will come.
+    ``dark_frames``: acquisitions without.
+    """
     require_new_bank(path)
-    inside = False
+    import h5py
+
+    with new_file(path) as part, h5py.File(part, "w") as file:
+        writer = BankWriter(path, file, angles=angles, dark_frames=dark_frames, facts=facts)
+        yield writer
+        writer.finish()
+
+
+class BankWriter:
+    """Takes the acquisitions of a bank one at a time, in any order of their angles; made by `whole_bank`."""
+
+    def __init__(self, path: Path, file: h5py.File, *, angles: int, dark_frames: int, facts: BankFacts) -> None:
+        self._path, self._file, self._facts = path, file, facts
+        self._planned, self._planned_dark = angles, dark_frames
+        self._taken: dict[float, tuple[float, FrameHeader]] = {}
+        self._taken_dark = 0
+        self._first: ChannelFrame | None = None
+
+    @property
+    def taken(self) -> int:
+        """Acquisitions with the laser that have come."""
+        return len(self._taken)
+
+    def add(self, sample: Sample) -> None:
+        """Take one acquisition, dark or not; `RecordError` if a bank cannot hold it, or the disk is full."""
+        frame = sample.frame if isinstance(sample.frame, ChannelFrame) else None
+        if sample.dark and frame is None:
+            return
+        row, planned = (self._taken_dark, self._planned_dark) if sample.dark else (self.taken, self._planned)
+        if row >= planned:
+            raise RecordError(f"{self._path}: {planned} acquisitions were announced and one more came; announce it too")
+        if self.taken + self._taken_dark:
+            _require_same(self._path, frame, self._first)
+        else:
+            self._begin(frame)
+        if not sample.dark:
+            self._require_keepable(sample, frame)
+            header = _UNKNOWN if sample.frame is None else sample.frame.header
+            self._taken[sample.angle_deg] = sample.reading.intensity, header
+        if frame is not None:
+            with _writing(self._path):
+                place = np.s_[..., row] if sample.dark else np.s_[..., 0, row]
+                self._file[fields.DARK_FRAMES if sample.dark else fields.FRAMES][place] = frame.samples
+        self._taken_dark += sample.dark
+
+    def finish(self) -> None:
+        """Write everything but the frames; `RecordError` if fewer acquisitions came than were announced."""
+        if (self.taken, self._taken_dark) != (self._planned, self._planned_dark):
+            raise RecordError(
+                f"{self._path}: {self.taken} of {self._planned} angles and {self._taken_dark} of "
+                f"{self._planned_dark} dark frames came; nothing was kept: read the source again"
+            )
+        device = DEVICE_IDENTIFIERS.get(self._facts.probe or "") or str(uuid.uuid4())
+        with _writing(self._path):
+            for group in ("general", "illuminators", "detectors"):
+                # PATATO opens a file without elements, but not one without their group.
+                self._file.create_group(f"{fields.DEVICE}/{group}")
+            for name, value in self._acquisition(device).items():
+                if isinstance(value, np.ndarray):
+                    # One chunk, because only chunks have checksums.
+                    self._file.create_dataset(name, data=value, chunks=value.shape, fletcher32=True)
+                else:
+                    self._file[name] = value
+            for name, value in self._device(device).items():
+                self._file[name] = value
+
+    def _begin(self, frame: ChannelFrame | None) -> None:
+        self._first = frame
+        if frame is None:
+            self._file.create_dataset(fields.FRAMES, shape=(0, 0, 1, self._planned), dtype="<i2")
+            return
+        require_room(self._path, frame.samples.nbytes * (self._planned + self._planned_dark))
+        shape = frame.samples.shape
+        with _writing(self._path):
+            for name, each in ((fields.FRAMES, (*shape, 1)), (fields.DARK_FRAMES, shape)):
+                count = self._planned_dark if name == fields.DARK_FRAMES else self._planned
+                # One chunk per frame, so that a frame is written and read in one piece.
+                pieces = {"chunks": (*each, 1), "fletcher32": True} if count else {}
+                self._file.create_dataset(name, shape=(*each, count), dtype="<i2", **pieces)
+
+    def _require_keepable(self, sample: Sample, frame: ChannelFrame | None) -> None:
+        angle_deg, intensity = sample.angle_deg, sample.reading.intensity
+        if not abs(angle_deg) <= MAX_DEG:
+            raise RecordError(
+                f"{self._path}: the angle is {angle_deg:g} deg, it must be finite and within one turn, -{MAX_DEG:g} to "
+                f"{MAX_DEG:g} deg; leave that acquisition out"
+            )
+        if angle_deg in self._taken:
+            raise RecordError(f"{self._path}: the angle {angle_deg:g} deg appears twice; keep one of them")
+        # NaN beside a frame is allowed, because the intensity can be computed from it later.
+        if not (0 <= intensity < math.inf or (math.isnan(intensity) and frame is not None)):
+            raise RecordError(
+                f"{self._path}: the intensity at {angle_deg:g} deg is {intensity:g}, it must be finite and not "
+                "negative, or NaN beside a frame; leave that acquisition out"
+            )
+
+    def _acquisition(self, device: str) -> dict[str, object]:
+        """Fields of IPASC and ours by name; what is not known is left out, and what is not measured is NaN."""
+        facts, first = self._facts, self._first
+        angles_deg, headers = list(self._taken), [header for _, header in self._taken.values()]
+        started_s = np.array([each.started_s if math.isfinite(each.started_s) else math.nan for each in headers])
+        energies = np.array([math.nan if each.energy is None else each.energy for each in headers])
+        shape = (0, 0) if first is None else first.samples.shape
+        known: dict[str, object | None] = {
+            "meta_data/uuid": str(uuid.uuid4()),
+            "meta_data/encoding": "UTF-8",
+            "meta_data/compression": "raw",
+            "meta_data/data_type": "short",
+            "meta_data/dimensionality": "time and space",
+            "meta_data/photoacoustic_imaging_device_reference": device,
+            fields.SIZES: np.array([*shape, 1, len(angles_deg)]),
+            fields.SAMPLING: facts.sampling_hz if first is None else first.sampling_hz,
+            fields.SOUND_SPEED: facts.sound_speed_m_s,
+            # PATATO does not open a file without this field: NaN where it is not known.
+            fields.WAVELENGTH: np.array([math.nan if facts.wavelength_m is None else facts.wavelength_m]),
+            fields.PULSE_ENERGY: None
+            if facts.pulse_energy_j is None
+            else facts.pulse_energy_j * np.where(np.isnan(energies), 1.0, energies),
+            fields.TIMES: started_s + (math.nan if facts.clock_zero_unix_s is None else facts.clock_zero_unix_s),
+            fields.POSES: None if facts.face_radius_m is None else probe_poses(angles_deg, facts.face_radius_m),
+            "meta_data/measurements_per_image": 1,
+            "meta_data/scanning_method": "full_scan",
+            "meta_data/scanning_motion": "rotation of the probe about its long axis",
+            fields.VERSION: fields.BANK_VERSION,
+            fields.ANGLES: np.array(angles_deg),
+            fields.INTENSITIES: np.array([intensity for intensity, _ in self._taken.values()]),
+            fields.RIG_CLOCK: started_s,
+            fields.CLOCK_ZERO: math.nan if facts.clock_zero_unix_s is None else facts.clock_zero_unix_s,
+            fields.PULSES: np.array([each.pulses for each in headers], np.int64),
+            fields.ENERGY: energies,
+            fields.REFERENCE: facts.reference_angle_deg,
+            fields.FACE_RADIUS: facts.face_radius_m,
+            fields.PROBE: facts.probe,
+            fields.PROBE_SETTINGS: facts.probe_settings,
+            fields.DESCRIPTION: facts.description or None,
+            fields.SIMULATED: None if facts.simulated is None else int(facts.simulated),
+            fields.CONFIGURATION: facts.configuration,
+            # As text: a seed may be larger than any number of HDF5.
+            fields.SEED: None if facts.seed is None else str(facts.seed),
+            fields.MADE_WITH: facts.made_with or f"markerseek {__version__}",
+        }
+        return {name: value for name, value in known.items() if value is not None}
+
+    def _device(self, device: str) -> dict[str, object]:
+        """Fields of the probe: x1 along the array from its centre, x3 into the tissue; element sizes are not known."""
+        facts = self._facts
+        elements, samples = (0, 0) if self._first is None else self._first.samples.shape
+        laterals_m: list[float] = []
+        if facts.pitch_m is not None and elements >= 2:
+            laterals_m = LinearArray(elements=elements, pitch_m=facts.pitch_m).lateral_m.tolist()
+        half_m = 0.0 if facts.pitch_m is None else facts.pitch_m * max(elements - 1, 0) / 2
+        depth_m = 0.0
+        if facts.sound_speed_m_s is not None and self._first is not None:
+            depth_m = samples / self._first.sampling_hz * facts.sound_speed_m_s
+        known: dict[str, object] = {
+            f"{fields.DEVICE}/general/unique_identifier": device,
+            f"{fields.DEVICE}/general/field_of_view": np.array([-half_m, half_m, 0.0, 0.0, 0.0, depth_m]),
+            f"{fields.DEVICE}/general/num_detectors": len(laterals_m),
+            f"{fields.DEVICE}/general/num_illuminators": 0,
+        }
+        for number, lateral_m in enumerate(laterals_m):
+            known[f"{fields.DETECTORS}/{number:010d}/detector_position"] = np.array([lateral_m, 0.0, 0.0])
+            known[f"{fields.DETECTORS}/{number:010d}/detector_orientation"] = np.array([0.0, 0.0, 1.0])
+        return known
+
+
+def probe_poses(angles_deg: Sequence[float], face_radius_m: float) -> Float64[np.ndarray, "angles 6"]:
+    """Position of the array's centre in metres, then its rotation in radians about x1, x2 and x3, at each angle.
+
+    Coordinates of IPASC, those of the array at the first measurement: x1 along it from its centre (y of the TRUS home
+    frame), x3 out of it, and x2 = x3 × x1. The probe turns about an axis parallel to x1, ``face_radius_m`` behind the
+    face.
+    """
+    turned = np.radians(np.array(angles_deg) - angles_deg[0])
+    poses = np.zeros((len(angles_deg), 6))
+    poses[:, 1] = -face_radius_m * np.sin(turned)
+    # 1 - cos in a form that keeps small angles exact.
+    poses[:, 2] = -2 * face_radius_m * np.sin(turned / 2) ** 2
+    poses[:, 3] = turned
+    return poses
+
+
+def _require_same(path: Path, frame: ChannelFrame | None, first: ChannelFrame | None) -> None:
+    shape, before = ((0, 0) if each is None else each.samples.shape for each in (frame, first))
+    if shape != before:
+        raise RecordError(
+            f"{path}: a frame of {shape} follows frames of {before} (channels, samples); "
+            "keep one probe and one record length in a bank"
+        )
+    if frame is not None and first is not None and frame.sampling_hz != first.sampling_hz:
+        raise RecordError(
+            f"{path}: a frame sampled at {frame.sampling_hz:g} Hz follows one at {first.sampling_hz:g} Hz; "
+            "keep one rate in a bank"
+        )
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Errors of the library, which are of both kinds, as `RecordError`."""
     try:
-        with create_atomically(path) as part:
-            writer = BankWriter(part, angles=angles, dark_frames=dark_frames, facts=facts, whole_as=path)
-            try:
-                inside = True
-                yield writer
-                inside = False
-            except BaseException:
-                # The error of the block is the cause; one of closing the temporary file would hide it.
-                with suppress(RecordError):
-                    writer.release()
-                raise
-            writer.release()
-            writer.require_whole()
-    except OSError as problem:
-        if inside:
-            raise
+        yield
+    except (OSError, RuntimeError) as problem:
         raise RecordError(
             f"{path}: the bank cannot be written: {problem}; nothing was kept: make room, or name another place"
         ) from problem

@@ -15,8 +15,7 @@ from markerseek.records.journal import Checked, Configuration, Journal, Resuming
 from markerseek.rigs import Rig
 from markerseek.runs import rebuild_policy
 from markerseek.runs.journalled import journalled
-from markerseek.runs.recheck import change_of
-from markerseek.runs.resume import resumed
+from markerseek.runs.resume import change_of, resumed
 from tests.unit.runs.journalled_runs import MARKER_DEG, begin, configured, live, resume_run, times_and_events
 
 

@@ -15,7 +15,7 @@ from markerseek.core import ChannelFrame, Measured, PolicyPlan, RecordError, Sam
 from markerseek.records.banks import IntensityBank
 from markerseek.records.journal import Journal, RecordedRun, read_journal
 from markerseek.runs import configuration_of, journal_bank
-from markerseek.runs.bank_of_journal import JournalBank
+from markerseek.runs.bank_scan import JournalBank
 from markerseek.runs.journalled import journalled
 from markerseek.search import build
 from tests.unit.runs.journalled_runs import begin
