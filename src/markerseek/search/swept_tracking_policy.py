@@ -21,6 +21,7 @@ import numpy as np
 
 from markerseek.core import Bool, Estimate, Float64, Found, Interval, NotFound, Reading, Sample, SearchError, Sweep
 from markerseek.search.policy import check_sample
+from markerseek.search.posterior.likelihood import STRONG_SNR
 from markerseek.search.posterior.sources import NEAR_M, POINT_M, Source
 from markerseek.search.swept_tracker import Markers, SweptTracker
 from markerseek.search.tracking_policy import TrackPoint
@@ -156,15 +157,16 @@ class SweptTrackingPolicy:
             raise SearchError(f"a frame of {now_s:.3f} s came after one of {self._last_s:.3f} s; it must be later")
         intensity, cells = self._looked_up(sample)
         tracker, timing = self._tracker, sample.sweep
+        noise_sigma = sample.reading.noise_sigma or self._rig.noise_sigma
         tracker.tell(
             sample.angle_deg,
             intensity,
             after_s=now_s - self._last_s,
-            noise_sigma=sample.reading.noise_sigma or self._rig.noise_sigma,
+            noise_sigma=noise_sigma,
             cells=cells,
         )
         self._last_s = now_s
-        self._note_lost()
+        self._note_lost(clear=intensity >= STRONG_SNR * noise_sigma)
         # The delay of the stamps and the play are the same in all frames of a sweep: no number of them averages it.
         shared_deg = math.hypot(timing.speed_deg_s * timing.delay_sigma_s, timing.play_sigma_deg)
         self.track.append(
@@ -200,9 +202,10 @@ class SweptTrackingPolicy:
             interval_kind="posterior",
         )
 
-    def _note_lost(self) -> None:
+    def _note_lost(self, *, clear: bool) -> None:
+        """Note whether it is lost; it is found again by a frame that is clear of the noise only."""
         if not self._tracker.lost:
-            self._lost_since_s = None
+            self._lost_since_s = None if clear else self._lost_since_s
         elif self._lost_since_s is None:
             self._lost_since_s = self._last_s
             self.searched_again += 1
