@@ -141,7 +141,7 @@ def test_entries_are_scored_beside_our_methods_and_a_failed_one_is_said(two_worl
     command = ("benchmark", *entries, "--scale", 0.04, "--workers", 1, "--out", tmp_path / "out")
     code, _, err = shell(*command)
     assert code == 1
-    assert "failed entry: bad.py, 64: in intensities, none: EntryError: it replied b'hello\\n'" in " ".join(err.split())
+    assert "failed entry: bad.py, 64: in intensities, none: EntryError: it replied b'hello'" in " ".join(err.split())
     results = json.loads((tmp_path / "out" / "results.json").read_text())
     scores = {(each["world"], each["method"]): each for each in results["scores"]}
     assert len(scores) == 6

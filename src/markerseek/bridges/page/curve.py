@@ -173,8 +173,9 @@ def race_options(runs: Mapping[str, Sequence[Snapshot]], limits: Interval) -> di
         "textStyle": {"fontFamily": "system-ui, sans-serif"},
         "xAxis": _axis("time on the clocks of the rigs [s]", gap_px=26),
         "yAxis": _axis("probe angle [deg]", gap_px=40)
-        | {"min": limits.low_deg, "max": limits.high_deg}
-        | {"axisLabel": {"fontSize": 13, ":formatter": _WITH_MINUS, "hideOverlap": True}},
+        # The chart is low: few numbers have room.
+        | {"min": limits.low_deg, "max": limits.high_deg, "splitNumber": 3}
+        | {"axisLabel": {"fontSize": 13, ":formatter": _WITH_MINUS}},
         "series": [
             {
                 "name": name,
