@@ -43,7 +43,7 @@ def row(name: str, speed_deg_s: float, period_s: float, curve: IntensityCurve = 
     rms_deg = float(np.sqrt(np.mean([each.quality.rms_deg**2 for each in runs])))
     within = float(np.mean([each.quality.within_1_deg for each in runs]))
     lag_s = float(np.mean([each.quality.lag_s for each in runs]))
-    covered = float(np.mean([each.covered for each in runs]))
+    covered = float(np.mean([each.quality.covered for each in runs]))
     lost = sum(each.lost for each in runs)
     # The error and lag of a marker that was lost say nothing.
     numbers = f"{rms_deg:.2f}° | {within:.0%} | {lag_s:.2f} s | {covered:.0%}" if lost <= RUNS / 2 else "– | – | – | –"

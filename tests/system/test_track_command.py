@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -24,9 +25,26 @@ def test_a_marker_is_followed_and_drawn(shell, tmp_path):
     assert (tmp_path / "track.png").stat().st_size > 10_000
 
 
+def test_a_marker_is_followed_while_the_probe_turns(shell, tmp_path):
+    words = ("track", "--sweep", "--rig", RIGS / "prm1z8-limits.toml", "--speed-deg-per-s", 1, "--duration-s", 3)
+    code, out, err = shell(*words, "--plot", "--out", tmp_path, "--json")
+    report = json.loads(out)
+    assert (code, report["lost"], report["swept"]) == (0, False, True), err
+    assert report["rms_error_deg"] < 0.6
+    assert 10 < report["frames_per_s"] <= 20
+    errors = [abs(each["angle_deg"] - each["truth_deg"]) for each in report["track"]]
+    covered = [error <= 1.96 * each["sigma_deg"] for error, each in zip(errors, report["track"], strict=True)]
+    assert report["covered"] == pytest.approx(sum(covered) / len(covered))
+    # The probe turns from frame to frame.
+    probe = [each["probe_deg"] for each in report["track"]]
+    assert sum(before != after for before, after in pairwise(probe)) > 0.9 * len(probe)
+    assert (tmp_path / "track.png").stat().st_size > 10_000
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
+        (("--sweep", "--readout-s", 10), "reads its frames for 10 s after each sweep"),
         (("--speed-deg-per-s", "nan"), "moving marker: speed_deg_s is nan deg/s"),
         (("--speed-deg-per-s", 21), "moving marker: speed_deg_s is 21"),
         (("--duration-s", 0), "--duration-s is 0"),

@@ -20,12 +20,12 @@ from markerseek.core import ConfigError, Found, Refused, SearchError, SearchPlan
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from markerseek.search import TrackingPolicy
     from markerseek.sim import OscillatingMotion, SimulatedSettings
 
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek track --rig examples/rigs/direct-drive.toml --speed-deg-per-s 5 --plot\n\n"
+    "  markerseek track --sweep --rig examples/rigs/prm1z8-limits.toml --speed-deg-per-s 5 --plot\n\n"
     "  markerseek track --speed-deg-per-s 0.5 --json"
 )
 
@@ -35,6 +35,8 @@ _READOUT_S = 0.05
 
 class TrackReport(msgspec.Struct, frozen=True, kw_only=True):
     """How well a moving marker was followed; of one that was lost, until then.
+
+    ``searched_again``: how often it was lost on the way and searched for, which only a track by sweeps does.
 
     ``track`` has the fields of `TrackPoint` and the truth; its time counts from when the marker began to move.
     """
@@ -48,6 +50,9 @@ class TrackReport(msgspec.Struct, frozen=True, kw_only=True):
     rms_error_deg: float | None
     within_1_deg: float | None
     lag_s: float | None
+    covered: float | None
+    swept: bool
+    searched_again: int
     lost: bool
     track: list[dict[str, float]]
     version: str = __version__
@@ -70,21 +75,35 @@ def command(
     readout_s: Annotated[
         float | None, typer.Option(help="Seconds to read one acquisition.", show_default="the rig's, else 0.05")
     ] = None,
+    sweep: Annotated[
+        bool,
+        typer.Option(
+            "--sweep", help="Follow while the probe turns: a frame for each laser pulse; for receivers in real time."
+        ),
+    ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 1,
     tolerance_mm: ToleranceMm = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write track.png into --out.")] = False,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find a marker on the simulated rig, let it move, and follow it at the rate of the rig's frames."""
+    """Find a marker on the simulated rig, let it move, and follow it at the rate of the rig's frames.
+
+    Without --sweep the probe comes to rest for each frame. With it the probe turns to and fro about the marker, and a
+    marker that is lost is searched for; exit code 3 if it is lost at the end.
+    """
     from markerseek.sim import OscillatingMotion
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     require_range("--duration-s", duration_s, low=1, high=600, unit="s")
     swing = OscillatingMotion(speed_deg_s=speed_deg_per_s)
     settings = _settings(rig, swing, marker_deg=marker_deg, snr_db=snr_db, readout_s=readout_s)
+    if sweep:
+        settings = _for_sweeps(settings)
     announce_compilation()
     assembled = rigs.simulated(seed=seed, settings=settings, swing=swing)
+    if sweep:
+        runs.require_streaming(assembled)
     tolerance = tolerance_of(tolerance_mm, None)
     plan = runs.plan_on(
         assembled, SearchPlan(method="posterior", start_deg=settings.start_deg, others=0.0, tolerance=tolerance)
@@ -93,7 +112,7 @@ def command(
     for _ in session.events():
         pass
     found = _found(session)
-    policy, refused = _follow(assembled, session, found, settings, swing, duration_s=duration_s)
+    policy, refused = _follow(assembled, session, found, settings, swing, duration_s=duration_s, sweep=sweep)
     report = _followed(assembled, found, policy, swing, settings, refused=refused)
     shown = Report(
         values=report,
@@ -129,6 +148,16 @@ def _settings(
     return replace(settings, marker=replace(settings.marker, angle_deg=angle_deg))
 
 
+def _for_sweeps(settings: SimulatedSettings) -> SimulatedSettings:
+    """The rig with a gain that leaves room for the noise of single pulses."""
+    if settings.laser.sweep_mode != "free-running":
+        raise ConfigError(
+            f'laser: sweep_mode is "{settings.laser.sweep_mode}", and a marker is followed with a laser that runs '
+            'free: set sweep_mode = "free-running"'
+        )
+    return replace(settings, receiver=replace(settings.receiver, single_pulses=True))
+
+
 def _found(session: runs.Session) -> Found:
     finished = session.recorder.finished
     if finished is None or not isinstance(finished.estimate, Found):
@@ -145,16 +174,23 @@ def _follow(
     swing: OscillatingMotion,
     *,
     duration_s: float,
-) -> tuple[TrackingPolicy, int]:
+    sweep: bool,
+) -> tuple[runs.AnyTrackingPolicy, int]:
     """The policy after the run, and how many frames were refused."""
     confirmation = session.recorder.confirmation
     if confirmation is None or found.curve is None:
         raise SearchError("the search confirmed no angle, or states no curve: the marker cannot be followed")
-    frame_s = settings.laser.pulses / settings.laser.rate_hz + settings.receiver.readout_s
-    period_s = runs.stage_period_s(settings.stage, fwhm_deg=found.curve.fwhm_deg, speed_deg_s=0.0, frame_s=frame_s)
-    policy = runs.tracking_policy(
-        rig, found, confirmation, speed_deg_s=swing.speed_deg_s, duration_s=duration_s, period_s=period_s
-    )
+    policy: runs.AnyTrackingPolicy
+    if sweep:
+        policy = runs.swept_tracking_policy(
+            rig, found, confirmation, speed_deg_s=swing.speed_deg_s, duration_s=duration_s
+        )
+    else:
+        frame_s = settings.laser.pulses / settings.laser.rate_hz + settings.receiver.readout_s
+        period_s = runs.stage_period_s(settings.stage, fwhm_deg=found.curve.fwhm_deg, speed_deg_s=0.0, frame_s=frame_s)
+        policy = runs.tracking_policy(
+            rig, found, confirmation, speed_deg_s=swing.speed_deg_s, duration_s=duration_s, period_s=period_s
+        )
     refused = sum(isinstance(event, Refused) for event in runs.track_run(rig, policy, swing))
     return policy, refused
 
@@ -162,12 +198,14 @@ def _follow(
 def _followed(
     rig: rigs.Rig,
     found: Found,
-    policy: TrackingPolicy,
+    policy: runs.AnyTrackingPolicy,
     swing: OscillatingMotion,
     settings: SimulatedSettings,
     *,
     refused: int,
 ) -> TrackReport:
+    from markerseek.search import SweptTrackingPolicy
+
     rest_deg = settings.marker.angle_deg or 0.0
     quality = runs.quality_of(policy, swing, rest_deg=rest_deg)
     times_s = [each.time_s for each in policy.track]
@@ -181,6 +219,9 @@ def _followed(
         rms_error_deg=None if quality is None else quality.rms_deg,
         within_1_deg=None if quality is None else quality.within_1_deg,
         lag_s=None if quality is None else quality.lag_s,
+        covered=None if quality is None else quality.covered,
+        swept=isinstance(policy, SweptTrackingPolicy),
+        searched_again=policy.searched_again if isinstance(policy, SweptTrackingPolicy) else 0,
         lost=policy.lost,
         track=[
             asdict(each)
@@ -198,8 +239,13 @@ def _rows(report: TrackReport) -> list[tuple[str, str | Text]]:
     if report.rms_error_deg is not None and report.within_1_deg is not None and report.lag_s is not None:
         rows.append(("error", f"{report.rms_error_deg:.2f}° (RMS), within 1° in {report.within_1_deg:.0%} of frames"))
         rows.append(("lag", f"{report.lag_s:.2f} s"))
+    if report.covered is not None:
+        rows.append(("95 % band", f"holds the truth in {report.covered:.0%} of frames"))
+    if report.searched_again:
+        rows.append(("lost on the way", f"{report.searched_again} times, and searched for while the probe turned"))
     if report.lost:
-        rows.append(("next", "a faster rig (examples/rigs/direct-drive.toml), fewer pulses, or a lower speed"))
+        sweeps = "" if report.swept else "sweeps (--sweep), "
+        rows.append(("next", f"{sweeps}a faster rig (examples/rigs/direct-drive.toml), fewer pulses, or a lower speed"))
     return rows
 
 

@@ -24,6 +24,9 @@ class Sweep:
         Least angle between two pulses in degrees; 0 uses every pulse of the laser.
     from_deg
         Angle at which it begins, to which the probe is moved without light; None: where the probe is.
+    lit_braking
+        Whether the light goes on while the probe brakes, where the policy ends the sweep before its end: until the
+        probe is slower than its permit allows.
 
     Raises
     ------
@@ -35,6 +38,7 @@ class Sweep:
     speed_deg_s: float
     spacing_deg: float = 0.0
     from_deg: float | None = None
+    lit_braking: bool = False
 
     def __post_init__(self) -> None:
         for name in ("to_deg", "from_deg"):

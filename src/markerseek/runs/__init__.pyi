@@ -43,7 +43,16 @@ from .simulated_registration import (
 )
 from .stereo_files import StereoSettings, read_stereo
 from .target_views import TargetView, target_views
-from .tracking import TrackQuality, quality_of, stage_period_s, track_run, tracking_policy
+from .tracking import (
+    AnyTrackingPolicy,
+    TrackQuality,
+    quality_of,
+    require_streaming,
+    stage_period_s,
+    swept_tracking_policy,
+    track_run,
+    tracking_policy,
+)
 
 __all__ = [
     "FOCAL_LENGTH",
@@ -51,6 +60,7 @@ __all__ = [
     "MARKER_PLACES",
     "REGISTRATION_TOLERANCE",
     "TARGET_DEPTH_M",
+    "AnyTrackingPolicy",
     "Calibration",
     "KnownRegistration",
     "PointPair",
@@ -93,6 +103,7 @@ __all__ = [
     "require_new_scan",
     "require_reset",
     "require_same_measurement",
+    "require_streaming",
     "resumed_session",
     "samples_to_recheck",
     "scan_angles",
@@ -101,6 +112,7 @@ __all__ = [
     "simulate_registration",
     "spot_pairs",
     "stage_period_s",
+    "swept_tracking_policy",
     "target_views",
     "track_run",
     "tracking_policy",

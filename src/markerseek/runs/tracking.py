@@ -5,17 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
-from markerseek.core import Event, Found, RunPlan, Sample, SearchError
+from markerseek.core import ConfigError, Event, Found, RunPlan, Sample, SearchError
 from markerseek.rigs import Rig
-from markerseek.scan import RunLimits, run
-from markerseek.search import FLANK_SHARE, Tracker, TrackingPolicy
+from markerseek.scan import RunLimits, SweepingDevices, run
+from markerseek.search import FLANK_SHARE, SweptRig, SweptTracker, SweptTrackingPolicy, Tracker, TrackingPolicy
 from markerseek.sim import TURN_S, OscillatingMotion, StageMotion
 
 MAX_FRAMES = 20_000
-"""Most frames of one track: more than a search may take; the guard's budget of pulses holds beside it."""
+"""Most frames of one track, or sweeps: more than a search may take; the guard's budget of pulses holds beside it."""
+
+AnyTrackingPolicy: TypeAlias = TrackingPolicy | SweptTrackingPolicy
+"""What follows a marker: from rest to rest, or while the probe turns."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,12 +32,17 @@ class TrackQuality:
     """Share of the frames with an error of at most 1 degree."""
     lag_s: float
     """Time in seconds by which the tracker is behind: that of the line error = −lag · speed."""
+    covered: float
+    """Share of the frames in which the truth is within 1.96 standard deviations of the angle."""
 
     @classmethod
-    def of(cls, errors_deg: Sequence[float], speeds_deg_s: Sequence[float]) -> TrackQuality:
+    def of(
+        cls, errors_deg: Sequence[float], speeds_deg_s: Sequence[float], sigmas_deg: Sequence[float]
+    ) -> TrackQuality:
         """Quality of a track.
 
         ``errors_deg``: estimate less truth at each frame; at least one. ``speeds_deg_s``: speed of the marker then.
+        ``sigmas_deg``: standard deviations that the tracker stated.
         """
         errors, speeds = np.array(errors_deg), np.array(speeds_deg_s)
         return cls(
@@ -41,6 +50,7 @@ class TrackQuality:
             within_1_deg=float(np.mean(np.abs(errors) <= 1)),
             # Least squares of error = −lag · speed.
             lag_s=-float(np.dot(errors, speeds) / np.dot(speeds, speeds)),
+            covered=float(np.mean(np.abs(errors) <= 1.96 * np.array(sigmas_deg))),
         )
 
 
@@ -87,7 +97,58 @@ def tracking_policy(
     return TrackingPolicy(tracker, began_s=now_s, until_s=now_s + duration_s, period_s=period_s)
 
 
-def track_run(rig: Rig, policy: TrackingPolicy, swing: OscillatingMotion) -> Generator[Event, None, None]:
+def require_streaming(rig: Rig) -> SweepingDevices:
+    """The devices of a rig that can follow a marker by sweeps; `ConfigError` says what it lacks."""
+    devices = rig.scanner.sweeping
+    readout_s = devices.receiver.sweep_readout_s
+    if readout_s > 0:
+        raise ConfigError(
+            f"track: the receiver reads its frames for {readout_s:g} s after each sweep, and a marker is followed from "
+            "frame to frame; name a rig whose readout_s is at most its frame_period_s, or leave --sweep out"
+        )
+    return devices
+
+
+def swept_tracking_policy(
+    rig: Rig, found: Found, confirmation: Sample, *, speed_deg_s: float, duration_s: float
+) -> SweptTrackingPolicy:
+    """Policy that follows a marker by sweeps from now on; arguments as of `tracking_policy`.
+
+    `ConfigError` if the rig cannot sweep, or its frames are read at the end of a sweep.
+    """
+    noise_sigma = confirmation.reading.noise_sigma
+    if found.curve is None or noise_sigma is None:
+        raise SearchError("the search states no curve, or its frames no noise; search with the method posterior")
+    devices = require_streaming(rig)
+    now_s = rig.scanner.clock.now_s()
+    tracker = SweptTracker(
+        angle_deg=found.mean_deg,
+        sigma_deg=found.sigma_deg,
+        fwhm_deg=found.curve.fwhm_deg,
+        peak=found.curve.peak,
+        # Not the simulation's own draws.
+        rng=np.random.default_rng([0 if rig.facts.seed is None else rig.facts.seed, 68]),
+        limits=rig.limits.search,
+        most_speed_deg_s=1.5 * speed_deg_s,
+        acceleration_deg_s2=2 * speed_deg_s / TURN_S,
+    )
+    return SweptTrackingPolicy(
+        tracker,
+        rig=SweptRig(
+            fastest_deg_s=devices.stage.fastest_sweep_deg_s,
+            acceleration_deg_s2=devices.stage.acceleration_deg_s2,
+            period_s=devices.least_period_s,
+            # That of one pulse: the confirmation is the mean of many.
+            noise_sigma=noise_sigma * math.sqrt(rig.scanner.pulses),
+        ),
+        began_s=now_s,
+        until_s=now_s + duration_s,
+        probe_deg=rig.scanner.angle_deg,
+        place=confirmation.reading,
+    )
+
+
+def track_run(rig: Rig, policy: AnyTrackingPolicy, swing: OscillatingMotion) -> Generator[Event, None, None]:
     """Let the marker of a `MovingWorld` oscillate, and track it: the events of `markerseek.scan.run`.
 
     The guard permits each move and each firing, as in a search.
@@ -96,7 +157,7 @@ def track_run(rig: Rig, policy: TrackingPolicy, swing: OscillatingMotion) -> Gen
     yield from run(policy, rig.scanner, RunPlan(stay=True), limits=RunLimits(acquisitions=MAX_FRAMES))
 
 
-def quality_of(policy: TrackingPolicy, swing: OscillatingMotion, *, rest_deg: float) -> TrackQuality | None:
+def quality_of(policy: AnyTrackingPolicy, swing: OscillatingMotion, *, rest_deg: float) -> TrackQuality | None:
     """Quality of a track after the run, with the marker's angle at rest in degrees; None if there was no frame."""
     if not policy.track:
         return None
@@ -105,4 +166,4 @@ def quality_of(policy: TrackingPolicy, swing: OscillatingMotion, *, rest_deg: fl
     speeds = [
         (swing.moved_deg(each.time_s + moment_s) - swing.moved_deg(each.time_s)) / moment_s for each in policy.track
     ]
-    return TrackQuality.of(errors, speeds)
+    return TrackQuality.of(errors, speeds, [each.sigma_deg for each in policy.track])

@@ -184,6 +184,7 @@ class Scanner:
             number=number,
             at=StageReading(angle_deg=from_deg, asked_s=now_s, answered_s=now_s),
             triggers=triggers,
+            lit_braking=sweep.lit_braking,
         )
         try:
             with self._refusable:

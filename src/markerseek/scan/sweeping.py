@@ -205,7 +205,7 @@ class SweepInProgress:
     """One sweep from its redeemed permit on; the guard is SWEEPING until the probe is at rest again.
 
     ``held``: holds the watchdog's lease while the probe turns. ``at``: readback and time at which the permit was used.
-    ``triggers``: where the stage triggers the laser; None where that runs free.
+    ``triggers``: where the stage triggers the laser; None where that runs free. ``lit_braking``: as of the `Sweep`.
     """
 
     def __init__(
@@ -220,6 +220,7 @@ class SweepInProgress:
         number: int,
         at: StageReading,
         triggers: Triggers | None = None,
+        lit_braking: bool = False,
     ) -> None:
         self._devices = devices
         self._triggers = triggers
@@ -230,6 +231,7 @@ class SweepInProgress:
         self._clock = clock
         self._held = held
         self._number = number
+        self._lit_braking = lit_braking
         self._readings = [at]
         self._pulses: list[Pulse] = []
         self._frames: list[Frame] = []
@@ -240,8 +242,9 @@ class SweepInProgress:
 
         Those of a burst come all at once, and are admitted before the first is used: none grows old meanwhile.
 
-        ``goes_on``: whether more of the sweep is wanted; if not, the light ends, then the motion. `AcquisitionError`
-        refuses the sweep as a whole: frames and pulses do not belong together.
+        ``goes_on``: whether more of the sweep is wanted; if not, the light ends, then the motion, or both together
+        where the sweep says so. `AcquisitionError` refuses the sweep as a whole: frames and pulses do not belong
+        together.
         """
         stage, laser, receiver = self._devices.stage, self._devices.laser, self._devices.receiver
         with self._held:
@@ -251,7 +254,12 @@ class SweepInProgress:
             laser.begin_sweep(self._permit)
             # A probe that is too slow ends the light: it stalls, or has reached the end.
             wanted = True
-            while self._read() and (wanted := goes_on()):
+            while self._read():
+                if wanted and not (wanted := goes_on()):
+                    if not self._lit_braking:
+                        break
+                    # The permit holds until the probe is too slow.
+                    stage.brake()
                 self._take(laser.pulses())
                 self._keep(receiver.frames())
                 yield self._matched()

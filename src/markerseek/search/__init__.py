@@ -23,6 +23,8 @@ from markerseek.search.methods import (
 from markerseek.search.peak import Peak, peak_of
 from markerseek.search.policy import SearchPolicy, check_acquisitions
 from markerseek.search.sweep import Exhaustive, WeightedAverage, equal_steps, peak_passed
+from markerseek.search.swept_tracker import SweptTracker
+from markerseek.search.swept_tracking_policy import SweptRig, SweptTrackingPolicy
 from markerseek.search.tracking import FLANK_SHARE, Tracker
 from markerseek.search.tracking_policy import TrackingPolicy, TrackPoint
 
@@ -41,6 +43,9 @@ __all__ = [
     "Peak",
     "ScriptedManual",
     "SearchPolicy",
+    "SweptRig",
+    "SweptTracker",
+    "SweptTrackingPolicy",
     "TrackPoint",
     "Tracker",
     "TrackingPolicy",

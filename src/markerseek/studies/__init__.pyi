@@ -6,7 +6,7 @@ from .scene import ClutterAround, Repeats, SceneSettings, SecondSource
 from .statistics import Mean, Share
 from .study import Axis, Cell, CellWorld, CurveSettings, Study, cells, read_study
 from .summary import FAILURE_DEG, Difference, PolicySummary, Summary, TwoSources, summarise
-from .tracking import Track, track
+from .tracking import SweptTrack, Track, track, track_by_sweeps
 from .trial import Row, fault_of, run_row, run_trial
 from .workers import default_workers
 from .worlds import intensity_curve
@@ -35,6 +35,7 @@ __all__ = [
     "Share",
     "Study",
     "Summary",
+    "SweptTrack",
     "Track",
     "TwoSources",
     "benchmark_size",
@@ -54,5 +55,6 @@ __all__ = [
     "run_trial",
     "summarise",
     "track",
+    "track_by_sweeps",
     "values_of",
 ]

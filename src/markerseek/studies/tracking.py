@@ -1,4 +1,4 @@
-"""Error and lag of `Tracker` on a simulated marker that moves, against its speed and the rate of the frames."""
+"""Error and lag of the trackers on a simulated marker that moves: at a rate of frames, and by sweeps of a rig."""
 
 from __future__ import annotations
 
@@ -7,14 +7,33 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core import FrameHeader, require_range
-from markerseek.runs import TrackQuality
+from markerseek.core import Found, FrameHeader, Interval, MarkerCurve, SearchError, Swept, require_range
+from markerseek.rigs import rig_in_world
+from markerseek.runs import TrackQuality, quality_of, swept_tracking_policy, track_run
 from markerseek.search import Tracker
-from markerseek.sim import SWING_DEG, TURN_S, CurveWorld, Flash, IntensityCurve, swing_deg
+from markerseek.signals import IntensityReader
+from markerseek.sim import (
+    SWING_DEG,
+    TURN_S,
+    CurveWorld,
+    Flash,
+    IntensityCurve,
+    MovingWorld,
+    OscillatingMotion,
+    SimulatedSettings,
+    VirtualClock,
+    swing_deg,
+)
 
 _HEADER = FrameHeader(sequence=0, token="", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
 
 _MOMENT_S = 1e-6
+CURVE_ERROR = 0.05
+"""Relative standard deviation by which the height and the width that a search states are off."""
+
+PLACE_CELLS = 300
+"""Cells of noise at the marker's place in an image, where it is looked up."""
+
 _SETTLED_S = 2.0
 """Time after the start that does not count, in seconds."""
 
@@ -26,8 +45,6 @@ class Track:
     quality: TrackQuality
     lost: bool
     """Whether the tracker called the marker lost, or was off by more than half the width of the curve at the end."""
-    covered: float
-    """Share of the frames at which the truth was within 1.96 standard deviations of the angle."""
 
 
 def track(
@@ -83,7 +100,74 @@ def track(
             sigmas.append(tracker.sigma_deg)
             speeds.append((swing_deg(now_s + _MOMENT_S, speed_deg_s) - truth_deg) / _MOMENT_S)
     return Track(
-        quality=TrackQuality.of(errors, speeds),
+        quality=TrackQuality.of(errors, speeds, sigmas),
         lost=tracker.lost or abs(errors[-1]) > fwhm_deg / 2,
-        covered=float(np.mean(np.abs(errors) <= 1.96 * np.array(sigmas))),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweptTrack:
+    """How well one marker was followed by sweeps."""
+
+    quality: TrackQuality
+    frames: int
+    sweeps: int
+    searched_again: int
+    """How often it was lost, and searched for."""
+    lost: bool
+    """Whether it was lost at any time, or the angle was off by more than half the width of the curve at the end."""
+
+
+def track_by_sweeps(
+    curve: IntensityCurve,
+    *,
+    fwhm_deg: float,
+    settings: SimulatedSettings,
+    speed_deg_s: float,
+    duration_s: float,
+    seed: int,
+) -> SweptTrack:
+    """Follow one simulated marker by sweeps, on a rig whose frames are intensities.
+
+    Stage, play, laser, stamps, receiver and guard are those of a rig with images. All frames count.
+
+    ``curve``: true intensity curve, without noise. ``fwhm_deg``: its full width at half maximum, which the tracker
+    knows to `CURVE_ERROR`, as the height. ``settings``: of the rig. ``duration_s``: how long it is followed.
+    """
+    rng = np.random.Generator(np.random.PCG64(seed))
+    swing = OscillatingMotion(speed_deg_s=speed_deg_s)
+    world = CurveWorld.of_settings(settings, curve=curve, marker_deg=0.0, cells=PLACE_CELLS, rng=rng)
+    rig = rig_in_world(
+        MovingWorld(world, swing),
+        settings,
+        clock=VirtualClock(),
+        reader=IntensityReader(),
+        imaging=None,
+        description="",
+        truth_deg=0.0,
+        seed=seed,
+        rng=rng,
+    )
+    confirmation = rig.scanner.measure(0.0)
+    height, width = np.exp(CURVE_ERROR * rng.standard_normal(2)).tolist()
+    found = Found(
+        mean_deg=0.1 * float(rng.standard_normal()),
+        sigma_deg=0.1,
+        interval95_deg=Interval(low_deg=-0.2, high_deg=0.2),
+        interval_kind="posterior",
+        curve=MarkerCurve(fwhm_deg=fwhm_deg * width, peak=10 ** (settings.noise.peak_snr_db / 20) * height),
+    )
+    policy = swept_tracking_policy(rig, found, confirmation, speed_deg_s=speed_deg_s, duration_s=duration_s)
+    sweeps = sum(isinstance(event, Swept) for event in track_run(rig, policy, swing))
+    quality = quality_of(policy, swing, rest_deg=0.0)
+    if quality is None:
+        raise SearchError("track: no frame was taken; follow the marker for longer")
+    last = policy.track[-1]
+    off_deg = abs(last.angle_deg - swing.moved_deg(last.time_s))
+    return SweptTrack(
+        quality=quality,
+        frames=len(policy.track),
+        sweeps=sweeps,
+        searched_again=policy.searched_again,
+        lost=policy.searched_again > 0 or off_deg > fwhm_deg / 2,
     )

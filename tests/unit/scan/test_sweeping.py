@@ -138,6 +138,28 @@ def test_a_policy_that_knows_enough_ends_a_sweep_and_no_pulse_is_lost(readout_s:
         assert swept.angle_deg == pytest.approx(35.0, abs=0.01)
 
 
+@pytest.mark.parametrize("motion", [StageMotion(speed_deg_s=12.5, acceleration_deg_s2=25.0), StageMotion()])
+def test_a_sweep_may_be_lit_while_it_brakes(motion: StageMotion) -> None:
+    """The light of one that a policy ends goes on until the probe is slower than its permit allows."""
+    lit, dark = SweepBench(motion=motion), SweepBench(motion=motion)
+    sweep = replace(TO_END, speed_deg_s=8.0)
+    ended: list[Swept] = []
+    policies = []
+    for bench, lit_braking in ((lit, True), (dark, False)):
+        policy = Sweeps(replace(sweep, lit_braking=lit_braking), until_deg=0.0)
+        ended += [event for event in bench.run(policy) if isinstance(event, Swept)]
+        policies.append(policy)
+        bench.require_permitted()
+    # The same way, and the light of the ramp, v/a·(1 − 0.2) at 20 Hz, beside it.
+    assert ended[0].angle_deg == pytest.approx(ended[1].angle_deg, abs=0.6)
+    more = len(policies[0].samples) - len(policies[1].samples)
+    assert more == pytest.approx(20 * 0.8 * 8.0 / motion.acceleration_deg_s2, abs=2.1)
+    speeds = [sample.sweep.speed_deg_s for sample in policies[0].samples[-3:] if sample.sweep]
+    assert speeds == sorted(speeds, reverse=True)
+    assert speeds[-1] < 0.7 * 8.0
+    assert len(lit.flashes()) == len(policies[0].samples) == ended[0].pulses
+
+
 def test_two_sweeps_there_and_back() -> None:
     bench = SweepBench()
     policy = Sweeps(TO_END, Sweep(to_deg=-5.0, speed_deg_s=12.5))
