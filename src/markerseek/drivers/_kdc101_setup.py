@@ -13,6 +13,9 @@ from markerseek.wire import apt
 _ValueT = TypeVar("_ValueT", apt.Velocity, apt.Counts, apt.SoftLimits, apt.TriggerPorts, apt.TriggerPositions)
 
 _MODELS = ("KDC101", "TDC001")
+TRIGGERING_MODELS = ("KDC101",)
+"""Those with trigger ports."""
+
 _TRIES = 3
 
 _MAX_COUNTS = 2**30
@@ -79,6 +82,9 @@ def set_up(
         )
     # The driver approaches from one side itself: the controller's own overshoot could leave the travel range.
     no_backlash = apt.Counts(counts=0)
+    if info.model in TRIGGERING_MODELS:
+        # First: a program that was killed may have left its triggers, or another one a port that begins moves.
+        write_trigger_ports(line, mode=apt.TRIGGER_OFF)
     write_velocity(line, velocity)
     _write(line, "backlash", no_backlash, apt.set_backlash(no_backlash.counts) + apt.ask_backlash(), apt.BACKLASH)
     _write(line, "limits", limits, apt.set_limits(limits) + apt.ask_limits(), apt.LIMITS)
@@ -92,6 +98,8 @@ def write_velocity(line: AptLine, velocity: apt.Velocity) -> None:
 
 def write_trigger_row(line: AptLine, row: apt.TriggerRow, *, mode: int) -> None:
     """Make trigger port 1 give a pulse at each position of a row; `MoveError` if the controller does not keep it."""
+    # Off first: no port that is set still has a row while another is written.
+    write_trigger_ports(line, mode=apt.TRIGGER_OFF)
     positions = apt.TriggerPositions(up=row, down=row)
     messages = apt.set_trigger_positions(positions) + apt.ask_trigger_positions()
     _write(line, "trigger positions", positions, messages, apt.TRIGGER_POSITIONS)

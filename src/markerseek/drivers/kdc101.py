@@ -7,6 +7,7 @@ is more than a few degrees ahead: a computer that dies leaves the stage there, a
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -24,7 +25,13 @@ from markerseek.core import (
 )
 from markerseek.drivers._apt_line import AptLine
 from markerseek.drivers._kdc101_move import Move, MoveRules
-from markerseek.drivers._kdc101_setup import set_up, write_trigger_ports, write_trigger_row, write_velocity
+from markerseek.drivers._kdc101_setup import (
+    TRIGGERING_MODELS,
+    set_up,
+    write_trigger_ports,
+    write_trigger_row,
+    write_velocity,
+)
 from markerseek.drivers._kdc101_sweep import SweepMove
 from markerseek.drivers.entry import Entry, Opening, StageSettings
 from markerseek.files import Line
@@ -312,7 +319,7 @@ class Kdc101Stage:
     @property
     def trigger_step_deg(self) -> float:
         """Least distance between two triggers, one count; `ConfigError` if the controller has none."""
-        if self.identity.model != "KDC101":
+        if self.identity.model not in TRIGGERING_MODELS:
             raise ConfigError(
                 f"this rig cannot sweep position-triggered: its stage's controller is a {self.identity.model}, which "
                 'gives no triggers; set laser.sweep_mode = "free-running"'
@@ -322,7 +329,8 @@ class Kdc101Stage:
     def set_triggers(self, *, from_deg: float, to_deg: float, spacing_deg: float) -> Triggers:
         """Give triggers at its port 1 in the sweep that follows, and read back that it will; none at its very ends.
 
-        They are taken away by `end_sweep` and `stop`. Raises as `prepare_sweep`.
+        They are taken away by `end_sweep`, by `stop` even where that raises, and by the next program that connects.
+        Raises as `prepare_sweep`.
         """
         start, way = self._counts_of(from_deg), self._counts_of(to_deg) - self._counts_of(from_deg)
         interval = math.ceil(spacing_deg * apt.COUNTS_PER_DEG)
@@ -372,18 +380,17 @@ class Kdc101Stage:
             self._sweep.brake()
 
     def end_sweep(self) -> None:
-        """Restore the speed of moves, and give no triggers any more; raises as `prepare_sweep`."""
+        """Give no triggers any more, and restore the speed of moves; raises as `prepare_sweep`."""
         sweep, self._sweep, self._move = self._sweep, None, None
         if sweep is not None:
             self._rest = sweep.position
             pushed = abs(sweep.position - sweep.start) >= self._settings.approach_deg * apt.COUNTS_PER_DEG
             self._pushed = self._settings.sense * sweep.heading if pushed else None
+        # First: a speed that is not kept must leave no trigger behind.
+        self._end_triggers()
         if self._has_speed_of_sweep:
             write_velocity(self._line, self._velocity)
             self._has_speed_of_sweep = False
-        if self._has_triggers:
-            write_trigger_ports(self._line, mode=apt.TRIGGER_OFF)
-            self._has_triggers = False
 
     def stop(self) -> None:
         """Stop at once, and check that it is at rest; allowed at any time, also twice.
@@ -391,6 +398,19 @@ class Kdc101Stage:
         After a sweep it has the speed of moves again. Raises `MoveError` if it keeps moving. Raises
         `DeviceTimeoutError` if it does not report whether it moves.
         """
+        try:
+            status = self._come_to_rest()
+        except DeviceError:
+            # No later move may give triggers either; that it keeps moving is what must be told.
+            with suppress(DeviceError):
+                self._end_triggers()
+            raise
+        self.end_sweep()
+        if self._rest is None or abs(status.position - self._rest) > _SAME_COUNTS:
+            self._rest = self._pushed = None
+
+    def _come_to_rest(self) -> apt.Status:
+        """Stop, until two answers in a row say that it is at rest."""
         ends_s = self._clock.now_s() + _STOP_S
         before: int | None = None
         while True:
@@ -399,14 +419,17 @@ class Kdc101Stage:
             status = self._line.ask(apt.ask_status(), apt.STATUS, apt.Status)
             at_rest = not (status.moving or status.homing)
             if at_rest and before is not None and abs(status.position - before) <= _SAME_COUNTS:
-                break
+                return status
             if not self._clock.now_s() < ends_s:
                 raise MoveError("the stage was told to stop and keeps moving; cut its power")
             before = status.position if at_rest else None
             self._clock.wait(_STOP_AGAIN_S)
-        self.end_sweep()
-        if self._rest is None or abs(status.position - self._rest) > _SAME_COUNTS:
-            self._rest = self._pushed = None
+
+    def _end_triggers(self) -> None:
+        """Give no triggers any more."""
+        if self._has_triggers:
+            write_trigger_ports(self._line, mode=apt.TRIGGER_OFF)
+            self._has_triggers = False
 
     def close(self) -> None:
         """Close the line; the stage stays where it is. Allowed twice."""

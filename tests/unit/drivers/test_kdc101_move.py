@@ -25,6 +25,8 @@ def test_it_never_homes_and_never_jogs() -> None:
         0x0451,
         0x0453,
         0x0465,
+        0x0523,
+        0x0524,
     }
 
 
