@@ -18,7 +18,7 @@ MIN_PERIOD_US = 2000  # each pulse of a sweep is told before the next is fired
 MAX_PERIOD_US = 10000000
 MAX_COUNT = 2147483647
 MAX_PULSES_PER_MINUTE = 6000  # what 100 Hz gives without a pause; change it with the laser safety officer only
-LIGHT_LATE_US = 1000  # longest time from a trigger to its light; the photodiode is read after it
+LIGHT_LATE_US = 1000  # longest time from a trigger to its light, when the photodiode is read; from an edge to a trigger
 
 PIN_LASER = 2
 PIN_ACQUISITION = 3
@@ -79,7 +79,7 @@ class Box:
     `interlock_closed()` whether it may fire, and `light()`, of a board with a light meter, the sum since power-up of
     what it read of each pulse. An interrupt sets `interlock_opened` whenever the interlock opens, so that
     it is noticed also where it closes again before the next turn of the loop. `edges()` is how many rising edges the
-    trigger input has had since power-up.
+    trigger input has had since power-up, when the last of them came, and what time it is.
 
     A permit is leave for light. A train is what goes to the acquisition: it is completed at the same rate, without
     light, when the permit is taken away, so that an acquisition that counts triggers never waits for the rest.
@@ -93,9 +93,10 @@ class Box:
         self.photodiode = photodiode
         self.interlock_closed = interlock_closed
         self.light = light
-        self.edges = edges or (lambda: 0)
+        self.edges = edges or (lambda: (0, 0, 0))
         self.edges_before = 0  # at the beginning of the train
         self.edges_looked = 0
+        self.edge_us = 0  # when the last of them came
         self.now_us = 0
         self.buffer = b""
         self.too_long = False
@@ -150,7 +151,7 @@ class Box:
             return
         self._tell_light()
         if self.triggers < self.train[3]:
-            if self._given() and self.due_us <= self.now_us:
+            if self._given():
                 self._pull()
                 self._tell_light()
         elif self.now_us >= self.last_trigger_us + LIGHT_LATE_US:
@@ -162,11 +163,16 @@ class Box:
             self.train = None
 
     def _given(self):
-        """Whether something gives a trigger now: in a train of edges only a new one, as long as there may be light."""
+        """Whether a trigger is given now: by the box's own pace, or by the last edge as long as there may be light."""
         if self.train[4] != "EDGES" or self.permit is None:
-            return True
-        before, self.edges_looked = self.edges_looked, self.edges()
-        return self.edges_looked != before
+            return self.due_us <= self.now_us
+        before = self.edges_looked
+        self.edges_looked, self.edge_us, now_us = self.edges()
+        if self.edges_looked == before:
+            return False
+        self.now_us = max(self.now_us, now_us)
+        # in the dark: too soon after the pulse before; or so long ago that the stage is elsewhere
+        return self.due_us <= self.edge_us and self.now_us - self.edge_us <= LIGHT_LATE_US
 
     def _tell_light(self):
         """Tell the last pulse of a sweep once its light has been seen, and once the last of all."""
@@ -296,7 +302,7 @@ class Box:
         self.seen_before = self.photodiode()
         self.light_before = 0 if self.light is None else self.light()
         self.due_us = self.now_us
-        self.edges_before = self.edges_looked = self.edges()
+        self.edges_before = self.edges_looked = self.edges()[0]
         self._act()
         return None
 
@@ -304,9 +310,11 @@ class Box:
         _token, pulses, period_us, triggers, swept = self.train
         laser = self.permit is not None and self.triggers < pulses
         if laser and swept:
-            edge = self.edges_looked - self.edges_before if swept == "EDGES" else 0
+            stamp_us, edge = self.now_us, 0
+            if swept == "EDGES":
+                stamp_us, edge = self.edge_us, self.edges_looked - self.edges_before
             light = 0 if self.light is None else self.light()
-            self.untold = (self.now_us & MAX_COUNT, self.photodiode(), edge, light)
+            self.untold = (stamp_us & MAX_COUNT, self.photodiode(), edge, light)
         self.trigger(laser)
         self.triggers += 1
         self.last_trigger_us = self.now_us
@@ -322,7 +330,7 @@ class Box:
         self.due_us = max(self.due_us + period_us, self.now_us + (period_us if swept else period_us // 2))
 
 
-def main():
+def main():  # noqa: C901 - pins and interrupts, one after the other
     """Run the box on a board with MicroPython (written for an RP2040)."""
     import select
     import sys
@@ -362,10 +370,18 @@ def main():
             time.sleep_us(METER_US - PULSE_US)
             light[0] += max(0, meter.read_u16() - rest)
 
-    edges = [0]
+    now_us, ticks = 0, time.ticks_us()
+    edges = [0, ticks]
 
     def step(_pin):
         edges[0] += 1
+        edges[1] = time.ticks_us()
+
+    def stepped():
+        held = machine.disable_irq()  # else an edge between the two would give its time to the one before
+        number, at = edges
+        machine.enable_irq(held)
+        return number, now_us + time.ticks_diff(at, ticks), now_us + time.ticks_diff(time.ticks_us(), ticks)
 
     machine.Pin(PIN_TRIGGER, machine.Pin.IN, machine.Pin.PULL_DOWN).irq(step, machine.Pin.IRQ_RISING, hard=True)
     box = Box(
@@ -373,7 +389,7 @@ def main():
         lambda: seen[0],
         lambda: interlock.value() == 1,
         None if meter is None else lambda: light[0],
-        lambda: edges[0],
+        stepped,
     )
 
     def opened(_pin):
@@ -382,7 +398,6 @@ def main():
     interlock.irq(opened, machine.Pin.IRQ_FALLING, hard=True)
     poll = select.poll()
     poll.register(sys.stdin, select.POLLIN)
-    now_us, ticks = 0, time.ticks_us()
     while True:
         watchdog.feed()
         later = time.ticks_us()

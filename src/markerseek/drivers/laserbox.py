@@ -51,8 +51,9 @@ _DELAY_SIGMA_S = 5e-3
 """Standard deviation of the delay that nobody knows between a stamp and the stage's readings, in seconds: the laser's
 own, and that of the controller's readout."""
 
-_LIGHT_SIGMA_S = wire.LIGHT_LATE_US / 1e6 / math.sqrt(3)
-"""The same of the delay from the stage's trigger to the light, which comes within `wire.LIGHT_LATE_US`."""
+_LIGHT_SIGMA_S = 2 * wire.LIGHT_LATE_US / 1e6 / math.sqrt(3)
+"""The same of the delay from the stage's trigger to the light: both it and the box's may be `wire.LIGHT_LATE_US`
+late."""
 
 _Kind = TypeVar("_Kind", bound=wire.Reply)
 

@@ -7,8 +7,9 @@ holds what it fired in truth, whatever it reports.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -74,6 +75,10 @@ def _period_us(train: _AnyPermit) -> int:
     return (2_000_000 + train.rate_hz) // (2 * train.rate_hz)
 
 
+def _us(edge: Edge) -> int:
+    return round(1e6 * edge.at_s)
+
+
 class EmulatedLaserBox:
     """A laser box and its laser; it reads its inputs once per turn of a loop, as the firmware does.
 
@@ -102,8 +107,8 @@ class EmulatedLaserBox:
     ) -> None:
         if not 1 <= lease_ms <= wire.LEASE_MS:
             raise ConfigError(f"laser box: lease_ms is {lease_ms} ms, it must lie between 1 and {wire.LEASE_MS} ms")
-        if not 1 <= turn_us <= 10_000:
-            raise ConfigError(f"laser box: turn_us is {turn_us} us, it must lie between 1 and 10000 us")
+        if not 1 <= turn_us <= 50_000:
+            raise ConfigError(f"laser box: turn_us is {turn_us} us, it must lie between 1 and 50000 us")
         self.pulses: list[Pulse] = []
         self.faults = faults or LaserBoxFaults()
         self._world = world
@@ -223,18 +228,27 @@ class EmulatedLaserBox:
         return isinstance(self._train, wire.PermitEdges) and self._permit is not None
 
     def _take_edges(self, train: _AnyPermit) -> None:
-        """Give a pulse at each edge since the last turn that does not come too early."""
+        """Give a pulse at the last edge before a turn, unless it came too early, or too long before that turn."""
+        for turn_us, seen in groupby(self._edges_in(), key=self._turn_after):
+            *before, last = seen
+            self._edge += len(before) + 1
+            at_us = _us(last)
+            if self._edge_due_us <= at_us and turn_us - at_us <= wire.LIGHT_LATE_US and self._awaits_edges:
+                self._edge_due_us = turn_us + _period_us(train)
+                self._tell_light(train)
+                self._trigger(train, edge=last)
+
+    def _edges_in(self) -> Iterator[Edge]:
+        """Edges since the last turn that reached the trigger input."""
         for edge in self.edges(self._now_us / 1e6):
             self._given_edges += 1
             if self.faults.edges_cut or self._given_edges == self.faults.edge_lost_at:
                 continue
-            for _ in range(1 + (self._given_edges == self.faults.edge_doubled_at)):
-                self._edge += 1
-                at_us = round(1e6 * edge.at_s)
-                if at_us >= self._edge_due_us and self._awaits_edges:
-                    self._edge_due_us = at_us + _period_us(train)
-                    self._tell_light(train)
-                    self._trigger(train, edge=edge)
+            yield from [edge] * (1 + (self._given_edges == self.faults.edge_doubled_at))
+
+    def _turn_after(self, edge: Edge) -> int:
+        """Time of the turn at which an edge is seen, by the edge's clock: this process may be held up, a box is not."""
+        return -(-_us(edge) // self._turn_us) * self._turn_us
 
     @property
     def _given(self) -> int:

@@ -15,8 +15,8 @@ DELAY_SIGMA_S = 5e-3
 """Standard deviation of the delay between the laser's stamps and the stage's readings, where nothing triggers one by
 the other."""
 
-TRIGGER_SIGMA_S = 0.6e-3
-"""Standard deviation of the delay from the stage's trigger to the light: within a millisecond, as of a laser box."""
+TRIGGER_SIGMA_S = 1.2e-3
+"""Standard deviation of the delay from the stage's trigger to the light: within two milliseconds, as of a laser box."""
 
 CLOCK_DRIFT = 20e-6
 """By how much the clock of the stamps is fast, where it is compared with the rig's at the beginning of a sweep."""

@@ -49,9 +49,10 @@ time of question and answer what its own clock showed, and so does with each sta
 **Position-triggered sweeps.** A box of version 5, or 6 with a light meter, has a trigger input and knows EDGES: as
 SWEEP, but each pulse is given at a rising edge there, that of a stage which triggers by its position. Edges are counted
 from FIRE on. One that comes sooner than ``period_us`` after the last pulse is counted and gives nothing, neither light
-nor a trigger of the acquisition. Once the light has ended, edges count no more: the train is completed at
-``period_us``. In any sweep of these versions the line of a pulse ends with the number of the edge that gave it, 0 where
-none did, and in version 6 with ``light`` after that: what the meter read of that pulse.
+nor a trigger of the acquisition; nor does one that the box sees more than `LIGHT_LATE_US` later, or of several that it
+sees at once any but the last. The stamp is the time of the edge. Once the light has ended, edges count no more: the
+train is completed at ``period_us``. In any sweep of these versions the line of a pulse ends with the number of the edge
+that gave it, 0 where none did, and in version 6 with ``light`` after that: what the meter read of that pulse.
 """
 
 from __future__ import annotations
@@ -94,7 +95,8 @@ probe in between (16 to 128 pulses an acquisition, a few thousand a minute at mo
 """
 
 LIGHT_LATE_US = 1000
-"""Longest time from a trigger to its light, in microseconds: the photodiode is read, and DONE sent, after it."""
+"""Longest time from a trigger to its light, in microseconds: the photodiode is read, and DONE sent, after it. Also the
+longest from an edge of the stage to its trigger."""
 
 RefusalReason: TypeAlias = Literal[
     "CRC",  # the line came damaged

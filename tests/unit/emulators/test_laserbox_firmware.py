@@ -47,9 +47,10 @@ class Dark:
 
 
 class Pair:
-    """Firmware and emulator, given the same commands at the same time, millisecond by millisecond."""
+    """Firmware and emulator, given the same commands at the same time; a turn of the loop takes so many ms."""
 
-    def __init__(self, *, metered: bool = False) -> None:
+    def __init__(self, *, metered: bool = False, turn_ms: int = 1) -> None:
+        self.turn_ms = turn_ms
         self.interlock = True
         self.trains: list[int] = []
         self.pulls: list[tuple[int, bool]] = []
@@ -61,16 +62,16 @@ class Pair:
         self.emulated = emulator.EmulatedLaserBox(
             world=Dark(),
             on_triggers=self.trains.append,
-            turn_us=1000,
+            turn_us=1000 * turn_ms,
             laser=LaserSettings(energy_meter_noise=0.0 if metered else None),
             edges=self.edges,
         )
         self.firmware = FIRMWARE.Box(
-            lambda laser: self.pulls.append((self.now_ms, laser)),
+            lambda laser: self.pulls.append((self.firmware.now_us // 1000, laser)),
             self.seen,
             lambda: self.interlock,
             (lambda: emulator.LIGHT_COUNTS * self.seen()) if metered else None,
-            lambda: len(self.edges_ms),
+            lambda: (len(self.edges_ms), 1000 * max(self.edges_ms, default=0), 1000 * self.now_ms),
         )
 
     def edges(self, _now_s: float) -> list[Edge]:
@@ -95,15 +96,21 @@ class Pair:
         theirs = ours = b""
         for _ in range(duration_ms):
             self.now_ms += 1
-            theirs += self.emulated.advance(self.now_ms / 1e3)
-            ours += self.firmware.advance(1000 * self.now_ms)
+            answers = self.turn()
+            theirs, ours = theirs + answers[0], ours + answers[1]
         return theirs, ours
+
+    def turn(self) -> tuple[bytes, bytes]:
+        """A turn of the loop, if it is time for one."""
+        if self.now_ms % self.turn_ms:
+            return b"", b""
+        return self.emulated.advance(self.now_ms / 1e3), self.firmware.advance(1000 * self.now_ms)
 
     def switch_interlock(self) -> tuple[bytes, bytes]:
         self.interlock = not self.interlock
         (self.emulated.close_interlock if self.interlock else self.emulated.open_interlock)()
         self.firmware.interlock_opened |= not self.interlock
-        return self.emulated.advance(self.now_ms / 1e3), self.firmware.advance(1000 * self.now_ms)
+        return self.turn()
 
     def flick_interlock(self) -> tuple[bytes, bytes]:
         """Open it, and close it again where it was closed, before the next turn of the loop."""
@@ -174,11 +181,12 @@ LINES = st.one_of(
         max_size=25,
     ),
     st.booleans(),
+    st.sampled_from([1, 1, 2, 20]),
 )
 def test_firmware_and_emulator_answer_alike_to_any_commands(
-    steps: list[bytes | int | str | None], metered: bool
+    steps: list[bytes | int | str | None], metered: bool, turn_ms: int
 ) -> None:
-    pair = Pair(metered=metered)
+    pair = Pair(metered=metered, turn_ms=turn_ms)
     for step in steps:
         match step:
             case bytes():
@@ -345,6 +353,43 @@ def test_an_edge_gives_a_pulse_and_one_that_comes_too_early_is_counted_in_the_da
     pair.send(wire.encode(wire.Disarm()))
     pair.pass_ms(100)
     assert [laser for _, laser in pair.pulls] == [True] * 4 + [False] * 2
+
+
+def test_an_edge_that_waits_too_long_for_its_turn_is_counted_in_the_dark() -> None:
+    """In turns of 20 ms, those of 1 ms before one give light; of two in one turn the last."""
+    pair = Pair(turn_ms=20)
+    pair.send(sweep_line((1, 50, 20, 2000), wire.PermitEdges) + wire.encode(wire.Fire(token=1)))
+    edges_ms = [19, 42, 59, 85, 99, 119, 138, 158, 159]
+    said: list[wire.Reply] = []
+    for step in range(1, 201):
+        pair.send(wire.encode(wire.Beat(step=step)))
+        if pair.now_ms + 1 in edges_ms:
+            pair.edges_ms.append(pair.now_ms + 1)
+        theirs, ours = pair.pass_ms(1)
+        assert ours == theirs
+        said += map(wire.decode_reply, ours.splitlines())
+    # 119 came 19 ms after the light of 99.
+    assert pair.pulls == [(20, True), (60, True), (100, True), (160, True)]
+    stamped = [reply for reply in said if isinstance(reply, wire.EdgeStamped)]
+    assert [(pulse.stamp_us, pulse.edge) for pulse in stamped] == [(19_000, 1), (59_000, 3), (99_000, 5), (159_000, 9)]
+
+
+def test_a_turn_that_is_held_up_itself_gives_no_late_light() -> None:
+    """What counts is when the edge is looked at, and not when the turn began."""
+    pulls: list[bool] = []
+    edge = [(0, 0, 0)]
+    box = FIRMWARE.Box(pulls.append, lambda: len(pulls), lambda: True, None, lambda: edge[0])
+    box.feed(sweep_line((1, 50, 20, 2000), wire.PermitEdges) + wire.encode(wire.Fire(token=1)))
+    edge[0] = (1, 29_500, 31_000)
+    box.advance(30_000)
+    assert pulls == []
+    edge[0] = (2, 49_500, 50_500)
+    box.advance(50_000)
+    assert pulls == [True]
+    # Less than a period after that light, though not after the beginning of its turn.
+    edge[0] = (3, 70_100, 70_200)
+    box.advance(70_150)
+    assert pulls == [True]
 
 
 def test_a_permit_of_edges_ends_with_its_lease_expiry_and_count() -> None:
