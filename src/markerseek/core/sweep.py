@@ -63,8 +63,8 @@ class SweepTiming:
     speed_deg_s
         Speed of the probe at the pulse in degrees per second, negative where the angle falls.
     delay_sigma_s
-        Standard deviation of the unknown delay between pulse and angle, in seconds; 0 where the stage triggers the
-        laser by its position.
+        Standard deviation of the unknown delay between pulse and angle, in seconds; small where the stage triggers the
+        laser by its position: only that of the light after its trigger.
     play_sigma_deg
         Standard deviation of the unknown play between encoder and probe, in degrees; 0 where the stage turns in the
         direction in which it approaches the angle of a single acquisition.

@@ -176,8 +176,13 @@ class SweepingDevices:
 
 
 def trigger_spacing_deg(sweep: Sweep, *, period_s: float) -> float:
-    """Distance between two triggers of a sweep, whose pulses must not be nearer than the period."""
-    return max(sweep.spacing_deg, TRIGGER_SPARE * sweep.speed_deg_s * period_s)
+    """Distance between two triggers of a sweep, whose pulses must not be nearer than the period.
+
+    Half of it is never less than what a sound rig's stamps may be off by: else a late readout would pass for a lost
+    trigger.
+    """
+    speed_deg_s = sweep.speed_deg_s
+    return max(sweep.spacing_deg, TRIGGER_SPARE * speed_deg_s * period_s, 2 * (AGREE_DEG + READ_LATE_S * speed_deg_s))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -414,8 +419,8 @@ class SweepInProgress:
         if not abs(off_deg) <= most_deg:
             raise AcquisitionError(
                 f"trigger {edge} of the stage and the stamp of its pulse differ by {off_deg:.3f} deg, at most "
-                f"{most_deg:.3f} deg are the clocks': a trigger was lost or doubled, and the sweep is refused whole; "
-                "check the cable from the stage's trigger to the laser box"
+                f"{most_deg:.3f} deg are the clocks': a trigger was lost or doubled, or the stage is read too late, and "
+                "the sweep is refused whole; check the cable from the stage's trigger to the laser box, or sweep slower"
             )
         return angles_deg[index]
 
