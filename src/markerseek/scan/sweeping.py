@@ -262,6 +262,8 @@ class SweepInProgress:
                     self._brake()
                 if not wanted:
                     self._require_braking()
+                    if self._too_slow_next():
+                        break
                 self._take(laser.pulses())
                 self._keep(receiver.frames())
                 yield self._matched()
@@ -298,6 +300,14 @@ class SweepInProgress:
         reading = self._devices.stage.read_sweep()
         self._readings.append(reading)
         return self._guard.read_sweep(reading.angle_deg, now_s=reading.at_s)
+
+    def _too_slow_next(self) -> bool:
+        """Whether a probe that brakes would be too slow for light by the next reading."""
+        before, last = self._readings[-2:]
+        interval_s = last.at_s - before.at_s
+        # The mean speed is that of the middle of the interval, and the next reading is one interval ahead.
+        lost_deg_s = 1.5 * interval_s * self._devices.stage.acceleration_deg_s2
+        return abs(last.angle_deg - before.angle_deg) / interval_s - lost_deg_s < self._permit.slowest_deg_s
 
     def _end(self, *, lit_s: float) -> int:
         """End the light that began then, brake, come to rest, and return how many pulses were fired."""

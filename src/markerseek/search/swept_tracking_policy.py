@@ -271,7 +271,8 @@ class SweptTrackingPolicy:
             begun_deg + forward * (top_deg_s * braking_s - acceleration * braking_s**2 / 2),
         )
         early = time_s <= LATE_S + brake_s + REST_S
-        still_lit = top_deg_s - acceleration * braking_s >= LIT_SHARE * sweep.speed_deg_s
+        # The light ends a reading before the probe is too slow.
+        still_lit = top_deg_s - acceleration * (braking_s + STEP_S) >= LIT_SHARE * sweep.speed_deg_s
         ends = _Ways(
             probe_deg=np.where(early, braked_deg, others.probe_deg), lit=np.where(early, still_lit, others.lit)
         )

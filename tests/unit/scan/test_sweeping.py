@@ -143,7 +143,7 @@ def test_a_policy_that_knows_enough_ends_a_sweep_and_no_pulse_is_lost(readout_s:
 
 @pytest.mark.parametrize("motion", [StageMotion(speed_deg_s=12.5, acceleration_deg_s2=25.0), StageMotion()])
 def test_a_sweep_may_be_lit_while_it_brakes(motion: StageMotion) -> None:
-    """The light of one that a policy ends goes on until the probe is slower than its permit allows."""
+    """The light of one that a policy ends goes on until the probe is nearly too slow for its permit."""
     lit, dark = SweepBench(motion=motion), SweepBench(motion=motion)
     sweep = replace(TO_END, speed_deg_s=8.0)
     ended: list[Swept] = []
@@ -153,14 +153,31 @@ def test_a_sweep_may_be_lit_while_it_brakes(motion: StageMotion) -> None:
         ended += [event for event in bench.run(policy) if isinstance(event, Swept)]
         policies.append(policy)
         bench.require_permitted()
-    # The same way, and the light of the ramp, v/a·(1 − 0.2) at 20 Hz, beside it.
+    # The same way, and the light of the ramp but for its last reading, v/a·(1 − 0.2) − 0.055 s at 20 Hz, beside it.
     assert ended[0].angle_deg == pytest.approx(ended[1].angle_deg, abs=0.6)
     more = len(policies[0].samples) - len(policies[1].samples)
-    assert more == pytest.approx(20 * 0.8 * 8.0 / motion.acceleration_deg_s2, abs=2.1)
+    assert more == pytest.approx(20 * (0.8 * 8.0 / motion.acceleration_deg_s2 - 0.055), abs=2.1)
     speeds = [sample.sweep.speed_deg_s for sample in policies[0].samples[-3:] if sample.sweep]
     assert speeds == sorted(speeds, reverse=True)
     assert speeds[-1] < 0.7 * 8.0
     assert len(lit.flashes()) == len(policies[0].samples) == ended[0].pulses
+
+
+@pytest.mark.parametrize("until_deg", [0.0, 0.13, 0.26])
+@pytest.mark.parametrize("speed_deg_s", [2.0, 5.0, 8.0])
+@pytest.mark.parametrize("motion", [StageMotion(speed_deg_s=12.5, acceleration_deg_s2=25.0), StageMotion()])
+def test_no_light_falls_while_it_is_too_slow_after_braking(
+    motion: StageMotion, speed_deg_s: float, until_deg: float
+) -> None:
+    bench = SweepBench(motion=motion, rate_hz=1000.0, start_deg=-5.0)
+    policy = Sweeps(Sweep(to_deg=5.0, speed_deg_s=speed_deg_s, lit_braking=True), until_deg=until_deg)
+    list(bench.run(policy))
+    apart = [
+        (after.angle_deg - before.angle_deg) / (after.at_s - before.at_s)
+        for before, after in pairwise(bench.flashes())
+        if before.angle_deg is not None and after.angle_deg is not None
+    ]
+    assert min(apart[-200:]) >= bench.permits[0].slowest_deg_s
 
 
 def require_dark_from_now(bench: SweepBench) -> None:
