@@ -26,7 +26,7 @@ class Sweep:
         Angle at which it begins, to which the probe is moved without light; None: where the probe is.
     lit_braking
         Whether the light goes on while the probe brakes, where the policy ends the sweep before its end: until the
-        probe is slower than its permit allows.
+        probe would be slower than its permit allows by the next reading.
 
     Raises
     ------

@@ -12,7 +12,15 @@ import numpy as np
 from markerseek.core import ConfigError, Event, Found, RunPlan, Sample, SearchError
 from markerseek.rigs import Rig
 from markerseek.scan import RunLimits, SweepingDevices, run
-from markerseek.search import FLANK_SHARE, SweptRig, SweptTracker, SweptTrackingPolicy, Tracker, TrackingPolicy
+from markerseek.search import (
+    FLANK_SHARE,
+    SweptRig,
+    SweptTracker,
+    SweptTrackingPolicy,
+    Tracker,
+    TrackingPolicy,
+    require_room,
+)
 from markerseek.sim import TURN_S, OscillatingMotion, StageMotion
 
 MAX_FRAMES = 20_000
@@ -99,6 +107,7 @@ def tracking_policy(
 
 def require_streaming(rig: Rig) -> SweepingDevices:
     """The devices of a rig that can follow a marker by sweeps; `ConfigError` says what it lacks."""
+    require_room(rig.limits.search)
     devices = rig.scanner.sweeping
     readout_s = devices.receiver.sweep_readout_s
     if readout_s > 0:
@@ -114,7 +123,7 @@ def swept_tracking_policy(
 ) -> SweptTrackingPolicy:
     """Policy that follows a marker by sweeps from now on; arguments as of `tracking_policy`.
 
-    `ConfigError` if the rig cannot sweep, or its frames are read at the end of a sweep.
+    `ConfigError` as of `require_streaming`.
     """
     noise_sigma = confirmation.reading.noise_sigma
     if found.curve is None or noise_sigma is None:

@@ -237,6 +237,7 @@ class SweepInProgress:
         self._held = held
         self._number = number
         self._lit_braking = lit_braking
+        self._braked_s: float | None = None
         self._readings = [at]
         self._pulses: list[Pulse] = []
         self._frames: list[Frame] = []
@@ -263,8 +264,11 @@ class SweepInProgress:
                 if wanted and not (wanted := goes_on()):
                     if not self._lit_braking:
                         break
-                    # The permit holds until the probe is too slow.
-                    stage.brake()
+                    self._brake()
+                if not wanted:
+                    self._require_braking()
+                    if self._too_slow_next():
+                        break
                 self._take(laser.pulses())
                 self._keep(receiver.frames())
                 yield self._matched()
@@ -302,6 +306,14 @@ class SweepInProgress:
         self._readings.append(reading)
         return self._guard.read_sweep(reading.angle_deg, now_s=reading.at_s)
 
+    def _too_slow_next(self) -> bool:
+        """Whether a probe that brakes would be too slow for light by the next reading."""
+        before, last = self._readings[-2:]
+        interval_s = last.at_s - before.at_s
+        # The mean speed is that of the middle of the interval, and the next reading is one interval ahead.
+        lost_deg_s = 1.5 * interval_s * self._devices.stage.acceleration_deg_s2
+        return abs(last.angle_deg - before.angle_deg) / interval_s - lost_deg_s < self._permit.slowest_deg_s
+
     def _end(self, *, lit_s: float) -> int:
         """End the light that began then, brake, come to rest, and return how many pulses were fired."""
         lasted_s = self._clock.now_s() - lit_s
@@ -313,20 +325,31 @@ class SweepInProgress:
         if fired == 0 and not lasted_s <= DARK_PERIODS * apart_s:
             raise LaserError(f"no pulse came in {lasted_s:.2f} s of a sweep; check the laser and its trigger")
         self._take(self._devices.laser.pulses())
-        self._devices.stage.brake()
-        began_s = self._clock.now_s()
+        self._brake()
         # The first reading encloses the last pulse; the others show that the probe is at rest.
         while self._read() or abs(self._readings[-1].angle_deg - self._readings[-2].angle_deg) > AT_REST_DEG:
-            if (
-                not self._clock.now_s() - began_s
-                < BEGIN_S + self._speed_deg_s / self._devices.stage.acceleration_deg_s2
-            ):
-                raise MoveError(f"the stage does not stop, it is at {self._readings[-1].angle_deg:.3f} deg")
+            self._require_braking()
         self._clock.wait(READ_S)
         last = self._devices.stage.read_sweep()
         self._readings.append(last)
         self._guard.end_sweep(last.angle_deg, pulses=fired, now_s=last.at_s)
         return fired
+
+    def _brake(self) -> None:
+        """Have the stage brake; what it takes to come to rest counts from the first time on."""
+        self._devices.stage.brake()
+        if self._braked_s is None:
+            self._braked_s = self._clock.now_s()
+
+    def _require_braking(self) -> None:
+        """`MoveError` if the stage should be at rest by now."""
+        now_s = self._clock.now_s()
+        braked_s = now_s if self._braked_s is None else self._braked_s
+        if not now_s - braked_s < BEGIN_S + self._speed_deg_s / self._devices.stage.acceleration_deg_s2:
+            raise MoveError(
+                f"the stage does not stop, it is at {self._readings[-1].angle_deg:.3f} deg {now_s - braked_s:.2f} s "
+                "after it was told to; look at the stage"
+            )
 
     def _take(self, pulses: Sequence[Pulse]) -> None:
         """Keep the times of pulses, which come in order and no faster than permitted."""

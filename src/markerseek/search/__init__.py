@@ -24,7 +24,7 @@ from markerseek.search.peak import Peak, peak_of
 from markerseek.search.policy import SearchPolicy, check_acquisitions
 from markerseek.search.sweep import Exhaustive, WeightedAverage, equal_steps, peak_passed
 from markerseek.search.swept_tracker import SweptTracker
-from markerseek.search.swept_tracking_policy import SweptRig, SweptTrackingPolicy
+from markerseek.search.swept_tracking_policy import SweptRig, SweptTrackingPolicy, require_room
 from markerseek.search.tracking import FLANK_SHARE, Tracker
 from markerseek.search.tracking_policy import TrackingPolicy, TrackPoint
 
@@ -61,6 +61,7 @@ __all__ = [
     "peak_of",
     "peak_passed",
     "refuse_posterior_settings",
+    "require_room",
     "require_sweeping",
     "weighted_average",
 ]

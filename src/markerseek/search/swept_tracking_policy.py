@@ -19,7 +19,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core import Bool, Estimate, Float64, Found, Interval, NotFound, Reading, Sample, SearchError, Sweep
+from markerseek.core import (
+    Bool,
+    ConfigError,
+    Estimate,
+    Float64,
+    Found,
+    Interval,
+    NotFound,
+    Reading,
+    Sample,
+    SearchError,
+    Sweep,
+)
 from markerseek.search.policy import check_sample
 from markerseek.search.posterior.likelihood import STRONG_SNR
 from markerseek.search.posterior.sources import NEAR_M, POINT_M, Source
@@ -37,6 +49,9 @@ SPEEDS = 6
 
 REST_S, LATE_S = 0.3, 0.1
 """Time between two sweeps in which the probe is at rest, and by which frames are told after their pulse."""
+
+LEAST_ROOM_DEG = 0.5
+"""Least way from rest to an end of the range for a sweep towards it."""
 
 LIT_SHARE = 0.2
 """Share of the speed of a sweep from which the probe is lit."""
@@ -102,6 +117,11 @@ class SweptTrackingPolicy:
     place
         Reading with the probe on the marker: it is looked up at that place of each image. None, or one without a place,
         takes the largest peak of each image.
+
+    Raises
+    ------
+    ConfigError
+        If the tracker's limits leave no room for a sweep.
     """
 
     def __init__(
@@ -114,12 +134,14 @@ class SweptTrackingPolicy:
         probe_deg: float,
         place: Reading | None = None,
     ) -> None:
+        require_room(tracker.limits)
         self._tracker, self._rig = tracker, rig
         self.began_s = began_s
         self._last_s, self._until_s = began_s, until_s
         self._source = None if place is None else _source(place, angle_deg=probe_deg)
         self._sweep: Sweep | None = None
         self._ending = False
+        self._told_of_it = self._blind = False
         self._judged_s = -math.inf
         # Where it will be at rest, and how long after the last frame.
         self._rest_deg, self._rest_after_s = probe_deg, LATE_S
@@ -130,15 +152,15 @@ class SweptTrackingPolicy:
 
     @property
     def lost(self) -> bool:
-        """Whether the marker is lost: at the end, or given up."""
-        return self._lost_since_s is not None
+        """Whether the marker is lost: at the end, or given up, also for want of frames."""
+        return self._blind or self._lost_since_s is not None
 
     def ask(self) -> Sweep | None:
         """Next sweep, or that which goes on; None at the end, while it brakes, or once the marker is given up."""
-        if self._ending or self._last_s > self._until_s or self._given_up():
+        if self._ending or self._blind or self._last_s > self._until_s or self._given_up():
             return None
         if self._sweep is None:
-            self._sweep = self._planned()
+            self._sweep, self._told_of_it = self._planned(), False
         return self._sweep
 
     def tell(self, sample: Sample) -> None:
@@ -165,7 +187,7 @@ class SweptTrackingPolicy:
             noise_sigma=noise_sigma,
             cells=cells,
         )
-        self._last_s = now_s
+        self._last_s, self._told_of_it = now_s, True
         self._note_lost(clear=intensity >= STRONG_SNR * noise_sigma)
         # The delay of the stamps and the play are the same in all frames of a sweep: no number of them averages it.
         shared_deg = math.hypot(timing.speed_deg_s * timing.delay_sigma_s, timing.play_sigma_deg)
@@ -185,13 +207,16 @@ class SweptTrackingPolicy:
         self._judge(sample.angle_deg, timing.speed_deg_s)
 
     def end_sweep(self) -> None:
-        """Plan anew: the probe is at rest."""
+        """Plan anew: the probe is at rest. Without a frame the plan would be the same, and the track ends."""
+        self._blind = self._sweep is not None and not self._told_of_it
         self._sweep, self._ending = None, False
 
     def estimate(self) -> Estimate:
         """The angle at the last frame; `NotFound` while the marker is lost."""
         if self.lost or not self.track:
             reason = f"the marker was lost after {len(self.track)} frames"
+            if self._blind:
+                reason = f"no frame of a sweep was admitted, after {len(self.track)} frames; look at those refused"
             return NotFound(mean_deg=self._tracker.mean_deg, reason=reason)
         last = self.track[-1]
         half_deg = 1.96 * last.sigma_deg
@@ -271,7 +296,8 @@ class SweptTrackingPolicy:
             begun_deg + forward * (top_deg_s * braking_s - acceleration * braking_s**2 / 2),
         )
         early = time_s <= LATE_S + brake_s + REST_S
-        still_lit = top_deg_s - acceleration * braking_s >= LIT_SHARE * sweep.speed_deg_s
+        # The light ends a reading before the probe is too slow.
+        still_lit = top_deg_s - acceleration * (braking_s + STEP_S) >= LIT_SHARE * sweep.speed_deg_s
         ends = _Ways(
             probe_deg=np.where(early, braked_deg, others.probe_deg), lit=np.where(early, still_lit, others.lit)
         )
@@ -330,8 +356,13 @@ class SweptTrackingPolicy:
         return np.array(rows)
 
 
-LEAST_ROOM_DEG = 0.5
-"""Least way from rest to an end of the range for a sweep towards it."""
+def require_room(limits: Interval) -> None:
+    """Refuse limits by `ConfigError` in which there may be no way for a sweep from rest."""
+    if not limits.width_deg >= 2 * LEAST_ROOM_DEG:
+        raise ConfigError(
+            f"track: the search range is {limits.width_deg:g} deg wide, a marker is followed by sweeps in at least "
+            f"{2 * LEAST_ROOM_DEG:g} deg; widen it, or leave --sweep out"
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -9,7 +9,18 @@ from itertools import pairwise
 from typing import Literal
 
 from markerseek import rigs
-from markerseek.core import Estimate, Event, Frame, NotFound, Pulse, Sample, StageReading, Sweep, SweepPermit
+from markerseek.core import (
+    AcquisitionError,
+    Estimate,
+    Event,
+    Frame,
+    NotFound,
+    Pulse,
+    Sample,
+    StageReading,
+    Sweep,
+    SweepPermit,
+)
 from markerseek.scan import Scanner, run
 from markerseek.sim import (
     CurveWorld,
@@ -188,6 +199,16 @@ class Stalling(SimulatedStage):
         return super().read_sweep()
 
 
+class Unbraked(SimulatedStage):
+    """Hears `brake`, and turns on; only `stop` stops it."""
+
+    def brake(self) -> None:
+        pass
+
+    def stop(self) -> None:
+        super().brake()
+
+
 class Slipping(SimulatedStage):
     """Its encoder loses two degrees at the twentieth reading."""
 
@@ -279,6 +300,19 @@ class Doubling(SimulatedReceiver):
     def _swept(self, now_s: float) -> list[Frame]:
         frames = super()._swept(now_s)
         return [each for frame in frames for each in [frame] * (2 if frame.header.sequence % 30 == 0 else 1)]
+
+
+class Failing(SimulatedReceiver):
+    """Fails some calls after the sweep is no longer wanted."""
+
+    left: int | None = None
+
+    def frames(self) -> Sequence[Frame]:
+        if self.left is not None:
+            self.left -= 1
+            if self.left < 0:
+                raise AcquisitionError("the receiver is gone")
+        return super().frames()
 
 
 class Swapping(SimulatedReceiver):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise
+from typing import cast
 
 import pytest
 from hypothesis import given
@@ -39,6 +40,7 @@ from tests.unit.scan.sweep_bench import (
     Dark,
     Double,
     Doubling,
+    Failing,
     Fast,
     Jumping,
     Losing,
@@ -51,6 +53,7 @@ from tests.unit.scan.sweep_bench import (
     Swapping,
     SweepBench,
     Sweeps,
+    Unbraked,
 )
 
 
@@ -140,7 +143,7 @@ def test_a_policy_that_knows_enough_ends_a_sweep_and_no_pulse_is_lost(readout_s:
 
 @pytest.mark.parametrize("motion", [StageMotion(speed_deg_s=12.5, acceleration_deg_s2=25.0), StageMotion()])
 def test_a_sweep_may_be_lit_while_it_brakes(motion: StageMotion) -> None:
-    """The light of one that a policy ends goes on until the probe is slower than its permit allows."""
+    """The light of one that a policy ends goes on until the probe is nearly too slow for its permit."""
     lit, dark = SweepBench(motion=motion), SweepBench(motion=motion)
     sweep = replace(TO_END, speed_deg_s=8.0)
     ended: list[Swept] = []
@@ -150,14 +153,89 @@ def test_a_sweep_may_be_lit_while_it_brakes(motion: StageMotion) -> None:
         ended += [event for event in bench.run(policy) if isinstance(event, Swept)]
         policies.append(policy)
         bench.require_permitted()
-    # The same way, and the light of the ramp, v/a·(1 − 0.2) at 20 Hz, beside it.
+    # The same way, and the light of the ramp but for its last reading, v/a·(1 − 0.2) − 0.055 s at 20 Hz, beside it.
     assert ended[0].angle_deg == pytest.approx(ended[1].angle_deg, abs=0.6)
     more = len(policies[0].samples) - len(policies[1].samples)
-    assert more == pytest.approx(20 * 0.8 * 8.0 / motion.acceleration_deg_s2, abs=2.1)
+    assert more == pytest.approx(20 * (0.8 * 8.0 / motion.acceleration_deg_s2 - 0.055), abs=2.1)
     speeds = [sample.sweep.speed_deg_s for sample in policies[0].samples[-3:] if sample.sweep]
     assert speeds == sorted(speeds, reverse=True)
     assert speeds[-1] < 0.7 * 8.0
     assert len(lit.flashes()) == len(policies[0].samples) == ended[0].pulses
+
+
+@pytest.mark.parametrize("until_deg", [0.0, 0.13, 0.26])
+@pytest.mark.parametrize("speed_deg_s", [2.0, 5.0, 8.0])
+@pytest.mark.parametrize("motion", [StageMotion(speed_deg_s=12.5, acceleration_deg_s2=25.0), StageMotion()])
+def test_no_light_falls_while_it_is_too_slow_after_braking(
+    motion: StageMotion, speed_deg_s: float, until_deg: float
+) -> None:
+    bench = SweepBench(motion=motion, rate_hz=1000.0, start_deg=-5.0)
+    policy = Sweeps(Sweep(to_deg=5.0, speed_deg_s=speed_deg_s, lit_braking=True), until_deg=until_deg)
+    list(bench.run(policy))
+    apart = [
+        (after.angle_deg - before.angle_deg) / (after.at_s - before.at_s)
+        for before, after in pairwise(bench.flashes())
+        if before.angle_deg is not None and after.angle_deg is not None
+    ]
+    assert min(apart[-200:]) >= bench.permits[0].slowest_deg_s
+
+
+def require_dark_from_now(bench: SweepBench) -> None:
+    at_s, fired = bench.scanner.clock.now_s(), len(bench.flashes())
+    bench.scanner.clock.wait(10.0)
+    bench.laser.pulses()
+    assert len(bench.flashes()) == fired > 0
+    assert all(flash.at_s <= at_s for flash in bench.flashes())
+
+
+def test_a_stage_that_does_not_brake_in_light_is_said_not_to_stop() -> None:
+    """And long before its end, at which it would come to rest in light by itself."""
+    bench, policy = SweepBench(), Sweeps(Sweep(to_deg=35.0, speed_deg_s=8.0, lit_braking=True), until_deg=-10.0)
+    bench.stage.__class__ = Unbraked
+    events = drain(bench.run(policy), MoveError)
+    failed = events[-1]
+    assert isinstance(failed, Failed)
+    assert "the stage does not stop" in str(failed.error)
+    assert bench.scanner.guard.state is State.FAULT
+    # BEGIN_S and v/a at 8 deg/s, and one reading.
+    assert policy.samples[-1].angle_deg < -10.0 + 8.0 * (1.0 + 8.0 / 25.0 + 0.2)
+    require_dark_from_now(bench)
+
+
+def test_a_sweep_that_is_left_while_it_brakes_in_light_is_dark_at_once() -> None:
+    bench = SweepBench(motion=StageMotion(), rate_hz=100.0)
+    bench.scanner.guard.arm(by="a test")
+    sweep, left = replace(TO_END, speed_deg_s=8.0, lit_braking=True), 40
+    outcomes = bench.scanner.sweep(sweep, number=1, goes_on=lambda: left > 0)
+    for outcome in outcomes:
+        left -= 1
+        # Ten pulses into the brake, as where Ctrl-C comes.
+        if left < -10:
+            assert isinstance(outcome, Sample)
+            break
+    outcomes.close()
+    require_dark_from_now(bench)
+
+
+def test_a_receiver_that_fails_while_the_probe_brakes_in_light_ends_the_light() -> None:
+    bench = SweepBench(motion=StageMotion())
+    bench.scanner.guard.arm(by="a test")
+    bench.receiver.__class__ = Failing
+    receiver = cast("Failing", bench.receiver)
+    sweep = replace(TO_END, speed_deg_s=8.0, lit_braking=True)
+
+    def goes_on() -> bool:
+        if bench.stage.angle_deg > 0.0:
+            receiver.left = 2 if receiver.left is None else receiver.left
+            return False
+        return True
+
+    with pytest.raises(AcquisitionError, match="the receiver is gone"):
+        list(bench.scanner.sweep(sweep, number=1, goes_on=goes_on))
+    assert bench.scanner.guard.state is State.FAULT
+    # It was still braking.
+    assert bench.stage.angle_deg < 3.0
+    require_dark_from_now(bench)
 
 
 def test_two_sweeps_there_and_back() -> None:

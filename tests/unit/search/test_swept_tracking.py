@@ -5,19 +5,23 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from markerseek.core import (
+    AcquisitionError,
     ConfigError,
     Finished,
     Found,
     FrameHeader,
+    Interval,
     Measured,
     NotFound,
     Reading,
     ReadingFrame,
+    Refused,
     RunPlan,
     Sample,
     SearchError,
@@ -26,6 +30,7 @@ from markerseek.core import (
     Swept,
 )
 from markerseek.guard import State
+from markerseek.runs import require_streaming
 from markerseek.search import SweptRig, SweptTracker, SweptTrackingPolicy
 from markerseek.search.tracking import curve
 from markerseek.sim import (
@@ -126,6 +131,49 @@ def test_it_asks_for_the_same_sweep_until_it_wants_another_and_ends_in_time():
     one.tell(sample(5.3))
     assert one.ask() is None
     assert isinstance(one.estimate(), Found)
+
+
+def test_a_sweep_of_which_no_frame_was_admitted_ends_the_track():
+    one = policy()
+    assert isinstance(one.ask(), Sweep)
+    one.tell(sample(5.1))
+    one.end_sweep()
+    assert isinstance(one.ask(), Sweep)
+    one.end_sweep()
+    assert one.ask() is None
+    assert one.lost
+    ended = one.estimate()
+    assert isinstance(ended, NotFound)
+    assert "no frame of a sweep was admitted, after 1 frames" in ended.reason
+
+
+def test_a_track_whose_frames_are_all_refused_ends_without_a_fault():
+    bench, one = on_bench()
+
+    def refused(*_, **__):
+        raise AcquisitionError("no use")
+
+    bench.scanner.guard.admit_reading = refused
+    events = list(bench.run(one, plan=RunPlan(stay=True)))
+    assert sum(isinstance(event, Swept) for event in events) == 1
+    assert any(isinstance(event, Refused) for event in events)
+    assert isinstance(events[-1], Finished)
+    assert isinstance(events[-1].estimate, NotFound)
+    assert bench.scanner.guard.state is State.DISARMED
+
+
+@pytest.mark.parametrize("width_deg", [0.3, 0.99])
+def test_a_range_in_which_no_sweep_has_room_is_refused(width_deg):
+    limits, said = (
+        Interval(low_deg=2.0, high_deg=2.0 + width_deg),
+        r"range is 0\.\d+ deg wide, .* at least 1 deg; widen",
+    )
+    with pytest.raises(ConfigError, match=said):
+        policy(limits=limits)
+    # Of a rig before anything moves: this one has nothing that could.
+    with pytest.raises(ConfigError, match=said):
+        require_streaming(SimpleNamespace(limits=SimpleNamespace(search=limits)))
+    assert isinstance(policy(limits=Interval(low_deg=2.0, high_deg=3.0), probe_deg=2.5).ask(), Sweep)
 
 
 def test_at_an_end_of_the_range_it_sweeps_back_and_never_out_of_it():
