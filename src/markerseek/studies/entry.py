@@ -11,6 +11,7 @@ import os
 import select
 import signal
 import subprocess
+import threading
 import time
 import weakref
 from base64 import b64encode
@@ -164,6 +165,10 @@ class EntryPolicy(SearchPolicy):
         return angle_deg
 
 
+_running: weakref.WeakSet[EntryProcess] = weakref.WeakSet()
+_starting = threading.Lock()
+
+
 class EntryProcess:
     """A child process that replies to lines; after its first fault it is not asked again."""
 
@@ -172,24 +177,32 @@ class EntryProcess:
         self._replies = 0
         self._said = b""
         try:
-            # The user's own command.
-            self._child = subprocess.Popen(  # noqa: S603
-                command,
-                bufsize=0,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                # Workers have it; an entry may import what lies beside its file.
-                env={name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"},
-                # A group of its own, which is ended as a whole.
-                start_new_session=True,
-            )
+            with _starting:
+                # The user's own command.
+                self._child = subprocess.Popen(  # noqa: S603
+                    command,
+                    bufsize=0,
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.PIPE,
+                    # Workers have it; an entry may import what lies beside its file.
+                    env={name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"},
+                    # A group of its own, which is ended as a whole.
+                    start_new_session=True,
+                )
+                _running.add(self)
         except OSError as problem:
             raise EntryError(f"{command[0]}: it cannot be started: {problem.strerror}; check the command") from problem
         for pipe in _pipes(self._child):
             # A process that it has started may hold them when it has ended: no wait for one is without a limit.
             os.set_blocking(pipe.fileno(), False)
         self._end = weakref.finalize(self, _end, self._child)
+
+    def kill(self) -> None:
+        """Kill its group without waiting for its end."""
+        # One that has been waited for is no more, and its number may be another's.
+        if self._child.returncode is None:
+            _kill(self._child)
 
     def reply_to(self, message: dict[str, Any]) -> _Reply:
         """The reply to one message; `EntryError` where there is none, or it is not one."""
@@ -258,6 +271,13 @@ class EntryProcess:
         return f"; its last words: {lines[-1][:200]}" if lines else ""
 
 
+def kill_entries() -> None:
+    """Kill all entries of this process, which is about to end without its finalizers; none can start afterwards."""
+    _starting.acquire()
+    for each in list(_running):
+        each.kill()
+
+
 @lru_cache(maxsize=4)
 def _child(command: tuple[str, ...]) -> EntryProcess:
     """The child of a command, one in each worker."""
@@ -278,9 +298,13 @@ def _read(pipe: IO[bytes]) -> bytes:
         return b""
 
 
-def _end(child: subprocess.Popen[bytes]) -> None:
+def _kill(child: subprocess.Popen[bytes]) -> None:
     with suppress(OSError):
         os.killpg(child.pid, signal.SIGKILL)
+
+
+def _end(child: subprocess.Popen[bytes]) -> None:
+    _kill(child)
     for pipe in _pipes(child):
         with suppress(OSError):
             pipe.close()

@@ -88,6 +88,11 @@ class PolicySettings:
         if self.command:
             check_acquisitions(self.acquisitions or 0, least=1, method=self.method)
             return
+        if not self.channels:
+            raise ConfigError(
+                f"{self.method}: channels is False, but only an entry, a policy with command, is told of channel data; "
+                "leave it out"
+            )
         if is_own(self.method):
             self._require_own()
             return

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import fcntl
 import importlib
 import json
 import math
 import multiprocessing
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -234,12 +239,71 @@ def test_without_dask_the_answer_is_the_command_that_installs_it(
         run_study(STUDY, tmp_path, scheduler="tcp://127.0.0.1:1")
 
 
+ENTRY = """
+import fcntl, os, sys, time
+held = open(os.path.join(sys.argv[1], f"entry-{os.getpid()}"), "w")
+fcntl.flock(held, fcntl.LOCK_EX)
+sys.stdin.readline()
+print('{"answer": "not found"}', flush=True)
+# Its own child shares the lock: it is free when both have ended.
+os.fork()
+time.sleep(300)
+"""
+"""Answers its first search and hears nothing afterwards, not even the end of its input."""
+
+
+def study_of_entries(folder: Path) -> Study:
+    command = (sys.executable, "-c", ENTRY, str(folder))
+    return dataclasses.replace(
+        STUDY, policies=(PolicySettings(method="slow", acquisitions=3, command=command),), trials=10, vary=()
+    )
+
+
+def one_by_one(study: Study) -> Iterator[bytes]:
+    return on_processes(partial(run_chunk, study), [range(trial, trial + 1) for trial in range(10)], workers=2)
+
+
+def wait_for_the_end_of_entries(folder: Path) -> None:
+    entries = list(folder.glob("entry-*"))
+    assert entries
+    ends_s = time.monotonic() + 20
+    for path in entries:
+        with path.open() as held:
+            while True:
+                with contextlib.suppress(BlockingIOError):
+                    fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    break
+                assert time.monotonic() < ends_s, f"{path.name} goes on"
+                time.sleep(0.05)
+
+
 @pytest.mark.real_time
-def test_processes_whose_results_nobody_takes_any_more_are_ended_and_not_waited_for() -> None:
-    """As at Ctrl-C: each of the jobs takes five minutes."""
-    results = on_processes(time.sleep, [0.0, *[300.0] * 8], workers=2)
-    assert next(results) is None
+def test_workers_whose_results_nobody_takes_any_more_are_ended_with_their_entries_and_not_waited_for(
+    tmp_path: Path,
+) -> None:
+    """As at Ctrl-C: each of the searches that are left takes minutes."""
+    results = one_by_one(study_of_entries(tmp_path))
+    assert b"not found" in next(results)
     began_s = time.monotonic()
     results.close()
-    assert time.monotonic() - began_s < 60
+    assert time.monotonic() - began_s < 15
     assert not multiprocessing.active_children()
+    wait_for_the_end_of_entries(tmp_path)
+
+
+@pytest.mark.real_time
+def test_entries_end_when_the_process_of_the_study_is_killed(tmp_path: Path) -> None:
+    program = (
+        "import sys; from pathlib import Path\n"
+        "from tests.unit.studies.test_runner import one_by_one, study_of_entries\n"
+        "results = one_by_one(study_of_entries(Path(sys.argv[1])))\n"
+        "print(len(next(results)), flush=True); next(results); next(results)"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program, str(tmp_path)], stdout=subprocess.PIPE, cwd=Path(__file__).parents[3]
+    ) as parent:
+        assert parent.stdout is not None
+        said = parent.stdout.readline()
+        parent.kill()
+    assert said.strip().isdigit()
+    wait_for_the_end_of_entries(tmp_path)
