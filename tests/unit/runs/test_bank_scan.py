@@ -8,8 +8,9 @@ from types import SimpleNamespace
 import pytest
 
 from markerseek import rigs
-from markerseek.core import Measured, RecordError
+from markerseek.core import Measured, RecordError, Sample
 from markerseek.records.banks import FrameBank, read_bank, record_of
+from markerseek.records.banks.ipasc.writer import BankWriter
 from markerseek.records.journal import read_journal
 from markerseek.runs import journal_bank, scan_bank
 
@@ -68,3 +69,17 @@ def test_a_disk_without_room_for_record_and_bank_ends_the_scan_at_its_first_fram
     with pytest.raises(RecordError, match=r"the bank needs 12\.\d MB, 10\.0 MB are free"):
         scanned(tmp_path / "a.hdf5")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_bank_that_fills_the_disk_names_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    add = BankWriter.add
+
+    def full(writer: BankWriter, sample: Sample) -> None:
+        if writer.taken == 2:
+            raise RecordError("the bank cannot be written: No space left on device")
+        add(writer, sample)
+
+    monkeypatch.setattr(BankWriter, "add", full)
+    with pytest.raises(RecordError, match=r"^the bank cannot be written: No space left on device; what was measured"):
+        scanned(tmp_path / "a.hdf5")
+    assert [each.name for each in tmp_path.iterdir()] == ["a.hdf5.journal"]
