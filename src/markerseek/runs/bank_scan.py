@@ -24,7 +24,7 @@ from markerseek.core import (
     Sample,
     SearchPlan,
 )
-from markerseek.records.banks import BankFacts, FrameBank, IntensityBank, record_of, require_angles
+from markerseek.records.banks import MIN_ANGLES, BankFacts, FrameBank, IntensityBank, record_of, require_angles
 from markerseek.records.banks.ipasc import require_new_bank, require_room, whole_bank
 from markerseek.records.journal import Configuration, Entry, Journal, RecordedRun, read_journal, salvage
 from markerseek.rigs import Rig
@@ -168,7 +168,10 @@ def _recorded(path: Path, configuration: Configuration, facts: BankFacts) -> Ite
 
 
 def _export(record: Path, path: Path, facts: BankFacts) -> None:
-    """Make a bank of a record, frame by frame, and delete the record; no bank where nothing was measured."""
+    """Make a bank of a record, frame by frame, and delete the record; `RecordError` where the record is damaged.
+
+    A record of too few angles for a bank stays as it is, so that its scan can be continued; one of none is deleted.
+    """
     lit: dict[float, int] = {}
     dark: list[int] = []
 
@@ -185,7 +188,8 @@ def _export(record: Path, path: Path, facts: BankFacts) -> None:
 
     damage = salvage(record, frames=False, on_entry=count)[1]
     kept = {*lit.values(), *dark}
-    if lit:
+    enough = len(lit) >= MIN_ANGLES
+    if enough:
         try:
             with whole_bank(path, angles=len(lit), dark_frames=len(dark), facts=facts) as writer:
                 salvage(record, frames=False, on_entry=add)
@@ -193,8 +197,11 @@ def _export(record: Path, path: Path, facts: BankFacts) -> None:
             raise RecordError(
                 f"{problem}; what was measured is in {record}: 'markerseek bank import {record} NEW.hdf5'"
             ) from problem
-    # What another program damaged may still hold more than could be read.
-    if damage is None:
+    if damage is not None:
+        held = f"{path} holds the {len(lit)} angles" if enough else f"{len(lit)} angles, too few for a bank, were read"
+        # It may still hold more than could be read.
+        raise RecordError(f"{damage}; {held} before that, and the record is kept: scan again for the others")
+    if enough or not lit:
         record.unlink()
 
 

@@ -83,3 +83,24 @@ def test_a_bank_that_fills_the_disk_names_the_disk(tmp_path: Path, monkeypatch: 
     with pytest.raises(RecordError, match=r"^the bank cannot be written: No space left on device; what was measured"):
         scanned(tmp_path / "a.hdf5")
     assert [each.name for each in tmp_path.iterdir()] == ["a.hdf5.journal"]
+
+
+def test_a_record_that_is_damaged_meanwhile_gives_a_bank_of_the_angles_before_and_says_so(tmp_path: Path) -> None:
+    path, taken = tmp_path / "a.hdf5", 0
+    end = 0
+    with pytest.raises(
+        RecordError,
+        match=r"a\.hdf5\.journal: entry .*; .*a\.hdf5 holds the 3 angles before that, and the record is kept",
+    ):
+        for event in scan_bank(rigs.simulated(seed=3), path, step_deg=10.0):
+            taken += isinstance(event, Measured)
+            if isinstance(event, Measured) and taken == 6:
+                end = record_of(path).stat().st_size
+            elif isinstance(event, Measured) and taken == 7:
+                with record_of(path).open("r+b") as file:
+                    file.seek(end + 100_000)
+                    before = file.read(1)[0]
+                    file.seek(end + 100_000)
+                    file.write(bytes([before ^ 1]))
+    assert len(read_bank(path).angles_deg) == 3
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["a.hdf5", "a.hdf5.journal"]
