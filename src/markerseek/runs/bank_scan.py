@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections.abc import Generator, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
@@ -119,8 +120,8 @@ def scan_bank(
 
     If closed or interrupted, the stage stops, the laser is disarmed, and the bank has all acquisitions so far. Until
     it is written they are in a journal beside it (`record_of`), which outlives a process that is killed: it can be
-    imported (`journal_bank`), or resumed. Times start at this computer's date; the clock of a simulated rig is
-    virtual, and runs faster or slower from there.
+    imported (`journal_bank`), or resumed; one of one or two angles, which make no bank, is kept as well. Times start at
+    this computer's date; the clock of a simulated rig is virtual, and runs faster or slower from there.
 
     ``rig``: every acquisition passes its guard. ``path``: new file, ``.hdf5`` or ``.h5``; it must not exist.
     ``step_deg``: largest step. ``wavelength_m``, ``pulse_energy_j``: wavelength in metres and energy of one laser pulse
@@ -142,7 +143,7 @@ def scan_bank(
     known = msgspec.Raw(msgspec.json.encode(facts))
     configuration = msgspec.structs.replace(scan_configuration(rig, step_deg=step_deg), bank=known)
     require_new_scan(path)
-    room_is_known = False
+    room_is_known, no_room = False, None
     with (
         # The outer block: the rig is stopped before the bank is written.
         _recorded(path, configuration, facts) as journal,
@@ -151,9 +152,17 @@ def scan_bank(
         for event in events:
             if isinstance(event, Measured) and isinstance(event.sample.frame, ChannelFrame) and not room_is_known:
                 room_is_known = True
-                # For the record, and for the bank that is made of it: a disk that is full later would end the scan.
-                require_room(path, 2 * event.sample.frame.samples.nbytes * (angles + rig.dark_frames))
+                try:
+                    # For the record, and for the bank that is made of it: a disk that is full later would end the scan.
+                    require_room(path, 2 * event.sample.frame.samples.nbytes * (angles + rig.dark_frames))
+                except RecordError as refusal:
+                    no_room = refusal
+                    break
             yield event
+    if no_room is not None:
+        # Nothing is kept of a scan that would never fit.
+        record_of(path).unlink(missing_ok=True)
+        raise no_room
 
 
 @contextmanager
@@ -163,8 +172,14 @@ def _recorded(path: Path, configuration: Configuration, facts: BankFacts) -> Ite
     try:
         with journal:
             yield journal
-    finally:
-        _export(journal.path, path, facts)
+    except BaseException:
+        try:
+            _export(journal.path, path, facts)
+        except RecordError as problem:
+            # It must not hide what ended the scan.
+            warnings.warn(str(problem), stacklevel=2)
+        raise
+    _export(journal.path, path, facts)
 
 
 def _export(record: Path, path: Path, facts: BankFacts) -> None:
