@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections.abc import Generator, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
@@ -24,7 +25,7 @@ from markerseek.core import (
     Sample,
     SearchPlan,
 )
-from markerseek.records.banks import BankFacts, FrameBank, IntensityBank, record_of, require_angles
+from markerseek.records.banks import MIN_ANGLES, BankFacts, FrameBank, IntensityBank, record_of, require_angles
 from markerseek.records.banks.ipasc import require_new_bank, require_room, whole_bank
 from markerseek.records.journal import Configuration, Entry, Journal, RecordedRun, read_journal, salvage
 from markerseek.rigs import Rig
@@ -119,8 +120,8 @@ def scan_bank(
 
     If closed or interrupted, the stage stops, the laser is disarmed, and the bank has all acquisitions so far. Until
     it is written they are in a journal beside it (`record_of`), which outlives a process that is killed: it can be
-    imported (`journal_bank`), or resumed. Times start at this computer's date; the clock of a simulated rig is
-    virtual, and runs faster or slower from there.
+    imported (`journal_bank`), or resumed; one of one or two angles, which make no bank, is kept as well. Times start at
+    this computer's date; the clock of a simulated rig is virtual, and runs faster or slower from there.
 
     ``rig``: every acquisition passes its guard. ``path``: new file, ``.hdf5`` or ``.h5``; it must not exist.
     ``step_deg``: largest step. ``wavelength_m``, ``pulse_energy_j``: wavelength in metres and energy of one laser pulse
@@ -142,7 +143,7 @@ def scan_bank(
     known = msgspec.Raw(msgspec.json.encode(facts))
     configuration = msgspec.structs.replace(scan_configuration(rig, step_deg=step_deg), bank=known)
     require_new_scan(path)
-    room_is_known = False
+    room_is_known, no_room = False, None
     with (
         # The outer block: the rig is stopped before the bank is written.
         _recorded(path, configuration, facts) as journal,
@@ -151,9 +152,17 @@ def scan_bank(
         for event in events:
             if isinstance(event, Measured) and isinstance(event.sample.frame, ChannelFrame) and not room_is_known:
                 room_is_known = True
-                # For the record, and for the bank that is made of it: a disk that is full later would end the scan.
-                require_room(path, 2 * event.sample.frame.samples.nbytes * (angles + rig.dark_frames))
+                try:
+                    # For the record, and for the bank that is made of it: a disk that is full later would end the scan.
+                    require_room(path, 2 * event.sample.frame.samples.nbytes * (angles + rig.dark_frames))
+                except RecordError as refusal:
+                    no_room = refusal
+                    break
             yield event
+    if no_room is not None:
+        # Nothing is kept of a scan that would never fit.
+        record_of(path).unlink(missing_ok=True)
+        raise no_room
 
 
 @contextmanager
@@ -163,12 +172,21 @@ def _recorded(path: Path, configuration: Configuration, facts: BankFacts) -> Ite
     try:
         with journal:
             yield journal
-    finally:
-        _export(journal.path, path, facts)
+    except BaseException:
+        try:
+            _export(journal.path, path, facts)
+        except RecordError as problem:
+            # It must not hide what ended the scan.
+            warnings.warn(str(problem), stacklevel=2)
+        raise
+    _export(journal.path, path, facts)
 
 
 def _export(record: Path, path: Path, facts: BankFacts) -> None:
-    """Make a bank of a record, frame by frame, and delete the record; no bank where nothing was measured."""
+    """Make a bank of a record, frame by frame, and delete the record; `RecordError` where the record is damaged.
+
+    A record of too few angles for a bank stays as it is, so that its scan can be continued; one of none is deleted.
+    """
     lit: dict[float, int] = {}
     dark: list[int] = []
 
@@ -185,7 +203,8 @@ def _export(record: Path, path: Path, facts: BankFacts) -> None:
 
     damage = salvage(record, frames=False, on_entry=count)[1]
     kept = {*lit.values(), *dark}
-    if lit:
+    enough = len(lit) >= MIN_ANGLES
+    if enough:
         try:
             with whole_bank(path, angles=len(lit), dark_frames=len(dark), facts=facts) as writer:
                 salvage(record, frames=False, on_entry=add)
@@ -193,8 +212,11 @@ def _export(record: Path, path: Path, facts: BankFacts) -> None:
             raise RecordError(
                 f"{problem}; what was measured is in {record}: 'markerseek bank import {record} NEW.hdf5'"
             ) from problem
-    # What another program damaged may still hold more than could be read.
-    if damage is None:
+    if damage is not None:
+        held = f"{path} holds the {len(lit)} angles" if enough else f"{len(lit)} angles, too few for a bank, were read"
+        # It may still hold more than could be read.
+        raise RecordError(f"{damage}; {held} before that, and the record is kept: scan again for the others")
+    if enough or not lit:
         record.unlink()
 
 

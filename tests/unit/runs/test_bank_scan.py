@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from markerseek import rigs
-from markerseek.core import Measured, RecordError
+from markerseek.core import DeviceError, Measured, RecordError, Sample
 from markerseek.records.banks import FrameBank, read_bank, record_of
-from markerseek.records.journal import read_journal
-from markerseek.runs import journal_bank, scan_bank
+from markerseek.records.banks.ipasc.writer import BankWriter
+from markerseek.records.journal import Journal, read_journal
+from markerseek.runs import journal_bank, rebuild_policy, rebuild_rig, scan_bank
+from markerseek.runs.resume import resumed
 
 
 def scanned(path: Path, *, stop_after: int = 99) -> int:
@@ -43,6 +46,39 @@ def test_a_scan_that_is_stopped_before_its_first_angle_leaves_nothing(tmp_path: 
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("lit", [1, 2])
+def test_a_scan_that_is_stopped_too_early_for_a_bank_can_be_resumed(tmp_path: Path, lit: int) -> None:
+    path = tmp_path / "a.hdf5"
+    assert scanned(path, stop_after=3 + lit) == lit
+    assert list(tmp_path.iterdir()) == [record_of(path)]
+    journal, held = Journal.reopen(record_of(path))
+    with journal:
+        list(resumed(rebuild_policy(held.configuration), rebuild_rig(held.configuration), journal, held, by="a person"))
+    assert len(journal_bank(record_of(path)).angles_deg) == 8
+
+
+def test_a_bank_that_cannot_be_written_does_not_hide_the_fault_that_ended_the_scan(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.hdf5"
+    rig = rigs.simulated(seed=3)
+    measure, calls = rig.scanner.measure, iter(range(99))
+
+    def failing(angle_deg: float) -> Sample:
+        if next(calls) == 4:
+            raise DeviceError("the stage is stuck")
+        return measure(angle_deg)
+
+    monkeypatch.setattr(rig.scanner, "measure", failing)
+    monkeypatch.setattr(BankWriter, "finish", lambda _writer: (_ for _ in ()).throw(RecordError("the disk is full")))
+    with (
+        pytest.warns(UserWarning, match=r"the disk is full; what was measured is in .*a\.hdf5\.journal"),
+        pytest.raises(DeviceError, match="the stage is stuck"),
+    ):
+        list(scan_bank(rig, path, step_deg=10.0))
+    assert list(tmp_path.iterdir()) == [record_of(path)]
+
+
 def test_a_bank_that_cannot_be_written_leaves_the_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.hdf5"
 
@@ -61,10 +97,50 @@ def test_a_bank_that_cannot_be_written_leaves_the_record(tmp_path: Path, monkeyp
         scanned(path)
 
 
+@pytest.mark.parametrize("dark_frames", [0, 3])
 def test_a_disk_without_room_for_record_and_bank_ends_the_scan_at_its_first_frame(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, dark_frames: int
 ) -> None:
-    monkeypatch.setattr("shutil.disk_usage", lambda _path: SimpleNamespace(free=10_000_000))
-    with pytest.raises(RecordError, match=r"the bank needs 12\.\d MB, 10\.0 MB are free"):
-        scanned(tmp_path / "a.hdf5")
+    monkeypatch.setattr("shutil.disk_usage", lambda _path: SimpleNamespace(free=8_000_000))
+    rig = replace(rigs.simulated(seed=3), dark_frames=dark_frames)
+    with pytest.raises(RecordError, match=r"the bank needs \d+\.\d MB, 8\.0 MB are free; nothing was written"):
+        list(scan_bank(rig, tmp_path / "a.hdf5", step_deg=10.0))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_bank_that_fills_the_disk_names_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    add = BankWriter.add
+
+    def full(writer: BankWriter, sample: Sample) -> None:
+        if writer.taken == 2:
+            raise RecordError("the bank cannot be written: No space left on device")
+        add(writer, sample)
+
+    monkeypatch.setattr(BankWriter, "add", full)
+    with pytest.raises(RecordError, match=r"^the bank cannot be written: No space left on device; what was measured"):
+        scanned(tmp_path / "a.hdf5")
+    assert [each.name for each in tmp_path.iterdir()] == ["a.hdf5.journal"]
+
+
+def scanned_with_damage(path: Path) -> None:
+    """Scan 8 angles, while another program flips a bit in the record of the fourth."""
+    taken, begins = 0, 0
+    for event in scan_bank(rigs.simulated(seed=3), path, step_deg=10.0):
+        taken += isinstance(event, Measured)
+        if isinstance(event, Measured) and taken == 6:
+            begins = record_of(path).stat().st_size
+        elif isinstance(event, Measured) and taken == 7:
+            with record_of(path).open("r+b") as file:
+                file.seek(begins + 100_000)
+                before = file.read(1)[0]
+                file.seek(begins + 100_000)
+                file.write(bytes([before ^ 1]))
+
+
+def test_a_record_that_is_damaged_meanwhile_gives_a_bank_of_the_angles_before_and_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "a.hdf5"
+    said = r"a\.hdf5\.journal: entry .*; .*a\.hdf5 holds the 3 angles before that, and the record is kept: scan again"
+    with pytest.raises(RecordError, match=said):
+        scanned_with_damage(path)
+    assert len(read_bank(path).angles_deg) == 3
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["a.hdf5", "a.hdf5.journal"]

@@ -7,6 +7,7 @@ Foreign files are read in a child process (`markerseek.records.sandbox`).
 from markerseek.records.banks.arrays import AXES, ArrayBank, read_arrays
 from markerseek.records.banks.bank import (
     HDF5_SUFFIXES,
+    MIN_ANGLES,
     Bank,
     BankFacts,
     FrameBank,
@@ -27,6 +28,7 @@ __all__ = [
     "DEFAULT_FORMAT",
     "HDF5_SUFFIXES",
     "MAT_PROBE",
+    "MIN_ANGLES",
     "ULTRASONIX_SUFFIXES",
     "ArrayBank",
     "Bank",

@@ -26,6 +26,9 @@ MAX_DEG = 360.0
 USUAL_SAMPLING_HZ = 40e6
 """Sampling frequency of the SonixDAQ in Hz, assumed where the file names none."""
 
+MIN_ANGLES = 3
+"""Fewest angles of a bank: with two there is no inner one, and so no peak that could be recognised."""
+
 MIN_STEP_DEG = 1e-6
 """Least distance of two angles of a bank in degrees; a stage's encoder counts steps of 5e-4."""
 
@@ -179,6 +182,5 @@ def require_angles(path: Path, angles_deg: Sequence[float]) -> None:
             )
         if not low_deg < high_deg:
             raise RecordError(f"{path}: the angle {high_deg:g} deg follows {low_deg:g} deg; sort them in rising order")
-    # With two angles there is no inner one, and so no peak that could be recognised.
-    if len(angles_deg) < 3:
-        raise RecordError(f"{path}: it holds {len(angles_deg)} angles, at least 3 are needed for a search")
+    if len(angles_deg) < MIN_ANGLES:
+        raise RecordError(f"{path}: it holds {len(angles_deg)} angles, at least {MIN_ANGLES} are needed for a search")

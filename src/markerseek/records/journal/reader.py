@@ -71,14 +71,19 @@ def salvage(
     entries: list[Entry] = []
     damage: RecordError | None = None
     with _opened(path) as reader:
-        try:
-            while (entry := reader.next()) is not None:
-                if on_entry is not None:
-                    on_entry(entry)
-                # A search of 40 acquisitions has 20 MB of frames; a list of many journals needs none of them.
-                entries.append(entry if frames else _without_frame(entry))
-        except RecordError as problem:
-            damage = problem
+        while True:
+            try:
+                entry = reader.next()
+            except RecordError as problem:
+                damage = problem
+                break
+            if entry is None:
+                break
+            # Outside of the try: an error of the caller is no damage of the journal.
+            if on_entry is not None:
+                on_entry(entry)
+            # A search of 40 acquisitions has 20 MB of frames; a list of many journals needs none of them.
+            entries.append(entry if frames else _without_frame(entry))
         written = is_written(reader.descriptor)
     recorded = RecordedRun(path=path, configuration=reader.configuration, entries=tuple(entries), is_written=written)
     return recorded, damage
