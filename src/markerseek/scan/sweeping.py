@@ -443,7 +443,8 @@ class SweepInProgress:
             raise AcquisitionError(
                 f"trigger {edge} of the stage and the stamp of its pulse differ by {off_deg:.3f} deg, at most "
                 f"{most_deg:.3f} deg are the clocks': a trigger was lost or doubled, or the stage is read too late, "
-                "and the sweep is refused whole; check the cable from the stage's trigger to the laser box, or sweep slower"
+                "and the sweep is refused whole; check the cable from the stage's trigger to the laser box, or sweep "
+                "slower"
             )
         return angles_deg[index]
 
