@@ -29,15 +29,11 @@ from markerseek.records.banks import MIN_ANGLES, BankFacts, FrameBank, Intensity
 from markerseek.records.banks.ipasc import require_new_bank, require_room, whole_bank
 from markerseek.records.journal import Configuration, Entry, Journal, RecordedRun, read_journal, salvage
 from markerseek.rigs import Rig
-from markerseek.runs.journalled import configuration_of, journalled
-from markerseek.scan import RunLimits
+from markerseek.runs.journalled import configuration_of, journalled, limits_of
 from markerseek.search import Exhaustive
 
 MAX_ANGLES = 5000
 """Most angles of one scan."""
-
-# Limit in seconds, for stages that are slow and receivers that average long.
-_S_PER_ANGLE = 120.0
 
 
 def scan_angles(rig: Rig, *, step_deg: float) -> int:
@@ -58,7 +54,7 @@ def scan_angles(rig: Rig, *, step_deg: float) -> int:
     return math.ceil(width_deg / step_deg * (1 - 1e-12)) + 1
 
 
-def bank_facts(facts: RigFacts, *, description: str, clock_zero_unix_s: float) -> BankFacts:
+def _facts_from_rig(facts: RigFacts, *, description: str, clock_zero_unix_s: float) -> BankFacts:
     """Bank facts from rig facts; the true angle of a simulated marker becomes the reference.
 
     ``clock_zero_unix_s``: Unix time at which the clock of the rig read 0.
@@ -81,9 +77,9 @@ def bank_facts(facts: RigFacts, *, description: str, clock_zero_unix_s: float) -
 
 
 def scan_configuration(rig: Rig, *, step_deg: float) -> Configuration:
-    """Configuration of a scan for those who follow it: that of an exhaustive search which does not end at the marker.
+    """Configuration of a scan: that of an exhaustive search which does not end at the marker.
 
-    Arguments and errors as of `scan_angles`.
+    `scan_bank` adds the facts of its bank, for the record. Arguments and errors as of `scan_angles`.
     """
     angles = scan_angles(rig, step_deg=step_deg)
     plan = SearchPlan(
@@ -131,7 +127,7 @@ def scan_bank(
     for name, value, unit in (("wavelength_m", wavelength_m, "m"), ("pulse_energy_j", pulse_energy_j, "J")):
         if value is not None and not 0 < value < math.inf:
             raise ConfigError(f"{name} is {value:g} {unit}, it must be positive and finite")
-    facts = bank_facts(
+    facts = _facts_from_rig(
         rig.facts,
         description=f"{rig.facts.rig_name}: {rig.facts.description}",
         clock_zero_unix_s=time.time() - rig.scanner.clock.now_s(),
@@ -139,9 +135,9 @@ def scan_bank(
     facts = replace(facts, wavelength_m=wavelength_m, pulse_energy_j=pulse_energy_j)
     # A scan is a search that never decides, so that guard, journal events and errors are the same.
     policy = Exhaustive(limits=rig.limits.search, acquisitions=angles, start_deg=rig.stage.angle_deg)
-    limits = RunLimits(acquisitions=angles, duration_s=_S_PER_ANGLE * (angles + rig.dark_frames))
     known = msgspec.Raw(msgspec.json.encode(facts))
     configuration = msgspec.structs.replace(scan_configuration(rig, step_deg=step_deg), bank=known)
+    limits = limits_of(configuration, angles=angles)
     require_new_scan(path)
     room_is_known, no_room = False, None
     with (
@@ -257,7 +253,7 @@ def journal_bank(path: Path) -> IntensityBank | JournalBank:
         angles_deg=tuple(each.angle_deg for each in lit),
         intensities=tuple(each.reading.intensity for each in lit),
         facts=_scan_facts(recorded)
-        or bank_facts(
+        or _facts_from_rig(
             known,
             description=f"journal of {recorded.configuration.plan.method} on a {known.rig_name}: {known.description}"
             + (f", without {repeated} at repeated angles" if repeated else ""),

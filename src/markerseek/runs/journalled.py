@@ -33,6 +33,26 @@ from markerseek.signals import SpareReader
 
 _RUN_LIMITS = RunLimits()
 
+# Limit in seconds for each acquisition of a scan, for stages that are slow and receivers that average long.
+_S_PER_ANGLE = 120.0
+
+
+def is_scan(configuration: Configuration) -> bool:
+    """Whether the run is a scan that is to become a bank."""
+    return bytes(configuration.bank) != b"null"
+
+
+def limits_of(configuration: Configuration, *, angles: int | None = None) -> RunLimits:
+    """Limits of a run, new or repeated: a scan may take longer the more angles it has.
+
+    ``angles``: number of angles of a scan; None: as many as its plan names.
+    """
+    plan = configuration.plan
+    angles = plan.acquisitions if angles is None else angles
+    if angles is None or not is_scan(configuration):
+        return _RUN_LIMITS
+    return RunLimits(acquisitions=angles, duration_s=_S_PER_ANGLE * (angles + plan.dark_frames))
+
 
 def configuration_of(rig: Rig, plan: SearchPlan) -> Configuration:
     """Configuration of a new search for its journal."""

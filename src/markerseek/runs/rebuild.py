@@ -11,6 +11,7 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import (
+    MAX_ACQUISITIONS,
     AnyPolicy,
     ConfigError,
     ConfirmablePolicy,
@@ -38,7 +39,7 @@ from markerseek.rigs import (
     replayed,
     simulated,
 )
-from markerseek.runs.journalled import Beliefs
+from markerseek.runs.journalled import Beliefs, is_scan, limits_of
 from markerseek.runs.recorded_scanner import RecordedScanner
 from markerseek.runs.resume import RUN_EVENTS
 from markerseek.scan import run
@@ -163,6 +164,11 @@ def _recipe(configuration: Configuration) -> Recipe | None:
 
 def rebuild_policy(configuration: Configuration) -> AnyPolicy:
     """The policy of a journal in its state before the run."""
+    if is_scan(configuration) and configuration.plan.acquisitions is None:
+        raise RecordError(
+            f"the journal is of a scan of more than {MAX_ACQUISITIONS} angles, the most that can be resumed or computed "
+            "again; make a bank of it: 'markerseek bank import JOURNAL NEW.hdf5'"
+        )
     return build_sweeping(configuration.plan, limits=configuration.facts.search)
 
 
@@ -235,7 +241,7 @@ def recompute_differences(recorded: RecordedRun, policy: AnyPolicy, reader: Read
     # A journal does not hold the limits of travel; nothing moves here.
     scanner = RecordedScanner(again, limits=Limits(search=search, travel=search))
     plan = recorded.configuration.plan
-    events = run(policy, scanner, plan)
+    events = run(policy, scanner, plan, limits=limits_of(recorded.configuration))
     beliefs = Beliefs(policy, plan)
     with closing(events):
         # Not strict: the journal of an interrupted run ends before the run does.

@@ -37,9 +37,9 @@ from markerseek.core import (
 from markerseek.guard import FiringLimits
 from markerseek.records.journal import Checked, Entry, Journal, RecordedRun, Resuming, RunState, run_state, versions
 from markerseek.rigs import Rig
-from markerseek.runs.journalled import Beliefs, closing_run, commit_event
+from markerseek.runs.journalled import Beliefs, closing_run, commit_event, limits_of
 from markerseek.runs.recorded_scanner import RecordedScanner
-from markerseek.scan import SEEN_SIGMAS, AnyScanner, RunLimits, larger_noise, moved_source, run
+from markerseek.scan import SEEN_SIGMAS, AnyScanner, larger_noise, moved_source, run
 
 RUN_EVENTS = (Started, Asked, Measured, Swept, Refused, Finished)
 """Events that are replayed; a fault is not one of them, because it has been reset."""
@@ -69,10 +69,11 @@ def resumed(
         raise RecordError(f"{recorded.path}: the run is over; it cannot be resumed")
     require_reset(recorded.path, state, reset_fault=reset_fault)
     repeated = tuple(entry for entry in recorded.entries if isinstance(entry.event, RUN_EVENTS))
-    step = _Handover(rig, journal, recorded, repeated, by=by, attempts=RunLimits().attempts)
+    limits = limits_of(journal.configuration)
+    step = _Handover(rig, journal, recorded, repeated, by=by, attempts=limits.attempts)
     scanner = step.scanner
     pending = deque(repeated)
-    events = run(policy, scanner, journal.configuration.plan)
+    events = run(policy, scanner, journal.configuration.plan, limits=limits)
     beliefs = Beliefs(policy, journal.configuration.plan)
     with closing_run(events, scanner.clock, journal):
         # A run that died before its first event has nothing to repeat.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,12 +10,14 @@ from types import SimpleNamespace
 import pytest
 
 from markerseek import rigs
-from markerseek.core import DeviceError, Measured, RecordError, Sample
+from markerseek.core import DeviceError, Measured, RecordError, Sample, SearchError
 from markerseek.records.banks import FrameBank, read_bank, record_of
 from markerseek.records.banks.ipasc.writer import BankWriter
 from markerseek.records.journal import Journal, read_journal
-from markerseek.runs import journal_bank, rebuild_policy, rebuild_rig, scan_bank
+from markerseek.runs import journal_bank, rebuild_policy, rebuild_reader, rebuild_rig, recompute_differences, scan_bank
+from markerseek.runs.journalled import limits_of
 from markerseek.runs.resume import resumed
+from markerseek.scan import RunLimits
 
 
 def scanned(path: Path, *, stop_after: int = 99) -> int:
@@ -46,14 +49,18 @@ def test_a_scan_that_is_stopped_before_its_first_angle_leaves_nothing(tmp_path: 
     assert list(tmp_path.iterdir()) == []
 
 
+def resume(record: Path) -> None:
+    journal, held = Journal.reopen(record)
+    with journal:
+        list(resumed(rebuild_policy(held.configuration), rebuild_rig(held.configuration), journal, held, by="a person"))
+
+
 @pytest.mark.parametrize("lit", [1, 2])
 def test_a_scan_that_is_stopped_too_early_for_a_bank_can_be_resumed(tmp_path: Path, lit: int) -> None:
     path = tmp_path / "a.hdf5"
     assert scanned(path, stop_after=3 + lit) == lit
     assert list(tmp_path.iterdir()) == [record_of(path)]
-    journal, held = Journal.reopen(record_of(path))
-    with journal:
-        list(resumed(rebuild_policy(held.configuration), rebuild_rig(held.configuration), journal, held, by="a person"))
+    resume(record_of(path))
     assert len(journal_bank(record_of(path)).angles_deg) == 8
 
 
@@ -144,3 +151,27 @@ def test_a_record_that_is_damaged_meanwhile_gives_a_bank_of_the_angles_before_an
         scanned_with_damage(path)
     assert len(read_bank(path).angles_deg) == 3
     assert sorted(each.name for each in tmp_path.iterdir()) == ["a.hdf5", "a.hdf5.journal"]
+
+
+def test_a_scan_of_more_angles_than_a_search_is_not_resumed_and_the_cure_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.hdf5"
+    with closing(scan_bank(rigs.simulated(seed=3), path, step_deg=0.1)) as scan:
+        for event in scan:
+            if isinstance(event, Measured) and not event.sample.dark:
+                break
+    with pytest.raises(RecordError, match=r"a scan of more than 500 angles, .*'markerseek bank import"):
+        resume(record_of(path))
+
+
+def test_a_scan_that_is_resumed_or_computed_again_has_the_time_limit_of_a_scan(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.hdf5"
+    scanned(path, stop_after=5)
+    held = read_journal(record_of(path))
+    assert limits_of(held.configuration) == RunLimits(acquisitions=8, duration_s=120.0 * (8 + 3))
+    monkeypatch.setattr("markerseek.runs.journalled._S_PER_ANGLE", 0.0)
+    with pytest.raises(SearchError, match="more than the 0 s allowed"):
+        recompute_differences(held, rebuild_policy(held.configuration), rebuild_reader(held.configuration))
+    with pytest.raises(SearchError, match="more than the 0 s allowed"):
+        resume(record_of(path))

@@ -89,7 +89,7 @@ class BankWriter:
 
     def __init__(self, path: Path, file: h5py.File, *, angles: int, dark_frames: int, facts: BankFacts) -> None:
         self._path, self._file, self._facts = path, file, facts
-        self._planned, self._planned_dark = angles, dark_frames
+        self._announced, self._announced_dark = angles, dark_frames
         self._taken: dict[float, tuple[float, FrameHeader]] = {}
         self._taken_dark = 0
         self._first: ChannelFrame | None = None
@@ -104,9 +104,11 @@ class BankWriter:
         frame = sample.frame if isinstance(sample.frame, ChannelFrame) else None
         if sample.dark and frame is None:
             return
-        row, planned = (self._taken_dark, self._planned_dark) if sample.dark else (self.taken, self._planned)
-        if row >= planned:
-            raise RecordError(f"{self._path}: {planned} acquisitions were announced and one more came; announce it too")
+        row, announced = (self._taken_dark, self._announced_dark) if sample.dark else (self.taken, self._announced)
+        if row >= announced:
+            raise RecordError(
+                f"{self._path}: {announced} acquisitions were announced and one more came; announce it too"
+            )
         if self.taken + self._taken_dark:
             _require_same(self._path, frame, self._first)
         else:
@@ -123,10 +125,10 @@ class BankWriter:
 
     def finish(self) -> None:
         """Write everything but the frames; `RecordError` if fewer acquisitions came than were announced."""
-        if (self.taken, self._taken_dark) != (self._planned, self._planned_dark):
+        if (self.taken, self._taken_dark) != (self._announced, self._announced_dark):
             raise RecordError(
-                f"{self._path}: {self.taken} of {self._planned} angles and {self._taken_dark} of "
-                f"{self._planned_dark} dark frames came; nothing was kept: read the source again"
+                f"{self._path}: {self.taken} of {self._announced} angles and {self._taken_dark} of "
+                f"{self._announced_dark} dark frames came; nothing was kept: read the source again"
             )
         device = DEVICE_IDENTIFIERS.get(self._facts.probe or "") or str(uuid.uuid4())
         with _writing(self._path):
@@ -145,13 +147,13 @@ class BankWriter:
     def _begin(self, frame: ChannelFrame | None) -> None:
         self._first = frame
         if frame is None:
-            self._file.create_dataset(fields.FRAMES, shape=(0, 0, 1, self._planned), dtype="<i2")
+            self._file.create_dataset(fields.FRAMES, shape=(0, 0, 1, self._announced), dtype="<i2")
             return
-        require_room(self._path, frame.samples.nbytes * (self._planned + self._planned_dark))
+        require_room(self._path, frame.samples.nbytes * (self._announced + self._announced_dark))
         shape = frame.samples.shape
         with _writing(self._path):
             for name, each in ((fields.FRAMES, (*shape, 1)), (fields.DARK_FRAMES, shape)):
-                count = self._planned_dark if name == fields.DARK_FRAMES else self._planned
+                count = self._announced_dark if name == fields.DARK_FRAMES else self._announced
                 # One chunk per frame, so that a frame is written and read in one piece.
                 pieces = {"chunks": (*each, 1), "fletcher32": True} if count else {}
                 self._file.create_dataset(name, shape=(*each, count), dtype="<i2", **pieces)
