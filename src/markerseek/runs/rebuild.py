@@ -166,8 +166,8 @@ def rebuild_policy(configuration: Configuration) -> AnyPolicy:
     """The policy of a journal in its state before the run."""
     if is_scan(configuration) and configuration.plan.acquisitions is None:
         raise RecordError(
-            f"the journal is of a scan of more than {MAX_ACQUISITIONS} angles, the most that can be resumed or computed "
-            "again; make a bank of it: 'markerseek bank import JOURNAL NEW.hdf5'"
+            f"the journal is of a scan of more than {MAX_ACQUISITIONS} angles, the most that can be resumed or "
+            "computed again; make a bank of it: 'markerseek bank import JOURNAL NEW.hdf5'"
         )
     return build_sweeping(configuration.plan, limits=configuration.facts.search)
 
