@@ -148,7 +148,8 @@ class SweptTracker:
     @property
     def lost(self) -> bool:
         """Whether the angle is so uncertain that the marker must be searched for."""
-        return self.sigma_deg > LOST_SHARE * self.fwhm_deg
+        # So that NaN is lost.
+        return not self.sigma_deg <= LOST_SHARE * self.fwhm_deg
 
     @property
     def energy_error(self) -> float:
@@ -168,9 +169,7 @@ class SweptTracker:
             knee=self._knee[chosen],
         )
 
-    def tell(
-        self, angle_deg: float, intensity: float, *, after_s: float, noise_sigma: float, cells: int, ratio: float = 1.0
-    ) -> None:
+    def tell(self, angle_deg: float, intensity: float, *, after_s: float, noise_sigma: float, cells: int) -> None:
         """Take the intensity of the next frame.
 
         Parameters
@@ -185,20 +184,23 @@ class SweptTracker:
             Standard deviation of the noise of this frame, in the intensity's unit.
         cells
             Independent cells of noise of which the intensity is the largest, if it is not the marker's.
-        ratio
-            Density of the peak's place for the marker over that for noise; 1 where it is looked up at its place.
 
         Raises
         ------
         SearchError
-            If the intensity is not a finite number of at least 0.
+            If the intensity is not a finite number of at least 0, the noise none above 0, or there is no cell.
         """
         if not 0 <= intensity < math.inf or not math.isfinite(angle_deg):
             raise SearchError(f"tracker: intensity {intensity} at {angle_deg} deg; it must be finite and at least 0")
+        if not 0 < noise_sigma < math.inf or not cells >= 1:
+            raise SearchError(
+                f"tracker: noise_sigma {noise_sigma} of {cells} cells; it must be finite and above 0, of at least "
+                "1 cell"
+            )
         require_range("tracker: after_s", after_s, low=0, high=60, unit="s", open_low=True)
         self._move(after_s)
         floored = max(intensity, 0.01 * noise_sigma)
-        tables = log_tables(noise=noise_sigma / floored, cells=cells, errors=ENERGY_ERRORS, ratio=ratio)
+        tables = log_tables(noise=noise_sigma / floored, cells=cells, errors=ENERGY_ERRORS)
         place = (self._log_curve(angle_deg) + math.log(self.peak / floored) - TABLE_LOW) / TABLE_STEP
         place = np.clip(place, 0.0, TABLE_SIZE - 1.001)
         below = place.astype(int)

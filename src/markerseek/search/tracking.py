@@ -91,7 +91,7 @@ class Tracker:
     def sigma_deg(self) -> float:
         """Standard deviation of that angle, in degrees."""
         share = self._probability.sum(axis=0)
-        return math.sqrt(max(0.0, float(share @ (self._angle_deg - self.mean_deg) ** 2)))
+        return math.sqrt(float(share @ (self._angle_deg - self.mean_deg) ** 2))
 
     @property
     def speed_deg_s(self) -> float:
@@ -101,7 +101,8 @@ class Tracker:
     @property
     def lost(self) -> bool:
         """Whether the angle is so uncertain that a new search is needed."""
-        return self.sigma_deg > LOST_SHARE * self._fwhm_deg
+        # So that NaN is lost.
+        return not self.sigma_deg <= LOST_SHARE * self._fwhm_deg
 
     def ask(self, after_s: float) -> float:
         """Angle in degrees at which the next frame should be taken.

@@ -31,7 +31,7 @@ from markerseek.core import (
 )
 from markerseek.guard import State
 from markerseek.runs import require_streaming
-from markerseek.search import SweptRig, SweptTracker, SweptTrackingPolicy
+from markerseek.search import SweptRig, SweptTracker, SweptTrackingPolicy, Tracker
 from markerseek.search.tracking import curve
 from markerseek.sim import (
     GaussianCurve,
@@ -91,6 +91,25 @@ def test_a_marker_that_is_nowhere_near_is_said_to_be_lost():
 def test_what_is_no_intensity_is_refused(intensity):
     with pytest.raises(SearchError, match="it must be finite and at least 0"):
         tracker().tell(2.0, intensity, after_s=0.05, noise_sigma=1.0, cells=10)
+
+
+@pytest.mark.parametrize(
+    ("noise_sigma", "cells"), [(math.nan, 10), (0.0, 10), (-1.0, 10), (math.inf, 10), (1.0, 0), (1.0, -1)]
+)
+def test_what_is_no_noise_is_refused(noise_sigma, cells):
+    one = tracker()
+    with pytest.raises(SearchError, match="it must be finite and above 0, of at least 1 cell"):
+        one.tell(2.0, 10.0, after_s=0.05, noise_sigma=noise_sigma, cells=cells)
+    assert one.mean_deg == pytest.approx(2.0, abs=0.05)
+
+
+def test_an_angle_that_is_no_number_is_lost():
+    swept, stopping = tracker(), Tracker(angle_deg=2.0, sigma_deg=0.3, fwhm_deg=FWHM_DEG, peak=PEAK, noise_sigma=1.0)
+    assert not swept.lost
+    assert not stopping.lost
+    swept._weight[:], stopping._probability[:] = math.nan, math.nan
+    assert swept.lost
+    assert stopping.lost
 
 
 @pytest.mark.parametrize(
