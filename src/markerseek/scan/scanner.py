@@ -153,8 +153,8 @@ class Scanner:
     ) -> Generator[Sample | Refused | Swept, None, None]:
         """Turn the probe while the laser fires: a sample for each pulse, or why its frame was refused; then `Swept`.
 
-        ``number``: number of the sweep in its run. ``goes_on``: whether more of it is wanted; if not, the light ends and
-        the probe brakes, or with `lit_braking` the light ends on the way to rest. Raises `ConfigError` if the rig
+        ``number``: number of the sweep in its run. ``goes_on``: whether more of it is wanted; if not, the light ends
+        and the probe brakes, or with `lit_braking` the light ends on the way to rest. Raises `ConfigError` if the rig
         cannot sweep so; `LimitError` as `measure`. Raises `AcquisitionError` if frames and pulses do not belong
         together, which refuses the sweep as a whole. Raises `DeviceError` if a device did not do its part; the guard is
         in FAULT then.
