@@ -108,7 +108,11 @@ def command(
             if 0 < taken < angles:
                 _print_what_is_left(out, planned=angles)
         if stopped is not None:
-            end_stopped(stopped, as_json=as_json, kept=out if taken else None)
+            # One or two angles make no bank, and a second stop may end its making: then their record is kept.
+            from markerseek.records.banks import record_of
+
+            kept = next((path for path in (out, record_of(out)) if path.exists()), None)
+            end_stopped(stopped, as_json=as_json, kept=kept)
     facts = assembled.facts
     values = with_version(
         path=str(out),

@@ -96,7 +96,7 @@ def test_a_bank_that_cannot_be_written_leaves_the_record(tmp_path: Path, monkeyp
     with pytest.raises(RecordError, match=r"what was measured is in .*a\.hdf5\.journal: 'markerseek bank import"):
         scanned(path)
     assert [each.name for each in tmp_path.iterdir()] == ["a.hdf5.journal"]
-    with pytest.raises(RecordError, match=r"no such file or folder; its scan was killed, and is kept: 'markerseek"):
+    with pytest.raises(RecordError, match=r"its scan did not become a bank, and is kept: 'markerseek"):
         read_bank(path)
     held = journal_bank(record_of(path))
     assert (len(held.angles_deg), held.dark_frames, held.facts.pulse_energy_j) == (8, 3, 2e-3)

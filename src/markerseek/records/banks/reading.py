@@ -39,7 +39,7 @@ def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank 
             return read_folder(path)
         if not path.exists():
             record = record_of(path)
-            kept = f"; its scan was killed, and is kept: 'markerseek bank import {record} {path}'"
+            kept = f"; its scan did not become a bank, and is kept: 'markerseek bank import {record} {path}'"
             raise RecordError(f"{path}: there is no such file or folder{kept if record.exists() else ''}")
         if journal:
             raise RecordError(
