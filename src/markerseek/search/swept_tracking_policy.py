@@ -24,7 +24,6 @@ from markerseek.core import (
     ConfigError,
     Estimate,
     Float64,
-    Found,
     Interval,
     NotFound,
     Reading,
@@ -36,7 +35,7 @@ from markerseek.search.policy import check_sample
 from markerseek.search.posterior.likelihood import STRONG_SNR
 from markerseek.search.posterior.sources import NEAR_M, POINT_M, Source
 from markerseek.search.swept_tracker import Markers, SweptTracker
-from markerseek.search.tracking_policy import TrackPoint
+from markerseek.search.tracking_policy import TrackPoint, found_at, require_later
 
 AHEAD_S, STEP_S, CHECKED = 1.6, 0.05, 4
 """How far it looks ahead, in which steps, and how many times of that count in the mean of ln V."""
@@ -175,8 +174,7 @@ class SweptTrackingPolicy:
         if sample.frame is None or sample.sweep is None:
             raise SearchError("a sample without a frame and a sweep has no time: a marker cannot be followed with it")
         now_s = sample.frame.header.started_s
-        if not now_s > self._last_s:
-            raise SearchError(f"a frame of {now_s:.3f} s came after one of {self._last_s:.3f} s; it must be later")
+        require_later(now_s, self._last_s)
         intensity, cells = self._looked_up(sample)
         tracker, timing = self._tracker, sample.sweep
         noise_sigma = sample.reading.noise_sigma or self._rig.noise_sigma
@@ -219,13 +217,7 @@ class SweptTrackingPolicy:
                 reason = f"no frame of a sweep was admitted, after {len(self.track)} frames; look at those refused"
             return NotFound(mean_deg=self._tracker.mean_deg, reason=reason)
         last = self.track[-1]
-        half_deg = 1.96 * last.sigma_deg
-        return Found(
-            mean_deg=last.angle_deg,
-            sigma_deg=last.sigma_deg,
-            interval95_deg=Interval(low_deg=last.angle_deg - half_deg, high_deg=last.angle_deg + half_deg),
-            interval_kind="posterior",
-        )
+        return found_at(last.angle_deg, sigma_deg=last.sigma_deg)
 
     def _note_lost(self, *, clear: bool) -> None:
         """Note whether it is lost; it is found again by a frame that is clear of the noise only."""

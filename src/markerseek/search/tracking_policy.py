@@ -23,6 +23,23 @@ class TrackPoint:
     speed_deg_s: float
 
 
+def require_later(now_s: float, last_s: float) -> None:
+    """Refuse a frame that is not later than the one before, by `SearchError`."""
+    if not now_s > last_s:
+        raise SearchError(f"a frame of {now_s:.3f} s came after one of {last_s:.3f} s; it must be later")
+
+
+def found_at(mean_deg: float, *, sigma_deg: float) -> Found:
+    """The marker at an angle, with the interval of a normal distribution."""
+    half_deg = 1.96 * sigma_deg
+    return Found(
+        mean_deg=mean_deg,
+        sigma_deg=sigma_deg,
+        interval95_deg=Interval(low_deg=mean_deg - half_deg, high_deg=mean_deg + half_deg),
+        interval_kind="posterior",
+    )
+
+
 class TrackingPolicy:
     """Follows a marker on a rig until a time, or until it is lost.
 
@@ -68,8 +85,7 @@ class TrackingPolicy:
         if sample.frame is None:
             raise SearchError("a sample without a frame has no time: a moving marker cannot be followed with it")
         now_s = sample.frame.header.started_s
-        if not now_s > self._last_s:
-            raise SearchError(f"a frame of {now_s:.3f} s came after one of {self._last_s:.3f} s; it must be later")
+        require_later(now_s, self._last_s)
         self._periods_s.append(now_s - self._last_s)
         self._tracker.tell(sample.angle_deg, sample.reading.intensity, after_s=self._periods_s[-1])
         self._last_s = now_s
@@ -89,10 +105,4 @@ class TrackingPolicy:
         mean_deg, sigma_deg = self._tracker.mean_deg, self._tracker.sigma_deg
         if self.lost:
             return NotFound(mean_deg=mean_deg, reason=f"the marker was lost after {len(self.track)} frames")
-        half_deg = 1.96 * sigma_deg
-        return Found(
-            mean_deg=mean_deg,
-            sigma_deg=sigma_deg,
-            interval95_deg=Interval(low_deg=mean_deg - half_deg, high_deg=mean_deg + half_deg),
-            interval_kind="posterior",
-        )
+        return found_at(mean_deg, sigma_deg=sigma_deg)
