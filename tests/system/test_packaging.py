@@ -84,16 +84,19 @@ def test_ctrl_c_in_the_set_up_says_how_to_go_on_and_shows_no_traceback(tmp_path:
         shutil.copy2(ROOT / name, tmp_path)
     # Also where the tests themselves run in the background, which ignores Ctrl-C.
     command = ["env", "--default-signal=INT", "make", "demo", f"PYTHON={sys.executable}"]
+    # As a person starts it, and not as a part of the `make test` that runs this test.
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("MAKE", "MFLAGS"))}
     streams = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    with subprocess.Popen(command, cwd=tmp_path, start_new_session=True, **streams) as started:
+    with subprocess.Popen(command, cwd=tmp_path, env=environment, start_new_session=True, **streams) as started:
         said = started.stdout.readline()
         while not (tmp_path / ".venv" / "bin" / "python").exists():
             assert started.poll() is None
             time.sleep(0.05)
         os.killpg(started.pid, signal.SIGINT)
         said += started.stdout.read()
+    assert started.returncode != 0
+    assert not (tmp_path / ".venv" / "demo").exists()
     assert "after Ctrl-C the same command goes on" in said
-    assert "Interrupt" in said
     assert "Traceback" not in said
 
 
