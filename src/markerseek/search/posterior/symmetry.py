@@ -51,11 +51,11 @@ CORRELATION_LENGTH = 0.2
 """Distance ℓ over which g is correlated, over the full width at half maximum."""
 
 SAMPLE_ERRORS: tuple[tuple[float, float], ...] = (
-    (0.003, 0.3),
-    (0.01, 0.27),
-    (0.025, 0.23),
-    (0.05, 0.12),
-    (0.09, 0.08),
+    (0.003, 0.22),
+    (0.01, 0.23),
+    (0.025, 0.25),
+    (0.05, 0.18),
+    (0.09, 0.12),
 )
 """Relative errors e of one sample by itself, the laser's energy, and the prior probability of each."""
 
