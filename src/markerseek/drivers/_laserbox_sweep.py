@@ -118,10 +118,8 @@ class BoxSweep:
 
     def _follows(self, pulse: wire.Stamped) -> bool:
         """Whether a pulse has a later edge than the one before if edges give them, and none if not."""
-        edge = pulse.edge if isinstance(pulse, wire.EdgeStamped) else 0
-        before = self.stamped[-1] if self.stamped else None
-        last = before.edge if isinstance(before, wire.EdgeStamped) else 0
-        return edge > last if self.edged else edge == 0
+        last = self.stamped[-1].edge if self.stamped else 0
+        return pulse.edge > last if self.edged else pulse.edge == 0
 
     def require_light(self) -> None:
         """Refuse a sweep whose light has ended before the box was told so, and before all its pulses."""
@@ -149,7 +147,7 @@ class BoxSweep:
 
     def _pulse(self, stamped: wire.Stamped) -> Pulse:
         pulse = self.clock.pulse(stamped.stamp_us)
-        return replace(pulse, edge=stamped.edge) if self.edged and isinstance(stamped, wire.EdgeStamped) else pulse
+        return replace(pulse, edge=stamped.edge) if self.edged else pulse
 
     def light(self, index: int) -> int | None:
         """What the light meter read of a pulse, by its place in the sweep; None if it was not told."""

@@ -124,7 +124,7 @@ class LaserBox:
         self._beaten_s = -math.inf
         self._holds_permit = False
         self._settled = False
-        self._version = self._seen = 0
+        self._seen = 0
         self._sweep: BoxSweep | None = None
         self._questions = 0
         self.metered = False
@@ -167,30 +167,13 @@ class LaserBox:
 
     @property
     def sweep_period_s(self) -> float:
-        """Least time between two pulses of a sweep; `ConfigError` if the box cannot sweep."""
-        if self.position_triggered and self._version < wire.EDGE_VERSION:
-            raise ConfigError(
-                f"this rig cannot sweep position-triggered: its laser box has version {self._version} of the protocol, "
-                f"which has no trigger input, {wire.EDGE_VERSION} is needed; load the firmware that came with this "
-                'program, or set laser.sweep_mode = "free-running"'
-            )
-        if self._version < wire.SWEEP_VERSION:
-            raise ConfigError(
-                f"this rig cannot sweep: its laser box has version {self._version} of the protocol, which stamps no "
-                f"pulses, {wire.SWEEP_VERSION} is needed; load the firmware that came with this program, or leave "
-                "--sweep out"
-            )
+        """Least time between two pulses of a sweep, in seconds."""
         return max(1 / self._rate_hz, wire.MIN_PERIOD_US / 1e6)
 
     @property
     def delay_sigma_s(self) -> float:
         """Standard deviation of the delay of all pulses, in seconds."""
         return _LIGHT_SIGMA_S if self.position_triggered else _DELAY_SIGMA_S
-
-    @property
-    def measures_pulses(self) -> bool:
-        """Whether its light meter measures single pulses of a sweep."""
-        return self._version == wire.METERED_EDGE_VERSION
 
     def light_of_pulse(self, index: int) -> int | None:
         """What the light meter read of a pulse of the last sweep, counted from 0; None if it was not told."""
@@ -339,8 +322,7 @@ class LaserBox:
         """Wait until an earlier firing's triggers have ended, and count tokens and light from there."""
         greeting = self._greet(patience_s=patience_s)
         self.identity = greeting.identity
-        self._version = greeting.version
-        self.metered = greeting.version % 2 == 0
+        self.metered = greeting.version == wire.METERED_VERSION
         self._token = greeting.last_token
         self._seen = greeting.seen
         self._step = 0
