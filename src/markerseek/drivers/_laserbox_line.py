@@ -1,0 +1,105 @@
+"""The line to the laser box: commands, their answers, and the beats that renew its lease."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TypeGuard, TypeVar
+
+from markerseek.core import Clock, DeviceTimeoutError, LaserError
+from markerseek.drivers._laserbox_sweep import BoxSweep
+from markerseek.wire import Port
+from markerseek.wire import laserbox as wire
+
+_BEAT_S = 0.02
+"""Time between two beats, in seconds: five of them in the longest lease."""
+
+_POLL_S = 0.002
+
+_Kind = TypeVar("_Kind", bound=wire.Reply)
+
+
+class BoxLine:
+    """A line to one box; while a permit is held, its lease is renewed in each wait for an answer.
+
+    ``holds_permit``: whether the box may hold a permit, so that beats are sent.
+    """
+
+    def __init__(self, *, port: Port, clock: Clock, answer_s: float) -> None:
+        self._port, self._clock, self._answer_s = port, clock, answer_s
+        self._lines = wire.Lines()
+        self._replies: list[bytes] = []
+        self._step = 0
+        self._beaten_s = -math.inf
+        self.holds_permit = False
+
+    def send(self, command: wire.Command) -> None:
+        """Send a command."""
+        self._port.write(wire.encode(command))
+
+    def beat(self) -> None:
+        """Renew the lease if a permit is held and the last beat is old enough."""
+        now_s = self._clock.now_s()
+        if self.holds_permit and now_s - self._beaten_s >= _BEAT_S:
+            self._step += 1
+            self._beaten_s = now_s
+            self.send(wire.Beat(step=self._step))
+
+    def greet(self) -> wire.Greeting | wire.Refusal:
+        """Send HELLO, and return its answer, after which steps begin at 1 again; or BUSY."""
+        # The line end first: it completes a half line that another program left, which would garble HELLO.
+        self._port.write(b"\n" + wire.encode(wire.Hello()))
+        answer = self._skip_to(_answers_hello, after="HELLO")
+        if isinstance(answer, wire.Greeting):
+            self._step = 0
+        return answer
+
+    def await_disarmed(self) -> None:
+        """Wait for the answer to DISARM."""
+        self._skip_to(_answers_disarm, after="DISARM")
+
+    def next(self, *, within_s: float, after: str) -> wire.Reply:
+        """Next reply; the lease is renewed meanwhile. Raises `DeviceTimeoutError` if none comes in time."""
+        ends_s = self._clock.now_s() + within_s
+        while not self._replies:
+            if not self._clock.now_s() <= ends_s:
+                raise DeviceTimeoutError(f"laser box: no answer to {after} in time; check its cable and its power")
+            self.beat()
+            self._clock.wait(_POLL_S)
+            self._receive()
+        return wire.decode_reply(self._replies.pop(0))
+
+    def drop_replies(self) -> None:
+        """Drop all that has come so far."""
+        self._receive()
+        self._replies.clear()
+
+    def hear(self, sweep: BoxSweep, *, within_s: float) -> None:
+        """Take all that the box says of a sweep until it pauses; the first of it may take that long."""
+        # A single byte, because a port waits for as many as it is asked for.
+        first = self._port.read(1, timeout_s=within_s)
+        now_s = self._clock.now_s()
+        for line in self._lines.feed(first + self._port.read(4096, timeout_s=0.0)):
+            sweep.hear(wire.decode_reply(line), now_s=now_s)
+
+    def _skip_to(self, wanted: Callable[[wire.Reply], TypeGuard[_Kind]], *, after: str) -> _Kind:
+        """Next reply that is wanted; others, and damaged lines, belong to earlier commands and are skipped."""
+        ends_s = self._clock.now_s() + self._answer_s
+        while True:
+            try:
+                reply = self.next(within_s=ends_s - self._clock.now_s(), after=after)
+            except LaserError:
+                continue
+            if wanted(reply):
+                return reply
+
+    def _receive(self) -> None:
+        self._replies += self._lines.feed(self._port.read(256, timeout_s=0.0))
+
+
+def _answers_hello(reply: wire.Reply) -> TypeGuard[wire.Greeting | wire.Refusal]:
+    return isinstance(reply, wire.Greeting) or (isinstance(reply, wire.Refusal) and reply.reason == "BUSY")
+
+
+def _answers_disarm(reply: wire.Reply) -> TypeGuard[wire.Disarmed]:
+    return isinstance(reply, wire.Disarmed)
