@@ -24,8 +24,7 @@ from markerseek.core import (
     SweepPermit,
     require_range,
 )
-from markerseek.drivers._laserbox_answers import cure, require_known, stray_light
-from markerseek.drivers._laserbox_line import BoxLine
+from markerseek.drivers._laserbox_line import BoxLine, cure, require_known, stray_light
 from markerseek.drivers._laserbox_sweep import BoxSweep
 from markerseek.drivers.entry import Entry, LaserSettings, Opening
 from markerseek.files import Line
