@@ -27,7 +27,7 @@ _MAX_TIMES = 5
 _TOO_FAST = 1.25
 """Share of speed and acceleration set that is put down to the servo and to the age of two readings."""
 _UNSTEADY_COUNTS = 20
-"""How far a servo may lead the way that it is told, at any speed: 0.01 deg."""
+"""How far a servo may be ahead of its set point, at any speed: 0.01 deg."""
 _APART_S = 0.015
 """Readings closer together than this tell nothing of the speed."""
 _KEPT = 6
@@ -332,7 +332,7 @@ class Move:
         """Whether it cannot have got there by now, at the speed and acceleration that were set.
 
         The times are the longest that it can have turned, however slow the line is: from before it was asked last, or
-        told to go, until now. That a stage stands where it was sent is thereby not believed before it can be so.
+        sent on its way, until now. That a stage stands where it was sent is thereby not believed before it can be so.
         """
         now_s = self._clock.now_s()
         ways: list[tuple[int, float, float]] = []

@@ -165,7 +165,7 @@ class Kdc101Stage:
         """Readback of the angle, now, in degrees: two readings in a row that agree.
 
         Raises `MoveError` if it reports an error, or has turned by itself since it came to rest. Raises `LimitError` if
-        it is outside its travel range; it was told to stop.
+        it is outside its travel range; it was sent a stop.
         """
         try:
             return self._angle_of(self._readback())
@@ -320,7 +320,7 @@ class Kdc101Stage:
         try:
             status = self._come_to_rest()
         except DeviceError:
-            # No later move may give triggers either; that it keeps moving is what must be told.
+            # No later move may give triggers either; the error to report is that it keeps moving.
             with suppress(DeviceError):
                 self._end_triggers()
             raise

@@ -131,7 +131,7 @@ class LaserBox:
 
         Raises `LaserError` if the permit was used or is too short, if the box refuses, if pulses permitted, sent and
         seen differ, or if the photodiode has seen light outside of firings. Raises `DeviceTimeoutError` if the box does
-        not answer in time. Whatever is raised, the box was told to disarm.
+        not answer in time. Whatever is raised, DISARM was sent.
         """
         if permit.token in self._used:
             raise LaserError(f"laser box: the permit {permit.token!r} was used before; nothing was fired")
@@ -166,7 +166,7 @@ class LaserBox:
         return _LIGHT_SIGMA_S if self.position_triggered else _DELAY_SIGMA_S
 
     def light_of_pulse(self, index: int) -> int | None:
-        """What the light meter read of a pulse of the last sweep, counted from 0; None if it was not told."""
+        """What the light meter read of a pulse of the last sweep, counted from 0; None if the box did not report it."""
         return None if self._sweep is None else self._sweep.light(index)
 
     def begin_sweep(self, permit: SweepPermit) -> None:
@@ -266,7 +266,7 @@ class LaserBox:
 
     @contextmanager
     def _disarmed_by_errors(self) -> Iterator[None]:
-        """Tell the box to disarm at any error, and begin anew with it after that."""
+        """Send DISARM at any error, and greet the box again before the next command."""
         try:
             yield
         except BaseException:

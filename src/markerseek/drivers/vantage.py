@@ -32,7 +32,7 @@ class VantageSettings(
     """A Verasonics Vantage whose sequence calls ``markerseek_send`` once for each trigger of the laser."""
 
     probe: str
-    """Name of the probe, as the sender is told it: a frame of another is refused."""
+    """Name of the probe, as given to the sender: a frame of another is refused."""
     host: str = "127.0.0.1"
     port: int = 18955
     """``host`` and ``port``: address of this computer, and the port on which it waits for the sender."""

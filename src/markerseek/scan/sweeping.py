@@ -47,7 +47,7 @@ BEGIN_S = 1.0
 """Time within which a stage must have begun to turn, and within which it must have come to rest after braking."""
 
 IN_FUTURE_S = 2e-3
-"""Most by which a pulse may be stamped later than it is told: the clocks are compared to 1 ms."""
+"""Most by which a pulse may be stamped later than it is reported: the clocks are compared to 1 ms."""
 
 DARK_PERIODS = 3
 """Periods of the laser in which at least one pulse must come."""

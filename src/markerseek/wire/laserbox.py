@@ -79,7 +79,7 @@ MAX_PULSES, MAX_RATE_HZ, MAX_EXPIRY_MS, MAX_COUNT = 1024, 1000, 60_000, 2**31 - 
 """Largest numbers of a permit that a box accepts, and of a token, a step, a stamp or a count of the photodiode."""
 
 MAX_SWEEP_PULSES, MIN_PERIOD_US, MAX_PERIOD_US = 10_000, 2000, 10_000_000
-"""Most pulses of a sweep, and least and largest time between two of them: each is told before the next is fired."""
+"""Most pulses of a sweep, and least and largest time between two of them: each is reported before the next is fired."""
 
 MAX_PULSES_PER_MINUTE = 6000
 """Most pulses that a box sends within any minute, whatever is permitted.
