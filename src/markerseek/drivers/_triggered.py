@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import socket
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
-from typing import Generic, TypeVar
+from typing import ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -30,44 +31,68 @@ SLICE_S = 0.005
 MessageT = TypeVar("MessageT")
 
 
-class TriggeredReceiver(ABC, Generic[MessageT]):
+class _Settings(Protocol):
+    @property
+    def sampling_hz(self) -> float: ...
+
+    @property
+    def timeout_s(self) -> float: ...
+
+    @property
+    def quiet_s(self) -> float: ...
+
+
+SettingsT = TypeVar("SettingsT", bound=_Settings)
+
+
+class TriggeredReceiver(ABC, Generic[SettingsT, MessageT]):
     """A receiver whose frame is the mean of as many messages as pulses were permitted.
 
     All are sent between `arm` and the end of the firing. Any other number is refused: one too many, or too few, may be
     of another acquisition.
 
-    ``clock``: real time, or virtual time in tests. ``unix_s``: time of day in seconds since 1970, which the messages
-    carry. ``driver``, ``peer``, ``messages``, ``sent``: names of the driver, of what sends, of the messages, and of
-    those that this rig uses, in the words of an error. ``check``: what to check where too few came. ``cure``: what
-    must be so that none comes without a trigger. ``timeout_s``: longest time until all have come. ``quiet_s``: time
-    without one after which none is on its way.
+    ``connection``: it is closed by `close`. ``clock``: real time, or virtual time in tests. ``settings``: its keys in
+    the rig file. ``unix_s``: time of day in seconds since 1970, which the messages carry. ``emulated``: whether an
+    emulator sends.
     """
+
+    driver: ClassVar[str]
+    peer: ClassVar[str]
+    messages: ClassVar[str]
+    """``driver``, ``peer`` and ``messages``: names of the driver, of what sends, and of the messages, in an error."""
+    cure: ClassVar[str]
+    """What must be so that no message comes without a trigger."""
 
     def __init__(
         self,
-        connection: socket.socket,
         *,
+        connection: socket.socket,
         clock: Clock,
-        unix_s: Callable[[], float],
+        settings: SettingsT,
         dark_triggers: int,
-        sampling_hz: float,
-        timeout_s: float,
-        quiet_s: float,
-        driver: str,
-        peer: str,
-        messages: str,
-        sent: str,
-        check: str,
-        cure: str,
+        unix_s: Callable[[], float] = time.time,  # noqa: TID251  the time of day is part of the protocol
     ) -> None:
         connection.setblocking(False)
         self._connection, self._clock, self._unix_s = connection, clock, unix_s
-        self._dark_triggers, self._sampling_hz = dark_triggers, sampling_hz
-        self._timeout_s, self._quiet_s = timeout_s, quiet_s
-        self._driver, self._peer, self._messages, self._sent = driver, peer, messages, sent
-        self._check, self._cure = check, cure
+        self._settings, self._dark_triggers = settings, dark_triggers
         self._armed: tuple[Permit, float, float] | None = None
         self._sequence = 0
+        self.emulated = False
+        self._begin()
+
+    @abstractmethod
+    def _begin(self) -> None:
+        """Take the greeting, if there is one; `NotConnectedError` if it is not one."""
+
+    @property
+    @abstractmethod
+    def _used(self) -> str:
+        """The messages that are used, in words."""
+
+    @property
+    @abstractmethod
+    def _check(self) -> str:
+        """What to check where too few come."""
 
     @abstractmethod
     def _decoded(self, data: bytes) -> Iterable[MessageT]:
@@ -91,7 +116,7 @@ class TriggeredReceiver(ABC, Generic[MessageT]):
         late = self._until_quiet(most=0)
         if late:
             raise AcquisitionError(
-                f"{self._driver}: {len(late)} {self._sent} came although nothing was triggered; they are not used"
+                f"{self.driver}: {len(late)} {self._used} came although nothing was triggered; they are not used"
             )
 
     def arm(self, permit: Permit) -> None:
@@ -104,7 +129,7 @@ class TriggeredReceiver(ABC, Generic[MessageT]):
         # What waits was sent before: it is of no acquisition that will be asked for.
         self._received()
         if self._until_quiet(most=0):
-            raise AcquisitionError(f"{self._driver}: {self._sent} come although nothing is triggered; {self._cure}")
+            raise AcquisitionError(f"{self.driver}: {self._used} come although nothing is triggered; {self.cure}")
         self._armed = permit, self._clock.now_s(), self._unix_s()
 
     def acquire(self, permit: Permit) -> ChannelFrame:
@@ -116,7 +141,7 @@ class TriggeredReceiver(ABC, Generic[MessageT]):
         """
         if self._armed is None or self._armed[0] != permit:
             raise AcquisitionError(
-                f"{self._driver}: it was not armed for the permit {permit.token!r}; arm it before firing"
+                f"{self.driver}: it was not armed for the permit {permit.token!r}; arm it before firing"
             )
         _, started_s, armed_unix_s = self._armed
         # Disarmed before reading: a frame that was refused cannot be asked for again.
@@ -130,7 +155,7 @@ class TriggeredReceiver(ABC, Generic[MessageT]):
             pulses=permit.pulses,
             started_s=started_s,
             clock=self._clock,
-            sampling_hz=self._sampling_hz,
+            sampling_hz=self._settings.sampling_hz,
         )
 
     def _exactly(self, count: int) -> list[MessageT]:
@@ -139,20 +164,20 @@ class TriggeredReceiver(ABC, Generic[MessageT]):
         Raises `DeviceTimeoutError` if too few come in time, `AcquisitionError` if too many come.
         """
         messages: list[MessageT] = []
-        ends_s = self._clock.now_s() + self._timeout_s
+        ends_s = self._clock.now_s() + self._settings.timeout_s
         while len(messages) < count:
             messages += self._received()
             if len(messages) < count:
                 if not self._clock.now_s() <= ends_s:
                     raise DeviceTimeoutError(
-                        f"{self._driver}: {len(messages)} of {count} {self._messages} came within "
-                        f"{self._timeout_s:g} s; check {self._check}"
+                        f"{self.driver}: {len(messages)} of {count} {self.messages} came within "
+                        f"{self._settings.timeout_s:g} s; check {self._check}"
                     )
                 self._clock.wait(SLICE_S)
         messages += self._until_quiet(most=count)
         if len(messages) > count:
             raise AcquisitionError(
-                f"{self._driver}: {len(messages)} {self._messages} came for {count} pulses; which are of this "
+                f"{self.driver}: {len(messages)} {self.messages} came for {count} pulses; which are of this "
                 "acquisition is not known"
             )
         return messages
@@ -160,12 +185,12 @@ class TriggeredReceiver(ABC, Generic[MessageT]):
     def _until_quiet(self, *, most: int) -> list[MessageT]:
         """Messages until none came for a while, or more than are of use."""
         messages: list[MessageT] = []
-        quiet_s = self._clock.now_s() + self._quiet_s
+        quiet_s = self._clock.now_s() + self._settings.quiet_s
         while self._clock.now_s() < quiet_s and len(messages) <= most:
             new = self._received()
             messages += new
             if new:
-                quiet_s = self._clock.now_s() + self._quiet_s
+                quiet_s = self._clock.now_s() + self._settings.quiet_s
             self._clock.wait(SLICE_S)
         return messages
 
@@ -179,16 +204,16 @@ class TriggeredReceiver(ABC, Generic[MessageT]):
             except BlockingIOError:
                 break
             except OSError as problem:
-                raise NotConnectedError(f"{self._driver}: the connection has ended: {problem.strerror}") from problem
+                raise NotConnectedError(f"{self.driver}: the connection has ended: {problem.strerror}") from problem
             if not data:
-                raise NotConnectedError(f"{self._driver}: the {self._peer} has closed the connection; start it again")
+                raise NotConnectedError(f"{self.driver}: the {self.peer} has closed the connection; start it again")
             taken += len(data)
             try:
                 messages += self._decoded(data)
             except DeviceError as problem:
                 # No next message begins at a known place.
                 self._connection.close()
-                raise NotConnectedError(f"{self._driver}: {problem}; the connection is closed") from problem
+                raise NotConnectedError(f"{self.driver}: {problem}; the connection is closed") from problem
         return messages
 
 

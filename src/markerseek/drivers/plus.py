@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import socket
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from itertools import pairwise
 from statistics import fmean
@@ -13,7 +12,6 @@ import numpy as np
 
 from markerseek.core import (
     AcquisitionError,
-    Clock,
     ConfigError,
     Int16,
     NotConnectedError,
@@ -73,43 +71,25 @@ def connect_plus(settings: PlusSettings) -> socket.socket:
         ) from problem
 
 
-class PlusReceiver(TriggeredReceiver[igtl.Message]):
-    """Images of a PLUS server as frames, each the mean of the images of one acquisition.
+class PlusReceiver(TriggeredReceiver[PlusSettings, igtl.Message]):
+    """Images of a PLUS server as frames, each the mean of the images of one acquisition."""
 
-    ``connection``: to the server; it is closed by `close`. ``settings``: its keys in the rig file. ``emulated``:
-    whether the server says that it is an emulator. The others are as of `TriggeredReceiver`.
-    """
+    driver, peer, messages = "plus", "server", "images"
+    cure = "the device must send one image for each trigger"
 
-    def __init__(
-        self,
-        *,
-        connection: socket.socket,
-        clock: Clock,
-        settings: PlusSettings,
-        dark_triggers: int,
-        unix_s: Callable[[], float] = time.time,  # noqa: TID251  the time of day is part of the protocol
-    ) -> None:
-        super().__init__(
-            connection,
-            clock=clock,
-            unix_s=unix_s,
-            dark_triggers=dark_triggers,
-            sampling_hz=settings.sampling_hz,
-            timeout_s=settings.timeout_s,
-            quiet_s=settings.quiet_s,
-            driver="plus",
-            peer="server",
-            messages="images",
-            sent=f"images of {settings.device}",
-            check=f"the trigger and the name of the device, {settings.device}",
-            cure="the device must send one image for each trigger",
-        )
-        self._settings = settings
+    def _begin(self) -> None:
         self._framer = igtl.Framer(most_bytes=MAX_IMAGE_BYTES)
         self._fields: list[Mapping[str, str]] = []
-        self.emulated = False
         # An emulator says so when a client comes; other servers say nothing, and no image may come before a trigger.
         self._until_quiet(most=0)
+
+    @property
+    def _used(self) -> str:
+        return f"images of {self._settings.device}"
+
+    @property
+    def _check(self) -> str:
+        return f"the trigger and the name of the device, {self._settings.device}"
 
     def _samples(self, messages: list[igtl.Message], armed_unix_s: float) -> Int16[np.ndarray, "channels samples"]:
         stamps = [image.time_s for image in messages]

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import socket
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 
 import numpy as np
@@ -95,42 +94,19 @@ def await_sender(settings: VantageSettings, clock: Clock) -> socket.socket:
     )
 
 
-class VantageReceiver(TriggeredReceiver[wire.VantageFrame]):
+class VantageReceiver(TriggeredReceiver[VantageSettings, wire.VantageFrame]):
     """Frames of a Vantage, one for each trigger, averaged.
 
     The counters of an acquisition's frames are one after the other since the last frame that came; anything else is
-    refused.
-
-    ``connection``: from the sender, which greets at once; it is closed by `close`. ``emulated``: whether an emulator
-    sends. The others are as of `TriggeredReceiver`. Raises `NotConnectedError` if no greeting comes, or it names
-    another probe.
+    refused. Raises `NotConnectedError` if the sender does not greet at once, or names another probe.
     """
 
-    def __init__(
-        self,
-        *,
-        connection: socket.socket,
-        clock: Clock,
-        settings: VantageSettings,
-        dark_triggers: int,
-        unix_s: Callable[[], float] = time.time,  # noqa: TID251  the time of day is part of the protocol
-    ) -> None:
-        super().__init__(
-            connection,
-            clock=clock,
-            unix_s=unix_s,
-            dark_triggers=dark_triggers,
-            sampling_hz=settings.sampling_hz,
-            timeout_s=settings.timeout_s,
-            quiet_s=settings.quiet_s,
-            driver="vantage",
-            peer="sender",
-            messages="frames",
-            sent="frames",
-            check="the trigger, and that the sequence calls markerseek_send for each",
-            cure="the sequence must wait for the laser's trigger (triggerIn) before each acquisition",
-        )
-        self._settings = settings
+    driver, peer, messages = "vantage", "sender", "frames"
+    cure = "the sequence must wait for the laser's trigger (triggerIn) before each acquisition"
+    _used = "frames"
+    _check = "the trigger, and that the sequence calls markerseek_send for each"
+
+    def _begin(self) -> None:
         self._framer = wire.VantageFramer()
         self._counter = self._armed_counter = 0
         self._shape: tuple[int, ...] | None = None
