@@ -165,7 +165,7 @@ class AtBound:
 class Unsure:
     """There is a marker, but it is not known that this source is it, or its angle is not known well enough.
 
-    ``doubt`` says which of the two; with "width" the source is the marker. Journals of before name none: then "source".
+    ``doubt`` says which of the two; with "width" the source is the marker.
     """
 
     mean_deg: float
@@ -173,7 +173,7 @@ class Unsure:
     interval95_deg: Interval
     interval_kind: IntervalKind
     reason: str
-    doubt: Doubt = "source"
+    doubt: Doubt
     floor: Floor | None = None
     others: tuple[OtherSource, ...] = ()
     surveyed: float | None = None

@@ -76,6 +76,16 @@ class ScanGeometry:
                     f"scan geometry: {name} is {getattr(self, name)} m, it must be positive; 0.1 mm is usual"
                 )
 
+    @property
+    def spacing(self) -> dict[str, float]:
+        """Middle of the first column and row, and the distances, in metres, by the names in messages and exports."""
+        return {
+            "first_lateral_m": self.first_lateral_m,
+            "first_depth_m": self.first_depth_m,
+            "lateral_spacing_m": self.lateral_step_m,
+            "depth_spacing_m": self.depth_step_m,
+        }
+
     def position_m(self, *, row: float, column: float) -> tuple[float, float]:
         """Lateral position and depth of a pixel, in metres."""
         return (
@@ -124,10 +134,6 @@ class BModeImage:
                 f"B-mode image: pixels are {self.pixels.dtype} of shape {self.pixels.shape}, "
                 "they must be uint8 of shape (rows, columns)"
             )
-
-
-if TYPE_CHECKING or CHECKED:
-    import numpy as np
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,3 +1,4 @@
+from ._kdc101_move import Kdc101Moves
 from .clock import LONGEST_WAIT_S, SystemClock
 from .encoders import IgtlEncoder, Ros2Encoder
 from .energy_meter import EnergyMeter, metered
@@ -5,7 +6,7 @@ from .entry import PARTS, AnyEntry, DeviceSettings, LaserSettings, Part, Receive
 from .exposure import exposure_line
 from .foreign import DryLine, NamedLaser, NamedReceiver, NamedStage
 from .guided import GuidedStage, GuidedStageSettings
-from .kdc101 import Kdc101Moves, Kdc101Settings, Kdc101Stage
+from .kdc101 import Kdc101Settings, Kdc101Stage
 from .laserbox import LaserBox, LaserBoxSettings
 from .picolas import PicolasLaser, PicolasSettings
 from .plus import PlusReceiver, PlusSettings, connect_plus

@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from typing import Self
 
-from markerseek.core import Clock, DeviceError, LimitError, MoveError
+from markerseek.core import Clock, DeviceError, LimitError, MoveError, require_range
 from markerseek.drivers._apt_line import AptLine
 from markerseek.wire import apt
 
@@ -26,11 +27,37 @@ _MAX_TIMES = 5
 _TOO_FAST = 1.25
 """Share of speed and acceleration set that is put down to the servo and to the age of two readings."""
 _UNSTEADY_COUNTS = 20
-"""How far a servo may lead the way that it is told, at any speed: 0.01 deg."""
+"""How far a servo may be ahead of its set point, at any speed: 0.01 deg."""
 _APART_S = 0.015
 """Readings closer together than this tell nothing of the speed."""
 _KEPT = 6
 """Readings that are compared with: a short way back the speed is recent, a long way back it is well known."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kdc101Moves:
+    """How a move is made and checked, which no rig file changes."""
+
+    lead_deg: float = 5.0
+    renew_s: float = 0.1
+    """``lead_deg`` and ``renew_s``: how far ahead a target may be, in degrees, and how often it is renewed, in
+    seconds."""
+    arrival_deg: float = 0.01
+    """Largest distance from its target at which the stage counts as arrived."""
+    unexpected_deg: float = 0.2
+    """Largest distance from where it should be on its way, and at rest."""
+    answer_s: float = 0.1
+    """Time for an answer before the request is repeated."""
+
+    def __post_init__(self) -> None:
+        for name, low, high, unit in (
+            ("lead_deg", 0.5, 5, "deg"),
+            ("renew_s", 0.02, 0.5, "s"),
+            ("arrival_deg", 0.001, 0.1, "deg"),
+            ("unexpected_deg", 0.05, 1, "deg"),
+            ("answer_s", 0.01, 1, "s"),
+        ):
+            require_range(f"stage: {name}", getattr(self, name), low=low, high=high, unit=unit)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,6 +80,23 @@ class MoveRules:
     begin_s: float
     """How long it may stand still on its way."""
 
+    @classmethod
+    def of(cls, moves: Kdc101Moves, *, limits: apt.SoftLimits, velocity: apt.Velocity, begin_s: float) -> Self:
+        """The rules of a controller with these limits, and this velocity."""
+        return cls(
+            low=limits.low,
+            high=limits.high,
+            # As rounded to the controller's words, not as set: small accelerations are off by up to a third.
+            speed=counts_per_s(velocity),
+            acceleration=velocity.acceleration / apt.ACCELERATION_WORD * apt.COUNTS_PER_DEG,
+            # One count less, since the motor may be anywhere within the count that is read.
+            lead=math.floor(moves.lead_deg * apt.COUNTS_PER_DEG) - 1,
+            renew_s=moves.renew_s,
+            arrival=round(moves.arrival_deg * apt.COUNTS_PER_DEG),
+            unexpected=round(moves.unexpected_deg * apt.COUNTS_PER_DEG),
+            begin_s=begin_s,
+        )
+
     def longest_s(self, distance: int) -> float:
         """Longest time that a move of that length may take, in seconds."""
         return 2 * (distance / self.speed + self.speed / self.acceleration) + 2 * self.begin_s
@@ -61,6 +105,11 @@ class MoveRules:
         """Farthest that a motor gets from rest in that time, in counts, with what it may exceed its settings by."""
         speeding_s = min(duration_s, self.speed / self.acceleration)
         return _TOO_FAST * (self.acceleration * speeding_s**2 / 2 + self.speed * (duration_s - speeding_s))
+
+
+def counts_per_s(velocity: apt.Velocity) -> float:
+    """Speed in counts per second."""
+    return velocity.speed / apt.SPEED_WORD * apt.COUNTS_PER_DEG
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -283,7 +332,7 @@ class Move:
         """Whether it cannot have got there by now, at the speed and acceleration that were set.
 
         The times are the longest that it can have turned, however slow the line is: from before it was asked last, or
-        told to go, until now. That a stage stands where it was sent is thereby not believed before it can be so.
+        sent on its way, until now. That a stage stands where it was sent is thereby not believed before it can be so.
         """
         now_s = self._clock.now_s()
         ways: list[tuple[int, float, float]] = []

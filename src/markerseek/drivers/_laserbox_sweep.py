@@ -62,7 +62,7 @@ class BoxClock:
         return Pulse(at_s=(earliest_s + latest_s) / 2, sigma_s=width_s / math.sqrt(12))
 
     def _since_first_s(self, clock_us: int) -> float:
-        """Seconds from the first round trip to what the clock shows; that starts anew every 36 minutes."""
+        """Seconds from the first round trip to what the clock shows; that starts at 0 again every 36 minutes."""
         first_us = self._first_us or 0
         return ((clock_us - first_us + _TURN_US // 2) % _TURN_US - _TURN_US // 2) / 1e6
 
@@ -87,7 +87,7 @@ class BoxSweep:
     told: int = 0
     """Pulses that were handed on."""
     ending: bool = False
-    """Whether it was told to end the light."""
+    """Whether the command to end the light was sent."""
     disarmed: bool = False
     dark: wire.Dark | None = None
     """How many pulses there were, once the light has ended."""
@@ -118,13 +118,11 @@ class BoxSweep:
 
     def _follows(self, pulse: wire.Stamped) -> bool:
         """Whether a pulse has a later edge than the one before if edges give them, and none if not."""
-        edge = pulse.edge if isinstance(pulse, wire.EdgeStamped) else 0
-        before = self.stamped[-1] if self.stamped else None
-        last = before.edge if isinstance(before, wire.EdgeStamped) else 0
-        return edge > last if self.edged else edge == 0
+        last = self.stamped[-1].edge if self.stamped else 0
+        return pulse.edge > last if self.edged else pulse.edge == 0
 
     def require_light(self) -> None:
-        """Refuse a sweep whose light has ended before the box was told so, and before all its pulses."""
+        """Refuse a sweep whose light has ended without a command, and before all its pulses."""
         if self.dark is not None and not self.ending and self.dark.sent < self.pulses:
             raise LaserError(
                 f"laser box: it ended the light after {self.dark.sent} of at most {self.pulses} pulses; check the "
@@ -149,9 +147,9 @@ class BoxSweep:
 
     def _pulse(self, stamped: wire.Stamped) -> Pulse:
         pulse = self.clock.pulse(stamped.stamp_us)
-        return replace(pulse, edge=stamped.edge) if self.edged and isinstance(stamped, wire.EdgeStamped) else pulse
+        return replace(pulse, edge=stamped.edge) if self.edged else pulse
 
     def light(self, index: int) -> int | None:
-        """What the light meter read of a pulse, by its place in the sweep; None if it was not told."""
+        """What the light meter read of a pulse, by its place in the sweep; None if the box did not report it."""
         stamped = self.stamped[index] if index < len(self.stamped) else None
         return stamped.light if isinstance(stamped, wire.MeteredStamped) else None

@@ -27,7 +27,7 @@ from markerseek.drivers.entry import LaserSettings
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.plus import PlusReceiver
 from markerseek.signals import pickup_amplitude
-from markerseek.wire.laserbox import METERED_EDGE_VERSION
+from markerseek.wire import laserbox as wire
 
 
 class EnergyMeter:
@@ -69,13 +69,7 @@ class EnergyMeter:
 
     @property
     def frame_period_s(self) -> float:
-        """As of the receiver; `ConfigError` if that, or the meter, cannot sweep."""
-        if self._box is not None and not self._box.measures_pulses:
-            raise ConfigError(
-                'this rig cannot sweep: energy_from = "photodiode" measures single pulses of a sweep from version '
-                f"{METERED_EDGE_VERSION} of the laser box's protocol on; load the firmware that came with this "
-                "program, or leave laser.energy_from or --sweep out"
-            )
+        """As of the receiver; `ConfigError` if that cannot sweep."""
         return self._sweeping.frame_period_s
 
     @property
@@ -148,8 +142,8 @@ def _measured_by(
             raise ConfigError(_unfit("photodiode", "laser.driver laserbox, of this rig file"))
         if not laser.metered:
             raise NotConnectedError(
-                "laser box: its photodiode only counts pulses (versions 1, 3 and 5 of the protocol), and energy_from "
-                'is photodiode; load a firmware with a light meter, or set energy_from = "none"'
+                f"laser box: its photodiode only counts pulses (version {wire.VERSION} of the protocol), and "
+                'energy_from is photodiode; load a firmware with a light meter, or set energy_from = "none"'
             )
         return lambda _frame: laser.light_per_pulse
     if keys.energy_from == "metadata":

@@ -1,21 +1,16 @@
 """A foreign driver: ``driver = "module:Class"`` in a rig file names a lab's own stage, laser or receiver.
 
 The class is made with keyword arguments: the keys of its table, and what a rig has for it and it asks for by name
-(`_offered`). It is found in the folder of the rig file or as Python finds any module, and never from a journal. What
+(`OFFERED`). It is found in the folder of the rig file or as Python finds any module, and never from a journal. What
 the supervisor can do for it stands in the class: with ``safe_command`` it gets a serial line that the supervisor holds.
 """
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
-import inspect
 import sys
 import typing
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
-from functools import cache
-from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import msgspec
@@ -24,7 +19,6 @@ from markerseek.core import (
     Clock,
     ConfigError,
     DeviceError,
-    DeviceTimeoutError,
     Frame,
     Interval,
     Laser,
@@ -36,6 +30,7 @@ from markerseek.core import (
     Receiver,
     Stage,
 )
+from markerseek.drivers._foreign_class import OFFERED, arguments_of, class_of, described
 from markerseek.drivers._time_limit import time_limit
 from markerseek.drivers.entry import (
     DeviceSettings,
@@ -46,7 +41,7 @@ from markerseek.drivers.entry import (
     ReceiverSettings,
     StageSettings,
 )
-from markerseek.files import Line, nearest_key, setting_from
+from markerseek.files import Line
 from markerseek.wire import Port
 
 _NOT_REAL = ("markerseek.sim.", "markerseek.emulators.")
@@ -54,13 +49,6 @@ _NOT_REAL = ("markerseek.sim.", "markerseek.emulators.")
 
 _QUIET_S, _ANSWERED_S = 0.2, 2.0
 """Silence of a device that ends the answer to a safe command, and longest time until then, in seconds."""
-
-METHODS: dict[Part, tuple[str, ...]] = {
-    "stage": ("move_to", "stop"),
-    "laser": ("fire", "disarm"),
-    "receiver": ("settle", "arm", "acquire"),
-}
-"""Methods of the three protocols (`markerseek.core`), which a class must have."""
 
 
 class ForeignStage(StageSettings, frozen=True, kw_only=True):
@@ -102,14 +90,14 @@ def split_keys(table: Mapping[str, object], kind: type[DeviceSettings]) -> dict[
 
 def require_class(part: Part, settings: AnyForeign) -> None:
     """Import the class, and compare the keys with its arguments; `ConfigError` says what was not found, or not fits."""
-    made = _class_of(part, settings)
+    made = class_of(part, settings.driver, beside=settings.beside)
     _line(part, settings)
-    _arguments(part, settings, made, dict.fromkeys((*_OFFERED, "line")))
+    arguments_of(made, settings.keys, offered=dict.fromkeys((*OFFERED, "line")), part=part, driver=settings.driver)
 
 
 def foreign_line(part: Part, settings: AnyForeign, *, supervised: bool) -> str:
     """What a person must know of a foreign driver before arming it, in one line."""
-    made = _class_of(part, settings)
+    made = class_of(part, settings.driver, beside=settings.beside)
     line = _line(part, settings)
     where = getattr(sys.modules.get(made.__module__), "__file__", None) or made.__module__
     if line is None or not supervised:
@@ -120,97 +108,11 @@ def foreign_line(part: Part, settings: AnyForeign, *, supervised: bool) -> str:
     return f"FOREIGN DRIVER of the {part}: {settings.driver}, of {where}; {how}"
 
 
-_OFFERED = {
-    "clock": "all waiting is done on it",
-    "travel": "angles at which the probe may be",
-    "pulses": "pulses of one acquisition",
-    "rate_hz": "pulses per second",
-    "sampling_hz": "sampling frequency",
-}
-"""What a class may ask for by name, besides ``line`` and the keys of its table."""
-
-
-def _class_of(part: Part, settings: AnyForeign) -> type:
-    name = f'{part}.driver = "{settings.driver}"'
-    module_name, _, class_name = settings.driver.partition(":")
-    if not (class_name.isidentifier() and all(word.isidentifier() for word in module_name.split("."))):
-        raise ConfigError(
-            f'{name}: it must be "module:Class", as in "my_stage:Stage": the name of the file without its folder and '
-            ".py, a colon, and that of the class"
-        )
-    if not settings.beside:
-        raise ConfigError(f"{name}: a foreign driver is only imported for a rig file; name the rig file")
-    file = Path(settings.beside) / f"{module_name}.py"
-    try:
-        with time_limit(f"importing {module_name}"):
-            module = _from_file(module_name, str(file)) if file.is_file() else _installed(module_name, settings.beside)
-    except ModuleNotFoundError as problem:
-        if problem.name is None or not f"{module_name}.".startswith(f"{problem.name}."):
-            raise ConfigError(f"{name}: importing {module_name} failed: {problem}; install what it needs") from problem
-        raise ConfigError(
-            f"{name}: there is no file {file}, and no module {module_name} is installed; correct the name, or put the "
-            "file beside the rig file"
-        ) from problem
-    except DeviceTimeoutError as problem:
-        raise ConfigError(f"{name}: {problem}") from problem
-    except MarkerseekError:
-        raise
-    # Code of the user: any error in it is reported under its name, and not as one of this program.
-    except (Exception, SystemExit) as problem:
-        raise ConfigError(f"{name}: importing {module_name} failed: {_described(problem)}; correct it") from problem
-    made = getattr(module, class_name, None)
-    if not isinstance(made, type):
-        there = [
-            key
-            for key, value in vars(module).items()
-            if isinstance(value, type) and value.__module__ == module.__name__ and not key.startswith("_")
-        ]
-        raise ConfigError(
-            f"{name}: {module_name} has no class {class_name}; its classes are: {', '.join(there) or 'none'}"
-        )
-    missing = [method for method in METHODS[part] if not callable(getattr(made, method, None))]
-    if missing:
-        raise ConfigError(
-            f"{name}: {class_name} has no {' and no '.join(missing)}; a {part} has {', '.join(METHODS[part])} "
-            "(docs/how-to/bring-your-own-stage.md)"
-        )
-    return made
-
-
-@cache
-def _from_file(name: str, path: str) -> Any:
-    """Module of a file beside the rig file; an installed one of that name does not take its place."""
-    _find_beside(str(Path(path).parent))
-    # A name of its own: another rig file's module may have the same.
-    spec = importlib.util.spec_from_file_location(f"markerseek_rig.{abs(hash(path)):x}.{name}", path)
-    assert spec is not None  # noqa: S101  a path that ends with .py has a loader
-    assert spec.loader is not None  # noqa: S101
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules[spec.name]
-        raise
-    return module
-
-
-def _installed(name: str, beside: str) -> Any:
-    _find_beside(beside)
-    return importlib.import_module(name)
-
-
-def _find_beside(folder: str) -> None:
-    """Let modules of the rig file's folder be found, after all that is installed: none of them can be replaced."""
-    if folder not in sys.path:
-        sys.path.append(folder)
-
-
 def _line(part: Part, settings: AnyForeign) -> Line | None:
     """The serial line of a class with a safe command."""
     if not settings.beside:
         return None
-    made, name = _class_of(part, settings), f'{part}.driver = "{settings.driver}"'
+    made, name = class_of(part, settings.driver, beside=settings.beside), f'{part}.driver = "{settings.driver}"'
     safe = getattr(made, "safe_command", None)
     if safe is None:
         return None
@@ -227,63 +129,6 @@ def _line(part: Part, settings: AnyForeign) -> Line | None:
         parity=getattr(made, "parity", "N"),
         rtscts=getattr(made, "rtscts", False),
     )
-
-
-def _arguments(part: Part, settings: AnyForeign, made: type, offered: Mapping[str, object]) -> dict[str, object]:
-    """Keyword arguments of the class; `ConfigError` if a key is unknown, missing, or of another type."""
-    parameters = _parameters(made, name=f'{part}.driver = "{settings.driver}"')
-    takes_any = any(each.kind is inspect.Parameter.VAR_KEYWORD for each in parameters.values())
-    named = {
-        name: each for name, each in parameters.items() if each.kind not in (each.VAR_KEYWORD, each.VAR_POSITIONAL)
-    }
-    hints = _hints(made)
-    given: dict[str, object] = {}
-    supervised_port = hasattr(made, "safe_command")
-    for key, value in settings.keys.items():
-        if key == "port" and supervised_port and "port" not in named:
-            continue
-        if key not in named and takes_any and key not in offered:
-            given[key] = value
-            continue
-        nearest_key(key, [name for name in named if name not in offered], prefix=f"{part}.")
-        given[key] = setting_from(value, hints[key], name=f"{part}.{key}") if key in hints else value
-    for name, parameter in named.items():
-        if name in given or name not in offered:
-            if name not in given and parameter.default is parameter.empty:
-                raise ConfigError(f"the key {part}.{name} is missing; add it: {settings.driver} needs it")
-        elif name == "line" and not supervised_port:
-            raise ConfigError(
-                f'{part}.driver = "{settings.driver}": it asks for a line, and has no safe_command; give the class the '
-                "bytes that make the device safe, as in safe_command = b'STOP\\r'"
-            )
-        else:
-            given[name] = offered[name]
-    return given
-
-
-def _parameters(made: type, *, name: str) -> Mapping[str, inspect.Parameter]:
-    """Arguments of the class; `ConfigError` if one cannot be given by its name."""
-    try:
-        parameters = inspect.signature(made).parameters
-    except (ValueError, TypeError) as problem:
-        raise ConfigError(
-            f"{name}: the arguments of {made.__name__} are not known ({problem}); derive a class with an __init__"
-        ) from problem
-    nameless = [each.name for each in parameters.values() if each.kind is each.POSITIONAL_ONLY]
-    if nameless:
-        raise ConfigError(
-            f"{name}: {made.__name__} takes {', '.join(nameless)} by position only, and arguments are given by name; "
-            "take the / out of its __init__"
-        )
-    return parameters
-
-
-def _hints(made: type) -> dict[str, Any]:
-    try:
-        return typing.get_type_hints(made.__init__)  # type: ignore[misc]
-    # An annotation that only a type checker can resolve says nothing here.
-    except Exception:  # noqa: BLE001
-        return {}
 
 
 class DryLine:
@@ -325,7 +170,7 @@ class _Named(Generic[DeviceT]):
     def __init__(self, part: Part, settings: AnyForeign, opening: Opening) -> None:
         self.driver: str = settings.driver
         self.dry_line: DryLine | None = None
-        made = _class_of(part, settings)
+        made = class_of(part, settings.driver, beside=settings.beside)
         offered: dict[str, object] = {
             "clock": opening.clock,
             "travel": opening.limits.travel,
@@ -339,7 +184,9 @@ class _Named(Generic[DeviceT]):
             self._read_away(opening.clock)
             offered["line"] = self.dry_line
         with self.in_time("connecting"), self.errors(NotConnectedError):
-            self.device: DeviceT = made(**_arguments(part, settings, made, offered))
+            self.device: DeviceT = made(
+                **arguments_of(made, settings.keys, offered=offered, part=part, driver=settings.driver)
+            )
 
     def _read_away(self, clock: Clock) -> None:
         """Read until nothing comes: the supervisor has sent the safe command, and a device may answer that."""
@@ -360,7 +207,7 @@ class _Named(Generic[DeviceT]):
         except MarkerseekError:
             raise
         except (Exception, SystemExit) as problem:
-            raise kind(f"{self.driver}: {_described(problem)}; this is an error of that driver") from problem
+            raise kind(f"{self.driver}: {described(problem)}; this is an error of that driver") from problem
 
     @property
     def emulated(self) -> bool:
@@ -434,11 +281,6 @@ class NamedReceiver(_Named[Receiver]):
         """As of the class."""
         with self.errors(DeviceError):
             return self.device.acquire(permit)
-
-
-def _described(problem: BaseException) -> str:
-    """An error as its class and message in one line."""
-    return f"{type(problem).__name__}: {' '.join(str(problem).split())}"
 
 
 STAGE_ENTRY: Entry[ForeignStage, NamedStage] = Entry(

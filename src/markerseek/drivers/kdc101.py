@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 from markerseek.core import (
@@ -24,7 +24,8 @@ from markerseek.core import (
     require_range,
 )
 from markerseek.drivers._apt_line import AptLine
-from markerseek.drivers._kdc101_move import Move, MoveRules
+from markerseek.drivers._kdc101_approach import DOWN, UP, plan_approach, require_room, require_wide
+from markerseek.drivers._kdc101_move import Kdc101Moves, Move, MoveRules, counts_per_s
 from markerseek.drivers._kdc101_setup import (
     TRIGGERING_MODELS,
     set_up,
@@ -95,76 +96,6 @@ class Kdc101Settings(
         return 1 if self.direction == "forward" else -1
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Kdc101Moves:
-    """How a move is made and checked, which no rig file changes."""
-
-    lead_deg: float = 5.0
-    renew_s: float = 0.1
-    """``lead_deg`` and ``renew_s``: how far ahead a target may be, in degrees, and how often it is renewed, in
-    seconds."""
-    arrival_deg: float = 0.01
-    """Largest distance from its target at which the stage counts as arrived."""
-    unexpected_deg: float = 0.2
-    """Largest distance from where it should be on its way, and at rest."""
-    answer_s: float = 0.1
-    """Time for an answer before the request is repeated."""
-
-    def __post_init__(self) -> None:
-        for name, low, high, unit in (
-            ("lead_deg", 0.5, 5, "deg"),
-            ("renew_s", 0.02, 0.5, "s"),
-            ("arrival_deg", 0.001, 0.1, "deg"),
-            ("unexpected_deg", 0.05, 1, "deg"),
-            ("answer_s", 0.01, 1, "s"),
-        ):
-            require_range(f"stage: {name}", getattr(self, name), low=low, high=high, unit=unit)
-
-
-UP, DOWN = 1, -1
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Approach:
-    """Angles to go to in turn: to the last always from the same side, whereby the gears' play does not matter."""
-
-    stops_deg: tuple[float, ...]
-    """Angles to go to; none if the stage is there already, approached from the right side."""
-    direction: int
-    """`UP` if the last is approached from below, `DOWN` if from above."""
-    reversed: bool
-    """Whether that is not the usual side, because the travel range ends too soon."""
-
-
-def plan_approach(
-    target_deg: float,
-    *,
-    here_deg: float,
-    pushed: int | None,
-    usual: int,
-    room_deg: float,
-    travel: Interval,
-    same_deg: float,
-) -> Approach:
-    """Plan the approach of a target.
-
-    ``target_deg``, ``here_deg``: target, and present angle of the stage. ``pushed``: direction of the last move, `UP`
-    or `DOWN`; None if unknown. ``usual``: direction of the last move towards any target. ``room_deg``: length of a move
-    that takes up the backlash. ``travel``: angles at which the stage may be. ``same_deg``: angles no further apart than
-    this count as equal.
-    """
-    direction = usual if target_deg - usual * room_deg in travel else -usual
-    # From a shorter distance, or from the other side, the gears would not yet be pushed when the target is reached.
-    way_deg = direction * (target_deg - here_deg)
-    if pushed == direction and abs(way_deg) <= same_deg:
-        stops: tuple[float, ...] = ()
-    elif way_deg >= (0 if pushed == direction else room_deg):
-        stops = (target_deg,)
-    else:
-        stops = (target_deg - direction * room_deg, target_deg)
-    return Approach(stops_deg=stops, direction=direction, reversed=direction != usual)
-
-
 class Kdc101Stage:
     """A `markerseek.core.Stage` over APT. Making one connects, checks and configures it; nothing moves.
 
@@ -191,7 +122,7 @@ class Kdc101Stage:
     ) -> None:
         settings, moves = settings or Kdc101Settings(port="", zero_deg=0.0), moves or Kdc101Moves()
         self.limits = travel or Limits().travel
-        _require_wide(self.limits, approach_deg=settings.approach_deg)
+        require_wide(self.limits, approach_deg=settings.approach_deg)
         self._settings = settings
         self._clock = clock
         self._line = AptLine(port=port, clock=clock, answer_s=moves.answer_s, age_s=settings.age_s)
@@ -216,19 +147,7 @@ class Kdc101Stage:
         self.identity = connected.info
         self._zero = connected.zero
         self._rest: int | None = connected.position
-        self._rules = MoveRules(
-            low=connected.limits.low,
-            high=connected.limits.high,
-            # As rounded to the controller's words, not as set: small accelerations are off by up to a third.
-            speed=_counts_per_s(velocity),
-            acceleration=velocity.acceleration / apt.ACCELERATION_WORD * apt.COUNTS_PER_DEG,
-            # One count less, since the motor may be anywhere within the count that is read.
-            lead=math.floor(moves.lead_deg * apt.COUNTS_PER_DEG) - 1,
-            renew_s=moves.renew_s,
-            arrival=round(moves.arrival_deg * apt.COUNTS_PER_DEG),
-            unexpected=round(moves.unexpected_deg * apt.COUNTS_PER_DEG),
-            begin_s=settings.begin_s,
-        )
+        self._rules = MoveRules.of(moves, limits=connected.limits, velocity=velocity, begin_s=settings.begin_s)
 
     @property
     def emulated(self) -> bool:
@@ -246,7 +165,7 @@ class Kdc101Stage:
         """Readback of the angle, now, in degrees: two readings in a row that agree.
 
         Raises `MoveError` if it reports an error, or has turned by itself since it came to rest. Raises `LimitError` if
-        it is outside its travel range; it was told to stop.
+        it is outside its travel range; it was sent a stop.
         """
         try:
             return self._angle_of(self._readback())
@@ -314,7 +233,7 @@ class Kdc101Stage:
         # Noted first: half of a write may have reached it.
         self._has_speed_of_sweep = True
         write_velocity(self._line, velocity)
-        self._sweep_rules = replace(self._rules, speed=_counts_per_s(velocity))
+        self._sweep_rules = replace(self._rules, speed=counts_per_s(velocity))
 
     @property
     def trigger_step_deg(self) -> float:
@@ -401,7 +320,7 @@ class Kdc101Stage:
         try:
             status = self._come_to_rest()
         except DeviceError:
-            # No later move may give triggers either; that it keeps moving is what must be told.
+            # No later move may give triggers either; the error to report is that it keeps moving.
             with suppress(DeviceError):
                 self._end_triggers()
             raise
@@ -464,33 +383,6 @@ class Kdc101Stage:
         return min(max(self._zero + apt.counts_of(self._settings.sense * angle_deg), self._rules.low), self._rules.high)
 
 
-def _counts_per_s(velocity: apt.Velocity) -> float:
-    return velocity.speed / apt.SPEED_WORD * apt.COUNTS_PER_DEG
-
-
-def _require_wide(travel: Interval, *, approach_deg: float) -> None:
-    """Refuse a travel range in which no target could be approached from one side, or of a turn and more."""
-    if not 2 * approach_deg <= travel.width_deg <= 359:
-        raise ConfigError(
-            f"stage: the travel range {travel} must be at least twice approach_deg ({approach_deg} deg) "
-            "wide, and less than a turn"
-        )
-
-
-def _require_room(settings: Kdc101Settings, limits: Limits) -> None:
-    """Refuse a search range whose ends cannot be approached from the usual side."""
-    # Approached from the other side, an angle would be off by the backlash of the gears, and the marker with it.
-    from_below = settings.approach_from == "below"
-    farthest_deg = limits.search.low_deg if from_below else limits.search.high_deg
-    start_deg = farthest_deg - settings.approach_deg if from_below else farthest_deg + settings.approach_deg
-    if start_deg not in limits.travel:
-        raise ConfigError(
-            f"stage: to arrive at {farthest_deg:g} deg from {settings.approach_from} the stage must start at "
-            f"{start_deg:g} deg, outside the travel range {limits.travel}; narrow limits.search, widen "
-            "limits.travel, or shorten stage.approach_deg"
-        )
-
-
 def _open(settings: Kdc101Settings, opening: Opening) -> Kdc101Stage:
     return Kdc101Stage(port=opening.line, clock=opening.clock, settings=settings, travel=opening.limits.travel)
 
@@ -501,5 +393,7 @@ ENTRY: Entry[Kdc101Settings, Kdc101Stage] = Entry(
     describe=lambda settings, stage: f"{stage.identity.model} {stage.identity.serial_number} at {settings.port}",
     line=lambda settings: Line(name="stage", path=settings.port, safe_command=apt.stop(), rtscts=True),
     same=("zero_deg", "direction", "approach_from"),
-    require_room=_require_room,
+    require_room=lambda settings, limits: require_room(
+        limits, approach_from=settings.approach_from, approach_deg=settings.approach_deg
+    ),
 )

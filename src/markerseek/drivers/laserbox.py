@@ -8,9 +8,9 @@ while the loop asks for the pulses often enough: a loop that waits for a silent 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import Literal, TypeGuard, TypeVar
+from typing import Literal
 
 from markerseek.core import (
     SWEEP_READING_S,
@@ -24,15 +24,12 @@ from markerseek.core import (
     SweepPermit,
     require_range,
 )
-from markerseek.drivers._laserbox_answers import cure, require_known, stray_light
+from markerseek.drivers._laserbox_line import BoxLine, cure, require_known, stray_light
 from markerseek.drivers._laserbox_sweep import BoxSweep
 from markerseek.drivers.entry import Entry, LaserSettings, Opening
 from markerseek.files import Line
 from markerseek.wire import Port
 from markerseek.wire import laserbox as wire
-
-_BEAT_S = 0.02
-"""Time between two beats, in seconds: five of them in the longest lease."""
 
 _POLL_S = 0.002
 
@@ -54,8 +51,6 @@ own, and that of the controller's readout."""
 _LIGHT_SIGMA_S = 2 * wire.LIGHT_LATE_US / 1e6 / math.sqrt(3)
 """The same of the delay from the stage's trigger to the light: both it and the box's may be `wire.LIGHT_LATE_US`
 late."""
-
-_Kind = TypeVar("_Kind", bound=wire.Reply)
 
 
 class LaserBoxSettings(
@@ -111,20 +106,15 @@ class LaserBox:
                 f"{wire.MAX_EXPIRY_MS / 1e3:g} s; average fewer pulses, or raise rate_hz"
             )
         require_range("laser box: answer_s", answer_s, low=0.1, high=5, unit="s")
-        self._port = port
+        self._line = BoxLine(port=port, clock=clock, answer_s=answer_s)
         self._clock = clock
         self._rate_hz = round(rate_hz)
         self._dark_triggers = dark_triggers
         self._answer_s = answer_s
         self.position_triggered = position_triggered
-        self._lines = wire.Lines()
-        self._replies: list[bytes] = []
         self._used: set[str] = set()
-        self._step = 0
-        self._beaten_s = -math.inf
-        self._holds_permit = False
         self._settled = False
-        self._version = self._seen = 0
+        self._seen = 0
         self._sweep: BoxSweep | None = None
         self._questions = 0
         self.metered = False
@@ -141,7 +131,7 @@ class LaserBox:
 
         Raises `LaserError` if the permit was used or is too short, if the box refuses, if pulses permitted, sent and
         seen differ, or if the photodiode has seen light outside of firings. Raises `DeviceTimeoutError` if the box does
-        not answer in time. Whatever is raised, the box was told to disarm.
+        not answer in time. Whatever is raised, DISARM was sent.
         """
         if permit.token in self._used:
             raise LaserError(f"laser box: the permit {permit.token!r} was used before; nothing was fired")
@@ -163,23 +153,11 @@ class LaserBox:
             with self._disarmed_by_errors():
                 return self._fire(permit.pulses, triggers, expiry_s=min(left_s, needed_s + _SPARE_S))
         finally:
-            self._holds_permit = False
+            self._line.holds_permit = False
 
     @property
     def sweep_period_s(self) -> float:
-        """Least time between two pulses of a sweep; `ConfigError` if the box cannot sweep."""
-        if self.position_triggered and self._version < wire.EDGE_VERSION:
-            raise ConfigError(
-                f"this rig cannot sweep position-triggered: its laser box has version {self._version} of the protocol, "
-                f"which has no trigger input, {wire.EDGE_VERSION} is needed; load the firmware that came with this "
-                'program, or set laser.sweep_mode = "free-running"'
-            )
-        if self._version < wire.SWEEP_VERSION:
-            raise ConfigError(
-                f"this rig cannot sweep: its laser box has version {self._version} of the protocol, which stamps no "
-                f"pulses, {wire.SWEEP_VERSION} is needed; load the firmware that came with this program, or leave "
-                "--sweep out"
-            )
+        """Least time between two pulses of a sweep, in seconds."""
         return max(1 / self._rate_hz, wire.MIN_PERIOD_US / 1e6)
 
     @property
@@ -187,13 +165,8 @@ class LaserBox:
         """Standard deviation of the delay of all pulses, in seconds."""
         return _LIGHT_SIGMA_S if self.position_triggered else _DELAY_SIGMA_S
 
-    @property
-    def measures_pulses(self) -> bool:
-        """Whether its light meter measures single pulses of a sweep."""
-        return self._version == wire.METERED_EDGE_VERSION
-
     def light_of_pulse(self, index: int) -> int | None:
-        """What the light meter read of a pulse of the last sweep, counted from 0; None if it was not told."""
+        """What the light meter read of a pulse of the last sweep, counted from 0; None if the box did not report it."""
         return None if self._sweep is None else self._sweep.light(index)
 
     def begin_sweep(self, permit: SweepPermit) -> None:
@@ -262,13 +235,13 @@ class LaserBox:
                 return sweep.fired()
             sweep.require_light()
             sweep.ending = True
-            self._holds_permit = False
-            self._port.write(wire.encode(wire.Disarm()))
+            self._line.holds_permit = False
+            self._line.send(wire.Disarm())
             ends_s = self._clock.now_s() + self._answer_s
             while not (sweep.disarmed and sweep.dark is not None):
                 if not self._clock.now_s() <= ends_s:
                     raise DeviceTimeoutError("laser box: it does not confirm the end of the light; cut its power")
-                self._hear(sweep, within_s=_POLL_S)
+                self._line.hear(sweep, within_s=_POLL_S)
             fired = sweep.fired()
             self._seen = (self._seen + fired) & wire.MAX_COUNT
             return fired
@@ -276,13 +249,8 @@ class LaserBox:
     def beat(self) -> None:
         """Renew the lease if a permit is held and the last beat is old enough; call it often, from the control loop."""
         now_s = self._clock.now_s()
-        if not (self._holds_permit and now_s - self._beaten_s >= _BEAT_S):
-            return
-        if self._sweep is not None and not now_s - self._sweep.stepped_s <= SWEEP_READING_S:
-            return
-        self._step += 1
-        self._beaten_s = now_s
-        self._port.write(wire.encode(wire.Beat(step=self._step)))
+        if self._sweep is None or now_s - self._sweep.stepped_s <= SWEEP_READING_S:
+            self._line.beat()
 
     def disarm(self) -> None:
         """Take any permit away from the box.
@@ -290,23 +258,23 @@ class LaserBox:
         Raises `DeviceTimeoutError` if the box does not confirm it.
         """
         # Beats end first, also if the line fails now: without a permit there is no lease to renew.
-        self._holds_permit = False
+        self._line.holds_permit = False
         if self._sweep is not None and not self._sweep.ending:
             self._sweep, self._settled = None, False
-        self._port.write(wire.encode(wire.Disarm()))
-        self._skip_to(_answers_disarm, after="DISARM")
+        self._line.send(wire.Disarm())
+        self._line.await_disarmed()
 
     @contextmanager
     def _disarmed_by_errors(self) -> Iterator[None]:
-        """Tell the box to disarm at any error, and begin anew with it after that."""
+        """Send DISARM at any error, and greet the box again before the next command."""
         try:
             yield
         except BaseException:
-            self._settled = self._holds_permit = False
+            self._settled = self._line.holds_permit = False
             self._sweep = None
             # If even this cannot be sent, the lease ends by itself; the first error is the one to report.
             with suppress(NotConnectedError):
-                self._port.write(wire.encode(wire.Disarm()))
+                self._line.send(wire.Disarm())
             raise
 
     def _ask_time(self, sweep: BoxSweep) -> None:
@@ -314,17 +282,9 @@ class LaserBox:
         self._questions += 1
         number, asked_s = self._questions, self._clock.now_s()
         sweep.asked_s[number] = asked_s
-        self._port.write(wire.encode(wire.AskTime(number=number)))
+        self._line.send(wire.AskTime(number=number))
         while number in sweep.asked_s and self._clock.now_s() - asked_s < _TIME_S:
-            self._hear(sweep, within_s=_TIME_S)
-
-    def _hear(self, sweep: BoxSweep, *, within_s: float) -> None:
-        """Take all that the box says until it pauses; the first of it may take that long."""
-        # A single byte, because a port waits for as many as it is asked for.
-        first = self._port.read(1, timeout_s=within_s)
-        now_s = self._clock.now_s()
-        for line in self._lines.feed(first + self._port.read(4096, timeout_s=0.0)):
-            sweep.hear(wire.decode_reply(line), now_s=now_s)
+            self._line.hear(sweep, within_s=_TIME_S)
 
     def _finish_sweep(self, *, within_s: float) -> None:
         """Wait until the box has sent the dark triggers of the last sweep; `LaserError` if there was light in them."""
@@ -339,11 +299,9 @@ class LaserBox:
         """Wait until an earlier firing's triggers have ended, and count tokens and light from there."""
         greeting = self._greet(patience_s=patience_s)
         self.identity = greeting.identity
-        self._version = greeting.version
-        self.metered = greeting.version % 2 == 0
+        self.metered = greeting.version == wire.METERED_VERSION
         self._token = greeting.last_token
         self._seen = greeting.seen
-        self._step = 0
         self._settled = True
 
     def _greet(self, *, patience_s: float) -> wire.Greeting:
@@ -361,10 +319,8 @@ class LaserBox:
 
     def _hello(self) -> wire.Greeting | wire.Refusal:
         """Answer to HELLO, or BUSY."""
-        # The line end first: it completes a half line that another program left, which would garble HELLO.
-        self._port.write(b"\n" + wire.encode(wire.Hello()))
         try:
-            return self._skip_to(_answers_hello, after="HELLO")
+            return self._line.greet()
         except DeviceTimeoutError as error:
             raise NotConnectedError(
                 "laser box: nothing answers HELLO; is the port right, and is the box powered?"
@@ -381,7 +337,7 @@ class LaserBox:
             triggers=triggers,
         )
         self._use_permit(ask)
-        done = self._next(within_s=triggers / self._rate_hz + self._answer_s, after="FIRE")
+        done = self._line.next(within_s=triggers / self._rate_hz + self._answer_s, after="FIRE")
         if not (isinstance(done, wire.Done) and done.token == self._token and self._is_measured(done)):
             raise LaserError(f"laser box: {done} answers the firing of {self._token}; {cure(done)}")
         # The photodiode's count has 31 bits and wraps around.
@@ -398,58 +354,24 @@ class LaserBox:
     def _use_permit(self, ask: wire.PermitPulses | wire.PermitSweep) -> None:
         """Get a permit, and fire under it."""
         # Replies of an earlier command must not be taken for the answer to this permit.
-        self._receive()
-        self._replies.clear()
-        self._port.write(wire.encode(ask))
-        answer = self._next(within_s=self._answer_s, after=ask.head)
+        self._line.drop_replies()
+        self._line.send(ask)
+        answer = self._line.next(within_s=self._answer_s, after=ask.head)
         # Late answers to questions that were given up.
         while isinstance(answer, wire.Time):
-            answer = self._next(within_s=self._answer_s, after=ask.head)
+            answer = self._line.next(within_s=self._answer_s, after=ask.head)
         if not (isinstance(answer, wire.Permitted | wire.SweepPermitted) and answer.token == self._token):
             raise LaserError(f"laser box: {answer} answers the permit {self._token}; {cure(answer)}")
         if answer.seen != self._seen:
             raise stray_light(answer.seen, self._seen)
         # A beat before FIRE: PERMIT began the lease, and the answer may have taken most of it.
-        self._holds_permit = True
+        self._line.holds_permit = True
         self.beat()
-        self._port.write(wire.encode(wire.Fire(token=self._token)))
+        self._line.send(wire.Fire(token=self._token))
 
     def _is_measured(self, done: wire.Done) -> bool:
         """Whether the answer has the number of the light meter if the box has one, and only then."""
         return isinstance(done, wire.MeteredDone) == self.metered
-
-    def _skip_to(self, wanted: Callable[[wire.Reply], TypeGuard[_Kind]], *, after: str) -> _Kind:
-        """Next reply that is wanted; others, and damaged lines, belong to earlier commands and are skipped."""
-        ends_s = self._clock.now_s() + self._answer_s
-        while True:
-            try:
-                reply = self._next(within_s=ends_s - self._clock.now_s(), after=after)
-            except LaserError:
-                continue
-            if wanted(reply):
-                return reply
-
-    def _next(self, *, within_s: float, after: str) -> wire.Reply:
-        """Next reply; the lease is renewed meanwhile."""
-        ends_s = self._clock.now_s() + within_s
-        while not self._replies:
-            if not self._clock.now_s() <= ends_s:
-                raise DeviceTimeoutError(f"laser box: no answer to {after} in time; check its cable and its power")
-            self.beat()
-            self._clock.wait(_POLL_S)
-            self._receive()
-        return wire.decode_reply(self._replies.pop(0))
-
-    def _receive(self) -> None:
-        self._replies += self._lines.feed(self._port.read(256, timeout_s=0.0))
-
-
-def _answers_hello(reply: wire.Reply) -> TypeGuard[wire.Greeting | wire.Refusal]:
-    return isinstance(reply, wire.Greeting) or (isinstance(reply, wire.Refusal) and reply.reason == "BUSY")
-
-
-def _answers_disarm(reply: wire.Reply) -> TypeGuard[wire.Disarmed]:
-    return isinstance(reply, wire.Disarmed)
 
 
 def _open(settings: LaserBoxSettings, opening: Opening) -> LaserBox:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import socket
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from itertools import pairwise
 from statistics import fmean
@@ -13,16 +12,12 @@ import numpy as np
 
 from markerseek.core import (
     AcquisitionError,
-    ChannelFrame,
-    Clock,
     ConfigError,
     Int16,
     NotConnectedError,
-    Permit,
     require_range,
 )
-from markerseek.drivers._receivers import acquired_frame
-from markerseek.drivers._triggered import TriggeredMessages
+from markerseek.drivers._triggered import TriggeredReceiver, mean_counts
 from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
 from markerseek.wire import igtl
 
@@ -76,120 +71,43 @@ def connect_plus(settings: PlusSettings) -> socket.socket:
         ) from problem
 
 
-class PlusReceiver:
-    """Images of a PLUS server as frames.
+class PlusReceiver(TriggeredReceiver[PlusSettings, igtl.Message]):
+    """Images of a PLUS server as frames, each the mean of the images of one acquisition."""
 
-    A frame is the mean of as many images as pulses were permitted, all sent between `arm` and the end of the firing.
-    Any other number is refused: an image too many, or too few, may be of another acquisition.
+    driver, peer, messages = "plus", "server", "images"
+    cure = "the device must send one image for each trigger"
 
-    ``connection``: to the server; it is closed by `close`. ``clock``: real time, or virtual time in tests.
-    ``settings``: its keys in the rig file. ``unix_s``: time of day in seconds since 1970, which the images carry.
-    ``emulated``: whether the server says that it is an emulator.
-    """
-
-    def __init__(
-        self,
-        *,
-        connection: socket.socket,
-        clock: Clock,
-        settings: PlusSettings,
-        dark_triggers: int,
-        unix_s: Callable[[], float] = time.time,  # noqa: TID251  the time of day is part of the protocol
-    ) -> None:
-        self._clock, self._settings, self._unix_s = clock, settings, unix_s
-        self._dark_triggers = dark_triggers
+    def _begin(self) -> None:
         self._framer = igtl.Framer(most_bytes=MAX_IMAGE_BYTES)
-        self._images = TriggeredMessages(
-            connection,
-            clock=clock,
-            decode=self._decoded,
-            driver="plus",
-            peer="server",
-            messages="images",
-            check=f"the trigger and the name of the device, {settings.device}",
-            timeout_s=settings.timeout_s,
-            quiet_s=settings.quiet_s,
-        )
-        self._armed: tuple[Permit, float, float] | None = None
-        self._sequence = 0
         self._fields: list[Mapping[str, str]] = []
-        self.emulated = False
         # An emulator says so when a client comes; other servers say nothing, and no image may come before a trigger.
-        self._images.until_quiet(most=0)
+        self._until_quiet(most=0)
 
-    def close(self) -> None:
-        """Close the connection; allowed twice."""
-        self._images.close()
+    @property
+    def _used(self) -> str:
+        return f"images of {self._settings.device}"
 
-    def settle(self) -> None:
-        """Wait until no image comes.
+    @property
+    def _check(self) -> str:
+        return f"the trigger and the name of the device, {self._settings.device}"
 
-        Raises `AcquisitionError` if images came although nothing was triggered; they are not used. Raises
-        `NotConnectedError` if the connection has ended.
-        """
-        self._armed = None
-        late = self._images.until_quiet(most=0)
-        if late:
-            raise AcquisitionError(
-                f"plus: {len(late)} images of {self._settings.device} came although nothing was triggered; they are "
-                "not used"
-            )
-
-    def arm(self, permit: Permit) -> None:
-        """Forget what came before, and check that no image comes without a trigger.
-
-        Raises `AcquisitionError` if images come although nothing is triggered. Raises `NotConnectedError` if the
-        connection has ended.
-        """
-        self._armed = None
-        # What waits was sent before: it is of no acquisition that will be asked for.
-        self._images.received()
-        if self._images.until_quiet(most=0):
-            raise AcquisitionError(
-                f"plus: images of {self._settings.device} come although nothing is triggered; the device must send one "
-                "image for each trigger"
-            )
-        self._armed = permit, self._clock.now_s(), self._unix_s()
-
-    def acquire(self, permit: Permit) -> ChannelFrame:
-        """Mean of the images since `arm`.
-
-        Raises `AcquisitionError` if it was not armed for this permit, or the images are not those of the permitted
-        pulses. Raises `DeviceTimeoutError` if too few come in time. Raises `NotConnectedError` if the connection has
-        ended.
-        """
-        if self._armed is None or self._armed[0] != permit:
-            raise AcquisitionError(f"plus: it was not armed for the permit {permit.token!r}; arm it before firing")
-        _, started_s, armed_unix_s = self._armed
-        # Disarmed before reading: a frame that was refused cannot be asked for again.
-        self._armed = None
-        count = permit.pulses or self._dark_triggers
-        images = self._images.exactly(count)
-        stamps = [image.time_s for image in images]
+    def _samples(self, messages: list[igtl.Message], armed_unix_s: float) -> Int16[np.ndarray, "channels samples"]:
+        stamps = [image.time_s for image in messages]
         if any(later <= earlier for earlier, later in pairwise(stamps)):
             raise AcquisitionError("plus: two images have the same time, or times that fall; the server repeats itself")
-        if not self.emulated and any("emulator" in image.metadata for image in images):
+        if not self.emulated and any("emulator" in image.metadata for image in messages):
             # Its greeting came late: what was taken for a device must not go into a result as one.
             raise NotConnectedError("plus: the server is an emulator, which it did not say in time; connect again")
-        samples = _mean(images)
-        self._fields = [image.metadata for image in images]
-        for image in images:
-            age_s = armed_unix_s - image.time_s
+        samples = _mean(messages)
+        self._fields = [image.metadata for image in messages]
+        for stamp_s in stamps:
+            age_s = armed_unix_s - stamp_s
             if age_s > self._settings.clock_s:
                 raise AcquisitionError(
                     f"plus: an image was sent {age_s:.3f} s before the receiver was armed, clock_s allows "
                     f"{self._settings.clock_s:g} s; it is stale, or the clocks of the two computers differ"
                 )
-        self._sequence += 1
-        return acquired_frame(
-            samples,
-            permit,
-            sequence=self._sequence,
-            pulses=permit.pulses,
-            started_s=started_s,
-            clock=self._clock,
-            sampling_hz=self._settings.sampling_hz,
-        )
+        return samples
 
     def energy_of(self, field: str) -> float:
         """Mean of a field of the last acquisition's images: the energy of their pulses, in the server's unit.
@@ -227,8 +145,7 @@ def _mean(images: list[igtl.Message]) -> Int16[np.ndarray, "channels samples"]:
         counts.append(pixels[0])
     if len({each.shape for each in counts}) > 1:
         raise AcquisitionError(f"plus: images of the shapes {[each.shape for each in counts]} in one acquisition")
-    mean: Int16[np.ndarray, "channels samples"] = np.rint(np.mean(counts, axis=0)).astype(np.int16)
-    return mean
+    return mean_counts(counts)
 
 
 def _open(settings: PlusSettings, opening: Opening) -> PlusReceiver:

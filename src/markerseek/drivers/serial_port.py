@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-
+from markerseek._closing import Closing
 from markerseek.core import ConfigError, NotConnectedError, require_range
 from markerseek.files import SERIAL_ERRORS, Parity, open_serial
 
@@ -11,7 +10,7 @@ _WRITE_TIMEOUT_S = 0.5
 """A line that accepts no bytes for that long counts as gone."""
 
 
-class SerialPort:
+class SerialPort(Closing):
     """A `markerseek.wire.port.Port` over pyserial, under an exclusive lock.
 
     ``baud``: bits per second. ``parity``: parity bit: none, even or odd. ``handshake``: whether RTS and CTS control the
@@ -49,12 +48,6 @@ class SerialPort:
     def close(self) -> None:
         """Close the line; allowed twice."""
         self._line.close()
-
-    def __enter__(self) -> SerialPort:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
 
     def _shake_hands(self) -> None:
         # Set after opening: a port without these lines refuses them, and would otherwise not open at all.

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import socket
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 
 import numpy as np
 
 from markerseek.core import (
     AcquisitionError,
-    ChannelFrame,
     Clock,
     ConfigError,
     Int16,
@@ -19,8 +17,7 @@ from markerseek.core import (
     Permit,
     require_range,
 )
-from markerseek.drivers._receivers import acquired_frame
-from markerseek.drivers._triggered import SLICE_S, TriggeredMessages
+from markerseek.drivers._triggered import SLICE_S, TriggeredReceiver, mean_counts
 from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
 from markerseek.wire import vantage as wire
 
@@ -34,7 +31,7 @@ class VantageSettings(
     """A Verasonics Vantage whose sequence calls ``markerseek_send`` once for each trigger of the laser."""
 
     probe: str
-    """Name of the probe, as the sender is told it: a frame of another is refused."""
+    """Name of the probe, as given to the sender: a frame of another is refused."""
     host: str = "127.0.0.1"
     port: int = 18955
     """``host`` and ``port``: address of this computer, and the port on which it waits for the sender."""
@@ -97,110 +94,37 @@ def await_sender(settings: VantageSettings, clock: Clock) -> socket.socket:
     )
 
 
-class VantageReceiver:
+class VantageReceiver(TriggeredReceiver[VantageSettings, wire.VantageFrame]):
     """Frames of a Vantage, one for each trigger, averaged.
 
-    A frame is the mean of as many as pulses were permitted, their counters one after the other since the last frame
-    that came, all sent between `arm` and the end of the firing. Anything else is refused.
-
-    ``connection``: from the sender, which greets at once; it is closed by `close`. ``unix_s``: time of day in seconds
-    since 1970, as the frames have it. ``emulated``: whether an emulator sends. Raises `NotConnectedError` if no
-    greeting comes, or it names another probe.
+    The counters of an acquisition's frames are one after the other since the last frame that came; anything else is
+    refused. Raises `NotConnectedError` if the sender does not greet at once, or names another probe.
     """
 
-    def __init__(
-        self,
-        *,
-        connection: socket.socket,
-        clock: Clock,
-        settings: VantageSettings,
-        dark_triggers: int,
-        unix_s: Callable[[], float] = time.time,  # noqa: TID251  the time of day is part of the protocol
-    ) -> None:
-        self._clock, self._settings, self._unix_s = clock, settings, unix_s
-        self._dark_triggers = dark_triggers
+    driver, peer, messages = "vantage", "sender", "frames"
+    cure = "the sequence must wait for the laser's trigger (triggerIn) before each acquisition"
+    _used = "frames"
+    _check = "the trigger, and that the sequence calls markerseek_send for each"
+
+    def _begin(self) -> None:
         self._framer = wire.VantageFramer()
-        self._frames = TriggeredMessages(
-            connection,
-            clock=clock,
-            decode=self._decoded,
-            driver="vantage",
-            peer="sender",
-            messages="frames",
-            check="the trigger, and that the sequence calls markerseek_send for each",
-            timeout_s=settings.timeout_s,
-            quiet_s=settings.quiet_s,
-        )
-        self._armed: tuple[Permit, float, float] | None = None
-        self._sequence = 0
-        self._counter = 0
+        self._counter = self._armed_counter = 0
         self._shape: tuple[int, ...] | None = None
         self.emulated = self._greeting().emulated
 
-    def close(self) -> None:
-        """Close the connection; allowed twice."""
-        self._frames.close()
-
-    def settle(self) -> None:
-        """Wait until no frame comes.
-
-        Raises `AcquisitionError` if frames came although nothing was triggered; they are not used. Raises
-        `NotConnectedError` if the connection has ended.
-        """
-        self._armed = None
-        late = self._frames.until_quiet(most=0)
-        if late:
-            raise AcquisitionError(
-                f"vantage: {len(late)} frames came although nothing was triggered; they are not used"
-            )
-
     def arm(self, permit: Permit) -> None:
-        """Forget what came before, and check that no frame comes without a trigger.
+        """As of `TriggeredReceiver`."""
+        super().arm(permit)
+        self._armed_counter = self._counter
 
-        Raises `AcquisitionError` if frames come although nothing is triggered. Raises `NotConnectedError` if the
-        connection has ended.
-        """
-        self._armed = None
-        # What waits was sent before: it is of no acquisition that will be asked for.
-        self._frames.received()
-        if self._frames.until_quiet(most=0):
-            raise AcquisitionError(
-                "vantage: frames come although nothing is triggered; the sequence must wait for the laser's trigger "
-                "(triggerIn) before each acquisition"
-            )
-        self._armed = permit, self._clock.now_s(), self._unix_s()
-
-    def acquire(self, permit: Permit) -> ChannelFrame:
-        """Mean of the frames since `arm`.
-
-        Raises `AcquisitionError` if it was not armed for this permit, or the frames are not those of the permitted
-        pulses: lost, doubled, late, of another size or probe. Raises `DeviceTimeoutError` if too few come in time.
-        Raises `NotConnectedError` if the connection has ended.
-        """
-        if self._armed is None or self._armed[0] != permit:
-            raise AcquisitionError(f"vantage: it was not armed for the permit {permit.token!r}; arm it before firing")
-        _, started_s, armed_unix_s = self._armed
-        # Disarmed before reading: a frame that was refused cannot be asked for again.
-        self._armed = None
-        last = self._counter
-        frames = self._frames.exactly(permit.pulses or self._dark_triggers)
-        self._require_in_order(frames, last)
-        self._require_in_time(frames, armed_unix_s)
-        samples = self._mean(frames)
-        self._sequence += 1
-        return acquired_frame(
-            samples,
-            permit,
-            sequence=self._sequence,
-            pulses=permit.pulses,
-            started_s=started_s,
-            clock=self._clock,
-            sampling_hz=self._settings.sampling_hz,
-        )
+    def _samples(self, messages: list[wire.VantageFrame], armed_unix_s: float) -> Int16[np.ndarray, "channels samples"]:
+        self._require_in_order(messages, self._armed_counter)
+        self._require_in_time(messages, armed_unix_s)
+        return self._mean(messages)
 
     def _greeting(self) -> wire.VantageFrame:
         ends_s = self._clock.now_s() + _GREETING_S
-        while not (came := self._frames.received()):
+        while not (came := self._received()):
             if not self._clock.now_s() <= ends_s:
                 raise NotConnectedError(
                     f"vantage: what has connected says nothing for {_GREETING_S:g} s; is it markerseek_send.m?"
@@ -262,10 +186,7 @@ class VantageReceiver:
                     f"{self._shape or frames[0].samples.shape}; do not change the sequence during a search"
                 )
         self._shape = frames[0].samples.shape
-        mean: Int16[np.ndarray, "channels samples"] = np.rint(
-            np.mean([frame.samples for frame in frames], axis=0)
-        ).astype(np.int16)
-        return mean
+        return mean_counts([frame.samples for frame in frames])
 
     def _decoded(self, data: bytes) -> Iterator[wire.VantageFrame]:
         for frame in self._framer.feed(data):

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -85,10 +85,10 @@ class EmulatedLaserBox:
     ``on_triggers``: called at the end of a train with the number of triggers sent to the acquisition, those without
     light after a permit was taken away included. ``lease_ms``: at most `markerseek.wire.laserbox.LEASE_MS`.
     ``turn_us``: time between two turns of its loop. ``laser``: how the energy of an acquisition varies, and the noise
-    of the light meter, without which it has none. ``rng``: source of randomness for both. ``version``: of its
-    protocol; with a light meter it is one more. ``edges``: called with the box's time in seconds, returns the edges at
-    its trigger input until then; None: nothing is connected. ``moment``: called with the box's time in seconds
-    at a stamp, turns the probe to where it is then, and returns what an ideal clock shows; None: the probe is there.
+    of the light meter, without which it has none. ``rng``: source of randomness for both. ``edges``: called with the
+    box's time in seconds, returns the edges at its trigger input until then; None: nothing is connected. ``moment``:
+    called with the box's time in seconds at a stamp, turns the probe to where it is then, and returns what an ideal
+    clock shows; None: the probe is there.
     """
 
     def __init__(
@@ -101,7 +101,6 @@ class EmulatedLaserBox:
         faults: LaserBoxFaults | None = None,
         laser: LaserSettings | None = None,
         rng: np.random.Generator | None = None,
-        version: Literal[1, 3, 5] = 5,
         edges: Callable[[float], Sequence[Edge]] | None = None,
         moment: Callable[[float], float] | None = None,
     ) -> None:
@@ -119,7 +118,6 @@ class EmulatedLaserBox:
         self._interlock_closed = True
         self._laser = laser or LaserSettings()
         self._rng = rng
-        self._version = version + (self._laser.energy_meter_noise is not None)
         self.edges = edges or (lambda _now_s: ())
         self.moment = moment or float
         self.power_up()
@@ -278,10 +276,6 @@ class EmulatedLaserBox:
         match command:
             case wire.Hello():
                 return self._greet()
-            case wire.PermitEdges() if self._version < wire.EDGE_VERSION:
-                return wire.Refusal(reason="FORM")
-            case wire.PermitSweep() | wire.AskTime() if self._version < wire.SWEEP_VERSION:
-                return wire.Refusal(reason="FORM")
             case wire.PermitPulses() | wire.PermitSweep():
                 return self._take_permit(command)
             case wire.AskTime(number=number):
@@ -303,7 +297,7 @@ class EmulatedLaserBox:
         self._last_step = 0
         return wire.Greeting(
             identity=wire.EMULATOR,
-            version=self._version,
+            version=wire.VERSION if self._laser.energy_meter_noise is None else wire.METERED_VERSION,
             lease_ms=self._lease_us // 1000,
             last_token=self._last_token,
             seen=self._seen & wire.MAX_COUNT,
@@ -405,10 +399,8 @@ class EmulatedLaserBox:
     def _stamped(self, train: _AnyPermit, *, stamp_us: int, seen: int, edge: int) -> wire.Stamped:
         """The line of the last pulse of a sweep."""
         token, number, noise = train.token, self._sent, self._laser.energy_meter_noise
-        if self._version < wire.EDGE_VERSION:
-            return wire.Stamped(token=token, number=number, stamp_us=stamp_us, photodiode=seen)
         if noise is None:
-            return wire.EdgeStamped(token=token, number=number, stamp_us=stamp_us, photodiode=seen, edge=edge)
+            return wire.Stamped(token=token, number=number, stamp_us=stamp_us, photodiode=seen, edge=edge)
         light = self._light_of(seen, noise=noise)
         return wire.MeteredStamped(
             token=token, number=number, stamp_us=stamp_us, photodiode=seen, edge=edge, light=light

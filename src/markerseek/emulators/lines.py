@@ -8,11 +8,11 @@ import tty
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import Protocol
 
 import numpy as np
 
+from markerseek._closing import Closing
 from markerseek.core import Clock, ConfigError, NotConnectedError
 from markerseek.sim import Fault
 
@@ -72,7 +72,7 @@ class DirectPort:
         self._inbox += self._device.advance(self._clock.now_s())
 
 
-class PtyLine:
+class PtyLine(Closing):
     """A pseudo-terminal pair: drivers open `path`, the emulator answers at the other end.
 
     Use it as a context manager, and call `serve_once` again and again, in a thread or a process of its own.
@@ -126,12 +126,6 @@ class PtyLine:
         os.close(self._theirs)
         if self._link is not None:
             self._link.unlink(missing_ok=True)
-
-    def __enter__(self) -> PtyLine:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
 
     def _put_link(self, link: Path) -> None:
         try:

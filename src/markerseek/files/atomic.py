@@ -102,7 +102,11 @@ def _name_new(part: Path, path: Path) -> None:
         except OSError:
             # On a disk without hard links (FAT, some network disks) an empty file reserves the name.
             path.open("xb").close()
-            part.replace(path)
+            try:
+                part.replace(path)
+            except OSError:
+                path.unlink(missing_ok=True)
+                raise
     except FileExistsError as problem:
         raise _exists_error(path) from problem
 

@@ -33,6 +33,7 @@ from typing import IO, Self, TypeAlias
 import msgspec
 import numpy as np
 
+from markerseek._closing import Closing
 from markerseek.core import MissingExtraError, RecordError
 
 Reader: TypeAlias = Callable[[Path], Mapping[str, np.ndarray]]
@@ -97,7 +98,7 @@ class _Answer(msgspec.Struct, frozen=True, kw_only=True):
     missing: str | None = None
 
 
-class Sandbox:
+class Sandbox(Closing):
     """A child process that reads foreign files, started with the first file and restarted after a crash.
 
     A context manager that ends the child; garbage collection ends it too.
@@ -149,14 +150,6 @@ class Sandbox:
         self._child = None
         if self._end is not None:
             self._end()
-
-    def __enter__(self) -> Self:
-        """The sandbox itself."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """End the child."""
-        self.close()
 
     def __reduce__(self) -> tuple[type[Self], tuple[()]]:
         """A copy in another process has a child of its own."""

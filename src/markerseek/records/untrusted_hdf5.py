@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from markerseek._closing import Closing
 from markerseek.core import Float64, RecordError, needs_package
 from markerseek.records.sandbox import MAX_PER_BYTE
 
@@ -31,7 +32,7 @@ def require_h5py(*, purpose: str = "a bank in HDF5") -> None:
         import h5py  # noqa: F401
 
 
-class UntrustedHdf5:
+class UntrustedHdf5(Closing):
     """An HDF5 file opened for reading, whose methods return harmless parts only.
 
     A context manager that closes it; garbage collection closes it too.
@@ -47,14 +48,6 @@ class UntrustedHdf5:
     def close(self) -> None:
         """Close the file; allowed twice."""
         self.opened.close()
-
-    def __enter__(self) -> Self:
-        """The file itself."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close the file."""
-        self.close()
 
     def __reduce__(self) -> tuple[type[Self], tuple[Path]]:
         """A copy in another process opens the file again."""

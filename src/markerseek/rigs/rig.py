@@ -5,11 +5,11 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from types import TracebackType
-from typing import Any, Literal, Protocol, Self, TypeAlias
+from typing import Any, Literal, Protocol, TypeAlias
 
 import msgspec
 
+from markerseek._closing import Closing
 from markerseek.core import ByHand, ConfigError, Laser, Receiver, RecordError, RigFacts, RunPlan, Stage
 from markerseek.drivers import BenchSettings, bench_settings_from
 from markerseek.guard import Limits
@@ -43,7 +43,7 @@ class Devices(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rig:
+class Rig(Closing):
     """An assembled rig."""
 
     facts: RigFacts
@@ -95,12 +95,6 @@ class Rig:
         """Release its devices; allowed twice."""
         if self.devices is not None:
             self.devices.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
 
     @property
     def limits(self) -> Limits:

@@ -122,18 +122,8 @@ def sample(
         "intensity": intensity,
         "time_s": time_s,
         "pulses": pulses,
-        "images": {frame: pixels(geometry) for frame, geometry in images.items()},
-    }
-
-
-def pixels(geometry: ScanGeometry) -> dict[str, float]:
-    """Where the pixels of an image are, in metres, with the names that an exported log has."""
-    # sensor_msgs/Image has no place for it, and a transform none for the distances.
-    return {
-        "first_lateral_m": geometry.first_lateral_m,
-        "first_depth_m": geometry.first_depth_m,
-        "lateral_spacing_m": geometry.lateral_step_m,
-        "depth_spacing_m": geometry.depth_step_m,
+        # sensor_msgs/Image has no place for it, and a transform none for the distances.
+        "images": {frame: geometry.spacing for frame, geometry in images.items()},
     }
 
 

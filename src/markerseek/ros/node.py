@@ -8,11 +8,11 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
+from markerseek._closing import Closing
 from markerseek.core import ConfigError, RecordError, needs_package
 from markerseek.ros.topics import in_namespace
 
@@ -109,7 +109,7 @@ class Network:
         self.nodes = 0
 
 
-class RosNode:
+class RosNode(Closing):
     """A lifecycle node, active as soon as it is made; use it as a context manager.
 
     Everything happens in the thread that calls `spin`; only `wake` may be called by others.
@@ -314,14 +314,6 @@ class RosNode:
             began_s = time.monotonic()
             publisher.wait_for_all_acked(Duration(seconds=left_s))
             left_s = max(0.0, left_s - (time.monotonic() - began_s))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def _as_config_error(problem: RuntimeError) -> ConfigError:

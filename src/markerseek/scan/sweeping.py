@@ -35,6 +35,7 @@ from markerseek.core import (
     Triggers,
 )
 from markerseek.guard import Guard
+from markerseek.scan._pulse_angle import AGREE_DEG, READ_LATE_S, TriggerCount, not_between, stamped_angle
 
 READ_S = 0.05
 """Time from one reading of a turning stage to the next."""
@@ -46,7 +47,7 @@ BEGIN_S = 1.0
 """Time within which a stage must have begun to turn, and within which it must have come to rest after braking."""
 
 IN_FUTURE_S = 2e-3
-"""Most by which a pulse may be stamped later than it is told: the clocks are compared to 1 ms."""
+"""Most by which a pulse may be stamped later than it is reported: the clocks are compared to 1 ms."""
 
 DARK_PERIODS = 3
 """Periods of the laser in which at least one pulse must come."""
@@ -60,13 +61,6 @@ SHORT_DEG = 1.0
 TRIGGER_SPARE = 1.1
 """Time between two triggers at the speed of the sweep, over the least between two pulses: a servo is never exact, and
 a trigger that comes too early gives no light."""
-
-AGREE_DEG = 0.02
-"""Most by which the angle of a trigger and that of its stamp differ, beside what the clocks leave open."""
-
-READ_LATE_S = 15e-3
-"""Most by which the stage's readings may be late against the stamps, where its triggers tell the angles: three times
-what a free-running sweep takes for its standard deviation."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -195,17 +189,6 @@ class SweptFrame:
     timing: SweepTiming
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StampedAngle:
-    """The angle of a pulse by its stamp, between two readings of the stage."""
-
-    lower: StageReading
-    upper: StageReading
-    angle_deg: float
-    sigma_deg: float
-    speed_deg_s: float
-
-
 class SweepInProgress:
     """One sweep from its redeemed permit on; the guard is SWEEPING until the probe is at rest again.
 
@@ -228,8 +211,7 @@ class SweepInProgress:
         lit_braking: bool = False,
     ) -> None:
         self._devices = devices
-        self._triggers = triggers
-        self._before_first: int | None = None
+        self._triggers = None if triggers is None else TriggerCount(triggers)
         self._permit = permit
         self._speed_deg_s = speed_deg_s
         self._guard = guard
@@ -286,7 +268,7 @@ class SweepInProgress:
         self._guard.admit_sweep(len(self._frames))
         yield self._matched()
         if self._told < len(self._frames):
-            raise self._not_between(self._pulses[self._told])
+            raise not_between(self._pulses[self._told], self._readings)
         return Swept(angle_deg=last_deg, pulses=fired)
 
     def _await_speed(self) -> None:
@@ -393,19 +375,12 @@ class SweepInProgress:
             self._told += 1
         return matched
 
-    def _not_between(self, pulse: Pulse) -> AcquisitionError:
-        readings = f"from {self._readings[0].at_s:.3f} to {self._readings[-1].at_s:.3f} s"
-        return AcquisitionError(
-            f"a pulse at {pulse.at_s:.3f} s is not between two readings of the stage, {readings}; the sweep is refused "
-            "whole, compare the clocks"
-        )
-
     def _at(self, pulse: Pulse, frame: Frame) -> SweptFrame:
         """A frame with the angle of its pulse, and what that angle may be off by."""
-        stamped = self._stamped(pulse)
+        stamped = stamped_angle(pulse, self._readings)
         angle_deg, sigma_deg = stamped.angle_deg, stamped.sigma_deg
         if self._triggers is not None:
-            angle_deg, sigma_deg = self._triggered_deg(self._triggers, pulse, stamped), self._triggers.sigma_deg
+            angle_deg, sigma_deg = self._triggers.angle_deg(pulse, stamped), self._triggers.sigma_deg
         header = replace(
             frame.header, angle_before_deg=stamped.lower.angle_deg, angle_after_deg=stamped.upper.angle_deg
         )
@@ -419,58 +394,4 @@ class SweepInProgress:
                 delay_sigma_s=self._devices.laser.delay_sigma_s,
                 play_sigma_deg=self._devices.stage.play_deg(self._permit.forward),
             ),
-        )
-
-    def _triggered_deg(self, triggers: Triggers, pulse: Pulse, stamped: StampedAngle) -> float:
-        """Angle of the trigger that gave a pulse, with which that of its stamp must agree.
-
-        Which trigger was the first in light its stamp says, for some may have come before; from there on they are
-        counted, and one that is lost or doubled on its way shows itself by all later stamps.
-        """
-        angles_deg, edge = triggers.angles_deg, pulse.edge
-        if edge is None:
-            raise LaserError("a pulse of a position-triggered sweep does not say which trigger gave it")
-        if self._before_first is None:
-            nearest = min(range(len(angles_deg)), key=lambda each: abs(angles_deg[each] - stamped.angle_deg))
-            self._before_first = nearest - edge
-        index = self._before_first + edge
-        most_deg = AGREE_DEG + 4 * stamped.sigma_deg + READ_LATE_S * abs(stamped.speed_deg_s)
-        if len(angles_deg) > 1:
-            # Farther away it might as well be that of the next trigger.
-            most_deg = min(most_deg, abs(angles_deg[1] - angles_deg[0]) / 2)
-        off_deg = stamped.angle_deg - angles_deg[index] if 0 <= index < len(angles_deg) else math.inf
-        if not abs(off_deg) <= most_deg:
-            raise AcquisitionError(
-                f"trigger {edge} of the stage and the stamp of its pulse differ by {off_deg:.3f} deg, at most "
-                f"{most_deg:.3f} deg are the clocks': a trigger was lost or doubled, or the stage is read too late, "
-                "and the sweep is refused whole; check the cable from the stage's trigger to the laser box, or sweep "
-                "slower"
-            )
-        return angles_deg[index]
-
-    def _stamped(self, pulse: Pulse) -> StampedAngle:
-        """The angle of a pulse by its time."""
-        after = next((index for index, each in enumerate(self._readings) if each.at_s >= pulse.at_s), 0)
-        if after == 0:
-            raise self._not_between(pulse)
-        lower, upper = self._readings[after - 1], self._readings[after]
-        interval_s = upper.at_s - lower.at_s
-        share = (pulse.at_s - lower.at_s) / interval_s
-        speed_deg_s = (upper.angle_deg - lower.angle_deg) / interval_s
-        # A reading is of any moment between question and answer: uniform, of standard deviation 1/√12.
-        read_s = math.hypot(
-            (1 - share) * (lower.answered_s - lower.asked_s), share * (upper.answered_s - upper.asked_s)
-        ) / math.sqrt(12)
-        # At constant acceleration, half way between two readings, a chord is off by a·h²/8.
-        bend_deg = 0.0
-        if after > 1:
-            first = self._readings[after - 2]
-            before_deg_s = (lower.angle_deg - first.angle_deg) / (lower.at_s - first.at_s)
-            bend_deg = abs(speed_deg_s - before_deg_s) * interval_s / 8
-        return StampedAngle(
-            lower=lower,
-            upper=upper,
-            angle_deg=lower.angle_deg + share * (upper.angle_deg - lower.angle_deg),
-            sigma_deg=math.hypot(speed_deg_s * math.hypot(read_s, pulse.sigma_s), bend_deg),
-            speed_deg_s=speed_deg_s,
         )

@@ -213,6 +213,6 @@ def hashable_values(settings: SimulatedSettings) -> dict[str, Any]:
         if values[name] == usual[name]:
             del values[name]
     if settings.receiver.peak_counts is None:
-        # The default of the first version.
+        # The default that the hashes have been made with.
         values["receiver"]["peak_counts"] = 600.0
     return values

@@ -12,11 +12,10 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from types import TracebackType
-from typing import Self
 
 import msgspec
 
+from markerseek._closing import Closing
 from markerseek.core import ConfigError, NotConnectedError
 from markerseek.files import Line
 from markerseek.guard import Lease
@@ -31,7 +30,7 @@ _ANSWER_S = 2.0
 """Longest time for the supervisor to answer, to take in what it is sent, or to end."""
 
 
-class Supervisor:
+class Supervisor(Closing):
     """A separate process that holds the lines, and sends each its safe command when this one dies or hangs.
 
     It dies with this process, and with nothing else: Ctrl-C in the terminal does not reach it. When it is itself
@@ -147,14 +146,6 @@ class Supervisor:
             self._process.kill()
             self._process.wait()
         self._starter.shutdown()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _write(self, number: int, data: bytes) -> None:
         self._receive(0.0)

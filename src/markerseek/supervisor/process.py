@@ -11,11 +11,11 @@ import termios
 import time
 from collections import deque
 from collections.abc import Sequence
+from typing import Protocol
 
-from markerseek.core import DeviceError
-from markerseek.files import Line
+from markerseek.core import DeviceError, NotConnectedError
+from markerseek.files import Line, open_serial
 from markerseek.guard import Lease
-from markerseek.supervisor.lines import open_line
 from markerseek.supervisor.messages import Kind, packed, step_of, unpacked
 from markerseek.supervisor.parent_death import end_with_parent
 
@@ -30,13 +30,31 @@ _LAST_S = 0.5
 """Longest time for the last safe commands to be sent."""
 
 
+class _OpenLine(Protocol):
+    def fileno(self) -> int: ...
+
+
+def _opened(line: Line) -> _OpenLine:
+    """The line, opened for this process alone, whose reads and writes never block.
+
+    Raises `NotConnectedError` if it cannot be opened, or another program has it.
+    """
+    try:
+        opened: _OpenLine = open_serial(
+            line.path, baud=line.baud, parity=line.parity, rtscts=line.rtscts, write_timeout_s=0
+        )
+    except NotConnectedError as error:
+        raise NotConnectedError(f"line {line.name!r}: {error}") from None
+    return opened
+
+
 class _HeldLine:
     """A line, its unsent messages, and the safe command that is sent before them."""
 
     def __init__(self, line: Line) -> None:
         self.safe_command = line.safe_command
         self.name = line.name
-        self._serial = open_line(line)
+        self._serial = _opened(line)
         self.fd = self._serial.fileno()
         self._unsent: deque[bytes] = deque()
         self._cut = False

@@ -12,12 +12,12 @@ host to box                                             box to host
 ``FIRE token``                                          ``DONE token sent photodiode`` when the train has ended,
                                                         from a box with a light meter one number more: ``light``
 ``DISARM``                                              ``OK DISARM``
-``SWEEP token pulses period_us expiry_ms``              ``OK SWEEP token seen``, from version 3 on, as the next four
-after its ``FIRE``                                      ``PULSE token number stamp_us photodiode`` for each pulse,
+``SWEEP token pulses period_us expiry_ms``              ``OK SWEEP token seen``
+after its ``FIRE``                                      ``PULSE token number stamp_us photodiode edge`` for each pulse,
+                                                        from a box with a light meter one number more: ``light``,
                                                         ``DARK token sent photodiode`` when its light has ended, and
                                                         ``DONE`` as above when the train has
-``EDGES token pulses period_us expiry_ms``              ``OK EDGES token seen``, from version 5 on; the pulses are told
-after its ``FIRE``                                      as those of SWEEP
+``EDGES token pulses period_us expiry_ms``              ``OK EDGES token seen``; after its ``FIRE`` as SWEEP
 ``TIME number``                                         ``OK TIME number clock_us``
 anything that is refused                                ``ERR reason``
 ======================================================  ==========================================================
@@ -35,10 +35,10 @@ until DONE is sent, HELLO and PERMIT are refused as ``BUSY``. DONE is sent `LIGH
 ``seen`` is the photodiode's count since power-up: if it rises outside of firings, there was light without a permit.
 Within any minute a box sends `MAX_PULSES_PER_MINUTE` pulses at most (refusal ``BUDGET``).
 
-A box whose photodiode also measures is of version 2: its DONE ends with ``light``, the sum over the lit pulses of what
-the meter read of each, in counts of its own. All else is as in version 1.
+A box whose photodiode also measures is of version 6, any other of version 5: ``light`` of DONE is the sum over the lit
+pulses of what the meter read of each, in counts of its own, and ``light`` of PULSE what it read of that one.
 
-**Sweeps** (fly-scan). A box of version 3, or 4 with a light meter, knows SWEEP: a permit for single pulses, void by all
+**Sweeps** (fly-scan). SWEEP is a permit for single pulses, void by all
 that voids the other, whose train runs free with ``period_us`` between two pulses at least: one that comes late puts off
 all others. Each pulse is stamped by the box's own clock, in microseconds since power-up modulo 2³¹, when its trigger
 begins; its line follows `LIGHT_LATE_US` later with what the photodiode saw since, and ``DARK`` follows the last of them
@@ -46,13 +46,12 @@ at once. After that the train is completed without light, up to as many triggers
 acquisition that counts them ends, and its last frames are dark. TIME is answered at any time: the host knows by the
 time of question and answer what its own clock showed, and so does with each stamp.
 
-**Position-triggered sweeps.** A box of version 5, or 6 with a light meter, has a trigger input and knows EDGES: as
-SWEEP, but each pulse is given at a rising edge there, that of a stage which triggers by its position. Edges are counted
+**Position-triggered sweeps.** EDGES is as SWEEP, but each pulse is given at a rising edge at the box's trigger input,
+that of a stage which triggers by its position. Edges are counted
 from FIRE on. One that comes sooner than ``period_us`` after the last pulse is counted and gives nothing, neither light
 nor a trigger of the acquisition; nor does one that the box sees more than `LIGHT_LATE_US` later, or of several that it
 sees at once any but the last. The stamp is the time of the edge. Once the light has ended, edges count no more: the
-train is completed at ``period_us``. In any sweep of these versions the line of a pulse ends with the number of the edge
-that gave it, 0 where none did, and in version 6 with ``light`` after that: what the meter read of that pulse.
+train is completed at ``period_us``. ``edge`` of PULSE is the number of the edge that gave it, 0 where none did.
 """
 
 from __future__ import annotations
@@ -63,14 +62,9 @@ from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 from markerseek.core import ConfigError, LaserError
 
-VERSION, METERED_VERSION = 1, 2
-"""Version of the protocol: of a box that only counts pulses, and of one that measures their light too."""
-
-SWEEP_VERSION, METERED_SWEEP_VERSION = 3, 4
-"""The same of a box that sweeps, too: of one without a light meter, and with one."""
-
-EDGE_VERSION, METERED_EDGE_VERSION = 5, 6
-"""The same of a box with a trigger input; with a light meter it measures single pulses of a sweep as well."""
+VERSION, METERED_VERSION = 5, 6
+"""Version of the protocol: of a box that only counts pulses, and of one that measures their light too; lower numbers
+are those of boxes that were never released."""
 
 EMULATOR = "emulator"
 """Identity of an emulated box."""
@@ -85,7 +79,7 @@ MAX_PULSES, MAX_RATE_HZ, MAX_EXPIRY_MS, MAX_COUNT = 1024, 1000, 60_000, 2**31 - 
 """Largest numbers of a permit that a box accepts, and of a token, a step, a stamp or a count of the photodiode."""
 
 MAX_SWEEP_PULSES, MIN_PERIOD_US, MAX_PERIOD_US = 10_000, 2000, 10_000_000
-"""Most pulses of a sweep, and least and largest time between two of them: each is told before the next is fired."""
+"""Most pulses of a sweep, and least and largest time between two of them: each is reported before the next is fired."""
 
 MAX_PULSES_PER_MINUTE = 6000
 """Most pulses that a box sends within any minute, whatever is permitted.
@@ -236,25 +230,22 @@ class EdgesPermitted(SweepPermitted):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stamped:
-    """A pulse of a sweep, counted from 1: when its trigger began, and what the photodiode saw of it."""
+    """A pulse of a sweep, counted from 1: when its trigger began, and what the photodiode saw of it.
+
+    ``edge`` is the number of the edge that gave it, 0 if none did.
+    """
 
     head: ClassVar[str] = "PULSE"
     token: int
     number: int
     stamp_us: int
     photodiode: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EdgeStamped(Stamped):
-    """`Stamped` of a box with a trigger input: ``edge`` is the number of the edge that gave it, 0 if none did."""
-
     edge: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MeteredStamped(EdgeStamped):
-    """`EdgeStamped` of a box with a light meter: ``light`` is what it read of the pulse, in counts of its own."""
+class MeteredStamped(Stamped):
+    """`Stamped` of a box with a light meter: ``light`` is what it read of the pulse, in counts of its own."""
 
     light: int
 
@@ -300,7 +291,6 @@ Reply: TypeAlias = (
     | SweepPermitted
     | EdgesPermitted
     | Stamped
-    | EdgeStamped
     | MeteredStamped
     | Dark
     | Time

@@ -94,7 +94,7 @@ def test_an_unsteady_laser_on_the_emulated_bench_with_a_light_meter_gives_the_an
     assert abs(measured.mean_deg - steady.mean_deg) < abs(unmeasured.mean_deg - steady.mean_deg)
 
 
-def test_a_box_of_version_1_measures_nothing_and_is_used_as_before(tmp_path: Path) -> None:
+def test_a_box_without_a_light_meter_is_used_and_is_no_energy_meter(tmp_path: Path) -> None:
     counting = replace(STEADY, energy_meter_noise=None)
     _, found = found_on(tmp_path / "counting", counting, changed_keys(KEYS, energy_from=None))
     assert found.mean_deg == pytest.approx(-8.0, abs=0.5)
@@ -242,13 +242,7 @@ def test_each_frame_of_a_sweep_has_the_energy_of_its_pulse() -> None:
     assert [frame.header.energy for frame in meter.end_sweep(pulses=3)] == [0.5, 1.0, 1.5]
 
 
-def test_what_measures_trains_only_and_what_only_stands_still_say_why_they_cannot_sweep() -> None:
-    swept: Any = Swept()
-    trains: Any = SimpleNamespace(measures_pulses=False)
-    with pytest.raises(
-        ConfigError, match="measures single pulses of a sweep from version 6 of the laser box's protocol"
-    ):
-        _ = EnergyMeter(swept, measured=lambda _: None, usual_energy=1.0, box=trains).frame_period_s
+def test_what_only_works_at_rest_says_why_it_cannot_sweep() -> None:
     still: Any = object()
     with pytest.raises(ConfigError, match=r"its receiver \(object\) only works with the probe at rest"):
         _ = EnergyMeter(still, measured=lambda _: None, usual_energy=1.0).frame_period_s
@@ -257,7 +251,7 @@ def test_what_measures_trains_only_and_what_only_stands_still_say_why_they_canno
 def test_each_frame_of_a_sweep_has_what_the_box_says_of_its_own_pulse() -> None:
     swept: Any = Swept()
     permit: Any = object()
-    box: Any = SimpleNamespace(measures_pulses=True, light_of_pulse={0: 10_000, 1: 30_000, 2: None}.get)
+    box: Any = SimpleNamespace(light_of_pulse={0: 10_000, 1: 30_000, 2: None}.get)
     meter = EnergyMeter(swept, measured=lambda _: 1.0, usual_energy=20_000.0, box=box)
     for _ in range(2):
         meter.begin_sweep(permit)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from markerseek.drivers._kdc101_approach import DOWN, UP, plan_approach
 from markerseek.drivers._kdc101_move import MoveRules
-from markerseek.drivers.kdc101 import DOWN, UP, plan_approach
 from markerseek.emulators._prm1z8 import Motor
 from markerseek.sim import StageMotion
 from tests.unit.drivers.kdc101_bench import TRAVEL, bench

@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from itertools import pairwise
-from typing import Literal
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from markerseek.core import (
-    ConfigError,
     DeviceError,
     DeviceTimeoutError,
     LaserError,
@@ -62,11 +60,11 @@ class SlowPort(DirectPort):
 class Bench:
     """A box that sweeps, and its driver, whose beat is in each wait."""
 
-    def __init__(self, *, version: Literal[1, 3, 5] = 5, metered: bool = False, late_s: float = 1e-3) -> None:
+    def __init__(self, *, metered: bool = False, late_s: float = 1e-3) -> None:
         self.world = Lit()
         self.triggers: list[int] = []
         light = LaserSettings(energy_meter_noise=0.0 if metered else None)
-        self.box = EmulatedLaserBox(world=self.world, on_triggers=self.triggers.append, laser=light, version=version)
+        self.box = EmulatedLaserBox(world=self.world, on_triggers=self.triggers.append, laser=light)
         self.box.faults.clock_drift = 50e-6
         self.clock = BenchClock(tick_s=1e-3)
         self.port = SlowPort(device=self.box, clock=self.clock, late_s=late_s)
@@ -96,10 +94,9 @@ def permit(token: str = "s", *, pulses: int = 100, period_s: float = 0.05, expir
     )
 
 
-@pytest.mark.parametrize("version", [3, 5])
 @pytest.mark.parametrize("ahead_us", [0, 2**31 - 1_000_000, 2**30])
-def test_each_pulse_of_a_sweep_has_its_time_on_the_rig_s_clock(ahead_us: int, version: Literal[3, 5]) -> None:
-    bench = Bench(version=version)
+def test_each_pulse_of_a_sweep_has_its_time_on_the_rig_s_clock(ahead_us: int) -> None:
+    bench = Bench()
     # Also where the box's count of microseconds starts anew in mid-sweep.
     bench.box.faults.clock_step_us = ahead_us
     bench.driver.begin_sweep(permit())
@@ -191,7 +188,7 @@ def test_a_box_that_names_edges_where_none_were_asked_for_is_refused() -> None:
     for edged, edges in ((False, [1]), (True, [0]), (True, [2, 2]), (True, [3, 2])):
         sweep = BoxSweep(token=1, pulses=4, heard_s=now_s, stepped_s=now_s, edged=edged)
         *before, last = (
-            wire.EdgeStamped(token=1, number=number, stamp_us=number, photodiode=1, edge=edge)
+            wire.Stamped(token=1, number=number, stamp_us=number, photodiode=1, edge=edge)
             for number, edge in enumerate(edges, 1)
         )
         for each in before:
@@ -258,15 +255,6 @@ def test_a_line_too_slow_for_the_time_of_a_pulse_is_refused() -> None:
         bench.turn(1.0)
 
 
-@pytest.mark.parametrize(("metered", "version"), [(False, 1), (True, 2)])
-def test_a_box_without_stamps_fires_as_before_and_says_why_it_cannot_sweep(metered: bool, version: int) -> None:
-    bench = Bench(version=1, metered=metered)
-    assert bench.driver.fire(Permit(token="a", angle_deg=0.0, pulses=7, expires_s=math.inf)) == 7
-    with pytest.raises(ConfigError, match=f"its laser box has version {version} of the protocol, which stamps no"):
-        _ = bench.driver.sweep_period_s
-    assert Bench(metered=metered).driver.sweep_period_s == 0.01
-
-
 @pytest.mark.parametrize(
     ("permits", "said"), [((permit(), permit()), "used before"), ((permit(expires_s=0.0),), "exp")]
 )
@@ -307,8 +295,15 @@ def test_light_in_the_dark_part_of_a_sweep_is_found() -> None:
 COUNTS = st.one_of(st.integers(0, 3), st.integers(0, wire.MAX_COUNT))
 REPLIES = st.one_of(
     st.builds(wire.Time, number=st.integers(1, 5), clock_us=COUNTS),
-    st.builds(wire.Stamped, token=st.just(1), number=st.integers(1, 4), stamp_us=COUNTS, photodiode=st.just(1)),
-    st.builds(wire.Stamped, token=COUNTS, number=COUNTS, stamp_us=COUNTS, photodiode=COUNTS),
+    st.builds(
+        wire.Stamped,
+        token=st.just(1),
+        number=st.integers(1, 4),
+        stamp_us=COUNTS,
+        photodiode=st.just(1),
+        edge=st.just(0),
+    ),
+    st.builds(wire.Stamped, token=COUNTS, number=COUNTS, stamp_us=COUNTS, photodiode=COUNTS, edge=COUNTS),
     st.builds(wire.Dark, token=COUNTS, sent=COUNTS, photodiode=COUNTS),
     st.builds(wire.Done, token=COUNTS, sent=COUNTS, photodiode=COUNTS),
     st.just(wire.Disarmed()),

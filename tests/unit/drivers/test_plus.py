@@ -1,4 +1,7 @@
-"""The driver of a PLUS server against an emulated one: which images count as an acquisition."""
+"""The driver of a PLUS server against an emulated one: which images count as an acquisition.
+
+What it shares with the Vantage's (`TriggeredReceiver`) is tested there.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,6 @@ import pytest
 from markerseek.core import (
     AcquisitionError,
     ConfigError,
-    DeviceTimeoutError,
     Laser,
     NotConnectedError,
     Permit,
@@ -111,14 +113,6 @@ def test_a_frame_is_the_mean_of_as_many_images_as_pulses(plus: EmulatedPlus) -> 
     assert frame.sampling_hz == SETTINGS.sampling_hz
 
 
-def test_a_dark_frame_has_the_triggers_of_the_laser(plus: EmulatedPlus) -> None:
-    plus.receiver.arm(permit(0))
-    plus.fire(permit(0))
-    frame = plus.receiver.acquire(permit(0))
-    assert frame.header.pulses == 0
-    assert (frame.samples == 2).all()
-
-
 @pytest.mark.parametrize("said", [["2.0", "3.0"], ["2.0", "much"], ["2.0", None]])
 def test_the_energy_is_the_mean_of_the_named_field_of_the_images(plus: EmulatedPlus, said: list[str | None]) -> None:
     keys = LaserBoxSettings(port="", energy_from="metadata", energy_field="PulseEnergy", usual_energy=2.0)
@@ -131,24 +125,6 @@ def test_the_energy_is_the_mean_of_the_named_field_of_the_images(plus: EmulatedP
         return
     with pytest.raises(AcquisitionError, match=r"no number in its field 'PulseEnergy'.*correct laser\.energy_field"):
         receiver.acquire(permit(2))
-
-
-def test_images_from_before_are_no_part_of_a_frame(plus: EmulatedPlus) -> None:
-    plus.send(7)
-    plus.receiver.arm(permit())
-    plus.fire(permit())
-    assert (plus.receiver.acquire(permit()).samples == np.rint(9.5)).all()
-
-
-@pytest.mark.parametrize("count", [3, 5])
-def test_another_number_of_images_than_pulses_is_refused(plus: EmulatedPlus, count: int) -> None:
-    plus.receiver.arm(permit())
-    plus.send(count)
-    error = DeviceTimeoutError if count < 4 else AcquisitionError
-    with pytest.raises(error, match=f"{count} (of 4 images|images came for 4 pulses)"):
-        plus.receiver.acquire(permit())
-    with pytest.raises(AcquisitionError, match="was not armed"):
-        plus.receiver.acquire(permit())
 
 
 def test_an_image_that_was_sent_before_the_trigger_is_refused(plus: EmulatedPlus) -> None:

@@ -38,7 +38,7 @@ def test_light_outside_of_a_firing_is_in_the_count() -> None:
     bench = Bench()
     bench.box.stray_light(2)
     greeting = bench.say(wire.Hello(), at_s=0.0)[0]
-    assert greeting == wire.Greeting(identity="emulator", version=5, lease_ms=100, last_token=0, seen=2)
+    assert greeting == wire.Greeting(identity="emulator", version=wire.VERSION, lease_ms=100, last_token=0, seen=2)
     assert bench.say(pulses_of(1, pulses=3), wire.Fire(token=1)) == [wire.Permitted(token=1, seen=2)]
     assert bench.say(at_s=0.09) == [wire.Done(token=1, sent=3, photodiode=3)]
     bench.box.stray_light()

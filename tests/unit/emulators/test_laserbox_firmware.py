@@ -294,7 +294,7 @@ def test_each_pulse_of_a_sweep_is_stamped_and_the_train_ends_dark() -> None:
         == theirs
         == b"".join(
             wire.encode(
-                wire.EdgeStamped(token=1, number=number, stamp_us=1000 * (7 + 20 * number - 20), photodiode=1, edge=0)
+                wire.Stamped(token=1, number=number, stamp_us=1000 * (7 + 20 * number - 20), photodiode=1, edge=0)
             )
             for number in (1, 2, 3)
         )
@@ -341,7 +341,7 @@ def test_an_edge_gives_a_pulse_and_one_that_comes_too_early_is_counted_in_the_da
         said += map(wire.decode_reply, ours.splitlines())
     # Nothing at FIRE, at 130 + 5 and 130 + 19 ms; the triggers of the acquisition are those of the light.
     assert pair.pulls == [(100, True), (130, True), (160, True), (190, True)]
-    stamped = [reply for reply in said if isinstance(reply, wire.EdgeStamped)]
+    stamped = [reply for reply in said if isinstance(reply, wire.Stamped)]
     assert [(pulse.stamp_us, pulse.edge) for pulse in stamped] == [
         (100_000, 1),
         (130_000, 2),
@@ -370,7 +370,7 @@ def test_an_edge_that_waits_too_long_for_its_turn_is_counted_in_the_dark() -> No
         said += map(wire.decode_reply, ours.splitlines())
     # 119 came 19 ms after the light of 99.
     assert pair.pulls == [(20, True), (60, True), (100, True), (160, True)]
-    stamped = [reply for reply in said if isinstance(reply, wire.EdgeStamped)]
+    stamped = [reply for reply in said if isinstance(reply, wire.Stamped)]
     assert [(pulse.stamp_us, pulse.edge) for pulse in stamped] == [(19_000, 1), (59_000, 3), (99_000, 5), (159_000, 9)]
 
 
@@ -413,7 +413,7 @@ def test_the_firmware_s_crc_is_the_codec_s(data: bytes) -> None:
 
 
 def test_limits_and_lease_are_those_of_the_codec() -> None:
-    assert (FIRMWARE.VERSION, FIRMWARE.METERED_VERSION) == (wire.EDGE_VERSION, wire.METERED_EDGE_VERSION)
+    assert (FIRMWARE.VERSION, FIRMWARE.METERED_VERSION) == (wire.VERSION, wire.METERED_VERSION)
     for name in (
         "LEASE_MS",
         "MAX_SWEEP_PULSES",

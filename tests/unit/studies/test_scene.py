@@ -208,7 +208,9 @@ def test_two_humps_are_two_peaks_and_their_csv_states_no_noise() -> None:
 
 
 POINT = Interval(low_deg=-1.0, high_deg=1.0)
-BETWEEN = Unsure(mean_deg=3.0, sigma_deg=1.0, interval95_deg=POINT, interval_kind="posterior", reason="")
+BETWEEN = Unsure(
+    mean_deg=3.0, sigma_deg=1.0, interval95_deg=POINT, interval_kind="posterior", doubt="source", reason=""
+)
 WEAKER = OtherSource(angle_deg=-3.5, sigma_deg=0.2, relative_db=-3.0)
 TWO = TwoAngles(10.0, -4.0)
 
@@ -226,7 +228,9 @@ def ambiguous(*modes_deg: float) -> Ambiguous:
         (ambiguous(10.1, 3.0), "stronger", None),
         (ambiguous(10.1, 3.0, -5.0, -4.1), "stronger", -4.1),
         (
-            Unsure(mean_deg=3.0, sigma_deg=1, interval95_deg=POINT, interval_kind="posterior", reason=""),
+            Unsure(
+                mean_deg=3.0, sigma_deg=1, interval95_deg=POINT, interval_kind="posterior", doubt="source", reason=""
+            ),
             "between",
             None,
         ),

@@ -27,7 +27,7 @@ import numpy as np
 
 from markerseek.core import Float64, PaImage, RecordError, ScanGeometry
 from markerseek.files import new_file
-from markerseek.records.exports.series import Series, grid_of, one_for_each
+from markerseek.records.exports.series import Series, one_for_each
 
 MAX_FRAMES = 9999
 """Frames that four digits of a field's name can count."""
@@ -81,7 +81,7 @@ def _header(image: PaImage, series: Series) -> str:
         f"UltrasoundImageOrientation = {IMAGE_ORIENTATION}",
         "UltrasoundImageType = BRIGHTNESS",
     ]
-    known = series.known | grid_of(image) | {"pixels": PIXELS, "first_time_s": series.times_s[0]}
+    known = series.known | image.geometry.spacing | {"pixels": PIXELS, "first_time_s": series.times_s[0]}
     lines += [_line(f"markerseek_{name}", value) for name, value in known.items()]
     radius_m = series.facts.face_radius_m
     for number, (angle_deg, time_s) in enumerate(zip(series.angles_deg, series.times_s, strict=True)):

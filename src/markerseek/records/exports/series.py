@@ -91,17 +91,6 @@ def series_of(
     )
 
 
-def grid_of(image: PaImage) -> dict[str, float]:
-    """Where the pixels of an image lie: middle of the first column and row, and the distances, in metres."""
-    geometry = image.geometry
-    return {
-        "first_lateral_m": geometry.first_lateral_m,
-        "first_depth_m": geometry.first_depth_m,
-        "lateral_spacing_m": geometry.lateral_step_m,
-        "depth_spacing_m": geometry.depth_step_m,
-    }
-
-
 def one_for_each(path: Path, images: Iterator[PaImage], count: int) -> Iterator[PaImage]:
     """The images, checked to be `count` many; `RecordError` if not."""
     given = 0

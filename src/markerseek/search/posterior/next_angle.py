@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from markerseek.core import ByHand, Float64, Interval
-from markerseek.search.posterior._symmetry import expected_variance
+from markerseek.search.posterior._next_angle import expected_variance
 from markerseek.search.posterior.angle_posterior import AnglePosterior
 from markerseek.search.posterior.likelihood import DEEP_ERROR
 from markerseek.search.posterior.shapes import STEP_DEG, Shapes

@@ -14,7 +14,7 @@ from scipy.stats import multivariate_normal
 
 from markerseek.core import PAPER_RANGE, Floor, Reading, Sample, SweepTiming
 from markerseek.search.floor import SearchNoise
-from markerseek.search.posterior._symmetry import expected_variance
+from markerseek.search.posterior._next_angle import expected_variance
 from markerseek.search.posterior.grid import ERRORS, LEVELS
 from markerseek.search.posterior.inference import Inference, refine
 from markerseek.search.posterior.likelihood import (

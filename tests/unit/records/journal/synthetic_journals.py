@@ -160,7 +160,14 @@ EVENTS: dict[str, JournalEvent] = {
             NotFound(mean_deg=1.0, reason="nothing", floor=Floor(level=None, source="unknown")),
             Ambiguous(mean_deg=1.0, modes_deg=(1.0, -7.25)),
             AtBound(mean_deg=-35.0, side="low"),
-            Unsure(mean_deg=1.0, sigma_deg=3.0, interval95_deg=RANGE, interval_kind="bracket", reason="wide"),
+            Unsure(
+                mean_deg=1.0,
+                sigma_deg=3.0,
+                interval95_deg=RANGE,
+                interval_kind="bracket",
+                doubt="source",
+                reason="wide",
+            ),
         )
     },
 }

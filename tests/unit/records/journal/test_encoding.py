@@ -91,7 +91,14 @@ def test_a_number_that_is_not_finite_is_refused_and_nothing_is_written(number: f
     with Journal.create(path, configuration()) as journal:
         with pytest.raises(RecordError, match="not finite"):
             journal.commit(Asked(role="search", index=1, angle_deg=number), clock_s=0.0)
-        unsure = Unsure(mean_deg=number, sigma_deg=1.0, interval95_deg=RANGE, interval_kind="bracket", reason="made up")
+        unsure = Unsure(
+            mean_deg=number,
+            sigma_deg=1.0,
+            interval95_deg=RANGE,
+            interval_kind="bracket",
+            doubt="source",
+            reason="made up",
+        )
         over = Finished(estimate=unsure, confirmation=None, acquisitions=1, travel_deg=0.0, elapsed_s=0.0)
         with pytest.raises(RecordError, match="not finite"):
             journal.commit(over, clock_s=0.0)

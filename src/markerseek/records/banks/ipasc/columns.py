@@ -48,6 +48,12 @@ def read_columns(path: Path, file: UntrustedHdf5, *, ours: bool) -> Columns:
     angles = file.numbers(fields.ANGLES)
     if angles.size > _MAX_ANGLES:
         raise RecordError(f"{path}: it holds {angles.size} angles, at most {_MAX_ANGLES} are expected")
+    missing = int(np.count_nonzero(np.isnan(angles)))
+    if ours and missing:
+        raise RecordError(
+            f"{path}: {missing} of {angles.size} angles were never measured: a version under development wrote this "
+            "bank, and its scan was killed; scan again"
+        )
     order = np.argsort(angles, kind="stable")
     require_angles(path, angles[order].tolist())
     # Files of other programs have no rig clock, only timestamps since 1970.

@@ -12,7 +12,7 @@ import math
 import shutil
 import uuid
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,7 +28,7 @@ from markerseek.core import (
     RecordError,
     Sample,
 )
-from markerseek.files import new_file, require_new
+from markerseek.files import create_atomically, require_new
 from markerseek.records.banks.bank import HDF5_SUFFIXES, MAX_DEG, BankFacts
 from markerseek.records.banks.ipasc import fields
 from markerseek.records.untrusted_hdf5 import require_h5py
@@ -76,12 +76,30 @@ def whole_bank(path: Path, *, angles: int, dark_frames: int = 0, facts: BankFact
     ``dark_frames``: acquisitions without.
     """
     require_new_bank(path)
-    import h5py
-
-    with new_file(path) as part, h5py.File(part, "w") as file:
+    with ExitStack() as making:
+        with _writing(path):
+            part = making.enter_context(create_atomically(path))
+            file = making.enter_context(_created(path, part))
         writer = BankWriter(path, file, angles=angles, dark_frames=dark_frames, facts=facts)
+        # Outside of `_writing`: an error of the caller, who reads meanwhile, is none of writing.
         yield writer
         writer.finish()
+        with _writing(path):
+            making.close()
+
+
+@contextmanager
+def _created(path: Path, part: Path) -> Iterator[h5py.File]:
+    import h5py
+
+    with _writing(path):
+        file = h5py.File(part, "w")
+    try:
+        yield file
+    finally:
+        # The library writes what it has held back.
+        with _writing(path):
+            file.close()
 
 
 class BankWriter:

@@ -128,6 +128,49 @@ def test_an_import_that_fails_leaves_nothing_and_can_be_made_again(tmp_path):
     assert read_bank(path).angles_deg == (1.0, 2.0, 3.0)
 
 
+def test_an_error_of_reading_is_none_of_writing(tmp_path):
+    def unreadable():
+        raise OSError(5, "Input/output error", "source.npy")
+
+    with pytest.raises(OSError, match=r"source\.npy"):
+        imported(tmp_path / "a.hdf5", then=unreadable)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("call", ["h5py.File", "h5py.File.close", "os.fsync", "os.link"])
+def test_a_disk_that_fails_at_any_step_is_reported_as_one(tmp_path, monkeypatch, call):
+    made = h5py.File.close
+
+    def full(*names, **_modes):
+        if call == "h5py.File.close":
+            made(*names)
+        raise OSError(28, "No space left on device")
+
+    if call == "os.link":
+        # A disk without hard links is no fault: only what replaces them is.
+        monkeypatch.setattr("pathlib.Path.replace", full)
+    monkeypatch.setattr(call, full)
+    with pytest.raises(
+        RecordError, match=r"a\.hdf5: the bank cannot be written: .*No space left on device; nothing was"
+    ):
+        imported(tmp_path / "a.hdf5")
+    monkeypatch.undo()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_only_a_checksum_that_differs_is_reported_as_one(tmp_path, monkeypatch):
+    bank = read_probed(write(tmp_path / "a.hdf5"))
+
+    def broken(*_place):
+        raise OSError("Can't read data (file read failed: errno = 5, error message = 'Input/output error')")
+
+    monkeypatch.setattr(h5py.Dataset, "__getitem__", broken)
+    for read in (lambda: bank.frame(0), lambda: bank.dark_frame(0)):
+        with pytest.raises(RecordError, match=r"a\.hdf5: no bank .*error message = 'Input/output error'") as said:
+            read()
+        assert "its checksum differs" not in str(said.value)
+
+
 def test_an_import_replaces_no_file_that_came_meanwhile(tmp_path):
     path = tmp_path / "a.hdf5"
     with pytest.raises(RecordError, match="there is a file already"):

@@ -25,7 +25,8 @@ from tests.unit.records.banks.synthetic_banks import FACTS, changed, counts, put
         (put("meta_data/markerseek_bank_version", 0.5), "version 0.5"),
         (lambda file: file.pop("meta_data/trus_angle_deg"), "trus_angle_deg is missing"),
         (put("meta_data/trus_angle_deg", np.zeros(4)), "0 deg appears twice"),
-        (put("meta_data/trus_angle_deg", np.array([1.0, 2.0, 3.0, np.nan])), "nan deg, it must be finite"),
+        (put("meta_data/trus_angle_deg", np.array([1.0, 2.0, np.nan, np.nan])), "2 of 4 angles were never measured"),
+        (put("meta_data/trus_angle_deg", np.array([1.0, 2.0, 3.0, np.inf])), "inf deg, it must be finite"),
         (
             put("meta_data/trus_angle_deg", np.array([1.0, 2.0, 3.0, 4e9])),
             "4e.09 deg, it must be finite and within one turn",

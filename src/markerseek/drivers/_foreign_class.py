@@ -1,0 +1,182 @@
+"""The class of a foreign driver: found and imported by its name, checked, and its arguments taken from a rig file."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import inspect
+import sys
+import typing
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from markerseek.core import ConfigError, DeviceTimeoutError, MarkerseekError
+from markerseek.drivers._time_limit import time_limit
+from markerseek.drivers.entry import Part
+from markerseek.files import nearest_key, setting_from
+
+METHODS: dict[Part, tuple[str, ...]] = {
+    "stage": ("move_to", "stop"),
+    "laser": ("fire", "disarm"),
+    "receiver": ("settle", "arm", "acquire"),
+}
+"""Methods of the three protocols (`markerseek.core`), which a class must have."""
+
+
+OFFERED = {
+    "clock": "all waiting is done on it",
+    "travel": "angles at which the probe may be",
+    "pulses": "pulses of one acquisition",
+    "rate_hz": "pulses per second",
+    "sampling_hz": "sampling frequency",
+}
+"""What a class may ask for by name, besides ``line`` and the keys of its table."""
+
+
+def class_of(part: Part, driver: str, *, beside: str) -> type:
+    """The class that a rig file names, with the methods of its part.
+
+    ``beside``: folder of the rig file. Raises `ConfigError` where it is not found, fails, or lacks a method.
+    """
+    name = f'{part}.driver = "{driver}"'
+    module_name, _, class_name = driver.partition(":")
+    if not (class_name.isidentifier() and all(word.isidentifier() for word in module_name.split("."))):
+        raise ConfigError(
+            f'{name}: it must be "module:Class", as in "my_stage:Stage": the name of the file without its folder and '
+            ".py, a colon, and that of the class"
+        )
+    if not beside:
+        raise ConfigError(f"{name}: a foreign driver is only imported for a rig file; name the rig file")
+    file = Path(beside) / f"{module_name}.py"
+    try:
+        with time_limit(f"importing {module_name}"):
+            module = _from_file(module_name, str(file)) if file.is_file() else _installed(module_name, beside)
+    except ModuleNotFoundError as problem:
+        if problem.name is None or not f"{module_name}.".startswith(f"{problem.name}."):
+            raise ConfigError(f"{name}: importing {module_name} failed: {problem}; install what it needs") from problem
+        raise ConfigError(
+            f"{name}: there is no file {file}, and no module {module_name} is installed; correct the name, or put the "
+            "file beside the rig file"
+        ) from problem
+    except DeviceTimeoutError as problem:
+        raise ConfigError(f"{name}: {problem}") from problem
+    except MarkerseekError:
+        raise
+    # Code of the user: any error in it is reported under its name, and not as one of this program.
+    except (Exception, SystemExit) as problem:
+        raise ConfigError(f"{name}: importing {module_name} failed: {described(problem)}; correct it") from problem
+    made = getattr(module, class_name, None)
+    if not isinstance(made, type):
+        there = [
+            key
+            for key, value in vars(module).items()
+            if isinstance(value, type) and value.__module__ == module.__name__ and not key.startswith("_")
+        ]
+        raise ConfigError(
+            f"{name}: {module_name} has no class {class_name}; its classes are: {', '.join(there) or 'none'}"
+        )
+    missing = [method for method in METHODS[part] if not callable(getattr(made, method, None))]
+    if missing:
+        raise ConfigError(
+            f"{name}: {class_name} has no {' and no '.join(missing)}; a {part} has {', '.join(METHODS[part])} "
+            "(docs/how-to/bring-your-own-stage.md)"
+        )
+    return made
+
+
+@cache
+def _from_file(name: str, path: str) -> Any:
+    """Module of a file beside the rig file; an installed one of that name does not take its place."""
+    _find_beside(str(Path(path).parent))
+    # A name of its own: another rig file's module may have the same.
+    spec = importlib.util.spec_from_file_location(f"markerseek_rig.{abs(hash(path)):x}.{name}", path)
+    assert spec is not None  # noqa: S101  a path that ends with .py has a loader
+    assert spec.loader is not None  # noqa: S101
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[spec.name]
+        raise
+    return module
+
+
+def _installed(name: str, beside: str) -> Any:
+    _find_beside(beside)
+    return importlib.import_module(name)
+
+
+def _find_beside(folder: str) -> None:
+    """Let modules of the rig file's folder be found, after all that is installed: none of them can be replaced."""
+    if folder not in sys.path:
+        sys.path.append(folder)
+
+
+def arguments_of(
+    made: type, keys: Mapping[str, object], *, offered: Mapping[str, object], part: Part, driver: str
+) -> dict[str, object]:
+    """Keyword arguments of the class, from the keys of its table and what the rig has for it.
+
+    Raises `ConfigError` if a key is unknown, missing, or of another type.
+    """
+    parameters = _parameters(made, name=f'{part}.driver = "{driver}"')
+    takes_any = any(each.kind is inspect.Parameter.VAR_KEYWORD for each in parameters.values())
+    named = {
+        name: each for name, each in parameters.items() if each.kind not in (each.VAR_KEYWORD, each.VAR_POSITIONAL)
+    }
+    hints = _hints(made)
+    given: dict[str, object] = {}
+    supervised_port = hasattr(made, "safe_command")
+    for key, value in keys.items():
+        if key == "port" and supervised_port and "port" not in named:
+            continue
+        if key not in named and takes_any and key not in offered:
+            given[key] = value
+            continue
+        nearest_key(key, [name for name in named if name not in offered], prefix=f"{part}.")
+        given[key] = setting_from(value, hints[key], name=f"{part}.{key}") if key in hints else value
+    for name, parameter in named.items():
+        if name in given or name not in offered:
+            if name not in given and parameter.default is parameter.empty:
+                raise ConfigError(f"the key {part}.{name} is missing; add it: {driver} needs it")
+        elif name == "line" and not supervised_port:
+            raise ConfigError(
+                f'{part}.driver = "{driver}": it asks for a line, and has no safe_command; give the class the '
+                "bytes that make the device safe, as in safe_command = b'STOP\\r'"
+            )
+        else:
+            given[name] = offered[name]
+    return given
+
+
+def _parameters(made: type, *, name: str) -> Mapping[str, inspect.Parameter]:
+    """Arguments of the class; `ConfigError` if one cannot be given by its name."""
+    try:
+        parameters = inspect.signature(made).parameters
+    except (ValueError, TypeError) as problem:
+        raise ConfigError(
+            f"{name}: the arguments of {made.__name__} are not known ({problem}); derive a class with an __init__"
+        ) from problem
+    nameless = [each.name for each in parameters.values() if each.kind is each.POSITIONAL_ONLY]
+    if nameless:
+        raise ConfigError(
+            f"{name}: {made.__name__} takes {', '.join(nameless)} by position only, and arguments are given by name; "
+            "take the / out of its __init__"
+        )
+    return parameters
+
+
+def _hints(made: type) -> dict[str, Any]:
+    try:
+        return typing.get_type_hints(made.__init__)  # type: ignore[misc]
+    # An annotation that only a type checker can resolve says nothing here.
+    except Exception:  # noqa: BLE001
+        return {}
+
+
+def described(problem: BaseException) -> str:
+    """An error as its class and message in one line."""
+    return f"{type(problem).__name__}: {' '.join(str(problem).split())}"

@@ -1,0 +1,154 @@
+"""The line to the laser box: commands, their answers, and the beats that renew its lease; what answers are no use."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TypeGuard, TypeVar
+
+from markerseek.core import Clock, DeviceTimeoutError, LaserError, NotConnectedError
+from markerseek.drivers._laserbox_sweep import BoxSweep
+from markerseek.wire import Port
+from markerseek.wire import laserbox as wire
+
+_BEAT_S = 0.02
+"""Time between two beats, in seconds: five of them in the longest lease."""
+
+_POLL_S = 0.002
+
+_MIN_LEASE_MS = 50
+"""Shortest lease in milliseconds that survives one lost beat."""
+
+_MAX_TOKENS = wire.MAX_COUNT - 1_000_000
+"""Highest token that a box may have used before: enough are left for a session."""
+
+_CURES = {
+    "CRC": "a line was damaged on its way: check cable and earthing",
+    "FORM": "it does not know the command: check its firmware's version",
+    "TOKEN": "the permit is gone, by a lapsed lease or a restart of the box: arm and start again",
+    "STEP": "a beat came twice: does another program use it?",
+    "INTERLOCK": "the interlock is open: close it, then arm again",
+    "BUSY": "it still sends the triggers of another firing: does another program use it?",
+    "BUDGET": f"it sends at most {wire.MAX_PULSES_PER_MINUTE} pulses a minute: wait a minute, or average fewer",
+}
+
+_Kind = TypeVar("_Kind", bound=wire.Reply)
+
+
+class BoxLine:
+    """A line to one box; while a permit is held, its lease is renewed in each wait for an answer.
+
+    ``holds_permit``: whether the box may hold a permit, so that beats are sent.
+    """
+
+    def __init__(self, *, port: Port, clock: Clock, answer_s: float) -> None:
+        self._port, self._clock, self._answer_s = port, clock, answer_s
+        self._lines = wire.Lines()
+        self._replies: list[bytes] = []
+        self._step = 0
+        self._beaten_s = -math.inf
+        self.holds_permit = False
+
+    def send(self, command: wire.Command) -> None:
+        """Send a command."""
+        self._port.write(wire.encode(command))
+
+    def beat(self) -> None:
+        """Renew the lease if a permit is held and the last beat is old enough."""
+        now_s = self._clock.now_s()
+        if self.holds_permit and now_s - self._beaten_s >= _BEAT_S:
+            self._step += 1
+            self._beaten_s = now_s
+            self.send(wire.Beat(step=self._step))
+
+    def greet(self) -> wire.Greeting | wire.Refusal:
+        """Send HELLO, and return its answer, after which steps begin at 1 again; or BUSY."""
+        # The line end first: it completes a half line that another program left, which would garble HELLO.
+        self._port.write(b"\n" + wire.encode(wire.Hello()))
+        answer = self._skip_to(_answers_hello, after="HELLO")
+        if isinstance(answer, wire.Greeting):
+            self._step = 0
+        return answer
+
+    def await_disarmed(self) -> None:
+        """Wait for the answer to DISARM."""
+        self._skip_to(_answers_disarm, after="DISARM")
+
+    def next(self, *, within_s: float, after: str) -> wire.Reply:
+        """Next reply; the lease is renewed meanwhile. Raises `DeviceTimeoutError` if none comes in time."""
+        ends_s = self._clock.now_s() + within_s
+        while not self._replies:
+            if not self._clock.now_s() <= ends_s:
+                raise DeviceTimeoutError(f"laser box: no answer to {after} in time; check its cable and its power")
+            self.beat()
+            self._clock.wait(_POLL_S)
+            self._receive()
+        return wire.decode_reply(self._replies.pop(0))
+
+    def drop_replies(self) -> None:
+        """Drop all that has come so far."""
+        self._receive()
+        self._replies.clear()
+
+    def hear(self, sweep: BoxSweep, *, within_s: float) -> None:
+        """Take all that the box says of a sweep until it pauses; the first of it may take that long."""
+        # A single byte, because a port waits for as many as it is asked for.
+        first = self._port.read(1, timeout_s=within_s)
+        now_s = self._clock.now_s()
+        for line in self._lines.feed(first + self._port.read(4096, timeout_s=0.0)):
+            sweep.hear(wire.decode_reply(line), now_s=now_s)
+
+    def _skip_to(self, wanted: Callable[[wire.Reply], TypeGuard[_Kind]], *, after: str) -> _Kind:
+        """Next reply that is wanted; others, and damaged lines, belong to earlier commands and are skipped."""
+        ends_s = self._clock.now_s() + self._answer_s
+        while True:
+            try:
+                reply = self.next(within_s=ends_s - self._clock.now_s(), after=after)
+            except LaserError:
+                continue
+            if wanted(reply):
+                return reply
+
+    def _receive(self) -> None:
+        self._replies += self._lines.feed(self._port.read(256, timeout_s=0.0))
+
+
+def _answers_hello(reply: wire.Reply) -> TypeGuard[wire.Greeting | wire.Refusal]:
+    return isinstance(reply, wire.Greeting) or (isinstance(reply, wire.Refusal) and reply.reason == "BUSY")
+
+
+def _answers_disarm(reply: wire.Reply) -> TypeGuard[wire.Disarmed]:
+    return isinstance(reply, wire.Disarmed)
+
+
+def require_known(greeting: wire.Greeting) -> None:
+    """Refuse a box whose version, lease or token this program cannot use."""
+    if greeting.version not in (wire.VERSION, wire.METERED_VERSION):
+        raise NotConnectedError(
+            f"laser box: it has version {greeting.version} of the protocol, {wire.VERSION} and "
+            f"{wire.METERED_VERSION} are known; load the firmware that came with this program"
+        )
+    if not _MIN_LEASE_MS <= greeting.lease_ms <= wire.LEASE_MS:
+        raise NotConnectedError(
+            f"laser box: its lease is {greeting.lease_ms} ms, it must lie between {_MIN_LEASE_MS} and "
+            f"{wire.LEASE_MS} ms; set it in its firmware"
+        )
+    if greeting.last_token > _MAX_TOKENS:
+        raise NotConnectedError(
+            f"laser box: it has used the token {greeting.last_token}, and {wire.MAX_COUNT} is the last; switch it "
+            "off and on, or check its firmware"
+        )
+
+
+def stray_light(seen: int, expected: int) -> LaserError:
+    """The error of a photodiode that has seen another number of pulses than were fired."""
+    return LaserError(
+        f"laser box: its photodiode counts {seen} pulses of light since power-up, {expected} up to the last firing: "
+        "there was light without a permit, or the box was switched off and on; nothing was fired; check the laser and "
+        "its trigger line"
+    )
+
+
+def cure(reply: wire.Reply) -> str:
+    """What a person can do where this is no answer."""
+    return _CURES[reply.reason] if isinstance(reply, wire.Refusal) else "check its firmware"
