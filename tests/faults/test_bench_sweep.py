@@ -23,8 +23,11 @@ pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")
 pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
 
-TRIES = 4
+TRIES = 6
 """A computer that is held up for longer than 0.15 s in mid-sweep rightly ends it: other programs may be the cause."""
+
+HELD_UP = "outside SweepPermit", "refused whole"
+"""What such a sweep says: the search was held up, or the emulated devices were."""
 
 
 @pytest.fixture(autouse=True)
@@ -78,7 +81,7 @@ def test_a_stage_that_triggers_the_laser_box_finds_the_marker(tmp_path: Path) ->
         for number in range(TRIES):
             process = search(devices, tmp_path / f"{number}.journal")
             out, err = process.communicate()
-            if process.returncode != 1 or "outside SweepPermit" not in err:
+            if process.returncode != 1 or not any(said in err for said in HELD_UP):
                 break
     assert process.returncode == 0, err
     result = json.loads(out)
@@ -117,7 +120,7 @@ def test_a_sweep_is_killed_and_the_next_one_finds_the_marker(tmp_path: Path) -> 
         for number in range(TRIES):
             process = search(devices, tmp_path / f"{number}.journal")
             out, err = process.communicate()
-            if process.returncode != 1 or "outside SweepPermit" not in err:
+            if process.returncode != 1 or not any(said in err for said in HELD_UP):
                 break
         with stage_line(devices) as line:
             assert speed_deg_s(line) == pytest.approx(25.0, rel=1e-3)
