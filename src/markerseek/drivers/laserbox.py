@@ -168,17 +168,17 @@ class LaserBox:
     @property
     def sweep_period_s(self) -> float:
         """Least time between two pulses of a sweep; `ConfigError` if the box cannot sweep."""
-        if self.position_triggered and self._version < wire.EDGE_VERSION:
-            raise ConfigError(
-                f"this rig cannot sweep position-triggered: its laser box has version {self._version} of the protocol, "
-                f"which has no trigger input, {wire.EDGE_VERSION} is needed; load the firmware that came with this "
-                'program, or set laser.sweep_mode = "free-running"'
-            )
         if self._version < wire.SWEEP_VERSION:
             raise ConfigError(
                 f"this rig cannot sweep: its laser box has version {self._version} of the protocol, which stamps no "
                 f"pulses, {wire.SWEEP_VERSION} is needed; load the firmware that came with this program, or leave "
                 "--sweep out"
+            )
+        if self.position_triggered and self._version < wire.EDGE_VERSION:
+            raise ConfigError(
+                f"this rig cannot sweep position-triggered: its laser box has version {self._version} of the protocol, "
+                f"which has no trigger input, {wire.EDGE_VERSION} is needed; load the firmware that came with this "
+                'program, or set laser.sweep_mode = "free-running"'
             )
         return max(1 / self._rate_hz, wire.MIN_PERIOD_US / 1e6)
 
