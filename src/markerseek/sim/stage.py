@@ -140,8 +140,8 @@ class SimulatedStage:
         number = (abs(end - start) - 1) // step
         if number < 1:
             raise ConfigError(
-                f"sweep: two triggers are {spacing_deg:.2f} deg apart, which leaves none from {from_deg:g} to {to_deg:g} "
-                'deg; widen the search range, or set laser.sweep_mode = "free-running"'
+                f"sweep: two triggers are {spacing_deg:.2f} deg apart, which leaves none from {from_deg:g} to "
+                f'{to_deg:g} deg; widen the search range, or set laser.sweep_mode = "free-running"'
             )
         step = step if end > start else -step
         angles_deg = tuple((start + step * each) / self._motion.counts_per_deg for each in range(1, number + 1))
