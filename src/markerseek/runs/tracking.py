@@ -9,13 +9,12 @@ from typing import TypeAlias
 
 import numpy as np
 
-from markerseek.core import ConfigError, Event, Found, RunPlan, Sample, SearchError
+from markerseek.core import ConfigError, Event, Found, MarkerCurve, RunPlan, Sample, SearchError
 from markerseek.rigs import Rig
 from markerseek.scan import RunLimits, SweepingDevices, run
 from markerseek.search import (
     FLANK_SHARE,
     SweptRig,
-    SweptTracker,
     SweptTrackingPolicy,
     Tracker,
     TrackingPolicy,
@@ -91,18 +90,28 @@ def tracking_policy(
     if found.curve is None or noise_sigma is None:
         raise SearchError("the search states no curve, or its frames no noise; search with the method posterior")
     now_s = rig.scanner.clock.now_s()
-    tracker = Tracker(
+    return TrackingPolicy(
+        _tracker(rig, found, found.curve, speed_deg_s=speed_deg_s),
+        began_s=now_s,
+        until_s=now_s + duration_s,
+        period_s=period_s,
+        noise_sigma=noise_sigma,
+    )
+
+
+def _tracker(rig: Rig, found: Found, curve: MarkerCurve, *, speed_deg_s: float) -> Tracker:
+    return Tracker(
         angle_deg=found.mean_deg,
         sigma_deg=found.sigma_deg,
-        fwhm_deg=found.curve.fwhm_deg,
-        peak=found.curve.peak,
-        noise_sigma=noise_sigma,
+        fwhm_deg=curve.fwhm_deg,
+        peak=curve.peak,
+        # Not the simulation's own draws.
+        rng=np.random.default_rng([0 if rig.facts.seed is None else rig.facts.seed, 68]),
         limits=rig.limits.search,
         # With more than that it would be lost sooner at a low rate of frames.
         most_speed_deg_s=1.5 * speed_deg_s,
         acceleration_deg_s2=2 * speed_deg_s / TURN_S,
     )
-    return TrackingPolicy(tracker, began_s=now_s, until_s=now_s + duration_s, period_s=period_s)
 
 
 def require_streaming(rig: Rig) -> SweepingDevices:
@@ -130,19 +139,8 @@ def swept_tracking_policy(
         raise SearchError("the search states no curve, or its frames no noise; search with the method posterior")
     devices = require_streaming(rig)
     now_s = rig.scanner.clock.now_s()
-    tracker = SweptTracker(
-        angle_deg=found.mean_deg,
-        sigma_deg=found.sigma_deg,
-        fwhm_deg=found.curve.fwhm_deg,
-        peak=found.curve.peak,
-        # Not the simulation's own draws.
-        rng=np.random.default_rng([0 if rig.facts.seed is None else rig.facts.seed, 68]),
-        limits=rig.limits.search,
-        most_speed_deg_s=1.5 * speed_deg_s,
-        acceleration_deg_s2=2 * speed_deg_s / TURN_S,
-    )
     return SweptTrackingPolicy(
-        tracker,
+        _tracker(rig, found, found.curve, speed_deg_s=speed_deg_s),
         rig=SweptRig(
             fastest_deg_s=devices.stage.fastest_sweep_deg_s,
             acceleration_deg_s2=devices.stage.acceleration_deg_s2,
