@@ -9,8 +9,8 @@ posterior's variance at a time is about
 
 with x the marker's angle then. The way is taken for which the mean of ln V over the next `AHEAD_S` is least, over more
 where the marker is lost: in the usual time no sweep could turn round and reach it, and the probe would go on away from
-it. So the probe crosses a slow marker, goes with a fast one, a little faster or slower than it, and turns when it does; a marker
-that is lost is searched for over the range, without a rule for any of this.
+it. So the probe crosses a slow marker, goes with a fast one, a little faster or slower than it, and turns when it does;
+a marker that is lost is searched for over the range, without a rule for any of this.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ AHEAD_S, STEP_S, CHECKED = 1.6, 0.05, 4
 """How far it looks ahead, in which steps, and how many times of that count in the mean of ln V."""
 
 LOST_TIMES = 3
-"""How many times as far ahead it looks, in as many steps, for a marker that is lost: a sweep over the range takes 5 s."""
+"""How many times as far it looks ahead, in as many steps, for a marker that is lost: the range takes a sweep 5 s."""
 
 DRAWN = 64
 """Markers drawn from the posterior."""

@@ -2,8 +2,8 @@
 
 One intensity says how far the marker is from the image plane, not on which side. A particle has an angle, a speed and
 an acceleration of the marker, and a curve: height, width and form. The marker keeps its speed, or is accelerated for
-about `TURN_S` seconds (a Markov chain of two states). That the curve is an unknown as well keeps the band honest: what it is
-off by is the same in all frames of one flank, and no number of them averages it.
+about `TURN_S` seconds (a Markov chain of two states). That the curve is an unknown as well keeps the band honest: what
+it is off by is the same in all frames of one flank, and no number of them averages it.
 The energy from frame to frame is one of `ENERGY_ERRORS`, of which the frames say how probable each is.
 """
 

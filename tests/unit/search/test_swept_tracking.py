@@ -200,6 +200,19 @@ def test_at_an_end_of_the_range_it_sweeps_back_and_never_out_of_it():
     assert -35.0 <= asked.to_deg < 35.0
 
 
+def test_a_probe_that_sweeps_away_from_a_lost_marker_turns_round():
+    one = policy(angle_deg=20.0, sigma_deg=6.0, until_s=30.0, probe_deg=-5.0, most_speed_deg_s=2.0)
+    one.ask()
+    one._sweep = Sweep(to_deg=-35.0, speed_deg_s=12.5, lit_braking=True)
+    for number in range(1, 11):
+        # It sees nothing but noise.
+        one.tell(sample(5.0 + 0.05 * number, -5.0 - 0.6 * number, 2.0, speed_deg_s=-12.5))
+    assert one.searched_again == 1
+    assert one.ask() is None
+    one.end_sweep()
+    assert one.ask().to_deg > 10.0
+
+
 def test_a_marker_that_stays_lost_is_given_up():
     one = policy(until_s=100.0)
     now_s, rng = 5.0, np.random.default_rng(2)
