@@ -233,7 +233,7 @@ class Campaign:
                 clock=clock,
                 probe_deg=turned.probe_deg,
                 # Every second run, so that nothing else of a plan depends on it.
-                triggered_s=turned.triggered_s if plan.number % 2 else None,
+                triggered_s=(lambda until_s: laser.edges(turned.triggered_s(until_s))) if plan.number % 2 else None,
             ),
             world,
             clock,
