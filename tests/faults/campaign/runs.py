@@ -251,6 +251,7 @@ class Campaign:
             mischief[2],
             while_reading=laser.due_light,
             readout_s=plan.readout_s,
+            sweeps=plan.method == SWEEPS,
         )
         guard = Guard(limits=plan.limits, firing=FiringLimits(), admission=Admission(dark_alarm=DARK_ALARM))
         scanner = Scanner(
