@@ -127,7 +127,7 @@ def track_by_sweeps(
     *,
     fwhm_deg: float,
     settings: SimulatedSettings,
-    speed_deg_s: float,
+    motion: OscillatingMotion,
     duration_s: float,
     seed: int,
 ) -> SweptTrack:
@@ -136,13 +136,13 @@ def track_by_sweeps(
     Stage, play, laser, stamps, receiver and guard are those of a rig with images. All frames count.
 
     ``curve``: true intensity curve, without noise. ``fwhm_deg``: its full width at half maximum, which the tracker
-    knows to `CURVE_ERROR`, as the height. ``settings``: of the rig. ``duration_s``: how long it is followed.
+    knows to `CURVE_ERROR`, as the height. ``settings``: of the rig. ``motion``: of the marker; the tracker knows its
+    speed. ``duration_s``: how long it is followed.
     """
     rng = np.random.Generator(np.random.PCG64(seed))
-    swing = OscillatingMotion(speed_deg_s=speed_deg_s)
     world = CurveWorld.of_settings(settings, curve=curve, marker_deg=0.0, cells=PLACE_CELLS, rng=rng)
     rig = rig_in_world(
-        MovingWorld(world, swing),
+        MovingWorld(world, motion),
         settings,
         clock=VirtualClock(),
         reader=IntensityReader(),
@@ -161,13 +161,13 @@ def track_by_sweeps(
         interval_kind="posterior",
         curve=MarkerCurve(fwhm_deg=fwhm_deg * width, peak=10 ** (settings.noise.peak_snr_db / 20) * height),
     )
-    policy = swept_tracking_policy(rig, found, confirmation, speed_deg_s=speed_deg_s, duration_s=duration_s)
-    sweeps = sum(isinstance(event, Swept) for event in track_run(rig, policy, swing))
-    quality = quality_of(policy, swing, rest_deg=0.0)
+    policy = swept_tracking_policy(rig, found, confirmation, speed_deg_s=motion.speed_deg_s, duration_s=duration_s)
+    sweeps = sum(isinstance(event, Swept) for event in track_run(rig, policy, motion))
+    quality = quality_of(policy, motion, rest_deg=0.0)
     if quality is None:
         raise SearchError("track: no frame was taken; follow the marker for longer")
     last = policy.track[-1]
-    off_deg = abs(last.angle_deg - swing.moved_deg(last.time_s))
+    off_deg = abs(last.angle_deg - motion.moved_deg(last.time_s))
     return SweptTrack(
         quality=quality,
         frames=len(policy.track),

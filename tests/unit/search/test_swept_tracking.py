@@ -35,6 +35,7 @@ from markerseek.search import SweptRig, SweptTrackingPolicy, Tracker
 from markerseek.sim import (
     GaussianCurve,
     LaserSettings,
+    OscillatingMotion,
     PowerCurve,
     ReceiverSettings,
     SimulatedSettings,
@@ -284,7 +285,12 @@ def test_a_stage_of_25_deg_s_follows_a_marker_that_stop_and_go_loses(curve_deg, 
         receiver=ReceiverSettings(readout_s=0.05),
     )
     done = track_by_sweeps(
-        curve_deg, fwhm_deg=FWHM_DEG, settings=settings, speed_deg_s=speed_deg_s, duration_s=8.0, seed=1
+        curve_deg,
+        fwhm_deg=FWHM_DEG,
+        settings=settings,
+        motion=OscillatingMotion(speed_deg_s=speed_deg_s),
+        duration_s=8.0,
+        seed=1,
     )
     assert done.quality.rms_deg < most_deg
     assert abs(done.quality.lag_s) < 0.3
@@ -300,7 +306,7 @@ def test_frames_that_are_read_after_the_sweep_are_refused():
             PowerCurve(fwhm_deg=FWHM_DEG, power=1.2),
             fwhm_deg=FWHM_DEG,
             settings=settings,
-            speed_deg_s=1.0,
+            motion=OscillatingMotion(speed_deg_s=1.0),
             duration_s=5.0,
             seed=1,
         )
