@@ -21,10 +21,10 @@ acceleration_deg_s2 = 25.0
 """A marker, and a stage as fast as it can be; all else as usual."""
 
 
-def markerseek(*words: object) -> list[str]:
-    """The command in a new interpreter."""
+def markerseek(*words: object, before: str = "") -> list[str]:
+    """The command in a new interpreter; ``before``: Python that runs first."""
     # -P: a file in the current folder must not replace a module.
-    return [sys.executable, "-P", "-c", "from markerseek.cli import main; main()", *map(str, words)]
+    return [sys.executable, "-P", "-c", f"{before}\nfrom markerseek.cli import main\nmain()", *map(str, words)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,13 +57,24 @@ class Emulation:
 
 @contextmanager
 def emulation(
-    folder: Path, *options: object, seed: int = 1, device: str = "bench", pace: float = 0.01, text: str = WORLD
+    folder: Path,
+    *options: object,
+    seed: int = 1,
+    device: str = "bench",
+    pace: float = 0.01,
+    text: str = WORLD,
+    before: str = "",
 ) -> Iterator[Emulation]:
-    """Emulated devices in ``folder / "bench"``, in a world with one marker; killed at the end if they still run."""
+    """Emulated devices in ``folder / "bench"``, in a world with one marker; killed at the end if they still run.
+
+    ``before``: Python that runs in their process first.
+    """
     world, bench = folder / "world.toml", folder / "bench"
     world.write_text(text)
     process = subprocess.Popen(
-        markerseek("emulate", device, "--dir", bench, "--rig", world, "--seed", seed, "--pace", pace, *options),
+        markerseek(
+            "emulate", device, "--dir", bench, "--rig", world, "--seed", seed, "--pace", pace, *options, before=before
+        ),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -12,6 +12,7 @@ from markerseek.sim import (
     GaussianCurve,
     IntensityCurve,
     LaserSettings,
+    OscillatingMotion,
     PowerCurve,
     ReceiverSettings,
     SimulatedSettings,
@@ -39,9 +40,8 @@ def followed(seed: int, row: Row) -> SweptTrack:
         laser=LaserSettings(rate_hz=rate_hz, energy_jitter=0.1, stamp_delay_s=5e-3),
         receiver=ReceiverSettings(readout_s=1 / rate_hz, frame_period_s=1 / rate_hz),
     )
-    return track_by_sweeps(
-        curve, fwhm_deg=FWHM_DEG, settings=settings, speed_deg_s=speed_deg_s, duration_s=DURATION_S, seed=seed
-    )
+    swing = OscillatingMotion(speed_deg_s=speed_deg_s)
+    return track_by_sweeps(curve, fwhm_deg=FWHM_DEG, settings=settings, motion=swing, duration_s=DURATION_S, seed=seed)
 
 
 def line(row: Row, runs: list[SweptTrack]) -> str:

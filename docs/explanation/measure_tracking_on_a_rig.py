@@ -43,14 +43,15 @@ def row(rig: Path, name: str, speed_deg_s: int) -> str:
 
 
 def main() -> None:
-    """Print the table."""
-    lines = ["| stage | marker | frames | RMS error | within 1° | lag | lost |", "|---|---|---|---|---|---|---|"]
+    """Print the table, row by row."""
+    sys.stdout.write("| stage | marker | frames | RMS error | within 1° | lag | lost |\n" + 7 * "|---" + "|\n")
     with tempfile.TemporaryDirectory() as folder:
         for name, text in RIGS.items():
             rig = Path(folder) / "rig.toml"
             rig.write_text(text, encoding="utf-8")
-            lines += [row(rig, name, speed_deg_s) for speed_deg_s in SPEEDS_DEG_S]
-    sys.stdout.write("\n".join(lines) + "\n")
+            for speed_deg_s in SPEEDS_DEG_S:
+                sys.stdout.write(f"{row(rig, name, speed_deg_s)}\n")
+                sys.stdout.flush()
 
 
 if __name__ == "__main__":

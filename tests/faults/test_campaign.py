@@ -169,6 +169,21 @@ def test_sweeps_without_a_fault_end_with_an_answer_free_running_and_position_tri
             assert set().union(*map(seen, traces)) == set()
 
 
+@pytest.mark.parametrize("name", ["edge lost", "edge doubled"])
+def test_a_trigger_of_the_stage_that_is_lost_or_doubled_is_reported(tmp_path: Path, name: str) -> None:
+    fault = replace(FAULTS["laser", name].fault, from_step=1, to_step=None)
+    plans = (campaign_runs.draw_plan(2, number) for number in range(1, 2000, 2))
+    sound = (plan for plan in plans if plan.method == campaign_runs.SWEEPS and not plan.faults)
+    with HeldLines() as lines:
+        campaign = campaign_runs.Campaign(tmp_path, lines)
+        traces = (campaign.perform(replace(plan, faults=(fault,))) for plan in sound)
+        # Not in a sweep that ends before.
+        trace = next(trace for trace in traces if trace.acted)
+    verdict = check(trace)
+    assert verdict.reported
+    assert verdict.broken == []
+
+
 def test_the_checker_sees_light_that_no_sweep_permits(tmp_path: Path) -> None:
     plans = (campaign_runs.draw_plan(2, number) for number in range(2000))
     plan = next(plan for plan in plans if plan.method == campaign_runs.SWEEPS and not plan.faults)

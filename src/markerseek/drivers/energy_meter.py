@@ -48,6 +48,7 @@ class EnergyMeter:
     ) -> None:
         self._receiver, self._measured, self._usual_energy = receiver, measured, usual_energy
         self._box, self._swept = box, 0
+        self._untold: list[Frame] = []
         self._values: list[float] = []
 
     @property
@@ -79,16 +80,16 @@ class EnergyMeter:
 
     def begin_sweep(self, permit: SweepPermit) -> None:
         """As of the receiver."""
-        self._swept = 0
+        self._swept, self._untold = 0, []
         self._sweeping.begin_sweep(permit)
 
     def frames(self) -> Sequence[Frame]:
-        """Frames of the receiver, each with the energy of its pulse in the header."""
-        return self._each_with_energy(self._sweeping.frames())
+        """Frames of the receiver, each with the energy of its pulse in the header, once the meter has told it."""
+        return self._each_with_energy(self._sweeping.frames(), ended=False)
 
     def end_sweep(self, *, pulses: int) -> Sequence[Frame]:
-        """As `frames`, those that are left."""
-        return self._each_with_energy(self._sweeping.end_sweep(pulses=pulses))
+        """As `frames`, those that are left; one whose energy the meter did not tell has none in its header."""
+        return self._each_with_energy(self._sweeping.end_sweep(pulses=pulses), ended=True)
 
     @property
     def _sweeping(self) -> SweepingReceiver:
@@ -100,12 +101,20 @@ class EnergyMeter:
             )
         return cast("SweepingReceiver", self._receiver)
 
-    def _each_with_energy(self, frames: Sequence[Frame]) -> Sequence[Frame]:
+    def _each_with_energy(self, frames: Sequence[Frame], *, ended: bool) -> Sequence[Frame]:
         """Frames of a sweep; each is of the pulse after that of the frame before."""
-        first, self._swept = self._swept, self._swept + len(frames)
         if self._box is None:
             return [self._with_energy(frame) for frame in frames]
-        return [self._of(frame, self._box.light_of_pulse(first + index)) for index, frame in enumerate(frames)]
+        self._untold += frames
+        told: list[Frame] = []
+        while self._untold:
+            light = self._box.light_of_pulse(self._swept)
+            # A frame may come before the box has told of its pulse, and waits for it.
+            if light is None and not ended:
+                break
+            told.append(self._of(self._untold.pop(0), light))
+            self._swept += 1
+        return told
 
     def _with_energy(self, frame: Frame) -> Frame:
         # A dark frame has no pulse, whatever a meter says of it.

@@ -256,7 +256,10 @@ class Kdc101Stage:
         # A stage that comes to rest at its end may stay a count or two before it.
         number = (abs(way) - _SAME_COUNTS) // interval
         if number < 1:
-            raise ConfigError(f"sweep: {spacing_deg:g} deg between two triggers leave none from {from_deg} to {to_deg}")
+            raise ConfigError(
+                f"sweep: two triggers are {spacing_deg:.2f} deg apart, which leaves none from {from_deg:g} to "
+                f'{to_deg:g} deg; widen the search range, or set laser.sweep_mode = "free-running"'
+            )
         step = interval if way > 0 else -interval
         # Noted first: half of a write may have reached it.
         self._has_triggers = True

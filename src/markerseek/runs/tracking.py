@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias, TypedDict
+from typing import TypeAlias
 
 import numpy as np
 
-from markerseek.core import ConfigError, Event, Found, Interval, RunPlan, Sample, SearchError
+from markerseek.core import ConfigError, Event, Found, RunPlan, Sample, SearchError
 from markerseek.rigs import Rig
 from markerseek.scan import RunLimits, SweepingDevices, run
 from markerseek.search import (
     FLANK_SHARE,
     SweptRig,
-    SweptTracker,
     SweptTrackingPolicy,
     Tracker,
     TrackingPolicy,
@@ -78,36 +77,6 @@ def stage_period_s(motion: StageMotion, *, fwhm_deg: float, speed_deg_s: float, 
     return period_s
 
 
-class _Known(TypedDict):
-    """What either tracker is given of a marker that was found."""
-
-    angle_deg: float
-    sigma_deg: float
-    fwhm_deg: float
-    peak: float
-    limits: Interval
-    most_speed_deg_s: float
-    acceleration_deg_s2: float
-
-
-def _known_of(rig: Rig, found: Found, confirmation: Sample, *, speed_deg_s: float) -> tuple[_Known, float]:
-    """The arguments that the trackers share, and the noise; `SearchError` if the search states no curve or noise."""
-    noise_sigma = confirmation.reading.noise_sigma
-    if found.curve is None or noise_sigma is None:
-        raise SearchError("the search states no curve, or its frames no noise; search with the method posterior")
-    known: _Known = {
-        "angle_deg": found.mean_deg,
-        "sigma_deg": found.sigma_deg,
-        "fwhm_deg": found.curve.fwhm_deg,
-        "peak": found.curve.peak,
-        "limits": rig.limits.search,
-        # With more than that it would be lost sooner at a low rate of frames.
-        "most_speed_deg_s": 1.5 * speed_deg_s,
-        "acceleration_deg_s2": 2 * speed_deg_s / TURN_S,
-    }
-    return known, noise_sigma
-
-
 def tracking_policy(
     rig: Rig, found: Found, confirmation: Sample, *, speed_deg_s: float, duration_s: float, period_s: float
 ) -> TrackingPolicy:
@@ -117,10 +86,35 @@ def tracking_policy(
     angle found, for its noise. ``speed_deg_s``: speed of the marker: half as much again, and turns within `TURN_S`, are
     followed. ``duration_s``: how long it is followed. ``period_s``: time from frame to frame, as a first guess.
     """
-    known, noise_sigma = _known_of(rig, found, confirmation, speed_deg_s=speed_deg_s)
+    tracker, noise_sigma = _tracker(rig, found, confirmation, speed_deg_s=speed_deg_s)
     now_s = rig.scanner.clock.now_s()
-    tracker = Tracker(**known, noise_sigma=noise_sigma)
-    return TrackingPolicy(tracker, began_s=now_s, until_s=now_s + duration_s, period_s=period_s)
+    return TrackingPolicy(
+        tracker,
+        began_s=now_s,
+        until_s=now_s + duration_s,
+        period_s=period_s,
+        noise_sigma=noise_sigma,
+    )
+
+
+def _tracker(rig: Rig, found: Found, confirmation: Sample, *, speed_deg_s: float) -> tuple[Tracker, float]:
+    """The tracker of that marker, and the noise of a frame at rest."""
+    noise_sigma = confirmation.reading.noise_sigma
+    if found.curve is None or noise_sigma is None:
+        raise SearchError("the search states no curve, or its frames no noise; search with the method posterior")
+    tracker = Tracker(
+        angle_deg=found.mean_deg,
+        sigma_deg=found.sigma_deg,
+        fwhm_deg=found.curve.fwhm_deg,
+        peak=found.curve.peak,
+        # Not the simulation's own draws.
+        rng=np.random.default_rng([0 if rig.facts.seed is None else rig.facts.seed, 68]),
+        limits=rig.limits.search,
+        # With more than that it would be lost sooner at a low rate of frames.
+        most_speed_deg_s=1.5 * speed_deg_s,
+        acceleration_deg_s2=2 * speed_deg_s / TURN_S,
+    )
+    return tracker, noise_sigma
 
 
 def require_streaming(rig: Rig) -> SweepingDevices:
@@ -143,11 +137,8 @@ def swept_tracking_policy(
 
     `ConfigError` as of `require_streaming`.
     """
-    known, noise_sigma = _known_of(rig, found, confirmation, speed_deg_s=speed_deg_s)
+    tracker, noise_sigma = _tracker(rig, found, confirmation, speed_deg_s=speed_deg_s)
     devices = require_streaming(rig)
-    # Not the simulation's own draws.
-    rng = np.random.default_rng([0 if rig.facts.seed is None else rig.facts.seed, 68])
-    tracker = SweptTracker(**known, rng=rng)
     now_s = rig.scanner.clock.now_s()
     return SweptTrackingPolicy(
         tracker,

@@ -23,10 +23,9 @@ from markerseek.search.methods import (
 from markerseek.search.peak import Peak, peak_of
 from markerseek.search.policy import SearchPolicy, check_acquisitions
 from markerseek.search.sweep import Exhaustive, WeightedAverage, equal_steps, peak_passed
-from markerseek.search.swept_tracker import SweptTracker
 from markerseek.search.swept_tracking_policy import SweptRig, SweptTrackingPolicy, require_room
-from markerseek.search.tracking import FLANK_SHARE, Tracker
-from markerseek.search.tracking_policy import TrackingPolicy, TrackPoint
+from markerseek.search.tracking import Tracker
+from markerseek.search.tracking_policy import FLANK_SHARE, TrackingPolicy, TrackPoint, flank_deg
 
 __all__ = [
     "FALSE_FOUND",
@@ -44,7 +43,6 @@ __all__ = [
     "ScriptedManual",
     "SearchPolicy",
     "SweptRig",
-    "SweptTracker",
     "SweptTrackingPolicy",
     "TrackPoint",
     "Tracker",
@@ -55,6 +53,7 @@ __all__ = [
     "check_acquisitions",
     "curve_of",
     "equal_steps",
+    "flank_deg",
     "method_named",
     "most_acquisitions",
     "noise_of",

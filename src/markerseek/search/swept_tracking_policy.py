@@ -1,4 +1,4 @@
-"""A `SweptTracker` as a policy: it turns the probe to and fro about a marker that moves, in light.
+"""A `Tracker` as a policy that turns the probe to and fro about a marker that moves, in light.
 
 Which sweep is next, and whether the present one goes on, is decided by what the frames would tell. Of markers drawn
 from the posterior, each with its curve and its motion, any two are told apart by the intensities that they would give
@@ -7,9 +7,10 @@ posterior's variance at a time is about
 
     V = Σ_ij (x_i − x_j)²·exp(−D_ij/4)/N²                                                                        (1)
 
-with x the marker's angle then. The way is taken for which the mean of ln V over the next `AHEAD_S` is least. So the
-probe crosses a slow marker, goes with a fast one, a little faster or slower than it, and turns when it does; a marker
-that is lost is searched for over the range, without a rule for any of this.
+with x the marker's angle then. The way is taken for which the mean of ln V over the next `AHEAD_S` is least, over more
+where the marker is lost: in the usual time no sweep could turn round and reach it, and the probe would go on away from
+it. So the probe crosses a slow marker, goes with a fast one, a little faster or slower than it, and turns when it does;
+a marker that is lost is searched for over the range, without a rule for any of this.
 """
 
 from __future__ import annotations
@@ -34,11 +35,14 @@ from markerseek.core import (
 from markerseek.search.policy import check_sample
 from markerseek.search.posterior.likelihood import STRONG_SNR
 from markerseek.search.posterior.sources import NEAR_M, POINT_M, Source
-from markerseek.search.swept_tracker import Markers, SweptTracker
+from markerseek.search.tracking import Markers, Tracker
 from markerseek.search.tracking_policy import TrackPoint, found_at, require_later
 
 AHEAD_S, STEP_S, CHECKED = 1.6, 0.05, 4
 """How far it looks ahead, in which steps, and how many times of that count in the mean of ln V."""
+
+LOST_TIMES = 3
+"""How many times as far it looks ahead, in as many steps, for a marker that is lost: the range takes a sweep 5 s."""
 
 DRAWN = 64
 """Markers drawn from the posterior."""
@@ -125,7 +129,7 @@ class SweptTrackingPolicy:
 
     def __init__(
         self,
-        tracker: SweptTracker,
+        tracker: Tracker,
         *,
         rig: SweptRig,
         began_s: float,
@@ -270,7 +274,7 @@ class SweptTrackingPolicy:
             return
         self._judged_s = self._last_s
         forward, now_deg_s = math.copysign(1.0, speed_deg_s), abs(speed_deg_s)
-        time_s, acceleration = _times(), self._rig.acceleration_deg_s2
+        time_s, acceleration = self._times(), self._rig.acceleration_deg_s2
         limits = self._tracker.limits
         on_deg = probe_deg + forward * _run_up(time_s, now_deg_s, sweep.speed_deg_s, acceleration)
         inside = (on_deg > limits.low_deg) & (on_deg < limits.high_deg)
@@ -305,7 +309,7 @@ class SweptTrackingPolicy:
         # Not where there is no way to go.
         room_deg = np.where(speeds < 0, rest_deg - limits.low_deg, limits.high_deg - rest_deg)
         speeds = speeds[room_deg >= LEAST_ROOM_DEG]
-        turning_s = np.maximum(_times() - after_s, 0.0)
+        turning_s = np.maximum(self._times() - after_s, 0.0)
         gone_deg = np.array([_run_up(turning_s, 0.0, abs(speed), rig.acceleration_deg_s2) for speed in speeds])
         probe_deg = rest_deg + np.sign(speeds)[:, None] * gone_deg
         inside = (probe_deg > limits.low_deg) & (probe_deg < limits.high_deg)
@@ -319,7 +323,7 @@ class SweptTrackingPolicy:
         height = self._tracker.peak / self._rig.noise_sigma * markers.curve(ways.probe_deg[:, :, None] - angle_deg)
         # Of even variance, from var = 1 + (εμ)²; a step holds a number of pulses.
         stable = np.arcsinh(ENERGY_ERROR * np.maximum(height, NOISE_FLOOR)) / ENERGY_ERROR
-        stable *= np.sqrt(ways.lit * STEP_S / self._rig.period_s)[:, :, None]
+        stable *= np.sqrt(ways.lit * self._step_s / self._rig.period_s)[:, :, None]
         step = angle_deg.shape[0] // CHECKED
         apart, worth = 0.0, np.zeros(ways.lit.shape[0])
         for begin in range(0, step * CHECKED, step):
@@ -331,18 +335,27 @@ class SweptTrackingPolicy:
             worth -= 0.5 * np.log(confused.mean(axis=(1, 2)) + LEAST_DEG**2)
         return np.asarray(worth / CHECKED)
 
+    @property
+    def _step_s(self) -> float:
+        """Time between two steps of what lies ahead."""
+        return STEP_S * (LOST_TIMES if self._tracker.lost else 1)
+
+    def _times(self) -> Float64[np.ndarray, " times"]:
+        return self._step_s * np.arange(1, round(AHEAD_S / STEP_S) + 1)
+
     def _expected_deg(self, markers: Markers) -> Float64[np.ndarray, "times markers"]:
-        """Angles of the markers in the next `AHEAD_S`, if some turn on the way."""
+        """Angles of the markers at `_times`, if some turn on the way."""
         most_deg_s, angle_deg, speed_deg_s = self._tracker.most_speed_deg_s, markers.angle_deg, markers.speed_deg_s
         turns = np.resize(TURNS_AT, angle_deg.size) * self._tracker.acceleration_deg_s2
         turning = markers.acceleration_deg_s2 != 0
         rows = []
-        for time_s in _times() - STEP_S:
+        step_s = self._step_s
+        for time_s in self._times() - step_s:
             now = markers.acceleration_deg_s2 if time_s < TURNED_S else 0.0
             later = turns if TURNS_FROM_S <= time_s < TURNS_UNTIL_S else 0.0
-            next_deg_s = speed_deg_s + np.where(turning, now, later) * STEP_S
+            next_deg_s = speed_deg_s + np.where(turning, now, later) * step_s
             next_deg_s = np.clip(next_deg_s, -most_deg_s, most_deg_s)
-            angle_deg = angle_deg + (speed_deg_s + next_deg_s) / 2 * STEP_S
+            angle_deg = angle_deg + (speed_deg_s + next_deg_s) / 2 * step_s
             speed_deg_s = next_deg_s
             rows.append(angle_deg)
         return np.array(rows)
@@ -359,14 +372,10 @@ def require_room(limits: Interval) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Ways:
-    """Ways that the probe may take, in steps of `STEP_S` from now."""
+    """Ways that the probe may take, at `_times` from now."""
 
     probe_deg: Float64[np.ndarray, "ways times"]
     lit: Bool[np.ndarray, "ways times"]
-
-
-def _times() -> Float64[np.ndarray, " times"]:
-    return STEP_S * np.arange(1, round(AHEAD_S / STEP_S) + 1)
 
 
 def _run_up(

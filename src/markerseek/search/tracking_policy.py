@@ -1,4 +1,8 @@
-"""A `Tracker` as a policy: it chooses the angle of each next frame on a rig, and takes the times from the frames."""
+"""A `Tracker` as a policy that stops for each frame.
+
+The probe looks at the two flanks of the curve in turn, ahead of and behind the angle where the marker is expected at
+the time of the next frame. The times are those of the frames.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,9 @@ from dataclasses import dataclass
 
 from markerseek.core import Estimate, Found, Interval, NotFound, Sample, SearchError
 from markerseek.search.tracking import Tracker
+
+FLANK_SHARE = 0.3
+"""How far beside the expected angle the probe looks, as a share of the curve's full width at half maximum."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,6 +47,17 @@ def found_at(mean_deg: float, *, sigma_deg: float) -> Found:
     )
 
 
+def flank_deg(tracker: Tracker, *, after_s: float, side: float) -> float:
+    """Angle in degrees of the flank on that side (1: above) of where the marker is expected so long after.
+
+    At an end of the range only the other one can be looked at.
+    """
+    expected_deg, beside_deg = tracker.expected_deg(after_s), side * FLANK_SHARE * tracker.fwhm_deg
+    if expected_deg + beside_deg not in tracker.limits:
+        beside_deg = -beside_deg
+    return tracker.limits.nearest(expected_deg + beside_deg)
+
+
 class TrackingPolicy:
     """Follows a marker on a rig until a time, or until it is lost.
 
@@ -53,14 +71,19 @@ class TrackingPolicy:
         No frame is asked for that would be taken after this time.
     period_s
         Time until the first frame in seconds, roughly; later ones are taken to come at the rate of those before.
+    noise_sigma
+        Standard deviation of the noise, where a frame does not tell its own.
     """
 
-    def __init__(self, tracker: Tracker, *, began_s: float, until_s: float, period_s: float) -> None:
-        self._tracker = tracker
+    def __init__(
+        self, tracker: Tracker, *, began_s: float, until_s: float, period_s: float, noise_sigma: float
+    ) -> None:
+        self._tracker, self._noise_sigma = tracker, noise_sigma
         self.began_s = began_s
         self._last_s, self._until_s = began_s, until_s
         # Of the frames on either flank: a stage may need longer to turn one way than the other.
         self._periods_s = [period_s, period_s]
+        self._side = 1.0
         self.track: list[TrackPoint] = []
 
     @property
@@ -72,7 +95,7 @@ class TrackingPolicy:
         """Angle of the next frame in degrees; None at the end, or once the marker is lost."""
         if self.lost or self._last_s + self._periods_s[-2] > self._until_s:
             return None
-        return self._tracker.ask(self._periods_s[-2])
+        return flank_deg(self._tracker, after_s=self._periods_s[-2], side=self._side)
 
     def tell(self, sample: Sample) -> None:
         """Take the next frame.
@@ -87,13 +110,20 @@ class TrackingPolicy:
         now_s = sample.frame.header.started_s
         require_later(now_s, self._last_s)
         self._periods_s.append(now_s - self._last_s)
-        self._tracker.tell(sample.angle_deg, sample.reading.intensity, after_s=self._periods_s[-1])
-        self._last_s = now_s
+        reading = sample.reading
+        self._tracker.tell(
+            sample.angle_deg,
+            reading.intensity,
+            after_s=self._periods_s[-1],
+            noise_sigma=reading.noise_sigma or self._noise_sigma,
+            cells=reading.cells or 1,
+        )
+        self._side, self._last_s = -self._side, now_s
         self.track.append(
             TrackPoint(
                 time_s=now_s,
                 probe_deg=sample.angle_deg,
-                intensity=sample.reading.intensity,
+                intensity=reading.intensity,
                 angle_deg=self._tracker.mean_deg,
                 sigma_deg=self._tracker.sigma_deg,
                 speed_deg_s=self._tracker.speed_deg_s,

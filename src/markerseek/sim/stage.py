@@ -139,7 +139,10 @@ class SimulatedStage:
         step = math.ceil(spacing_deg * self._motion.counts_per_deg)
         number = (abs(end - start) - 1) // step
         if number < 1:
-            raise ConfigError(f"sweep: {spacing_deg:g} deg between two triggers leave none from {from_deg} to {to_deg}")
+            raise ConfigError(
+                f"sweep: two triggers are {spacing_deg:.2f} deg apart, which leaves none from {from_deg:g} to "
+                f'{to_deg:g} deg; widen the search range, or set laser.sweep_mode = "free-running"'
+            )
         step = step if end > start else -step
         angles_deg = tuple((start + step * each) / self._motion.counts_per_deg for each in range(1, number + 1))
         self._triggers = list(angles_deg)

@@ -10,7 +10,7 @@ import numpy as np
 from markerseek.core import Found, FrameHeader, Interval, MarkerCurve, SearchError, Swept, require_range
 from markerseek.rigs import rig_in_world
 from markerseek.runs import TrackQuality, quality_of, swept_tracking_policy, track_run
-from markerseek.search import Tracker
+from markerseek.search import Tracker, flank_deg
 from markerseek.signals import IntensityReader
 from markerseek.sim import (
     SWING_DEG,
@@ -30,6 +30,9 @@ _HEADER = FrameHeader(sequence=0, token="", pulses=1, commanded_deg=0.0, started
 _MOMENT_S = 1e-6
 CURVE_ERROR = 0.05
 """Relative standard deviation by which the height and the width that a search states are off."""
+
+_CELLS = 1000
+"""Cells of noise in an image."""
 
 PLACE_CELLS = 300
 """Cells of noise at the marker's place in an image, where it is looked up."""
@@ -70,7 +73,7 @@ def track(
         marker_deg=0.0,
         peak=peak,
         noise_sigma=1.0,
-        cells=1000,
+        cells=_CELLS,
         energy_jitter=0.03,
         start_deg=0.0,
         rng=rng,
@@ -82,7 +85,8 @@ def track(
         sigma_deg=0.1,
         fwhm_deg=fwhm_deg,
         peak=peak,
-        noise_sigma=1.0,
+        # Not the world's own draws.
+        rng=rng.spawn(1)[0],
         most_speed_deg_s=1.5 * speed_deg_s,
         acceleration_deg_s2=2 * speed_deg_s / TURN_S,
     )
@@ -90,11 +94,11 @@ def track(
     for number in range(1, math.ceil(duration_s / period_s) + 1):
         now_s = start_s + number * period_s
         truth_deg = swing_deg(now_s, speed_deg_s)
-        probe_deg = tracker.ask(period_s)
+        probe_deg = flank_deg(tracker, after_s=period_s, side=1.0 if number % 2 else -1.0)
         # Only the angle between probe and marker counts: the world's own marker stays at 0.
         world.angle_deg = probe_deg - truth_deg
         frame = world.frame(Flash(at_s=now_s, pulses=1, energy=1 + 0.03 * rng.standard_normal()), header=_HEADER)
-        tracker.tell(probe_deg, frame.intensity, after_s=period_s)
+        tracker.tell(probe_deg, frame.intensity, after_s=period_s, noise_sigma=1.0, cells=_CELLS)
         if number * period_s >= _SETTLED_S:
             errors.append(tracker.mean_deg - truth_deg)
             sigmas.append(tracker.sigma_deg)
@@ -123,7 +127,7 @@ def track_by_sweeps(
     *,
     fwhm_deg: float,
     settings: SimulatedSettings,
-    speed_deg_s: float,
+    motion: OscillatingMotion,
     duration_s: float,
     seed: int,
 ) -> SweptTrack:
@@ -132,13 +136,13 @@ def track_by_sweeps(
     Stage, play, laser, stamps, receiver and guard are those of a rig with images. All frames count.
 
     ``curve``: true intensity curve, without noise. ``fwhm_deg``: its full width at half maximum, which the tracker
-    knows to `CURVE_ERROR`, as the height. ``settings``: of the rig. ``duration_s``: how long it is followed.
+    knows to `CURVE_ERROR`, as the height. ``settings``: of the rig. ``motion``: of the marker; the tracker knows its
+    speed. ``duration_s``: how long it is followed.
     """
     rng = np.random.Generator(np.random.PCG64(seed))
-    swing = OscillatingMotion(speed_deg_s=speed_deg_s)
     world = CurveWorld.of_settings(settings, curve=curve, marker_deg=0.0, cells=PLACE_CELLS, rng=rng)
     rig = rig_in_world(
-        MovingWorld(world, swing),
+        MovingWorld(world, motion),
         settings,
         clock=VirtualClock(),
         reader=IntensityReader(),
@@ -157,13 +161,13 @@ def track_by_sweeps(
         interval_kind="posterior",
         curve=MarkerCurve(fwhm_deg=fwhm_deg * width, peak=10 ** (settings.noise.peak_snr_db / 20) * height),
     )
-    policy = swept_tracking_policy(rig, found, confirmation, speed_deg_s=speed_deg_s, duration_s=duration_s)
-    sweeps = sum(isinstance(event, Swept) for event in track_run(rig, policy, swing))
-    quality = quality_of(policy, swing, rest_deg=0.0)
+    policy = swept_tracking_policy(rig, found, confirmation, speed_deg_s=motion.speed_deg_s, duration_s=duration_s)
+    sweeps = sum(isinstance(event, Swept) for event in track_run(rig, policy, motion))
+    quality = quality_of(policy, motion, rest_deg=0.0)
     if quality is None:
         raise SearchError("track: no frame was taken; follow the marker for longer")
     last = policy.track[-1]
-    off_deg = abs(last.angle_deg - swing.moved_deg(last.time_s))
+    off_deg = abs(last.angle_deg - motion.moved_deg(last.time_s))
     return SweptTrack(
         quality=quality,
         frames=len(policy.track),

@@ -28,6 +28,7 @@ class FaultyReceiver(Faulty):
         *,
         while_reading: Callable[[], None],
         readout_s: float,
+        sweeps: bool,
     ) -> None:
         super().__init__(faults, rng)
         self._inner = inner
@@ -39,7 +40,7 @@ class FaultyReceiver(Faulty):
         self._held: float | None = None
         self._stale = True
         self._until = self._unread = self._shift = 0
-        self._sweeps, self._quiet = False, set[int]()
+        self._sweeps, self._quiet = sweeps, set[int]()
 
     def settle(self) -> None:
         """Wait for a readout; files of a search before land in that time, and are gone then."""
@@ -84,7 +85,7 @@ class FaultyReceiver(Faulty):
     def begin_sweep(self, permit: SweepPermit) -> None:
         self.step += 1
         self._until = self._unread = int(self._rng.integers(2, 60))
-        self._shift, self._sweeps = 0, True
+        self._shift = 0
         if self.has("unplugged"):
             raise OSError("device disconnected")
         self._inner.begin_sweep(permit)

@@ -233,7 +233,7 @@ class Campaign:
                 clock=clock,
                 probe_deg=turned.probe_deg,
                 # Every second run, so that nothing else of a plan depends on it.
-                triggered_s=turned.triggered_s if plan.number % 2 else None,
+                triggered_s=(lambda until_s: laser.edges(turned.triggered_s(until_s))) if plan.number % 2 else None,
             ),
             world,
             clock,
@@ -251,6 +251,7 @@ class Campaign:
             mischief[2],
             while_reading=laser.due_light,
             readout_s=plan.readout_s,
+            sweeps=plan.method == SWEEPS,
         )
         guard = Guard(limits=plan.limits, firing=FiringLimits(), admission=Admission(dark_alarm=DARK_ALARM))
         scanner = Scanner(

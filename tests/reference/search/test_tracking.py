@@ -1,4 +1,4 @@
-"""The tracker against a particle filter of the same model, and on markers whose motion is known."""
+"""The tracker against plain importance sampling of the same model, and on markers whose motion is known."""
 
 from __future__ import annotations
 
@@ -26,8 +26,18 @@ from markerseek.core import (
 from markerseek.guard import State
 from markerseek.rigs import rig_in_world
 from markerseek.runs import quality_of, stage_period_s, track_run, tracking, tracking_policy
-from markerseek.search import Tracker, TrackingPolicy
-from markerseek.search.tracking import SHAPE_ERROR, curve
+from markerseek.search import Tracker, TrackingPolicy, flank_deg
+from markerseek.search.posterior.likelihood import TABLE_LOW, TABLE_STEP, log_tables
+from markerseek.search.tracking import (
+    BEGINS_PER_S,
+    ENERGY_ERRORS,
+    FORMS,
+    HEIGHT_ERROR,
+    MOST_TIMES,
+    WANDER,
+    WIDTH_ERROR,
+)
+from markerseek.search.tracking import TURN_S as TURNS_S
 from markerseek.signals import IntensityReader
 from markerseek.sim import (
     CurveWorld,
@@ -47,45 +57,64 @@ FWHM_DEG, PEAK = 5.0, 100.0
 
 
 def tracker(**changes):
-    values = {"angle_deg": 2.0, "sigma_deg": 0.3, "fwhm_deg": FWHM_DEG, "peak": PEAK, "noise_sigma": 1.0, **changes}
-    return Tracker(**values)
+    values = {"angle_deg": 2.0, "sigma_deg": 0.3, "fwhm_deg": FWHM_DEG, "peak": PEAK, **changes}
+    return Tracker(rng=np.random.default_rng(5), **values)
 
 
-def test_the_curve_has_its_width_and_tails():
-    half = curve(np.array([-FWHM_DEG / 2, 0.0, FWHM_DEG / 2]), fwhm_deg=FWHM_DEG)
-    assert half == pytest.approx([0.5, 1.0, 0.5])
-    far = curve(np.array([200.0, 400.0]), fwhm_deg=FWHM_DEG)
-    assert far[0] / far[1] == pytest.approx(2**1.2, rel=1e-2)
+def told(one, probe_deg, intensity, *, after_s):
+    one.tell(probe_deg, intensity, after_s=after_s, noise_sigma=1.0, cells=10)
+
+
+def test_the_curves_of_its_markers_have_their_width_and_tails():
+    drawn = tracker().drawn(500)
+    height = drawn.curve(
+        np.stack([drawn.width_deg / 2, 0 * drawn.width_deg, 2000 + drawn.width_deg, 2 * (2000 + drawn.width_deg)])
+    )
+    assert height[0] / height[1] == pytest.approx(0.5)
+    assert height[2] / height[3] == pytest.approx(2**drawn.tail, rel=1e-2)
+    assert {(tail, knee) for tail, knee in zip(drawn.tail, drawn.knee, strict=True)} == set(FORMS)
+    assert np.std(np.log(drawn.width_deg / FWHM_DEG)) == pytest.approx(WIDTH_ERROR, rel=0.15)
 
 
 def test_it_is_the_posterior_of_its_model():
-    """A particle filter with 400,000 particles draws what the tracker computes on its grid."""
-    rng = np.random.default_rng(1)
-    ours = tracker(most_speed_deg_s=6.0, acceleration_deg_s2=4.0)
-    angle = rng.normal(2.0, 0.3, 400_000)
-    speed = rng.choice(np.linspace(-6, 6, 25), angle.size)
-    for number in range(1, 9):
-        after_s, truth = 0.2, 2.0 + 3.0 * 0.2 * number
-        probe = ours.ask(after_s)
-        intensity = PEAK * float(curve(np.array([probe - truth]), fwhm_deg=FWHM_DEG)[0]) * (1 + 0.05 * rng.normal())
-        ours.tell(probe, intensity, after_s=after_s)
-        # The speed changes by a normal deviate, within the largest one, and then moves the angle.
-        step = speed + rng.normal(0, 4.0 * after_s, angle.size)
-        outside = np.abs(step) > 6.25
-        while outside.any():
-            step[outside] = speed[outside] + rng.normal(0, 4.0 * after_s, int(outside.sum()))
-            outside = np.abs(step) > 6.25
-        speed = np.clip(step, -6, 6)
-        angle = angle + after_s * speed
-        expected = PEAK * curve(probe - angle, fwhm_deg=FWHM_DEG)
-        sigma = np.hypot(1.0, SHAPE_ERROR * expected)
-        weight = 0.999 * np.exp(-0.5 * ((intensity - expected) / sigma) ** 2) / sigma + 1e-3
+    """Many markers drawn once, each weighed by all frames: no resampling, nothing that drifts."""
+    rng, after_s, number = np.random.default_rng(1), 0.1, 400_000
+    ours = tracker(most_speed_deg_s=6.0, acceleration_deg_s2=4.0, particles=40_000)
+    angle, speed = rng.normal(2.0, 0.3, number), rng.uniform(-6, 6, number)
+    acceleration = np.zeros(number)
+    tail, knee = np.array(FORMS)[rng.integers(len(FORMS), size=number)].T
+    height = PEAK * np.exp(HEIGHT_ERROR * rng.standard_normal(number))
+    width = FWHM_DEG * np.exp(WIDTH_ERROR * rng.standard_normal(number))
+    log_weight, log_error = np.zeros(number), np.zeros((len(ENERGY_ERRORS), number))
+    for frame in range(1, 9):
+        truth = 2.0 + 3.0 * after_s * frame
+        probe = truth + (1.5 if frame % 2 else -1.5)
+        intensity = PEAK * PowerCurve(fwhm_deg=FWHM_DEG, power=1.6).peaks(probe - truth)[0] * (1 + 0.05 * rng.normal())
+        told(ours, probe, intensity, after_s=after_s)
+        chance = rng.random(number)
+        begins = (acceleration == 0) & (chance < 1 - math.exp(-after_s * BEGINS_PER_S))
+        acceleration[(acceleration != 0) & (chance < 1 - math.exp(-after_s / TURNS_S))] = 0.0
+        acceleration[begins] = rng.uniform(-MOST_TIMES * 4.0, MOST_TIMES * 4.0, int(begins.sum()))
+        former = speed + WANDER * 4.0 * math.sqrt(after_s) * rng.standard_normal(number)
+        faster = former + acceleration * after_s
+        acceleration[np.abs(faster) > 6.0] = 0.0
+        speed = np.clip(faster, -6.0, 6.0)
+        angle = angle + (former + speed) / 2 * after_s
+        off = 2 * np.abs(probe - angle) / width
+        expected = height * (1 + (2 ** (knee / tail) - 1) * off**knee) ** (-tail / knee)
+        tables = log_tables(noise=1.0 / intensity, cells=10, errors=ENERGY_ERRORS)
+        place = np.log(expected / intensity)
+        grid = TABLE_LOW + TABLE_STEP * np.arange(tables.shape[1])
+        log_error += [np.interp(place, grid, row) for row in tables]
+        # Which error a frame has is the same in all frames, and unknown.
+        log_weight = np.logaddexp.reduce(log_error, axis=0)
+        weight = np.exp(log_weight - log_weight.max())
         weight /= weight.sum()
-        assert ours.mean_deg == pytest.approx(weight @ angle, abs=0.08), number
-        assert ours.sigma_deg == pytest.approx(math.sqrt(weight @ (angle - weight @ angle) ** 2), rel=0.15), number
-        assert ours.speed_deg_s == pytest.approx(weight @ speed, abs=0.4), number
-        chosen = rng.choice(angle.size, angle.size, p=weight)
-        angle, speed = angle[chosen], speed[chosen]
+        mean = weight @ angle
+        sigma = math.sqrt(weight @ (angle - mean) ** 2)
+        assert ours.mean_deg == pytest.approx(mean, abs=0.25 * sigma + 0.02), frame
+        assert ours.sigma_deg == pytest.approx(sigma, rel=0.25), frame
+        assert ours.speed_deg_s == pytest.approx(weight @ speed, abs=0.4), frame
 
 
 def followed(speed_deg_s, period_s, seed=1):
@@ -112,23 +141,38 @@ def test_a_fast_marker_at_a_frame_a_second_is_lost_and_is_said_to_be():
     assert all(followed(10.0, 1.0, seed).lost for seed in range(4))
 
 
+def test_two_frames_a_second_are_followed_without_a_lag():
+    """Motion noise grows with the root of the interval: a filter in which it grows with the interval lags by 0.2 s."""
+    runs = [followed(1.0, 0.5, seed).quality for seed in range(4)]
+    assert np.sqrt(np.mean([run.rms_deg**2 for run in runs])) < 0.17
+    assert abs(np.mean([run.lag_s for run in runs])) < 0.08
+    assert np.mean([run.covered for run in runs]) > 0.9
+
+
 def test_it_looks_at_both_flanks_in_turn_and_stays_in_its_range():
     one = tracker(limits=Interval(low_deg=-5.0, high_deg=5.0), angle_deg=4.5)
-    asked = []
-    for _ in range(6):
-        asked.append(one.ask(0.1))
-        one.tell(asked[-1], PEAK * float(curve(np.array([asked[-1] - 4.5]), fwhm_deg=FWHM_DEG)[0]), after_s=0.1)
-    assert all(-5 <= angle <= 5 for angle in asked)
+    assert flank_deg(one, after_s=0.1, side=1.0) == flank_deg(one, after_s=0.1, side=-1.0)
+    assert -5 <= flank_deg(one, after_s=0.1, side=1.0) <= 4.5 - 1
     middle = tracker()
-    first = middle.ask(0.1)
-    middle.tell(first, 75.0, after_s=0.1)
-    assert (first - 2.0) * (middle.ask(0.1) - 2.0) < 0
+    above, below = (flank_deg(middle, after_s=0.1, side=side) - 2.0 for side in (1.0, -1.0))
+    assert above == pytest.approx(0.3 * FWHM_DEG, abs=0.1)
+    assert below == pytest.approx(-0.3 * FWHM_DEG, abs=0.1)
+
+
+def test_a_marker_that_goes_on_is_expected_farther_and_no_farther_than_its_range():
+    one = tracker(most_speed_deg_s=6.0, acceleration_deg_s2=4.0)
+    for number in range(1, 30):
+        truth = 2.0 + 3.0 * 0.1 * number
+        probe = truth + (1.5 if number % 2 else -1.5)
+        told(one, probe, PEAK * PowerCurve(fwhm_deg=FWHM_DEG, power=1.6).peaks(probe - truth)[0], after_s=0.1)
+    assert one.expected_deg(1.0) == pytest.approx(truth + 3.0, abs=0.6)
+    assert one.expected_deg(60.0) <= 35.0
 
 
 def test_one_frame_that_fits_nowhere_does_not_end_the_track():
     one = tracker()
     before = one.mean_deg
-    one.tell(one.ask(0.05), 50 * PEAK, after_s=0.05)
+    told(one, flank_deg(one, after_s=0.05, side=1.0), 50 * PEAK, after_s=0.05)
     assert abs(one.mean_deg - before) < 0.5
     assert not one.lost
 
@@ -136,7 +180,7 @@ def test_one_frame_that_fits_nowhere_does_not_end_the_track():
 @pytest.mark.parametrize("intensity", [-1.0, math.nan, math.inf])
 def test_what_is_no_intensity_is_refused(intensity):
     with pytest.raises(SearchError, match="it must be finite and at least 0"):
-        tracker().tell(2.0, intensity, after_s=0.1)
+        told(tracker(), 2.0, intensity, after_s=0.1)
 
 
 @pytest.mark.parametrize(
@@ -147,7 +191,7 @@ def test_settings_that_cannot_be_are_refused(name, value):
     with pytest.raises(ConfigError, match="tracker: "):
         tracker(**{name: value})
     with pytest.raises(ConfigError, match="tracker: after_s"):
-        tracker().ask(0.0)
+        tracker().expected_deg(0.0)
 
 
 def test_the_marker_keeps_its_speed_and_turns_smoothly():
@@ -254,7 +298,7 @@ def test_a_moving_world_is_seen_where_it_is_at_the_flash():
 
 
 def test_a_sample_without_time_is_refused():
-    policy = TrackingPolicy(tracker(), began_s=5.0, until_s=9.0, period_s=0.2)
+    policy = TrackingPolicy(tracker(), began_s=5.0, until_s=9.0, period_s=0.2, noise_sigma=1.0)
     sample = Sample(angle_deg=2.0, reading=Reading(intensity=10.0))
     with pytest.raises(SearchError, match="has no time"):
         policy.tell(sample)

@@ -301,7 +301,7 @@ def test_a_port_that_another_program_left_as_output_or_input_is_off_after_the_st
 def test_triggers_that_no_controller_or_no_sweep_can_give_are_refused() -> None:
     with pytest.raises(ConfigError, match="its stage's controller is a TDC001, which gives no triggers"):
         _ = bench(model="TDC001").stage().trigger_step_deg
-    with pytest.raises(ConfigError, match="leave none"):
+    with pytest.raises(ConfigError, match="leaves none"):
         bench().stage().set_triggers(from_deg=0.0, to_deg=0.5, spacing_deg=0.7)
 
 

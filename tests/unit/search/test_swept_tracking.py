@@ -31,11 +31,11 @@ from markerseek.core import (
 )
 from markerseek.guard import State
 from markerseek.runs import require_streaming
-from markerseek.search import SweptRig, SweptTracker, SweptTrackingPolicy, Tracker
-from markerseek.search.tracking import curve
+from markerseek.search import SweptRig, SweptTrackingPolicy, Tracker
 from markerseek.sim import (
     GaussianCurve,
     LaserSettings,
+    OscillatingMotion,
     PowerCurve,
     ReceiverSettings,
     SimulatedSettings,
@@ -45,15 +45,16 @@ from markerseek.studies import track_by_sweeps
 from tests.unit.scan.sweep_bench import SweepBench
 
 FWHM_DEG, PEAK = 5.0, 25.0
+CURVE = PowerCurve(fwhm_deg=FWHM_DEG, power=1.6)
 
 
 def tracker(**changes):
     values = {"angle_deg": 2.0, "sigma_deg": 0.3, "fwhm_deg": FWHM_DEG, "peak": PEAK, **changes}
-    return SweptTracker(rng=np.random.default_rng(1), **values)
+    return Tracker(rng=np.random.default_rng(1), **values)
 
 
 def told(one, probe_deg, truth_deg, *, rng, after_s=0.05, jitter=0.1):
-    height = PEAK * float(curve(np.array([probe_deg - truth_deg]), fwhm_deg=FWHM_DEG)[0])
+    height = PEAK * CURVE.peaks(probe_deg - truth_deg)[0]
     noisy = math.hypot(height * (1 + jitter * rng.standard_normal()) + rng.standard_normal(), rng.standard_normal())
     one.tell(probe_deg, noisy, after_s=after_s, noise_sigma=1.0, cells=10)
 
@@ -104,12 +105,10 @@ def test_what_is_no_noise_is_refused(noise_sigma, cells):
 
 
 def test_an_angle_that_is_no_number_is_lost():
-    swept, stopping = tracker(), Tracker(angle_deg=2.0, sigma_deg=0.3, fwhm_deg=FWHM_DEG, peak=PEAK, noise_sigma=1.0)
-    assert not swept.lost
-    assert not stopping.lost
-    swept._weight[:], stopping._probability[:] = math.nan, math.nan
-    assert swept.lost
-    assert stopping.lost
+    one = tracker()
+    assert not one.lost
+    one._weight[:] = math.nan
+    assert one.lost
 
 
 @pytest.mark.parametrize(
@@ -202,6 +201,19 @@ def test_at_an_end_of_the_range_it_sweeps_back_and_never_out_of_it():
     assert -35.0 <= asked.to_deg < 35.0
 
 
+def test_a_probe_that_sweeps_away_from_a_lost_marker_turns_round():
+    one = policy(angle_deg=20.0, sigma_deg=6.0, until_s=30.0, probe_deg=-5.0, most_speed_deg_s=2.0)
+    one.ask()
+    one._sweep = Sweep(to_deg=-35.0, speed_deg_s=12.5, lit_braking=True)
+    for number in range(1, 11):
+        # It sees nothing but noise.
+        one.tell(sample(5.0 + 0.05 * number, -5.0 - 0.6 * number, 2.0, speed_deg_s=-12.5))
+    assert one.searched_again == 1
+    assert one.ask() is None
+    one.end_sweep()
+    assert one.ask().to_deg > 10.0
+
+
 def test_a_marker_that_stays_lost_is_given_up():
     one = policy(until_s=100.0)
     now_s, rng = 5.0, np.random.default_rng(2)
@@ -273,7 +285,12 @@ def test_a_stage_of_25_deg_s_follows_a_marker_that_stop_and_go_loses(curve_deg, 
         receiver=ReceiverSettings(readout_s=0.05),
     )
     done = track_by_sweeps(
-        curve_deg, fwhm_deg=FWHM_DEG, settings=settings, speed_deg_s=speed_deg_s, duration_s=8.0, seed=1
+        curve_deg,
+        fwhm_deg=FWHM_DEG,
+        settings=settings,
+        motion=OscillatingMotion(speed_deg_s=speed_deg_s),
+        duration_s=8.0,
+        seed=1,
     )
     assert done.quality.rms_deg < most_deg
     assert abs(done.quality.lag_s) < 0.3
@@ -289,7 +306,7 @@ def test_frames_that_are_read_after_the_sweep_are_refused():
             PowerCurve(fwhm_deg=FWHM_DEG, power=1.2),
             fwhm_deg=FWHM_DEG,
             settings=settings,
-            speed_deg_s=1.0,
+            motion=OscillatingMotion(speed_deg_s=1.0),
             duration_s=5.0,
             seed=1,
         )

@@ -1,0 +1,87 @@
+"""Rigs that cannot sweep position-triggered: the command says what is missing and the cure, before anything moves."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.emulated import WORLD, Emulation, emulation, markerseek
+
+pytest.importorskip("serial", reason="needs the extra devices")
+pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
+
+Shell = Callable[..., tuple[int, str, str]]
+
+TRIGGERED = WORLD + '[laser]\nsweep_mode = "position-triggered"\n[receiver]\nsingle_pulses = true\n'
+TDC001 = """
+from functools import partial
+from markerseek import emulators
+emulators.EmulatedKdc101 = partial(emulators.EmulatedKdc101, model="TDC001")
+"""
+
+
+def refused(devices: Emulation, *words: object) -> str:
+    """What the search says with exit code 2."""
+    command = markerseek("search", "--rig", devices.rig, "--sweep", "--arm", "--json", "--no-journal", *words)
+    process = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert process.returncode == 2, (process.stdout, process.stderr)
+    error: str = json.loads(process.stdout)["error"]
+    assert error in " ".join(process.stderr.split())
+    return error
+
+
+@pytest.mark.real_time
+def test_a_stage_that_cannot_trigger_is_named_with_the_cure(tmp_path: Path) -> None:
+    with emulation(tmp_path, seed=3, text=TRIGGERED, before=TDC001) as devices:
+        said = refused(devices)
+        truth = devices.end()
+    assert said.startswith("this rig cannot sweep")
+    assert 'its stage\'s controller is a TDC001, which gives no triggers; set laser.sweep_mode = "free-running"' in said
+    assert truth == (0.0, 0.0, 0)
+
+
+@pytest.mark.parametrize(
+    ("words", "rig", "said"),
+    [
+        (
+            ("search", "--sweep"),
+            '[laser]\nsweep_mode = "position"\n',
+            "laser.sweep_mode is 'position', it must be one of: free-running, position-triggered",
+        ),
+        (
+            ("search", "--sweep"),
+            '[stage]\nsweep_mode = "position-triggered"\n',
+            "the key stage.sweep_mode is unknown; known here: speed_deg_s,",
+        ),
+        (
+            ("search", "--sweep"),
+            '[laser]\nsweep_mode = "position-triggered"\n[limits.search]\nlow_deg = -0.2\nhigh_deg = 0.2\n',
+            "two triggers are 0.47 deg apart, which leaves none from 0 to 0.2 deg; widen the search range, or",
+        ),
+        (
+            ("track", "--sweep"),
+            '[laser]\nsweep_mode = "position-triggered"\n',
+            'a marker is followed with a laser that runs free: set sweep_mode = "free-running"',
+        ),
+    ],
+)
+def test_a_rig_file_that_asks_for_too_much_is_refused_with_the_cure(
+    shell: Shell, tmp_path: Path, words: tuple[str, ...], rig: str, said: str
+) -> None:
+    file = tmp_path / "rig.toml"
+    file.write_text(f'kind = "simulated"\n[marker]\nangle_deg = 0.0\n{rig}')
+    code, _, err = shell(*words, "--rig", file)
+    assert code == 2
+    assert said in " ".join(err.split())
+
+
+def test_a_rig_that_is_turned_by_hand_cannot_sweep(shell: Shell) -> None:
+    code, _, err = shell("search", "--sweep", "--arm", "--rig", Path("examples/rigs/guided.toml").absolute())
+    assert code == 2
+    assert "this rig cannot sweep: its stage (GuidedStage) only works with the probe at rest; leave --sweep out" in (
+        " ".join(err.split())
+    )
