@@ -41,9 +41,20 @@ def build_search_page(searches: PageSearches, link: LinkSettings) -> None:
             return
         run = live.run
         frame.show_kind(run.configuration.facts.kind, emulated=run.configuration.facts.emulated)
-        view.show(run, reveal=run.snapshots[-1].phase == "finished")
+        view.show(run, reveal=run.snapshots[-1].phase == "finished", next_step=next_step_text(searches))
 
     frame.run(update)
+
+
+def next_step_text(searches: PageSearches) -> str:
+    """What a person can do after a search that was stopped or ended by a fault; empty while anything runs."""
+    if searches.busy:
+        return ""
+    if searches.paused:
+        return "Go on continues it; Start begins a new search"
+    if searches.rig.simulated:
+        return "Start begins a new search"
+    return "next: Start begins a new search; markerseek resume, in the terminal, goes on with this one"
 
 
 def status_text(live: ChildSearch | None, *, simulated: bool = True) -> str:
