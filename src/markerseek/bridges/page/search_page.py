@@ -63,8 +63,9 @@ def status_text(live: ChildSearch | None, *, simulated: bool = True) -> str:
         return "ready: press Start"
     if live.status == "ended":
         if live.run is not None:
-            said = verdict_of(live.run.snapshots[-1]).line
-            return f"{said}: {live.message}" if live.failed else said
+            verdict = verdict_of(live.run.snapshots[-1])
+            # What the verdict says in large letters is not said twice.
+            return f"{verdict.line}: {live.message}" if live.failed and not verdict.problem else verdict.line
         return f"fault: {live.message}" if live.failed else live.message
     if live.status == "starting" and not simulated:
         return "starting: the terminal where the page was started asks whether to arm"
