@@ -79,7 +79,7 @@ def test_verdict_of_a_phone_is_read_from_two_metres(opened):
 
 def test_fault_with_a_long_path_stays_inside_a_phone(opened):
     watched = opened("/", "&pace=0&seed=3", **PHONE)
-    path = "/" + "very-long-name-of-a-folder" * 3
+    path = "/" + "verylongnameofafolder" * 4
     watched.tab.evaluate(
         """text => { document.querySelector(".ms-verdict").className = "ms-verdict ms-verdict-fault";
             for (const name of [".ms-fault", ".ms-status", ".ms-log", ".ms-answer"])
