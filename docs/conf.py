@@ -37,6 +37,7 @@ html_static_path = ["site.css"]
 html_css_files = ["site.css"]
 html_title = f"markerseek {version}"
 html_show_sourcelink = False
+html_show_copyright = False
 nitpicky = True
 # `--seed` is no dash.
 smartquotes = False

@@ -1,6 +1,6 @@
 """A policy of one's own: even steps, then the centre of mass of the strong half. In a study it is ``module:name``.
 
-``PYTHONPATH=examples markerseek study examples/studies/own-policy.toml`` compares it with others.
+``PYTHONPATH=examples markerseek study examples/studies/own-policy.toml --plot`` compares it with others.
 """
 
 import numpy as np

@@ -122,7 +122,9 @@ def test_killed_child_is_said_and_can_go_on(opened, page, command_result):
     watched.wait_for(LOG, "acquisition 2:")
     for child in page.children():
         os.kill(child, signal.SIGKILL)
-    watched.wait_for(STATUS, "exit code 137")
+    watched.wait_for(BADGE, "^FAULT$")
+    watched.wait_for(".ms-fault", "exit code 137")
+    watched.wait_for(".ms-next", "^Go on continues it")
     watched.press("Go on")
     watched.wait_for(STATUS, "^found at ")
     assert json.loads(downloaded(watched, "report JSON")) == command_result("--seed", "6")

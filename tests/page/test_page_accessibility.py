@@ -77,6 +77,21 @@ def test_verdict_of_a_phone_is_read_from_two_metres(opened):
     assert watched.tab.locator(".ms-interval").bounding_box()["y"] < 700
 
 
+def test_fault_with_a_long_path_stays_inside_a_phone(opened):
+    watched = opened("/", "&pace=0&seed=3", **PHONE)
+    path = "/" + "verylongnameofafolder" * 4
+    watched.tab.evaluate(
+        """text => { document.querySelector(".ms-verdict").className = "ms-verdict ms-verdict-fault";
+            for (const name of [".ms-fault", ".ms-status", ".ms-log", ".ms-answer"])
+                document.querySelector(name).textContent = text; }""",
+        path,
+    )
+    assert watched.tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    for name in (".ms-fault", ".ms-status", ".ms-log", ".ms-answer"):
+        needed, has = watched.tab.locator(name).evaluate("each => [each.scrollWidth, each.clientWidth]")
+        assert needed <= has, name
+
+
 def test_keyboard_has_a_focus_that_is_seen(opened):
     watched = opened()
     for name in ("Start", "STOP"):

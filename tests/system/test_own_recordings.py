@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+import markerseek
+
 Shell = Callable[..., tuple[int, str, str]]
 PER_DEGREE = {"deg": 1.0, "rad": math.pi / 180, "mrad": 1e3 * math.pi / 180}
 
@@ -53,6 +55,23 @@ def test_the_same_scan_in_another_unit_is_searched_at_the_same_angles(shell: She
         result = json.loads(shell("replay", path, "--json")[1])
         searched[unit] = ([each["angle_deg"] for each in result["samples"]], result["angle_deg"], result["sigma_deg"])
     assert searched["rad"] == searched["mrad"] == searched["deg"]
+
+
+def test_python_searches_a_recording_as_the_command_does(shell: Shell, tmp_path: Path) -> None:
+    # Steps as wide as the curve: it takes more acquisitions than a search on a rig is given.
+    rng = np.random.default_rng(6)
+    angles_deg = np.linspace(-70, 70, 31)
+    intensities = 100 / (1 + ((angles_deg - 20.6) / 4.5) ** 2) * rng.normal(1, 0.03, 31) + abs(rng.normal(size=31))
+    path = tmp_path / "mine.csv"
+    np.savetxt(
+        path, np.column_stack([angles_deg, intensities]), delimiter=",", header="angle_deg,intensity", comments=""
+    )
+    by_command = json.loads(shell("replay", path, "--json")[1])
+    result = markerseek.find_marker(markerseek.replayed(path))
+    taken = [each.angle_deg for each in result.samples]
+    assert taken == [each["angle_deg"] for each in by_command["samples"]]
+    assert len(taken) > 16
+    assert (result.answer, result.angle_deg) == (by_command["answer"], by_command["angle_deg"])
 
 
 def test_the_answer_from_all_angles_stands_in_the_table(shell: Shell, tmp_path: Path) -> None:

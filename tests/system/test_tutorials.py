@@ -42,6 +42,16 @@ def test_a_tutorial_shows_what_its_commands_print(page: Path, tmp_path: Path) ->
         assert as_shown, f"{page.name}: {command}\nshown:\n{expected}\nprinted:\n{ended.stdout}\n{ended.stderr}"
 
 
+def test_the_method_of_the_tutorial_searches(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (ROOT / "docs" / "tutorials" / "own-policy.md").read_text(encoding="utf-8")
+    searching = re.findall(r"^```python\n(import markerseek\n.*?)^```", text, re.MULTILINE | re.DOTALL)[0]
+    monkeypatch.syspath_prepend(ROOT / "examples")
+    exec(compile(searching, "own-policy.md", "exec"), {})
+    assert capsys.readouterr().out.startswith("Found(mean_deg=")
+
+
 def test_the_method_of_the_tutorial_keeps_the_contract(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "tutorials" / "own-policy.md").read_text(encoding="utf-8")
     (saved,) = re.findall(r"`(test_\w+\.py)` beside.*?^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)

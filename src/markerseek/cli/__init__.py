@@ -53,6 +53,7 @@ def main() -> NoReturn:
     # are no garbage: a fifth of the processor time of a search.
     gc.set_threshold(50_000)
     atexit.register(gc.freeze)
+    sys.unraisablehook = _interrupt_again
     try:
         # A bridge blocks it in its children until here, so that a stop at their start finds this handler.
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
@@ -85,6 +86,16 @@ def main() -> NoReturn:
     except Exception as problem:  # noqa: BLE001  the last resort
         _end_of_defect(problem)
     sys.exit(0)
+
+
+def _interrupt_again(dropped: sys.UnraisableHookArgs) -> None:
+    """Raise a Ctrl-C again that Python has dropped, as it drops all exceptions of destructors; compiling runs many."""
+    if isinstance(dropped.exc_value, KeyboardInterrupt):
+        # By a timer: raised here it would be dropped as well.
+        signal.signal(signal.SIGALRM, signal.default_int_handler)
+        signal.setitimer(signal.ITIMER_REAL, 1e-3)
+    else:
+        sys.__unraisablehook__(dropped)
 
 
 def _forget_current_folder() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -13,7 +12,7 @@ from markerseek.cli.options import AsJson, Out, PlanOptions, ProbeName, Stay, Ta
 from markerseek.cli.report import Output
 from markerseek.cli.terminal import announce_compilation
 from markerseek.cli.watched import Events, Heartbeat, WatchOptions
-from markerseek.core import MAX_ACQUISITIONS, ConfigError
+from markerseek.core import ConfigError
 
 EXAMPLES = (
     "Examples:\n\n"
@@ -55,7 +54,6 @@ def command(
     from markerseek.cli.session import run_new_session
     from markerseek.cli.show_result import conclude
     from markerseek.records.banks import read_bank
-    from markerseek.search import method_named
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     watch = WatchOptions(events=events, heartbeat=heartbeat)
@@ -67,11 +65,7 @@ def command(
     if probe is not None and assembled.imaging is None:
         raise ConfigError(f"--probe is {probe}, and {bank} holds intensities, not channel data; leave it out")
     recorded = None if assembled.angles_deg is None else len(assembled.angles_deg)
-    if options.acquisitions is None and recorded is not None:
-        # Those of a recording cost nothing; other methods than the posterior end at their usual number.
-        usual = MAX_ACQUISITIONS if options.method == "posterior" else method_named(options.method).acquisitions
-        options = replace(options, acquisitions=min(usual, recorded))
-    elif recorded is not None and options.acquisitions is not None and options.acquisitions > recorded:
+    if recorded is not None and options.acquisitions is not None and options.acquisitions > recorded:
         raise ConfigError(
             f"--acquisitions is {options.acquisitions}, and {bank} holds {recorded} angles; ask for at most these"
         )

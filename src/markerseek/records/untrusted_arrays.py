@@ -69,8 +69,9 @@ def read_npy(path: Path) -> dict[str, np.ndarray]:
             more = file.read(1)
     # The header is a Python literal; a hostile one raises errors of many kinds in NumPy's parser.
     except Exception as problem:
-        # NumPy's own sentence advises to unpickle it.
-        reason = "it holds Python objects, or another format" if "pickle" in str(problem) else problem
+        # NumPy's own sentence advises to unpickle it, and the parser's names objects of Python.
+        known = {"pickle": "it holds Python objects, or another format", " object at 0x": "its header makes no sense"}
+        reason = next((said for word, said in known.items() if word in str(problem)), problem)
         raise RecordError(f"{path}: it is no .npy, or cut off: {reason}; save it again with numpy.save") from problem
     if not isinstance(array, np.ndarray):
         raise RecordError(f"{path}: it holds several arrays, one is expected; name it .npz")

@@ -15,7 +15,7 @@ from markerseek.runs.journalled import configuration_of, journalled
 from markerseek.runs.rebuild import rebuild_policy
 from markerseek.runs.resume import resumed
 from markerseek.scan import run
-from markerseek.search import build, build_sweeping, most_acquisitions
+from markerseek.search import build, build_sweeping, method_named, most_acquisitions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,8 +75,14 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
     run = rig.run_plan
     # The paper's methods measure no noise floor, and that of a single pulse is not that of an average.
     without = plan.as_published or plan.sweep_speed_deg_s is not None
+    acquisitions = plan.acquisitions
+    if acquisitions is None and rig.angles_deg is not None:
+        # Those of a recording cost nothing; other methods than the posterior end at their usual number.
+        usual = MAX_ACQUISITIONS if plan.method == "posterior" else method_named(plan.method).acquisitions
+        acquisitions = min(usual, len(rig.angles_deg))
     return replace(
         plan,
+        acquisitions=acquisitions,
         dark_frames=0 if without else run.dark_frames,
         closing_dark=run.closing_dark,
         stay=plan.stay or run.stay,

@@ -88,6 +88,8 @@ def method_named(name: str) -> Method:
     names = [method.name for method in METHODS]
     near = difflib.get_close_matches(name.strip().lower().replace("_", "-").replace(" ", "-"), names, n=1)
     hint = f"did you mean {near[0]}? " if near else ""
+    if ":" in name:
+        hint = "a class of your own is compared by a study, and searches on a rig by markerseek.run in Python; "
     raise ConfigError(f"method: {name!r} is unknown; {hint}methods are {', '.join(names)}")
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import math
 import shlex
+import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -166,6 +167,10 @@ class Entry:
             words = [sys.executable, "-P", "-m", "markerseek.studies.entry_server", words[0]]
         if words[0] == sys.executable and not places[0].is_file():
             raise ConfigError(f"--entry {text}: there is no file {file}; name the Python file and its class")
+        if shutil.which(words[0]) is None:
+            raise ConfigError(
+                f"--entry {text}: {words[0]} is no program that can be started; give a command, or FILE.py:Class"
+            )
         files = tuple((place.name, _sha256(place)) for place in places if place.is_file())
         return cls(command=tuple(words), files=files)
 

@@ -189,3 +189,10 @@ def test_without_h5py_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(MissingExtraError, match=r"version 7\.3 needs the package h5py.*markerseek\[records\]"):
         mat_arrays(DATA / "frame-7.3.mat")
+
+
+def test_a_header_that_makes_no_sense_is_said_without_objects_of_python(tmp_path):
+    path = tmp_path / "frame.npy"
+    path.write_bytes(b"\x93NUMPY\x01\x00v\x00" + b"x" * 118)
+    with pytest.raises(RecordError, match="cut off: its header makes no sense; save it again with"):
+        mat_arrays(path)

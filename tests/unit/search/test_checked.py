@@ -347,3 +347,8 @@ class TestMethods:
         assert build(PolicyPlan(method="weighted-average", start_deg=20.0)).ask() == 35
         assert build(PolicyPlan(method="weighted-average", start_deg=20.0, as_published=True)).ask() == -35
         assert build(PolicyPlan(method="manual", start_deg=20.0)).ask() == 35
+
+
+def test_a_class_of_ones_own_is_no_method_of_a_command():
+    with pytest.raises(ConfigError, match="is unknown; a class of your own is compared by a study"):
+        method_named("mine:Method")

@@ -170,7 +170,7 @@ def test_another_content_of_an_entry_is_another_entry(tmp_path):
     assert first.group != Entry.named(f"python3 {place}").group
 
 
-@pytest.mark.parametrize("text", ["", "'", "nowhere.py:Steps"])
+@pytest.mark.parametrize("text", ["", "'", "nowhere.py:Steps", "picture.png", "no-such-program --fast"])
 def test_what_names_no_entry_is_refused(text):
     with pytest.raises(ConfigError, match="--entry"):
         Entry.named(text)

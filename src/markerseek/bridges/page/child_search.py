@@ -10,7 +10,7 @@ from typing import Literal, Protocol, TypeAlias
 
 from markerseek.bridges.child import Outcome
 from markerseek.bridges.page.run_history import RunHistory
-from markerseek.bridges.page.state import STOPPED
+from markerseek.bridges.page.state import STOPPED, SUPERVISED_END
 from markerseek.core import MarkerseekError
 from markerseek.records.journal import Configuration, JournalItem
 
@@ -80,14 +80,21 @@ class ChildSearch:
     @property
     def message(self) -> str:
         """One sentence on how it ended; empty before."""
-        if self._failure is not None or self.outcome is None:
-            return self._failure or ""
-        if self.outcome.exit_code in _STOPPED:
+        if self._failure is None and self.outcome is not None and self.outcome.exit_code in _STOPPED:
             return STOPPED
-        killed = self.outcome.failed and self.outcome.answer is None
+        return "; ".join(filter(None, (self._said, self._supervised)))
+
+    @property
+    def _said(self) -> str:
+        """How it ended, in its own words or in those of the page."""
+        return self._failure or ("" if self.outcome is None else self.outcome.message)
+
+    @property
+    def _supervised(self) -> str:
+        """What laser and stage do where a search of devices could not see to that itself; empty elsewhere."""
+        killed = self.outcome is not None and self.outcome.failed and self.outcome.answer is None
         on_bench = self.run is not None and self.run.configuration.facts.kind == "bench"
-        supervised = "; its supervisor disarms the laser and stops the stage" if killed and on_bench else ""
-        return self.outcome.message + supervised
+        return SUPERVISED_END if killed and on_bench and self._failure is None else ""
 
     @property
     def failed(self) -> bool:
@@ -131,7 +138,7 @@ class ChildSearch:
             if self._child is not None:
                 self.outcome = self._child.outcome()
             if self.run is not None and not self.run.snapshots[-1].over:
-                self.run.cut_off(self.message)
+                self.run.cut_off(self.message, problem=self._said if self.failed else "")
             self._ended.set()
             self._on_change()
 

@@ -62,7 +62,7 @@ def probe_text(snapshot: Snapshot) -> str:
     if snapshot.target_deg is not None:
         return with_minus(f"expected, on its way to {snapshot.target_deg:.2f}°")
     # A move that was cut short has ended anywhere.
-    last = "last " if snapshot.phase in {"stopped", "fault", "checking"} else ""
+    last = "last " if snapshot.phase in {"stopped", "fault", "cut off", "checking"} else ""
     return with_minus(f"{last}read back: {snapshot.probe_deg:.2f}°")
 
 

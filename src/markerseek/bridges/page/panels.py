@@ -49,9 +49,11 @@ class VerdictPanel:
                 self._angle = ui.label("").classes("ms-angle").mark("angle")
                 self._sigma = ui.label("").classes("ms-sigma")
             with ui.element("div").classes("ms-where"):
+                self._problem = ui.label("").classes("ms-fault").mark("fault")
                 self._turn = ui.label("").classes("ms-turn")
                 self._interval = ui.label("").classes("ms-interval")
                 self._reason = ui.label("").classes("ms-answer").mark("answer")
+                self._next_step = ui.label("").classes("ms-next")
         self.show(Verdict())
 
     def show(self, verdict: Verdict) -> None:
@@ -65,9 +67,11 @@ class VerdictPanel:
             (self._lead, verdict.lead if verdict.angle not in {"", "–"} else ""),
             (self._angle, verdict.angle),
             (self._sigma, verdict.sigma),
+            (self._problem, verdict.problem),
             (self._turn, verdict.turn),
             (self._interval, verdict.interval),
             (self._reason, verdict.reason),
+            (self._next_step, verdict.next_step),
         ):
             label.set_text(text)
         # Some lines of it are seen; the pointer shows the rest.

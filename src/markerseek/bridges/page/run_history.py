@@ -58,9 +58,12 @@ class RunHistory:
                 self.pictures[self.snapshots[-1].number] = picture_of(sample, self._imaging)
                 on_change()
 
-    def cut_off(self, reason: str) -> None:
-        """Note that no more events will come, though the run has not said that it is over."""
-        self.snapshots.append(self._state.cut_off(reason))
+    def cut_off(self, reason: str, *, problem: str = "") -> None:
+        """Note that no more events will come, though the run has not said that it is over.
+
+        ``problem``: what went wrong; empty where a person has stopped it.
+        """
+        self.snapshots.append(self._state.cut_off(reason, problem=problem))
 
     @property
     def imaged(self) -> bool:

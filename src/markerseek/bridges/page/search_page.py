@@ -41,9 +41,20 @@ def build_search_page(searches: PageSearches, link: LinkSettings) -> None:
             return
         run = live.run
         frame.show_kind(run.configuration.facts.kind, emulated=run.configuration.facts.emulated)
-        view.show(run, reveal=run.snapshots[-1].phase == "finished")
+        view.show(run, reveal=run.snapshots[-1].phase == "finished", next_step=next_step_text(searches))
 
     frame.run(update)
+
+
+def next_step_text(searches: PageSearches) -> str:
+    """What a person can do after a search that was stopped or ended by a fault; empty while anything runs."""
+    if searches.busy:
+        return ""
+    if searches.paused:
+        return "Go on continues it; Start begins a new search"
+    if searches.rig.simulated:
+        return "Start begins a new search"
+    return "next: Start begins a new search; markerseek resume, in the terminal, goes on with this one"
 
 
 def status_text(live: ChildSearch | None, *, simulated: bool = True) -> str:
@@ -52,8 +63,9 @@ def status_text(live: ChildSearch | None, *, simulated: bool = True) -> str:
         return "ready: press Start"
     if live.status == "ended":
         if live.run is not None:
-            said = verdict_of(live.run.snapshots[-1]).line
-            return f"{said}: {live.message}" if live.failed else said
+            verdict = verdict_of(live.run.snapshots[-1])
+            # What the verdict says in large letters is not said twice.
+            return f"{verdict.line}: {live.message}" if live.failed and not verdict.problem else verdict.line
         return f"fault: {live.message}" if live.failed else live.message
     if live.status == "starting" and not simulated:
         return "starting: the terminal where the page was started asks whether to arm"

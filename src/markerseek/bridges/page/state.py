@@ -28,9 +28,19 @@ from markerseek.records import answer_name
 from markerseek.records.journal import Checked, Configuration, Interrupted, JournalEvent, Resuming
 
 Phase: TypeAlias = Literal[
-    "ready", "moving", "turning", "sweeping", "measured", "refused", "checking", "stopped", "finished", "fault"
+    "ready",
+    "moving",
+    "turning",
+    "sweeping",
+    "measured",
+    "refused",
+    "checking",
+    "stopped",
+    "finished",
+    "fault",
+    "cut off",
 ]
-"""What the rig does, as far as its events say."""
+"""What the rig does, as far as its events say; a run is cut off that ended by itself without saying why."""
 
 
 STOPPED = "stopped: the laser is disarmed, and the probe stays where it was"
@@ -38,6 +48,9 @@ STOPPED = "stopped: the laser is disarmed, and the probe stays where it was"
 
 FAULT_END = "the laser was told to disarm, and the stage to stop"
 """What laser and stage did at a fault."""
+
+SUPERVISED_END = "its supervisor disarms the laser and stops the stage"
+"""What they do where the search was killed, and could not see to them itself."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,6 +96,8 @@ class Snapshot:
     refused."""
     line: str = ""
     """One line of the log on this event."""
+    problem: str = ""
+    """What went wrong, with its cure, where a fault ended the run; empty elsewhere."""
 
     @property
     def acquisitions(self) -> int:
@@ -98,7 +113,7 @@ class Snapshot:
     @property
     def over(self) -> bool:
         """Whether the run has ended in any way."""
-        return self.phase in {"finished", "fault", "stopped"}
+        return self.phase in {"finished", "fault", "stopped", "cut off"}
 
 
 class SnapshotBuilder:
@@ -123,6 +138,7 @@ class SnapshotBuilder:
             self.snapshot,
             number=self.snapshot.number + 1,
             asked_deg=None,
+            problem="",
             elapsed_s=clock_s - self._started_s,
             pulses=self.snapshot.pulses + _pulses(event),
             belief=getattr(event, "belief", None) or self.snapshot.belief,
@@ -150,7 +166,8 @@ class SnapshotBuilder:
                 line = ": ".join(filter(None, (name, angles_text(estimate))))
                 return replace(now, phase="finished", target_deg=None, line=line)
             case Failed(error=error):
-                return replace(now, phase="fault", target_deg=None, line=f"fault: {error}; {FAULT_END}")
+                line = f"fault: {error}; {FAULT_END}"
+                return replace(now, phase="fault", target_deg=None, line=line, problem=with_minus(str(error)))
             case Interrupted():
                 return replace(now, phase="stopped", target_deg=None, line=STOPPED)
             case Resuming(by=by):
@@ -178,11 +195,21 @@ class SnapshotBuilder:
         line = f"{self._name(event.role, event.index)}{where}" if event.sweep is None else swept
         return replace(now, phase="moving", target_deg=event.angle_deg, line=line)
 
-    def cut_off(self, reason: str) -> Snapshot:
-        """State after the last event of a run that gave no end: where its probe is now is not known."""
+    def cut_off(self, reason: str, *, problem: str = "") -> Snapshot:
+        """State after the last event of a run that gave no end: where its probe is now is not known.
+
+        ``problem``: what went wrong; empty where a person has stopped it.
+        """
         last = self.snapshot
-        line = with_minus(reason)
-        self.snapshot = replace(last, number=last.number + 1, phase="stopped", target_deg=None, line=line)
+        phase: Phase = "cut off" if problem else "stopped"
+        self.snapshot = replace(
+            last,
+            number=last.number + 1,
+            phase=phase,
+            target_deg=None,
+            line=with_minus(reason),
+            problem=with_minus(problem),
+        )
         return self.snapshot
 
     def _name(self, role: Role, index: int) -> str:

@@ -32,8 +32,12 @@ class Verdict:
     interval: str = ""
     turn: str = ""
     """``interval`` and ``turn``: where the marker is with 95 %, and how far the probe has to turn."""
+    problem: str = ""
+    """What went wrong, with its cure; empty but for a fault."""
     reason: str = ""
-    """Why it is so, in one sentence."""
+    """Why it is so, in one sentence; at a fault what laser and stage did."""
+    next_step: str = ""
+    """What a person can do next, after a run that was stopped or ended by a fault."""
 
     @property
     def line(self) -> str:
@@ -42,30 +46,41 @@ class Verdict:
         return self.word.lower() + ("" if self.angle in {"", "–"} else f"{joined} {self.angle}{self.sigma}")
 
 
-def verdict_of(snapshot: Snapshot) -> Verdict:
-    """The verdict after an event; an angle counts as found only once the search is over and says so."""
+def verdict_of(snapshot: Snapshot, *, next_step: str = "") -> Verdict:
+    """The verdict after an event; an angle counts as found only once the search is over and says so.
+
+    ``next_step``: what a person can do next if the run has ended without an answer.
+    """
     word, kind = _word(snapshot)
     belief = snapshot.belief
     if snapshot.asked_deg is not None:
         angle = with_minus(f"{snapshot.asked_deg:.1f}°")
         return Verdict(word="TURN", kind=kind, lead="turn the probe to", angle=angle, reason=snapshot.line)
+    problem, next_step = snapshot.problem, next_step if kind in {"stopped", "fault"} else ""
     if belief is None:
-        return Verdict(word=word, kind=kind, reason=_reason(snapshot))
+        angle = "" if snapshot.over else "–"
+        return Verdict(
+            word=word, kind=kind, angle=angle, problem=problem, reason=_reason(snapshot), next_step=next_step
+        )
+    angle = angle_text(belief)
+    # Where the badge says it all, or no more will come, there is no angle to wait for.
+    waits = not (kind == "nothing" and belief.claims) and not (snapshot.over and angle == "–")
     return Verdict(
         word=word,
         kind=kind,
         lead=_lead(snapshot, belief),
-        # Where the badge says it all there is no angle to wait for.
-        angle="" if kind == "nothing" and belief.claims else angle_text(belief),
+        angle=angle if waits else "",
         sigma=sigma_text(belief),
         interval=interval_text(belief),
         turn=turn_text(snapshot) if kind == "found" else "",
+        problem=problem,
         reason=with_minus(_reason(snapshot)),
+        next_step=next_step,
     )
 
 
 def _word(snapshot: Snapshot) -> tuple[str, Kind]:
-    if snapshot.phase == "fault":
+    if snapshot.phase in {"fault", "cut off"}:
         return "FAULT", "fault"
     if snapshot.phase == "stopped":
         return "STOPPED", "stopped"
@@ -89,9 +104,10 @@ def _lead(snapshot: Snapshot, belief: AngleBelief) -> str:
 
 def _reason(snapshot: Snapshot) -> str:
     belief = snapshot.belief
-    if snapshot.phase in {"stopped", "fault"}:
-        # The log says how it ended, in the words of the badge.
-        return snapshot.line.removeprefix(f"{snapshot.phase}: ")
+    if snapshot.phase in {"stopped", "fault", "cut off"}:
+        # The log says how it ended, in the words of the badge, and after the problem what laser and stage did.
+        said = snapshot.line.removeprefix(f"{snapshot.phase}: ")
+        return said.removeprefix(snapshot.problem).removeprefix("; ")
     if belief is None:
         return "" if snapshot.points or snapshot.number else "nothing measured yet"
     if not belief.claims:

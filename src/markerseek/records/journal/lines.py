@@ -143,8 +143,8 @@ class EntryReader:
             )
         if not head.startswith(MAGIC):
             raise RecordError(
-                f"{self.path}: it does not begin as a journal does, so that it is another kind of file, or damaged; "
-                "check the name ('markerseek replay' searches recorded scans)"
+                f"{self.path}: it does not begin as a journal does, so that it is another kind of file, or damaged, "
+                "or from before the first release; check the name ('markerseek replay' searches recorded scans)"
             )
         found = self._next_line()
         if found is None:

@@ -106,8 +106,11 @@ def test_search_that_is_killed_says_what_laser_and_stage_do(stream, kind, said):
     assert live.join(30)
     assert (live.failed, live.message) == (True, f"the command ended with exit code 137, by SIGKILL{said}")
     status_text = pytest.importorskip("markerseek.bridges.page.search_page", reason="needs the extra page").status_text
-    assert status_text(live) == f"{verdict_of(live.run.snapshots[-1]).line}: {live.message}"
-    assert verdict_of(live.run.snapshots[-1]).reason == live.message
+    verdict = verdict_of(live.run.snapshots[-1])
+    assert (verdict.word, verdict.problem) == ("FAULT", "the command ended with exit code 137, by SIGKILL")
+    assert verdict.reason == said.removeprefix("; ")
+    # Once is enough.
+    assert status_text(live) == verdict.line == "fault"
 
 
 def test_stop_before_the_child_is_there(stream):
@@ -141,7 +144,7 @@ def test_stream_that_cannot_be_read_stops_the_child(stream):
     assert (child.stopped.is_set(), live.message) == (True, "stream: no stream")
     # Nobody knows where the probe is that was on its way.
     last = live.run.snapshots[-1]
-    assert (last.phase, last.target_deg, last.line) == ("stopped", None, "stream: no stream")
+    assert (last.phase, last.target_deg, last.line) == ("cut off", None, "stream: no stream")
 
 
 # The thread's own error is printed, as that of any thread.

@@ -151,9 +151,11 @@ def test_states_that_end_or_interrupt_a_run():
         snapshot = state.add(event, clock_s=1.0)
         assert (snapshot.phase, snapshot.over) == (phase, over)
     assert snapshot.line == "fault: it did not arrive; the laser was told to disarm, and the stage to stop"
-    verdict = verdict_of(snapshot)
-    assert (verdict.word, verdict.kind) == ("FAULT", "fault")
-    assert verdict.reason == "it did not arrive; the laser was told to disarm, and the stage to stop"
+    verdict = verdict_of(snapshot, next_step="call somebody")
+    assert (verdict.word, verdict.kind, verdict.angle) == ("FAULT", "fault", "")
+    # What went wrong by itself, in large letters: what laser and stage did, and what to do next, come below it.
+    assert (verdict.problem, verdict.next_step) == ("it did not arrive", "call somebody")
+    assert verdict.reason == "the laser was told to disarm, and the stage to stop"
     assert snapshot.refused == 1
 
 
@@ -182,11 +184,13 @@ def test_probe_is_read_back_last_where_its_move_was_cut_short():
     said = [probe_text(state.add(event, clock_s=clock_s)) for event, clock_s in events[: second + 1]]
     read_back = with_minus(f"read back: {state.snapshot.probe_deg:.2f}°")
     assert said[-2:] == [read_back, with_minus(f"expected, on its way to {events[second][0].angle_deg:.2f}°")]
-    cut_off = state.cut_off("killed")
-    assert (cut_off.phase, cut_off.number, cut_off.line) == ("stopped", second + 2, "killed")
+    cut_off = state.cut_off("killed; it coasts", problem="killed")
+    assert (cut_off.phase, cut_off.number, cut_off.over) == ("cut off", second + 2, True)
+    assert cut_off.line == "killed; it coasts"
     assert probe_text(cut_off) == f"last {read_back}"
     verdict = verdict_of(cut_off)
-    assert (verdict.word, verdict.lead, verdict.reason) == ("STOPPED", "so far", "killed")
+    assert (verdict.word, verdict.kind, verdict.lead) == ("FAULT", "fault", "so far")
+    assert (verdict.problem, verdict.reason) == ("killed", "it coasts")
 
 
 def test_angle_counts_as_found_only_at_the_end():
@@ -405,3 +409,10 @@ def test_a_person_is_asked_on_the_page_to_turn_the_probe():
     assert status_text(live, simulated=False) == "refused"
     assert verdict_of(run.snapshots[-1]).word == "SEARCHING"
     assert not any("turn the probe" in line for line in run.lines(run.snapshots[-1], most=20))
+
+
+def test_run_that_ends_before_its_first_angle_waits_for_none():
+    stopped = Snapshot(rig="simulated", number=4, phase="stopped", line=STOPPED)
+    assert verdict_of(stopped, next_step="Go on continues it").next_step == "Go on continues it"
+    assert verdict_of(stopped).angle == ""
+    assert verdict_of(replace(stopped, phase="measured", line=""), next_step="Go on continues it").next_step == ""

@@ -159,3 +159,10 @@ def test_a_copy_is_a_journal(whole: bytes, tmp_path: Path) -> None:
         write(journal, 2)
         shutil.copyfile(tmp_path / "a.journal", tmp_path / "b.journal")
     assert of(read_journal(tmp_path / "b.journal")) == of(read_journal(tmp_path / "a.journal"))
+
+
+def test_a_journal_of_before_the_first_release_is_said_to_be_one_perhaps(tmp_path: Path) -> None:
+    path = tmp_path / "old.journal"
+    path.write_bytes(b"SQLite format 3\0" + bytes(4096))
+    with pytest.raises(RecordError, match="from before the first release"):
+        read_journal(path)
