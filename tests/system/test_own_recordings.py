@@ -57,6 +57,14 @@ def test_the_same_scan_in_another_unit_is_searched_at_the_same_angles(shell: She
     assert searched["rad"] == searched["mrad"] == searched["deg"]
 
 
+def test_intensities_of_the_least_numbers_are_searched(shell: Shell, tmp_path: Path) -> None:
+    path = tmp_path / "mine.csv"
+    rows = (f"{angle_deg},{1e-300 if angle_deg % 2 else 5e-300}" for angle_deg in range(-35, 36, 3))
+    path.write_text("\n".join(("angle_deg,intensity", *rows)))
+    code, out, _ = shell("replay", path, "--json")
+    assert (code, json.loads(out)["answer"]) == (3, "not found")
+
+
 def test_python_searches_a_recording_as_the_command_does(shell: Shell, tmp_path: Path) -> None:
     # Steps as wide as the curve: it takes more acquisitions than a search on a rig is given.
     rng = np.random.default_rng(6)
