@@ -57,6 +57,22 @@ def test_the_same_scan_in_another_unit_is_searched_at_the_same_angles(shell: She
     assert searched["rad"] == searched["mrad"] == searched["deg"]
 
 
+def test_a_recording_too_short_for_a_method_is_said_to_be_so(shell: Shell, tmp_path: Path) -> None:
+    path = tmp_path / "mine.csv"
+    path.write_text("angle_deg,intensity\n-10,1\n-5,4\n0,9\n5,4\n10,1\n")
+    code, _, err = shell("replay", path, "--method", "manual")
+    assert code == 2
+    assert "manual needs at least 10 acquisitions, and the recording holds 5 angles" in " ".join(err.split())
+
+
+def test_intensities_of_the_least_numbers_are_searched(shell: Shell, tmp_path: Path) -> None:
+    path = tmp_path / "mine.csv"
+    rows = (f"{angle_deg},{1e-300 if angle_deg % 2 else 5e-300}" for angle_deg in range(-35, 36, 3))
+    path.write_text("\n".join(("angle_deg,intensity", *rows)))
+    code, out, _ = shell("replay", path, "--json")
+    assert (code, json.loads(out)["answer"]) == (3, "not found")
+
+
 def test_python_searches_a_recording_as_the_command_does(shell: Shell, tmp_path: Path) -> None:
     # Steps as wide as the curve: it takes more acquisitions than a search on a rig is given.
     rng = np.random.default_rng(6)

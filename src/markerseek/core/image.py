@@ -77,8 +77,8 @@ class ScanGeometry:
                 )
 
     @property
-    def spacing(self) -> dict[str, float]:
-        """Middle of the first column and row, and the distances, in metres, by the names in messages and exports."""
+    def grid(self) -> dict[str, float]:
+        """Middle of the first column and row, and the steps, in metres, by the names in messages and exports."""
         return {
             "first_lateral_m": self.first_lateral_m,
             "first_depth_m": self.first_depth_m,

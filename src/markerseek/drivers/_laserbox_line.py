@@ -1,4 +1,4 @@
-"""The line to the laser box: commands, their answers, and the beats that renew its lease; what answers are no use."""
+"""The line to the laser box: commands, their answers, and the beats that renew its lease; which answers are refused."""
 
 from __future__ import annotations
 

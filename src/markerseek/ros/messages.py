@@ -123,7 +123,7 @@ def sample(
         "time_s": time_s,
         "pulses": pulses,
         # sensor_msgs/Image has no place for it, and a transform none for the distances.
-        "images": {frame: geometry.spacing for frame, geometry in images.items()},
+        "images": {frame: geometry.grid for frame, geometry in images.items()},
     }
 
 

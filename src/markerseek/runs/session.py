@@ -7,7 +7,16 @@ from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 
-from markerseek.core import MAX_ACQUISITIONS, AnyPolicy, Estimate, Event, Measured, PolicyPlan, SearchPlan
+from markerseek.core import (
+    MAX_ACQUISITIONS,
+    AnyPolicy,
+    ConfigError,
+    Estimate,
+    Event,
+    Measured,
+    PolicyPlan,
+    SearchPlan,
+)
 from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal, RecordedRun
 from markerseek.rigs import Rig
@@ -71,15 +80,23 @@ class Session:
 
 
 def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
-    """The plan with what follows from the rig; the paper's form of a method takes no dark frames before the search."""
+    """The plan with what follows from the rig; the paper's form of a method takes no dark frames before the search.
+
+    Raises `ConfigError` if a recording holds fewer angles than the method needs.
+    """
     run = rig.run_plan
     # The paper's methods measure no noise floor, and that of a single pulse is not that of an average.
     without = plan.as_published or plan.sweep_speed_deg_s is not None
     acquisitions = plan.acquisitions
     if acquisitions is None and rig.angles_deg is not None:
         # Those of a recording cost nothing; other methods than the posterior end at their usual number.
-        usual = MAX_ACQUISITIONS if plan.method == "posterior" else method_named(plan.method).acquisitions
-        acquisitions = min(usual, len(rig.angles_deg))
+        method, recorded = method_named(plan.method), len(rig.angles_deg)
+        if recorded < method.least:
+            raise ConfigError(
+                f"method: {method.name} needs at least {method.least} acquisitions, and the recording holds {recorded} "
+                "angles; choose another, such as posterior"
+            )
+        acquisitions = min(MAX_ACQUISITIONS if method.name == "posterior" else method.acquisitions, recorded)
     return replace(
         plan,
         acquisitions=acquisitions,

@@ -318,7 +318,7 @@ class SweptTrackingPolicy:
         return speeds, _Ways(probe_deg=np.clip(probe_deg, limits.low_deg, limits.high_deg), lit=inside & fast)
 
     def _worth(self, ways: _Ways, markers: Markers) -> Float64[np.ndarray, " ways"]:
-        """Mean of −½·ln V of (1) over the next `AHEAD_S`, for each way."""
+        """Mean of −½·ln V of (1) over `_times`, for each way."""
         angle_deg = self._expected_deg(markers)
         height = self._tracker.peak / self._rig.noise_sigma * markers.curve(ways.probe_deg[:, :, None] - angle_deg)
         # Of even variance, from var = 1 + (εμ)²; a step holds a number of pulses.

@@ -38,20 +38,20 @@ Within any minute a box sends `MAX_PULSES_PER_MINUTE` pulses at most (refusal ``
 A box whose photodiode also measures is of version 6, any other of version 5: ``light`` of DONE is the sum over the lit
 pulses of what the meter read of each, in counts of its own, and ``light`` of PULSE what it read of that one.
 
-**Sweeps** (fly-scan). SWEEP is a permit for single pulses, void by all
-that voids the other, whose train runs free with ``period_us`` between two pulses at least: one that comes late puts off
-all others. Each pulse is stamped by the box's own clock, in microseconds since power-up modulo 2³¹, when its trigger
-begins; its line follows `LIGHT_LATE_US` later with what the photodiode saw since, and ``DARK`` follows the last of them
-at once. After that the train is completed without light, up to as many triggers as pulses were permitted: an
-acquisition that counts them ends, and its last frames are dark. TIME is answered at any time: the host knows by the
-time of question and answer what its own clock showed, and so does with each stamp.
+**Sweeps** (fly-scan). SWEEP is a permit for single pulses, void by all that voids the other, whose train runs free with
+``period_us`` between two pulses at least: one that comes late puts off all others. Each pulse is stamped by the box's
+own clock, in microseconds since power-up modulo 2³¹, when its trigger begins; its line follows `LIGHT_LATE_US` later
+with what the photodiode saw since, and ``DARK`` follows the last of them at once. After that the train is completed
+without light, up to as many triggers as pulses were permitted: an acquisition that counts them ends, and its last
+frames are dark. TIME is answered at any time: the host knows by the time of question and answer what its own clock
+showed, and so does with each stamp.
 
 **Position-triggered sweeps.** EDGES is as SWEEP, but each pulse is given at a rising edge at the box's trigger input,
-that of a stage which triggers by its position. Edges are counted
-from FIRE on. One that comes sooner than ``period_us`` after the last pulse is counted and gives nothing, neither light
-nor a trigger of the acquisition; nor does one that the box sees more than `LIGHT_LATE_US` later, or of several that it
-sees at once any but the last. The stamp is the time of the edge. Once the light has ended, edges count no more: the
-train is completed at ``period_us``. ``edge`` of PULSE is the number of the edge that gave it, 0 where none did.
+that of a stage which triggers by its position. Edges are counted from FIRE on. One that comes sooner than ``period_us``
+after the last pulse is counted and gives nothing, neither light nor a trigger of the acquisition; nor does one that the
+box sees more than `LIGHT_LATE_US` later, or of several that it sees at once any but the last. The stamp is the time of
+the edge. Once the light has ended, edges count no more: the train is completed at ``period_us``. ``edge`` of PULSE is
+the number of the edge that gave it, 0 where none did.
 """
 
 from __future__ import annotations

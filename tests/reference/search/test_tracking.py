@@ -177,6 +177,13 @@ def test_one_frame_that_fits_nowhere_does_not_end_the_track():
     assert not one.lost
 
 
+@pytest.mark.parametrize(("intensity", "noise_sigma"), [(1e300, 1.0), (5.0, 1e-200)])
+def test_an_intensity_may_be_any_number_of_times_the_noise(intensity, noise_sigma):
+    one = tracker()
+    one.tell(2.0, intensity, after_s=0.1, noise_sigma=noise_sigma, cells=10)
+    assert one.mean_deg == pytest.approx(2.0, abs=0.5)
+
+
 @pytest.mark.parametrize("intensity", [-1.0, math.nan, math.inf])
 def test_what_is_no_intensity_is_refused(intensity):
     with pytest.raises(SearchError, match="it must be finite and at least 0"):

@@ -280,9 +280,7 @@ def test_each_frame_has_the_energy_of_its_pulse_in_whatever_order_they_come(
     """The box has told of all pulses when a sweep ends; until then a frame may come before its pulse, or after."""
     energies = [None if index in unmeasured else 1.0 + index for index in range(arrivals.count("frame"))]
     told: list[float | None] = []
-    box: Any = SimpleNamespace(
-        measures_pulses=True, light_of_pulse=lambda index: told[index] if index < len(told) else None
-    )
+    box: Any = SimpleNamespace(light_of_pulse=lambda index: told[index] if index < len(told) else None)
     swept: Any = Swept()
     permit: Any = object()
     meter = EnergyMeter(swept, measured=lambda _: None, usual_energy=1.0, box=box)

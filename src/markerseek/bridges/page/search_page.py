@@ -54,7 +54,7 @@ def next_step_text(searches: PageSearches) -> str:
         return "Go on continues it; Start begins a new search"
     if searches.rig.simulated:
         return "Start begins a new search"
-    return "next: Start begins a new search; markerseek resume, in the terminal, goes on with this one"
+    return "Start begins a new search; markerseek resume, in the terminal, goes on with this one"
 
 
 def status_text(live: ChildSearch | None, *, simulated: bool = True) -> str:

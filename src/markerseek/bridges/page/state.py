@@ -207,6 +207,7 @@ class SnapshotBuilder:
             number=last.number + 1,
             phase=phase,
             target_deg=None,
+            asked_deg=None,
             line=with_minus(reason),
             problem=with_minus(problem),
         )

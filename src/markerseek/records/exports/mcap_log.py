@@ -112,7 +112,7 @@ class _Log:
     def _put_bank_facts(self, series: Series, image: PaImage | None, *, brightest: float | None) -> None:
         known: dict[str, Any] = {"angles": len(series.angles_deg), **series.known}
         if image is not None:
-            known |= image.geometry.spacing | {"picture_white": brightest, "picture_range_db": messages.RANGE_DB}
+            known |= image.geometry.grid | {"picture_white": brightest, "picture_range_db": messages.RANGE_DB}
         self._put_json(BANK, known, messages.time_ns(series.times_s[0]))
         self._writer.set_custom_data(METADATA, msgspec.json.encode(known).decode("utf-8"))
 

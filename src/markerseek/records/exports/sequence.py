@@ -81,7 +81,7 @@ def _header(image: PaImage, series: Series) -> str:
         f"UltrasoundImageOrientation = {IMAGE_ORIENTATION}",
         "UltrasoundImageType = BRIGHTNESS",
     ]
-    known = series.known | image.geometry.spacing | {"pixels": PIXELS, "first_time_s": series.times_s[0]}
+    known = series.known | image.geometry.grid | {"pixels": PIXELS, "first_time_s": series.times_s[0]}
     lines += [_line(f"markerseek_{name}", value) for name, value in known.items()]
     radius_m = series.facts.face_radius_m
     for number, (angle_deg, time_s) in enumerate(zip(series.angles_deg, series.times_s, strict=True)):

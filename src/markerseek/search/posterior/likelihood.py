@@ -198,6 +198,8 @@ def log_tables(
     ``noise``: σ/y, positive. ``cells``: number M of independent cells. ``errors``: relative errors ε of the model.
     ``ratio``: g of `lateral_ratio`.
     """
+    # Its square is neither 0 nor infinite.
+    noise = min(max(noise, 1e-100), 1e100)
     # exp(−y²/2σ²) underflows beyond 700, and log1p needs a value above −1.
     rayleigh = math.exp(-min(1 / (2 * noise**2), 700.0))
     below = math.exp(cells * math.log1p(-min(rayleigh, 1 - 1e-12)))

@@ -113,6 +113,21 @@ def test_search_that_is_killed_says_what_laser_and_stage_do(stream, kind, said):
     assert status_text(live) == verdict.line == "fault"
 
 
+@pytest.mark.parametrize(
+    ("simulated", "busy", "paused", "said"),
+    [
+        (True, True, False, ""),
+        (True, False, True, "Go on continues it; Start begins a new search"),
+        (True, False, False, "Start begins a new search"),
+        (False, False, False, "Start begins a new search; markerseek resume, in the terminal, goes on with this one"),
+    ],
+)
+def test_what_a_person_can_do_next(simulated, busy, paused, said):
+    page = pytest.importorskip("markerseek.bridges.page.search_page", reason="needs the extra page")
+    searches = SimpleNamespace(rig=SimpleNamespace(simulated=simulated), busy=busy, paused=paused)
+    assert page.next_step_text(searches) == said
+
+
 def test_stop_before_the_child_is_there(stream):
     begun, child = threading.Event(), ScriptedChild(stream[:5], endless=True)
 

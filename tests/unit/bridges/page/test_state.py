@@ -409,6 +409,11 @@ def test_a_person_is_asked_on_the_page_to_turn_the_probe():
     assert status_text(live, simulated=False) == "refused"
     assert verdict_of(run.snapshots[-1]).word == "SEARCHING"
     assert not any("turn the probe" in line for line in run.lines(run.snapshots[-1], most=20))
+    # Nobody is asked for anything by a search that was killed while it waited.
+    run.add(Turning(target_deg=-12.0, angle_deg=None), clock_s=3.0)
+    run.cut_off("killed", problem="killed")
+    verdict = verdict_of(run.snapshots[-1], next_step="Start begins a new search")
+    assert (verdict.word, verdict.problem, verdict.next_step) == ("FAULT", "killed", "Start begins a new search")
 
 
 def test_run_that_ends_before_its_first_angle_waits_for_none():

@@ -60,7 +60,7 @@ class IpascBank(FrameBank):
                 samples = _counts(self.file, name, row)
             except OSError as problem:
                 # HDF5 has no error of its own for a checksum: only its text says that the filter found it.
-                if not self.checked or not re.search("filter|fletcher32", str(problem), re.IGNORECASE):
+                if not self.checked or not re.search("(?i)filter returned failure|fletcher32 checksum", str(problem)):
                     raise
                 raise RecordError(
                     f"{self.path}: the {what} has changed since it was written, its checksum differs; take the file "
