@@ -169,8 +169,8 @@ def _column_index(path: Path, rows: CsvRows, column: str) -> int:
 
 
 def in_degrees(angles: Float64[np.ndarray, " n"], unit: AngleUnit) -> Float64[np.ndarray, " n"]:
-    """Angles in degrees, rounded alike from each unit: the same scan is searched in the same way in all of them."""
-    return np.round(angles * _DEG_OF[unit], _DEG_DIGITS)
+    """Angles in degrees, without the rounding of another unit: the same scan in degrees is searched in the same way."""
+    return angles if unit == "deg" else np.round(angles * _DEG_OF[unit], _DEG_DIGITS)
 
 
 def amplitudes(
