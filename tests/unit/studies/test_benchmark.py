@@ -135,7 +135,7 @@ for line in map(json.loads, sys.stdin):
 
 def test_entries_are_scored_beside_our_methods_and_a_failed_one_is_said(two_worlds, tmp_path, shell):
     (tmp_path / "good.py").write_text(GOOD)
-    (tmp_path / "bad.py").write_text("print('hello')")
+    (tmp_path / "bad.py").write_text("input()\nprint('hello')")
     words = [f"{sys.executable} {tmp_path / name}.py" for name in ("good", "bad")]
     entries = [part for each in words for part in ("--entry", each)]
     command = ("benchmark", *entries, "--scale", 0.04, "--workers", 1, "--out", tmp_path / "out")
