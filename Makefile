@@ -39,7 +39,7 @@ IN_TWO := -n 2 --dist worksteal
 test: export OPENBLAS_NUM_THREADS := 1
 test: .venv/dev .venv/compiled  ## run every test
 	$(BIN)/python -m pytest $(IN_TWO) -m "not real_time" $(TESTS) || test $$? -eq 5
-	$(if $(WATCHED),$(BIN)/python -m pytest -n 3 --dist load --maxschedchunk 1 -m real_time $(WATCHED))
+	$(if $(WATCHED),$(BIN)/python -m pytest -n 2 --dist load --maxschedchunk 1 -m real_time $(WATCHED))
 	$(BIN)/python -m pytest -m real_time $(addprefix --ignore=,$(WATCHED)) $(TESTS) || test $$? -eq 5
 
 check: .venv/dev  ## look for faults without running: lint, format, types, import contracts, habits of scientific Python
