@@ -14,7 +14,7 @@ from markerseek.wire import laserbox as wire
 _BEAT_S = 0.02
 """Time between two beats, in seconds: five of them in the longest lease."""
 
-_POLL_S = 0.002
+POLL_S = 0.002
 
 _MIN_LEASE_MS = 50
 """Shortest lease in milliseconds that survives one lost beat."""
@@ -81,7 +81,7 @@ class BoxLine:
             if not self._clock.now_s() <= ends_s:
                 raise DeviceTimeoutError(f"laser box: no answer to {after} in time; check its cable and its power")
             self.beat()
-            self._clock.wait(_POLL_S)
+            self._clock.wait(POLL_S)
             self._receive()
         return wire.decode_reply(self._replies.pop(0))
 

@@ -24,14 +24,12 @@ from markerseek.core import (
     SweepPermit,
     require_range,
 )
-from markerseek.drivers._laserbox_line import BoxLine, cure, require_known, stray_light
+from markerseek.drivers._laserbox_line import POLL_S, BoxLine, cure, require_known, stray_light
 from markerseek.drivers._laserbox_sweep import BoxSweep
 from markerseek.drivers.entry import Entry, LaserSettings, Opening
 from markerseek.files import Line
 from markerseek.wire import Port
 from markerseek.wire import laserbox as wire
-
-_POLL_S = 0.002
 
 _SPARE_S = 0.5
 """Time from the last pulse to the end of its permit, in seconds."""
@@ -241,7 +239,7 @@ class LaserBox:
             while not (sweep.disarmed and sweep.dark is not None):
                 if not self._clock.now_s() <= ends_s:
                     raise DeviceTimeoutError("laser box: it does not confirm the end of the light; cut its power")
-                self._line.hear(sweep, within_s=_POLL_S)
+                self._line.hear(sweep, within_s=POLL_S)
             fired = sweep.fired()
             self._seen = (self._seen + fired) & wire.MAX_COUNT
             return fired

@@ -92,8 +92,7 @@ def whole_bank(path: Path, *, angles: int, dark_frames: int = 0, facts: BankFact
 def _created(path: Path, part: Path) -> Iterator[h5py.File]:
     import h5py
 
-    with _writing(path):
-        file = h5py.File(part, "w")
+    file = h5py.File(part, "w")
     try:
         yield file
     finally:
