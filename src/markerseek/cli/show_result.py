@@ -202,9 +202,9 @@ def _figure(
     recorder: Recorder, estimate: Estimate, result: SearchResult, imaging: AnyImageReader | None, **curves: Any
 ) -> Callable[..., Figure]:
     """A function that draws a search, with curves as of `search_figure`."""
-    from markerseek.pictures import search_figure
+    from markerseek.pictures import pictured_sample, search_figure
 
-    last = recorder.confirmation or recorder.samples[-1]
+    frame = pictured_sample(recorder.samples, recorder.confirmation).frame
     return partial(
         search_figure,
         recorder.samples,
@@ -214,8 +214,8 @@ def _figure(
         reference_deg=result.reference_deg,
         stand_in=result.stand_in,
         confirmation=recorder.confirmation,
-        image=None if imaging is None or last.frame is None else imaging.picture(last.frame),
-        b_mode=last.frame.b_mode if isinstance(last.frame, ChannelFrame | RFFrame) else None,
+        image=None if imaging is None or frame is None else imaging.picture(frame),
+        b_mode=frame.b_mode if isinstance(frame, ChannelFrame | RFFrame) else None,
         **curves,
     )
 

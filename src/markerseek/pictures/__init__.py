@@ -11,7 +11,7 @@ from markerseek.pictures.files import (
 )
 from markerseek.pictures.images import b_mode_figure, frame_figure, overlay_figure, rf_figure
 from markerseek.pictures.registration_picture import registration_figure, target_figure
-from markerseek.pictures.search_picture import Curve, search_figure
+from markerseek.pictures.search_picture import Curve, pictured_sample, search_figure
 from markerseek.pictures.style import ERROR_BARS, new_figure, panel_grid, shared_legend
 from markerseek.pictures.tip_picture import tip_figure
 from markerseek.pictures.tracks import ComparedSearch, comparison_figure, track_figure
@@ -29,6 +29,7 @@ __all__ = [
     "new_picture",
     "overlay_figure",
     "panel_grid",
+    "pictured_sample",
     "png_data_uri",
     "registration_figure",
     "require_room_for_pictures",

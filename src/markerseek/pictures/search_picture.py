@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from markerseek.core import BModeImage, Estimate, Float64, Found, Interval, PaImage, Sample
+from markerseek.core import Ambiguous, AtBound, BModeImage, Estimate, Float64, Found, Interval, PaImage, Sample, Unsure
 from markerseek.pictures.images import draw_image, draw_overlay
 from markerseek.pictures.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, shared_legend
 
@@ -49,7 +49,7 @@ def search_figure(
     - ``truth_deg``, ``reference_deg``: angle of the marker in degrees in a simulation, or found otherwise; None where
       it is not known.
     - ``confirmation``: the acquisition after the last move, None if there was none.
-    - ``image``: image of the last acquisition, None where there are no channel data.
+    - ``image``: image of `pictured_sample`, None where there are no channel data.
     - ``b_mode``: B-mode image of the same angle, over which it is drawn.
     - ``limits``: range of the search, which both axes of angles show.
     - ``density``: angles in degrees, and the posterior's density at each per degree; None for methods without one.
@@ -82,18 +82,23 @@ def search_figure(
             draw_image(panel, image)
         else:
             draw_overlay(panel, b_mode, image)
-        last = confirmation or samples[-1]
-        reading = last.reading
+        pictured = pictured_sample(samples, confirmation)
+        reading = pictured.reading
         if isinstance(estimate, Found) and reading.lateral_m is not None and reading.depth_m is not None:
             place_mm = (1e3 * reading.lateral_m, 1e3 * reading.depth_m)
             panel.plot(*place_mm, marker="o", markersize=16, markerfacecolor="none", color=ACCENT)
-        which = "photoacoustic image" if confirmation is not None else "image of the last acquisition,"
+        which = "photoacoustic image" if confirmation is not None else "image of the strongest acquisition,"
         over = "" if b_mode is None else " over B-mode"
-        panel.set_title(f"{which} at {last.angle_deg:.2f}°{over}", fontsize=10)
+        panel.set_title(f"{which} at {pictured.angle_deg:.2f}°{over}", fontsize=10)
     # The labels of the left column stand in one line, whatever the widths of the numbers beside them.
     figure.align_ylabels([curve, *([] if density is None else [posterior]), track])
     shared_legend(figure, columns=4, title=stand_in)
     return figure
+
+
+def pictured_sample(samples: Sequence[Sample], confirmation: Sample | None) -> Sample:
+    """The acquisition whose image the figure shows: the confirmation; without one, the strongest."""
+    return confirmation or max(samples, key=lambda sample: sample.reading.intensity)
 
 
 def _draw_curve(
@@ -213,12 +218,17 @@ def _draw_answer(
     found = isinstance(estimate, Found)
     # Only the paper's form of a method asks for no noise floor: it always answers, and claims nothing.
     claimed = found and estimate.floor is not None
-    line(
-        estimate.mean_deg,
-        color=ACCENT,
-        linestyle="-" if found else "--",
-        label=f"{'estimate' if claimed else 'no marker is claimed; angle of the method'} {estimate.mean_deg:.2f}°",
-    )
+    angles_deg = (estimate.mean_deg,)
+    if claimed:
+        label = f"estimate {estimate.mean_deg:.2f}°"
+    elif isinstance(estimate, Ambiguous):
+        angles_deg = estimate.modes_deg
+        label = f"no marker is claimed; it may be at {' or '.join(f'{each:.2f}°' for each in angles_deg)}"
+    else:
+        name = "best guess" if isinstance(estimate, AtBound | Unsure) else "angle of the method"
+        label = f"no marker is claimed; {name} {estimate.mean_deg:.2f}°"
+    for number, angle_deg in enumerate(angles_deg):
+        line(angle_deg, color=ACCENT, linestyle="-" if found else "--", label=None if number else label)
     if isinstance(estimate, Found) and claimed:
         interval = estimate.interval95_deg
         bracket = estimate.interval_kind == "bracket"

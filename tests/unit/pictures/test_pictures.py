@@ -8,7 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from markerseek.core import Floor, Found, FrameHeader, Interval, NotFound, PaImage, Reading, ReadingFrame, Sample
+from markerseek.core import (
+    Ambiguous,
+    Estimate,
+    Floor,
+    Found,
+    FrameHeader,
+    Interval,
+    NotFound,
+    PaImage,
+    Reading,
+    ReadingFrame,
+    Sample,
+)
 
 pytest.importorskip("matplotlib", reason="needs the extra plot")
 
@@ -53,15 +65,18 @@ def figure_of(
     confirmation: Sample | None = None,
     density: Curve | None = None,
     recorded: Curve | None = None,
+    estimate: Estimate | None = None,
+    image: PaImage | None = None,
 ) -> Figure:
+    unclaimed = NotFound(mean_deg=0.8, reason="made up", floor=FLOOR)
     figure = search_figure(
         samples,
-        FOUND if confirmation is not None else NotFound(mean_deg=0.8, reason="made up", floor=FLOOR),
+        estimate or (FOUND if confirmation is not None else unclaimed),
         start_deg=0.0,
         truth_deg=0.83,
         reference_deg=None,
         confirmation=confirmation,
-        image=None,
+        image=image,
         limits=Interval(low_deg=-35.0, high_deg=35.0),
         density=density,
         recorded=recorded,
@@ -113,6 +128,23 @@ def test_a_number_beside_the_confirmation_is_not_under_its_star() -> None:
     # The star of 110 square points reaches about 6 points, 8.5 pixels, to each side.
     box = number.get_window_extent()
     assert box.x1 < x - 8 or box.y0 > y + 8
+
+
+def test_without_a_confirmation_the_image_is_that_of_the_strongest_acquisition() -> None:
+    image = PaImage(
+        envelope=np.ones((4, 3), np.float32), lateral_m=np.linspace(-0.01, 0.01, 3), depth_m=np.linspace(0.01, 0.04, 4)
+    )
+    figure = figure_of([sample(-3.0, 40.0), sample(2.0, 60.0), sample(5.0, 50.0)], image=image)
+    assert "image of the strongest acquisition, at 2.00°" in [axes.get_title() for axes in figure.axes]
+
+
+def test_each_of_two_angles_that_may_be_the_markers_is_drawn_and_named() -> None:
+    estimate = Ambiguous(mean_deg=-12.0, modes_deg=(-12.0, 14.0), floor=FLOOR)
+    figure = figure_of([sample(-12.0, 900.0), sample(14.0, 890.0)], estimate=estimate)
+    drawn = [line.get_xdata()[0] for line in figure.axes[0].lines if line.get_linestyle() == "--"]
+    assert drawn == [-12.0, 14.0]
+    (legend,) = figure.legends
+    assert "no marker is claimed; it may be at -12.00° or 14.00°" in [text.get_text() for text in legend.get_texts()]
 
 
 def test_the_recorded_curve_and_the_density_of_the_posterior_are_drawn() -> None:
