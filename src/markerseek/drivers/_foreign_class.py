@@ -130,6 +130,12 @@ def arguments_of(
     hints = _hints(made)
     given: dict[str, object] = {}
     supervised_port = hasattr(made, "safe_command")
+    # Before the keys: without a safe command the class has no port, and its key would be called unknown.
+    if "line" in named and "line" in offered and not supervised_port:
+        raise ConfigError(
+            f'{part}.driver = "{driver}": it asks for a line, and has no safe_command; give the class the '
+            "bytes that make the device safe, as in safe_command = b'STOP\\r'"
+        )
     for key, value in keys.items():
         if key == "port" and supervised_port and "port" not in named:
             continue
@@ -142,11 +148,6 @@ def arguments_of(
         if name in given or name not in offered:
             if name not in given and parameter.default is parameter.empty:
                 raise ConfigError(f"the key {part}.{name} is missing; add it: {driver} needs it")
-        elif name == "line" and not supervised_port:
-            raise ConfigError(
-                f'{part}.driver = "{driver}": it asks for a line, and has no safe_command; give the class the '
-                "bytes that make the device safe, as in safe_command = b'STOP\\r'"
-            )
         else:
             given[name] = offered[name]
     return given

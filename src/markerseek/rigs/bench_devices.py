@@ -102,11 +102,9 @@ class OpenDevices:
                 checks = check_laser(device.device, dry=dry)
             else:
                 checks = check_receiver(device.device)
-        broken = "; ".join(f"{each.rule} {each.problem}" for each in checks if each.problem)
+        broken = "; ".join(f"{each.rule!r} {each.problem}" for each in checks if each.problem)
         if broken:
-            raise NotConnectedError(
-                f"{device.driver} does not keep the contract of a {part}: {broken}; correct the driver"
-            )
+            raise NotConnectedError(f"{device.driver} breaks rules of a {part}: {broken}; correct the driver")
         self.checks[f"{part} {device.driver}"] = checks
 
     def beat(self) -> None:

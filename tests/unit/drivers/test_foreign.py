@@ -166,6 +166,7 @@ def read(path: Path) -> BenchSettings:
         ),
         ("lab_stage:Held", "", "the key stage.port is missing; add it: the serial port on which b'STOP"),
         ("lab_stage:Bare", "", "it asks for a line, and has no safe_command; give the class the bytes"),
+        ("lab_stage:Bare", 'port = "/dev/a"', "it asks for a line, and has no safe_command; give the class the bytes"),
         ("lab_stage:Text", 'port = "a"\nzero_deg = 0.0', "safe_command is 'STOP', it must be bytes"),
         ("kdc102", "", 'one of: kdc101, ros2, guided, ximc, simulated, or a class of your own as "module:Class"'),
     ],
@@ -229,7 +230,7 @@ def test_a_simulated_device_that_says_it_is_real_is_named_as_emulated(rig: Calla
 
 
 def test_a_class_that_breaks_the_contract_is_not_armed(rig: Callable[..., Path]) -> None:
-    with pytest.raises(NotConnectedError, match=r"lab_stage:Nowhere does not keep the contract of a stage: .*nan"):
+    with pytest.raises(NotConnectedError, match=r"lab_stage:Nowhere breaks rules of a stage: 'Its readback at .*nan"):
         bench(read(rig("lab_stage:Nowhere")))
 
 
