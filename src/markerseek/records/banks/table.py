@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import shlex
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -125,6 +126,8 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
 def _columns(path: Path, rows: CsvRows, table: TableFormat) -> tuple[int, int]:
     """Indices of the columns of angle and intensity."""
     names = rows.names
+    if not rows.width and not names:
+        raise RecordError(f"{path}: it is empty; a row for each angle is needed, under angle_deg,intensity")
     if table.columns is not None:
         first, second = (_column_index(path, rows, column) for column in table.columns)
         return first, second
@@ -139,10 +142,12 @@ def _columns(path: Path, rows: CsvRows, table: TableFormat) -> tuple[int, int]:
     if angle is None or intensity is None:
         lacking = [name for name, found in zip(COLUMNS, (angle, intensity), strict=True) if found is None]
         missing = f"column {lacking[0]} is" if len(lacking) == 1 else f"columns {' and '.join(lacking)} are"
-        has = ", ".join(names) or (f"{rows.width} columns without names" if rows.width else "nothing")
+        has = ", ".join(names) or f"{rows.width} columns without names"
+        # Quoted for the shell, for names have spaces. Which of the two is the angle only a person knows.
+        perhaps = f", here perhaps {shlex.quote(','.join(names))}" if len(names) == 2 else ""
         raise RecordError(
             f"{path}, line 1: the {missing} missing, it has {has}; name the columns of angle and intensity: "
-            "--columns ANGLE,INTENSITY" + _if_transposed(rows)
+            f"--columns ANGLE,INTENSITY{perhaps}" + _if_transposed(rows)
         )
     return _column_index(path, rows, angle), _column_index(path, rows, intensity)
 

@@ -54,7 +54,7 @@ def test_a_table_comes_back_as_another_writer_wrote_it(tmp_path: Path, rows: lis
     ("text", "message"),
     [
         ("angle_deg,intensity\n0,1\n1,1e308\n2,3\n", "line 3: intensity is 1e.308, it must be at most 1e.60"),
-        ("", "line 1: the columns angle_deg and intensity are missing, it has nothing"),
+        ("", "scan.csv: it is empty; a row for each angle is needed, under angle_deg,intensity"),
         ("angle_deg,amplitude\n1,2\n", "line 1: the column intensity is missing"),
         ("angle_deg\n1\n2\n3\n", "line 1: the column intensity is missing"),
         ("angle_deg,intensity\n1,2\n2\n3,4\n", "line 3: it has 1 columns, 2 are expected"),
@@ -63,7 +63,11 @@ def test_a_table_comes_back_as_another_writer_wrote_it(tmp_path: Path, rows: lis
         ("angle_deg,intensity\n1,2\ninf,1\n3,4\n", "line 3: angle_deg is inf"),
         ("angle_deg,intensity\n1,2\n2,x\n3,4\n", "line 3: intensity is 'x'"),
         ("angle_deg,intensity\n1,2\n2,-1\n3,4\n", "line 3: intensity is -1.0, it must not be negative"),
-        ("Winkel;Wert\n1;2\n2;1\n3;4\n", "it has Winkel, Wert; name the columns .* --columns ANGLE,INTENSITY"),
+        (
+            "Winkel;Wert\n1;2\n2;1\n3;4\n",
+            r"it has Winkel, Wert; .* --columns ANGLE,INTENSITY, here perhaps Winkel,Wert$",
+        ),
+        ("A [°];Max V\n1;2\n2;1\n3;4\n", r"here perhaps 'A \[°\],Max V'$"),
         ("1,2,3\n2,1,3\n3,4,3\n", "angle_deg and intensity are missing, it has 3 columns without names"),
         ("angle_deg;intensity\n1;1.234,5\n2;1\n3;4\n", "line 2: intensity is '1.234,5', it must be a number"),
         ("angle_deg,intensity,angle_deg\n1,2,3\n2,1,3\n3,4,3\n", "angle_deg appears more than once"),
