@@ -66,7 +66,7 @@ def run_study(
 
     ``folder``: created if it does not exist. ``workers``: processes of this machine; None: as many as it has cores.
     ``scheduler``: address of a Dask scheduler, to run on its workers instead. ``progress``: receives the number of
-    finished rows after each chunk.
+    finished rows before the first chunk and after each.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -135,6 +135,8 @@ def _add_rows(
     with _opened(path) as table:
         done = _whole_trials(table, study)
         left = chunks(study, first=done)
+        if progress is not None:
+            progress(done * len(study.policies))
         if scheduler is not None:
             computed: Iterator[bytes] = on_cluster(run_chunk, study, left, address=scheduler)
         else:

@@ -310,6 +310,8 @@ def _tables(entries: object) -> list[dict[str, object]]:
 def _policies(entry: dict[str, object]) -> list[PolicySettings]:
     """One policy for each number of acquisitions."""
     numbers = entry.get("acquisitions", "none")
+    if numbers == []:
+        raise ConfigError(f"policies: acquisitions of {entry.get('method')} is an empty list; give at least one")
     return [
         settings_from({**entry, "acquisitions": number}, PolicySettings, name="policies")
         for number in (numbers if isinstance(numbers, list) else [numbers])

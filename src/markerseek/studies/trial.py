@@ -280,7 +280,11 @@ def _search(study: Study, settings: PolicySettings, rig: rigs.Rig, *, prior: Mar
     try:
         return searched(policy, rig.scanner, stay=study.stay, dark_frames=dark_frames, counts=study.marks)
     except Exception as problem:
-        if isinstance(problem, MarkerseekError) or not is_own(settings.method):
+        if not is_own(settings.method):
+            raise
+        if isinstance(problem, SearchError):
+            raise SearchError(f"{settings.method}: {problem}") from problem
+        if isinstance(problem, MarkerseekError):
             raise
         raise SearchError(
             f"{settings.method}: the policy failed: {described(problem)}{own_lines(problem)}"

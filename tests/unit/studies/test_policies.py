@@ -46,6 +46,10 @@ class Outside(WeightedAverage):
     def _next_deg(self):
         return 80.0
 
+class Endless(WeightedAverage):
+    def _next_deg(self):
+        return 1.0
+
 def made(*, limits, acquisitions):
     return WeightedAverage(limits=limits, acquisitions=acquisitions)
 
@@ -128,6 +132,12 @@ def test_an_error_of_the_policy_is_reported_under_its_name(folder: Path) -> None
     assert said == "mine_of_this_test:Failing: the policy failed: KeyError: 'no angle'"
     assert "mine_of_this_test.py, line " in own
     assert ", in _next_deg:" in own
+
+
+def test_a_policy_that_never_ends_is_named(folder: Path) -> None:
+    study = read_study(study_of(folder, "mine_of_this_test:Endless"))
+    with pytest.raises(SearchError, match=r"^mine_of_this_test:Endless: the policy asked for more than 500 acq"):
+        run_row(study, 0)
 
 
 def test_a_policy_of_which_every_search_fails_ends_the_command_with_the_reason(folder: Path, shell: Shell) -> None:

@@ -87,6 +87,7 @@ def test_two_processes_give_the_same_files_and_progress_rises_to_the_end(
     finish = run_study(STUDY, tmp_path / "two", workers=2, progress=reported.append)
     assert files(tmp_path / "two") == whole
     assert reported == sorted(reported)
+    assert reported[0] == 0
     assert reported[-1] == STUDY.rows
     assert finish.summary == msgspec.json.decode(whole["summary.json"], type=Summary)
 

@@ -110,6 +110,7 @@ POLICY = '[[policies]]\nmethod = "ternary"\n'
         ('[[policies]]\nmehtod = "ternary"\n', "key policies.mehtod is unknown; did you mean policies.method?"),
         ('[[policies]]\nmethod = "ternery"\n', "did you mean ternary?"),
         ('[[policies]]\nmethod = "ternary"\nacquisitions = [16, 1]\n', "acquisitions is 1, at least 2"),
+        ('[[policies]]\nmethod = "ternary"\nacquisitions = []\n', "acquisitions of ternary is an empty list; give at"),
         ('policies = "ternary"\n', r"headed \[\[policies\]\]"),
         (POLICY + "[rig.nois]\n", "key rig.nois is unknown; did you mean rig.noise?"),
         (POLICY + '[curve]\nfamily = "cosine"\n', "curve.family is 'cosine', it must be one of: acoustic, "),
