@@ -4,10 +4,12 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
-from markerseek.core import PAPER_RANGE, Estimate, Interval, Policy, Reading, Sample, SearchError
+from markerseek.core import PAPER_RANGE, Estimate, Found, Interval, Policy, Reading, Sample, SearchError
 from markerseek.testing._refused import refused
 
 Intensity = Callable[[float], float]
@@ -83,28 +85,30 @@ class PolicyContract:
     def test_asks_inside_the_range(self) -> None:
         """Every angle asked lies in the range, whatever the intensities."""
         for name, curve in CURVES.items():
-            asked, _ = self.search(curve)
-            assert asked, f"{name}: nothing was asked"
-            outside = [angle_deg for angle_deg in asked if angle_deg not in self.limits]
-            assert not outside, f"{name}: asked {outside} deg, outside {self.limits}"
+            with _named(name):
+                asked, _ = self.search(curve)
+                assert asked, "nothing was asked"
+                outside = [angle_deg for angle_deg in asked if angle_deg not in self.limits]
+                assert not outside, f"asked {outside} deg, outside {self.limits}"
 
     def test_ends_wherever_the_stage_stops(self) -> None:
         """The search ends and asks inside the range although the angle reached is not the one asked."""
-        for name, reach in MISSED_BY.items():
-            for curve in CURVES.values():
+        for (missed_by, reach), (name, curve) in itertools.product(MISSED_BY.items(), CURVES.items()):
+            with _named(name, missed_by):
                 asked, answer = self.search(curve, reach=reach)
                 outside = [angle_deg for angle_deg in asked if angle_deg not in self.limits]
-                assert not outside, f"{name}: asked {outside} deg, outside {self.limits}"
-                _check_mean(answer, self.limits)
+                assert not outside, f"asked {outside} deg, outside {self.limits}"
+                _check_answer(answer, self.limits)
 
     def test_estimates_at_any_time(self) -> None:
-        """An estimate can be had before, during and after the search, with its mean inside the range."""
-        for curve in CURVES.values():
-            policy = self.make(self.limits)
-            _check_mean(policy.estimate(), self.limits)
-            for angle_deg in self.asked(policy):
-                policy.tell(_sample(angle_deg, curve(angle_deg)))
-                _check_mean(policy.estimate(), self.limits)
+        """An estimate can be had before, during and after the search: a mean inside the range, and what fits to it."""
+        for name, curve in CURVES.items():
+            with _named(name):
+                policy = self.make(self.limits)
+                _check_answer(policy.estimate(), self.limits)
+                for angle_deg in self.asked(policy):
+                    policy.tell(_sample(angle_deg, curve(angle_deg)))
+                    _check_answer(policy.estimate(), self.limits)
 
     def test_asking_changes_nothing(self) -> None:
         """Asking twice, or asking for an estimate in between, gives the same angle."""
@@ -122,7 +126,8 @@ class PolicyContract:
     def test_is_deterministic(self) -> None:
         """Two policies that receive the same samples ask and answer the same."""
         for name, curve in CURVES.items():
-            assert self.search(curve) == self.search(curve), f"{name}: two equal searches differ"
+            with _named(name):
+                assert self.search(curve) == self.search(curve), "two equal searches differ"
 
     def test_refuses_what_is_no_intensity(self) -> None:
         """NaN, infinite and negative intensities and angles that are not finite are refused, and leave no trace."""
@@ -166,5 +171,20 @@ def _sample(angle_deg: float, intensity: float) -> Sample:
     return Sample(angle_deg=angle_deg, reading=reading)
 
 
-def _check_mean(estimate: Estimate, limits: Interval) -> None:
+@contextmanager
+def _named(curve: str, missed_by: str = "exact") -> Iterator[None]:
+    """Say on which curve, and with which positioning error, a policy failed or broke a rule."""
+    try:
+        yield
+    except Exception as problem:
+        problem.add_note(
+            f"the curve is CURVES[{curve!r}] of markerseek.testing.policies, the positioning error {missed_by!r}"
+        )
+        raise
+
+
+def _check_answer(estimate: Estimate, limits: Interval) -> None:
     assert estimate.mean_deg in limits, f"{estimate} has its mean outside {limits}"
+    if isinstance(estimate, Found):
+        assert 0 <= estimate.sigma_deg < math.inf, f"{estimate} has no standard deviation"
+        assert estimate.mean_deg in estimate.interval95_deg, f"{estimate} has its mean outside its interval"
