@@ -80,17 +80,19 @@ def command(
         require_room(out)
         reproduction = Reproduction(options=options, folder=out, own_bank=own)
         names = _names(reproduction) if what == "all" else [what]
+        waiting = reproduction.sections(names)
         processes = "1 process" if options.workers == 1 else f"{options.workers} processes"
+        made_from = f"with {markers} markers" if bank is None else f"of {escape(str(bank))}"
         # How long a bank of one's own takes, its frames decide.
         takes = "" if own is not None else f", {time_left(typical_s(names, options))} on a usual computer"
         stderr.print(
-            f"{', '.join(names)} with {markers} markers in {processes}, into {escape(str(out))}{takes}; the time that "
+            f"{', '.join(names)} {made_from} in {processes}, into {escape(str(out))}{takes}; the time that "
             "is left of each part is said as soon as it is known"
         )
         sections, files = [], []
         durations_s: list[float] = []
         began_s = time.perf_counter()
-        for section in reproduction.sections(names):
+        for section in waiting:
             sections.append(section)
             files.append(write_section(section, out))
             durations_s.append(time.perf_counter() - began_s - sum(durations_s))
