@@ -147,7 +147,7 @@ def test_a_table_becomes_a_bank_and_the_search_is_the_same(shell, tmp_path):
     source = Path("examples/simulated_scan.csv")
     code, out, err = shell("bank", "import", source, tmp_path / "a.hdf5")
     assert code == 0, err
-    assert "intensities only, no channel data, which markerseek and pacfish read" in " ".join(out.split())
+    assert "intensities only, no channel data; markerseek and pacfish read it" in " ".join(out.split())
     np.testing.assert_array_equal(
         pacfish.load_data(str(tmp_path / "a.hdf5")).get_custom_meta_datum("intensity"), read_bank(source).intensities
     )

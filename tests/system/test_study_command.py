@@ -50,7 +50,7 @@ def test_a_text_table_a_json_object_and_any_row_again(study: Path, tmp_path: Pat
     out = tmp_path / "out"
     code, text, err = shell("study", study, "--out", out, "--workers", 1)
     assert code == 0
-    said = "mine: 40 simulated searches, level curves (2 policies, 1 cells, 20 trials) in 1 process, some 5 s"
+    said = "mine: 40 simulated searches, level curves (2 policies, 1 cell, 20 trials) in 1 process, some 5 s"
     assert said in " ".join(err.split())
     for word in ("mine: 40 simulated searches", "ternary as published, 4", "cell 0", "100.0 %", "0 - 1", "rows.csv"):
         assert word in text

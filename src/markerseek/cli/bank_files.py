@@ -108,7 +108,7 @@ def import_bank(
     content = "frames of channel data" if frames else "intensities"
     shown = [f"{count} angles of {content} in {escape(str(to))}"]
     if not frames:
-        shown.append("it holds intensities only, no channel data, which markerseek and pacfish read")
+        shown.append("it holds intensities only, no channel data; markerseek and pacfish read it")
     report = Report(values=with_version(path=str(to), content=content, angles=count), shown=shown)
     Output(as_json=as_json).show(report)
 

@@ -53,7 +53,8 @@ def list_journals(
         if each.description is not None:
             lines.append(f"  [dim]{one_line(each.description)}[/]")
     listed = "" if len(summaries) == len(paths) else f", the newest {len(summaries)} are listed (--last)"
-    lines.append(f"{len(paths)} journals in {escape(str(place))}, {total_bytes / 1e6:.1f} MB{listed}")
+    count = f"{len(paths)} journal" + ("" if len(paths) == 1 else "s")
+    lines.append(f"{count} in {escape(str(place))}, {total_bytes / 1e6:.1f} MB{listed}")
     values = {"folder": str(place), "count": len(paths), "total_bytes": total_bytes, "journals": summaries}
     Output(as_json=as_json).show(Report(values=values, shown=lines))
 

@@ -57,7 +57,7 @@ def facts_of(result: SearchResult) -> list[tuple[str, str]]:
 
 def _others(result: SearchResult) -> list[tuple[str, str]]:
     """What else there is, or may be."""
-    rows = [("another source", _other(other)) for other in result.others]
+    rows = [("other source", _other(other)) for other in result.others]
     if result.surveyed is not None:
         rows.append(("surveyed", f"{100 * result.surveyed:.1f} % of the range, for a source as loud"))
     # 0 is what the user stated.
@@ -71,7 +71,8 @@ def _other(source: OtherSource) -> str:
     place = ""
     if source.lateral_m is not None and source.depth_m is not None:
         place = f", lateral {1e3 * source.lateral_m:.1f} mm, depth {1e3 * source.depth_m:.1f} mm"
-    return f"{source.relative_db:+.1f} dB at {source.angle_deg:.2f}° ± {source.sigma_deg:.2f}°{place}"
+    # Adding zero makes 0 of a rounded -0.
+    return f"{round(source.relative_db, 1) + 0.0:+.1f} dB at {source.angle_deg:.2f}° ± {source.sigma_deg:.2f}°{place}"
 
 
 def _answer(result: SearchResult) -> list[tuple[str, str]]:

@@ -119,7 +119,7 @@ def _announce(study: studies.Study, *, workers: int | None, scheduler: str | Non
     )
     stderr.print(
         f"{escape(study.name)}: {study.rows} simulated searches, level {study.level} ({len(study.policies)} policies, "
-        f"{cells} cells, {study.trials} trials) {escape(where)}{takes}"
+        f"{cells} cell{'' if cells == 1 else 's'}, {study.trials} trials) {escape(where)}{takes}"
     )
 
 

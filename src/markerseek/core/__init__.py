@@ -50,7 +50,17 @@ from markerseek.core.image import BModeImage, LinearArray, PaImage, ScanGeometry
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerPosition, marker_position
 from markerseek.core.permit import SWEEP_READING_S, Permit, SweepPermit
-from markerseek.core.plan import ByHand, PolicyPlan, RigFacts, RigKind, RunPlan, SearchPlan, Tolerance, rig_in_words
+from markerseek.core.plan import (
+    ByHand,
+    PolicyPlan,
+    RigFacts,
+    RigKind,
+    RunPlan,
+    SearchPlan,
+    Tolerance,
+    listed,
+    rig_in_words,
+)
 from markerseek.core.protocols import (
     AnyPolicy,
     Clock,
@@ -182,6 +192,7 @@ __all__ = [
     "fastest_sweep_deg_s",
     "is_finite",
     "is_whole",
+    "listed",
     "marker_position",
     "needs_package",
     "require_range",

@@ -181,7 +181,12 @@ RigKind: TypeAlias = Literal["simulated", "replayed", "bench"]
 
 def rig_in_words(kind: str, emulated: Sequence[str]) -> str:
     """The kind of rig for people, emulated devices named: "bench rig with emulated stage and laser"."""
-    return f"{kind} rig" + (f" with emulated {' and '.join(emulated)}" if emulated else "")
+    return f"{kind} rig" + (f" with emulated {listed(emulated)}" if emulated else "")
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names for people: "stage", "stage and laser", "stage, laser and receiver"."""
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -218,7 +218,7 @@ def _draw_answer(
     found = isinstance(estimate, Found)
     # Only the paper's form of a method asks for no noise floor: it always answers, and claims nothing.
     claimed = found and estimate.floor is not None
-    angles_deg = (estimate.mean_deg,)
+    angles_deg: tuple[float, ...] = (estimate.mean_deg,)
     if claimed:
         label = f"estimate {estimate.mean_deg:.2f}°"
     elif isinstance(estimate, Ambiguous):

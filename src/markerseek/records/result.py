@@ -31,6 +31,7 @@ from markerseek.core import (
     SearchPlan,
     Started,
     Unsure,
+    listed,
     marker_position,
     needs_package,
     rig_in_words,
@@ -126,7 +127,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     def stand_in(self) -> str | None:
         """What stood in for hardware, as "simulated rig" or "emulated stage and laser"; None where nothing did."""
         if self.emulated:
-            return f"emulated {' and '.join(self.emulated)}"
+            return f"emulated {listed(self.emulated)}"
         return "simulated rig" if self.rig == "simulated" else None
 
     def to_dataframe(self) -> pd.DataFrame:

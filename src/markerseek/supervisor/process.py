@@ -44,7 +44,7 @@ def _opened(line: Line) -> _OpenLine:
             line.path, baud=line.baud, parity=line.parity, rtscts=line.rtscts, write_timeout_s=0
         )
     except NotConnectedError as error:
-        raise NotConnectedError(f"line {line.name!r}: {error}") from None
+        raise NotConnectedError(f"{line.name}: {error}") from None
     return opened
 
 

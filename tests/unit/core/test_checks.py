@@ -7,9 +7,30 @@ import math
 import msgspec
 import pytest
 
-from markerseek.core import MAX_ACQUISITIONS, PAPER_RANGE, ConfigError, RigFacts, SearchPlan, require_range
+from markerseek.core import (
+    MAX_ACQUISITIONS,
+    PAPER_RANGE,
+    ConfigError,
+    RigFacts,
+    SearchPlan,
+    require_range,
+    rig_in_words,
+)
 
 NAN = math.nan
+
+
+@pytest.mark.parametrize(
+    ("devices", "said"),
+    [
+        ((), "bench rig"),
+        (("stage",), "bench rig with emulated stage"),
+        (("stage", "laser"), "bench rig with emulated stage and laser"),
+        (("stage", "laser", "receiver"), "bench rig with emulated stage, laser and receiver"),
+    ],
+)
+def test_emulated_devices_are_listed_as_a_person_does(devices: tuple[str, ...], said: str) -> None:
+    assert rig_in_words("bench", devices) == said
 
 
 @pytest.mark.parametrize("value", [0.1, 5, 25.0])

@@ -15,7 +15,7 @@ from nicegui.events import GenericEventArguments
 
 from markerseek.bridges.page.elements import Heading, Heartbeat
 from markerseek.bridges.page.page_searches import PageSearches
-from markerseek.core import MarkerseekError, RigKind
+from markerseek.core import MarkerseekError, RigKind, listed
 
 TICK_S = 0.1
 """Least time between two updates of one viewer, and longest time without one, in seconds."""
@@ -68,7 +68,7 @@ class PageShell:
 
     def show_kind(self, kind: RigKind, *, emulated: Sequence[str] = ()) -> None:
         """Say in the banner what kind of rig is shown, and which of its devices are emulated."""
-        text = (f"EMULATED {' and '.join(emulated)}. " if emulated else "") + _BANNERS[kind]
+        text = (f"EMULATED {listed(emulated)}. " if emulated else "") + _BANNERS[kind]
         if text != self._banner.text:
             self._banner.set_text(text)
             self._banner.classes(replace=f"ms-banner ms-banner-{kind}")
