@@ -42,6 +42,18 @@ def test_a_tutorial_shows_what_its_commands_print(page: Path, tmp_path: Path) ->
         assert as_shown, f"{page.name}: {command}\nshown:\n{expected}\nprinted:\n{ended.stdout}\n{ended.stderr}"
 
 
+def test_a_scan_of_ones_own_is_searched_in_python(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (ROOT / "docs" / "tutorials" / "replay-your-scan.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(ROOT)
+    names: dict[str, object] = {}
+    for block in re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
+        exec(compile(block, "replay-your-scan.md", "exec"), names)
+        assert getattr(names["result"], "answer", None) == "found"
+    assert capsys.readouterr().out.startswith("posterior on a replayed rig\nanswer: found\n")
+
+
 def test_the_method_of_the_tutorial_searches(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

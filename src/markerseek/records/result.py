@@ -147,12 +147,30 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
         table.attrs = {name: getattr(self, name) for name in named}
         return table
 
+    def __str__(self) -> str:
+        """The answer in a few lines; `repr` has every field and every acquisition."""
+        lines = [f"{name}: {value}" for name, value in self._rows() if value is not None]
+        return "\n".join([self._heading(), *lines])
+
     def _repr_html_(self) -> str:
         """The answer and the intensities, for a notebook."""
         lit = self.samples if self.confirmation is None else [*self.samples, self.confirmation]
+        picture = curve_svg(
+            [each.angle_deg for each in lit],
+            [each.intensity for each in lit],
+            mark_deg=self.angle_deg,
+            interval_deg=self.interval95_deg,
+        )
+        return as_html(self._heading(), self._rows(), picture)
+
+    def _heading(self) -> str:
+        return f"{self.method} on a {rig_in_words(self.rig, self.emulated)}"
+
+    def _rows(self) -> list[tuple[str, str | None]]:
+        """The answer for people; None where a value is not known."""
         interval = self.interval95_deg
         sigma = "" if self.sigma_deg is None else f" ± {self.sigma_deg:.3f}°"
-        rows = [
+        return [
             ("answer", self.answer if self.reason is None else f"{self.answer}: {self.reason}"),
             # Where nothing was detected, the angle is that of the noise.
             ("angle", None if self.answer == "not found" else f"{self.angle_deg:.3f}°{sigma}"),
@@ -161,13 +179,6 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
             ("truth (simulated)", None if self.truth_deg is None else f"{self.truth_deg:.3f}°"),
             ("reference", None if self.reference_deg is None else f"{self.reference_deg:.3f}°"),
         ]
-        picture = curve_svg(
-            [each.angle_deg for each in lit],
-            [each.intensity for each in lit],
-            mark_deg=self.angle_deg,
-            interval_deg=interval,
-        )
-        return as_html(f"{self.method} on a {rig_in_words(self.rig, self.emulated)}", rows, picture)
 
 
 class Recorder:

@@ -42,7 +42,8 @@ def replayed(
         Data between two recorded angles: those of the nearest, or an intensity interpolated from both neighbours, as in
         the paper. Frames are never interpolated.
     table
-        Columns and unit of a CSV.
+        Columns and unit of a CSV, as ``TableFormat(columns=("Winkel", "Peak"), unit="rad")`` of
+        `markerseek.records.banks`.
 
     Raises
     ------

@@ -116,7 +116,8 @@ def find_marker(rig: Rig, method: SearchPlan | str = "posterior", *, progress: b
     rig
         A rig; one of real devices must have been armed (`Rig.arm`).
     method
-        Name of the method, from where the probe is and with all defaults; or a whole plan.
+        Name of the method, from where the probe is and with all defaults; or a whole `markerseek.core.SearchPlan`,
+        as ``SearchPlan(method="posterior", acquisitions=12)``.
     progress
         Whether each acquisition is written to standard error when it has been made.
 

@@ -55,6 +55,15 @@ def test_a_result_shows_its_answer_and_every_acquisition(result: SearchResult) -
     assert "replayed rig" in tree.find("strong").text
 
 
+def test_a_result_that_is_printed_is_its_answer_in_a_few_lines(result: SearchResult) -> None:
+    heading, answer, angle, *_ = str(result).splitlines()
+    assert heading == "posterior on a replayed rig"
+    assert answer == "answer: found"
+    assert angle == f"angle: {result.angle_deg:.3f}° ± {result.sigma_deg:.3f}°"
+    assert len(str(result).splitlines()) < 10
+    assert "None" not in str(result)
+
+
 def test_a_bank_shows_what_it_holds_with_markup_escaped() -> None:
     facts = BankFacts(description="<b>liver & co</b>", simulated=True)
     bank = IntensityBank(angles_deg=(1.0, 2.0, 3.0), intensities=(1.0, 5.0, np.nan), facts=facts)
