@@ -15,7 +15,7 @@ from markerseek import drivers, emulators, rigs
 from markerseek.cli.signals import noted_signals
 from markerseek.cli.terminal import stderr, stdout
 from markerseek.core import ConfigError
-from markerseek.files import replace_file
+from markerseek.files import quoted, replace_file
 
 if TYPE_CHECKING:
     from markerseek.sim import SimulatedSettings
@@ -118,7 +118,7 @@ def _serve(
         if device == "bench":
             rig_file = folder / "rig.toml"
             write_rig_file(rig_file, _rig_toml(folder, settings, pace=pace, emulated=emulated))
-            stdout.print(f"try: markerseek search --rig {rig_file} --arm")
+            stdout.print(f"try: markerseek search --rig {quoted(rig_file)} --arm")
         if device == "daq":
             stdout.print(f"each line typed here gives {settings.laser.pulses} pulses of light and a trigger for each")
         stdout.print("Ctrl-C ends it")

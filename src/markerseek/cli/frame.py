@@ -32,6 +32,7 @@ from markerseek.core import (
     ScanGeometry,
     require_range,
 )
+from markerseek.files import quoted
 
 if TYPE_CHECKING:
     import numpy as np
@@ -270,7 +271,7 @@ def _frame_of_scan(path: Path, probe: str | None, *, number: int) -> tuple[signa
 
     bank = read_bank(path)
     if not isinstance(bank, FrameBank):
-        raise RecordError(f"{path}: it holds intensities and no frames; see 'markerseek bank info {path}'")
+        raise RecordError(f"{path}: it holds intensities and no frames; see 'markerseek bank info {quoted(path)}'")
     if number > len(bank.angles_deg):
         raise ConfigError(f"--number is {number}, and {path} holds {len(bank.angles_deg)} frames; name one of these")
     return rigs.preset_of(bank, probe), bank.frame(number - 1)

@@ -13,8 +13,9 @@ import typer
 from markerseek import rigs
 from markerseek.bridges import page
 from markerseek.cli.options import RigFile
-from markerseek.cli.terminal import announce_compilation, quoted, stdout
+from markerseek.cli.terminal import announce_compilation, stdout
 from markerseek.core import ConfigError
+from markerseek.files import quoted
 
 EXAMPLES = (
     "Examples:\n\n"

@@ -18,6 +18,7 @@ from markerseek.cli.open_rig import NOT_ARMED, confirmed, person, print_permissi
 from markerseek.cli.signals import noted_signals
 from markerseek.cli.terminal import stderr, stdout
 from markerseek.core import ConfigError
+from markerseek.files import quoted
 from markerseek.ros import topics
 
 if TYPE_CHECKING:
@@ -133,7 +134,7 @@ def _serve_part(
     """Connect to one part of a bench, have it armed by a person here, and serve it until stopped."""
     settings = rigs.read_rig_file(rig)
     if not isinstance(settings, drivers.BenchSettings):
-        raise ConfigError(f"{rig}: its kind is simulated; serve it with: markerseek ros2 sim --rig {rig}")
+        raise ConfigError(f"{rig}: its kind is simulated; serve it with: markerseek ros2 sim --rig {quoted(rig)}")
     pump = ros2.MessagePump()
     with ExitStack() as opened:
         held = rigs.bench_part(settings, part, beat=pump)

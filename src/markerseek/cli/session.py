@@ -10,9 +10,10 @@ from pathlib import Path
 from rich.markup import escape
 
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
-from markerseek.cli.terminal import print_warning, progress_bar, quoted, show_event, stderr
+from markerseek.cli.terminal import print_warning, progress_bar, show_event, stderr
 from markerseek.cli.watched import WatchOptions
 from markerseek.core import ConfigError, Failed, MarkerseekError, RecordError
+from markerseek.files import quoted
 from markerseek.records.journal import Checked, Configuration, Journal, default_journal, make_folder
 from markerseek.runs import Session
 

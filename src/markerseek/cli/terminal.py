@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import shlex
 import sys
 import time
 import unicodedata
@@ -106,11 +105,6 @@ def new_table(*headings: str, left: Collection[str] = (), no_wrap: bool = False)
         # Escaped, because Rich reads a unit in brackets as markup.
         table.add_column(escape(heading), justify="left" if heading in left else "right", no_wrap=no_wrap)
     return table
-
-
-def quoted(path: Path) -> str:
-    """A path quoted for a shell."""
-    return shlex.quote(str(path))
 
 
 def scaled(option: str, value: float | None, unit: float, *, most: float) -> float | None:

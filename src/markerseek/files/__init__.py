@@ -7,7 +7,7 @@ complete; `create_atomically` is the step that `new_file` adds checks to.
 
 from markerseek.files.atomic import create_atomically, new_file, replace_file, require_new, sync_folder
 from markerseek.files.csv_rows import CsvRows, csv_rows
-from markerseek.files.inputs import MIB, as_read_error, open_input, read_input, require_input
+from markerseek.files.inputs import MIB, as_read_error, open_input, quoted, read_input, require_input
 from markerseek.files.serial_line import SERIAL_ERRORS, Line, Parity, open_serial
 from markerseek.files.settings import nearest_key, read_toml, require_key, setting_from, settings_from
 
@@ -24,6 +24,7 @@ __all__ = [
     "new_file",
     "open_input",
     "open_serial",
+    "quoted",
     "read_input",
     "read_toml",
     "replace_file",

@@ -6,6 +6,7 @@ A pipe would block, a device would never end, and a sparse file of a few kilobyt
 from __future__ import annotations
 
 import os
+import shlex
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +17,11 @@ from markerseek.core import RecordError
 
 MIB = 1 << 20
 """Bytes of a mebibyte."""
+
+
+def quoted(path: Path) -> str:
+    """A path as it is typed in a shell: in quotes if it has spaces or the like."""
+    return shlex.quote(str(path))
 
 
 @contextmanager

@@ -25,6 +25,7 @@ from markerseek.core import (
     Sample,
     SearchPlan,
 )
+from markerseek.files import quoted
 from markerseek.records.banks import MIN_ANGLES, BankFacts, FrameBank, IntensityBank, record_of, require_angles
 from markerseek.records.banks.ipasc import require_new_bank, require_room, whole_bank
 from markerseek.records.journal import Configuration, Entry, Journal, RecordedRun, read_journal, salvage
@@ -99,8 +100,8 @@ def require_new_scan(path: Path) -> None:
     record = record_of(path)
     if record.exists():
         raise RecordError(
-            f"{record}: it holds a scan that was killed; make a bank of it: 'markerseek bank import {record} "
-            f"{path}', or delete it"
+            f"{record}: it holds a scan that was killed; make a bank of it: 'markerseek bank import {quoted(record)} "
+            f"{quoted(path)}', or delete it"
         )
 
 
@@ -206,7 +207,7 @@ def _export(record: Path, path: Path, facts: BankFacts) -> None:
                 salvage(record, frames=False, on_entry=add)
         except RecordError as problem:
             raise RecordError(
-                f"{problem}; what was measured is in {record}: 'markerseek bank import {record} NEW.hdf5'"
+                f"{problem}; what was measured is in {record}: 'markerseek bank import {quoted(record)} NEW.hdf5'"
             ) from problem
     if damage is not None:
         held = f"{path} holds the {len(lit)} angles" if enough else f"{len(lit)} angles, too few for a bank, were read"

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
-from markerseek.files import MIB, as_read_error, read_input
+from markerseek.files import MIB, as_read_error, quoted, read_input
 from markerseek.records.banks.bank import HDF5_SUFFIXES, USUAL_SAMPLING_HZ, BankFacts, FrameBank, require_angles
 from markerseek.records.journal import is_journal
 from markerseek.records.sandbox import Sandbox
@@ -73,7 +73,7 @@ def npy_samples(path: Path, sandbox: Sandbox) -> np.ndarray:
         raise RecordError(
             f"{path}: {samples.dtype} of shape {samples.shape} found, (channels, samples) expected, with one row per "
             "channel (of samples × channels, save the transpose)"
-            + (f"; of many angles, see 'markerseek bank import {path} scan.hdf5'" if samples.ndim == 3 else "")
+            + (f"; of many angles, see 'markerseek bank import {quoted(path)} scan.hdf5'" if samples.ndim == 3 else "")
         )
     return samples
 
@@ -99,11 +99,13 @@ def _otherwise(path: Path) -> str:
     """Advice for a file of another kind: the command that reads it."""
     suffix = path.suffix.lower()
     if path.is_file() and is_journal(path):
-        return f"it is the journal of a search, not one frame; see 'markerseek journal show {path}'"
+        return f"it is the journal of a search, not one frame; see 'markerseek journal show {quoted(path)}'"
     if suffix in (*HDF5_SUFFIXES, ".csv"):
-        return f"it would be a scan of many angles, not one frame; see 'markerseek bank info {path}'"
+        return f"it would be a scan of many angles, not one frame; see 'markerseek bank info {quoted(path)}'"
     if suffix == ".npz":
-        return f"it would be a scan of many angles, not one frame; see 'markerseek bank import {path} scan.hdf5'"
+        return (
+            f"it would be a scan of many angles, not one frame; see 'markerseek bank import {quoted(path)} scan.hdf5'"
+        )
     return (
         f"{suffix or 'a file without suffix'} is no format of frames; give a .mat, an .npy, or a folder of SonixDAQ "
         "files; 'markerseek frame' also shows what is in an Ultrasonix .b8 or .rf"
@@ -119,7 +121,7 @@ def _mat_frame(path: Path, arrays: Mapping[str, np.ndarray]) -> Int16[np.ndarray
         raise RecordError(
             f"{path}: {_FRAME}, int16 of shape (32, samples, 4), and {_COUNT} expected, found {content(arrays)}; "
             "save channel data as an .npy of int16 (channels, samples) instead, or, if it holds a scan of many angles, "
-            f"see 'markerseek bank import {path} scan.hdf5'"
+            f"see 'markerseek bank import {quoted(path)} scan.hdf5'"
         )
     aligned = frame.shape[1]
     if count.size != 1 or not 1 <= count.flat[0] <= aligned or count.flat[0] != int(count.flat[0]):
@@ -144,7 +146,7 @@ def _load_daq_folder(folder: Path) -> tuple[Int16[np.ndarray, "channels samples"
     raise RecordError(
         f"{folder}: {len(files)} channel files (.daq) found, {sonixdaq.CHANNELS} expected; the first that is "
         f"missing is CH{missing:03d}: wait until the acquisition is complete, or acquire it again"
-        + ("" if files else f"; if it holds a scan of many angles, see 'markerseek bank info {folder}'")
+        + ("" if files else f"; if it holds a scan of many angles, see 'markerseek bank info {quoted(folder)}'")
     )
 
 

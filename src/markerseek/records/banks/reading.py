@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from markerseek.core import ConfigError, RecordError
-from markerseek.files import as_read_error, require_input
+from markerseek.files import as_read_error, quoted, require_input
 from markerseek.records.banks.arrays import ArrayBank, bank_of_arrays
 from markerseek.records.banks.bank import HDF5_SUFFIXES, FrameBank, IntensityBank, record_of
 from markerseek.records.banks.frames import read_folder
@@ -39,13 +39,14 @@ def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank 
             return read_folder(path)
         if not path.exists():
             record = record_of(path)
-            kept = f"; its scan did not become a bank, and is kept: 'markerseek bank import {record} {path}'"
+            imported = f"markerseek bank import {quoted(record)} {quoted(path)}"
+            kept = f"; its scan did not become a bank, and is kept: '{imported}'"
             raise RecordError(f"{path}: there is no such file or folder{kept if record.exists() else ''}")
         if journal:
             raise RecordError(
                 f"{path}: it is the journal of a run and no bank; its run is computed again by "
-                f"'markerseek journal replay {path}', and its frames become a bank by "
-                f"'markerseek bank import {path} frames.hdf5'"
+                f"'markerseek journal replay {quoted(path)}', and its frames become a bank by "
+                f"'markerseek bank import {quoted(path)} frames.hdf5'"
             )
         if path.suffix.lower() not in HDF5_SUFFIXES:
             return read_table(path, table)

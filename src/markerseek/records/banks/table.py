@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from markerseek.core import MAX_INTENSITY, ConfigError, Float64, RecordError
-from markerseek.files import MIB, CsvRows, csv_rows, new_file, read_input, replace_file
+from markerseek.files import MIB, CsvRows, csv_rows, new_file, quoted, read_input, replace_file
 from markerseek.records.banks.bank import MIN_STEP_DEG, IntensityBank, require_angles
 from markerseek.records.untrusted_arrays import ARRAY_SUFFIXES
 
@@ -99,7 +99,8 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
     """
     if path.suffix.lower() in ARRAY_SUFFIXES:
         raise RecordError(
-            f"{path}: a scan that NumPy or MATLAB saved becomes a bank by 'markerseek bank import {path} scan.hdf5'"
+            f"{path}: a scan that NumPy or MATLAB saved becomes a bank by "
+            f"'markerseek bank import {quoted(path)} scan.hdf5'"
         )
     try:
         rows = csv_rows(path, read_input(path, most_bytes=_LARGEST_BYTES))

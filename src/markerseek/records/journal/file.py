@@ -13,7 +13,7 @@ from pathlib import Path
 from platformdirs import user_data_path
 
 from markerseek.core import RecordError
-from markerseek.files import open_input, require_input, sync_folder
+from markerseek.files import open_input, quoted, require_input, sync_folder
 
 MAX_BYTES = 1 << 36
 """Largest journal that is opened: 100,000 frames of half a megabyte."""
@@ -47,7 +47,7 @@ def exists_error(path: Path) -> RecordError:
         return RecordError(f"{path}: it is a folder, and a journal is one file; name a new file in it")
     if path.is_file() and is_journal(path):
         return RecordError(
-            f"{path}: the journal exists already; name another file, or continue it: markerseek resume {path}"
+            f"{path}: the journal exists already; name another file, or continue it: markerseek resume {quoted(path)}"
         )
     return RecordError(f"{path}: this exists already and is no journal; name a new file")
 
