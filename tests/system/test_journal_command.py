@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -56,6 +57,14 @@ def test_a_search_keeps_a_journal_in_the_users_data_folder(shell: Shell, tmp_pat
     assert (code, "nothing is wrong" in out) == (0, True)
     code, out, _ = shell("journal", "replay", path)
     assert (code, "come out equal, bit for bit" in out) == (0, True)
+    cut = path.with_name("cut")
+    cut.write_bytes(path.read_bytes()[:-1])
+    code, out, _ = shell("journal", "verify", cut)
+    assert code == 0
+    assert re.search(
+        r"nothing is wrong; \d+ bytes of an unfinished entry behind them are ignored", " ".join(out.split())
+    )
+    cut.unlink()
     shell(*SEARCH, "--no-journal")
     assert journals(tmp_path) == [path]
 
@@ -82,6 +91,7 @@ def test_the_journal_gives_the_same_answer_as_the_search(shell: Shell, tmp_path:
         "ok": True,
         "entries": len(kinds),
         "faults": [],
+        "unfinished_bytes": 0,
     }
     assert json.loads(shell("journal", "replay", path, "--json")[1])["equal"] is True
 

@@ -86,11 +86,15 @@ def verify(journal: _File, as_json: AsJson = False) -> None:
     from markerseek.records.journal import verify as verify_journal
 
     finding = verify_journal(journal)
+    # Nothing acted on it, so that it is no fault.
+    unfinished = f"; {finding.unfinished_bytes} bytes of an unfinished entry behind them are ignored"
     report = Report(
-        values={"ok": not finding.faults, "entries": finding.entries, "faults": finding.faults},
+        values={"ok": not finding.faults} | msgspec.to_builtins(finding),
         shown=[
             *(f"[red]wrong:[/] {one_line(fault)}" for fault in finding.faults),
-            f"{finding.entries} entries are whole" + ("" if finding.faults else ", and nothing is wrong"),
+            f"{finding.entries} entries are whole"
+            + ("" if finding.faults else ", and nothing is wrong")
+            + (unfinished if finding.unfinished_bytes else ""),
         ],
         exit_code=1 if finding.faults else 0,
     )

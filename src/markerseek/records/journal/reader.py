@@ -38,6 +38,8 @@ class RecordedRun:
     """The entries, in order."""
     is_written: bool = False
     """Whether a program was writing it."""
+    unfinished_bytes: int = 0
+    """Bytes behind the entries, of one that was never finished; they are ignored."""
 
 
 class JournalCheck(msgspec.Struct, frozen=True, kw_only=True):
@@ -47,6 +49,8 @@ class JournalCheck(msgspec.Struct, frozen=True, kw_only=True):
     """Number of entries that can be read and agree with their checksums, from the first on."""
     faults: list[str]
     """What is wrong, in words; empty for a whole journal."""
+    unfinished_bytes: int
+    """Bytes of an entry behind them that was never finished, after a sudden end."""
 
 
 def read_journal(path: Path, *, frames: bool = True) -> RecordedRun:
@@ -85,7 +89,14 @@ def salvage(
             # A search of 40 acquisitions has 20 MB of frames; a list of many journals needs none of them.
             entries.append(entry if frames else _without_frame(entry))
         written = is_written(reader.descriptor)
-    recorded = RecordedRun(path=path, configuration=reader.configuration, entries=tuple(entries), is_written=written)
+        recorded = RecordedRun(
+            path=path,
+            configuration=reader.configuration,
+            entries=tuple(entries),
+            is_written=written,
+            # What a program is writing right now will be finished.
+            unfinished_bytes=0 if damage or written else os.fstat(reader.descriptor).st_size - reader.end,
+        )
     return recorded, damage
 
 
@@ -95,7 +106,7 @@ def verify(path: Path) -> JournalCheck:
     wrong = [*order_faults(recorded.entries), *angle_faults(recorded.configuration, recorded.entries)]
     faults = [] if damage is None else [str(damage)]
     faults += [f"entry {number}: {reason}" for number, reason in sorted(wrong)]
-    return JournalCheck(entries=len(recorded.entries), faults=faults)
+    return JournalCheck(entries=len(recorded.entries), faults=faults, unfinished_bytes=recorded.unfinished_bytes)
 
 
 def follow(
