@@ -42,7 +42,8 @@ def class_of(part: Part, driver: str, *, beside: str) -> type:
     """
     name = f'{part}.driver = "{driver}"'
     module_name, _, class_name = driver.partition(":")
-    if not (class_name.isidentifier() and all(word.isidentifier() for word in module_name.split("."))):
+    named = class_name.isidentifier() and all(word.isidentifier() for word in module_name.split("."))
+    if not named or module_name.endswith(".py"):
         raise ConfigError(
             f'{name}: it must be "module:Class", as in "my_stage:Stage": the name of the file without its folder and '
             ".py, a colon, and that of the class"

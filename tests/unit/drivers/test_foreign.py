@@ -147,6 +147,7 @@ def read(path: Path) -> BenchSettings:
         ),
         ("no_stage:Stage", "", "there is no file .*/no_stage.py, and no module no_stage is installed"),
         ("lab_stage:Stag", "", "lab_stage has no class Stag; its classes are: .*Stage"),
+        ("lab_stage.py:Stage", "", "the name of the file without its folder and .py, a colon"),
         ("lab_stage:made", "", "lab_stage has no class made"),
         ("lab_stage:NoStage", "", "NoStage has no stop; a stage has move_to, stop"),
         ("broken_stage:Stage", "", "importing broken_stage failed: ZeroDivisionError: division by zero"),

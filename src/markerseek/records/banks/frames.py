@@ -288,7 +288,7 @@ def _named(place: Path) -> tuple[str, float]:
     word = match["word"].strip("_ ").lower() if match else ""
     if match is None or _SIGN_WORDS.search(word):
         raise RecordError(
-            f"{place}: the angle cannot be read from this name; it must be a word, or none, and then degrees in plain "
-            "digits with a point and, below zero, a hyphen as the sign, set off from the word: -12.5 or angle_-12.5deg"
+            f"{place}: the angle cannot be read from this name; in the folder of a scan each frame is named by its "
+            "angle in degrees, -12.5 or, with a word before it, angle_-12.5deg: digits, a point, a hyphen for minus"
         )
     return word, float(match["angle"])
