@@ -77,9 +77,10 @@ class SweepingDevices:
         for part, device in (("stage", stage), ("laser", laser), ("receiver", receiver)):
             # Of the class, and no isinstance: it would ask the device for its angle.
             if not hasattr(type(device), "begin_sweep"):
+                # Of a class of one's own the name in the rig file, not that of what is wrapped around it.
+                name = getattr(device, "driver", type(device).__name__)
                 raise ConfigError(
-                    f"this rig cannot sweep: its {part} ({type(device).__name__}) only works with the probe at rest; "
-                    "leave --sweep out"
+                    f"this rig cannot sweep: its {part} ({name}) only works with the probe at rest; leave --sweep out"
                 )
         devices = cls(stage=stage, laser=laser, receiver=receiver)  # type: ignore[arg-type]
         # Asked here, since a device of a kind that can may not be set up for it.

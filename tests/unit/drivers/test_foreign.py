@@ -225,6 +225,14 @@ def test_a_driver_of_another_unit_is_refused_at_its_first_move(rig: Callable[...
         assert opened.facts.emulated == ("laser", "receiver")
 
 
+def test_a_stage_of_ones_own_that_cannot_sweep_is_named_as_in_the_rig_file(rig: Callable[..., Path]) -> None:
+    with (
+        bench(read(rig("lab_stage:Radians"))) as opened,
+        pytest.raises(ConfigError, match=r"its stage \(lab_stage:Radians\) only works with the probe at rest"),
+    ):
+        _ = opened.scanner.sweeping
+
+
 def test_a_simulated_device_that_says_it_is_real_is_named_as_emulated(rig: Callable[..., Path]) -> None:
     with bench(read(rig("lab_stage:Derived", ""))) as opened:
         assert opened.facts.emulated == ("stage", "laser", "receiver")
