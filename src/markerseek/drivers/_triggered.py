@@ -20,7 +20,7 @@ from markerseek.core import (
     NotConnectedError,
     Permit,
 )
-from markerseek.drivers._receivers import acquired_frame
+from markerseek.drivers._receivers import acquired_frame, armed_for
 
 _READ_BYTES = 1 << 18
 _MAX_DRAINED_BYTES = 1 << 26
@@ -139,11 +139,7 @@ class TriggeredReceiver(ABC, Generic[SettingsT, MessageT]):
         pulses. Raises `DeviceTimeoutError` if too few come in time. Raises `NotConnectedError` if the connection has
         ended.
         """
-        if self._armed is None or self._armed[0] != permit:
-            raise AcquisitionError(
-                f"{self.driver}: it was not armed for the permit {permit.token!r}; arm it before firing"
-            )
-        _, started_s, armed_unix_s = self._armed
+        _, started_s, armed_unix_s = armed_for(permit, self._armed, driver=self.driver)
         # Disarmed before reading: a frame that was refused cannot be asked for again.
         self._armed = None
         samples = self._samples(self._exactly(permit.pulses or self._dark_triggers), armed_unix_s)
