@@ -14,7 +14,7 @@ from scipy.special import chdtrc
 
 from markerseek._version import __version__
 from markerseek.core import Bool, ConfigError, Float64, RecordError
-from markerseek.files import MIB, read_input
+from markerseek.files import MIB, read_json
 from markerseek.geometry import Registration, RigidTransform, leave_one_out, mirror_image_fre, register_points
 from markerseek.runs.shared_errors import FOCAL_ERROR, TRUS_ERRORS, focal_shared_m, trus_shared_m
 
@@ -326,13 +326,13 @@ def read_registration(path: Path) -> KnownRegistration:
 
     ``path``: JSON of ``markerseek register --json``.
     """
-    try:
-        stored = msgspec.json.decode(read_input(path, most_bytes=8 * MIB), type=_File)
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as problem:
-        raise RecordError(
-            f"{path}: it is no registration as JSON: {problem}; make one with 'markerseek register points.csv --json "
-            "> registration.json'"
-        ) from problem
+    stored = read_json(
+        path,
+        _File,
+        most_bytes=8 * MIB,
+        what="a registration as JSON",
+        cure="make one with 'markerseek register points.csv --json > registration.json'",
+    )
     if not stored.registered or stored.davinci_to_trus is None:
         raise RecordError(f"{path}: its registration was not accepted ({stored.reason}); register again")
     rows = stored.davinci_to_trus
