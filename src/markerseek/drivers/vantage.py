@@ -144,7 +144,7 @@ class VantageReceiver(TriggeredReceiver[VantageSettings, wire.VantageFrame]):
             if frame.counter <= last:
                 raise AcquisitionError(
                     f"vantage: a frame with the counter {frame.counter} came after {last}: it is doubled, or the "
-                    "sender counts anew; take the frame again"
+                    "sender has started again; take the frame again"
                 )
             if frame.counter > last + 1:
                 raise AcquisitionError(

@@ -352,7 +352,7 @@ class EmulatedLaserBox:
         )
 
     def _tell_pulse(self, train: _AnyPermit) -> None:
-        """Tell the last pulse of a sweep, whose light has been seen."""
+        """Report the last pulse of a sweep, whose light has been seen."""
         if self._untold is not None:
             stamp_us, before, edge = self._untold
             self._untold = None
@@ -362,7 +362,7 @@ class EmulatedLaserBox:
             self._answer(self._with_light(pulse))
 
     def _tell_light(self, train: _AnyPermit) -> None:
-        """Tell the last pulse of a sweep once its light has been seen, and once the last of all."""
+        """Report the last pulse of a sweep once its light has been seen, and once the end of the light."""
         if self._now_us >= self._last_trigger_us + wire.LIGHT_LATE_US:
             self._tell_pulse(train)
         if self._permit is None and self._untold is None and not self._dark_told:

@@ -134,7 +134,7 @@ def _spot(folder: Path, camera: Camera) -> tuple[tuple[float, float], float]:
         raise RecordError(f"{folder}: {spot.reason}")
     if spot.sigma_px is None:
         raise RecordError(
-            f"{folder}: {len(frames)} images do not tell how certain the spot is; save at least 3 of each"
+            f"{folder}: {len(frames)} images do not show how certain the spot is; save at least 3 of each"
         )
     return (spot.x_px, spot.y_px), spot.sigma_px
 

@@ -342,7 +342,7 @@ class Posterior(SearchPolicy):
             return state.survey.next_deg
         if first.has_positions:
             return None
-        # Intensities alone do not tell two sources apart that are near one another.
+        # Intensities alone do not resolve two sources that are near one another.
         wanted_deg = top_deg(first.posterior, measured_deg)
         return wanted_deg if wanted_deg is not None and wanted_deg in self._limits else None
 

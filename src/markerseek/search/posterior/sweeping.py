@@ -6,7 +6,7 @@
    once it is. That also separates the delay between pulse and angle from the angle, for it shifts the two directions
    against one another. Where another source may still hide, it sweeps back over the whole range.
 3. What is still missing is measured at rest, as `Posterior` does: another look at a source, more precision. Where
-   nothing was detected, a search at rest begins anew, for the mean of some pulses shows what a single one does not.
+   nothing was detected, a search at rest begins, because the mean of some pulses shows what a single one does not.
 """
 
 from __future__ import annotations
@@ -162,7 +162,7 @@ class SweepPosterior:
         """Ends of the sweeps that follow once the range has been swept to that end."""
         progress = self._posterior.progress
         if progress is None:
-            # Single pulses show nothing: the search at rest begins anew, with the noise of its own frames.
+            # Single pulses show nothing: a search at rest begins, with the noise of its own frames.
             self._posterior = self._make()
             for dark in self._dark:
                 self._posterior.tell(dark)
