@@ -19,6 +19,7 @@ from markerseek.core import (
     Int16,
     NotConnectedError,
     Permit,
+    require_range,
 )
 from markerseek.drivers._receivers import acquired_frame, armed_for
 
@@ -31,9 +32,17 @@ SLICE_S = 0.005
 MessageT = TypeVar("MessageT")
 
 
-class _Settings(Protocol):
+class ConnectionSettings(Protocol):
+    """Settings of a receiver behind a connection."""
+
     @property
     def sampling_hz(self) -> float: ...
+
+    @property
+    def port(self) -> int: ...
+
+    @property
+    def connect_s(self) -> float: ...
 
     @property
     def timeout_s(self) -> float: ...
@@ -41,8 +50,19 @@ class _Settings(Protocol):
     @property
     def quiet_s(self) -> float: ...
 
+    @property
+    def clock_s(self) -> float: ...
 
-SettingsT = TypeVar("SettingsT", bound=_Settings)
+
+def require_connection(settings: ConnectionSettings) -> None:
+    """Refuse a port or a time that is out of its range."""
+    require_range("receiver: port", settings.port, low=1, high=65535)
+    for name, high in (("connect_s", 600), ("timeout_s", 600), ("quiet_s", 60)):
+        require_range(f"receiver: {name}", getattr(settings, name), low=0, high=high, unit="s", open_low=True)
+    require_range("receiver: clock_s", settings.clock_s, low=0, high=60, unit="s")
+
+
+SettingsT = TypeVar("SettingsT", bound=ConnectionSettings)
 
 
 class TriggeredReceiver(ABC, Generic[SettingsT, MessageT]):
