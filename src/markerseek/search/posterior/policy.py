@@ -196,6 +196,11 @@ class Posterior(SearchPolicy):
         self._confirmation_taken, self._confirmation_failure = False, None
         self._next = self._cached = None
 
+    @property
+    def single(self) -> bool:
+        """Whether it takes for granted that there is one source at most."""
+        return self._single
+
     def state_swept(self) -> None:
         """Take for granted from now on that sweeps have surveyed the range, as far as single pulses can."""
         self._range_swept = True
