@@ -10,6 +10,7 @@ from nicegui import ui
 
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.settings import REAL_TIME_READOUT_S, SONIXDAQ_READOUT_S, LinkSettings, PageSettings
+from markerseek.bridges.page.state import with_minus
 from markerseek.core import ConfigError
 from markerseek.search import METHODS
 from markerseek.sim import TISSUES
@@ -48,18 +49,18 @@ class SettingsRow:
         self.usable = True
         """Whether a search can have these settings."""
         made: dict[str, Callable[[], object]] = {
-            "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 150),
+            "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 136),
             "acquisitions": lambda: self._number("acquisitions", "acquisitions", 84),
             "tolerance_mm": lambda: self._number("tolerance_mm", "± [mm]", 76),
             "as_published": lambda: self._box(
                 "as_published", "as published", "the paper's form of the method, which always answers"
             ),
             "sweep": lambda: self._box("sweep", "sweep", "turns the probe while the laser fires, one frame a pulse"),
-            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 120),
-            "snr_db": lambda: self._number("snr_db", "SNR [dB]", 78),
-            "seed": lambda: self._number("seed", "seed", 64),
-            "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 142),
-            "pace": lambda: self._select("pace", PACES, "speed", 128),
+            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 106),
+            "snr_db": lambda: self._number("snr_db", "SNR [dB]", 72),
+            "seed": lambda: self._number("seed", "seed", 58),
+            "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 106),
+            "pace": lambda: self._select("pace", PACES, "speed", 112),
         }
         for name in names:
             made[name]()
@@ -113,7 +114,7 @@ class SettingsRow:
 
     def _say(self, problem: str, *, usable: bool = True) -> None:
         self.usable = usable
-        self._problem.set_text(problem)
+        self._problem.set_text(with_minus(problem))
         self._problem.set_visibility(bool(problem))
 
 
