@@ -144,7 +144,7 @@ def test_link_holds_the_settings(opened, command_result):
 def test_link_that_cannot_be_used_is_said(opened):
     watched = opened(query="&seed=-5&method=magic")
     problem = watched.text(".ms-problem:visible")
-    assert all(each in problem for each in ("'magic' is unknown", "seed is -5", "left out")), problem
+    assert all(each in problem for each in ("'magic' is unknown", "seed is −5", "left out")), problem
     assert watched.tab.get_by_label("seed").input_value() == "1"
 
 

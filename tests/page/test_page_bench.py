@@ -50,7 +50,7 @@ def test_armed_in_the_terminal_and_stopped_in_the_browser(browser, tmp_path):
             said = (page.data / "page.stderr").read_text()
             assert "asked by: a browser at 127.0.0.1\nArm the laser and search?" in said
             watched.wait_for(".ms-badge", "^STARTING$")
-            watched.wait_for(".ms-next", "^arm the rig in the terminal where the page was started$")
+            watched.wait_for(".ms-next", "^answer in the terminal where the page was started$")
             os.write(terminal, b"rig.toml\n")
             watched.wait_for(".ms-log", "acquisition 1:", timeout_ms=120_000)
             others[0].send_signal(signal.SIGSTOP)

@@ -53,7 +53,7 @@ def next_step_text(searches: PageSearches) -> str:
     live = searches.search
     if searches.busy:
         asks = not searches.rig.simulated and live is not None and live.status == "starting"
-        return "arm the rig in the terminal where the page was started" if asks else ""
+        return "answer in the terminal where the page was started" if asks else ""
     if live is None:
         return "press Start"
     if searches.paused:

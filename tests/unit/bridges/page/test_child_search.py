@@ -122,7 +122,7 @@ def test_search_that_is_killed_says_what_laser_and_stage_do(stream, kind, said):
         (True, "none", None, "press Start"),
         (True, "busy", "moving", ""),
         (True, "starting", None, ""),
-        (False, "starting", None, "arm the rig in the terminal where the page was started"),
+        (False, "starting", None, "answer in the terminal where the page was started"),
         (True, "paused", "stopped", "Go on continues it; Start begins a new search"),
         (True, "ended", "fault", "Start begins a new search"),
         (False, "ended", None, "Start begins a new search"),
