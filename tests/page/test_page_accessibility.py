@@ -129,7 +129,7 @@ def test_pictures_do_not_hold_a_page_open(opened):
 
 
 def test_controls_of_a_search_are_one_row_on_a_laptop(opened):
-    watched = opened("/", viewport={"width": 1280, "height": 800})
+    watched = opened("/", "&readout_s=0.1", viewport={"width": 1280, "height": 800})
     assert watched.tab.locator(".ms-controls").bounding_box()["height"] < 60
 
 

@@ -49,7 +49,7 @@ class SettingsRow:
         self.usable = True
         """Whether a search can have these settings."""
         made: dict[str, Callable[[], object]] = {
-            "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 136),
+            "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 116),
             "acquisitions": lambda: self._number("acquisitions", "acquisitions", 84),
             "tolerance_mm": lambda: self._number("tolerance_mm", "± [mm]", 76),
             "as_published": lambda: self._box(
@@ -128,7 +128,7 @@ class SearchControls:
             self._start = start_button("Start").mark("start")
             self._pause = ui.button("Pause", icon="pause").props("dense outline padding='6px 10px'").mark("pause")
             # As wide as its longer text, so that the row stays one.
-            self._pause.style("min-width: 104px")
+            self._pause.style("min-width: 98px")
             names = (*METHOD_FIELDS, "sweep") + (RIG_FIELDS if self._searches.rig.simulated else ())
             self._row = SettingsRow(settings, names, problems=problems, on_change=hold_in_link("/"))
         frame.on_click(self._start, lambda: self._searches.start(self._row.settings, asked_by=frame.viewer))
@@ -152,7 +152,7 @@ class SearchControls:
 
 def start_button(text: str, *, icon: str = "play_arrow") -> ui.button:
     """The button of a page that is pressed first."""
-    return ui.button(text, icon=icon, color=None).props("dense padding='6px 14px'").classes("ms-go")
+    return ui.button(text, icon=icon, color=None).props("dense padding='6px 10px'").classes("ms-go")
 
 
 def hold_in_link(path: str) -> Callable[[PageSettings], None]:

@@ -55,7 +55,9 @@ def verdict_of(snapshot: Snapshot, *, next_step: str = "") -> Verdict:
     belief = snapshot.belief
     if snapshot.asked_deg is not None:
         angle = with_minus(f"{snapshot.asked_deg:.1f}°")
-        return Verdict(word="TURN", kind=kind, lead="turn the probe to", angle=angle, reason=snapshot.line)
+        # The line begins with what stands beside it in large letters.
+        read = snapshot.line.partition(": ")[2]
+        return Verdict(word="TURN", kind=kind, lead="turn the probe to", angle=angle, reason=read)
     problem, next_step = snapshot.problem, next_step if kind in {"stopped", "fault"} else ""
     if belief is None:
         angle = "" if snapshot.over or kind == "idle" else "–"

@@ -415,6 +415,8 @@ def test_a_person_is_asked_on_the_page_to_turn_the_probe():
         assert status_text(live) == f"turn the probe to −12.0°: {says}"
         shown = verdict_of(run.snapshots[-1])
         assert (shown.word, shown.lead, shown.angle) == ("TURN", "turn the probe to", "−12.0°")
+        # Said once.
+        assert shown.reason == says
     # A motor's way is animated, a hand's is not foretold.
     assert run.move_s(run.snapshots[-1]) == 0
     run.add(Refused(angle_deg=-12.0, reason="too late"), clock_s=2.0)
