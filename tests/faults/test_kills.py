@@ -26,13 +26,13 @@ def test_searches_and_scans_that_are_killed_lose_nothing_and_resume_to_the_same_
     }
     rows = {(kind.strip(), place.strip()): figures for (kind, place), figures in rows.items()}
     kinds = {kind for kind, _ in rows}
-    assert kinds == {"intensities", "sweeps", "frames", "replayed frames", "command", "bank scan"}
+    assert kinds == {"intensities", "sweeps", "triggered sweeps", "frames", "replayed frames", "command", "bank scan"}
     for where, (kills, begun, acknowledged, lost, equal) in rows.items():
         assert kills >= 1, where
         assert (lost, equal) == (0, begun), where
         assert acknowledged > 0 or begun < 3, where
     steps = [figures for (_, place), figures in rows.items() if "step" in place]
-    assert len(steps) == 13
+    assert len(steps) == 14
     assert sum(figures[1] for figures in steps) >= 40
 
 

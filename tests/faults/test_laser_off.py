@@ -16,12 +16,11 @@ import time
 
 import pytest
 
-from markerseek.core import FrameHeader, ReadingFrame
 from markerseek.drivers import SystemClock
 from markerseek.emulators import PtyLine
 from markerseek.emulators.laserbox import EmulatedLaserBox
-from markerseek.sim import Flash
 from tests.faults import laser_off
+from tests.unit.drivers.laserbox_bench import Lit
 
 pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")
@@ -47,23 +46,10 @@ with Supervisor(lines=[Line(name="laser", path=sys.argv[1], safe_command=wire.en
 """
 
 
-class Dark:
-    angle_deg = 0.0
-
-    def __init__(self) -> None:
-        self.flashes: list[Flash] = []
-
-    def flash(self, *, pulses: int, at_s: float) -> None:
-        self.flashes.append(Flash(at_s=at_s, pulses=pulses, energy=1.0))
-
-    def frame(self, flash: Flash | None, *, header: FrameHeader) -> ReadingFrame:
-        return ReadingFrame(header=header, intensity=0.0)
-
-
 def measure(how: str) -> tuple[int, float]:
     """Pulses before the blow, and time from it to the last pulse after it in seconds (0 where there was none)."""
     clock = SystemClock()
-    box = EmulatedLaserBox(world=Dark(), on_triggers=lambda _count: None)
+    box = EmulatedLaserBox(world=Lit(), on_triggers=lambda _count: None)
     ended = threading.Event()
     with PtyLine(device=box, clock=clock) as line:
 

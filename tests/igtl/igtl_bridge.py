@@ -57,6 +57,15 @@ def bridge(*options: str) -> Iterator[Bridge]:
             running.process.communicate()
 
 
+def on_terminal(rig: Path, terminal: int) -> subprocess.Popen[bytes]:
+    """A bridge to devices, with a terminal as its standard input."""
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", "markerseek", "igtl", "--port", "0", "--rig", str(rig)],
+        stdin=terminal,
+        stderr=subprocess.PIPE,
+    )
+
+
 def compiled_peer(folder: Path) -> Path:
     """The C++ client, or a skipped test where it cannot be compiled."""
     if shutil.which("g++") is None or not HEADERS.is_dir():

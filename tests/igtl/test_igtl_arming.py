@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
-import sys
 
 import pytest
 
 from markerseek.wire import igtl
 from tests.emulated import emulation
+from tests.igtl.igtl_bridge import on_terminal
 from tests.igtl.igtl_client import IgtlClient
 
 pytestmark = pytest.mark.real_time
@@ -20,11 +19,7 @@ def test_keys_typed_before_a_client_asks_arm_nothing_and_the_question_names_it(t
     far, near = os.openpty()
     with emulation(tmp_path) as devices:
         os.write(far, b"y\nrig.toml\n")
-        process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "markerseek", "igtl", "--port", "0", "--rig", str(devices.rig)],
-            stdin=near,
-            stderr=subprocess.PIPE,
-        )
+        process = on_terminal(devices.rig, near)
         assert process.stderr is not None
         said = b""
         while (found := re.search(rb"connect to 127\.0\.0\.1, port (\d+)", said)) is None:

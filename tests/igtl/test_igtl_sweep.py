@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import subprocess
-import sys
 import time
 
 import pytest
@@ -15,6 +13,7 @@ from markerseek.core import MAX_AHEAD_DEG
 from markerseek.wire import igtl
 from tests.emulated import WORLD, emulation
 from tests.faults.test_bench_sweep import angle_deg, pulses_seen, stage_line
+from tests.igtl.igtl_bridge import on_terminal
 from tests.igtl.igtl_client import IgtlClient
 
 pytestmark = pytest.mark.real_time
@@ -29,11 +28,7 @@ def said_by(message: igtl.Message) -> dict[str, object]:
 def test_a_sweep_is_stopped_by_a_command(tmp_path) -> None:
     far, near = os.openpty()
     with emulation(tmp_path, seed=3, text=WORLD + "[receiver]\nsingle_pulses = true\n") as devices:
-        process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "markerseek", "igtl", "--port", "0", "--rig", str(devices.rig)],
-            stdin=near,
-            stderr=subprocess.PIPE,
-        )
+        process = on_terminal(devices.rig, near)
         assert process.stderr is not None
         said = b""
         while (found := re.search(rb"connect to 127\.0\.0\.1, port (\d+)", said)) is None:

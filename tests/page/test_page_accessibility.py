@@ -77,6 +77,17 @@ def test_verdict_of_a_phone_is_read_from_two_metres(opened):
     assert watched.tab.locator(".ms-interval").bounding_box()["y"] < 700
 
 
+def test_answer_of_two_angles_stays_inside_a_phone(opened):
+    watched = opened("/", "&pace=0&seed=13&snr_db=21", **PHONE)
+    watched.search()
+    watched.wait_for(".ms-badge", "^AMBIGUOUS$")
+    assert watched.tab.evaluate("document.documentElement.scrollWidth") <= 390
+    for name in (".ms-badge", ".ms-angle"):
+        box = watched.tab.locator(name).bounding_box()
+        assert box["x"] >= 0, name
+        assert box["x"] + box["width"] <= 390, name
+
+
 def test_fault_with_a_long_path_stays_inside_a_phone(opened):
     watched = opened("/", "&pace=0&seed=3", **PHONE)
     path = "/" + "verylongnameofafolder" * 4
@@ -101,6 +112,25 @@ def test_keyboard_has_a_focus_that_is_seen(opened):
         watched.tab.keyboard.press("Tab")
         target.focus()
         assert "5px" in target.evaluate("each => getComputedStyle(each).boxShadow")
+
+
+def test_pictures_do_not_hold_a_page_open(opened):
+    narrow = {"width": 820, "height": 1180}
+    watched = opened("/turn", viewport=narrow, has_touch=True, is_mobile=True)
+    height = "document.querySelector('.ms-panel-fan').clientHeight"
+    before = watched.tab.evaluate(height)
+    watched.press("Measure")
+    watched.wait_for(".ms-image-title", "^image of")
+    # As a tablet that is turned, and turned back.
+    for size, more in (({"width": 820, "height": 2400}, True), (narrow, False)):
+        watched.tab.set_viewport_size(size)
+        watched.tab.wait_for_function(f"({height} > {before} + 200) === {str(more).lower()}")
+    watched.tab.wait_for_function(f"{height} === {before}")
+
+
+def test_controls_of_a_search_are_one_row_on_a_laptop(opened):
+    watched = opened("/", "&readout_s=0.1", viewport={"width": 1280, "height": 800})
+    assert watched.tab.locator(".ms-controls").bounding_box()["height"] < 60
 
 
 def test_rows_use_the_height_of_the_window(opened):

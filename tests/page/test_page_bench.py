@@ -30,7 +30,9 @@ def test_nobody_at_the_terminal_is_not_armed(browser, tmp_path):
             # Settings of a simulation are not on the page of a bench.
             assert watched.tab.get_by_label("seed").count() == 0
             watched.press("Start")
-            watched.wait_for(STATUS, "^not armed: nothing moved and nothing was fired")
+            watched.wait_for(".ms-badge", "^NOT ARMED$")
+            watched.wait_for(".ms-answer", "^nothing moved and nothing was fired")
+            watched.wait_for(".ms-next", "^Start begins a new search$")
             assert page.journals() == []
             watched.tab.context.close()
         low_deg, high_deg, pulses = devices.end()
@@ -47,6 +49,8 @@ def test_armed_in_the_terminal_and_stopped_in_the_browser(browser, tmp_path):
             wait_for_text(page, "name of the rig: ")
             said = (page.data / "page.stderr").read_text()
             assert "asked by: a browser at 127.0.0.1\nArm the laser and search?" in said
+            watched.wait_for(".ms-badge", "^STARTING$")
+            watched.wait_for(".ms-next", "^answer in the terminal where the page was started$")
             os.write(terminal, b"rig.toml\n")
             watched.wait_for(".ms-log", "acquisition 1:", timeout_ms=120_000)
             others[0].send_signal(signal.SIGSTOP)

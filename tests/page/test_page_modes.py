@@ -45,9 +45,13 @@ def test_your_turn_by_keys(opened):
     sync_api.expect(watched.tab.get_by_label("probe from its end: aimed at −15.0°")).to_have_count(1)
     watched.tab.keyboard.press("Enter")
     watched.wait_for(".ms-log", r"acquisition 1: −15\.0")
+    watched.wait_for(".ms-panel-image h2", "^image of −15.00°$")
     watched.tab.keyboard.press("Shift+ArrowRight")
     sync_api.expect(watched.tab.get_by_label("probe from its end: aimed at −10.0°")).to_have_count(1)
+    # The image is of where the needle is, or says that it is not.
+    watched.wait_for(".ms-panel-image h2", "^last image: −15.00°$")
     watched.tab.keyboard.press("Shift+ArrowLeft")
+    watched.wait_for(".ms-panel-image h2", "^image of −15.00°$")
     watched.press("It is here")
     watched.wait_for(".ms-angle", r"^−15\.0°$")
     watched.wait_for(".ms-turn", r"^the marker is at −16\.69°: 1\.69° off$")
@@ -88,12 +92,12 @@ def test_replay_of_a_journal(opened, journal, shell):
     again = opened("/replay", f"&recording={journal.name}")
     again.wait_for(ANGLE, "^" + angle_of(result))
     unknown = opened("/replay", "&recording=nobody.journal")
-    unknown.wait_for(STATUS, "'nobody.journal' is no recording here")
+    unknown.wait_for(".ms-next", "'nobody.journal' is no recording here")
     slider = watched.tab.locator(".ms-foot .q-slider__track-container").first
     slider.focus()
     for _ in range(3):
         slider.press("PageDown")
-    watched.wait_for(ANGLE, "^–$")
+    watched.wait_for(ANGLE, "^$")
     watched.tab.get_by_label("play").click()
     watched.wait_for(ANGLE, "±")
     assert watched.text(".ms-banner").startswith("SIMULATED")
@@ -113,7 +117,8 @@ def test_replay_of_a_journal(opened, journal, shell):
     # Nothing of a recording is left once another is chosen.
     watched.tab.get_by_label("recording").click()
     watched.tab.get_by_role("option", name="simulated_scan.csv").click()
-    watched.wait_for(ANGLE, "^–$")
+    watched.wait_for(ANGLE, "^$")
+    watched.wait_for(".ms-next", "^choose a method, then search$")
     wait_for_density(watched.tab, drawn=False)
     sync_api.expect(log).to_have_text("")
 

@@ -22,7 +22,7 @@ def tre_mm(conditions: Conditions, *, tissue: str = "plastisol-phantom", count: 
 
 
 def test_the_kept_searches_are_like_those_that_are_made_now() -> None:
-    """Not equal to the last digit: a change of the search changes its angles, and need not make all of them anew."""
+    """Not equal to the last digit: a change of the search changes its angles, and need not make all of them again."""
     kept = kept_errors("plastisol-phantom")[:3]
     for made, old in zip(search_errors("plastisol-phantom", [error.seed for error in kept]), kept, strict=True):
         assert made.seed == old.seed

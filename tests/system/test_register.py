@@ -136,7 +136,7 @@ def test_points_that_cannot_be_used_are_refused(
             f"{TRUS},{CAMERA},trus_sigma_m\n0,0,0,0,0,0,1e-4\n",
             "line 1: the column trus_sigma_m is unknown; name a standard deviation trus_sigma_x_m, trus_sigma_y_m, ",
         ),
-        ("", "it is empty; its first line must name the columns"),
+        ("", "this is empty, and a CSV of points is expected; its first line names the columns"),
         (f"name,{TRUS},{CAMERA}\na,0,0,0,0,0,1\na,0,0,0,0,0,1\n", "line 3: there are two points named a"),
         (
             f"{TRUS},{CAMERA},camera_sigma_x_m,camera_sigma_y_m,camera_sigma_z_m\n0,0,0,0,0,0,1e-4,0,1e-4\n",
@@ -269,7 +269,7 @@ def test_a_search_without_a_position_says_how_to_calibrate(shell: Shell, tmp_pat
             {"found": False, "answer": "unsure", "reason": "another source", "doubt": "source"},
             "its search found no marker (unsure: another source)",
         ),
-        ({"seed": "x"}, "it is neither a journal nor the result of a search as JSON"),
+        ({"seed": "x"}, "the journal of a search or its result as JSON is expected, and this is none"),
     ):
         result = tmp_path / "result.json"
         result.write_text(json.dumps(json.loads(out) | changes), encoding="utf-8")

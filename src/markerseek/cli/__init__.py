@@ -43,7 +43,7 @@ def main() -> NoReturn:
     """Run the command line and end the process with its exit code; every error becomes one line."""
     _forget_current_folder()
     _open_standard_streams()
-    # What a command writes may tell of a patient: only its owner can read it.
+    # What a command writes may be about a patient: only its owner can read it.
     os.umask(os.umask(0o077) | 0o077)
     # A shell without job control starts a command with & so that it ignores Ctrl-C, and Python leaves that so. A search
     # that moves a probe must end at SIGINT however it was started.

@@ -149,7 +149,7 @@ def _print_table(recorded: RecordedRun) -> None:
     # A remark may be long, and wraps.
     table.columns[-1].no_wrap = False
     for entry, after in zip_longest(recorded.entries, recorded.entries[1:]):
-        # A hand tells five times a second where it is: the last before something else happens is enough to look at.
+        # A hand's angle is reported five times a second: the last before something else happens is enough to look at.
         if after is not None and isinstance(entry.event, Turning) and isinstance(after.event, Turning):
             continue
         table.add_row(str(entry.number), f"{entry.clock_s:.2f}", *map(one_line, _line(entry)))

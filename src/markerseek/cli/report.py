@@ -84,7 +84,7 @@ class Output:
             for name, write in list(report.pictures.items())[: 1 if self.file is not None else None]:
                 path = self.file or self.folder / name
                 write(path)
-                # Where a program reads standard output, people are told on standard error.
+                # Where a program reads standard output, messages for people go to standard error.
                 (stderr if self.as_json else stdout).print(file_line("picture", path))
         if not self.as_json:
             for note in report.notes:

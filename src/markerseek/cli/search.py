@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek search --seed 1 --plot\n\n"
-    "  markerseek search --sweep --readout-s 0.05\n\n"
+    "  markerseek search --sweep --single --readout-s 0.05\n\n"
     "  markerseek search --method ternary --acquisitions 16 --as-published\n\n"
     "  markerseek search --marker-deg 10 --second-marker-deg -12 --snr-db 30\n\n"
     "  markerseek search --compare posterior,golden-section,ternary --plot\n\n"

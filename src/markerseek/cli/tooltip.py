@@ -17,7 +17,7 @@ from markerseek import vision
 from markerseek.cli.options import AsJson, Out
 from markerseek.cli.report import Output, Report, drawn, table, with_version
 from markerseek.core import ConfigError, RecordError, require_range
-from markerseek.files import MIB, open_input
+from markerseek.files import MIB, read_text
 
 if TYPE_CHECKING:
     import numpy as np
@@ -111,11 +111,12 @@ def _steps(count: int, first_deg: float, step_deg: float) -> list[float]:
 
 def _angles(path: Path, series: ImageSeries) -> list[float]:
     """Angles from a file, by the names of the images or in their order."""
+    cure = "write a number a line, or lines of name,angle"
+    text = read_text(path, most_bytes=MIB, what="a text file of angles", cure=cure)
     try:
-        with open_input(path, most_bytes=MIB) as file:
-            rows = [row for row in csv.reader(file.read().decode("utf-8-sig").splitlines()) if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as problem:
-        raise RecordError(f"{path}: the angles cannot be read: {problem}") from problem
+        rows = [row for row in csv.reader(text.splitlines()) if row]
+    except csv.Error as problem:
+        raise RecordError(f"{path}: the angles cannot be read: {problem}; {cure}") from problem
     if rows and not _is_number(rows[0][-1]):
         # A line of names above the numbers.
         rows = rows[1:]

@@ -103,12 +103,12 @@ class GuidedStage(Stage, Protocol):
     """A stage that a person turns: it asks, and waits until the angle is steady."""
 
     def guide(self, angle_deg: float) -> Iterator[Turning]:
-        """Ask for an angle, and tell where the probe is until it is there; a move there then returns at once."""
+        """Ask for an angle, and report where the probe is until it is there; a move there then returns at once."""
 
 
 @runtime_checkable
 class SweepingStage(Stage, Protocol):
-    """A stage that tells where it is while it turns."""
+    """A stage that reports where it is while it turns."""
 
     @property
     def fastest_sweep_deg_s(self) -> float:
@@ -182,7 +182,7 @@ class SweepingLaser(Laser, Protocol):
         """Pulses since the last call, in order."""
 
     def end_sweep(self) -> int:
-        """End the light, and return how many pulses were fired in all; `pulses` returns those not told yet."""
+        """End the light, and return how many pulses were fired in all; `pulses` returns those not reported yet."""
 
 
 @runtime_checkable

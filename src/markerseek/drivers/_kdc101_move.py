@@ -29,7 +29,7 @@ _TOO_FAST = 1.25
 _UNSTEADY_COUNTS = 20
 """How far a servo may be ahead of its set point, at any speed: 0.01 deg."""
 _APART_S = 0.015
-"""Readings closer together than this tell nothing of the speed."""
+"""Readings closer together than this give no speed."""
 _KEPT = 6
 """Readings that are compared with: a short way back the speed is recent, a long way back it is well known."""
 

@@ -1,10 +1,21 @@
-"""The frame of one acquisition, as the receivers of channel data make it."""
+"""What the receivers of channel data share: the check of the permit, and the frame of one acquisition."""
 
 from __future__ import annotations
 
+from typing import TypeVarTuple
+
 import numpy as np
 
-from markerseek.core import ChannelFrame, Clock, FrameHeader, Int16, Permit
+from markerseek.core import AcquisitionError, ChannelFrame, Clock, FrameHeader, Int16, Permit
+
+Noted = TypeVarTuple("Noted")
+
+
+def armed_for(permit: Permit, armed: tuple[Permit, *Noted] | None, *, driver: str) -> tuple[Permit, *Noted]:
+    """What a receiver noted when it was armed; `AcquisitionError` if that was not for this permit."""
+    if armed is None or armed[0] != permit:
+        raise AcquisitionError(f"{driver}: it was not armed for the permit {permit.token!r}; arm it before firing")
+    return armed
 
 
 def acquired_frame(

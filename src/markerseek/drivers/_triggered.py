@@ -19,8 +19,9 @@ from markerseek.core import (
     Int16,
     NotConnectedError,
     Permit,
+    require_range,
 )
-from markerseek.drivers._receivers import acquired_frame
+from markerseek.drivers._receivers import acquired_frame, armed_for
 
 _READ_BYTES = 1 << 18
 _MAX_DRAINED_BYTES = 1 << 26
@@ -31,9 +32,17 @@ SLICE_S = 0.005
 MessageT = TypeVar("MessageT")
 
 
-class _Settings(Protocol):
+class ConnectionSettings(Protocol):
+    """Settings of a receiver behind a connection."""
+
     @property
     def sampling_hz(self) -> float: ...
+
+    @property
+    def port(self) -> int: ...
+
+    @property
+    def connect_s(self) -> float: ...
 
     @property
     def timeout_s(self) -> float: ...
@@ -41,8 +50,19 @@ class _Settings(Protocol):
     @property
     def quiet_s(self) -> float: ...
 
+    @property
+    def clock_s(self) -> float: ...
 
-SettingsT = TypeVar("SettingsT", bound=_Settings)
+
+def require_connection(settings: ConnectionSettings) -> None:
+    """Refuse a port or a time that is out of its range."""
+    require_range("receiver: port", settings.port, low=1, high=65535)
+    for name, high in (("connect_s", 600), ("timeout_s", 600), ("quiet_s", 60)):
+        require_range(f"receiver: {name}", getattr(settings, name), low=0, high=high, unit="s", open_low=True)
+    require_range("receiver: clock_s", settings.clock_s, low=0, high=60, unit="s")
+
+
+SettingsT = TypeVar("SettingsT", bound=ConnectionSettings)
 
 
 class TriggeredReceiver(ABC, Generic[SettingsT, MessageT]):
@@ -139,11 +159,7 @@ class TriggeredReceiver(ABC, Generic[SettingsT, MessageT]):
         pulses. Raises `DeviceTimeoutError` if too few come in time. Raises `NotConnectedError` if the connection has
         ended.
         """
-        if self._armed is None or self._armed[0] != permit:
-            raise AcquisitionError(
-                f"{self.driver}: it was not armed for the permit {permit.token!r}; arm it before firing"
-            )
-        _, started_s, armed_unix_s = self._armed
+        _, started_s, armed_unix_s = armed_for(permit, self._armed, driver=self.driver)
         # Disarmed before reading: a frame that was refused cannot be asked for again.
         self._armed = None
         samples = self._samples(self._exactly(permit.pulses or self._dark_triggers), armed_unix_s)

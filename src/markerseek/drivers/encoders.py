@@ -81,7 +81,7 @@ class _Stamps:
     def is_used(self, stamp_s: float, now_s: float) -> bool:
         """Whether a message is of now: later than the one before, and neither too old nor of the future."""
         if stamp_s == self._last_s:
-            # A server that repeats the last angle tells nothing new; `unused` says so once nothing else comes.
+            # A server that repeats the last angle says nothing new; `unused` says so once nothing else comes.
             self.unused = "its messages repeat one moment"
             return False
         apart_s = now_s - stamp_s

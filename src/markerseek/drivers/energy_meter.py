@@ -84,11 +84,11 @@ class EnergyMeter:
         self._sweeping.begin_sweep(permit)
 
     def frames(self) -> Sequence[Frame]:
-        """Frames of the receiver, each with the energy of its pulse in the header, once the meter has told it."""
+        """Frames of the receiver, each with the energy of its pulse in the header, once the meter has reported it."""
         return self._each_with_energy(self._sweeping.frames(), ended=False)
 
     def end_sweep(self, *, pulses: int) -> Sequence[Frame]:
-        """As `frames`, those that are left; one whose energy the meter did not tell has none in its header."""
+        """As `frames`, those that are left; one whose energy the meter did not report has none in its header."""
         return self._each_with_energy(self._sweeping.end_sweep(pulses=pulses), ended=True)
 
     @property
@@ -109,7 +109,7 @@ class EnergyMeter:
         told: list[Frame] = []
         while self._untold:
             light = self._box.light_of_pulse(self._swept)
-            # A frame may come before the box has told of its pulse, and waits for it.
+            # A frame may come before the box has reported its pulse, and waits for it.
             if light is None and not ended:
                 break
             told.append(self._of(self._untold.pop(0), light))

@@ -1,4 +1,4 @@
-"""Driver of a stage without a motor: a person turns the probe, and an encoder tells where it is.
+"""Driver of a stage without a motor: a person turns the probe, and an encoder reports where it is.
 
 A move asks the person, and ends when the angle has been steady for a while near the one asked for. Where the rig has
 no encoder, the person reads a scale and types the angle in (`markerseek.drivers.typed_angle`).
@@ -44,7 +44,7 @@ class GuidedStageSettings(
     """A probe that a person turns."""
 
     encoder: Literal["openigtlink", "ros2", "typed", "simulated"] = "openigtlink"
-    """What tells the angle: a TRANSFORM of a PLUS server or another one of OpenIGTLink, a ROS 2 topic, the person who
+    """What reports the angle: a TRANSFORM of a PLUS server or another one of OpenIGTLink, a ROS 2 topic, the person who
     types it, or a simulated hand, to try it without hardware."""
     device: str = "ProbeToProbeHome"
     host: str = "127.0.0.1"
@@ -62,7 +62,7 @@ class GuidedStageSettings(
     """``reverse`` if the probe's angle falls while the encoder's reading grows, as for a transform that maps the other
     way (PLUS: ProbeHomeToProbe)."""
     connect_s: float = 10.0
-    """Longest time until the encoder tells an angle."""
+    """Longest time until the encoder reports an angle."""
     timeout_s: float = 120.0
     """Longest time in which the person turns the probe to an angle."""
     age_s: float = 0.5
@@ -113,7 +113,7 @@ class GuidedStageSettings(
 
 
 class Encoder(Protocol):
-    """Tells the angle of a probe that somebody else turns."""
+    """Reports the angle of a probe that somebody else turns."""
 
     @property
     def emulated(self) -> bool:
@@ -139,7 +139,7 @@ class GuidedStage:
     """A probe that a person turns, and an encoder.
 
     ``limits``: angles that may be searched, at which the probe must come to rest, and those at which it may be.
-    ``asks``: asks the person for an angle in degrees. Raises `NotConnectedError` if the encoder tells no angle.
+    ``asks``: asks the person for an angle in degrees. Raises `NotConnectedError` if the encoder reports no angle.
     """
 
     def __init__(
@@ -181,7 +181,7 @@ class GuidedStage:
         return self._angle_deg
 
     def guide(self, angle_deg: float) -> Iterator[Turning]:
-        """Ask the person, and tell where the probe is until it has come to rest near the angle.
+        """Ask the person, and report where the probe is until it has come to rest near the angle.
 
         Nobody is asked to turn a probe that still is where it was turned for this angle. Raises `LimitError` if the
         angle is NaN or outside the travel range. Raises `DeviceTimeoutError` if the encoder is silent, or the probe
@@ -246,12 +246,12 @@ class GuidedStage:
         return False
 
     def _take(self) -> bool:
-        """Whether the encoder has told a new angle; `MoveError` if it is none, or has jumped."""
+        """Whether the encoder has reported a new angle; `MoveError` if it is none, or has jumped."""
         told_deg = self._encoder.read()
         if told_deg is None:
             return False
         if not is_finite(told_deg):
-            raise MoveError(f"stage: its encoder tells {told_deg} deg, which is no angle; look at the encoder")
+            raise MoveError(f"stage: its encoder reports {told_deg} deg, which is no angle; look at the encoder")
         settings = self._settings
         sign = 1.0 if settings.direction == "forward" else -1.0
         # The encoder's zero may be anywhere on the circle.
@@ -273,8 +273,8 @@ class GuidedStage:
 
     def _silent(self) -> DeviceTimeoutError:
         return DeviceTimeoutError(
-            f"stage: its encoder has told no angle for {self._settings.age_s:g} s{self._why}; look at the encoder and "
-            "its server"
+            f"stage: its encoder has reported no angle for {self._settings.age_s:g} s{self._why}; look at the encoder "
+            "and its server"
         )
 
     def _not_there(self, angle_deg: float, start_deg: float, *, turned: bool) -> DeviceTimeoutError:

@@ -360,10 +360,8 @@ class Kdc101Stage:
     def _stop_after_error(self) -> None:
         """Stop after an error; a second error here must not hide the first."""
         self._rest = self._pushed = None
-        try:
+        with suppress(DeviceError):
             self.stop()
-        except DeviceError:
-            return
 
     def _outside(self, angle_deg: float) -> LimitError:
         return LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")

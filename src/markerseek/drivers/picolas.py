@@ -56,7 +56,7 @@ class PicolasLaser:
 
         A permit of 0 pulses does nothing: it cannot trigger the acquisition alone, which must then run freely.
 
-        Raises `LaserError` if the permit was used or is too short, or the driver refuses; it was told to switch off
+        Raises `LaserError` if the permit was used or is too short, or the driver refuses; it is switched off
         then. Raises `DeviceTimeoutError` if it does not answer in time; likewise.
         """
         if permit.token in self._used:

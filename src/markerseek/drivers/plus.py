@@ -15,9 +15,8 @@ from markerseek.core import (
     ConfigError,
     Int16,
     NotConnectedError,
-    require_range,
 )
-from markerseek.drivers._triggered import TriggeredReceiver, mean_counts
+from markerseek.drivers._triggered import TriggeredReceiver, mean_counts, require_connection
 from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
 from markerseek.wire import igtl
 
@@ -49,10 +48,7 @@ class PlusSettings(
         super().__post_init__()
         if not (self.device.isascii() and 0 < len(self.device) <= 20):
             raise ConfigError(f"receiver: device is {self.device!r}, it must have 1 to 20 characters of ASCII")
-        require_range("receiver: port", self.port, low=1, high=65535)
-        for name, high in (("connect_s", 600), ("timeout_s", 600), ("quiet_s", 60)):
-            require_range(f"receiver: {name}", getattr(self, name), low=0, high=high, unit="s", open_low=True)
-        require_range("receiver: clock_s", self.clock_s, low=0, high=60, unit="s")
+        require_connection(self)
 
     @property
     def varied(self) -> bool:

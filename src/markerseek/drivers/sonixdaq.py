@@ -31,7 +31,7 @@ from markerseek.core import (
     SweepPermit,
     require_range,
 )
-from markerseek.drivers._receivers import acquired_frame
+from markerseek.drivers._receivers import acquired_frame, armed_for
 from markerseek.drivers.daq_folder import DaqFolder, FolderState
 from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
 from markerseek.wire import sonixdaq as wire
@@ -162,9 +162,7 @@ class SonixDaqReceiver:
         permitted pulses. Raises `DeviceTimeoutError` if the files are not complete in time. Raises `NotConnectedError`
         if the folder cannot be read.
         """
-        if self._armed is None or self._armed[0] != permit:
-            raise AcquisitionError(f"sonixdaq: it was not armed for the permit {permit.token!r}; arm it before firing")
-        _, before, started_s = self._armed
+        _, before, started_s = armed_for(permit, self._armed, driver="sonixdaq")
         # Disarmed before reading: a frame that was refused cannot be asked for again.
         self._armed = None
         names, state = self._await_files(before)

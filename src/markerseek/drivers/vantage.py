@@ -15,9 +15,8 @@ from markerseek.core import (
     Int16,
     NotConnectedError,
     Permit,
-    require_range,
 )
-from markerseek.drivers._triggered import SLICE_S, TriggeredReceiver, mean_counts
+from markerseek.drivers._triggered import SLICE_S, TriggeredReceiver, mean_counts, require_connection
 from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
 from markerseek.wire import vantage as wire
 
@@ -53,10 +52,7 @@ class VantageSettings(
             raise ConfigError(
                 f"receiver: probe is {self.probe!r}, it must have 1 to {wire.MAX_PROBE_BYTES} characters of ASCII"
             )
-        require_range("receiver: port", self.port, low=1, high=65535)
-        for name, high in (("connect_s", 600), ("timeout_s", 600), ("quiet_s", 60)):
-            require_range(f"receiver: {name}", getattr(self, name), low=0, high=high, unit="s", open_low=True)
-        require_range("receiver: clock_s", self.clock_s, low=0, high=60, unit="s")
+        require_connection(self)
 
     @property
     def varied(self) -> bool:
@@ -144,7 +140,7 @@ class VantageReceiver(TriggeredReceiver[VantageSettings, wire.VantageFrame]):
             if frame.counter <= last:
                 raise AcquisitionError(
                     f"vantage: a frame with the counter {frame.counter} came after {last}: it is doubled, or the "
-                    "sender counts anew; take the frame again"
+                    "sender has started again; take the frame again"
                 )
             if frame.counter > last + 1:
                 raise AcquisitionError(

@@ -140,7 +140,7 @@ class Prm1z8:
 
     @property
     def exact_counts(self) -> float:
-        """The same between two counts, which no message tells."""
+        """The same between two counts, which no message reports."""
         return self.motor.angle_deg * COUNTS_PER_DEG + self.offset
 
     @property

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import groupby
 from typing import TypeAlias
 
 import numpy as np
 
-from markerseek.core import ConfigError
+from markerseek.core import require_range
 from markerseek.emulators._kdc101_triggers import Edge
+from markerseek.emulators.laserbox_faults import LaserBoxFaults
 from markerseek.sim import LaserSettings, SimulatedWorld, vary_last_flash
 from markerseek.wire import laserbox as wire
 
@@ -31,34 +32,6 @@ class Pulse:
 
     at_s: float
     angle_deg: float
-
-
-@dataclass(slots=True, kw_only=True)
-class LaserBoxFaults:
-    """Faults of the box; may be changed while it runs."""
-
-    laser_dead: bool = False
-    """Triggers are sent and no light comes."""
-    photodiode_dead: bool = False
-    """Light comes and is not seen."""
-    extra_pulses: int = 0
-    """Pulses beyond the permit that a broken counter lets through."""
-    silent: bool = False
-    """The box works and answers nothing."""
-    light_late_us: int = 0
-    """Time from a trigger to its light."""
-    clock_drift: float = 0.0
-    """By how much the clock of its stamps is fast, as a share."""
-    clock_step_us: int = 0
-    """By how much that clock is ahead."""
-    doubled_at: int = 0
-    """Number of the pulse of a sweep at which the laser gives two; 0: none."""
-    edges_cut: bool = False
-    """No edge reaches the trigger input."""
-    edge_lost_at: int = 0
-    edge_doubled_at: int = 0
-    """``edge_lost_at`` and ``edge_doubled_at``: number of the edge of a sweep that does not reach the trigger input, or
-    bounces; 0: none."""
 
 
 _AnyPermit: TypeAlias = wire.PermitPulses | wire.PermitSweep
@@ -104,10 +77,8 @@ class EmulatedLaserBox:
         edges: Callable[[float], Sequence[Edge]] | None = None,
         moment: Callable[[float], float] | None = None,
     ) -> None:
-        if not 1 <= lease_ms <= wire.LEASE_MS:
-            raise ConfigError(f"laser box: lease_ms is {lease_ms} ms, it must lie between 1 and {wire.LEASE_MS} ms")
-        if not 1 <= turn_us <= 50_000:
-            raise ConfigError(f"laser box: turn_us is {turn_us} us, it must lie between 1 and 50000 us")
+        require_range("laser box: lease_ms", lease_ms, low=1, high=wire.LEASE_MS, unit="ms")
+        require_range("laser box: turn_us", turn_us, low=1, high=50_000, unit="us")
         self.pulses: list[Pulse] = []
         self.faults = faults or LaserBoxFaults()
         self._world = world
@@ -139,7 +110,8 @@ class EmulatedLaserBox:
         self._edge = self._given_edges = self._edge_due_us = 0
         """Edges of this train, those that its trigger input got, and when the next may give a pulse."""
         self._dark_told = True
-        self._fired: deque[tuple[int, int]] = deque()
+        self._fired: deque[int] = deque()
+        """Seconds in which pulses were sent."""
         self._light_us: deque[int] = deque()
         """Times at which light of earlier triggers will come."""
         self._seen = 0
@@ -233,16 +205,16 @@ class EmulatedLaserBox:
             at_us = _us(last)
             if self._edge_due_us <= at_us and turn_us - at_us <= wire.LIGHT_LATE_US and self._awaits_edges:
                 self._edge_due_us = turn_us + _period_us(train)
-                self._tell_light(train)
+                # Where this process was held up, several edges come in one turn; by their own times, which are further
+                # apart, the light of the pulse before has been seen.
+                self._tell_pulse(train)
                 self._trigger(train, edge=last)
 
     def _edges_in(self) -> Iterator[Edge]:
         """Edges since the last turn that reached the trigger input."""
         for edge in self.edges(self._now_us / 1e6):
             self._given_edges += 1
-            if self.faults.edges_cut or self._given_edges == self.faults.edge_lost_at:
-                continue
-            yield from [edge] * (1 + (self._given_edges == self.faults.edge_doubled_at))
+            yield from [edge] * self.faults.times_seen(self._given_edges)
 
     def _turn_after(self, edge: Edge) -> int:
         """Time of the turn at which an edge is seen, by the edge's clock: this process may be held up, a box is not."""
@@ -328,9 +300,9 @@ class EmulatedLaserBox:
 
     def _pulses_of_last_minute(self) -> int:
         """Pulses sent in the last 60 s, counted by whole seconds: never too few, and at most one second too many."""
-        while self._fired and self._fired[0][0] < self._now_us // 1_000_000 - 60:
+        while self._fired and self._fired[0] < self._now_us // 1_000_000 - 60:
             self._fired.popleft()
-        return sum(pulses for _, pulses in self._fired)
+        return len(self._fired)
 
     def _renew(self, step: int) -> wire.Reply | None:
         if step <= self._last_step:
@@ -361,11 +333,12 @@ class EmulatedLaserBox:
         self._last_trigger_us = self._now_us
         if lit:
             self._sent += 1
-            self._fired.append((self._now_us // 1_000_000, 1))
+            self._fired.append(self._now_us // 1_000_000)
             if swept:
                 self._untold = self._clock_us(edge), self._seen, self._edge
-                self._flash_one(self._world.angle_deg if edge is None else edge.angle_deg)
             if not self.faults.laser_dead:
+                if swept:
+                    self._light_world(pulses=1, angle_deg=self._world.angle_deg if edge is None else edge.angle_deg)
                 twice = swept and self._sent == self.faults.doubled_at
                 self._light_us.extend([self._now_us + self.faults.light_late_us] * (1 + twice))
                 self._shine()
@@ -378,39 +351,45 @@ class EmulatedLaserBox:
             self._due_us + period_us, self._until_us + period_us if swept else self._now_us + period_us // 2
         )
 
-    def _flash_one(self, angle_deg: float) -> None:
-        """Light the world by a pulse of a sweep, with the probe at that angle."""
-        if not self.faults.laser_dead:
-            self._light_world(pulses=1)
-            self._world.flashes[-1] = replace(self._world.flashes[-1], angle_deg=angle_deg)
-
-    def _tell_light(self, train: _AnyPermit) -> None:
-        """Tell the last pulse of a sweep once its light has been seen, and once the last of all."""
-        if self._untold is not None and self._now_us >= self._last_trigger_us + wire.LIGHT_LATE_US:
+    def _tell_pulse(self, train: _AnyPermit) -> None:
+        """Report the last pulse of a sweep, whose light has been seen."""
+        if self._untold is not None:
             stamp_us, before, edge = self._untold
             self._untold = None
-            seen = self._seen - before
-            self._answer(self._stamped(train, stamp_us=stamp_us, seen=seen, edge=edge))
+            pulse = wire.Stamped(
+                token=train.token, number=self._sent, stamp_us=stamp_us, photodiode=self._seen - before, edge=edge
+            )
+            self._answer(self._with_light(pulse))
+
+    def _tell_light(self, train: _AnyPermit) -> None:
+        """Report the last pulse of a sweep once its light has been seen, and once the end of the light."""
+        if self._now_us >= self._last_trigger_us + wire.LIGHT_LATE_US:
+            self._tell_pulse(train)
         if self._permit is None and self._untold is None and not self._dark_told:
             self._dark_told = True
             seen = self._seen - self._seen_before
             self._answer(wire.Dark(token=train.token, sent=self._sent, photodiode=seen))
 
-    def _stamped(self, train: _AnyPermit, *, stamp_us: int, seen: int, edge: int) -> wire.Stamped:
-        """The line of the last pulse of a sweep."""
-        token, number, noise = train.token, self._sent, self._laser.energy_meter_noise
+    def _with_light(self, reply: wire.Stamped | wire.Done) -> wire.Stamped | wire.Done:
+        """The reply, with what the light meter read of its pulses where there is one."""
+        noise = self._laser.energy_meter_noise
         if noise is None:
-            return wire.Stamped(token=token, number=number, stamp_us=stamp_us, photodiode=seen, edge=edge)
-        light = self._light_of(seen, noise=noise)
-        return wire.MeteredStamped(
-            token=token, number=number, stamp_us=stamp_us, photodiode=seen, edge=edge, light=light
-        )
+            return reply
+        light = 0
+        if reply.photodiode:
+            energy = self._world.flashes[-1].energy if self._sent else 1.0
+            error = 0.0 if self._rng is None else noise * float(self._rng.standard_normal())
+            counts = round(LIGHT_COUNTS * reply.photodiode * energy * (1 + error))
+            light = max(0, min(counts, wire.MAX_COUNT))
+        metered = wire.MeteredStamped if isinstance(reply, wire.Stamped) else wire.MeteredDone
+        return metered(**asdict(reply), light=light)
 
     def _void(self) -> None:
         """Void the permit: no light from now on; a train that has begun is completed without light."""
         self._permit = None
 
-    def _light_world(self, *, pulses: int) -> None:
+    def _light_world(self, *, pulses: int, angle_deg: float | None = None) -> None:
+        """Light the world, with the probe at an angle; None: where it is."""
         at_s = self._last_trigger_us / 1e6
         self._world.flash(pulses=pulses, at_s=at_s)
         vary_last_flash(
@@ -420,6 +399,8 @@ class EmulatedLaserBox:
             now_s=at_s,
             rng=self._rng,
         )
+        if angle_deg is not None:
+            self._world.flashes[-1] = replace(self._world.flashes[-1], angle_deg=angle_deg)
 
     def _end_train(self, train: _AnyPermit) -> None:
         """Report the train to the world, the acquisition and the host."""
@@ -430,16 +411,4 @@ class EmulatedLaserBox:
             self._light_world(pulses=self._sent)
         self._on_triggers(self._triggers)
         seen = self._seen - self._seen_before
-        if self._laser.energy_meter_noise is None:
-            self._answer(wire.Done(token=train.token, sent=self._sent, photodiode=seen))
-        else:
-            light = self._light_of(seen, noise=self._laser.energy_meter_noise)
-            self._answer(wire.MeteredDone(token=train.token, sent=self._sent, photodiode=seen, light=light))
-
-    def _light_of(self, pulses: int, *, noise: float) -> int:
-        """What the light meter reads of so many pulses of the last flash, in counts."""
-        if not pulses:
-            return 0
-        energy = self._world.flashes[-1].energy if self._sent else 1.0
-        error = 0.0 if self._rng is None else noise * float(self._rng.standard_normal())
-        return max(0, min(round(LIGHT_COUNTS * pulses * energy * (1 + error)), wire.MAX_COUNT))
+        self._answer(self._with_light(wire.Done(token=train.token, sent=self._sent, photodiode=seen)))

@@ -1,8 +1,9 @@
 """Files, settings in TOML and serial ports: how the whole package opens, reads and writes them.
 
-`open_input` opens a file that a user names, once its kind and size are checked; `as_read_error` turns errors of reading
-into a sentence. `new_file` and `replace_file` write a file under a temporary name and rename it when it is
-complete; `create_atomically` is the step that `new_file` adds checks to.
+`open_input` opens a file that a user names, once its kind and size are checked; `read_text`, `read_json`, `read_toml`
+and `csv_rows` read what is in it; `as_read_error` turns errors of reading into a sentence. `new_file` and
+`replace_file` write a file under a temporary name and rename it when it is complete; `create_atomically` is the step
+that `new_file` adds checks to.
 """
 
 from markerseek.files.atomic import create_atomically, new_file, replace_file, require_new, sync_folder
@@ -10,6 +11,7 @@ from markerseek.files.csv_rows import CsvRows, csv_rows
 from markerseek.files.inputs import MIB, as_read_error, open_input, quoted, read_input, require_input
 from markerseek.files.serial_line import SERIAL_ERRORS, Line, Parity, open_serial
 from markerseek.files.settings import nearest_key, read_toml, require_key, setting_from, settings_from
+from markerseek.files.text import read_json, read_text
 
 __all__ = [
     "MIB",
@@ -26,6 +28,8 @@ __all__ = [
     "open_serial",
     "quoted",
     "read_input",
+    "read_json",
+    "read_text",
     "read_toml",
     "replace_file",
     "require_input",

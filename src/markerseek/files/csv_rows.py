@@ -1,8 +1,7 @@
-"""Splits the text of a CSV into rows: encoding, separator, names of the columns, lines that hold no data."""
+"""Splits the text of a CSV into rows: separator, names of the columns, lines that hold no data."""
 
 from __future__ import annotations
 
-import codecs
 import csv
 import io
 import re
@@ -11,9 +10,9 @@ from itertools import takewhile
 from pathlib import Path
 
 from markerseek.core import RecordError
+from markerseek.files.text import read_text
 
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
-_UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,24 +32,30 @@ class CsvRows:
         return text.replace(",", ".") if self.separator != "," and "." not in text else text
 
 
-def csv_rows(path: Path, data: bytes) -> CsvRows:
-    """Rows of a table in the bytes of a file.
-
-    Raises `UnicodeDecodeError` or `csv.Error` if it is no text, or no CSV.
-    """
-    text = _decoded(path, data)
+def csv_rows(path: Path, *, most_bytes: int, what: str, cure: str) -> CsvRows:
+    """Rows of a table in a file; parameters and errors as of `read_text`."""
+    # Windows programs write a degree sign or an umlaut of a heading as one byte.
+    text = read_text(path, most_bytes=most_bytes, what=what, cure=cure, also=["cp1252"])
+    if not text.strip():
+        raise RecordError(f"{path}: this is empty, and {what} is expected; {cure}")
     first_line = next((line for line in text.splitlines() if line.strip()), "")
     # Excel writes the separator into this line.
     named = first_line.lower().startswith("sep=") and len(first_line) == len("sep=,")
     uncommented = next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), first_line)
     separator = first_line[-1] if named else _separator(uncommented)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True, skipinitialspace=True)
-    table = [
-        (reader.line_num, row)
-        for row in reader
-        # Spreadsheets append empty rows.
-        if any(cell.strip() for cell in row) and not row[0].lower().startswith("sep=")
-    ]
+    try:
+        table = [
+            (reader.line_num, row)
+            for row in reader
+            # Spreadsheets append empty rows.
+            if any(cell.strip() for cell in row) and not row[0].lower().startswith("sep=")
+        ]
+    except csv.Error as problem:
+        # Its message speaks of quotes and delimiters.
+        raise RecordError(
+            f"{path}, line {reader.line_num}: this is not in rows and columns, and {what} is expected; {cure}"
+        ) from problem
     # NumPy writes the names as a comment.
     comments = [row for _, row in takewhile(lambda each: each[1][0].startswith("#"), table)]
     cells = {line: row for line, row in table if not row[0].startswith("#")}
@@ -82,20 +87,6 @@ def _refuse_thousands(path: Path, cells: dict[int, list[str]]) -> None:
                 f"{path}, line {line}: {text} may be {whole} or {parted}, because other numbers of its column have no "
                 "comma; write it with a point, or without the comma"
             )
-
-
-def _decoded(path: Path, data: bytes) -> str:
-    if data.startswith(_UTF_16):
-        return data.decode("utf-16")
-    try:
-        # Excel writes a byte order mark, which would become part of the first column's name.
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        # Windows programs write a degree sign or an umlaut of a heading as one byte.
-        text = data.decode("cp1252")
-    if "\0" in text:
-        raise RecordError(f"{path}: it is no text in UTF-8, or UTF-16 without its byte order mark; save it as UTF-8")
-    return text
 
 
 def _separator(line: str) -> str:

@@ -17,7 +17,8 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import ConfigError, RecordError
-from markerseek.files.inputs import MIB, read_input
+from markerseek.files.inputs import MIB
+from markerseek.files.text import read_text
 
 _MAX_BYTES = MIB // 4
 """Largest settings file; the longest of the examples has 5 KB."""
@@ -35,22 +36,15 @@ def read_toml(path: Path, *, what: str) -> dict[str, object]:
     ``what``: kind of file, for the message: "rig file".
     """
     try:
-        text = read_input(path, most_bytes=_MAX_BYTES).decode("utf-8").replace("\r\n", "\n")
+        text = read_text(path, most_bytes=_MAX_BYTES, what=f"a {what}", cure="name one in TOML, in UTF-8")
+        text = text.replace("\r\n", "\n")
         _require_short_lines(text)
         table = tomllib.loads(text)
         _require_plain(table)
     except RecordError as problem:
         raise ConfigError(str(problem)) from problem
-    except OSError as problem:
-        raise ConfigError(
-            f"{path}: the {what} cannot be read: {problem.strerror or problem}; check the name"
-        ) from problem
     except RecursionError as problem:
         raise ConfigError(f"{path}: the {what} nests lists or tables too deeply to be read") from problem
-    except UnicodeDecodeError as problem:
-        raise ConfigError(
-            f"{path}: the {what} is not text in UTF-8 (byte {problem.start + 1}); save it as TOML in UTF-8"
-        ) from problem
     except tomllib.TOMLDecodeError as problem:
         raise ConfigError(f"{path}: the {what} is not valid TOML: {problem}") from problem
     # From the checks below, and from Python's int() for a number with too many digits.

@@ -1,6 +1,6 @@
 from .images import ImageSeries, read_camera_images, read_images
 from .replay import ReplayLaser, ReplayReceiver, ReplayStage
-from .result import Recorder, SampleRow, SearchResult, answer_name
+from .result import Recorder, SampleRow, SearchResult, answer_name, answer_reason
 
 __all__ = [
     "ImageSeries",
@@ -11,6 +11,7 @@ __all__ = [
     "SampleRow",
     "SearchResult",
     "answer_name",
+    "answer_reason",
     "read_camera_images",
     "read_images",
 ]

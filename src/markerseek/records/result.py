@@ -227,7 +227,7 @@ class Recorder:
         return SearchResult(
             found=isinstance(estimate, Found),
             answer=answer_name(estimate),
-            reason=_reason(estimate),
+            reason=answer_reason(estimate),
             doubt=estimate.doubt if isinstance(estimate, Unsure) else None,
             method=plan.method,
             as_published=plan.as_published,
@@ -280,7 +280,8 @@ def answer_name(estimate: Estimate) -> AnswerName:
             return "unsure"
 
 
-def _reason(estimate: Estimate) -> str | None:
+def answer_reason(estimate: Estimate) -> str | None:
+    """Why an answer is no angle, in one sentence; None where the marker was found."""
     match estimate:
         case Found():
             return None

@@ -76,7 +76,7 @@ class Rig(Closing):
     """Rules that foreign drivers were tried by when they were opened, by part and driver."""
 
     def __repr__(self) -> str:
-        """What it is, in a line: devices and world would fill a page, and tell where a simulated marker is."""
+        """What it is, in a line: devices and world would fill a page, and show where a simulated marker is."""
         return f"<{self.facts.kind} rig: {self.facts.description}, {self.limits.search}>"
 
     @property

@@ -8,7 +8,7 @@ from typing import TypeVar
 import msgspec
 
 from markerseek.core import ConfigError, Finished, Found, MarkerCurve, MarkerPosition, RecordError, SearchError
-from markerseek.files import MIB, as_read_error, read_input
+from markerseek.files import MIB, as_read_error, read_json
 from markerseek.records import SearchResult
 from markerseek.records.journal import RecordedRun, is_journal, read_journal, result_of
 
@@ -71,9 +71,12 @@ def _search(path: Path, result: type[_Kind]) -> RecordedRun | _Kind:
         with as_read_error(path):
             if is_journal(path):
                 return read_journal(path, frames=False)
-            return msgspec.json.decode(read_input(path, most_bytes=_MAX_BYTES), type=result)
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, ConfigError) as problem:
-        raise RecordError(
-            f"{path}: it is neither a journal nor the result of a search as JSON: {problem}; make one with 'markerseek "
-            "search --json > result.json'"
-        ) from problem
+        return read_json(
+            path,
+            result,
+            most_bytes=_MAX_BYTES,
+            what="the journal of a search or its result as JSON",
+            cure="make one with 'markerseek search --json > result.json'",
+        )
+    except ConfigError as problem:
+        raise RecordError(f"{path}: {problem}") from problem

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import ConfigError, Float64, RecordError
-from markerseek.files import MIB, as_read_error, csv_rows, read_input
+from markerseek.files import MIB, csv_rows
 from markerseek.geometry import Camera, triangulate
 from markerseek.records import read_camera_images
 from markerseek.runs.former_search import read_marker
@@ -135,7 +134,7 @@ def _spot(folder: Path, camera: Camera) -> tuple[tuple[float, float], float]:
         raise RecordError(f"{folder}: {spot.reason}")
     if spot.sigma_px is None:
         raise RecordError(
-            f"{folder}: {len(frames)} images do not tell how certain the spot is; save at least 3 of each"
+            f"{folder}: {len(frames)} images do not show how certain the spot is; save at least 3 of each"
         )
     return (spot.x_px, spot.y_px), spot.sigma_px
 
@@ -182,17 +181,13 @@ def _covariance(sigmas_m: Sequence[float] | None) -> Float64[np.ndarray, "3 3"] 
 
 def _table(path: Path) -> tuple[Collection[str], list[Row]]:
     """What the columns of a CSV hold, and its rows."""
-    try:
-        with as_read_error(path):
-            table = csv_rows(path, read_input(path, most_bytes=_LARGEST_BYTES))
-    except (UnicodeDecodeError, csv.Error) as problem:
-        raise RecordError(
-            f"{path}: it cannot be read as a CSV of points: {problem}; its first line names the columns "
-            f"{', '.join(COLUMNS['trus_m'] + COLUMNS['camera_m'])}"
-        ) from problem
+    table = csv_rows(
+        path,
+        most_bytes=_LARGEST_BYTES,
+        what="a CSV of points",
+        cure=f"its first line names the columns {', '.join(COLUMNS['trus_m'] + COLUMNS['camera_m'])}",
+    )
     heading = table.names
-    if not heading:
-        raise RecordError(f"{path}: it is empty; its first line must name the columns, as in examples/points.csv")
     doubled = next((name for name in heading if heading.count(name) > 1), None)
     if doubled is not None:
         raise RecordError(f"{path}, line 1: the column {doubled} appears more than once; keep one of them")

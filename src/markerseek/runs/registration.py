@@ -14,7 +14,7 @@ from scipy.special import chdtrc
 
 from markerseek._version import __version__
 from markerseek.core import Bool, ConfigError, Float64, RecordError
-from markerseek.files import MIB, read_input
+from markerseek.files import MIB, read_json
 from markerseek.geometry import Registration, RigidTransform, leave_one_out, mirror_image_fre, register_points
 from markerseek.runs.shared_errors import FOCAL_ERROR, TRUS_ERRORS, focal_shared_m, trus_shared_m
 
@@ -140,29 +140,10 @@ def register_pairs(
     if unknown is not None:
         raise ConfigError(f"without is {unknown!r}, which is no point; there are {', '.join(names)}")
     pairs = [pair for pair in pairs if pair.name not in without]
-    camera_m = np.array([pair.camera_m for pair in pairs], dtype=float).reshape(-1, 3)
-    trus_m = np.array([pair.trus_m for pair in pairs], dtype=float).reshape(-1, 3)
-    from_camera = [pair.camera_covariance_m2 for pair in pairs if pair.camera_covariance_m2 is not None]
-    from_trus = [pair.trus_covariance_m2 for pair in pairs if pair.trus_covariance_m2 is not None]
-    weighed = len(from_camera) == len(from_trus) == len(pairs) > 0
-    camera_covariances = np.array(from_camera) if weighed else None
-    trus_covariances = np.array(from_trus) if weighed else None
-    shared = [pair.camera_shared_m for pair in pairs if pair.camera_shared_m is not None]
-    camera_shared = np.array(shared) if len(shared) == len(pairs) > 0 else focal_shared_m(camera_m)
-    trus_shared = trus_shared_m(trus_m)
-
-    def registered(chosen: Bool[np.ndarray, " points"]) -> Registration:
-        return register_points(
-            camera_m[chosen],
-            trus_m[chosen],
-            source_covariances_m2=None if camera_covariances is None else camera_covariances[chosen],
-            target_covariances_m2=None if trus_covariances is None else trus_covariances[chosen],
-            source_shared_m=camera_shared[chosen],
-            target_shared_m=trus_shared[chosen],
-        )
-
-    found = registered(np.ones(len(pairs), dtype=bool))
-    left_out = leave_one_out(camera_m, trus_m, registered)
+    points = _Points.of(pairs)
+    weighed = points.camera_covariances is not None
+    found = points.registered(np.ones(len(pairs), dtype=bool))
+    left_out = leave_one_out(points.camera_m, points.trus_m, points.registered)
     fit = _Fit.of(found, len(pairs), weighed=weighed)
     rests = {
         pair.name: _Fit.of(out.rest, len(pairs) - 1, weighed=weighed)
@@ -170,9 +151,9 @@ def register_pairs(
         if out is not None
     }
     worst = _worst([pair.name for pair in pairs], found, rests)
-    mirror_fre_m = mirror_image_fre(camera_m, trus_m)
+    mirror_fre_m = mirror_image_fre(points.camera_m, points.trus_m)
     reason = None if fit.accepted else _refusal(found, fit, rests, worst, mirror_fre_m)
-    target = _under(trus_m) if target_trus_m is None else target_trus_m
+    target = _under(points.trus_m) if target_trus_m is None else target_trus_m
     return RegistrationReport(
         registered=reason is None,
         reason=reason,
@@ -203,6 +184,46 @@ def register_pairs(
             for pair, residual_m, out in zip(pairs, found.residuals_m, left_out, strict=True)
         ],
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Points:
+    """Point pairs as arrays; the covariances are None unless all points have them in both frames."""
+
+    camera_m: Float64[np.ndarray, "points 3"]
+    trus_m: Float64[np.ndarray, "points 3"]
+    camera_covariances: Float64[np.ndarray, "points 3 3"] | None
+    trus_covariances: Float64[np.ndarray, "points 3 3"] | None
+    camera_shared: Float64[np.ndarray, "points 3 errors"]
+    trus_shared: Float64[np.ndarray, "points 3 errors"]
+
+    @classmethod
+    def of(cls, pairs: Sequence[PointPair]) -> _Points:
+        camera_m = np.array([pair.camera_m for pair in pairs], dtype=float).reshape(-1, 3)
+        trus_m = np.array([pair.trus_m for pair in pairs], dtype=float).reshape(-1, 3)
+        from_camera = [pair.camera_covariance_m2 for pair in pairs if pair.camera_covariance_m2 is not None]
+        from_trus = [pair.trus_covariance_m2 for pair in pairs if pair.trus_covariance_m2 is not None]
+        weighed = len(from_camera) == len(from_trus) == len(pairs) > 0
+        shared = [pair.camera_shared_m for pair in pairs if pair.camera_shared_m is not None]
+        return cls(
+            camera_m=camera_m,
+            trus_m=trus_m,
+            camera_covariances=np.array(from_camera) if weighed else None,
+            trus_covariances=np.array(from_trus) if weighed else None,
+            camera_shared=np.array(shared) if len(shared) == len(pairs) > 0 else focal_shared_m(camera_m),
+            trus_shared=trus_shared_m(trus_m),
+        )
+
+    def registered(self, chosen: Bool[np.ndarray, " points"]) -> Registration:
+        """The registration of some of the points."""
+        return register_points(
+            self.camera_m[chosen],
+            self.trus_m[chosen],
+            source_covariances_m2=None if self.camera_covariances is None else self.camera_covariances[chosen],
+            target_covariances_m2=None if self.trus_covariances is None else self.trus_covariances[chosen],
+            source_shared_m=self.camera_shared[chosen],
+            target_shared_m=self.trus_shared[chosen],
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -326,13 +347,13 @@ def read_registration(path: Path) -> KnownRegistration:
 
     ``path``: JSON of ``markerseek register --json``.
     """
-    try:
-        stored = msgspec.json.decode(read_input(path, most_bytes=8 * MIB), type=_File)
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as problem:
-        raise RecordError(
-            f"{path}: it is no registration as JSON: {problem}; make one with 'markerseek register points.csv --json "
-            "> registration.json'"
-        ) from problem
+    stored = read_json(
+        path,
+        _File,
+        most_bytes=8 * MIB,
+        what="a registration as JSON",
+        cure="make one with 'markerseek register points.csv --json > registration.json'",
+    )
     if not stored.registered or stored.davinci_to_trus is None:
         raise RecordError(f"{path}: its registration was not accepted ({stored.reason}); register again")
     rows = stored.davinci_to_trus

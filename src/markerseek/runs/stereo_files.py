@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from markerseek.core import ConfigError, Float64, RecordError, is_finite, needs_package, require_range
-from markerseek.files import MIB, as_read_error, read_input, read_toml, settings_from
+from markerseek.files import MIB, read_text, read_toml, settings_from
 from markerseek.geometry import Camera, RigidTransform, StereoCameras
 
 _MAX_BYTES = MIB // 16
@@ -115,12 +115,11 @@ def _settings(name: str, make: Callable[[], StereoSettings]) -> StereoSettings:
 def _text(path: Path) -> str:
     """Text of a small file."""
     try:
-        with as_read_error(path):
-            return read_input(path, most_bytes=_MAX_BYTES).decode("utf-8-sig")
+        return read_text(
+            path, most_bytes=_MAX_BYTES, what="the calibration of an endoscope", cure="save it as text in UTF-8"
+        )
     except RecordError as problem:
         raise ConfigError(str(problem)) from problem
-    except UnicodeDecodeError as problem:
-        raise ConfigError(f"{path}: it is not text in UTF-8 (byte {problem.start + 1}); save it so") from problem
 
 
 def _stated(calibration_sigma_px: float | None) -> float:

@@ -16,7 +16,7 @@ AGREE_DEG = 0.02
 """Most by which the angle of a trigger and that of its stamp differ, beside what the clocks leave open."""
 
 READ_LATE_S = 15e-3
-"""Most by which the stage's readings may be late against the stamps, where its triggers tell the angles: three times
+"""Most by which the stage's readings may be late against the stamps, where its triggers give the angles: three times
 what a free-running sweep takes for its standard deviation."""
 
 

@@ -239,7 +239,7 @@ def _swept(
 ) -> Generator[Event, None, None]:
     """A sweep: the policy is told each sample as it comes, may end it early, and is told when it is over.
 
-    One that was broken off by a kill, or refused whole, is made anew from its beginning while the policy wants it.
+    One that was broken off by a kill, or refused whole, is made again from its beginning while the policy wants it.
     """
     if not isinstance(policy, SweepingPolicy):
         raise SearchError(f"the policy {type(policy).__name__} asks for a sweep and has no end_sweep")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, closing
 from dataclasses import replace
 from types import TracebackType
 from typing import Protocol, cast
@@ -187,17 +187,19 @@ class Scanner:
             triggers=triggers,
             lit_braking=sweep.lit_braking,
         )
-        try:
-            with self._refusable:
-                swept = yield from self._samples(progress.frames(goes_on), permit)
-        except AcquisitionError as refusal:
-            if self.guard.state is State.SWEEPING:
-                self.guard.fail(str(refusal))
-            raise
-        finally:
-            # Broken off while it turns, or by a fault: the light ends first.
-            if self.guard.state in (State.SWEEPING, State.FAULT):
-                self._end_light_and_motion()
+        # Closed here, and not by the garbage collector, which would print an error of the lease that ends with it.
+        with closing(progress.frames(goes_on)) as frames:
+            try:
+                with self._refusable:
+                    swept = yield from self._samples(frames, permit)
+            except AcquisitionError as refusal:
+                if self.guard.state is State.SWEEPING:
+                    self.guard.fail(str(refusal))
+                raise
+            finally:
+                # Broken off while it turns, or by a fault: the light ends first.
+                if self.guard.state in (State.SWEEPING, State.FAULT):
+                    self._end_light_and_motion()
         self._settled = True
         yield swept
 

@@ -25,7 +25,7 @@ class SearchPolicy(ABC):
         self._next: tuple[float | None] | None = None
 
     def __repr__(self) -> str:
-        """What it is, and how much it has been told."""
+        """What it is, and how many acquisitions it has."""
         return f"<{self.name} after {len(self._lit)} acquisitions>"
 
     def ask(self) -> float | None:

@@ -1,6 +1,6 @@
 """A `Tracker` as a policy that turns the probe to and fro about a marker that moves, in light.
 
-Which sweep is next, and whether the present one goes on, is decided by what the frames would tell. Of markers drawn
+Which sweep is next, and whether the present one goes on, is decided by the information in its frames. Of markers drawn
 from the posterior, each with its curve and its motion, any two are told apart by the intensities that they would give
 along the way of the probe: D is the squared difference of these, in units of their noise. What is left of the
 posterior's variance at a time is about
@@ -51,7 +51,7 @@ SPEEDS = 6
 """Speeds of a sweep in either direction, evenly spaced up to the fastest."""
 
 REST_S, LATE_S = 0.3, 0.1
-"""Time between two sweeps in which the probe is at rest, and by which frames are told after their pulse."""
+"""Time between two sweeps in which the probe is at rest, and by which frames come after their pulse."""
 
 LEAST_ROOM_DEG = 0.5
 """Least way from rest to an end of the range for a sweep towards it."""
@@ -209,7 +209,7 @@ class SweptTrackingPolicy:
         self._judge(sample.angle_deg, timing.speed_deg_s)
 
     def end_sweep(self) -> None:
-        """Plan anew: the probe is at rest. Without a frame the plan would be the same, and the track ends."""
+        """Plan again: the probe is at rest. Without a frame the plan would be the same, and the track ends."""
         self._blind = self._sweep is not None and not self._told_of_it
         self._sweep, self._ending = None, False
 
@@ -279,7 +279,7 @@ class SweptTrackingPolicy:
         on_deg = probe_deg + forward * _run_up(time_s, now_deg_s, sweep.speed_deg_s, acceleration)
         inside = (on_deg > limits.low_deg) & (on_deg < limits.high_deg)
         goes_on = _Ways(probe_deg=np.clip(on_deg, limits.low_deg, limits.high_deg)[None], lit=inside[None])
-        # It goes on until the laser is told, brakes in light, rests, and begins anew.
+        # It goes on until the laser has heard of it, brakes in light, rests, and begins again.
         top_deg_s = min(sweep.speed_deg_s, now_deg_s + acceleration * LATE_S)
         begun_deg = probe_deg + forward * (now_deg_s + top_deg_s) / 2 * LATE_S
         brake_s = top_deg_s / acceleration

@@ -275,7 +275,7 @@ class Tracker:
             np.add(values, step, out=values)
 
     def _resample(self) -> None:
-        """Draw the particles anew by their weights, systematically (Kitagawa 1996)."""
+        """Resample the particles by their weights, systematically (Kitagawa 1996)."""
         number = self._weight.size
         chosen = self._chosen((np.arange(number) + self._rng.random()) / number)
         for name in ("_angle_deg", "_speed_deg_s", "_acceleration", "_tail", "_knee", "_log_height", "_log_width"):

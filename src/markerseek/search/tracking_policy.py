@@ -72,7 +72,7 @@ class TrackingPolicy:
     period_s
         Time until the first frame in seconds, roughly; later ones are taken to come at the rate of those before.
     noise_sigma
-        Standard deviation of the noise, where a frame does not tell its own.
+        Standard deviation of the noise, where a frame does not state its own.
     """
 
     def __init__(

@@ -27,7 +27,7 @@ class HandMotion:
 
 
 class SimulatedHand:
-    """Turns the world's probe, and tells its angle as an encoder does.
+    """Turns the world's probe, and reports its angle as an encoder does.
 
     ``limits``: it comes to rest inside.
     """

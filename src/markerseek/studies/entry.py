@@ -11,7 +11,7 @@ import os
 import select
 import signal
 import subprocess
-import threading
+import sys
 import time
 import weakref
 from base64 import b64encode
@@ -35,6 +35,7 @@ from markerseek.core import (
     is_finite,
 )
 from markerseek.search import SearchPolicy
+from markerseek.studies import entry_group
 
 REPLY_S = 30.0
 """Longest time for one reply in seconds."""
@@ -165,10 +166,6 @@ class EntryPolicy(SearchPolicy):
         return angle_deg
 
 
-_running: weakref.WeakSet[EntryProcess] = weakref.WeakSet()
-_starting = threading.Lock()
-
-
 class EntryProcess:
     """A child process that replies to lines; after its first fault it is not asked again."""
 
@@ -176,33 +173,27 @@ class EntryProcess:
         self._fault: str | None = None
         self._replies = 0
         self._said = b""
+        read, alive = os.pipe()
         try:
-            with _starting:
-                # The user's own command.
-                self._child = subprocess.Popen(  # noqa: S603
-                    command,
-                    bufsize=0,
-                    stdin=subprocess.PIPE,
-                    stdout=subprocess.PIPE,
-                    stderr=subprocess.PIPE,
-                    # Workers have it; an entry may import what lies beside its file.
-                    env={name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"},
-                    # A group of its own, which is ended as a whole.
-                    start_new_session=True,
-                )
-                _running.add(self)
-        except OSError as problem:
-            raise EntryError(f"{command[0]}: it cannot be started: {problem.strerror}; check the command") from problem
+            # The user's own command. Isolated: the environment is for that, and not for what runs it.
+            self._child = subprocess.Popen(  # noqa: S603
+                (sys.executable, "-I", "-S", entry_group.__file__, str(read), *command),
+                bufsize=0,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                pass_fds=(read,),
+                # Workers have it; an entry may import what lies beside its file.
+                env={name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"},
+                # A group of its own, which is ended as a whole.
+                start_new_session=True,
+            )
+        finally:
+            os.close(read)
         for pipe in _pipes(self._child):
             # A process that it has started may hold them when it has ended: no wait for one is without a limit.
             os.set_blocking(pipe.fileno(), False)
-        self._end = weakref.finalize(self, _end, self._child)
-
-    def kill(self) -> None:
-        """Kill its group without waiting for its end."""
-        # One that has been waited for is no more, and its number may be another's.
-        if self._child.returncode is None:
-            _kill(self._child)
+        self._end = weakref.finalize(self, _end, self._child, alive)
 
     def reply_to(self, message: dict[str, Any]) -> _Reply:
         """The reply to one message; `EntryError` where there is none, or it is not one."""
@@ -271,13 +262,6 @@ class EntryProcess:
         return f"; its last words: {lines[-1][:200]}" if lines else ""
 
 
-def kill_entries() -> None:
-    """Kill all entries of this process, which is about to end without its finalizers; none can start afterwards."""
-    _starting.acquire()
-    for each in list(_running):
-        each.kill()
-
-
 @lru_cache(maxsize=4)
 def _child(command: tuple[str, ...]) -> EntryProcess:
     """The child of a command, one in each worker."""
@@ -298,14 +282,11 @@ def _read(pipe: IO[bytes]) -> bytes:
         return b""
 
 
-def _kill(child: subprocess.Popen[bytes]) -> None:
+def _end(child: subprocess.Popen[bytes], alive: int) -> None:
     with suppress(OSError):
         os.killpg(child.pid, signal.SIGKILL)
-
-
-def _end(child: subprocess.Popen[bytes]) -> None:
-    _kill(child)
     for pipe in _pipes(child):
         with suppress(OSError):
             pipe.close()
+    os.close(alive)
     child.wait()

@@ -11,24 +11,18 @@ import multiprocessing
 import os
 import signal
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
-from queue import SimpleQueue
 from typing import TypeVar
 
 from markerseek.core import ConfigError, MarkerseekError, needs_package
-from markerseek.studies.entry import kill_entries
 
 _AHEAD = 8
 """Jobs under way for each worker: the next ones go on while one that takes long is waited for."""
-
-_END_S = 5.0
-"""Time in which a worker that is told to end does so, in seconds; one that computes in a library may not hear it."""
 
 _TIMEOUT_S = 20
 """Longest time in which a cluster answers, in seconds."""
@@ -73,13 +67,8 @@ def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, worker
         ) from problem
     finally:
         if not over:
-            # What is under way is lost, and begins anew later: an entry of the benchmark may think for minutes.
-            started = set(multiprocessing.active_children()) - others
-            for process in started:
-                process.terminate()
-            ends_s = time.monotonic() + _END_S
-            for process in started:
-                process.join(max(0.0, ends_s - time.monotonic()))
+            # What is under way is lost, and begins again later: an entry of the benchmark may think for minutes.
+            for process in set(multiprocessing.active_children()) - others:
                 process.kill()
         pool.shutdown(wait=True, cancel_futures=True)
         # Programs that this process starts later may need the current folder.
@@ -158,18 +147,13 @@ def on_cluster(
 
 
 def _begin() -> None:
-    """In a new worker: leave Ctrl-C to the parent; end, and its entries too, when told to or when the parent ends."""
+    """In a new worker: leave Ctrl-C to the parent, and end when the parent does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    told: SimpleQueue[None] = SimpleQueue()
-    # The handler interrupts the main thread, which may be starting an entry: another thread waits for that.
-    signal.signal(signal.SIGTERM, lambda _number, _frame: told.put(None))
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
     parent = multiprocessing.parent_process()
-    for end in (told.get, *([parent.join] if parent is not None else [])):
-        threading.Thread(target=_end_after, args=(end,), daemon=True).start()
-
-
-def _end_after(wait: Callable[[], None]) -> None:
-    """End this worker and its entries, which have sessions of their own, once `wait` returns."""
-    wait()
-    kill_entries()
-    os._exit(1)
+    if parent is not None:
+        parent.join()
+        os._exit(1)

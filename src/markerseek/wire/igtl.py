@@ -80,7 +80,7 @@ class Header:
     kind: str
     """Type of the message: "TRANSFORM"."""
     device: str
-    """Name of what it tells of."""
+    """Name of what it describes."""
     time_s: float
     """When it was made, in seconds since 1970; 0 where the sender does not say."""
     body_bytes: int
@@ -93,7 +93,7 @@ class Message:
     """One message."""
 
     device: str
-    """Name of what it tells of, at most 20 bytes of ASCII."""
+    """Name of what it describes, at most 20 bytes of ASCII."""
     content: Content
     time_s: float = 0.0
     """When it was made, in seconds since 1970."""

@@ -58,7 +58,9 @@ from __future__ import annotations
 
 import binascii
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar, Literal, TypeAlias, get_args
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias, get_args
+
+import msgspec
 
 from markerseek.core import ConfigError, LaserError
 
@@ -103,6 +105,11 @@ RefusalReason: TypeAlias = Literal[
 ]
 
 
+Count: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=MAX_COUNT)]
+Token: TypeAlias = Annotated[int, msgspec.Meta(ge=1, le=MAX_COUNT)]
+Expiry: TypeAlias = Annotated[int, msgspec.Meta(ge=1, le=MAX_EXPIRY_MS)]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hello:
     """Asks for the identity; voids any permit, and steps may begin at 1 again."""
@@ -115,11 +122,11 @@ class PermitPulses:
     """Permits a number of pulses at a rate in Hz until an expiry in milliseconds, with a number of triggers in all."""
 
     head: ClassVar[str] = "PERMIT"
-    token: int
-    pulses: int
-    rate_hz: int
-    expiry_ms: int
-    triggers: int
+    token: Token
+    pulses: Count
+    rate_hz: Annotated[int, msgspec.Meta(ge=1, le=MAX_RATE_HZ)]
+    expiry_ms: Expiry
+    triggers: Annotated[int, msgspec.Meta(ge=1, le=MAX_PULSES)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,7 +134,7 @@ class Beat:
     """Renews the lease; the step is the control loop's own counter."""
 
     head: ClassVar[str] = "BEAT"
-    step: int
+    step: Count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,7 +142,7 @@ class Fire:
     """Uses the permit of that token."""
 
     head: ClassVar[str] = "FIRE"
-    token: int
+    token: Count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,10 +150,10 @@ class PermitSweep:
     """Permits single pulses with a least time between two, until an expiry in milliseconds."""
 
     head: ClassVar[str] = "SWEEP"
-    token: int
-    pulses: int
-    period_us: int
-    expiry_ms: int
+    token: Token
+    pulses: Annotated[int, msgspec.Meta(ge=1, le=MAX_SWEEP_PULSES)]
+    period_us: Annotated[int, msgspec.Meta(ge=MIN_PERIOD_US, le=MAX_PERIOD_US)]
+    expiry_ms: Expiry
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,7 +168,7 @@ class AskTime:
     """Asks what the box's clock shows; the number comes back with the answer."""
 
     head: ClassVar[str] = "TIME"
-    number: int
+    number: Count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -179,11 +186,11 @@ class Greeting:
     """
 
     head: ClassVar[str] = "OK HELLO"
-    identity: str
-    version: int
-    lease_ms: int
-    last_token: int
-    seen: int
+    identity: Annotated[str, msgspec.Meta(pattern=r"\A[0-9A-Za-z]{1,16}\Z")]
+    version: Count
+    lease_ms: Count
+    last_token: Count
+    seen: Count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -191,8 +198,8 @@ class Permitted:
     """Answer to `PermitPulses`; ``seen`` is how many pulses of light the photodiode has seen since power-up."""
 
     head: ClassVar[str] = "OK PERMIT"
-    token: int
-    seen: int
+    token: Count
+    seen: Count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -200,16 +207,16 @@ class Done:
     """A train has ended: pulses sent to the laser, and pulses that the photodiode saw."""
 
     head: ClassVar[str] = "DONE"
-    token: int
-    sent: int
-    photodiode: int
+    token: Count
+    sent: Count
+    photodiode: Count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeteredDone(Done):
     """`Done` of a box with a light meter: ``light`` is the sum of what it read of the pulses, in its own counts."""
 
-    light: int
+    light: Count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -217,8 +224,8 @@ class SweepPermitted:
     """Answer to `PermitSweep`, as `Permitted`."""
 
     head: ClassVar[str] = "OK SWEEP"
-    token: int
-    seen: int
+    token: Count
+    seen: Count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -236,18 +243,18 @@ class Stamped:
     """
 
     head: ClassVar[str] = "PULSE"
-    token: int
-    number: int
-    stamp_us: int
-    photodiode: int
-    edge: int
+    token: Count
+    number: Count
+    stamp_us: Count
+    photodiode: Count
+    edge: Count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeteredStamped(Stamped):
     """`Stamped` of a box with a light meter: ``light`` is what it read of the pulse, in counts of its own."""
 
-    light: int
+    light: Count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -255,9 +262,9 @@ class Dark:
     """The light of a sweep has ended: pulses sent to the laser, and pulses that the photodiode saw."""
 
     head: ClassVar[str] = "DARK"
-    token: int
-    sent: int
-    photodiode: int
+    token: Count
+    sent: Count
+    photodiode: Count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -265,8 +272,8 @@ class Time:
     """Answer to `AskTime`: its number, and the box's clock in microseconds."""
 
     head: ClassVar[str] = "OK TIME"
-    number: int
-    clock_us: int
+    number: Count
+    clock_us: Count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -372,46 +379,22 @@ def _parsed(words: list[str], kinds: tuple[Any, ...]) -> Any | None:
     for kind in kinds:
         head, names = kind.head.split(" "), [field.name for field in fields(kind)]
         if words[: len(head)] == head and len(words) == len(head) + len(names):
-            values = {name: _value(name, word) for name, word in zip(names, words[len(head) :], strict=True)}
-            message = None if None in values.values() else kind(**values)
-            refused = isinstance(message, PermitPulses | PermitSweep) and not _acceptable(message)
-            return None if refused else message
+            try:
+                message = msgspec.convert(dict(zip(names, words[len(head) :], strict=True)), kind, strict=False)
+            except msgspec.ValidationError:
+                return None
+            # A number is written in one way: "007" and "+7" are none.
+            return message if _words(message) == words and _fits(message) else None
     return None
 
 
-def _value(name: str, word: str) -> str | int | None:
-    """Value of a field; None if the word is no value."""
-    if name == "reason":
-        return word if word in get_args(RefusalReason) else None
-    if name == "identity":
-        return word if word.isalnum() and len(word) <= 16 else None
-    return _number(word)
-
-
-def _acceptable(permit: PermitPulses | PermitSweep) -> bool:
-    if isinstance(permit, PermitSweep):
-        return (
-            permit.token >= 1
-            and 1 <= permit.pulses <= MAX_SWEEP_PULSES
-            and MIN_PERIOD_US <= permit.period_us <= MAX_PERIOD_US
-            and 1 <= permit.expiry_ms <= MAX_EXPIRY_MS
-            and permit.pulses * permit.period_us <= 1000 * MAX_EXPIRY_MS
-        )
-    return (
-        permit.token >= 1
-        and 1 <= permit.triggers <= MAX_PULSES
-        and permit.pulses <= permit.triggers
-        and 1 <= permit.rate_hz <= MAX_RATE_HZ
-        and 1 <= permit.expiry_ms <= MAX_EXPIRY_MS
-        # In whole numbers, as the firmware computes it: a division would round differently.
-        and 1000 * permit.triggers <= permit.rate_hz * MAX_EXPIRY_MS
-    )
-
-
-def _number(word: str) -> int | None:
-    """Whole number of a word as `str` writes it, from 0 to `MAX_COUNT`; None if it is none."""
-    # isdecimal: int() would also take "+1", " 1" and "1_0". `_checked` excludes the digits of other scripts.
-    if not (word.isdecimal() and len(word) <= 10) or (word[0] == "0" and word != "0"):
-        return None
-    number = int(word)
-    return number if number <= MAX_COUNT else None
+def _fits(message: Command | Reply) -> bool:
+    """Whether the numbers of a permit, each in its range, fit one another."""
+    match message:
+        case PermitPulses():
+            # In whole numbers, as the firmware computes it: a division would round differently.
+            shortest = 1000 * message.triggers <= message.rate_hz * MAX_EXPIRY_MS
+            return message.pulses <= message.triggers and shortest
+        case PermitSweep():
+            return message.pulses * message.period_us <= 1000 * MAX_EXPIRY_MS
+    return True

@@ -1,4 +1,4 @@
-"""Fault campaign: ``python -m tests.faults.campaign --runs 100000 --frames 2000 --out docs/explanation/faults.md``.
+"""Fault campaign: ``python -m tests.faults.campaign --runs 100000 --out docs/explanation/fault-tables.md``.
 
 Counts are kept beside the output (``--state``) after each chunk, so that a campaign that was killed continues where it
 was; they hold for one commit and one seed.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from itertools import repeat
@@ -24,7 +24,7 @@ from .points import enumerate_points
 from .report import byte_keys, kinds, observable, observable_keys, over_the_line, promises, uncovered
 from .restarts import Restarts
 from .restarts import lines as restart_lines
-from .tally import Tally
+from .tally import Broken, Tally
 from .vocabulary import fingerprint
 
 
@@ -102,7 +102,7 @@ def main() -> int:
     points = enumerate_points()
     page = _page(kept, whole, over_bytes, points, rows)
     if words.out is not None:
-        words.out.write_text(_above(words.out) + page)
+        words.out.write_text(page)
     sys.stdout.write(page)
     broken = [each for tally in (whole, over_bytes) for each in tally.broken if each.promise != "P10"]
     wrong = any(row.off or row.accepted_unreported for name, row in rows.items() if "loses power" not in name)
@@ -130,15 +130,6 @@ def _restarts(kept: _Kept, save: Callable[[], None], *, runs: int, workers: int)
     return rows
 
 
-BELOW = "<!-- Below this line: written by the fault campaign. -->\n"
-
-
-def _above(out: Path) -> str:
-    """The hand-written part of a page, above its generated tables."""
-    written = out.read_text() if out.is_file() else ""
-    return written[: written.index(BELOW)] + BELOW + "\n" if BELOW in written else ""
-
-
 def _kept(path: Path | None, *, seed: int) -> _Kept:
     commit = commit_made_from()
     if path is not None and path.is_file():
@@ -150,9 +141,12 @@ def _kept(path: Path | None, *, seed: int) -> _Kept:
 
 def _page(kept: _Kept, whole: Tally, over_bytes: Tally, points: dict[str, list[str]], rows: dict[str, Restarts]) -> str:
     lines = [
+        "# Faults: the tables",
+        "",
         (
-            f"Made from commit {kept.commit} by `python -m tests.faults.campaign --runs {whole.runs} --frames "
-            f"{over_bytes.runs} --seed {kept.seed}`."
+            "What the campaign counted; how it was done and what it means is on [the page on faults](faults.md). "
+            f"Written by `python -m tests.faults.campaign --runs {whole.runs} --frames {over_bytes.runs} "
+            f"--seed {kept.seed}` at commit {kept.commit}."
         ),
         "",
         "## Promises, with readings instead of frames",
@@ -185,15 +179,24 @@ def _page(kept: _Kept, whole: Tally, over_bytes: Tally, points: dict[str, list[s
         *over_the_line(over_bytes),
         "",
         *_restart_section(rows),
+        *_broken_section("readings", whole.broken, set(observable_keys())),
+        *_broken_section("frames", over_bytes.broken, set(byte_keys())),
         "## Fault points: the n-th call of each verb fails, for all n",
         "",
         *(f"- {verb}: {'always a clean stop' if not broken else '; '.join(broken)}" for verb, broken in points.items()),
     ]
-    lines += [
-        f"<!-- {broken.promise} run {broken.run} {', '.join(broken.faults)}: {broken.said} -->"
-        for broken in (*whole.broken[:40], *over_bytes.broken[:40])
-    ]
     return "\n".join(lines) + "\n"
+
+
+def _broken_section(kind: str, broken: Sequence[Broken], preventable: set[str]) -> list[str]:
+    """The runs that broke a promise, with their numbers; not the wrong angles under a fault that no program can see."""
+    listed = [each for each in broken if each.promise != "P10" or preventable.issuperset(each.faults)]
+    if not listed:
+        return []
+    lines = (
+        f"- {each.promise}, run {each.run} ({', '.join(each.faults) or 'no fault'}): {each.said}" for each in listed
+    )
+    return [f"## Runs with {kind} that broke a promise", "", *lines, ""]
 
 
 def _restart_section(rows: dict[str, Restarts]) -> list[str]:

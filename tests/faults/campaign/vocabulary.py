@@ -54,7 +54,7 @@ _ALL = (
     _fault("stage", "frozen motor", STUCK, "the motor does not turn; the readback is true"),
     _fault("stage", "frozen readback", STUCK, "it reports the angle at which this began; the motor moves"),
     _fault("stage", "stall", STUCK, "it stops on its way, and says so"),
-    _fault("stage", "obstacle", STUCK, "it cannot pass an angle, deg, and tells where it stands", amounts=(-30, 30)),
+    _fault("stage", "obstacle", STUCK, "it cannot pass an angle, deg, and reports where it stands", amounts=(-30, 30)),
     _fault("stage", "NaN readback", GARBAGE, "the readback is no number"),
     _fault("stage", "wild readback", GARBAGE, "the readback is any number within this, deg", amounts=(40, 1e6)),
     _fault("stage", "turned readback", WRONG, "the readback counts from 0 to 360 deg"),
@@ -78,7 +78,7 @@ _ALL = (
     _fault("laser", "dead lamp", OFF, "no light comes, and it says so"),
     _fault("laser", "interlock", OFF, "the interlock opens after a share of the pulses", amounts=(0, 0.9)),
     _fault("laser", "busy", STUCK, "it refuses permits"),
-    _fault("laser", "garbled count", GARBAGE, "the number of pulses it tells is nonsense"),
+    _fault("laser", "garbled count", GARBAGE, "the number of pulses it reports is nonsense"),
     _fault("laser", "fewer pulses", WRONG, "so many pulses are missing, and it says so", amounts=(1, 8)),
     _fault("laser", "hidden misfire", WRONG, "so many pulses are missing, and it does not say so", amounts=(1, 8)),
     _fault("laser", "late light", DELAYED, "the light comes later, as a share of the readout", amounts=(0.05, 0.9)),
@@ -98,7 +98,7 @@ _ALL = (
     _fault("receiver", "garbled feature", GARBAGE, "the noise floor is no number"),
     _fault("receiver", "other token", WRONG, "the header carries another token"),
     _fault("receiver", "out of order", WRONG, "the sequence numbers do not rise"),
-    _fault("receiver", "other pulses", WRONG, "the header tells other pulses than were fired", amounts=(1, 8)),
+    _fault("receiver", "other pulses", WRONG, "the header states other pulses than were fired", amounts=(1, 8)),
     _fault("receiver", "other angle", WRONG, "the header is of another angle, off by deg", amounts=(0.1, 20)),
     _fault("receiver", "saturated", WRONG, "this share of the channels is at full scale", amounts=(0.06, 1)),
     _fault("receiver", "slow", SLOW, "the readout takes this many times as long", amounts=(1.5, 100)),
@@ -121,7 +121,7 @@ _ALL = (
         observable=False, harm="angle", covered_by="approach from one side; second encoder",
     ),
     _fault(
-        "stage", "says it is there", STUCK, "it tells its target, and has not moved",
+        "stage", "says it is there", STUCK, "it reports its target, and has not moved",
         observable=False, harm="result", covered_by="second encoder; its driver's time of travel and moving bits",
     ),
     _fault(
@@ -137,7 +137,7 @@ _ALL = (
         harm="pulses", covered_by="the laser box's output gate; the laser's interlock",
     ),
     _fault(
-        "laser", "fires by itself", WRONG, "so many pulses while the stage moves, told to nobody", amounts=(1, 4),
+        "laser", "fires by itself", WRONG, "so many pulses while the stage moves, reported to nobody", amounts=(1, 4),
         observable=False, harm="pulses", covered_by="the laser box's output gate; photodiode; shutter",
     ),
     _fault(

@@ -153,7 +153,7 @@ def require_resumed(search: Search, path: Path, *, acknowledged: int, row: Row, 
         require_whole(path, wanted, whole(search.name).result)
     else:
         _require_swept_anew(path, broken_off, kept)
-        tally.note("resumes that swept anew, from where the sweep that was broken off began, and found the marker")
+        tally.note("resumes that swept again, from where the sweep that was broken off began, and found the marker")
     row.equal += 1
     remove(path)
 
@@ -170,7 +170,7 @@ def mid_sweep(events: Sequence[object]) -> Asked | None:
 
 
 def _require_swept_anew(path: Path, broken_off: Asked, kept: Happened) -> None:
-    """Refuse a resumed run that does not keep what it had, sweep anew, and find the marker."""
+    """Refuse a resumed run that does not keep what it had, sweep again, and find the marker."""
     held = read_journal(path)
     events = [event for event, *_ in happened(held)]
     if happened(held)[: len(kept)] != kept:
@@ -178,7 +178,7 @@ def _require_swept_anew(path: Path, broken_off: Asked, kept: Happened) -> None:
     again = next((event for event in events[len(kept) :] if isinstance(event, Asked)), None)
     # None where what was measured before the kill was enough, and the probe was braking.
     if again is None or again.sweep not in (broken_off.sweep, None):
-        raise MismatchError(f"a sweep was broken off ({broken_off.sweep}), and not made anew: {again}")
+        raise MismatchError(f"a sweep was broken off ({broken_off.sweep}), and not made again: {again}")
     last = events[-1]
     found = isinstance(last, Finished) and isinstance(last.estimate, Found)
     if not (found and abs(last.estimate.mean_deg - MARKER_DEG) <= OFF_DEG):

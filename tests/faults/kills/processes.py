@@ -77,8 +77,8 @@ class Lifetime:
         return Death(events, then_s)
 
 
-def in_a_process(work: Callable[..., object], *, death: Death | None = None) -> End:
-    """Do work in a forked process, and kill it from outside, if it lives that long."""
+def forked(work: Callable[..., object]) -> tuple[int, int, float]:
+    """Do work in a forked process; its number, the pipe with what it acknowledges, and when it began come back."""
     receiving, ack_fd = os.pipe()
     began_s = time.monotonic()
     child = os.fork()
@@ -86,6 +86,12 @@ def in_a_process(work: Callable[..., object], *, death: Death | None = None) -> 
         os.close(receiving)
         _work_and_exit(work, ack_fd)
     os.close(ack_fd)
+    return child, receiving, began_s
+
+
+def in_a_process(work: Callable[..., object], *, death: Death | None = None) -> End:
+    """Do work in a forked process, and kill it from outside, if it lives that long."""
+    child, receiving, began_s = forked(work)
     received, first_s = listen(receiving, child, death)
     _, status = os.waitpid(child, 0)
     return ended(received, status, first_s=first_s, took_s=time.monotonic() - began_s)

@@ -12,7 +12,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from unittest import mock
 
 from markerseek import rigs
@@ -116,11 +116,11 @@ def replayed_frames() -> Rig:
         return rigs.replayed(recorded_frames())
 
 
-def sweeping_rig() -> Rig:
+def sweeping_rig(mode: Literal["free-running", "position-triggered"]) -> Rig:
     """A rig whose slow laser gives few pulses a sweep."""
     settings = SimulatedSettings(
         start_deg=-35.0,
-        laser=LaserSettings(rate_hz=5.0),
+        laser=LaserSettings(rate_hz=5.0, sweep_mode=mode),
         receiver=ReceiverSettings(readout_s=0.05, single_pulses=True),
     )
     return rigs.of_intensities(seed=SEED, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=MARKER_DEG, settings=settings)
@@ -147,7 +147,10 @@ SEARCHES = {
             acquisitions=6,
             rig=replayed_frames,
         ),
-        Search(name="sweeps", method="posterior", acquisitions=16, rig=sweeping_rig, sweeps=True),
+        *(
+            Search(name=name, method="posterior", acquisitions=16, rig=partial(sweeping_rig, mode), sweeps=True)
+            for name, mode in (("sweeps", "free-running"), ("triggered sweeps", "position-triggered"))
+        ),
     )
 }
 

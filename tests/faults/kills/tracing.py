@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from .processes import End, _work_and_exit, ended
+from .processes import End, ended, forked
 
 _TRACEME, _SYSCALL, _DETACH, _SET_OPTIONS, _GET_SYSCALL_INFO = 0, 24, 17, 0x4200, 0x420E
 _MARK_SYSCALLS, _DIES_WITH_US = 0x1, 0x100000
@@ -73,13 +73,7 @@ def killed_at_write(work: Callable[..., object], number: int) -> End:
 
     Its place is the name of the system call; a process that makes fewer lives on to its end.
     """
-    receiving, ack_fd = os.pipe()
-    began_s = time.monotonic()
-    child = os.fork()
-    if child == 0:
-        os.close(receiving)
-        _work_and_exit(work, ack_fd)
-    os.close(ack_fd)
+    child, receiving, began_s = forked(work)
     place, status = _follow(child, number)
     received = b""
     while data := os.read(receiving, 65536):

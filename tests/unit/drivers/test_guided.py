@@ -113,7 +113,7 @@ class Scripted:
         pytest.param(lambda s: min(s, 6.0), 10.0, DeviceTimeoutError, "it is at 6.00 deg", id="freezes on its way"),
         pytest.param(lambda s: 0.0 if s < 2 else 10.0, 10.0, MoveError, "jumped from 0.00 to 10.00", id="jumps"),
         pytest.param(lambda s: 0.0 if s < 2 else math.nan, 10.0, MoveError, "no angle", id="not a number"),
-        pytest.param(lambda s: 0.0 if s < 2 else None, 10.0, DeviceTimeoutError, "told no angle for", id="silent"),
+        pytest.param(lambda s: 0.0 if s < 2 else None, 10.0, DeviceTimeoutError, "reported no angle for", id="silent"),
         pytest.param(lambda s: -min(s, 10.0), 10.0, DeviceTimeoutError, "it is at -10.00", id="turns the other way"),
         pytest.param(lambda s: min(3 * s, 36.0), 35.5, DeviceTimeoutError, "rest there", id="rests out of the range"),
         pytest.param(

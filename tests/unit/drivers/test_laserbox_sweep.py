@@ -97,7 +97,7 @@ def permit(token: str = "s", *, pulses: int = 100, period_s: float = 0.05, expir
 @pytest.mark.parametrize("ahead_us", [0, 2**31 - 1_000_000, 2**30])
 def test_each_pulse_of_a_sweep_has_its_time_on_the_rig_s_clock(ahead_us: int) -> None:
     bench = Bench()
-    # Also where the box's count of microseconds starts anew in mid-sweep.
+    # Also where the box's count of microseconds wraps round in mid-sweep.
     bench.box.faults.clock_step_us = ahead_us
     bench.driver.begin_sweep(permit())
     pulses = bench.turn(3.0)

@@ -7,6 +7,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
+from markerseek.emulators._kdc101_triggers import Edge
 from markerseek.wire import laserbox as wire
 from tests.unit.drivers.laserbox_bench import Bench, pulses_of
 
@@ -58,6 +59,21 @@ def test_a_pulse_comes_at_a_turn_of_the_loop_and_late_ones_do_not_bunch() -> Non
     bench.say(pulses_of(1, pulses=6), wire.Fire(token=1), at_s=0.0)
     bench.say(at_s=0.099)
     assert [round(1e3 * pulse.at_s) for pulse in bench.box.pulses] == [0, 14, 21, 35, 42, 56]
+
+
+def test_each_of_several_edges_that_a_process_that_was_held_up_takes_at_once_has_its_line() -> None:
+    bench = Bench()
+    due = [Edge(at_s=at_s, angle_deg=0.0) for at_s in (0.01, 0.07, 0.13)]
+    bench.box.edges = lambda now_s: [due.pop(0) for _ in due[:]] if now_s > 0 else []
+    permit = wire.PermitEdges(token=1, pulses=10, period_us=50_000, expiry_ms=5000)
+    bench.say(permit, wire.Fire(token=1), at_s=0.0)
+    # The box's own time stood still meanwhile, and its lease with it.
+    told = bench.say(at_s=0.005)
+    assert [(each.number, each.edge, each.photodiode) for each in told if isinstance(each, wire.Stamped)] == [
+        (1, 1, 1),
+        (2, 2, 1),
+        (3, 3, 1),
+    ]
 
 
 def test_the_interlock_ends_a_train_at_once() -> None:

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 
 from markerseek.emulators import laserbox as emulator
 from markerseek.emulators._kdc101_triggers import Edge
-from markerseek.sim import Flash, LaserSettings
+from markerseek.sim import LaserSettings
 from markerseek.wire import laserbox as wire
+from tests.unit.drivers.laserbox_bench import Lit
 
 MAIN = Path(__file__).parents[3] / "firmware" / "laserbox" / "main.py"
 
@@ -33,19 +34,6 @@ FIRMWARE: Any = load()
 FIRMWARE.IDENTITY = wire.EMULATOR  # the one word in which they differ
 
 
-class Dark:
-    angle_deg = 0.0
-
-    def __init__(self) -> None:
-        self.flashes: list[Flash] = []
-
-    def flash(self, *, pulses: int, at_s: float) -> None:
-        self.flashes.append(Flash(at_s=at_s, pulses=pulses, energy=1.0))
-
-    def frame(self, flash: Flash | None, *, header: object) -> Any:
-        raise NotImplementedError
-
-
 class Pair:
     """Firmware and emulator, given the same commands at the same time; a turn of the loop takes so many ms."""
 
@@ -60,7 +48,7 @@ class Pair:
         """Times of the edges at the trigger input."""
         self.taken = 0
         self.emulated = emulator.EmulatedLaserBox(
-            world=Dark(),
+            world=Lit(),
             on_triggers=self.trains.append,
             turn_us=1000 * turn_ms,
             laser=LaserSettings(energy_meter_noise=0.0 if metered else None),

@@ -60,7 +60,7 @@ def test_a_plan_with_a_prior_survives_the_journal(tmp_path: Path) -> None:
         ('{"curve": null}', "it found no marker whose curve it knows"),
         ('{"curve": {"fwhm_deg": -1, "peak": 3}}', "fwhm_deg"),
         ('{"curve": {"fwhm_deg": 5, "peak": 1e999}}', "Number out of range"),
-        ("no JSON", "neither a journal nor the result of a search"),
+        ("no JSON", "the journal of a search or its result as JSON is expected"),
     ],
 )
 def test_a_file_that_says_nothing_of_a_curve_is_refused(tmp_path: Path, text: str, message: str) -> None:

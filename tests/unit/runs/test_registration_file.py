@@ -83,8 +83,11 @@ MIRRORED = [[-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
         ({"davinci_to_trus": SCALED}, "off orthonormal"),
         ({"davinci_to_trus": MIRRORED}, "mirrors space"),
         ({"davinci_to_trus": [[1, 0, 0]] * 4}, "4 rows of 4 numbers"),
-        ({"davinci_to_trus": [[1, 0, 0, None], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}, "no registration as JSON"),
-        ({"fre_m": "small"}, "no registration as JSON"),
+        (
+            {"davinci_to_trus": [[1, 0, 0, None], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
+            "registration as JSON is expected, and this is none",
+        ),
+        ({"fre_m": "small"}, "registration as JSON is expected, and this is none"),
     ],
 )
 def test_what_is_no_accepted_rigid_transform_is_refused(tmp_path: Path, changed: dict[str, Any], said: str) -> None:

@@ -1,4 +1,4 @@
-"""Searches by sweeps in a journal: each pulse is kept, a run killed in mid-sweep sweeps anew, all is recomputed."""
+"""Searches by sweeps in a journal: each pulse is kept, a run killed in mid-sweep sweeps again, all is recomputed."""
 
 from __future__ import annotations
 

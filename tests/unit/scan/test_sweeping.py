@@ -23,6 +23,7 @@ from markerseek.core import (
     LimitError,
     Measured,
     MoveError,
+    NotConnectedError,
     Refused,
     Sample,
     SearchError,
@@ -32,6 +33,7 @@ from markerseek.core import (
 )
 from markerseek.guard import State
 from markerseek.scan import RunLimits
+from markerseek.scan.scanner import _WatchdogHeld
 from markerseek.sim import SimulatedLaser, SimulatedReceiver, SimulatedStage, StageMotion
 from tests.unit.scan.scan_bench import Bench, drain, scanner
 from tests.unit.scan.sweep_bench import (
@@ -427,6 +429,26 @@ def test_a_run_that_is_closed_in_mid_sweep_ends_light_and_motion() -> None:
     assert len(bench.flashes()) == fired
     assert abs(bench.world.angle_deg - at_deg) <= MAX_AHEAD_DEG
     assert bench.scanner.guard.state is State.DISARMED
+
+
+def test_a_supervisor_that_is_gone_in_mid_sweep_is_an_error_once_the_light_has_ended() -> None:
+    bench = SweepBench()
+    dark: list[bool] = []
+
+    class Gone:
+        def hold(self) -> None:
+            pass
+
+        def release(self) -> None:
+            dark.append(bench.laser._sweep is None)
+            raise NotConnectedError("the supervisor is gone")
+
+    bench.scanner._watchdog_held = _WatchdogHeld(Gone())
+    outcomes = bench.scanner.sweep(TO_END, number=1, goes_on=lambda: True)
+    assert isinstance(next(outcomes), Sample)
+    with pytest.raises(NotConnectedError, match="the supervisor is gone"):
+        outcomes.close()
+    assert dark == [True]
 
 
 def test_a_host_that_dies_in_mid_sweep_lets_the_probe_turn_five_degrees_at_most() -> None:

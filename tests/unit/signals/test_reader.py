@@ -7,28 +7,15 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, FrameHeader, ReadingFrame
+from markerseek.core import AcquisitionError, ConfigError, FrameHeader, ReadingFrame
 from markerseek.signals import PRESET_NAMES, ImageReader, ProbePreset, beamformed_sigma, features, probe_preset
 from markerseek.signals._kernel import PAD
 from markerseek.signals.beamform import half_aperture_m, image_grid, path_delay
 from markerseek.signals.filtering import band_pass, band_pass_taps
+from tests.unit.signals.pulse_frames import frame_of, pulse_frame
 
 BPL = probe_preset("BPL9-5/55")
 READER = ImageReader(BPL)
-
-
-def frame_of(samples, hz=40e6):
-    header = FrameHeader(sequence=1, token="t", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
-    return ChannelFrame(header=header, samples=samples, sampling_hz=hz)
-
-
-def pulse_frame(preset, *, lateral_m, depth_m, samples=2080):
-    """A Gaussian wave packet of amplitude 1 in the middle of the band, as every element receives it from one point."""
-    path = np.hypot(preset.array.lateral_m - lateral_m, depth_m)
-    arrival = path / preset.sound_speed_m_s + preset.trigger_offset_s
-    time = np.arange(samples) / preset.sampling_hz - arrival[:, None]
-    width = 1 / (np.pi * (preset.high_hz - preset.low_hz))
-    return np.exp(-((time / width) ** 2) / 2) * np.cos(np.pi * (preset.low_hz + preset.high_hz) * time)
 
 
 def counts(clean, scale=800.0):

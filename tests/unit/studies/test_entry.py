@@ -170,8 +170,9 @@ def test_a_line_that_comes_before_it_is_asked_is_no_reply():
 
 
 def test_a_program_that_is_not_there_is_a_failed_entry():
-    with pytest.raises(entry.EntryError, match="it cannot be started: No such file"):
-        entry.EntryPolicy(("no-such-program",), limits=LIMITS, acquisitions=3, tolerance=Tolerance())
+    made = entry.EntryPolicy(("no-such-program",), limits=LIMITS, acquisitions=3, tolerance=Tolerance())
+    with pytest.raises(entry.EntryError, match="no-such-program: it cannot be started: No such file"):
+        made.ask()
 
 
 def study_of(tier, world, body, *, channels=True):

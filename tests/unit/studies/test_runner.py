@@ -24,7 +24,7 @@ from typing import cast
 import msgspec
 import pytest
 
-from markerseek.core import ConfigError, MissingExtraError, RecordError
+from markerseek.core import ConfigError, MarkerseekError, MissingExtraError, RecordError
 from markerseek.studies import (
     Axis,
     CurveSettings,
@@ -289,6 +289,18 @@ def test_workers_whose_results_nobody_takes_any_more_are_ended_with_their_entrie
     results.close()
     assert time.monotonic() - began_s < 15
     assert not multiprocessing.active_children()
+    wait_for_the_end_of_entries(tmp_path)
+
+
+@pytest.mark.real_time
+def test_entries_end_when_their_worker_is_killed(tmp_path: Path) -> None:
+    """They have sessions of their own, and do not hear the end of their input."""
+    results = one_by_one(study_of_entries(tmp_path))
+    next(results)
+    for worker in multiprocessing.active_children():
+        worker.kill()
+    with pytest.raises(MarkerseekError, match="a worker process was ended from outside"):
+        list(results)
     wait_for_the_end_of_entries(tmp_path)
 
 

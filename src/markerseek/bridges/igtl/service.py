@@ -104,7 +104,7 @@ class SearchService:
             return CommandAnswer(done=False, sentence=str(refusal))
         self._begin()
         self._following = asyncio.create_task(self._follow(child))
-        return CommandAnswer(done=True, sentence="a search has begun; SearchState and PaSearch tell of it")
+        return CommandAnswer(done=True, sentence="a search has begun; SearchState and PaSearch report it")
 
     async def play(self, recording: Recording, *, pace: float) -> None:
         """Send a recording once, with its own timing.

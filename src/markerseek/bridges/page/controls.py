@@ -10,6 +10,7 @@ from nicegui import ui
 
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.settings import REAL_TIME_READOUT_S, SONIXDAQ_READOUT_S, LinkSettings, PageSettings
+from markerseek.bridges.page.state import with_minus
 from markerseek.core import ConfigError
 from markerseek.search import METHODS
 from markerseek.sim import TISSUES
@@ -48,18 +49,18 @@ class SettingsRow:
         self.usable = True
         """Whether a search can have these settings."""
         made: dict[str, Callable[[], object]] = {
-            "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 150),
+            "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 116),
             "acquisitions": lambda: self._number("acquisitions", "acquisitions", 84),
             "tolerance_mm": lambda: self._number("tolerance_mm", "± [mm]", 76),
             "as_published": lambda: self._box(
                 "as_published", "as published", "the paper's form of the method, which always answers"
             ),
             "sweep": lambda: self._box("sweep", "sweep", "turns the probe while the laser fires, one frame a pulse"),
-            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 120),
-            "snr_db": lambda: self._number("snr_db", "SNR [dB]", 78),
-            "seed": lambda: self._number("seed", "seed", 64),
-            "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 142),
-            "pace": lambda: self._select("pace", PACES, "speed", 128),
+            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 106),
+            "snr_db": lambda: self._number("snr_db", "SNR [dB]", 72),
+            "seed": lambda: self._number("seed", "seed", 58),
+            "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 106),
+            "pace": lambda: self._select("pace", PACES, "speed", 112),
         }
         for name in names:
             made[name]()
@@ -113,7 +114,7 @@ class SettingsRow:
 
     def _say(self, problem: str, *, usable: bool = True) -> None:
         self.usable = usable
-        self._problem.set_text(problem)
+        self._problem.set_text(with_minus(problem))
         self._problem.set_visibility(bool(problem))
 
 
@@ -127,7 +128,7 @@ class SearchControls:
             self._start = start_button("Start").mark("start")
             self._pause = ui.button("Pause", icon="pause").props("dense outline padding='6px 10px'").mark("pause")
             # As wide as its longer text, so that the row stays one.
-            self._pause.style("min-width: 104px")
+            self._pause.style("min-width: 98px")
             names = (*METHOD_FIELDS, "sweep") + (RIG_FIELDS if self._searches.rig.simulated else ())
             self._row = SettingsRow(settings, names, problems=problems, on_change=hold_in_link("/"))
         frame.on_click(self._start, lambda: self._searches.start(self._row.settings, asked_by=frame.viewer))
@@ -151,7 +152,7 @@ class SearchControls:
 
 def start_button(text: str, *, icon: str = "play_arrow") -> ui.button:
     """The button of a page that is pressed first."""
-    return ui.button(text, icon=icon, color=None).props("dense padding='6px 14px'").classes("ms-go")
+    return ui.button(text, icon=icon, color=None).props("dense padding='6px 10px'").classes("ms-go")
 
 
 def hold_in_link(path: str) -> Callable[[PageSettings], None]:

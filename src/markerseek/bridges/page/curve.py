@@ -15,6 +15,9 @@ from markerseek.core import AngleBelief, Interval
 BLUE, SKY, ORANGE, GREEN, GREY = "#2a88c8", "#56b4e9", "#d55e00", "#009e73", "#8a8f98"
 """Colours that the colour-blind can tell apart, after Okabe and Ito: samples, density, answer, truth, the rest."""
 
+RACERS = (BLUE, "#a8559b")
+"""Colours of the two in a race: orange is the answer's."""
+
 
 _WITH_MINUS = "value => String(value).replace('-', '\u2212')"
 """Text of a number at an axis, as a function of the browser."""
@@ -30,7 +33,7 @@ def curve_options(
     belief = snapshot.belief
     return {
         "animation": False,
-        "grid": {"left": 64, "right": 54, "top": 58, "bottom": 38},
+        "grid": {"left": 64, "right": 54, "top": 62, "bottom": 38},
         "tooltip": {"trigger": "item"},
         # Two long lists: a list for each of 400 pairs would take twice as long to be sent.
         "dataset": {"source": _density(belief)},
@@ -71,7 +74,8 @@ def curve_options(
                 "name": "acquisitions",
                 "type": "scatter",
                 "symbolSize": 9,
-                "itemStyle": {"color": BLUE},
+                # Else of ECharts, also for their numbers: 0.8.
+                "itemStyle": {"color": BLUE, "opacity": 1},
                 "label": {"show": True, "position": "top", "fontSize": 12, "formatter": "{@[2]}"},
                 "labelLayout": {"hideOverlap": True},
                 "data": [_dot(point, snapshot) for point in snapshot.points],
@@ -137,15 +141,15 @@ def _lines(snapshot: Snapshot, known: tuple[str, float] | None) -> dict[str, Any
     if angle_deg is not None:
         lines.append(_line(angle_deg, f"{angle_deg:.2f}°", ORANGE, "solid"))
     lines += [
-        _line(other_deg, f"{other_deg:.2f}°?", GREY, "dashed", above_px=22) for other_deg in other_angles_deg(snapshot)
+        _line(other_deg, f"{other_deg:.2f}°?", GREY, "dashed", above_px=26) for other_deg in other_angles_deg(snapshot)
     ]
     if known is not None:
         # Each kind has a row of its own: the angles are near to one another.
-        lines.append(_line(known[1], f"{known[0]} {known[1]:.2f}°", GREEN, "dotted", above_px=37))
+        lines.append(_line(known[1], f"{known[0]} {known[1]:.2f}°", GREEN, "dotted", above_px=41))
     return {"silent": True, "symbol": "none", "data": lines}
 
 
-def _line(angle_deg: float, text: str, colour: str, kind: str, *, above_px: int = 8) -> dict[str, Any]:
+def _line(angle_deg: float, text: str, colour: str, kind: str, *, above_px: int = 12) -> dict[str, Any]:
     return {
         "xAxis": angle_deg,
         "lineStyle": {"color": colour, "type": kind, "width": 2},
@@ -189,6 +193,6 @@ def race_options(runs: Mapping[str, Sequence[Snapshot]], limits: Interval) -> di
                     if each.probe_deg is not None and each.target_deg is None
                 ],
             }
-            for (name, snapshots), colour in zip(runs.items(), (BLUE, ORANGE), strict=False)
+            for (name, snapshots), colour in zip(runs.items(), RACERS, strict=False)
         ],
     }

@@ -69,7 +69,7 @@ class Image(ui.element, component="static/image.js"):
 
 
 class Heartbeat(ui.element, component="static/beat.js"):
-    """Tells the browser that the program lives; where no beat comes for a second, the page says so."""
+    """Reports to the browser that the program lives; where no beat comes for a second, the page says so."""
 
     def __init__(self, beat: int) -> None:
         super().__init__()

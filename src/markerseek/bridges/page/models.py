@@ -119,9 +119,11 @@ def background_model(picture: Picture | None) -> dict[str, Any]:
     return {} if picture is None or picture.b_mode is None else asdict(picture.b_mode)
 
 
-def image_title(picture: Picture | None) -> str:
-    """Of which angle the image is."""
-    return "photoacoustic image" if picture is None else with_minus(f"image of {picture.angle_deg:.2f}°")
+def image_title(picture: Picture | None, *, elsewhere: bool) -> str:
+    """Of which angle the image is, and whether the probe is elsewhere by now."""
+    if picture is None:
+        return "photoacoustic image"
+    return with_minus(f"{'last image:' if elsewhere else 'image of'} {picture.angle_deg:.2f}°")
 
 
 def image_note(picture: Picture | None, *, simulated: bool) -> str:

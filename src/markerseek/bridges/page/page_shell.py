@@ -30,7 +30,7 @@ switches commands off, and one for the way."""
 _BANNERS: dict[RigKind, str] = {
     "simulated": "SIMULATED: no hardware is involved",
     "replayed": "REPLAYED: recorded data; nothing moves and nothing is fired",
-    "bench": "A RIG OF DEVICES: it is armed in the terminal where the page was started, never here",
+    "bench": "A RIG OF DEVICES: armed only in the terminal of the page",
 }
 
 _STYLE = (Path(__file__).parent / "static" / "page.css").read_text(encoding="utf-8")

@@ -158,7 +158,7 @@ class Panels:
         with ui.element("div").classes("ms-panels"):
             with panel("probe, from its end", "fan"):
                 self.fan = FanPanel(search)
-            with panel("intensity and probability over the angle; dashed: noise floor", "curve"):
+            with panel("intensity and probability; dashed: noise floor", "curve"):
                 self._curve = CurvePanel(search)
             with panel("photoacoustic image", "image") as title:
                 self._image_title = title
@@ -178,7 +178,7 @@ class Panels:
         self.fan.clear()
         self._curve.clear()
         self._image.show(image_model(None, floor=None), {})
-        self._image_title.set_text(image_title(None))
+        self._image_title.set_text(image_title(None, elsewhere=False))
         self._image_note.set_text("")
         self._rows.clear()
         self._table.clear()
@@ -204,7 +204,7 @@ class Panels:
             return
         self._image_key = key
         self._image.show(image_model(picture, floor=snapshot.floor_level, imaged=run.imaged), background_model(picture))
-        self._image_title.set_text(image_title(picture))
+        self._image_title.set_text(image_title(picture, elsewhere=elsewhere))
         self._image_title.classes(replace="ms-title" if picture is None else "ms-image-title")
         self._image_title.classes(add="ms-elsewhere" if elsewhere else "")
         self._image_note.set_text(image_note(picture, simulated=snapshot.rig == "simulated"))

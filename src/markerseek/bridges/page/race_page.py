@@ -14,9 +14,10 @@ from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.panels import CurvePanel, FanPanel, VerdictPanel, panel
 from markerseek.bridges.page.run_history import RunHistory
+from markerseek.bridges.page.search_page import verdict_before
 from markerseek.bridges.page.settings import LinkSettings, PageSettings
 from markerseek.bridges.page.state import Snapshot
-from markerseek.bridges.page.verdict import Verdict, verdict_of
+from markerseek.bridges.page.verdict import verdict_of
 from markerseek.core import Interval
 
 RACERS = ("posterior", "ternary")
@@ -50,7 +51,7 @@ class Lane:
         if live.run is None:
             self._fan.clear()
             self._curve.clear()
-            self._verdict.show(Verdict(reason=live.message or live.status))
+            self._verdict.show(verdict_before(live, next_step=""))
             return
         snapshot = live.run.snapshots[-1]
         self._fan.show(live.run, snapshot, reveal=reveal)

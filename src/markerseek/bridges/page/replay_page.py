@@ -17,7 +17,7 @@ from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.panels import VerdictPanel
 from markerseek.bridges.page.results import ResultRow
 from markerseek.bridges.page.run_history import RunHistory, watched_journal
-from markerseek.bridges.page.search_page import status_text
+from markerseek.bridges.page.search_page import status_text, verdict_before
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.state import with_minus
 from markerseek.bridges.page.timeline import RunView
@@ -45,7 +45,7 @@ class ReplayPage:
             self._recordings = searches.recordings()
         except (MarkerseekError, OSError) as problem:
             self._message = str(problem)
-        verdict = VerdictPanel()
+        self._verdict = VerdictPanel()
         with ui.element("div").classes("ms-controls"):
             names = {name: name for name in self._recordings}
             self._chosen = ui.select(names, label="recording", with_input=True, on_change=self._choose)
@@ -55,7 +55,7 @@ class ReplayPage:
                 search = start_button("Search it")
         self._methods.visible = False
         self._frame.on_click(search, self._search_bank)
-        self._view = RunView(searches.rig.search, verdict, playable=True)
+        self._view = RunView(searches.rig.search, self._verdict, playable=True)
         self._show_nothing()
         self._results = ResultRow()
         if recording in self._recordings:
@@ -110,9 +110,14 @@ class ReplayPage:
             self._run = self._live.run
             self._message = status_text(self._live)
             self._answer = None if self._live.outcome is None else self._live.outcome.answer
-        self._frame.show_status(self._message, alarms=self._live is not None and self._live.failed)
+        waits = self._run is None and self._live is None
+        self._frame.show_status(
+            "ready" if waits else self._message, alarms=self._live is not None and self._live.failed
+        )
         self._results.show(self._answer, self._journal)
-        if self._run is not None:
+        if self._run is None:
+            self._verdict.show(verdict_before(self._live, next_step=self._message if waits else ""))
+        else:
             facts = self._run.configuration.facts
             # Nothing moves here, also where the recording is one of devices.
             self._frame.show_kind("simulated" if facts.kind == "simulated" else "replayed", emulated=facts.emulated)

@@ -95,7 +95,7 @@ class RunHistory:
         known = [each for each in self.snapshots[1:newest] if each.phase not in passing or each is snapshot]
         # The clock of a recording that is searched again does not run.
         replayed = self.configuration.facts.kind == "replayed"
-        return [each.line if replayed else f"{each.elapsed_s:7.1f} s  {each.line}" for each in reversed(known[-most:])]
+        return [each.line if replayed else f"{each.elapsed_s:6.1f} s  {each.line}" for each in reversed(known[-most:])]
 
     @property
     def known_name(self) -> str:

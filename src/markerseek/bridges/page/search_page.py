@@ -10,7 +10,7 @@ from markerseek.bridges.page.panels import VerdictPanel
 from markerseek.bridges.page.results import ResultRow
 from markerseek.bridges.page.settings import LinkSettings
 from markerseek.bridges.page.timeline import RunView
-from markerseek.bridges.page.verdict import verdict_of
+from markerseek.bridges.page.verdict import Verdict, verdict_of
 
 
 def build_search_page(searches: PageSearches, link: LinkSettings) -> None:
@@ -34,10 +34,9 @@ def build_search_page(searches: PageSearches, link: LinkSettings) -> None:
         results.show(None if outcome is None else outcome.answer, None if live is None else live.journal)
         elsewhere = searches.busy and not searches.searching
         status = "a race, or the search of a recording, runs" if elsewhere else None
-        frame.show_status(
-            status or status_text(live, simulated=searches.rig.simulated), alarms=live is not None and live.failed
-        )
+        frame.show_status(status or status_text(live), alarms=live is not None and live.failed)
         if live is None or live.run is None:
+            verdict.show(verdict_before(live, next_step=next_step_text(searches)))
             return
         run = live.run
         frame.show_kind(run.configuration.facts.kind, emulated=run.configuration.facts.emulated)
@@ -47,28 +46,45 @@ def build_search_page(searches: PageSearches, link: LinkSettings) -> None:
 
 
 def next_step_text(searches: PageSearches) -> str:
-    """What a person can do after a search that was stopped or ended by a fault; empty while anything runs."""
+    """What a person can do next: before a search, or after one that was stopped or ended by a fault.
+
+    Empty while anything runs, but for devices that a person must arm.
+    """
+    live = searches.search
     if searches.busy:
-        return ""
+        asks = not searches.rig.simulated and live is not None and live.status == "starting"
+        return "answer in the terminal where the page was started" if asks else ""
+    if live is None:
+        return "press Start"
     if searches.paused:
         return "Go on continues it; Start begins a new search"
-    if searches.rig.simulated:
+    if searches.rig.simulated or live.run is None:
         return "Start begins a new search"
-    return "Start begins a new search; markerseek resume, in the terminal, goes on with this one"
+    # As the terminal says it: a fault that the journal holds is reset by a person who has looked at the rig.
+    is_fault = live.run.snapshots[-1].phase == "fault"
+    resume = "once the fault is repaired, markerseek resume --reset-fault" if is_fault else "markerseek resume"
+    return f"Start begins a new search; {resume}, in the terminal, goes on with this one"
 
 
-def status_text(live: ChildSearch | None, *, simulated: bool = True) -> str:
-    """One line on a search; of one on devices that starts, who is asked what."""
+def verdict_before(live: ChildSearch | None, *, next_step: str) -> Verdict:
+    """The verdict of a search that has not begun, or ended before its first event."""
     if live is None:
-        return "ready: press Start"
+        return Verdict(next_step=next_step)
+    if live.status != "ended":
+        return Verdict(word=live.status.upper(), kind="busy", next_step=next_step)
+    if live.failed:
+        return Verdict(word="FAULT", kind="fault", problem=live.message, next_step=next_step)
+    word, _, reason = live.message.partition(": ")
+    return Verdict(word=word.upper(), kind="stopped", reason=reason, next_step=next_step)
+
+
+def status_text(live: ChildSearch | None) -> str:
+    """One line on a search; what the verdict says in large letters is not said twice."""
+    if live is None:
+        return "ready"
     if live.status == "ended":
-        if live.run is not None:
-            verdict = verdict_of(live.run.snapshots[-1])
-            # What the verdict says in large letters is not said twice.
-            return f"{verdict.line}: {live.message}" if live.failed and not verdict.problem else verdict.line
-        return f"fault: {live.message}" if live.failed else live.message
-    if live.status == "starting" and not simulated:
-        return "starting: the terminal where the page was started asks whether to arm"
+        verdict = verdict_before(live, next_step="") if live.run is None else verdict_of(live.run.snapshots[-1])
+        return f"{verdict.line}: {live.message}" if live.failed and not verdict.problem else verdict.line
     if live.status == "running" and live.run is not None:
         snapshot = live.run.snapshots[-1]
         return snapshot.line if snapshot.phase == "turning" else snapshot.phase

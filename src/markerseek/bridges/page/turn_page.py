@@ -185,7 +185,9 @@ class TurnPage:
         snapshot = self._start if self._turn is None else self._turn.run.snapshots[-1]
         self._frame.show_status("a scene of its own: nothing is sent to a rig")
         if self._turn is not None:
-            self._panels.show(self._turn.run, snapshot, reveal=self._score is not None)
+            # The image is that of the angle that is aimed at, where it has been measured.
+            shown = snapshot if self._score is not None else replace(snapshot, probe_deg=aim_deg)
+            self._panels.show(self._turn.run, shown, reveal=self._score is not None)
         if self._score is None:
             self._panels.fan.aim(snapshot, aim_deg)
 
@@ -202,7 +204,7 @@ def build_turn_page(searches: PageSearches) -> None:
 
 def aim_verdict(aim_deg: float) -> Verdict:
     """Where a person will turn the probe."""
-    return Verdict(word="YOUR TURN", kind="busy", lead="turn to", angle=with_minus(f"{aim_deg:+.1f}°"), reason=HELP)
+    return Verdict(word="YOUR TURN", kind="busy", lead="turn to", angle=with_minus(f"{aim_deg:z.1f}°"), reason=HELP)
 
 
 def score_verdict(score: Score) -> Verdict:

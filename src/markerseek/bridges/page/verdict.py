@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 
 from markerseek.bridges.page.state import Snapshot, angles_text, with_minus
 from markerseek.core import Ambiguous, AngleBelief, Found, Unsure
-from markerseek.records import answer_name
+from markerseek.records import answer_name, answer_reason
 
 Kind: TypeAlias = Literal["idle", "busy", "found", "unsure", "nothing", "stopped", "fault"]
 """Kind of a verdict: its colour."""
@@ -25,7 +25,7 @@ class Verdict:
     kind: Kind = "idle"
     """``word`` and ``kind``: the word of the badge, and its colour."""
     lead: str = ""
-    angle: str = "–"
+    angle: str = ""
     sigma: str = ""
     """``lead``, ``angle`` and ``sigma``: what the angle is where it is not claimed, the angle, and its standard
     deviation."""
@@ -37,7 +37,7 @@ class Verdict:
     reason: str = ""
     """Why it is so, in one sentence; at a fault what laser and stage did."""
     next_step: str = ""
-    """What a person can do next, after a run that was stopped or ended by a fault."""
+    """What a person can do next while nothing runs, and where a person must arm the rig."""
 
     @property
     def line(self) -> str:
@@ -55,10 +55,12 @@ def verdict_of(snapshot: Snapshot, *, next_step: str = "") -> Verdict:
     belief = snapshot.belief
     if snapshot.asked_deg is not None:
         angle = with_minus(f"{snapshot.asked_deg:.1f}°")
-        return Verdict(word="TURN", kind=kind, lead="turn the probe to", angle=angle, reason=snapshot.line)
+        # The line begins with what stands beside it in large letters.
+        read = snapshot.line.partition(": ")[2]
+        return Verdict(word="TURN", kind=kind, lead="turn the probe to", angle=angle, reason=read)
     problem, next_step = snapshot.problem, next_step if kind in {"stopped", "fault"} else ""
     if belief is None:
-        angle = "" if snapshot.over else "–"
+        angle = "" if snapshot.over or kind == "idle" else "–"
         return Verdict(
             word=word, kind=kind, angle=angle, problem=problem, reason=_reason(snapshot), next_step=next_step
         )
@@ -71,7 +73,8 @@ def verdict_of(snapshot: Snapshot, *, next_step: str = "") -> Verdict:
         lead=_lead(snapshot, belief),
         angle=angle if waits else "",
         sigma=sigma_text(belief),
-        interval=interval_text(belief),
+        # At a fault what went wrong counts; the interval so far is in the chart.
+        interval="" if kind == "fault" else interval_text(belief),
         turn=turn_text(snapshot) if kind == "found" else "",
         problem=problem,
         reason=with_minus(_reason(snapshot)),
@@ -114,7 +117,7 @@ def _reason(snapshot: Snapshot) -> str:
         return "the paper's form of a method always answers, also where there is no marker"
     if snapshot.phase != "finished":
         return f"so far {answer_name(belief.estimate)}"
-    return getattr(belief.estimate, "reason", None) or ""
+    return answer_reason(belief.estimate) or ""
 
 
 def angle_text(belief: AngleBelief) -> str:
@@ -125,9 +128,12 @@ def angle_text(belief: AngleBelief) -> str:
 
 
 def sigma_text(belief: AngleBelief) -> str:
-    """Its standard deviation with two significant digits; empty where the answer has none."""
+    """Its standard deviation with two significant digits; empty where the answer has none, or names several angles."""
     sigma_deg = belief.sigma_deg
-    return "" if sigma_deg is None else f" ± {sigma_deg:.{digits_of(sigma_deg)}f}°"
+    # That of an ambiguous answer is of one of its sources, and would be read as that of the last angle.
+    if sigma_deg is None or isinstance(belief.estimate, Ambiguous):
+        return ""
+    return f" ± {sigma_deg:.{digits_of(sigma_deg)}f}°"
 
 
 def digits_of(sigma_deg: float) -> int:
@@ -138,7 +144,8 @@ def digits_of(sigma_deg: float) -> int:
 
 def interval_text(belief: AngleBelief) -> str:
     """The 95 % interval of an angle, and how far it reaches from it at the marker, where that is known."""
-    if belief.interval95_deg is None or belief.sigma_deg is None:
+    # Of one source only where an answer names several.
+    if belief.interval95_deg is None or belief.sigma_deg is None or isinstance(belief.estimate, Ambiguous):
         return ""
     low, high = (f"{end_deg:z.{digits_of(belief.sigma_deg)}f}°" for end_deg in belief.interval95_deg)
     estimate = belief.estimate

@@ -80,7 +80,7 @@ class SampleTopics:
             images=images,
             face_radius_m=self._face_radius_m,
         )
-        # A stage node tells itself how the probe is turned: then only the places of the images are left.
+        # A stage node publishes itself how the probe is turned: then only the places of the images are left.
         publish_frames(node, topics.FRAMES, turned if self._publishes_angle else turned[1:])
         if b_mode is not None:
             node.publish(topics.BMODE, messages.b_mode(kinds, b_mode, time_s=time_s))

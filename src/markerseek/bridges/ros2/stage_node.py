@@ -38,7 +38,7 @@ class PlainTopics:
 
 @runtime_checkable
 class _SeenOnItsWay(Protocol):
-    """A stage that tells where it is while it turns, from what its driver reads anyway: it has one reader."""
+    """A stage that reports where it is while it turns, from what its driver reads anyway: it has one reader."""
 
     @property
     def seen_deg(self) -> float:
@@ -239,7 +239,7 @@ class StageNode(Served):
         super()._fail(error)
         self._say(topics.ERROR, self._guard.fault or "")
 
-    # What it tells.
+    # What it publishes.
 
     def _publish_angle(self) -> None:
         """Publish the angle read back, and that the stage is idle, with one stamp."""

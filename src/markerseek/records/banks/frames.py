@@ -181,7 +181,7 @@ def scale_of(path: Path, arrays: Iterable[np.ndarray]) -> float:
     scale = SCALED_TO / largest
     warnings.warn(
         f"{path}: {' and '.join(sorted(kinds))} is scaled by {scale:.4g}, its largest number to {SCALED_TO:g} counts; "
-        "saturation cannot be told from it",
+        "saturation cannot be seen in it",
         stacklevel=3,
     )
     return scale

@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from markerseek.core import MAX_INTENSITY, ConfigError, Float64, RecordError
-from markerseek.files import MIB, CsvRows, csv_rows, new_file, quoted, read_input, replace_file
+from markerseek.files import MIB, CsvRows, csv_rows, new_file, quoted, replace_file
 from markerseek.records.banks.bank import MIN_STEP_DEG, IntensityBank, require_angles
 from markerseek.records.untrusted_arrays import ARRAY_SUFFIXES
 
@@ -102,15 +102,12 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
             f"{path}: a scan that NumPy or MATLAB saved becomes a bank by "
             f"'markerseek bank import {quoted(path)} scan.hdf5'"
         )
-    try:
-        rows = csv_rows(path, read_input(path, most_bytes=_LARGEST_BYTES))
-    except (OSError, UnicodeDecodeError, csv.Error) as problem:
-        # Those of the codec and of csv speak of bytes and quotes.
-        why = f"cannot be read ({problem})" if isinstance(problem, OSError) else "is no text with rows and columns"
-        raise RecordError(
-            f"{path}: it {why}; a bank is a CSV of {','.join(COLUMNS)}, an IPASC HDF5 file (.hdf5, .h5), or a folder "
-            "with one frame per angle"
-        ) from problem
+    rows = csv_rows(
+        path,
+        most_bytes=_LARGEST_BYTES,
+        what="a bank",
+        cure=f"give a CSV of {','.join(COLUMNS)}, an IPASC HDF5 file (.hdf5, .h5), or a folder of frames",
+    )
     columns = _columns(path, rows, table)
     angle_name = rows.names[columns[0]] if rows.names else ""
     cells = {line: [_cell(path, rows, line, column, table) for column in columns] for line in rows.cells}
@@ -127,8 +124,6 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
 def _columns(path: Path, rows: CsvRows, table: TableFormat) -> tuple[int, int]:
     """Indices of the columns of angle and intensity."""
     names = rows.names
-    if not rows.width and not names:
-        raise RecordError(f"{path}: it is empty; a row for each angle is needed, under angle_deg,intensity")
     if table.columns is not None:
         first, second = (_column_index(path, rows, column) for column in table.columns)
         return first, second

@@ -1,4 +1,4 @@
-"""What a search believes of the marker's angle, for a picture of it: probabilities, and what each angle would tell."""
+"""What a search believes of the marker's angle, for a picture of it: probabilities, and the gain of each angle."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ class Candidate:
 
     @property
     def has_positions(self) -> bool:
-        """Whether its samples tell places apart."""
+        """Whether its samples have positions in the image."""
         return all(sample.reading.local_maxima is not None for sample in self.samples)
 
     @property

@@ -2,7 +2,7 @@
 
 A curve rises to its top and falls again. Where samples on both sides of another are stronger by more than noise and the
 laser's energy explain, there are two curves, and the samples are divided at the dip into those of either. Only a source
-in the near field of an element has a dip of its own, a quarter deep at most (2): in a frame, which tells places apart,
+in the near field of an element has a dip of its own, a quarter deep at most (2): in a frame, which resolves places,
 a dip must be deeper than that. In a file of intensities either is possible, and the answer is `Ambiguous`.
 
 A dip shows only if it was measured: `top_deg` and `gap_angle_deg` name the angles at which that is still to be done, in

@@ -153,8 +153,8 @@ def most_informative_deg(
     ``measured_deg``: angles reached so far, the last one last. ``by_hand``: how a person turns the probe.
     """
     candidates, sigma_deg = expected_sigmas_deg(posterior, shapes, limits=limits, floor=floor)
-    # What a sample gains over one that tells least, for its cost. Their product would stay forever where a sample
-    # tells nothing and needs no travel.
+    # What a sample gains over the least informative one, for its cost. Their product would stay forever where a sample
+    # gives no information and needs no travel.
     gain = np.log(sigma_deg.max() / sigma_deg)
     if gain.max() < MIN_GAIN and posterior.strong_deg.size:
         return _evenly_deg(posterior, limits=limits)

@@ -21,13 +21,12 @@ from markerseek.core import (
     Tolerance,
     Unsure,
 )
-from markerseek.search.evidence import UNKNOWN_RATIO
-from markerseek.search.floor import SearchNoise, noise_of
 from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
-from markerseek.search.posterior.answer import SearchState, answer_of, ranked, rivals_of, unresolved_rival
+from markerseek.search.posterior.analysis import Analysis
+from markerseek.search.posterior.answer import SearchState, answer_of, rivals_of
 from markerseek.search.posterior.belief import Belief, belief_of
-from markerseek.search.posterior.candidates import BESIDE_DEG, MAX_OTHERS, Candidate, Candidates, SourceSamples
-from markerseek.search.posterior.humps import asymmetric_sample, gap_angle_deg, top_deg
+from markerseek.search.posterior.candidates import BESIDE_DEG, Candidate, Candidates
+from markerseek.search.posterior.humps import top_deg
 from markerseek.search.posterior.loading import loaded_family
 from markerseek.search.posterior.next_angle import (
     PLAN,
@@ -37,12 +36,7 @@ from markerseek.search.posterior.next_angle import (
     planned_deg,
     step_near_deg,
 )
-from markerseek.search.posterior.predictive import (
-    DOUBT_SIGMAS,
-    discrepant_sample,
-    predictive_check,
-    weaker_than_predicted,
-)
+from markerseek.search.posterior.predictive import weaker_than_predicted
 from markerseek.search.posterior.survey import (
     STATED,
     SURE,
@@ -51,7 +45,6 @@ from markerseek.search.posterior.survey import (
     WORTH,
     Survey,
     hidden_probability,
-    survey_of,
 )
 from markerseek.search.tolerance import KNOWN_SIGMA_DEG, marker_radius_m
 
@@ -69,9 +62,6 @@ SURVEY_RESERVE = 6
 
 OFTEN = 8
 """Samples of a source after which a few more do not make a difference."""
-
-PARTICLES, UNDETECTED_PARTICLES = 48, 4000
-"""Markers that are drawn from the posterior to choose the next angle: once one is detected, and before."""
 
 TOLERATED_SIGMAS = 3.0
 """Standard deviations of the centre that the tolerance must hold before a search ends: with them its 95 % interval, at
@@ -174,10 +164,7 @@ class Posterior(SearchPolicy):
         self._range_swept = False
         self._confirmation_taken = False
         self._confirmation_failure: str | None = None
-        self._cached_noise: SearchNoise | None = None
-        self._cached_groups: list[SourceSamples] = []
-        self._cached_first: Candidate | None = None
-        self._cached: SearchState | None = None
+        self._cached: Analysis | None = None
 
     def tell(self, sample: Sample) -> None:
         """Take one sample: a dark one for the noise floor, one with the laser on for the posterior.
@@ -194,7 +181,7 @@ class Posterior(SearchPolicy):
             if self._left_deg is not None and asked_deg is not None:
                 self._left_deg.remove(asked_deg)
             self._confirmation_taken, self._confirmation_failure = False, None
-        self._cached_noise = self._cached_first = self._cached = None
+        self._cached = None
 
     def tell_swept(self, sample: Sample) -> None:
         """Take one sample of a sweep, which was not asked for by its angle and does not count as an acquisition.
@@ -207,7 +194,12 @@ class Posterior(SearchPolicy):
         check_sample(sample)
         self._lit.append(sample)
         self._confirmation_taken, self._confirmation_failure = False, None
-        self._next = self._cached_noise = self._cached_first = self._cached = None
+        self._next = self._cached = None
+
+    @property
+    def single(self) -> bool:
+        """Whether it takes for granted that there is one source at most."""
+        return self._single
 
     def state_swept(self) -> None:
         """Take for granted from now on that sweeps have surveyed the range, as far as single pulses can."""
@@ -228,11 +220,10 @@ class Posterior(SearchPolicy):
         check_sample(sample)
         if not isinstance(self.estimate(), Found):
             raise SearchError("posterior: nothing is found that a sample could confirm; tell it as any other")
-        first = self._first()
+        first = self._analysis.first
         self._confirmation_taken, self._confirmation_failure = True, weaker_than_predicted(first, sample, self._shapes)
         self._lit.append(sample)
-        self._next = None
-        self._cached_noise = self._cached_first = self._cached = None
+        self._next = self._cached = None
 
     def estimate(self) -> Estimate:
         """Answer as far as the samples prove it; `NotFound` before the first."""
@@ -240,7 +231,7 @@ class Posterior(SearchPolicy):
             return NotFound(mean_deg=self._limits.centre_deg, reason="nothing has been measured yet")
         return answer_of(
             self._lit,
-            self._state(),
+            self._analysis.state,
             limits=self._limits,
             others=self._others,
             spent=self._range_swept or self._asked >= min(self._budget, SURVEY_UNTIL),
@@ -254,17 +245,17 @@ class Posterior(SearchPolicy):
         """What is believed of the marker's angle, for a picture of it; None before the first sample."""
         if not self._lit:
             return None
-        source = self._state().sources[0]
+        source = self._analysis.state.sources[0]
         return belief_of(
-            source.posterior, self._shapes, limits=self._limits, floor=FLOOR_SNR, detected=self._detected()
+            source.posterior, self._shapes, limits=self._limits, floor=FLOOR_SNR, detected=self._analysis.detected
         )
 
     @property
     def progress(self) -> Progress | None:
         """How well the strongest source is known; None before one is detected."""
-        if not self._lit or not self._detected():
+        if not self._lit or not self._analysis.detected:
             return None
-        first = self._first()
+        first = self._analysis.first
         if first.missing is not None:
             return None
         return Progress(
@@ -274,49 +265,19 @@ class Posterior(SearchPolicy):
             target_deg=self._needed_sigma_deg(first),
         )
 
-    def _noise(self) -> SearchNoise:
-        if self._cached_noise is None:
-            self._cached_noise = noise_of(self._lit, dark=self._dark)
-        return self._cached_noise
-
-    def _first(self) -> Candidate:
-        """The source of the strongest arrival."""
-        if self._cached_first is None:
-            self._cached_groups = self._candidates.groups(self._lit, self._noise())
-            self._cached_first = self._candidates.first(
-                self._cached_groups,
+    @property
+    def _analysis(self) -> Analysis:
+        """What the samples say so far."""
+        if self._cached is None:
+            self._cached = Analysis(
                 self._lit,
                 self._dark,
-                self._noise(),
-                particles=PARTICLES if self._detected() else UNDETECTED_PARTICLES,
-            )
-        return self._cached_first
-
-    def _state(self) -> SearchState:
-        if self._cached is None:
-            first, noise = self._first(), self._noise()
-            sources = [first]
-            if self._detected():
-                others = self._candidates.others(
-                    first, self._cached_groups, self._dark, noise, particles=PARTICLES, most=MAX_OTHERS
-                )
-                sources = ranked([first, *others])
-            measured_deg = self._measured_deg()
-            rival = None if self._single else unresolved_rival(sources, measured_deg, limits=self._limits)
-            self._cached = SearchState(
-                noise=noise,
-                sources=sources,
-                survey=self._survey(sources[0], noise),
-                misfit=predictive_check(sources[0], self._shapes),
-                unresolved_rival=rival,
+                candidates=self._candidates,
+                shapes=self._shapes,
+                limits=self._limits,
+                single=self._single,
             )
         return self._cached
-
-    def _survey(self, source: Candidate, noise: SearchNoise) -> Survey | None:
-        """What may still hide beside a source."""
-        if source.missing is not None or self._single:
-            return None
-        return survey_of(source, self._shapes, self._lit, noise, limits=self._limits)
 
     def _next_deg(self) -> float | None:
         wanted_deg = self._wanted_deg()
@@ -333,9 +294,9 @@ class Posterior(SearchPolicy):
         """Next angle in degrees, whether it can be measured or not; None at the end."""
         if self._asked >= self._budget:
             return None
-        if not self._lit or not self._detected():
+        if not self._lit or not self._analysis.detected:
             return self._detection_deg()
-        first = self._first()
+        first = self._analysis.first
         if len(self._lit) < MIN_ACQUISITIONS or self._comes_first(first):
             return self._informative_deg(first)
         return self._remaining_deg()
@@ -349,7 +310,7 @@ class Posterior(SearchPolicy):
 
     def _remaining_deg(self) -> float | None:
         """Next angle once the strongest source is known, in degrees; None if the search is done."""
-        state = self._state()
+        state = self._analysis.state
         first = state.sources[0]
         target_deg = self._needed_sigma_deg(first)
         imprecise = first.posterior.centre_sigma_deg > target_deg
@@ -374,10 +335,10 @@ class Posterior(SearchPolicy):
 
     def _other_source_deg(self, state: SearchState, *, imprecise: bool) -> float | None:
         """Next angle to look for another source, in degrees; None if none is left."""
-        first, measured_deg = state.sources[0], self._measured_deg()
+        first, measured_deg = state.sources[0], self._analysis.measured_deg
         if state.unresolved_rival is not None:
             return self._another_look_deg(*state.unresolved_rival)
-        doubtful_deg = self._doubtful_deg(first)
+        doubtful_deg = self._analysis.doubtful_deg(first)
         # Another source comes before more precision, for it may be the marker. The survey comes after it, for the
         # amplitude and width that it assumes are known better then.
         if doubtful_deg is not None or (imprecise and self._budget - self._asked > SURVEY_RESERVE):
@@ -386,7 +347,7 @@ class Posterior(SearchPolicy):
             return state.survey.next_deg
         if first.has_positions:
             return None
-        # Intensities alone do not tell two sources apart that are near one another.
+        # Intensities alone do not resolve two sources that are near one another.
         wanted_deg = top_deg(first.posterior, measured_deg)
         return wanted_deg if wanted_deg is not None and wanted_deg in self._limits else None
 
@@ -400,28 +361,10 @@ class Posterior(SearchPolicy):
         # A confirmation changes the amplitude by a little; it does not begin the survey again.
         return not self._confirmation_taken and self._others * survey.gain > WORTH
 
-    def _doubtful_deg(self, source: Candidate) -> float | None:
-        """Next angle to test the curve of a source, in degrees; None if none is left."""
-        measured_deg = self._measured_deg()
-        centre_deg = source.posterior.mean_deg
-        doubtful = discrepant_sample(source, self._shapes, sigmas=DOUBT_SIGMAS)
-        if doubtful is not None:
-            # Between a second hump and the first lies a dip.
-            between_deg = (doubtful.angle_deg + centre_deg) / 2
-            if between_deg in self._limits and min(abs(each - between_deg) for each in measured_deg) > BESIDE_DEG:
-                return between_deg
-        if source.has_positions:
-            return None
-        noise = self._noise()
-        hump = asymmetric_sample(
-            source.samples, centre_deg=centre_deg, sigma=noise.sigma_or_zero, level=noise.level_or_zero
-        )
-        return None if hump is None else gap_angle_deg(hump.angle_deg, measured_deg)
-
     def _another_look_deg(self, source: Candidate, hidden_deg: float | None) -> float:
         """Next angle for a source other than the loudest, in degrees; its top may be hidden."""
         top_deg = max(source.samples, key=lambda sample: sample.reading.intensity).angle_deg
-        beside = sum(abs(angle_deg - top_deg) <= BESIDE_DEG for angle_deg in self._measured_deg())
+        beside = sum(abs(angle_deg - top_deg) <= BESIDE_DEG for angle_deg in self._analysis.measured_deg)
         if beside > 1 or (source.source is not None and source.seen > 1):
             return self._informative_deg(source) if hidden_deg is None else hidden_deg
         # Seen once it may be a burst: beside that angle it is seen again, or is none.
@@ -432,7 +375,7 @@ class Posterior(SearchPolicy):
         return most_informative_deg(
             source.posterior,
             self._shapes,
-            self._measured_deg(),
+            self._analysis.measured_deg,
             limits=self._limits,
             floor=FLOOR_SNR,
             by_hand=self._by_hand,
@@ -440,28 +383,17 @@ class Posterior(SearchPolicy):
 
     def _detection_deg(self) -> float:
         """Next angle while nothing is detected, in degrees."""
-        measured_deg = self._measured_deg()
-        noise = self._noise()
+        measured_deg = self._analysis.measured_deg
+        noise = self._analysis.noise
         if len(measured_deg) < len(PLAN) or noise.floor.level is None or not noise.sigma:
             plan = PLAN if self._by_hand is None else PLAN_BY_HAND
             return planned_deg(measured_deg, limits=self._limits, descending=self._descending, plan=plan)
         level = noise.floor.level / noise.sigma
         return most_detectable_deg(
-            self._first().posterior,
+            self._analysis.first.posterior,
             self._shapes,
             measured_deg,
             limits=self._limits,
             level=level,
             by_hand=self._by_hand,
         )
-
-    def _measured_deg(self) -> list[float]:
-        return [sample.angle_deg for sample in self._lit]
-
-    def _detected(self) -> bool:
-        """Whether a sample exceeds the noise floor; where that is unknown, whether one stands out."""
-        intensities = [sample.reading.intensity for sample in self._lit]
-        level = self._noise().floor.level
-        if level is None:
-            return len(intensities) > 1 and max(intensities) > UNKNOWN_RATIO / 3 * min(intensities)
-        return max(intensities) > level

@@ -1,12 +1,13 @@
 """The policy `SweepPosterior`: turns the probe over the range in light, and stops it only where that is not enough.
 
 1. It sweeps from where the probe is to the nearer end of the range, and from there to the other end, whatever it sees:
-   the last degrees cost tenths of a second, and a louder source may be there.
+   the last degrees cost tenths of a second, and a louder source may be there. Where there is only one source, the
+   search is over once the marker is known.
 2. Where the centre of the curve is not known well enough by then, it sweeps back over the flanks, and ends that sweep
    once it is. That also separates the delay between pulse and angle from the angle, for it shifts the two directions
    against one another. Where another source may still hide, it sweeps back over the whole range.
 3. What is still missing is measured at rest, as `Posterior` does: another look at a source, more precision. Where
-   nothing was detected, a search at rest begins anew, for the mean of some pulses shows what a single one does not.
+   nothing was detected, a search at rest begins, because the mean of some pulses shows what a single one does not.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from markerseek.search.posterior.policy import Posterior
 from markerseek.search.posterior.survey import STATED
 
 JUDGED_EVERY_S = 0.1
-"""Time between two judgements during a sweep back, at its speed: no laser is too fast for them then."""
+"""Time between two judgements during a sweep, at its speed: no laser is too fast for them then."""
 
 SWEPT_SIGMA_DEG = 0.3
 """Standard deviation at which a search by sweeps ends, in degrees, unless the tolerance needs less: from 0.2 to 0.3 it
@@ -135,12 +136,12 @@ class SweepPosterior:
         ]
 
     def _judge(self, sample: Sample) -> None:
-        """End a sweep back, if the marker is known; asked every tenth of a second."""
+        """End a sweep that may be ended, if the marker is known; asked every tenth of a second."""
         # The light is off before the probe brakes; samples that come after a sweep was ended are used like any others.
         if not self._to_deg:
             self._next = None
             return
-        if not self._swept_back:
+        if not (self._swept_back or self._posterior.single):
             return
         last_deg = self._judged_deg
         if last_deg is not None and abs(sample.angle_deg - last_deg) < self._speed_deg_s * JUDGED_EVERY_S:
@@ -162,7 +163,7 @@ class SweepPosterior:
         """Ends of the sweeps that follow once the range has been swept to that end."""
         progress = self._posterior.progress
         if progress is None:
-            # Single pulses show nothing: the search at rest begins anew, with the noise of its own frames.
+            # Single pulses show nothing: a search at rest begins, with the noise of its own frames.
             self._posterior = self._make()
             for dark in self._dark:
                 self._posterior.tell(dark)

@@ -141,10 +141,10 @@ def test_a_source_beyond_an_end_is_at_bound_alone_and_ambiguous_beside_one_insid
 
 def test_a_doubtful_sample_of_a_source_beyond_an_end_asks_for_no_angle_there(monkeypatch):
     """One search of 10,000 asked for the middle between its outermost sample and a centre at 40 degrees."""
-    doubtful = "markerseek.search.posterior.policy.discrepant_sample"
+    doubtful = "markerseek.search.posterior.analysis.discrepant_sample"
     monkeypatch.setattr(doubtful, lambda source, *_, **__: max(source.samples, key=lambda sample: sample.angle_deg))
     policy = search(World([(38.0, 100.0, 8.0, 5.0, 40.0)], seed=2), acquisitions=24)
-    assert policy._first().posterior.mean_deg > 36
+    assert policy._analysis.first.posterior.mean_deg > 36
     assert max(sample.angle_deg for sample in policy._lit) <= 35
 
 

@@ -18,6 +18,7 @@ from markerseek.bridges.page.child_search import ChildSearch
 from markerseek.bridges.page.page_searches import PageRig, PageSearches
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.state import STOPPED as STOPPED_LINE
+from markerseek.bridges.page.state import Snapshot
 from markerseek.bridges.page.verdict import verdict_of
 from markerseek.core import RecordError, SearchError, SearchPlan
 from markerseek.records.journal import Entry
@@ -27,6 +28,8 @@ from markerseek.sim import GaussianCurve
 
 BROWSER = "a browser at 127.0.0.1"
 STOPPED = Outcome(exit_code=130, answer={"error": "stopped by the user"})
+RESUMED = "Start begins a new search;"
+IN_TERMINAL = "in the terminal, goes on with this one"
 FOUND = Outcome(exit_code=0, answer={"answer": "found", "angle_deg": 1.0, "reason": None})
 
 
@@ -114,18 +117,54 @@ def test_search_that_is_killed_says_what_laser_and_stage_do(stream, kind, said):
 
 
 @pytest.mark.parametrize(
-    ("simulated", "busy", "paused", "said"),
+    ("simulated", "state", "phase", "said"),
     [
-        (True, True, False, ""),
-        (True, False, True, "Go on continues it; Start begins a new search"),
-        (True, False, False, "Start begins a new search"),
-        (False, False, False, "Start begins a new search; markerseek resume, in the terminal, goes on with this one"),
+        (True, "none", None, "press Start"),
+        (True, "busy", "moving", ""),
+        (True, "starting", None, ""),
+        (False, "starting", None, "answer in the terminal where the page was started"),
+        (True, "paused", "stopped", "Go on continues it; Start begins a new search"),
+        (True, "ended", "fault", "Start begins a new search"),
+        (False, "ended", None, "Start begins a new search"),
+        (False, "ended", "stopped", f"{RESUMED} markerseek resume, {IN_TERMINAL}"),
+        (False, "ended", "cut off", f"{RESUMED} markerseek resume, {IN_TERMINAL}"),
+        # The journal holds the fault: without the option the terminal would refuse.
+        (
+            False,
+            "ended",
+            "fault",
+            f"{RESUMED} once the fault is repaired, markerseek resume --reset-fault, {IN_TERMINAL}",
+        ),
     ],
 )
-def test_what_a_person_can_do_next(simulated, busy, paused, said):
+def test_what_a_person_can_do_next(simulated, state, phase, said):
     page = pytest.importorskip("markerseek.bridges.page.search_page", reason="needs the extra page")
-    searches = SimpleNamespace(rig=SimpleNamespace(simulated=simulated), busy=busy, paused=paused)
+    run = None if phase is None else SimpleNamespace(snapshots=[Snapshot(rig="simulated", phase=phase)])
+    search = None if state == "none" else SimpleNamespace(run=run, status=state)
+    busy = state in {"busy", "starting"}
+    rig = SimpleNamespace(simulated=simulated)
+    searches = SimpleNamespace(rig=rig, busy=busy, paused=state == "paused", search=search)
     assert page.next_step_text(searches) == said
+
+
+@pytest.mark.parametrize(
+    ("status", "message", "failed", "word", "said"),
+    [
+        ("starting", "", False, "STARTING", ""),
+        ("stopping", "", False, "STOPPING", ""),
+        ("ended", "no answer from the stage", True, "FAULT", "no answer from the stage"),
+        ("ended", "not armed: nothing moved; a person must arm it", False, "NOT ARMED", "nothing moved; a person"),
+        ("ended", STOPPED_LINE, False, "STOPPED", "the laser is disarmed"),
+    ],
+)
+def test_search_without_an_event_is_not_called_ready(status, message, failed, word, said):
+    page = pytest.importorskip("markerseek.bridges.page.search_page", reason="needs the extra page")
+    live = SimpleNamespace(run=None, status=status, message=message, failed=failed)
+    verdict = page.verdict_before(live, next_step="arm it")
+    assert (verdict.word, verdict.angle, verdict.next_step) == (word, "", "arm it")
+    assert (verdict.problem if failed else verdict.reason).startswith(said)
+    # Once is enough.
+    assert page.status_text(live) == word.lower()
 
 
 def test_stop_before_the_child_is_there(stream):

@@ -120,7 +120,8 @@ def test_picture_of_a_simulated_frame_has_its_peak_where_the_reading_has_it():
     assert (lateral_mm, depth_mm) == pytest.approx(picture.peak_mm, abs=0.25)
     # Nothing is drawn below data that is not data.
     assert background_model(picture) == {}
-    assert image_title(picture) == f"image of {sample.angle_deg:.2f}°"
+    assert image_title(picture, elsewhere=False) == f"image of {sample.angle_deg:.2f}°"
+    assert image_title(picture, elsewhere=True) == f"last image: {sample.angle_deg:.2f}°"
     assert image_model(picture, floor=None)["deg"] == sample.angle_deg
     assert image_model(None, floor=None)["pixels"] == ""
     # The largest envelope of noise is no marker.

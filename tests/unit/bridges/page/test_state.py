@@ -269,13 +269,19 @@ def test_watched_run_expects_a_move_at_the_pace_of_the_rig():
 
 
 FLOOR = Floor(level=120.0, source="dark frames")
+OF_ONE = {"interval95_deg": Interval(low_deg=-30.0, high_deg=3.0), "interval_kind": "posterior"}
 
 
 @pytest.mark.parametrize(
     ("estimate", "angle", "others_deg"),
     [
         (NotFound(mean_deg=1.7, reason="noise", floor=FLOOR), "–", []),
-        (Ambiguous(mean_deg=-24.9, modes_deg=(-24.9, 0.8), others=(), surveyed=0.996), "−24.9° or 0.8°", [0.8]),
+        # The standard deviation is of one of its sources, and would be read as that of the last angle.
+        (
+            Ambiguous(mean_deg=-24.9, modes_deg=(-24.9, 0.8), others=(), surveyed=0.996, sigma_deg=12.0, **OF_ONE),
+            "−24.9° or 0.8°",
+            [0.8],
+        ),
         (
             Found(
                 mean_deg=3.0,
@@ -293,6 +299,10 @@ FLOOR = Floor(level=120.0, source="dark frames")
 def test_only_angles_that_are_claimed_are_named(estimate, angle, others_deg):
     snapshot = Snapshot(rig="simulated", belief=AngleBelief(estimate=estimate))
     assert angle_text(snapshot.belief) + sigma_text(snapshot.belief) == angle
+    if isinstance(estimate, Ambiguous):
+        verdict = verdict_of(replace(snapshot, phase="finished"))
+        assert (verdict.word, verdict.interval) == ("AMBIGUOUS", "")
+        assert verdict.reason == "markers at −24.90, 0.80 deg explain what was seen equally well"
     facts = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE)
     fan = fan_model(snapshot, facts.search, duration_s=0.0, known_deg=None)
     assert fan["others"] == others_deg
@@ -382,6 +392,8 @@ def test_one_stop_has_one_wording():
 
 def test_a_page_without_a_run_is_ready():
     assert verdict_of(Snapshot(rig="simulated")).word == Verdict().word == "READY"
+    # Nobody waits for an angle of a search that has not begun.
+    assert verdict_of(Snapshot(rig="simulated")).angle == Verdict().angle == ""
 
 
 def test_minus_signs_are_those_of_numbers_only():
@@ -400,13 +412,15 @@ def test_a_person_is_asked_on_the_page_to_turn_the_probe():
     live = SimpleNamespace(status="running", run=run)
     for angle_deg, says in ((-7.34, "it is at −7.3°"), (None, "type the angle reached")):
         run.add(Turning(target_deg=-12.0, angle_deg=angle_deg), clock_s=1.0)
-        assert status_text(live, simulated=False) == f"turn the probe to −12.0°: {says}"
+        assert status_text(live) == f"turn the probe to −12.0°: {says}"
         shown = verdict_of(run.snapshots[-1])
         assert (shown.word, shown.lead, shown.angle) == ("TURN", "turn the probe to", "−12.0°")
+        # Said once.
+        assert shown.reason == says
     # A motor's way is animated, a hand's is not foretold.
     assert run.move_s(run.snapshots[-1]) == 0
     run.add(Refused(angle_deg=-12.0, reason="too late"), clock_s=2.0)
-    assert status_text(live, simulated=False) == "refused"
+    assert status_text(live) == "refused"
     assert verdict_of(run.snapshots[-1]).word == "SEARCHING"
     assert not any("turn the probe" in line for line in run.lines(run.snapshots[-1], most=20))
     # Nobody is asked for anything by a search that was killed while it waited.

@@ -54,7 +54,7 @@ def test_a_table_comes_back_as_another_writer_wrote_it(tmp_path: Path, rows: lis
     ("text", "message"),
     [
         ("angle_deg,intensity\n0,1\n1,1e308\n2,3\n", "line 3: intensity is 1e.308, it must be at most 1e.60"),
-        ("", "scan.csv: it is empty; a row for each angle is needed, under angle_deg,intensity"),
+        ("", "this is empty, and a bank is expected; give a CSV of angle_deg,intensity"),
         ("angle_deg,amplitude\n1,2\n", "line 1: the column intensity is missing"),
         ("angle_deg\n1\n2\n3\n", "line 1: the column intensity is missing"),
         ("angle_deg,intensity\n1,2\n2\n3,4\n", "line 3: it has 1 columns, 2 are expected"),
@@ -72,7 +72,7 @@ def test_a_table_comes_back_as_another_writer_wrote_it(tmp_path: Path, rows: lis
         ("angle_deg;intensity\n1;1.234,5\n2;1\n3;4\n", "line 2: intensity is '1.234,5', it must be a number"),
         ("angle_deg,intensity,angle_deg\n1,2,3\n2,1,3\n3,4,3\n", "angle_deg appears more than once"),
         ("angle_deg,intensity\n1,2\n2,1\n", "it holds 2 angles, at least 3"),
-        ('angle_deg,intensity\n"1,2\n2,1\n', "is no text with rows and columns"),
+        ('angle_deg,intensity\n"1,2\n2,1\n', "line 3: this is not in rows and columns, and a bank is expected"),
     ],
 )
 def test_a_table_with_a_fault_is_refused_with_its_line(tmp_path: Path, text: str, message: str) -> None:
@@ -88,7 +88,7 @@ def test_a_scan_from_high_to_low_is_turned_round_and_blank_lines_are_passed_over
 def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "scan.csv"
     path.write_bytes(bytes(range(128, 256)))
-    with pytest.raises(RecordError, match="is no text with rows and columns"):
+    with pytest.raises(RecordError, match="this is no text in UTF-8, and a bank is expected"):
         read_bank(path)
 
 

@@ -45,7 +45,7 @@ class Search:
         *,
         start_deg: float = -35.0,
         seed: int = 1,
-        others: float = 0.0,
+        others: float = 0.05,
         dark_deg: float = 0.0,
     ) -> None:
         self.dark_deg = dark_deg
@@ -109,6 +109,19 @@ def test_it_sweeps_to_the_far_end_where_a_louder_source_may_be() -> None:
     assert answer.mean_deg == pytest.approx(-10.0, abs=0.4)
 
 
+@pytest.mark.parametrize("start_deg", [-35.0, 35.0])
+def test_where_there_is_only_one_source_it_ends_a_sweep_once_the_marker_is_known(start_deg: float) -> None:
+    search = Search(curve_about(-10.0), start_deg=start_deg, others=0.0)
+    search.run()
+    ((_, ended_deg),) = search.sweeps
+    passed_deg = (ended_deg + 10.0) * (-1 if start_deg > 0 else 1)
+    assert 0.0 < passed_deg < 15.0
+    assert search.stops == []
+    answer = search.policy.estimate()
+    assert isinstance(answer, Found)
+    assert answer.mean_deg == pytest.approx(-10.0, abs=0.4)
+
+
 @pytest.mark.parametrize(
     ("start_deg", "ends_deg"), [(-35.0, [35]), (10.0, [35, -35]), (-1.0, [-35, 35]), (34.6, [-35])]
 )
@@ -155,7 +168,7 @@ def test_where_the_centre_is_not_known_well_enough_it_sweeps_back_over_the_flank
 
 
 def test_where_another_source_may_hide_it_sweeps_back_over_the_whole_range() -> None:
-    search = Search(curve_about(20.0, snr=8.0, fwhm_deg=3.0), others=0.05)
+    search = Search(curve_about(20.0, snr=8.0, fwhm_deg=3.0))
     search.run()
     assert [round(to_deg) for _, to_deg in search.sweeps] == [35, -35]
     assert search.stops == []

@@ -69,7 +69,9 @@ export default {
       const colour = document.body.classList.contains("body--dark") ? COLOUR.dark : COLOUR.light;
       const v = this.view;
       const half = (Math.max(Math.abs(v.low), Math.abs(v.high), 10) * Math.PI) / 180;
-      const far = Math.min(height - 62, (width / 2 - 34) / Math.sin(Math.min(half, Math.PI / 2)));
+      // Room for the text below the probe, and for the number at the end of the range.
+      const widest = Math.sin(Math.min(half, Math.PI / 2));
+      const far = Math.min(height - 62, (width / 2 - 18) / widest - outside(half));
       // In the middle of a panel that is higher than the fan.
       const g = { x: width / 2, y: (height + far) / 2 + 1, near: far * v.face, far };
       const wedge = (from, to, near, away) => {
@@ -149,7 +151,7 @@ export default {
       c.lineWidth = 1;
       for (let deg = Math.ceil(v.low / 5) * 5; deg <= v.high; deg += 5) {
         ray(deg, g.far, g.far + (deg % 10 ? 3 : 6));
-        if (deg % (g.far < 230 ? 20 : 10) === 0) label(c, g, deg, g.far + 20, `${deg}°`.replace("-", "\u2212"));
+        if (deg % (g.far < 215 ? 20 : 10) === 0) label(c, g, deg, g.far + outside(rad(deg)), `${deg}°`.replace("-", "\u2212"));
       }
       c.lineWidth = 2;
       ray(v.low, g.near, g.far + 6);
@@ -228,5 +230,7 @@ export default {
 
 const rad = (deg) => (deg * Math.PI) / 180;
 const turn = (deg) => rad(deg) - Math.PI / 2;
+// Of a number from the fan, beyond the arc of the interval: the more it leans, the more of its width lies towards the fan.
+const outside = (angle) => 21 + 16 * Math.sin(Math.min(Math.abs(angle), Math.PI / 2));
 const label = (c, g, deg, away, text) =>
   c.fillText(text, g.x + away * Math.sin(rad(deg)), g.y - away * Math.cos(rad(deg)) + 4);
