@@ -133,6 +133,10 @@ def find_marker(rig: Rig, method: SearchPlan | str = "posterior", *, progress: b
     >>> result.answer
     'found'
     """
+    if not isinstance(rig, Rig):
+        raise ConfigError(
+            f"rig is {rig!r}, it must be a rig, such as markerseek.replayed(path) or markerseek.simulated(seed=1)"
+        )
     asked = SearchPlan(method=method, start_deg=rig.stage.angle_deg) if isinstance(method, str) else method
     session = new_session(rig, plan_on(rig, asked))
     for event in session.events():

@@ -88,6 +88,11 @@ def test_a_marker_is_found_in_one_call() -> None:
     assert markerseek.find_marker(markerseek.simulated(seed=1), plan).acquisitions == 15
 
 
+def test_a_file_in_place_of_a_rig_is_refused_with_what_makes_one_of_it() -> None:
+    with pytest.raises(ConfigError, match=r"'scan\.csv', it must be a rig, such as markerseek\.replayed"):
+        markerseek.find_marker("scan.csv")  # type: ignore[arg-type]
+
+
 def test_what_is_printed_of_a_rig_is_a_line_and_does_not_give_the_marker_away() -> None:
     rig = markerseek.simulated(seed=1)
     assert rig.facts.truth_deg is not None
