@@ -35,7 +35,7 @@ from markerseek.sim import GaussianCurve, SimulatedSettings
 from tests.unit.runs import journalled_runs
 from tests.unit.runs.journalled_runs import times_and_events
 
-PLAN = SearchPlan(method="posterior", start_deg=-35.0, others=0.0, sweep_speed_deg_s=8.6)
+PLAN = SearchPlan(method="posterior", start_deg=-35.0, sweep_speed_deg_s=8.6)
 
 
 def begin() -> tuple[AnyPolicy, Rig, Configuration]:
