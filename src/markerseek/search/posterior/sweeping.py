@@ -2,7 +2,7 @@
 
 1. It sweeps from where the probe is to the nearer end of the range, and from there to the other end, whatever it sees:
    the last degrees cost tenths of a second, and a louder source may be there. Where there is only one source, the
-   search is over once the marker is known.
+   sweep is over once the marker is known and both of its flanks are swept.
 2. Where the centre of the curve is not known well enough by then, it sweeps back over the flanks, and ends that sweep
    once it is. That also separates the delay between pulse and angle from the angle, for it shifts the two directions
    against one another. Where another source may still hide, it sweeps back over the whole range.
@@ -39,7 +39,7 @@ MARGIN = 0.8
 by some per cent, and must not begin the search again."""
 
 FLANK = 0.8
-"""Distance from the centre up to which its flank is swept again, over the full width at half maximum."""
+"""Distance from the centre up to which its flank is swept, over the full width at half maximum."""
 
 
 class SweepPosterior:
@@ -147,14 +147,16 @@ class SweepPosterior:
         if last_deg is not None and abs(sample.angle_deg - last_deg) < self._speed_deg_s * JUDGED_EVERY_S:
             return
         self._judged_deg = sample.angle_deg
-        if self._is_known():
+        if self._is_known(sample.angle_deg):
             self._to_deg = []
             self._next = None
 
-    def _is_known(self) -> bool:
-        """Whether the marker is found, and its centre known well enough."""
+    def _is_known(self, at_deg: float) -> bool:
+        """Whether the marker is found, its centre known well enough, and both of its flanks swept."""
         progress = self._posterior.progress
         if progress is None or progress.sigma_deg > progress.target_deg:
+            return False
+        if not self._swept_back and abs(at_deg - progress.mean_deg) < FLANK * progress.fwhm_deg:
             return False
         answer = self._posterior.estimate()
         return isinstance(answer, Found) and (answer.other_probability or 0.0) <= MARGIN * STATED
