@@ -83,18 +83,15 @@ def command(
         _end_stopped(folder, as_json=as_json)
     bounds = _bounds(settings, markers=bound) if bound is not None else []
     finished = [(settings, finish.summary), *(_finished(path) for path in beside or [])]
-    faults = _faults(settings, finish.summary)
+    faults = _faults(settings, finish)
     more = {name: value for name, value in (("bound", bounds), ("faults", faults)) if value}
     report = Report(
         values={**msgspec.to_builtins(finish.summary), **more} if more else finish.summary,
         shown=_shown(finish, bounds),
         pictures=_pictures(finished, markers=bound) if plot else {},
-        notes=tuple(
-            escape(f"error: {label}: all of its searches failed, the first one by: {fault}")
-            for label, fault in faults.items()
-        ),
+        notes=tuple(escape(f"error: {label}: {fault}") for label, fault in faults.items()),
         least_width=80,
-        exit_code=1 if faults else 0,
+        exit_code=1 if any(each.answers["failed"].hits == each.trials for each in finish.summary.policies) else 0,
     )
     Output(as_json=as_json, folder=folder if plot else None).show(report)
 
@@ -123,11 +120,16 @@ def _announce(study: studies.Study, *, workers: int | None, scheduler: str | Non
     )
 
 
-def _faults(study: studies.Study, summary: studies.Summary) -> dict[str, str]:
-    """Why a policy whose searches all failed has failed, by its label."""
-    worked = {policy.policy for policy in summary.policies if policy.answers["failed"].hits < policy.trials}
-    failed = [number for number in range(len(study.policies)) if number not in worked]
-    return {str(study.policies[number]): studies.fault_of(study, number) for number in failed}
+def _faults(study: studies.Study, finish: studies.FinishedStudy) -> dict[str, str]:
+    """How many searches of a policy failed, and why the first one did, by its label."""
+    rows = [row for row in studies.read_rows(finish.rows, study) if row.answer == "failed"]
+    count, faults = study.rows // len(study.policies), {}
+    for number, policy in enumerate(study.policies):
+        if failed := [row.row for row in rows if row.policy == number]:
+            many = "all" if len(failed) == count else f"{len(failed)} of {count}"
+            fault = studies.fault_of(study, failed[0])
+            faults[str(policy)] = f"{many} searches failed, the first one (row {failed[0]}) by: {fault}"
+    return faults
 
 
 def _end_stopped(folder: Path, *, as_json: bool) -> NoReturn:

@@ -46,6 +46,12 @@ class Outside(WeightedAverage):
     def _next_deg(self):
         return 80.0
 
+class Outside_at_times(WeightedAverage):
+    # Of the strongest sample the last digits are as good as drawn.
+    def _next_deg(self):
+        strongest = max((sample.reading.intensity for sample in self._lit), default=0.0)
+        return 80.0 if len(self._lit) == 4 and int(strongest * 1e9) % 2 else super()._next_deg()
+
 class Endless(WeightedAverage):
     def _next_deg(self):
         return 1.0
@@ -146,10 +152,27 @@ def test_a_policy_of_which_every_search_fails_ends_the_command_with_the_reason(f
         code, text, err = shell("study", study, "--out", out, "--workers", 1)
         assert code == 1
         assert "rows:" in text
-        assert "mine_of_this_test:Outside, 9: all of its searches failed, the first one by: LimitError: angle 80" in err
+        assert (
+            "mine_of_this_test:Outside, 9: all searches failed, the first one (row 0) by: LimitError: angle 80" in err
+        )
     code, text, _ = shell("study", study, "--out", out, "--json")
     assert code == 1
     assert list(json.loads(text)["faults"]) == ["mine_of_this_test:Outside, 9"]
+
+
+def test_a_policy_of_which_some_searches_fail_is_reported_with_their_number_and_the_first(
+    folder: Path, shell: Shell
+) -> None:
+    path, out = study_of(folder, "mine_of_this_test:Outside_at_times"), folder / "out"
+    path.write_text(path.read_text().replace("trials = 3", "trials = 12"))
+    code, _, err = shell("study", path, "--out", out, "--workers", 1)
+    assert code == 0
+    study = read_study(path)
+    failed = [row.row for row in read_rows(out / "rows.csv", study) if row.answer == "failed"]
+    assert 0 < len(failed) < 12
+    assert f"{len(failed)} of 12 searches failed, the first one (row {failed[0]}) by: LimitError" in " ".join(
+        err.split()
+    )
 
 
 def test_the_policy_of_the_examples_finds_markers(monkeypatch: pytest.MonkeyPatch) -> None:
