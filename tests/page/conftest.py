@@ -27,6 +27,15 @@ def page(tmp_path_factory):
 
 
 @pytest.fixture
+def fresh_page(tmp_path):
+    """A page of its own, in which nothing has been searched yet."""
+    from tests.page.page_browser import served
+
+    with served(tmp_path, BANK) as found:
+        yield found
+
+
+@pytest.fixture
 def command_result(shell):
     """What `markerseek search` gives for the same arguments."""
     return lambda *options: json.loads(shell("search", *options, "--no-journal", "--json")[1])
@@ -39,8 +48,8 @@ def opened(browser, page):
 
     tabs = []
 
-    def open_one(path="/", query="", **options):
-        tabs.append(open_tab(browser, page, path, query, **options))
+    def open_one(path="/", query="", *, of=page, **options):
+        tabs.append(open_tab(browser, of, path, query, **options))
         return tabs[-1]
 
     yield open_one

@@ -29,8 +29,8 @@ def downloaded(watched, name):
         return file.read()
 
 
-def test_search_gives_the_result_of_the_command(opened, command_result):
-    watched = opened(query="&seed=3&pace=0")
+def test_search_gives_the_result_of_the_command(fresh_page, opened, command_result):
+    watched = opened(query="&seed=3&pace=0", of=fresh_page)
     assert watched.text(".ms-banner").startswith("SIMULATED")
     assert "token" not in watched.tab.url
     assert watched.text(BADGE) == "READY"
