@@ -122,13 +122,15 @@ def _announce(study: studies.Study, *, workers: int | None, scheduler: str | Non
 
 def _faults(study: studies.Study, finish: studies.FinishedStudy) -> dict[str, str]:
     """How many searches of a policy failed, and why the first one did, by its label."""
-    rows = [row for row in studies.read_rows(finish.rows, study) if row.answer == "failed"]
     count, faults = study.rows // len(study.policies), {}
     for number, policy in enumerate(study.policies):
-        if failed := [row.row for row in rows if row.policy == number]:
-            many = "all" if len(failed) == count else f"{len(failed)} of {count}"
-            fault = studies.fault_of(study, failed[0])
-            faults[str(policy)] = f"{many} searches failed, the first one (row {failed[0]}) by: {fault}"
+        failed = sum(each.answers["failed"].hits for each in finish.summary.policies if each.policy == number)
+        if failed:
+            rows = studies.read_rows(finish.rows, study)
+            first = next(row.row for row in rows if row.policy == number and row.answer == "failed")
+            many = "all" if failed == count else f"{failed} of {count}"
+            fault = studies.fault_of(study, first)
+            faults[str(policy)] = f"{many} searches failed, the first one (row {first}) by: {fault}"
     return faults
 
 
