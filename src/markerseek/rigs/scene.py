@@ -35,6 +35,9 @@ _MIN_SIGMA = 2.0
 _NOISE_SIGMAS, _JITTER_SIGMAS = 6.0, 5.0
 """Room for the noise's largest sample in some hundred thousand, and for the strongest flash, in standard deviations."""
 
+MIN_NOISE_COUNTS = 0.25
+"""Least noise of a channel in counts that survives rounding by the converter."""
+
 _OFF_PLANE = 1.5
 """Room for a marker near the array, which is up to 1.34 times as strong in a channel off its plane as in it."""
 
@@ -68,6 +71,18 @@ class Scene:
             start_deg=settings.start_deg,
             rng=rng,
             averaged=settings.laser.pulses,
+        )
+
+    def hidden_noise(self, settings: SimulatedSettings) -> str | None:
+        """That the steps of the converter hide the noise, with the cure; None where they do not."""
+        step = math.hypot(self.noise.white_sigma, self.noise.coloured_sigma)
+        if step >= MIN_NOISE_COUNTS:
+            return None
+        most_db = settings.noise.peak_snr_db + 20 * math.log10(step / MIN_NOISE_COUNTS)
+        return (
+            f"noise: peak_snr_db is {settings.noise.peak_snr_db:g} dB, which leaves {step:.2g} counts of noise in "
+            f"a channel: below {MIN_NOISE_COUNTS} the steps of the converter hide it; lower peak_snr_db to at most "
+            f"{math.floor(most_db)} dB" + ("" if settings.receiver.peak_counts is None else ", or raise peak_counts")
         )
 
 

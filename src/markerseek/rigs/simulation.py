@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
@@ -29,9 +28,6 @@ from markerseek.sim import (
     VirtualClock,
 )
 from markerseek.vision import TipReader, TipSettings
-
-MIN_NOISE_COUNTS = 0.25
-"""Least noise of a simulated channel in counts that survives rounding by the converter."""
 
 
 def simulated(
@@ -81,8 +77,7 @@ def simulated(
     rng = np.random.default_rng(seed)
     if settings.receiver.data == "b-mode":
         return _tip_rig(seed, settings, pace=pace, rng=rng)
-    scene = draw_scene(settings, rng)
-    _require_noise(scene, settings)
+    scene = _scene(settings, rng)
     world = scene.world(settings, rng)
     # Not the tissue's sound speed: a user images with a preset, and the error is part of the result.
     imaging: AnyImageReader = image_reader(settings.probe.array, sampling_hz=settings.receiver.sampling_hz)
@@ -115,16 +110,13 @@ def simulated(
     )
 
 
-def _require_noise(scene: Scene, settings: SimulatedSettings) -> None:
-    """Refuse noise that is hidden by the steps of the converter."""
-    step = math.hypot(scene.noise.white_sigma, scene.noise.coloured_sigma)
-    if not step >= MIN_NOISE_COUNTS:
-        most_db = settings.noise.peak_snr_db + 20 * math.log10(step / MIN_NOISE_COUNTS)
-        raise ConfigError(
-            f"noise: peak_snr_db is {settings.noise.peak_snr_db:g} dB, which leaves {step:.2g} counts of noise in "
-            f"a channel: below {MIN_NOISE_COUNTS} the steps of the converter hide it; lower peak_snr_db to at most "
-            f"{math.floor(most_db)} dB" + ("" if settings.receiver.peak_counts is None else ", or raise peak_counts")
-        )
+def _scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
+    """A scene with noise that the steps of the converter do not hide."""
+    scene = draw_scene(settings, rng)
+    problem = scene.hidden_noise(settings)
+    if problem is not None:
+        raise ConfigError(problem)
+    return scene
 
 
 @lru_cache(maxsize=4)

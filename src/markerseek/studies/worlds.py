@@ -146,15 +146,27 @@ def study_rig(study: Study, cell: Cell, draw: Draw) -> rigs.Rig:
     )
 
 
+def hidden_noise(study: Study, cell: Cell, draw: Draw) -> str | None:
+    """`Scene.hidden_noise` of a trial with everything drawn; other rigs refuse such noise themselves."""
+    if draw.unknowns is None:
+        return None
+    settings = _drawn_settings(study, cell.world.rig, draw.unknowns)
+    return _scene(draw.unknowns, settings, draw.scene, np.random.default_rng(draw.noise_seed)).hidden_noise(settings)
+
+
+def _drawn_settings(study: Study, settings: SimulatedSettings, unknowns: Unknowns) -> SimulatedSettings:
+    """The settings with what is drawn of them."""
+    settings = replace(settings, probe=unknowns.model.probe)
+    if study.sweeps:
+        # The peak SNR is that of an average of as many pulses as the rig's file names: of one, it must not be drawn.
+        return replace(settings, receiver=replace(settings.receiver, single_pulses=True))
+    return replace(settings, laser=replace(settings.laser, pulses=unknowns.pulses))
+
+
 def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, draw: Draw) -> rigs.Rig:
     """Rig with everything drawn."""
     model, rng = unknowns.model, np.random.default_rng(draw.noise_seed)
-    settings = replace(settings, probe=model.probe)
-    if study.sweeps:
-        # The peak SNR is that of an average of as many pulses as the rig's file names: of one, it must not be drawn.
-        settings = replace(settings, receiver=replace(settings.receiver, single_pulses=True))
-    else:
-        settings = replace(settings, laser=replace(settings.laser, pulses=unknowns.pulses))
+    settings = _drawn_settings(study, settings, unknowns)
     imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
     return rig_in_world(
         _scene(unknowns, settings, draw.scene, rng).world(settings, rng),
