@@ -189,7 +189,7 @@ def guard_of(settings: BenchSettings) -> Guard:
     if hand is None:
         return guard(admission=admission)
     # A hand drifts on from where it came to rest until the laser has fired.
-    return guard(admission=replace(admission, settled_deg=hand.drift_deg), arrival_deg=hand.reach_deg + hand.drift_deg)
+    return guard(admission=replace(admission, settled_deg=hand.drift_deg), arrival_deg=hand.arrival_deg)
 
 
 class SimulatedParts:
