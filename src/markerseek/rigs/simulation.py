@@ -74,9 +74,9 @@ def simulated(
         settings = replace(settings, marker=replace(settings.marker, angle_deg=float(marker_deg)))
     if swing is not None and (settings.receiver.b_mode or settings.receiver.data == "b-mode"):
         raise ConfigError("receiver: B-mode of a marker that moves is not simulated; leave b_mode out")
-    rng = np.random.default_rng(seed)
+    rng, clock = np.random.default_rng(seed), VirtualClock(pace=pace, beat=beat)
     if settings.receiver.data == "b-mode":
-        return _tip_rig(seed, settings, pace=pace, rng=rng)
+        return _tip_rig(seed, settings, pace=pace, clock=clock, rng=rng)
     scene = _scene(settings, rng)
     world = scene.world(settings, rng)
     # Not the tissue's sound speed: a user images with a preset, and the error is part of the result.
@@ -98,7 +98,7 @@ def simulated(
     return rig_in_world(
         seen,
         settings,
-        clock=VirtualClock(pace=pace, beat=beat),
+        clock=clock,
         reader=imaging,
         imaging=imaging,
         description=description,
@@ -149,7 +149,9 @@ def _b_mode_world(
     )
 
 
-def _tip_rig(seed: int, settings: SimulatedSettings, *, pace: float, rng: np.random.Generator) -> Rig:
+def _tip_rig(
+    seed: int, settings: SimulatedSettings, *, pace: float, clock: VirtualClock, rng: np.random.Generator
+) -> Rig:
     """A rig in B-mode: the tip of an instrument is where the settings put the marker."""
     marker = draw_marker(settings, rng)
     world = _b_mode_world(settings, marker, rng, b_mode=settings.b_mode, tip=settings.marker.present)
@@ -158,7 +160,7 @@ def _tip_rig(seed: int, settings: SimulatedSettings, *, pace: float, rng: np.ran
     rig = rig_in_world(
         world,
         settings,
-        clock=VirtualClock(pace=pace),
+        clock=clock,
         reader=reader,
         imaging=None,
         description=f"tool tip on simulated tissue, {reader.method}, seed {seed}",
