@@ -67,6 +67,14 @@ class BoundComparison(msgspec.Struct, frozen=True, kw_only=True):
     median_ratio_to_best: float
 
 
+def require_bound(study: Study) -> None:
+    """Refuse a study whose searches the bound is not that of."""
+    if study.drawn != "everything":
+        raise ConfigError('the bound needs a study that draws everything: set drawn = "everything"')
+    if study.sweeps:
+        raise ConfigError("the bound is that of acquisitions with the probe at rest; leave the policies that sweep out")
+
+
 @lru_cache(maxsize=1024)
 def marker_curve(unknowns: Unknowns) -> SampledCurve:
     """Noise-free curve of a drawn marker."""
@@ -85,6 +93,7 @@ def marker_curve(unknowns: Unknowns) -> SampledCurve:
 
 def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -> BoundComparison:
     """Repeat the searches for the first markers of a study, and compare the errors with the bound of each."""
+    require_bound(study)
     settings, limits = study.policies[policy], cell.world.rig.limits.search
     errors, best, taken = [], [], []
     for trial in range(markers):
@@ -124,10 +133,8 @@ def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -
 
 
 def mean_bounds(study: Study, cell: Cell, *, markers: int, acquisitions: Sequence[int]) -> tuple[float, ...]:
-    """Mean error of a normal estimator at the bound of the best angles, for each number of them, in degrees.
-
-    ``acquisitions``: numbers of angles.
-    """
+    """Mean error of a normal estimator at the bound of the best angles, for each number of them, in degrees."""
+    require_bound(study)
     limits = cell.world.rig.limits.search
     sums = np.zeros(len(acquisitions))
     for trial in range(markers):
@@ -146,8 +153,7 @@ def mean_bounds(study: Study, cell: Cell, *, markers: int, acquisitions: Sequenc
 
 def _marker(study: Study, cell: Cell, trial: int) -> tuple[Unknowns, IntensityNoise, SampledCurve]:
     unknowns = draw_trial(study, cell, trial).unknowns
-    if unknowns is None:
-        raise ConfigError('the bound needs a study that draws everything: set drawn = "everything"')
+    assert unknowns is not None  # noqa: S101 - of a study for which there is a bound
     rig = cell.world.rig
     noise = IntensityNoise(
         # The energy of an acquisition is the mean of its pulses.
