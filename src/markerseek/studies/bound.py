@@ -27,7 +27,7 @@ from markerseek.search.bounds import (
     sample_information,
 )
 from markerseek.studies.policies import build_policy
-from markerseek.studies.statistics import Mean
+from markerseek.studies.statistics import Mean, root_mean_square
 from markerseek.studies.study import Cell, Study
 from markerseek.studies.summary import PolicySummary, Summary
 from markerseek.studies.trial import former_curve, searched
@@ -114,7 +114,7 @@ def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -
         angles_deg = np.array([sample.angle_deg for sample in samples])
         information = sample_information(curve, angles_deg, marker_deg=marker_deg, noise=noise).sum(axis=0)
         taken.append(float(angle_bound_deg(information, prior=TABLE_PRIOR)))
-    rmse_deg, best_deg, taken_deg = (_root_mean_square(values) for values in (errors, best, taken))
+    rmse_deg, best_deg, taken_deg = (root_mean_square(values) for values in (errors, best, taken))
     magnitude = np.abs(errors)
     return BoundComparison(
         cell=cell.index,
@@ -161,10 +161,6 @@ def _marker(study: Study, cell: Cell, trial: int) -> tuple[Unknowns, IntensityNo
         jitter=rig.laser.energy_jitter / math.sqrt(unknowns.pulses),
     )
     return unknowns, noise, marker_curve(unknowns)
-
-
-def _root_mean_square(values: Sequence[float]) -> float:
-    return math.sqrt(float(np.mean(np.square(values))))
 
 
 _COLOURS = (
@@ -254,6 +250,4 @@ def _name(policy: PolicySummary) -> str:
 
 def _half(mean: Mean) -> float:
     """Half the interval; on a logarithmic scale it must end above 0."""
-    if mean.interval95 is None or mean.mean is None:
-        return 0.0
-    return min((mean.interval95[1] - mean.interval95[0]) / 2, 0.95 * mean.mean)
+    return 0.0 if mean.half is None or mean.mean is None else min(mean.half, 0.95 * mean.mean)

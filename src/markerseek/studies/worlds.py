@@ -34,7 +34,7 @@ from markerseek.sim import (
     VirtualClock,
     tissue_named,
 )
-from markerseek.studies.scene import DrawnScene, draw_extra_sources
+from markerseek.studies.scene import LATERAL_M, DrawnScene, draw_extra_sources
 from markerseek.studies.study import Cell, CurveSettings, Study
 from markerseek.studies.unknowns import MARKER_RADIUS_M, Unknowns, draw_unknowns
 
@@ -98,7 +98,7 @@ def draw_trial(study: Study, cell: Cell, trial: int) -> Draw:
 
 def _draw_position(rng: np.random.Generator, search: Interval) -> tuple[float, float]:
     """Angle of a marker in degrees, and its lateral position in metres."""
-    return float(rng.uniform(search.low_deg, search.high_deg)), float(rng.uniform(-20e-3, 20e-3))
+    return float(rng.uniform(search.low_deg, search.high_deg)), float(rng.uniform(-LATERAL_M, LATERAL_M))
 
 
 def former_rig(study: Study, cell: Cell, trial: int) -> rigs.Rig:
