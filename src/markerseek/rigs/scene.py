@@ -1,7 +1,7 @@
 """Draws the scene of a simulated rig (marker, light spot, clutter, noise) from settings.
 
-`draw_scene` is the only place where settings become absorbers and noise, for rigs of frames and of intensities. The
-curve of a scene is its intensity over the angle.
+`scene_of` is the only place where settings become absorbers and noise, for rigs of frames and of intensities, and for
+studies. The curve of a scene is its intensity over the angle.
 """
 
 from __future__ import annotations
@@ -250,13 +250,12 @@ def scene_curve(scene: Scene) -> tuple[RecordedCurve, int]:
 
     # One elevation for all sources makes the curve even in the angle, which halves the work.
     alike = all(absorber.angle_deg == marker.angle_deg for absorber in absorbers)
-    angles = _OFF_PLANE_DEG if alike else np.concatenate([-_OFF_PLANE_DEG[:0:-1], _OFF_PLANE_DEG])
-    heights = _heights(reader, frame_at, angles)
+    off_deg = np.concatenate([-_OFF_PLANE_DEG[:0:-1], _OFF_PLANE_DEG])
+    heights = _heights(reader, frame_at, _OFF_PLANE_DEG if alike else off_deg)
     if alike:
-        angles = np.concatenate([-angles[:0:-1], angles])
         heights = np.concatenate([heights[:0:-1], heights])
     cells = reader.read(frame_at(0.0)).cells or 1
-    return RecordedCurve(angles, heights / (scene.peak * gain_to_counts)), cells
+    return RecordedCurve(off_deg, heights / (scene.peak * gain_to_counts)), cells
 
 
 def _heights(
@@ -304,10 +303,7 @@ def image_reader(array: LinearArray, *, sampling_hz: float) -> ImageReader:
 
 
 def image_peak(absorbers: list[Absorber], model: AcousticModel, *, angle_deg: float) -> float:
-    """Noise-free envelope peak of absorbers in the image at an angle of the probe.
-
-    In the unit of their channel data.
-    """
+    """Noise-free envelope peak of absorbers in the image at an angle of the probe, in the unit of channel data."""
     received = model.channel_data(absorbers, angle_deg=angle_deg)
     largest = _largest(received, absorbers[0], model)
     counts = np.rint(received * (MAX_COUNTS / largest)).astype(np.int16)
