@@ -188,23 +188,23 @@ def draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absorb
     """Marker of strength 1; its position is drawn where the settings leave it open."""
     search, reach_m = settings.limits.search, _reach_m(settings)
     angle_deg, lateral_m = rng.uniform(search.low_deg, search.high_deg), rng.uniform(-reach_m, reach_m)
-    marker = settings.marker
-    return Absorber(
-        radius_m=marker.radius_m,
-        angle_deg=angle_deg if marker.angle_deg is None else marker.angle_deg,
-        lateral_m=lateral_m if marker.lateral_m is None else marker.lateral_m,
-    )
+    return _placed(settings.marker, angle_deg=angle_deg, lateral_m=lateral_m)
 
 
 def _draw_second(settings: SimulatedSettings, first: Absorber, rng: np.random.Generator) -> Absorber:
     """Second marker of strength 1, drawn after everything of the first, so that the first does not depend on it."""
-    search, second = settings.limits.search, settings.second
+    search = settings.limits.search
     angle_deg = rng.uniform(search.low_deg, search.high_deg)
     across_m = first.lateral_m - math.copysign(_reach_m(settings), first.lateral_m)
+    return _placed(settings.second, angle_deg=angle_deg, lateral_m=across_m)
+
+
+def _placed(marker: MarkerSettings, *, angle_deg: float, lateral_m: float) -> Absorber:
+    """A marker of strength 1 where its settings put it, else there."""
     return Absorber(
-        radius_m=second.radius_m,
-        angle_deg=angle_deg if second.angle_deg is None else second.angle_deg,
-        lateral_m=across_m if second.lateral_m is None else second.lateral_m,
+        radius_m=marker.radius_m,
+        angle_deg=angle_deg if marker.angle_deg is None else marker.angle_deg,
+        lateral_m=lateral_m if marker.lateral_m is None else marker.lateral_m,
     )
 
 

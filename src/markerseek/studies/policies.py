@@ -25,6 +25,7 @@ from markerseek.core import (
     Policy,
     PolicyPlan,
     Tolerance,
+    described,
 )
 from markerseek.search import (
     METHODS,
@@ -225,11 +226,6 @@ def _build_own(method: str, *, limits: Interval, acquisitions: int) -> Policy:
     if not isinstance(policy, Policy):
         raise ConfigError(f"{method}: it made {policy!r:.80}, which has not all of ask, tell and estimate")
     return policy
-
-
-def described(problem: Exception) -> str:
-    """An error as its class and message in one line."""
-    return f"{type(problem).__name__}: {' '.join(str(problem).split())}"
 
 
 def own_lines(problem: Exception) -> str:

@@ -26,11 +26,12 @@ from markerseek.core import (
     Sample,
     SearchError,
     Unsure,
+    described,
 )
 from markerseek.records import answer_name
 from markerseek.scan import Scanner, run
 from markerseek.studies.entry import EntryError
-from markerseek.studies.policies import PolicySettings, build_policy, described, is_own, own_lines
+from markerseek.studies.policies import PolicySettings, build_policy, is_own, own_lines
 from markerseek.studies.study import Cell, Study, Value, cells
 from markerseek.studies.worlds import Draw, draw_trial, former_rig, hidden_noise, study_rig
 
