@@ -12,7 +12,7 @@ from markerseek.core import ConfigError, Reader, RigFacts
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.rigs.rig import Rig, SimulatedRecipe, fingerprint, with_probe
 from markerseek.scan import Scanner
-from markerseek.signals import AnyImageReader, IntensityReader
+from markerseek.signals import ImageReader, IntensityReader, SpareReader
 from markerseek.sim import (
     BModeWorld,
     CurveWorld,
@@ -48,7 +48,6 @@ def rig_in_world(
     *,
     clock: VirtualClock,
     reader: Reader,
-    imaging: AnyImageReader | None,
     description: str,
     truth_deg: float | None,
     seed: int | None = None,
@@ -59,10 +58,10 @@ def rig_in_world(
     """Assemble simulated devices in a world; given `rng`, the state of the world can be saved and restored.
 
     ``settings``: settings of stage, laser, receiver and limits. ``reader``: turns the world's frames into readings.
-    ``imaging``: the same if it makes images; None otherwise. ``seed``: seed of the world, if it has one. ``recipe``:
-    arguments to make the same rig again, for a journal. ``b_mode``: the same tissue in B-mode, for an image after each
-    frame.
+    ``seed``: seed of the world, if it has one. ``recipe``: arguments to make the same rig again, for a journal.
+    ``b_mode``: the same tissue in B-mode, for an image after each frame.
     """
+    imaging = reader if isinstance(reader, ImageReader | SpareReader) else None
     stage = SimulatedStage(world=world, clock=clock, motion=settings.stage, travel=settings.limits.travel)
     light = settings.laser
     laser = SimulatedLaser(
@@ -149,7 +148,6 @@ def of_intensities(
         settings,
         clock=VirtualClock(),
         reader=IntensityReader(),
-        imaging=None,
         description=f"simulated intensities, peak SNR {settings.noise.peak_snr_db:g} dB, seed {seed}",
         seed=seed,
         truth_deg=marker_deg if settings.marker.present and curve is not None else None,

@@ -167,13 +167,11 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, dr
     """Rig with everything drawn."""
     model, rng = unknowns.model, np.random.default_rng(draw.noise_seed)
     settings = _drawn_settings(study, settings, unknowns)
-    imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
     return rig_in_world(
         _scene(unknowns, settings, draw.scene, rng).world(settings, rng),
         settings,
         clock=VirtualClock(),
-        reader=imaging,
-        imaging=imaging,
+        reader=image_reader(model.probe.array, sampling_hz=model.sampling_hz),
         description=f"simulated frames, all unknowns drawn, peak SNR {settings.noise.peak_snr_db:g} dB",
         truth_deg=unknowns.marker.angle_deg if settings.marker.present else None,
         rng=rng,

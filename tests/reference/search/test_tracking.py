@@ -234,7 +234,6 @@ def rig_of_intensities(swing, *, stage):
         settings,
         clock=VirtualClock(),
         reader=IntensityReader(),
-        imaging=None,
         description="",
         truth_deg=1.0,
     )
