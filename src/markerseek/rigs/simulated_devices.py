@@ -50,16 +50,16 @@ def rig_in_world(
     reader: Reader,
     description: str,
     truth_deg: float | None,
+    rng: np.random.Generator,
     seed: int | None = None,
-    rng: np.random.Generator | None = None,
     recipe: SimulatedRecipe | None = None,
     b_mode: BModeWorld | None = None,
 ) -> Rig:
-    """Assemble simulated devices in a world; given `rng`, the state of the world can be saved and restored.
+    """Assemble simulated devices in a world, whose state can be saved and restored.
 
     ``settings``: settings of stage, laser, receiver and limits. ``reader``: turns the world's frames into readings.
-    ``seed``: seed of the world, if it has one. ``recipe``: arguments to make the same rig again, for a journal.
-    ``b_mode``: the same tissue in B-mode, for an image after each frame.
+    ``rng``: that of the world. ``seed``: its seed, if it has one. ``recipe``: arguments to make the same rig again, for
+    a journal. ``b_mode``: the same tissue in B-mode, for an image after each frame.
     """
     imaging = reader if isinstance(reader, ImageReader | SpareReader) else None
     stage = SimulatedStage(world=world, clock=clock, motion=settings.stage, travel=settings.limits.travel)
@@ -113,9 +113,7 @@ def rig_in_world(
         imaging=imaging,
         dark_frames=DARK_FRAMES,
         recipe=recipe,
-        world=None
-        if rng is None
-        else SimulatedState(world=world, clock=clock, stage=stage, receiver=receiver, rng=rng),
+        world=SimulatedState(world=world, clock=clock, stage=stage, receiver=receiver, rng=rng),
     )
 
 

@@ -236,6 +236,7 @@ def rig_of_intensities(swing, *, stage):
         reader=IntensityReader(),
         description="",
         truth_deg=1.0,
+        rng=rng,
     )
 
 
