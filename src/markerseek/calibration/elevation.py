@@ -68,8 +68,8 @@ def require_peak(samples: Sequence[Sample], *, saturated_limit: float) -> None:
     if clipped is not None and not clipped <= saturated_limit:
         raise SearchError(
             f"{clipped:.0%} of the channels are saturated at {strongest.angle_deg:g} deg, at most "
-            f"{saturated_limit:.0%} may be, for the shape of the wave is fitted; reduce the gain or the laser's energy "
-            "and scan again"
+            f"{saturated_limit:.0%} may be, because the shape of the wave is fitted; reduce the gain or the laser's "
+            "energy, and scan again"
         )
 
 

@@ -114,7 +114,7 @@ class OpenDevices:
             each()
 
     def beat_with(self, beat: Callable[[], None]) -> None:
-        """Add one."""
+        """Renew one more lease in `beat`."""
         self._beats.append(beat)
 
     def port(self, part: Part) -> Port:
