@@ -321,8 +321,9 @@ def commanded_deg(sample: Sample) -> float:
     The one to which it was sent before, because the angle reached can lie slightly outside the range; for a sample of a
     sweep, the angle reached.
     """
-    at_rest = sample.frame is not None and sample.sweep is None
-    return sample.frame.header.commanded_deg if at_rest and sample.frame is not None else sample.angle_deg
+    if sample.frame is None or sample.sweep is not None:
+        return sample.angle_deg
+    return sample.frame.header.commanded_deg
 
 
 def change_of(before: Reading, now: Reading, *, share: float = SHARE) -> str | None:
