@@ -73,14 +73,17 @@ class Scene:
             averaged=settings.laser.pulses,
         )
 
-    def hidden_noise(self, settings: SimulatedSettings) -> str | None:
-        """That the steps of the converter hide the noise, with the cure; None where they do not."""
-        step = math.hypot(self.noise.white_sigma, self.noise.coloured_sigma)
-        if step >= MIN_NOISE_COUNTS:
+    def hidden_noise(self, settings: SimulatedSettings, *, pulses: int) -> str | None:
+        """That the steps of the converter hide the noise of a frame of so many pulses, with the cure; else None."""
+        # That of the scene is of an average.
+        sigma = math.hypot(self.noise.white_sigma, self.noise.coloured_sigma) * math.sqrt(
+            settings.laser.pulses / pulses
+        )
+        if sigma >= MIN_NOISE_COUNTS:
             return None
-        most_db = settings.noise.peak_snr_db + 20 * math.log10(step / MIN_NOISE_COUNTS)
+        most_db = settings.noise.peak_snr_db + 20 * math.log10(sigma / MIN_NOISE_COUNTS)
         return (
-            f"noise: peak_snr_db is {settings.noise.peak_snr_db:g} dB, which leaves {step:.2g} counts of noise in "
+            f"noise: peak_snr_db is {settings.noise.peak_snr_db:g} dB, which leaves {sigma:.2g} counts of noise in "
             f"a channel: below {MIN_NOISE_COUNTS} the steps of the converter hide it; lower peak_snr_db to at most "
             f"{math.floor(most_db)} dB" + ("" if settings.receiver.peak_counts is None else ", or raise peak_counts")
         )

@@ -112,7 +112,7 @@ def simulated(
 def _scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
     """A scene with noise that the steps of the converter do not hide."""
     scene = draw_scene(settings, rng)
-    problem = scene.hidden_noise(settings)
+    problem = scene.hidden_noise(settings, pulses=settings.laser.pulses)
     if problem is not None:
         raise ConfigError(problem)
     return scene

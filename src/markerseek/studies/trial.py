@@ -222,7 +222,7 @@ def fault_of(study: Study, row: int) -> str:
         return described(problem)
     except DeviceError as problem:
         # The guard refuses frames without noise as stale, and here no device is to blame.
-        hidden = hidden_noise(study, cell, draw)
+        hidden = hidden_noise(study, cell, draw, sweep=settings.sweep)
         return described(problem) if hidden is None else f"{hidden} ({described(problem)})"
     return ""
 

@@ -146,12 +146,13 @@ def study_rig(study: Study, cell: Cell, draw: Draw) -> rigs.Rig:
     )
 
 
-def hidden_noise(study: Study, cell: Cell, draw: Draw) -> str | None:
+def hidden_noise(study: Study, cell: Cell, draw: Draw, *, sweep: bool) -> str | None:
     """`Scene.hidden_noise` of a trial with everything drawn; other rigs refuse such noise themselves."""
     if draw.unknowns is None:
         return None
     settings = _drawn_settings(study, cell.world.rig, draw.unknowns)
-    return _scene(draw.unknowns, settings, draw.scene, np.random.default_rng(draw.noise_seed)).hidden_noise(settings)
+    scene = _scene(draw.unknowns, settings, draw.scene, np.random.default_rng(draw.noise_seed))
+    return scene.hidden_noise(settings, pulses=1 if sweep else settings.laser.pulses)
 
 
 def _drawn_settings(study: Study, settings: SimulatedSettings, unknowns: Unknowns) -> SimulatedSettings:

@@ -167,7 +167,9 @@ def test_a_search_that_fails_for_want_of_noise_says_so_and_names_no_device() -> 
     lower = replace(study, rig=replace(quiet, noise=NoiseSettings(peak_snr_db=most_db)))
     # Another noise draws another marker: the scene of this one is what must fit.
     draw = draw_trial(study, cells(study)[0], 0)
-    assert hidden_noise(lower, cells(lower)[0], draw) is None
+    assert hidden_noise(lower, cells(lower)[0], draw, sweep=False) is None
+    # A frame of a sweep is of one pulse, and has eight times the noise of this average of 64.
+    assert hidden_noise(study, cells(study)[0], draw, sweep=True) is None
 
 
 PLAIN_DEG = -13.638073461661964
