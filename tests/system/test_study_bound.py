@@ -56,3 +56,13 @@ def test_a_study_is_drawn_over_the_bound_with_another_beside_it(
     (policy,) = summary["policies"]
     assert policy["any_error_deg"]["count"] == 2
     assert len(policy["marks_deg"]) == 2
+
+
+def test_a_study_that_has_no_bound_is_refused_before_it_is_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("plain.toml").write_text(STUDY.replace('"everything"', '"marker"'), encoding="utf-8")
+    assert shell(monkeypatch, "study", "plain.toml", "--workers", 1, "--bound", 1) == 2
+    assert 'set drawn = "everything"' in capsys.readouterr().err
+    assert not Path("out").exists()

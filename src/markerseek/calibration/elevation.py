@@ -68,8 +68,8 @@ def require_peak(samples: Sequence[Sample], *, saturated_limit: float) -> None:
     if clipped is not None and not clipped <= saturated_limit:
         raise SearchError(
             f"{clipped:.0%} of the channels are saturated at {strongest.angle_deg:g} deg, at most "
-            f"{saturated_limit:.0%} may be, for the shape of the wave is fitted; reduce the gain or the laser's energy "
-            "and scan again"
+            f"{saturated_limit:.0%} may be, because the shape of the wave is fitted; reduce the gain or the laser's "
+            "energy, and scan again"
         )
 
 
@@ -325,7 +325,7 @@ def require_delays(waves: SourceWaves, geometry: Geometry) -> None:
     if not low_m > MIN_FACE_M:
         raise SearchError(
             f"the face radius is {1e3 * geometry.face_radius_m.value:.1f} mm or less, which this scan does not "
-            "determine; scan one small source from 12 deg below it to 12 deg above, in steps of at most 1 deg"
+            f"determine; {_CURE}"
         )
 
 

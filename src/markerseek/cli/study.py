@@ -69,6 +69,8 @@ def command(
         Output(as_json=as_json).show(Report(values=named, shown=[shown]))
     folder = out or Path("out") / study.stem
     _require_drawable(folder, beside or [], plot=plot)
+    if bound is not None:
+        studies.require_bound(settings)
     _announce(settings, workers=workers, scheduler=scheduler)
     try:
         with stages_bar() as advance:

@@ -17,6 +17,7 @@ from markerseek.core.errors import (
     RecordError,
     SaturationError,
     SearchError,
+    described,
     needs_package,
 )
 from markerseek.core.estimate import (
@@ -189,6 +190,7 @@ __all__ = [
     "UInt8",
     "Unsure",
     "as_interval",
+    "described",
     "fastest_sweep_deg_s",
     "is_finite",
     "is_whole",

@@ -68,6 +68,11 @@ def needs_package(package: str, *, extra: str, purpose: str) -> Iterator[None]:
         raise MissingExtraError(package=package, extra=extra, purpose=purpose) from problem
 
 
+def described(problem: BaseException) -> str:
+    """An error as its class and message in one line."""
+    return f"{type(problem).__name__}: {' '.join(str(problem).split())}"
+
+
 class RecordError(MarkerseekError):
     """A file that was named cannot be read or written."""
 

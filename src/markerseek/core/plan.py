@@ -83,6 +83,11 @@ class ByHand:
         ):
             require_range(f"by hand: {name}", getattr(self, name), low=low, high=high, unit="deg")
 
+    @property
+    def arrival_deg(self) -> float:
+        """Most that an acquisition may lie off the angle asked for, in degrees: a hand at rest drifts."""
+        return self.reach_deg + self.drift_deg
+
 
 # Without slots, here and below: a class with two slotted parents cannot be laid out, and a `SearchPlan` has two.
 @dataclass(frozen=True, kw_only=True)

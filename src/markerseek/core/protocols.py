@@ -1,4 +1,4 @@
-"""Protocols of the parts of a rig: one to four methods each.
+"""Protocols of the parts of a rig; those of a sweep extend the plain ones.
 
 Angles are in degrees, times in seconds. A part that cannot do what it is asked raises a
 `DeviceError`; it never returns something else instead.

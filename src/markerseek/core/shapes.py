@@ -14,7 +14,7 @@ CHECKED = "jaxtyping" in sys.modules
 """Whether annotations are checked while the program runs: then all names in them must exist."""
 
 if TYPE_CHECKING or CHECKED:
-    from jaxtyping import Bool, Complex128, Float32, Float64, Int16, Int32, Int64, UInt8, UInt32
+    from jaxtyping import Bool, Complex128, Float32, Float64, Int16, Int32, Int64, UInt8
 else:
 
     class _AnyArray:
@@ -23,6 +23,6 @@ else:
         def __class_getitem__(cls, _shape: object) -> Any:
             return Any
 
-    Bool = Complex128 = Float32 = Float64 = Int16 = Int32 = Int64 = UInt8 = UInt32 = _AnyArray
+    Bool = Complex128 = Float32 = Float64 = Int16 = Int32 = Int64 = UInt8 = _AnyArray
 
-__all__ = ["CHECKED", "Bool", "Complex128", "Float32", "Float64", "Int16", "Int32", "Int64", "UInt8", "UInt32"]
+__all__ = ["CHECKED", "Bool", "Complex128", "Float32", "Float64", "Int16", "Int32", "Int64", "UInt8"]

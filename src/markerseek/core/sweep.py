@@ -148,7 +148,7 @@ class Triggers:
 
 
 MAX_AHEAD_DEG = 5.0
-"""Most that a target lies ahead of a stage that turns: so far it turns on at most if the host dies."""
+"""Most that a target lies ahead of a stage that turns, in degrees: it turns no further if the host dies."""
 
 
 def fastest_sweep_deg_s(acceleration_deg_s2: float) -> float:

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from markerseek.core import ConfigError, DeviceTimeoutError, MarkerseekError
+from markerseek.core import ConfigError, DeviceTimeoutError, MarkerseekError, described
 from markerseek.drivers._time_limit import time_limit
 from markerseek.drivers.entry import Part
 from markerseek.files import nearest_key, setting_from
@@ -177,8 +177,3 @@ def _hints(made: type) -> dict[str, Any]:
     # An annotation that only a type checker can resolve says nothing here.
     except Exception:  # noqa: BLE001
         return {}
-
-
-def described(problem: BaseException) -> str:
-    """An error as its class and message in one line."""
-    return f"{type(problem).__name__}: {' '.join(str(problem).split())}"

@@ -29,8 +29,9 @@ from markerseek.core import (
     Permit,
     Receiver,
     Stage,
+    described,
 )
-from markerseek.drivers._foreign_class import OFFERED, arguments_of, class_of, described
+from markerseek.drivers._foreign_class import OFFERED, arguments_of, class_of
 from markerseek.drivers._time_limit import time_limit
 from markerseek.drivers.entry import (
     DeviceSettings,

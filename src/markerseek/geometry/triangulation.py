@@ -26,8 +26,6 @@ class Triangulated:
     """Their covariances from the errors of the pixels."""
     by_pixel_m: Float64[np.ndarray, "points 3 4"]
     """Displacement of each point, by one pixel of left x, left y, right x, right y."""
-    reprojection_px: Float64[np.ndarray, " points"]
-    """Root mean square distance from the pixels to the projections of each point."""
 
 
 def triangulate(
@@ -65,7 +63,6 @@ def triangulate(
         points_m=points_m,
         covariances_m2=sigma_px**2 * inverse,
         by_pixel_m=inverse @ np.swapaxes(derivative, 1, 2),
-        reprojection_px=reprojection_px,
     )
 
 

@@ -95,7 +95,6 @@ class ReplayReceiver:
         self._bank = bank
         self._sequence = 0
         self._dark = 0
-        self._dark_frames = bank.dark_frames
         self._armed: Permit | None = None
 
     def settle(self) -> None:
@@ -105,8 +104,8 @@ class ReplayReceiver:
         """Prepare one acquisition."""
         self._armed = permit
         # Dark frames are handed out once each: the noise floor needs independent ones.
-        if permit.pulses == 0 and self._dark >= self._dark_frames:
-            held = f"{self._dark_frames} dark frames" if self._dark_frames else "no dark frames"
+        if permit.pulses == 0 and self._dark >= self._bank.dark_frames:
+            held = f"{self._bank.dark_frames or 'no'} dark frames"
             raise ConfigError(f"replay: the bank holds {held}; ask for no more of them")
 
     def acquire(self, permit: Permit) -> Frame:

@@ -56,6 +56,7 @@ class OpenDevices:
         self._ports: dict[str, Port] = {}
         self._node: RosNode | None = None
         self._simulated: SimulatedParts | None = None
+        self._opened_stage: Stage | None = None
         self.supervisor: Supervisor | None = None
         self.checks: dict[str, tuple[RuleCheck, ...]] = {}
         lines = [line for line in settings.lines if line.name in parts]
@@ -74,7 +75,7 @@ class OpenDevices:
     def stage(self, clock: Clock) -> tuple[Stage, str]:
         """The stage, and what it is."""
         opened, name = self._open("stage", clock)
-        self._opened_stage: Stage = opened
+        self._opened_stage = opened
         return opened, name
 
     def acquisition(self, clock: Clock) -> tuple[Laser, Receiver, str]:
@@ -113,7 +114,7 @@ class OpenDevices:
             each()
 
     def beat_with(self, beat: Callable[[], None]) -> None:
-        """Add one."""
+        """Renew one more lease in `beat`."""
         self._beats.append(beat)
 
     def port(self, part: Part) -> Port:
@@ -135,7 +136,7 @@ class OpenDevices:
         """A simulated device in the world of this rig."""
         if self._simulated is None:
             self._simulated = SimulatedParts(self._settings)
-        return self._simulated.opened(settings, clock=clock, stage=getattr(self, "_opened_stage", None))
+        return self._simulated.opened(settings, clock=clock, stage=self._opened_stage)
 
     def arm(self) -> None:
         """Enable writes, also after the supervisor has blocked them."""
@@ -189,7 +190,7 @@ def guard_of(settings: BenchSettings) -> Guard:
     if hand is None:
         return guard(admission=admission)
     # A hand drifts on from where it came to rest until the laser has fired.
-    return guard(admission=replace(admission, settled_deg=hand.drift_deg), arrival_deg=hand.reach_deg + hand.drift_deg)
+    return guard(admission=replace(admission, settled_deg=hand.drift_deg), arrival_deg=hand.arrival_deg)
 
 
 class SimulatedParts:
@@ -199,16 +200,8 @@ class SimulatedParts:
         keys = bench.receiver if isinstance(bench.receiver, SimulatedReceiverKeys) else SimulatedReceiverKeys()
         settings = _world_of(keys)
         rng = np.random.default_rng(keys.seed)
-        scene = draw_scene(settings, rng)
         self._settings, self._bench, self._readout_s, self._rng = settings, bench, keys.readout_s, rng
-        self._world = World(
-            model=scene.model,
-            absorbers=scene.absorbers,
-            noise=scene.noise,
-            energy_jitter=settings.laser.energy_jitter,
-            start_deg=settings.start_deg,
-            rng=rng,
-        )
+        self._world = draw_scene(settings, rng).world(settings, rng)
 
     def opened(self, settings: DeviceSettings, *, clock: Clock, stage: Stage | None) -> Any:
         """The device that has these settings; ``stage``: of the rig, whatever drives it."""
@@ -256,10 +249,10 @@ class _Laser(SimulatedLaser):
 
     def __init__(self, *, world: World, clock: Clock, stage: Stage, rate_hz: float) -> None:
         super().__init__(world=world, clock=clock, rate_hz=rate_hz)
-        self._probe, self._stage = world, stage
+        self._stage = stage
 
     def fire(self, permit: Permit) -> int:
         # A simulated stage turns the probe itself, and knows of its play.
         if not isinstance(self._stage, _Stage):
-            self._probe.angle_deg = self._stage.angle_deg
+            self._world.angle_deg = self._stage.angle_deg
         return super().fire(permit)

@@ -84,7 +84,7 @@ def imaging_of(probe: BenchProbe, *, sampling_hz: float) -> ImageReader:
     preset = probe_preset(probe.preset)
     # Another array or band makes another probe: a bank has to describe it in full.
     own = (probe.pitch_m, probe.low_hz, probe.high_hz, probe.f_number, probe.pickup_samples, probe.full_scale)
-    name = None if set(own) == {None} else f"{preset.name} with own keys"
+    name = None if all(each is None for each in own) else f"{preset.name} with own keys"
     return ImageReader(probe.on(preset, sampling_hz=sampling_hz, name=name))
 
 

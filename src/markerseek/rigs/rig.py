@@ -118,10 +118,11 @@ def fingerprint(of: SimulatedSettings | BenchSettings | IntensityBank | FrameBan
     Frames are not included. Unknown metadata are left out, so that the fingerprint does not change when a later version
     adds a field.
     """
-    plain: object = hashable_values(of) if isinstance(of, SimulatedSettings) else of
-    if isinstance(of, BenchSettings):
+    if isinstance(of, SimulatedSettings):
+        plain = hashable_values(of)
+    elif isinstance(of, BenchSettings):
         plain = of.table()
-    if isinstance(of, IntensityBank | FrameBank):
+    else:
         facts = msgspec.to_builtins(of.facts)
         known = {name: value for name, value in facts.items() if value is not None}
         plain = {"angles_deg": of.angles_deg, "intensities": of.intensities, "facts": known}

@@ -1,7 +1,7 @@
 """Draws the scene of a simulated rig (marker, light spot, clutter, noise) from settings.
 
-`draw_scene` is the only place where settings become absorbers and noise, for rigs of frames and of intensities. The
-curve of a scene is its intensity over the angle.
+`scene_of` is the only place where settings become absorbers and noise, for rigs of frames and of intensities, and for
+studies. The curve of a scene is its intensity over the angle.
 """
 
 from __future__ import annotations
@@ -34,6 +34,9 @@ _MIN_SIGMA = 2.0
 
 _NOISE_SIGMAS, _JITTER_SIGMAS = 6.0, 5.0
 """Room for the noise's largest sample in some hundred thousand, and for the strongest flash, in standard deviations."""
+
+MIN_NOISE_COUNTS = 0.25
+"""Least noise of a channel in counts that survives rounding by the converter."""
 
 _OFF_PLANE = 1.5
 """Room for a marker near the array, which is up to 1.34 times as strong in a channel off its plane as in it."""
@@ -68,6 +71,21 @@ class Scene:
             start_deg=settings.start_deg,
             rng=rng,
             averaged=settings.laser.pulses,
+        )
+
+    def hidden_noise(self, settings: SimulatedSettings, *, pulses: int) -> str | None:
+        """That the steps of the converter hide the noise of a frame of so many pulses, with the cure; else None."""
+        # That of the scene is of an average.
+        sigma = math.hypot(self.noise.white_sigma, self.noise.coloured_sigma) * math.sqrt(
+            settings.laser.pulses / pulses
+        )
+        if sigma >= MIN_NOISE_COUNTS:
+            return None
+        most_db = settings.noise.peak_snr_db + 20 * math.log10(sigma / MIN_NOISE_COUNTS)
+        return (
+            f"noise: peak_snr_db is {settings.noise.peak_snr_db:g} dB, which leaves {sigma:.2g} counts of noise in "
+            f"a channel: below {MIN_NOISE_COUNTS} the steps of the converter hide it; lower peak_snr_db to at most "
+            f"{math.floor(most_db)} dB" + ("" if settings.receiver.peak_counts is None else ", or raise peak_counts")
         )
 
 
@@ -173,23 +191,23 @@ def draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absorb
     """Marker of strength 1; its position is drawn where the settings leave it open."""
     search, reach_m = settings.limits.search, _reach_m(settings)
     angle_deg, lateral_m = rng.uniform(search.low_deg, search.high_deg), rng.uniform(-reach_m, reach_m)
-    marker = settings.marker
-    return Absorber(
-        radius_m=marker.radius_m,
-        angle_deg=angle_deg if marker.angle_deg is None else marker.angle_deg,
-        lateral_m=lateral_m if marker.lateral_m is None else marker.lateral_m,
-    )
+    return _placed(settings.marker, angle_deg=angle_deg, lateral_m=lateral_m)
 
 
 def _draw_second(settings: SimulatedSettings, first: Absorber, rng: np.random.Generator) -> Absorber:
     """Second marker of strength 1, drawn after everything of the first, so that the first does not depend on it."""
-    search, second = settings.limits.search, settings.second
+    search = settings.limits.search
     angle_deg = rng.uniform(search.low_deg, search.high_deg)
     across_m = first.lateral_m - math.copysign(_reach_m(settings), first.lateral_m)
+    return _placed(settings.second, angle_deg=angle_deg, lateral_m=across_m)
+
+
+def _placed(marker: MarkerSettings, *, angle_deg: float, lateral_m: float) -> Absorber:
+    """A marker of strength 1 where its settings put it, else there."""
     return Absorber(
-        radius_m=second.radius_m,
-        angle_deg=angle_deg if second.angle_deg is None else second.angle_deg,
-        lateral_m=across_m if second.lateral_m is None else second.lateral_m,
+        radius_m=marker.radius_m,
+        angle_deg=angle_deg if marker.angle_deg is None else marker.angle_deg,
+        lateral_m=lateral_m if marker.lateral_m is None else marker.lateral_m,
     )
 
 
@@ -235,13 +253,12 @@ def scene_curve(scene: Scene) -> tuple[RecordedCurve, int]:
 
     # One elevation for all sources makes the curve even in the angle, which halves the work.
     alike = all(absorber.angle_deg == marker.angle_deg for absorber in absorbers)
-    angles = _OFF_PLANE_DEG if alike else np.concatenate([-_OFF_PLANE_DEG[:0:-1], _OFF_PLANE_DEG])
-    heights = _heights(reader, frame_at, angles)
+    off_deg = np.concatenate([-_OFF_PLANE_DEG[:0:-1], _OFF_PLANE_DEG])
+    heights = _heights(reader, frame_at, _OFF_PLANE_DEG if alike else off_deg)
     if alike:
-        angles = np.concatenate([-angles[:0:-1], angles])
         heights = np.concatenate([heights[:0:-1], heights])
     cells = reader.read(frame_at(0.0)).cells or 1
-    return RecordedCurve(angles, heights / (scene.peak * gain_to_counts)), cells
+    return RecordedCurve(off_deg, heights / (scene.peak * gain_to_counts)), cells
 
 
 def _heights(
@@ -289,10 +306,7 @@ def image_reader(array: LinearArray, *, sampling_hz: float) -> ImageReader:
 
 
 def image_peak(absorbers: list[Absorber], model: AcousticModel, *, angle_deg: float) -> float:
-    """Noise-free envelope peak of absorbers in the image at an angle of the probe.
-
-    In the unit of their channel data.
-    """
+    """Noise-free envelope peak of absorbers in the image at an angle of the probe, in the unit of channel data."""
     received = model.channel_data(absorbers, angle_deg=angle_deg)
     largest = _largest(received, absorbers[0], model)
     counts = np.rint(received * (MAX_COUNTS / largest)).astype(np.int16)

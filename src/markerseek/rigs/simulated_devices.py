@@ -12,7 +12,7 @@ from markerseek.core import ConfigError, Reader, RigFacts
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.rigs.rig import Rig, SimulatedRecipe, fingerprint, with_probe
 from markerseek.scan import Scanner
-from markerseek.signals import AnyImageReader, IntensityReader
+from markerseek.signals import ImageReader, IntensityReader, SpareReader
 from markerseek.sim import (
     BModeWorld,
     CurveWorld,
@@ -48,21 +48,20 @@ def rig_in_world(
     *,
     clock: VirtualClock,
     reader: Reader,
-    imaging: AnyImageReader | None,
     description: str,
     truth_deg: float | None,
+    rng: np.random.Generator,
     seed: int | None = None,
-    rng: np.random.Generator | None = None,
     recipe: SimulatedRecipe | None = None,
     b_mode: BModeWorld | None = None,
 ) -> Rig:
-    """Assemble simulated devices in a world; given `rng`, the state of the world can be saved and restored.
+    """Assemble simulated devices in a world, whose state can be saved and restored.
 
     ``settings``: settings of stage, laser, receiver and limits. ``reader``: turns the world's frames into readings.
-    ``imaging``: the same if it makes images; None otherwise. ``seed``: seed of the world, if it has one. ``recipe``:
-    arguments to make the same rig again, for a journal. ``b_mode``: the same tissue in B-mode, for an image after each
-    frame.
+    ``rng``: that of the world. ``seed``: its seed, if it has one. ``recipe``: arguments to make the same rig again, for
+    a journal. ``b_mode``: the same tissue in B-mode, for an image after each frame.
     """
+    imaging = reader if isinstance(reader, ImageReader | SpareReader) else None
     stage = SimulatedStage(world=world, clock=clock, motion=settings.stage, travel=settings.limits.travel)
     light = settings.laser
     laser = SimulatedLaser(
@@ -114,9 +113,7 @@ def rig_in_world(
         imaging=imaging,
         dark_frames=DARK_FRAMES,
         recipe=recipe,
-        world=None
-        if rng is None
-        else SimulatedState(world=world, clock=clock, stage=stage, receiver=receiver, rng=rng),
+        world=SimulatedState(world=world, clock=clock, stage=stage, receiver=receiver, rng=rng),
     )
 
 
@@ -149,7 +146,6 @@ def of_intensities(
         settings,
         clock=VirtualClock(),
         reader=IntensityReader(),
-        imaging=None,
         description=f"simulated intensities, peak SNR {settings.noise.peak_snr_db:g} dB, seed {seed}",
         seed=seed,
         truth_deg=marker_deg if settings.marker.present and curve is not None else None,

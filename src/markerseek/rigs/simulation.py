@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
@@ -29,9 +28,6 @@ from markerseek.sim import (
     VirtualClock,
 )
 from markerseek.vision import TipReader, TipSettings
-
-MIN_NOISE_COUNTS = 0.25
-"""Least noise of a simulated channel in counts that survives rounding by the converter."""
 
 
 def simulated(
@@ -78,11 +74,10 @@ def simulated(
         settings = replace(settings, marker=replace(settings.marker, angle_deg=float(marker_deg)))
     if swing is not None and (settings.receiver.b_mode or settings.receiver.data == "b-mode"):
         raise ConfigError("receiver: B-mode of a marker that moves is not simulated; leave b_mode out")
-    rng = np.random.default_rng(seed)
+    rng, clock = np.random.default_rng(seed), VirtualClock(pace=pace, beat=beat)
     if settings.receiver.data == "b-mode":
-        return _tip_rig(seed, settings, pace=pace, rng=rng)
-    scene = draw_scene(settings, rng)
-    _require_noise(scene, settings)
+        return _tip_rig(seed, settings, pace=pace, clock=clock, rng=rng)
+    scene = _scene(settings, rng)
     world = scene.world(settings, rng)
     # Not the tissue's sound speed: a user images with a preset, and the error is part of the result.
     imaging: AnyImageReader = image_reader(settings.probe.array, sampling_hz=settings.receiver.sampling_hz)
@@ -103,9 +98,8 @@ def simulated(
     return rig_in_world(
         seen,
         settings,
-        clock=VirtualClock(pace=pace, beat=beat),
+        clock=clock,
         reader=imaging,
-        imaging=imaging,
         description=description,
         seed=seed,
         truth_deg=scene.marker.angle_deg if settings.marker.present else None,
@@ -115,16 +109,13 @@ def simulated(
     )
 
 
-def _require_noise(scene: Scene, settings: SimulatedSettings) -> None:
-    """Refuse noise that is hidden by the steps of the converter."""
-    step = math.hypot(scene.noise.white_sigma, scene.noise.coloured_sigma)
-    if not step >= MIN_NOISE_COUNTS:
-        most_db = settings.noise.peak_snr_db + 20 * math.log10(step / MIN_NOISE_COUNTS)
-        raise ConfigError(
-            f"noise: peak_snr_db is {settings.noise.peak_snr_db:g} dB, which leaves {step:.2g} counts of noise in "
-            f"a channel: below {MIN_NOISE_COUNTS} the steps of the converter hide it; lower peak_snr_db to at most "
-            f"{math.floor(most_db)} dB" + ("" if settings.receiver.peak_counts is None else ", or raise peak_counts")
-        )
+def _scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
+    """A scene with noise that the steps of the converter do not hide."""
+    scene = draw_scene(settings, rng)
+    problem = scene.hidden_noise(settings, pulses=settings.laser.pulses)
+    if problem is not None:
+        raise ConfigError(problem)
+    return scene
 
 
 @lru_cache(maxsize=4)
@@ -157,7 +148,9 @@ def _b_mode_world(
     )
 
 
-def _tip_rig(seed: int, settings: SimulatedSettings, *, pace: float, rng: np.random.Generator) -> Rig:
+def _tip_rig(
+    seed: int, settings: SimulatedSettings, *, pace: float, clock: VirtualClock, rng: np.random.Generator
+) -> Rig:
     """A rig in B-mode: the tip of an instrument is where the settings put the marker."""
     marker = draw_marker(settings, rng)
     world = _b_mode_world(settings, marker, rng, b_mode=settings.b_mode, tip=settings.marker.present)
@@ -166,9 +159,8 @@ def _tip_rig(seed: int, settings: SimulatedSettings, *, pace: float, rng: np.ran
     rig = rig_in_world(
         world,
         settings,
-        clock=VirtualClock(pace=pace),
+        clock=clock,
         reader=reader,
-        imaging=None,
         description=f"tool tip on simulated tissue, {reader.method}, seed {seed}",
         seed=seed,
         truth_deg=marker.angle_deg if settings.marker.present else None,

@@ -90,6 +90,7 @@ def scan_configuration(rig: Rig, *, step_deg: float) -> Configuration:
         start_deg=rig.stage.angle_deg,
         dark_frames=rig.dark_frames,
         stay=True,
+        by_hand=rig.by_hand,
     )
     return configuration_of(rig, plan)
 

@@ -110,9 +110,8 @@ def closing_run(events: Generator[Event, None, None], clock: Clock, journal: Jou
 def commit_event(event: Event, clock: Clock, rig: Rig, journal: Journal) -> None:
     """Commit an event, with the state of a simulated world where it has changed; `RecordError` if that fails."""
     # `Asked` and `Finished` change nothing in a simulated world: no checkpoint is needed.
-    changed = rig.world is not None and isinstance(event, Started | Measured | Swept | Refused | Failed)
-    checkpoint = rig.world.checkpoint() if rig.world is not None and changed else None
-    journal.commit(event, clock_s=clock.now_s(), checkpoint=checkpoint)
+    world = rig.world if isinstance(event, Started | Measured | Swept | Refused | Failed) else None
+    journal.commit(event, clock_s=clock.now_s(), checkpoint=None if world is None else world.checkpoint())
 
 
 ZEROS_DEG = 0.6

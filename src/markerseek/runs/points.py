@@ -52,21 +52,8 @@ def point_pairs(
             f"{len(searches)} searches and {len(rows)} rows of {points}; give --journal once for each row, in order"
         )
     _require_columns(points, kinds, searched=bool(searches), stereo=stereo is not None)
-    pairs = []
-    for number, (name, numbers) in enumerate(rows):
-        camera_m, camera_covariance_m2, shared_m = _camera_point(name, numbers, stereo)
-        marker = read_marker(searches[number]) if searches else None
-        pairs.append(
-            PointPair(
-                name=name,
-                trus_m=np.array(numbers["trus_m"] if marker is None else marker.position_m),
-                camera_m=camera_m,
-                trus_covariance_m2=_covariance(numbers.get("trus_sigma_m")) if marker is None else marker.covariance_m2,
-                camera_covariance_m2=camera_covariance_m2,
-                camera_shared_m=shared_m,
-            )
-        )
-    return pairs
+    found: Sequence[Path | None] = searches or [None] * len(rows)
+    return [_pair(name, numbers, search, stereo) for (name, numbers), search in zip(rows, found, strict=True)]
 
 
 DARK = "dark"
@@ -93,18 +80,7 @@ def spot_pairs(left: Path, right: Path, *, searches: Sequence[Path], stereo: Ste
         spots = [_spot(folder / path.stem, camera) for folder, camera in ((left, stereo.left), (right, stereo.right))]
         pixels = tuple(number for spot, _ in spots for number in spot)
         numbers = {"pixels": pixels, "spot_sigma_px": (max(sigma_px for _, sigma_px in spots),)}
-        camera_m, camera_covariance_m2, shared_m = _camera_point(path.stem, numbers, stereo)
-        marker = read_marker(path)
-        pairs.append(
-            PointPair(
-                name=path.stem,
-                trus_m=np.array(marker.position_m),
-                camera_m=camera_m,
-                trus_covariance_m2=marker.covariance_m2,
-                camera_covariance_m2=camera_covariance_m2,
-                camera_shared_m=shared_m,
-            )
-        )
+        pairs.append(_pair(path.stem, numbers, path, stereo))
     return pairs
 
 
@@ -156,6 +132,22 @@ def _require_columns(points: Path, kinds: Collection[str], *, searched: bool, st
         if "pixels" in kinds:
             raise ConfigError(f"{points}: it has pixels; name the calibration of the endoscope by --cameras FILE")
         raise ConfigError(f"{points}: the columns camera_x_m, camera_y_m, camera_z_m are missing, or left_x_px …")
+
+
+def _pair(
+    name: str, numbers: dict[str, tuple[float, ...]], search: Path | None, stereo: StereoSettings | None
+) -> PointPair:
+    """A point pair; its point in the TRUS frame is that of a search, or None: from the columns."""
+    camera_m, camera_covariance_m2, shared_m = _camera_point(name, numbers, stereo)
+    marker = None if search is None else read_marker(search)
+    return PointPair(
+        name=name,
+        trus_m=np.array(numbers["trus_m"] if marker is None else marker.position_m),
+        camera_m=camera_m,
+        trus_covariance_m2=_covariance(numbers.get("trus_sigma_m")) if marker is None else marker.covariance_m2,
+        camera_covariance_m2=camera_covariance_m2,
+        camera_shared_m=shared_m,
+    )
 
 
 def _camera_point(

@@ -342,6 +342,12 @@ class _File(RegistrationReport, frozen=True, kw_only=True):
     simulation: Any = None
 
 
+def davinci_to_probe_home(rows: Sequence[Sequence[float]]) -> RigidTransform:
+    """The transform whose matrix has these rows, as in `RegistrationReport`."""
+    matrix = np.array(rows, dtype=float)
+    return RigidTransform(source="DaVinci", target="ProbeHome", rotation=matrix[:3, :3], translation_m=matrix[:3, 3])
+
+
 def read_registration(path: Path) -> KnownRegistration:
     """The registration in a file.
 
@@ -359,11 +365,8 @@ def read_registration(path: Path) -> KnownRegistration:
     rows = stored.davinci_to_trus
     if [len(row) for row in rows] != [4] * 4 or rows[3] != [0, 0, 0, 1]:
         raise RecordError(f"{path}: davinci_to_trus must have 4 rows of 4 numbers, the last row 0, 0, 0, 1")
-    matrix = np.array(rows, dtype=float)
     try:
-        transform = RigidTransform(
-            source="DaVinci", target="ProbeHome", rotation=matrix[:3, :3], translation_m=matrix[:3, 3]
-        )
+        transform = davinci_to_probe_home(rows)
     except ConfigError as problem:
         raise RecordError(f"{path}: {problem}") from problem
     return KnownRegistration(

@@ -318,10 +318,12 @@ def _measured(scanner: AnyScanner, angle_deg: float, attempts: int) -> Sample:
 def commanded_deg(sample: Sample) -> float:
     """Angle in degrees to which the stage is sent to measure a sample again.
 
-    That to which it was sent before, for the one reached can lie slightly outside the range; in a sweep, the reached.
+    The one to which it was sent before, because the angle reached can lie slightly outside the range; for a sample of a
+    sweep, the angle reached.
     """
-    at_rest = sample.frame is not None and sample.sweep is None
-    return sample.frame.header.commanded_deg if at_rest and sample.frame is not None else sample.angle_deg
+    if sample.frame is None or sample.sweep is not None:
+        return sample.angle_deg
+    return sample.frame.header.commanded_deg
 
 
 def change_of(before: Reading, now: Reading, *, share: float = SHARE) -> str | None:

@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 
 from markerseek.core import ConfigError, Float64, UInt8
-from markerseek.geometry import Camera, RigidTransform
+from markerseek.geometry import Camera
 from markerseek.records import read_camera_images
-from markerseek.runs.registration import RegistrationReport
+from markerseek.runs.registration import RegistrationReport, davinci_to_probe_home
 from markerseek.runs.stereo_files import StereoSettings
 
 
@@ -38,10 +38,7 @@ def target_views(
     """
     if report.davinci_to_trus is None:
         raise ConfigError("the points do not fit, so that nobody knows where the target is in the images")
-    matrix = np.array(report.davinci_to_trus)
-    to_left = RigidTransform(
-        source="DaVinci", target="ProbeHome", rotation=matrix[:3, :3], translation_m=matrix[:3, 3]
-    ).inverse()
+    to_left = davinci_to_probe_home(report.davinci_to_trus).inverse()
     to_right = stereo.cameras.left_to_right
     target_m = to_left.apply(np.array(report.target_trus_m))
     covariance_m2 = to_left.rotation @ np.array(report.target_covariance_m2) @ to_left.rotation.T

@@ -77,8 +77,8 @@ class TriggerCount:
     def angle_deg(self, pulse: Pulse, stamped: StampedAngle) -> float:
         """Angle of the trigger that gave a pulse, with which that of its stamp must agree.
 
-        Which trigger was the first in light its stamp says, for some may have come before; from there on they are
-        counted, and one that is lost or doubled on its way shows itself by all later stamps.
+        The stamp of the first pulse says which trigger gave it, because some may have come before the light. From there
+        on triggers are counted; if one is lost or doubled on its way, all later stamps disagree.
         """
         angles_deg, edge = self.angles_deg, pulse.edge
         if edge is None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import cast
 
 from markerseek.core import (
+    MAX_AHEAD_DEG,
     AcquisitionError,
     Clock,
     ConfigError,
@@ -42,6 +43,9 @@ READ_S = 0.05
 
 SLOWEST, FASTEST = 0.2, 1.25
 """Speeds between which the probe is lit, as shares of the speed of the sweep: pulses on the ramps count, too."""
+
+SLOWER = 1.1
+"""Time of a sweep over that which the stage's own numbers give: it may be slower than it says."""
 
 BEGIN_S = 1.0
 """Time within which a stage must have begun to turn, and within which it must have come to rest after braking."""
@@ -114,14 +118,13 @@ class SweepingDevices:
         speed, fastest = sweep.speed_deg_s, self.stage.fastest_sweep_deg_s
         if not speed <= fastest:
             raise ConfigError(
-                f"sweep: {speed:g} deg/s is too fast for this stage, whose targets lie at most 5 deg ahead: at most "
-                f"{math.floor(100 * fastest) / 100:g} deg/s"
+                f"sweep: {speed:g} deg/s is too fast for this stage, whose targets lie at most {MAX_AHEAD_DEG:g} deg "
+                f"ahead: at most {math.floor(100 * fastest) / 100:g} deg/s"
             )
         # The floor of the speed keeps two pulses apart by the spacing also on the ramps; 0.8 leaves it room below.
         period_s = max(self.least_period_s, sweep.spacing_deg / (0.8 * speed))
         if self.triggering is None:
-            # A tenth more, for a stage that is slower than it says.
-            pulses = math.ceil(1.1 * self.duration_s(sweep, from_deg=from_deg) / period_s) + 1
+            pulses = math.ceil(SLOWER * self.duration_s(sweep, from_deg=from_deg) / period_s) + 1
         else:
             pulses = math.ceil(abs(sweep.to_deg - from_deg) / trigger_spacing_deg(sweep, period_s=period_s))
         return SweepPermit(
@@ -151,8 +154,7 @@ class SweepingDevices:
     def require_in_time(self, sweep: Sweep, permit: SweepPermit, *, now_s: float) -> None:
         """Refuse a sweep by `ConfigError` if its permit may expire on the way: nothing has moved."""
         duration_s, left_s = self.duration_s(sweep, from_deg=permit.angle_deg), permit.expires_s - now_s
-        # A tenth more, for a stage that is slower than it says.
-        if not 1.1 * duration_s <= left_s:
+        if not SLOWER * duration_s <= left_s:
             raise ConfigError(
                 f"sweep: it takes {duration_s:.1f} s at {sweep.speed_deg_s:g} deg/s, and its permit holds for "
                 f"{left_s:.1f} s; sweep faster"
@@ -160,11 +162,8 @@ class SweepingDevices:
 
     def duration_s(self, sweep: Sweep, *, from_deg: float) -> float:
         """Time of a sweep in seconds, run-up and braking included."""
-        way_deg, speed, acceleration = (
-            abs(sweep.to_deg - from_deg),
-            sweep.speed_deg_s,
-            self.stage.acceleration_deg_s2,
-        )
+        way_deg = abs(sweep.to_deg - from_deg)
+        speed, acceleration = sweep.speed_deg_s, self.stage.acceleration_deg_s2
         if way_deg <= speed**2 / acceleration:
             return 2 * math.sqrt(way_deg / acceleration)
         return way_deg / speed + speed / acceleration

@@ -167,6 +167,6 @@ def largest_noise(rng: np.random.Generator, *, cells: int) -> float:
     # From u² − 1 = 20, that of a usual image; each step reduces the error about tenfold (by 2/(u² − 1)).
     square = 2 * math.log(rate * 20 / wanted)
     for _ in range(4):
-        # never below u² = 2, where peaks cannot be counted any more: fewer than one image in 10^30 has so little noise
+        # Never below u² = 2, where peaks cannot be counted any more: fewer than one image in 10^30 has so little noise
         square = max(2.0, 2 * math.log(rate * max(square - 1, 1.0) / wanted))
     return math.sqrt(square)

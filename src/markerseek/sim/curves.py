@@ -70,7 +70,7 @@ class SechCurve:
 
     def peaks(self, off_plane_deg: float) -> tuple[float, ...]:
         """One peak; see the class."""
-        # beyond 700 the hyperbolic cosine leaves the range of a double, and its inverse is 0 in any case
+        # Beyond 700 the hyperbolic cosine leaves the range of a double, and its inverse is 0 in any case
         return (1 / math.cosh(min(700.0, 2 * math.acosh(2) * abs(off_plane_deg) / self.fwhm_deg)),)
 
 

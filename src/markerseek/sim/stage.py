@@ -65,7 +65,7 @@ driver that takes the middle is 1 ms off."""
 
 
 class SimulatedStage:
-    """Turns the world's probe, in virtual time. In a sweep it is somewhere at every moment."""
+    """Turns the world's probe, in virtual time. In a sweep it has an angle at every moment."""
 
     def __init__(self, *, world: SimulatedWorld, clock: Clock, motion: StageMotion, travel: Interval) -> None:
         self.limits = travel

@@ -29,10 +29,8 @@ class Leg:
         # Loaded here: scipy takes a while, and most rigs trigger nothing.
         from scipy.optimize import brentq
 
-        even_s, ramp_s = (
-            abs(self.target_deg - self.start_deg) / self.top_deg_s,
-            self.top_deg_s / self.acceleration_deg_s2,
-        )
+        even_s = abs(self.target_deg - self.start_deg) / self.top_deg_s
+        ramp_s = self.top_deg_s / self.acceleration_deg_s2
         # Twice the longest that it can take.
         ends_s = self.began_s + 2 * (even_s + 2 * ramp_s)
         return float(brentq(lambda at_s: self.at(at_s)[0] - angle_deg, self.began_s, ends_s, xtol=1e-9))

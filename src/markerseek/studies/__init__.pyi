@@ -1,5 +1,5 @@
 from .benchmark import WORLDS, BenchmarkResults, Entry, Score, benchmark_size, run_benchmark
-from .bound import BoundComparison, compare_with_bound, error_figure, mean_bounds
+from .bound import BoundComparison, compare_with_bound, error_figure, mean_bounds, require_bound
 from .policies import PolicySettings
 from .runner import FinishedStudy, columns, read_rows, run_study, values_of
 from .scene import ClutterAround, Repeats, SceneSettings, SecondSource
@@ -49,6 +49,7 @@ __all__ = [
     "mean_bounds",
     "read_rows",
     "read_study",
+    "require_bound",
     "run_benchmark",
     "run_row",
     "run_study",

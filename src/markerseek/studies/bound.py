@@ -27,7 +27,7 @@ from markerseek.search.bounds import (
     sample_information,
 )
 from markerseek.studies.policies import build_policy
-from markerseek.studies.statistics import Mean
+from markerseek.studies.statistics import Mean, root_mean_square
 from markerseek.studies.study import Cell, Study
 from markerseek.studies.summary import PolicySummary, Summary
 from markerseek.studies.trial import former_curve, searched
@@ -67,6 +67,14 @@ class BoundComparison(msgspec.Struct, frozen=True, kw_only=True):
     median_ratio_to_best: float
 
 
+def require_bound(study: Study) -> None:
+    """Refuse a study whose searches the bound is not that of."""
+    if study.drawn != "everything":
+        raise ConfigError('the bound needs a study that draws everything: set drawn = "everything"')
+    if study.sweeps:
+        raise ConfigError("the bound is that of acquisitions with the probe at rest; leave the policies that sweep out")
+
+
 @lru_cache(maxsize=1024)
 def marker_curve(unknowns: Unknowns) -> SampledCurve:
     """Noise-free curve of a drawn marker."""
@@ -85,6 +93,7 @@ def marker_curve(unknowns: Unknowns) -> SampledCurve:
 
 def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -> BoundComparison:
     """Repeat the searches for the first markers of a study, and compare the errors with the bound of each."""
+    require_bound(study)
     settings, limits = study.policies[policy], cell.world.rig.limits.search
     errors, best, taken = [], [], []
     for trial in range(markers):
@@ -105,7 +114,7 @@ def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -
         angles_deg = np.array([sample.angle_deg for sample in samples])
         information = sample_information(curve, angles_deg, marker_deg=marker_deg, noise=noise).sum(axis=0)
         taken.append(float(angle_bound_deg(information, prior=TABLE_PRIOR)))
-    rmse_deg, best_deg, taken_deg = (_root_mean_square(values) for values in (errors, best, taken))
+    rmse_deg, best_deg, taken_deg = (root_mean_square(values) for values in (errors, best, taken))
     magnitude = np.abs(errors)
     return BoundComparison(
         cell=cell.index,
@@ -124,10 +133,8 @@ def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -
 
 
 def mean_bounds(study: Study, cell: Cell, *, markers: int, acquisitions: Sequence[int]) -> tuple[float, ...]:
-    """Mean error of a normal estimator at the bound of the best angles, for each number of them, in degrees.
-
-    ``acquisitions``: numbers of angles.
-    """
+    """Mean error of a normal estimator at the bound of the best angles, for each number of them, in degrees."""
+    require_bound(study)
     limits = cell.world.rig.limits.search
     sums = np.zeros(len(acquisitions))
     for trial in range(markers):
@@ -146,8 +153,7 @@ def mean_bounds(study: Study, cell: Cell, *, markers: int, acquisitions: Sequenc
 
 def _marker(study: Study, cell: Cell, trial: int) -> tuple[Unknowns, IntensityNoise, SampledCurve]:
     unknowns = draw_trial(study, cell, trial).unknowns
-    if unknowns is None:
-        raise ConfigError('the bound needs a study that draws everything: set drawn = "everything"')
+    assert unknowns is not None  # noqa: S101 - of a study for which there is a bound
     rig = cell.world.rig
     noise = IntensityNoise(
         # The energy of an acquisition is the mean of its pulses.
@@ -155,10 +161,6 @@ def _marker(study: Study, cell: Cell, trial: int) -> tuple[Unknowns, IntensityNo
         jitter=rig.laser.energy_jitter / math.sqrt(unknowns.pulses),
     )
     return unknowns, noise, marker_curve(unknowns)
-
-
-def _root_mean_square(values: Sequence[float]) -> float:
-    return math.sqrt(float(np.mean(np.square(values))))
 
 
 _COLOURS = (
@@ -248,6 +250,4 @@ def _name(policy: PolicySummary) -> str:
 
 def _half(mean: Mean) -> float:
     """Half the interval; on a logarithmic scale it must end above 0."""
-    if mean.interval95 is None or mean.mean is None:
-        return 0.0
-    return min((mean.interval95[1] - mean.interval95[0]) / 2, 0.95 * mean.mean)
+    return 0.0 if mean.half is None or mean.mean is None else min(mean.half, 0.95 * mean.mean)

@@ -114,7 +114,7 @@ class EntryPolicy(SearchPolicy):
         return self._within(reply.angle_deg, "angle_deg")
 
     def estimate(self) -> Estimate:
-        """The answer; before there is one, none."""
+        """The answer; `NotFound` before there is one."""
         return self._answer or NotFound(mean_deg=self._limits.centre_deg, reason="the entry has not answered yet")
 
     def _estimate_of(self, reply: _Reply) -> Estimate:

@@ -25,6 +25,7 @@ from markerseek.core import (
     Policy,
     PolicyPlan,
     Tolerance,
+    described,
 )
 from markerseek.search import (
     METHODS,
@@ -86,6 +87,7 @@ class PolicySettings:
     def __post_init__(self) -> None:
         _ = self.tolerance
         if self.command:
+            self._refuse_ours("an entry")
             check_acquisitions(self.acquisitions or 0, least=1, method=self.method)
             return
         if not self.channels:
@@ -111,6 +113,15 @@ class PolicySettings:
                 f"{self.method}: acquisitions is None, a policy of your own needs the number of them; give it"
             )
         number = check_acquisitions(self.acquisitions, least=1, method=self.method)
+        self._refuse_ours("a policy of your own")
+        # A study may come from anyone, and its module may be any that is installed.
+        module = self.method.partition(":")[0]
+        warnings.warn(f"{self.method}: the study imports the module {module} and runs its code", stacklevel=3)
+        # A module that cannot be imported is an error when the study is read, not in a worker process.
+        _build_own(self.method, limits=PAPER_RANGE, acquisitions=number)
+
+    def _refuse_ours(self, what: str) -> None:
+        """Refuse settings that only methods of this package have."""
         settings = (
             ("early_end", self.early_end, True),
             ("others", self.others, None),
@@ -120,12 +131,7 @@ class PolicySettings:
         )
         for name, value, usual in settings:
             if value != usual:
-                raise ConfigError(f"{self.method}: {name} is {value}, a policy of your own has no such setting")
-        # A study may come from anyone, and its module may be any that is installed.
-        module = self.method.partition(":")[0]
-        warnings.warn(f"{self.method}: the study imports the module {module} and runs its code", stacklevel=3)
-        # A module that cannot be imported is an error when the study is read, not in a worker process.
-        _build_own(self.method, limits=PAPER_RANGE, acquisitions=number)
+                raise ConfigError(f"{self.method}: {name} is {value}, {what} has no such setting")
 
     @property
     def most(self) -> int:
@@ -220,11 +226,6 @@ def _build_own(method: str, *, limits: Interval, acquisitions: int) -> Policy:
     if not isinstance(policy, Policy):
         raise ConfigError(f"{method}: it made {policy!r:.80}, which has not all of ask, tell and estimate")
     return policy
-
-
-def described(problem: Exception) -> str:
-    """An error as its class and message in one line."""
-    return f"{type(problem).__name__}: {' '.join(str(problem).split())}"
 
 
 def own_lines(problem: Exception) -> str:

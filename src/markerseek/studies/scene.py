@@ -15,7 +15,7 @@ from markerseek.core import ConfigError, Interval, is_whole, require_range
 from markerseek.studies.unknowns import MARKER_RADIUS_M, SOURCE_RADIUS_M, log_uniform
 
 LATERAL_M = 20e-3
-"""Largest distance of a second source from the middle of the array along it, as for the marker, in metres."""
+"""Largest distance of the marker, and of a second source, from the middle of the array along it, in metres."""
 
 _MAX_DRAWS = 10_000
 

@@ -15,7 +15,7 @@ import hashlib
 import itertools
 import math
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from operator import attrgetter
@@ -182,7 +182,7 @@ def cells(study: Study) -> tuple[Cell, ...]:
         world = CellWorld(curve=study.curve, rig=study.rig, scene=study.scene)
         varied = tuple(zip((axis.key for axis in study.vary), values, strict=True))
         for key, value in varied:
-            world = _changed(world, key.split("."), value, whole=key)
+            world = _changed(world, key, value, prefix="vary: ")
         if world.rig.receiver.data != "channels":
             raise ConfigError(f'rig.receiver.data is "{world.rig.receiver.data}"; a study computes channel data only')
         if world.rig.receiver.b_mode:
@@ -267,16 +267,21 @@ def _require_default(rig: SimulatedSettings) -> None:
 T = typing.TypeVar("T")
 
 
-def _changed(settings: T, path: Sequence[str], value: Value, *, whole: str) -> T:
-    """The settings with one of them set; the value is checked against its type."""
-    name = require_key(path[0], type(settings), prefix="vary: " + whole[: -len(".".join(path))])
+def _changed(settings: T, key: str, value: Value, *, prefix: str) -> T:
+    """The settings with one of them set; the value is checked against its type.
+
+    ``prefix``: what stands before the key in messages.
+    """
+    name, _, rest = key.partition(".")
+    require_key(name, type(settings), prefix=prefix)
     part = getattr(settings, name)
-    if len(path) > 1:
-        if not dataclasses.is_dataclass(part):
-            raise ConfigError(f"vary: {whole}: {name} has no settings of its own")
-        return dataclasses.replace(settings, **{name: _changed(part, path[1:], value, whole=whole)})  # type: ignore[type-var]
-    fitting = setting_from(value, typing.get_type_hints(type(settings))[name], name=f"vary: {whole}")
-    return dataclasses.replace(settings, **{name: fitting})  # type: ignore[type-var]
+    if not rest:
+        part = setting_from(value, typing.get_type_hints(type(settings))[name], name=prefix + name)
+    elif dataclasses.is_dataclass(part):
+        part = _changed(part, rest, value, prefix=f"{prefix}{name}.")
+    else:
+        raise ConfigError(f"{prefix}{key}: {name} has no settings of its own")
+    return dataclasses.replace(settings, **{name: part})  # type: ignore[type-var]
 
 
 def _hashed(value: object) -> hashlib._Hash:

@@ -9,15 +9,13 @@ The table is in the order of the cells, and one cell is held in memory.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Sequence
 from itertools import combinations, groupby
 
 import msgspec
-import numpy as np
 
 from markerseek.studies.policies import PolicySettings
-from markerseek.studies.statistics import Mean, Share
+from markerseek.studies.statistics import Mean, Share, root_mean_square
 from markerseek.studies.study import Cell, Study, Value, cells
 from markerseek.studies.trial import ANSWERS, Row
 
@@ -171,7 +169,7 @@ def _summary(cell: Cell, number: int, settings: PolicySettings, rows: Sequence[R
         error_deg=Mean.of(_known(_found_error(row) for row in rows)),
         failures=_share((row for row in rows if row.answer == "found"), _failed),
         any_error_deg=Mean.of(errors_deg),
-        rmse_deg=math.sqrt(float(np.mean(np.square(errors_deg)))) if errors_deg else None,
+        rmse_deg=root_mean_square(errors_deg) if errors_deg else None,
         # A search that a device ended has no error: it is off, and nothing was claimed.
         off=_share(marked, lambda row: _is_off(row, FAILURE_DEG)),
         not_found=_share(marked, lambda row: row.answer != "found"),

@@ -146,7 +146,6 @@ def track_by_sweeps(
         settings,
         clock=VirtualClock(),
         reader=IntensityReader(),
-        imaging=None,
         description="",
         truth_deg=0.0,
         seed=seed,

@@ -26,13 +26,14 @@ from markerseek.core import (
     Sample,
     SearchError,
     Unsure,
+    described,
 )
 from markerseek.records import answer_name
 from markerseek.scan import Scanner, run
 from markerseek.studies.entry import EntryError
-from markerseek.studies.policies import PolicySettings, build_policy, described, is_own, own_lines
+from markerseek.studies.policies import PolicySettings, build_policy, is_own, own_lines
 from markerseek.studies.study import Cell, Study, Value, cells
-from markerseek.studies.worlds import Draw, draw_trial, former_rig, study_rig
+from markerseek.studies.worlds import Draw, draw_trial, former_rig, hidden_noise, study_rig
 
 ANSWERS = ("found", "not found", "ambiguous", "at bound", "unsure", "failed")
 """Answers of a search; "failed" is a fault of a device, which ends the search without an angle."""
@@ -213,11 +214,16 @@ def fault_of(study: Study, row: int) -> str:
     ``row``: its index in the table; the first rows are the first searches of the policies.
     """
     cell, trial, policy = _place(study, row)
-    rig = study_rig(study, cell, draw_trial(study, cell, trial))
+    draw = draw_trial(study, cell, trial)
+    settings = study.policies[policy]
     try:
-        _search(study, study.policies[policy], rig, prior=former_curve(study, cell, trial, study.policies[policy]))
-    except (DeviceError, EntryError) as problem:
+        _search(study, settings, study_rig(study, cell, draw), prior=former_curve(study, cell, trial, settings))
+    except EntryError as problem:
         return described(problem)
+    except DeviceError as problem:
+        # The guard refuses frames without noise as stale, and here no device is to blame.
+        hidden = hidden_noise(study, cell, draw, sweep=settings.sweep)
+        return described(problem) if hidden is None else f"{hidden} ({described(problem)})"
     return ""
 
 

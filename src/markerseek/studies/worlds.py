@@ -34,7 +34,7 @@ from markerseek.sim import (
     VirtualClock,
     tissue_named,
 )
-from markerseek.studies.scene import DrawnScene, draw_extra_sources
+from markerseek.studies.scene import LATERAL_M, DrawnScene, draw_extra_sources
 from markerseek.studies.study import Cell, CurveSettings, Study
 from markerseek.studies.unknowns import MARKER_RADIUS_M, Unknowns, draw_unknowns
 
@@ -98,7 +98,7 @@ def draw_trial(study: Study, cell: Cell, trial: int) -> Draw:
 
 def _draw_position(rng: np.random.Generator, search: Interval) -> tuple[float, float]:
     """Angle of a marker in degrees, and its lateral position in metres."""
-    return float(rng.uniform(search.low_deg, search.high_deg)), float(rng.uniform(-20e-3, 20e-3))
+    return float(rng.uniform(search.low_deg, search.high_deg)), float(rng.uniform(-LATERAL_M, LATERAL_M))
 
 
 def former_rig(study: Study, cell: Cell, trial: int) -> rigs.Rig:
@@ -146,22 +146,33 @@ def study_rig(study: Study, cell: Cell, draw: Draw) -> rigs.Rig:
     )
 
 
+def hidden_noise(study: Study, cell: Cell, draw: Draw, *, sweep: bool) -> str | None:
+    """`Scene.hidden_noise` of a trial with everything drawn; other rigs refuse such noise themselves."""
+    if draw.unknowns is None:
+        return None
+    settings = _drawn_settings(study, cell.world.rig, draw.unknowns)
+    scene = _scene(draw.unknowns, settings, draw.scene, np.random.default_rng(draw.noise_seed))
+    return scene.hidden_noise(settings, pulses=1 if sweep else settings.laser.pulses)
+
+
+def _drawn_settings(study: Study, settings: SimulatedSettings, unknowns: Unknowns) -> SimulatedSettings:
+    """The settings with what is drawn of them."""
+    settings = replace(settings, probe=unknowns.model.probe)
+    if study.sweeps:
+        # The peak SNR is that of an average of as many pulses as the rig's file names: of one, it must not be drawn.
+        return replace(settings, receiver=replace(settings.receiver, single_pulses=True))
+    return replace(settings, laser=replace(settings.laser, pulses=unknowns.pulses))
+
+
 def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, draw: Draw) -> rigs.Rig:
     """Rig with everything drawn."""
     model, rng = unknowns.model, np.random.default_rng(draw.noise_seed)
-    settings = replace(settings, probe=model.probe)
-    if study.sweeps:
-        # The peak SNR is that of an average of as many pulses as the rig's file names: of one, it must not be drawn.
-        settings = replace(settings, receiver=replace(settings.receiver, single_pulses=True))
-    else:
-        settings = replace(settings, laser=replace(settings.laser, pulses=unknowns.pulses))
-    imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
+    settings = _drawn_settings(study, settings, unknowns)
     return rig_in_world(
         _scene(unknowns, settings, draw.scene, rng).world(settings, rng),
         settings,
         clock=VirtualClock(),
-        reader=imaging,
-        imaging=imaging,
+        reader=image_reader(model.probe.array, sampling_hz=model.sampling_hz),
         description=f"simulated frames, all unknowns drawn, peak SNR {settings.noise.peak_snr_db:g} dB",
         truth_deg=unknowns.marker.angle_deg if settings.marker.present else None,
         rng=rng,

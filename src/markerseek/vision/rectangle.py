@@ -30,13 +30,14 @@ class Rectangle:
         """The same size, with its middle at a pixel."""
         return replace(self, row=round(row - (self.rows - 1) / 2), column=round(column - (self.columns - 1) / 2))
 
-    def grown(self, rows: int, columns: int) -> Rectangle:
-        """Larger by so many pixels on each side."""
+    def grown(self, rows: int, columns: int, *, shape: tuple[int, int]) -> Rectangle:
+        """Larger by so many pixels on each side, as far as the image reaches."""
+        row, column = max(0, self.row - rows), max(0, self.column - columns)
         return Rectangle(
-            row=self.row - rows,
-            column=self.column - columns,
-            rows=self.rows + 2 * rows,
-            columns=self.columns + 2 * columns,
+            row=row,
+            column=column,
+            rows=min(shape[0], self.row + self.rows + rows) - row,
+            columns=min(shape[1], self.column + self.columns + columns) - column,
         )
 
     def within(self, shape: tuple[int, int]) -> Rectangle:

@@ -42,8 +42,8 @@ class SensitiveRange:
     """``below_deg`` and ``above_deg``: half of the range on either side of it; None where no image lies there."""
     open_below: bool
     open_above: bool
-    """``open_below`` and ``open_above``: whether the tip was still seen in the last image of that side: its half is
-    then at least this."""
+    """``open_below`` and ``open_above``: whether the images of that side end before the tip has disappeared: its half
+    is then at least this."""
     remark: str
     """What a person should know of the images; empty where there is nothing."""
 

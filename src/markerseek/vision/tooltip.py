@@ -36,6 +36,7 @@ _BLUR_M = 0.7e-3
 _SMOOTH_M = 0.3e-3
 """Standard deviation of the blur under which GrabCut works, about the size of speckle; intensities are not blurred."""
 
+_PURPOSE = "finding the tip of an instrument"
 _TISSUE_SHARE = 0.95
 _ROUNDS = 5
 _SEED = 1
@@ -93,7 +94,7 @@ def brightest_blob(
     ``pixel_m``: height and width of a pixel. ``inside``: None: everywhere.
     """
     require_image(image)
-    cv2 = opencv("finding the tip of an instrument")
+    cv2 = opencv(_PURPOSE)
     blurred = cv2.GaussianBlur(
         image.astype(np.float32), (0, 0), sigmaX=_BLUR_M / pixel_m[1], sigmaY=_BLUR_M / pixel_m[0]
     )
@@ -106,10 +107,8 @@ def brightest_blob(
     above = (window >= (top + float(np.quantile(window, _TISSUE_SHARE))) / 2).astype(np.uint8)
     _, labels, boxes, _ = cv2.connectedComponentsWithStats(above, connectivity=8)
     left, upper, width, height, _ = (int(each) for each in boxes[labels.ravel()[int(np.argmax(window))]])
-    blob = Rectangle(row=part.row + upper, column=part.column + left, rows=max(3, height), columns=max(3, width)).grown(
-        *_pixels(GROWN_M, pixel_m)
-    )
-    return blob.within(image.shape), top
+    blob = Rectangle(row=part.row + upper, column=part.column + left, rows=max(3, height), columns=max(3, width))
+    return blob.grown(*_pixels(GROWN_M, pixel_m), shape=image.shape), top
 
 
 def find_tip(image: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle, *, pixel_m: tuple[float, float]) -> Tip:
@@ -120,9 +119,9 @@ def find_tip(image: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle, *, 
     """
     require_image(image)
     rectangle = rectangle.within(image.shape)
-    cv2 = opencv("finding the tip of an instrument")
+    cv2 = opencv(_PURPOSE)
     # Only the surroundings, so that tissue, and not all else in the image, is the background.
-    around = rectangle.grown(*_pixels(_AROUND_M, pixel_m)).within(image.shape)
+    around = rectangle.grown(*_pixels(_AROUND_M, pixel_m), shape=image.shape)
     # GrabCut knows neighbours of one pixel only; speckle, which is coarser, would fall apart without the blur.
     smooth = cv2.GaussianBlur(
         image[around.slices], (0, 0), sigmaX=_SMOOTH_M / pixel_m[1], sigmaY=_SMOOTH_M / pixel_m[0]
@@ -174,7 +173,7 @@ def find_tip(image: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle, *, 
 
 def _grab_cut(part: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle) -> UInt8[np.ndarray, "rows columns"]:
     """1 where GrabCut sees the object, else 0."""
-    cv2 = opencv("finding the tip of an instrument")
+    cv2 = opencv(_PURPOSE)
     mask = np.zeros(part.shape, np.uint8)
     models = np.zeros((1, 65)), np.zeros((1, 65))
     box = (rectangle.column, rectangle.row, rectangle.columns, rectangle.rows)

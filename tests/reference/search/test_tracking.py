@@ -234,9 +234,9 @@ def rig_of_intensities(swing, *, stage):
         settings,
         clock=VirtualClock(),
         reader=IntensityReader(),
-        imaging=None,
         description="",
         truth_deg=1.0,
+        rng=rng,
     )
 
 

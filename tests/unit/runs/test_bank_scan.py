@@ -10,11 +10,12 @@ from types import SimpleNamespace
 import pytest
 
 from markerseek import rigs
-from markerseek.core import DeviceError, Measured, RecordError, Sample
+from markerseek.core import ByHand, DeviceError, Measured, RecordError, Sample
 from markerseek.records.banks import FrameBank, read_bank, record_of
 from markerseek.records.banks.ipasc.writer import BankWriter
 from markerseek.records.journal import Journal, read_journal
 from markerseek.runs import journal_bank, rebuild_policy, rebuild_reader, rebuild_rig, recompute_differences, scan_bank
+from markerseek.runs.bank_scan import scan_configuration
 from markerseek.runs.journalled import limits_of
 from markerseek.runs.resume import resumed
 from markerseek.scan import RunLimits
@@ -175,3 +176,9 @@ def test_a_scan_that_is_resumed_or_computed_again_has_the_time_limit_of_a_scan(
     assert recompute_differences(held, rebuild_policy(held.configuration), rebuild_reader(held.configuration))
     with pytest.raises(RecordError, match="more than the 0 s allowed"):
         resume(record_of(path))
+
+
+def test_the_record_of_a_scan_by_hand_says_so() -> None:
+    """It is resumed by that: a hand comes to rest beside the angle of before, and drifts."""
+    rig = replace(rigs.simulated(seed=1), by_hand=ByHand())
+    assert scan_configuration(rig, step_deg=5.0).plan.by_hand == rig.by_hand

@@ -8,7 +8,7 @@ import textwrap
 
 import pytest
 
-from markerseek.core import Found, Interval, NotFound, Reading, Sample, Tolerance, Unsure
+from markerseek.core import ConfigError, Found, Interval, NotFound, Reading, Sample, Tolerance, Unsure
 from markerseek.studies import entry
 from markerseek.studies.benchmark import WORLDS
 from markerseek.studies.policies import PolicySettings
@@ -209,3 +209,10 @@ def test_a_failed_entry_is_a_row_without_an_angle_and_its_fault_can_be_asked_for
     row = run_trial(study, cells(study)[0], 0, 0)
     assert (row.answer, row.mean_deg) == ("failed", None)
     assert "angle_deg is 99.0 deg" in fault_of(study, row.row)
+
+
+@pytest.mark.parametrize("setting", [{"sweep": True}, {"early_end": False}, {"others": 0.1}, {"prior": True}])
+def test_a_setting_that_no_entry_has_is_refused(setting):
+    """They were dropped without a word."""
+    with pytest.raises(ConfigError, match=f"mine: {next(iter(setting))} is .*, an entry has no such setting"):
+        PolicySettings(method="mine", acquisitions=5, command=("mine",), **setting)

@@ -23,13 +23,14 @@ from markerseek.studies import (
     SecondSource,
     Study,
     cells,
+    fault_of,
     read_study,
     run_row,
     summarise,
 )
 from markerseek.studies.scene import DrawnScene, draw_extra_sources
 from markerseek.studies.trial import TwoAngles
-from markerseek.studies.worlds import draw_trial, study_rig
+from markerseek.studies.worlds import draw_trial, hidden_noise, study_rig
 
 LIMITS = Interval(low_deg=-35.0, high_deg=35.0)
 MARKER = Absorber(radius_m=0.05, angle_deg=-20.0, lateral_m=6e-3)
@@ -152,6 +153,23 @@ def test_two_sources_that_overlap_do_not_saturate_the_frames() -> None:
     """Trial 99 of the example, whose sources arrive together, failed by a quarter of its channels at full scale."""
     study = read_study(Path(__file__).parents[3] / "examples" / "studies" / "answers-two-sources.toml")
     assert run_row(study, 99).answer != "failed"
+
+
+def test_a_search_that_fails_for_want_of_noise_says_so_and_names_no_device() -> None:
+    quiet = SimulatedSettings(start_deg=-35.0, noise=NoiseSettings(peak_snr_db=60.0))
+    checked = PolicySettings(method="ternary", acquisitions=4)
+    study = replace(FRAMES, policies=(checked,), scene=SceneSettings(), rig=quiet, seed=20261141)
+    assert run_row(study, 0).answer == "failed"
+    fault = fault_of(study, 0)
+    assert fault.startswith("noise: peak_snr_db is 60 dB, which leaves 0.0")
+    assert "the steps of the converter hide it; lower peak_snr_db to at most " in fault
+    most_db = float(fault.split(" at most ")[1].split(" dB")[0])
+    lower = replace(study, rig=replace(quiet, noise=NoiseSettings(peak_snr_db=most_db)))
+    # Another noise draws another marker: the scene of this one is what must fit.
+    draw = draw_trial(study, cells(study)[0], 0)
+    assert hidden_noise(lower, cells(lower)[0], draw, sweep=False) is None
+    # A frame of a sweep is of one pulse, and has eight times the noise of this average of 64.
+    assert hidden_noise(study, cells(study)[0], draw, sweep=True) is None
 
 
 PLAIN_DEG = -13.638073461661964

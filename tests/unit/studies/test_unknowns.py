@@ -221,10 +221,15 @@ def test_behind_the_face_a_marker_gives_no_signal() -> None:
     assert marker_curve(near).value(np.array([70.0])) == pytest.approx([1e-6])
 
 
-def test_the_bound_needs_drawn_markers() -> None:
+def test_the_bound_needs_drawn_markers_and_a_probe_at_rest() -> None:
+    """A policy that sweeps was searched without its sweeps, and named as sweeping."""
     plain = dataclasses.replace(DRAWN, level="curves", drawn="marker")
-    with pytest.raises(ConfigError, match='drawn = "everything"'):
-        mean_bounds(plain, cells(plain)[0], markers=1, acquisitions=(4,))
+    sweeping = dataclasses.replace(DRAWN, policies=(PolicySettings(method="posterior", sweep=True),))
+    for study, cure in ((plain, 'drawn = "everything"'), (sweeping, "leave the policies that sweep out")):
+        with pytest.raises(ConfigError, match=cure):
+            mean_bounds(study, cells(study)[0], markers=1, acquisitions=(4,))
+        with pytest.raises(ConfigError, match=cure):
+            compare_with_bound(study, cells(study)[0], policy=0, markers=1)
 
 
 def test_the_figure_has_a_line_for_each_policy_and_the_bound() -> None:

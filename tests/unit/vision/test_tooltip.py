@@ -11,6 +11,7 @@ from markerseek.acoustics import Probe, two_way_elevation
 from markerseek.core import AcquisitionError, BModeFrame, ConfigError, FrameHeader, ReadingFrame
 from markerseek.sim import BModeSettings, BModeWorld
 from markerseek.vision import Rectangle, TipReader, TipSettings, brightest_blob, find_tip, sensitive_range
+from markerseek.vision.rectangle import LARGEST_PX
 
 PIXEL_M = (0.15e-3, 0.15e-3)
 HEADER = FrameHeader(sequence=1, token="a", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
@@ -166,6 +167,13 @@ def test_an_even_image_and_one_of_two_grey_values_have_no_tip():
 def test_a_series_that_is_none_is_refused(angles, images, message):
     with pytest.raises(ConfigError, match=message):
         sensitive_range(angles, images, pixel_m=PIXEL_M)
+
+
+def test_a_bright_region_as_wide_as_the_largest_image_is_cut_at_its_ends():
+    image = np.full((32, LARGEST_PX), 20, np.uint8)
+    image[10:20] = 200
+    rectangle, _ = brightest_blob(image, pixel_m=(1e-4, 1e-4))
+    assert (rectangle.column, rectangle.columns) == (0, LARGEST_PX)
 
 
 def test_a_rectangle_outside_of_the_image_or_as_wide_as_it_is_refused():

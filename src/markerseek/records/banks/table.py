@@ -139,7 +139,7 @@ def _columns(path: Path, rows: CsvRows, table: TableFormat) -> tuple[int, int]:
         lacking = [name for name, found in zip(COLUMNS, (angle, intensity), strict=True) if found is None]
         missing = f"column {lacking[0]} is" if len(lacking) == 1 else f"columns {' and '.join(lacking)} are"
         has = ", ".join(names) or f"{rows.width} columns without names"
-        # Quoted for the shell, for names have spaces. Which of the two is the angle only a person knows.
+        # Quoted for the shell, because names have spaces. Only a person knows which of the two is the angle.
         perhaps = f", here perhaps {shlex.quote(','.join(names))}" if len(names) == 2 else ""
         raise RecordError(
             f"{path}, line 1: the {missing} missing, it has {has}; name the columns of angle and intensity: "

@@ -11,7 +11,7 @@ from markerseek.records.configuration import Configuration
 from markerseek.records.journal.events import Checked, Entry, Interrupted, JournalEvent, Resuming
 
 _ARRIVAL_DEG = 0.1
-"""Largest distance between the angle asked for and the one reached that the guard accepts, in degrees."""
+"""Largest distance between the angle asked for and the one reached that the guard accepts of a motor, in degrees."""
 
 _TURN = Interval(low_deg=-360.0, high_deg=360.0)
 """Range of angles at the start and for dark frames: one turn to either side."""
@@ -143,8 +143,10 @@ def angle_faults(configuration: Configuration, entries: Iterable[Entry]) -> list
     entries, in order.
     """
     search, start_deg = configuration.facts.search, configuration.plan.start_deg
+    hand = configuration.plan.by_hand
     # A stage asked for the end of its range can stop slightly outside it.
-    reached = Interval(low_deg=search.low_deg - _ARRIVAL_DEG, high_deg=search.high_deg + _ARRIVAL_DEG)
+    beyond_deg = _ARRIVAL_DEG if hand is None else hand.arrival_deg
+    reached = Interval(low_deg=search.low_deg - beyond_deg, high_deg=search.high_deg + beyond_deg)
     faults: list[tuple[int, str]] = []
     if start_deg is not None and start_deg not in _TURN:
         faults.append((0, f"the start angle {start_deg:g} deg lies outside {_TURN}"))

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
-from markerseek.core import Asked
+from markerseek.core import Asked, ByHand, RecordError
 from markerseek.records.journal import Journal, JournalEvent, verify
 from tests.unit.records.journal.synthetic_journals import EVENTS, configuration, measured
 
@@ -37,3 +38,18 @@ def test_an_impossible_order_is_noticed(order: tuple[str, ...], tmp_path: Path) 
     faults = verify(path).faults
     assert faults
     assert all(fault.startswith("entry ") for fault in faults)
+
+
+def test_a_probe_that_a_hand_holds_may_drift_as_far_out_of_the_range_as_the_guard_allows(tmp_path: Path) -> None:
+    """By 0.2° it did at an end, and the search could not be resumed: its journal was called damaged."""
+    for number, (by_hand, angle_deg, whole) in enumerate(
+        ((None, -35.2, False), (ByHand(), -35.2, True), (ByHand(), -36.4, False))
+    ):
+        path = tmp_path / f"{number}.journal"
+        with Journal.create(path, configuration(by_hand=by_hand)) as journal:
+            journal.commit(EVENTS["started"], clock_s=0.0)
+            journal.commit(Asked(role="search", index=1, angle_deg=-35.0), clock_s=0.0)
+            journal.commit(measured(1, angle_deg=angle_deg), clock_s=1.0)
+        assert (verify(path).faults == []) is whole
+        with nullcontext() if whole else pytest.raises(RecordError, match="lies outside"):
+            Journal.reopen(path)[0].close()

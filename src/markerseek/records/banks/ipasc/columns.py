@@ -127,7 +127,7 @@ def read_facts(file: UntrustedHdf5, *, ours: bool, pitch_m: float | None) -> Ban
         sound_speed_m_s=_between(file, fields.SOUND_SPEED, 300.0, 7000.0),
         pitch_m=pitch_m,
         wavelength_m=_first(file, fields.WAVELENGTH),
-        pulse_energy_j=_usual_energy_j(file),
+        pulse_energy_j=_usual_energy_j(file, ours=ours),
         face_radius_m=_between(file, fields.FACE_RADIUS, 0.0, 1.0),
         reference_angle_deg=file.number(fields.REFERENCE),
         clock_zero_unix_s=_clock_zero_unix_s(file, ours=ours),
@@ -161,16 +161,16 @@ def _between(file: UntrustedHdf5, name: str, low: float, high: float) -> float |
     return value
 
 
-def _usual_energy_j(file: UntrustedHdf5) -> float | None:
+def _usual_energy_j(file: UntrustedHdf5, *, ours: bool) -> float | None:
     """Energy of a usual pulse in joules: of our files the first, without what it had more or less; else the mean."""
     joules = _joules(file)
     if joules.size == 0 or math.isnan(joules[0]):
         return None
-    first_j, over_usual = float(joules[0]), _first(file, fields.ENERGY)
-    if over_usual:
-        return first_j / over_usual
+    if ours:
+        # Where it was not measured, that of a usual pulse is written.
+        return float(joules[0]) / (_first(file, fields.ENERGY) or 1.0)
     known = joules[np.isfinite(joules)]
-    return first_j if np.ptp(known) == 0 else float(known.mean())
+    return float(joules[0] if np.ptp(known) == 0 else known.mean())
 
 
 def _first(file: UntrustedHdf5, name: str) -> float | None:

@@ -102,6 +102,12 @@ def test_the_energy_of_each_measurement_comes_back_and_is_ipasc_s_pulse_energy(t
     assert receiver.acquire(permit).header.energy == 0.9
 
 
+def test_the_usual_energy_comes_back_where_the_first_was_not_measured(tmp_path):
+    """It was the mean of all, here 8 % more."""
+    bank = read_bank(write(tmp_path / "a.hdf5", energies=(None, 1.1, 1.2, 1.05)))
+    assert bank.facts.pulse_energy_j == pytest.approx(2e-3)
+
+
 def test_the_pulse_energies_of_another_program_are_taken_over_their_mean(tmp_path):
     def another(file):
         for name in ("markerseek_bank_version", "energy_over_usual"):
