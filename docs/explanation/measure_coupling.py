@@ -95,7 +95,6 @@ def drawn_rig(kind: str, number: int) -> Rig:
         settings,
         clock=VirtualClock(),
         reader=imaging,
-        imaging=imaging,
         description=kind,
         truth_deg=scene.marker.angle_deg,
         rng=rng,
