@@ -209,7 +209,7 @@ def test_a_line_that_is_pulled_out_silences_the_other_and_cannot_be_armed(
 
 
 def test_a_line_that_another_program_holds_is_refused(held: Supervisor, laser: Device) -> None:
-    with pytest.raises(NotConnectedError, match="cannot be opened"):
+    with pytest.raises(NotConnectedError, match=r"cannot be opened \(another program holds it\)"):
         Supervisor(lines=[Line(name="laser", path=laser.path, safe_command=b"x")])
     with pytest.raises(NotConnectedError, match="/dev/nowhere cannot be opened"):
         Supervisor(lines=[Line(name="laser", path="/dev/nowhere", safe_command=b"x")])
