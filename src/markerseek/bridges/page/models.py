@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from markerseek.bridges.page.picture import Picture
-from markerseek.bridges.page.state import Point, Snapshot, with_minus
-from markerseek.bridges.page.verdict import digits_of
+from markerseek.bridges.page.state import Point, Snapshot, digits_of, with_minus
 from markerseek.core import Ambiguous, Found, Interval, NotFound, Unsure
 
 FACE_SHARE = 0.28
