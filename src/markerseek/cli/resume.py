@@ -14,7 +14,7 @@ from markerseek.cli.options import AsJson, Out
 from markerseek.cli.report import Output
 from markerseek.cli.terminal import announce_compilation, print_json, print_warning, stdout
 from markerseek.cli.watched import Heartbeat, WatchOptions
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, counted
 
 if TYPE_CHECKING:
     from markerseek.records.journal import RecordedRun
@@ -163,9 +163,9 @@ def _print_state(recorded: RecordedRun, *, as_json: bool, rig_file_needed: bool)
             }
         )
         return
-    kept = "1 acquisition is kept" if state.acquisitions == 1 else f"{state.acquisitions} acquisitions are kept"
+    kept = counted(state.acquisitions, "acquisition is", "acquisitions are")
     lines = [
-        f"{recorded.configuration.plan.method} on a {recorded.configuration.facts.rig_name}: {kept}; "
+        f"{recorded.configuration.plan.method} on a {recorded.configuration.facts.rig_name}: {kept} kept; "
         + ("only the end is left" if next_deg is None else f"the next is at {next_deg:.3f}°")
     ]
     if checks_deg:

@@ -20,7 +20,7 @@ from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report, facts, file_line, require_room, table
 from markerseek.cli.signals import Stopped
 from markerseek.cli.terminal import print_json, stages_bar, stderr, time_left
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, counted
 
 EXAMPLES = (
     "Examples:\n\n"
@@ -110,13 +110,14 @@ def _announce(study: studies.Study, *, workers: int | None, scheduler: str | Non
     each_s = sum(
         _SWEEPING_S if policy.sweep else slow if policy.method == "posterior" else quick for policy in study.policies
     )
-    where = f"on {scheduler}" if scheduler is not None else f"in {count} process{'es' if count > 1 else ''}"
-    takes = (
-        "" if scheduler is not None else f", {time_left(each_s * cells * study.trials / count + 5)} on a usual computer"
-    )
+    where, takes = f"on {scheduler}", ""
+    if scheduler is None:
+        where = f"in {counted(count, 'process', 'processes')}"
+        takes = f", {time_left(each_s * cells * study.trials / count + 5)} on a usual computer"
     stderr.print(
-        f"{escape(study.name)}: {study.rows} simulated searches, level {study.level} ({len(study.policies)} policies, "
-        f"{cells} cell{'' if cells == 1 else 's'}, {study.trials} trials) {escape(where)}{takes}"
+        f"{escape(study.name)}: {counted(study.rows, 'simulated search', 'simulated searches')}, level {study.level} "
+        f"({counted(len(study.policies), 'policy', 'policies')}, {counted(cells, 'cell')}, "
+        f"{counted(study.trials, 'trial')}) {escape(where)}{takes}"
     )
 
 
@@ -203,7 +204,8 @@ def _shown(finish: studies.FinishedStudy, bounds: Sequence[studies.BoundComparis
 
 def _summary(summary: studies.Summary) -> Iterator[str | Table]:
     """The policies by number, tables for each cell, and one of the differences."""
-    yield f"[bold]{escape(summary.name)}[/]: {summary.rows} simulated searches, level: {summary.level}"
+    searches = counted(summary.rows, "simulated search", "simulated searches")
+    yield f"[bold]{escape(summary.name)}[/]: {searches}, level: {summary.level}"
     first = [policy for policy in summary.policies if policy.cell == summary.policies[0].cell]
     for policy in first:
         yield f"  [bold]{policy.policy}[/]  {escape(policy.label)}"

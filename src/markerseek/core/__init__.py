@@ -58,6 +58,7 @@ from markerseek.core.plan import (
     RunPlan,
     SearchPlan,
     Tolerance,
+    counted,
     listed,
     rig_in_words,
 )
@@ -189,6 +190,7 @@ __all__ = [
     "UInt8",
     "Unsure",
     "as_interval",
+    "counted",
     "fastest_sweep_deg_s",
     "is_finite",
     "is_whole",

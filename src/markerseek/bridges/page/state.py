@@ -22,6 +22,7 @@ from markerseek.core import (
     Started,
     Swept,
     Turning,
+    counted,
 )
 from markerseek.records import answer_name
 from markerseek.records.journal import Checked, Configuration, Interrupted, JournalEvent, Resuming
@@ -185,7 +186,7 @@ class SnapshotBuilder:
             line = f"turn the probe to {event.target_deg:.1f}°: {read}"
             return replace(now, phase="turning", target_deg=None, asked_deg=event.target_deg, line=line)
         if isinstance(event, Swept):
-            line = f"the sweep ended at {event.angle_deg:.2f}° after {event.pulses} pulses"
+            line = f"the sweep ended at {event.angle_deg:.2f}° after {counted(event.pulses, 'pulse')}"
             travel_deg = now.travel_deg + self._moved_deg(event.angle_deg)
             return replace(
                 now, phase="measured", target_deg=None, probe_deg=event.angle_deg, travel_deg=travel_deg, line=line
