@@ -63,7 +63,7 @@ def command(
         raise ConfigError("--workers are of this machine, and --scheduler has its own; leave one of them out")
     settings = studies.read_study(study)
     if row is not None:
-        _require_alone(out=out, workers=workers, scheduler=scheduler, plot=plot or None, bound=bound)
+        _require_alone(out=out, workers=workers, scheduler=scheduler, plot=plot, bound=bound, beside=beside)
         named = dict(zip(studies.columns(settings), studies.values_of(studies.run_row(settings, row)), strict=True))
         shown = facts((name, "–" if value is None else str(value)) for name, value in named.items())
         Output(as_json=as_json).show(Report(values=named, shown=[shown]))
@@ -157,9 +157,9 @@ def _require_drawable(folder: Path, beside: list[Path], *, plot: bool) -> None:
 def _require_alone(**given: object) -> None:
     """Refuse options that have no meaning for a single row."""
     for name, value in given.items():
-        if value is not None:
-            option = f"--{name}" if value is True else f"--{name} {value}"
-            raise ConfigError(f"{option}: --row runs one row and writes nothing; leave one of them out")
+        if value:
+            given_as = "" if isinstance(value, bool | list) else f" {value}"
+            raise ConfigError(f"--{name}{given_as}: --row runs one row and writes nothing; leave one of them out")
 
 
 def _bounds(study: studies.Study, *, markers: int) -> list[studies.BoundComparison]:
