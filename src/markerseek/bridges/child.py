@@ -100,8 +100,13 @@ class ChildRun:
 
     def __init__(self, arguments: Sequence[str], *, journal: Path | None = None) -> None:
         beats, beating = os.pipe()
-        self._folder = tempfile.TemporaryDirectory(prefix="markerseek-") if journal is None else None
-        self._journal = journal if self._folder is None else Path(self._folder.name) / "events"
+        watched = ["--heartbeat", f"/dev/fd/{beats}"]
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        if journal is None:
+            self._folder = tempfile.TemporaryDirectory(prefix="markerseek-")
+            journal = Path(self._folder.name) / "events"
+            watched += ["--events", str(journal)]
+        self._journal = journal
         self._beat_s = -math.inf
         # A child that is stopped reads no beats: then they are lost, and nobody waits.
         os.set_blocking(beating, False)
@@ -113,8 +118,6 @@ class ChildRun:
         self._stopped = False
         # Until `markerseek.cli.main` handles it: Python would print a traceback if it is stopped while it starts.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        watched = ["--heartbeat", f"/dev/fd/{beats}"]
-        watched += [] if journal is not None else ["--events", str(self._journal)]
         try:
             # -P: a file in the current folder must not replace a module.
             self._process = subprocess.Popen(  # noqa: S603  no shell; the arguments are ours
@@ -136,7 +139,6 @@ class ChildRun:
 
         Of a run that is continued, all its entries from the first. Raises `RecordError` if the file is damaged.
         """
-        assert self._journal is not None  # noqa: S101 - made or named when the child was started
         for item in follow(self._journal, is_over=lambda: not self.running, wait=self._wait):
             self._beat()
             yield item
