@@ -62,10 +62,8 @@ def command(
         recorder, _ = result_of(recorded)
         imaging, policy = None, None
         if plot:
-            imaging, policy = (
-                runs.rebuild_image_reader(recorded.configuration),
-                runs.rebuild_policy(recorded.configuration),
-            )
+            imaging = runs.rebuild_image_reader(recorded.configuration)
+            policy = runs.rebuild_policy(recorded.configuration)
             # It is given all samples; there is no next angle.
             runs.next_angle(recorded, policy)
     else:
