@@ -227,8 +227,11 @@ high_deg = {limits.travel.high_deg}
 
 def write_rig_file(path: Path, text: str) -> None:
     """Write a rig file whole, or not at all."""
-    with replace_file(path) as part:
-        part.write_text(text, encoding="utf-8")
+    try:
+        with replace_file(path) as part:
+            part.write_text(text, encoding="utf-8")
+    except OSError as problem:
+        raise ConfigError(f"{path}: the rig file cannot be written: {problem.strerror}; name another") from problem
 
 
 def true_marker(truth_deg: float | None) -> str:
