@@ -99,8 +99,7 @@ def open_rig(
     """The rig of a rig file and the angle of its probe in degrees; its devices are closed at the end.
 
     ``path``: None for the simulated rig with its defaults. ``sweeps``: whether the gain of a simulated one leaves room
-    for the noise of single pulses. Raises `DeviceError` if a device does not answer, or is not
-    ready.
+    for the noise of single pulses. Raises `DeviceError` if a device does not answer, or is not ready.
     """
     from markerseek.sim import SimulatedSettings
 
@@ -125,7 +124,8 @@ def announce_sweeps(rig: rigs.Rig, policy: AnyPolicy, *, start_deg: float) -> No
     """Print how a rig will sweep, and for how long, run-up included."""
     from markerseek.search.posterior import SweepPosterior
 
-    devices, sweeps = rig.scanner.sweeping, policy.sweeps if isinstance(policy, SweepPosterior) else []
+    assert isinstance(policy, SweepPosterior)  # noqa: S101  that of a plan with sweeps
+    devices, sweeps = rig.scanner.sweeping, policy.sweeps
     places_deg = [start_deg, *(sweep.to_deg for sweep in sweeps)]
     durations_s = [devices.duration_s(sweep, from_deg=at) for sweep, at in zip(sweeps, places_deg, strict=False)]
     way = " and ".join(f"{sweep.to_deg:g} deg" for sweep in sweeps)

@@ -84,7 +84,7 @@ class PageShell:
     def run(self, update: Callable[[], None]) -> None:
         """Call a function after news, and at least once in `TICK_S`; it must send only what has changed."""
         self._update = update
-        # It waits by itself: news are shown at once, and not up to a tick later.
+        # It waits by itself: news is shown at once, and not up to a tick later.
         ui.timer(0.0, self._tick)
 
     async def _tick(self) -> None:
