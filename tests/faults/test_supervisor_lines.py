@@ -14,7 +14,7 @@ import pytest
 from markerseek.core import ConfigError, DeviceError, NotConnectedError
 from markerseek.files import Line
 from markerseek.supervisor import Supervisor
-from markerseek.supervisor.messages import MAX_BYTES, Kind, packed, packed_step, step_of, unpacked
+from markerseek.supervisor.messages import MAX_BYTES, Kind, packed, packed_beat, step_of, unpacked
 from tests.faults.pseudo_terminals import SOON_S, STOP, Device, gone
 
 pytestmark = pytest.mark.real_time
@@ -230,7 +230,7 @@ def test_lines_and_leases_that_protect_nothing_are_refused() -> None:
 
 
 def test_messages_survive_being_cut_anywhere() -> None:
-    said = packed(Kind.WRITE, b"abc", line=1) + packed_step(Kind.BEAT, 7) + packed(Kind.RELEASE)
+    said = packed(Kind.WRITE, b"abc", line=1) + packed_beat(7) + packed(Kind.RELEASE)
     buffer = bytearray()
     heard = []
     for byte in said:
