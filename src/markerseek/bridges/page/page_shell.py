@@ -51,7 +51,7 @@ class PageShell:
         ui.page_title(f"markerseek: {_PAGES[path]}")
         ui.add_css(_STYLE)
         self._dark = ui.dark_mode(value=None)
-        self._beat = Heartbeat(0)
+        self._beat = Heartbeat()
         with ui.element("header").classes("ms-head"):
             Heading("markerseek", level=1).classes("ms-name")
             with ui.element("nav").props('aria-label="pages"'):
