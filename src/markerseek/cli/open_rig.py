@@ -173,19 +173,19 @@ def confirmed(question: str, *, name: str, asked_by: str | None = None) -> bool:
     if sys.stdin is not None and sys.stdin.isatty():
         stderr.print(f"asked by: {one_line(asked_by or f'{person()}, on this terminal')}")
         stderr.print(f"{question} Only the name of the rig arms it: {one_line(shown)}")
-        if _typed_now("name of the rig: ") == shown:
+        if _typed_name() == shown:
             return True
     stderr.print("not armed: nothing moved and nothing was fired; add --arm, or type the rig's name on a terminal")
     return False
 
 
-def _typed_now(prompt: str) -> str:
-    """The next line of the terminal, without what was typed before; empty if it ends."""
+def _typed_name() -> str:
+    """The name of the rig as the next line of the terminal, without what was typed before; empty if it ends."""
     terminal, line = sys.stdin.fileno(), b""
     try:
         # By the descriptor, because Python's own buffer may hold earlier lines too.
         termios.tcflush(terminal, termios.TCIFLUSH)
-        stderr.print(prompt, end="")
+        stderr.print("name of the rig: ", end="")
         sys.stderr.flush()
         while not line.endswith(b"\n"):
             piece = os.read(terminal, _LINE_BYTES)
