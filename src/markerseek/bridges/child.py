@@ -32,8 +32,8 @@ TERMINATE_S = 2.0
 BEAT_S = 0.5
 """Longest time between two beats of the heartbeat that a child is sent, in seconds."""
 
-_NO_FAULT = frozenset({0, 3, 4, 128 + signal.SIGINT, 128 + signal.SIGTERM})
-"""Exit codes of commands that gave an answer, were not armed, or were stopped."""
+_NOT_ARMED = 4
+"""Exit code of a command whose rig nobody armed."""
 
 _POLL_S = 0.004
 """Time between two looks for a new entry, in seconds."""
@@ -59,14 +59,19 @@ class Outcome:
         return self.exit_code in {0, 3}
 
     @property
+    def stopped(self) -> bool:
+        """Whether it was stopped, by a person or a program."""
+        return self.exit_code in {128 + signal.SIGINT, 128 + signal.SIGTERM}
+
+    @property
     def failed(self) -> bool:
-        """Whether it ended by a fault: not with an answer, not stopped by a person, not left unarmed."""
-        return self.exit_code not in _NO_FAULT
+        """Whether it ended by a fault: not with an answer, not stopped, not left unarmed."""
+        return not (self.answered or self.stopped or self.exit_code == _NOT_ARMED)
 
     @property
     def message(self) -> str:
         """One sentence for whoever asked."""
-        if self.exit_code == 4:
+        if self.exit_code == _NOT_ARMED:
             return (
                 "not armed: nothing moved and nothing was fired; a person must arm the rig in the terminal of the "
                 "bridge or page"
