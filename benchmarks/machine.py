@@ -9,10 +9,12 @@ import subprocess
 from importlib import metadata
 from pathlib import Path
 
+from markerseek import __version__
+
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "NPROC")
 """Variables by which the libraries are held to one thread; they must be set before the libraries are imported."""
 
-PACKAGES = ("markerseek", "numpy", "scipy", "numba", "pymust", "esdiva", "fast-das", "vbeam", "jax")
+PACKAGES = ("numpy", "scipy", "numba", "pymust", "esdiva", "fast-das", "vbeam", "jax")
 
 ROOT = Path(__file__).parents[1]
 
@@ -37,7 +39,8 @@ def describe(*, cores: int) -> dict[str, str]:
         "cores used": f"{cores} of {os.cpu_count()}",
         "load before": f"{os.getloadavg()[0]:.2f} (mean number of processes that ran in the last minute)",
         "system": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
-        "versions": ", ".join(f"{name} {_version(name)}" for name in PACKAGES),
+        # markerseek's own: the metadata of an environment are those of the day on which it was installed.
+        "versions": ", ".join([f"markerseek {__version__}", *(f"{name} {_version(name)}" for name in PACKAGES)]),
     }
 
 

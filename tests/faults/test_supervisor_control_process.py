@@ -171,7 +171,7 @@ SLEEPER = """
 import signal
 signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM])  # before a library starts threads
 from markerseek.supervisor.parent_death import end_with_parent
-print(end_with_parent(signal.SIGTERM), flush=True)
+print(end_with_parent(), flush=True)
 signal.sigwait([signal.SIGTERM])
 print("signalled", flush=True)
 """
@@ -191,4 +191,4 @@ def test_the_system_announces_the_death_of_the_parent() -> None:
 
 def test_where_the_system_announces_no_death_the_socket_remains(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("markerseek.supervisor.parent_death.sys.platform", "darwin")
-    assert not end_with_parent(signal.SIGTERM)
+    assert not end_with_parent()

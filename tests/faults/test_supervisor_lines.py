@@ -14,7 +14,7 @@ import pytest
 from markerseek.core import ConfigError, DeviceError, NotConnectedError
 from markerseek.files import Line
 from markerseek.supervisor import Supervisor
-from markerseek.supervisor.messages import MAX_BYTES, Kind, packed, packed_step, step_of, unpacked
+from markerseek.supervisor.messages import MAX_BYTES, Kind, packed, packed_beat, step_of, unpacked
 from tests.faults.pseudo_terminals import SOON_S, STOP, Device, gone
 
 pytestmark = pytest.mark.real_time
@@ -209,7 +209,7 @@ def test_a_line_that_is_pulled_out_silences_the_other_and_cannot_be_armed(
 
 
 def test_a_line_that_another_program_holds_is_refused(held: Supervisor, laser: Device) -> None:
-    with pytest.raises(NotConnectedError, match="cannot be opened"):
+    with pytest.raises(NotConnectedError, match=r"cannot be opened \(another program holds it\)"):
         Supervisor(lines=[Line(name="laser", path=laser.path, safe_command=b"x")])
     with pytest.raises(NotConnectedError, match="/dev/nowhere cannot be opened"):
         Supervisor(lines=[Line(name="laser", path="/dev/nowhere", safe_command=b"x")])
@@ -230,7 +230,7 @@ def test_lines_and_leases_that_protect_nothing_are_refused() -> None:
 
 
 def test_messages_survive_being_cut_anywhere() -> None:
-    said = packed(Kind.WRITE, b"abc", line=1) + packed_step(Kind.BEAT, 7) + packed(Kind.RELEASE)
+    said = packed(Kind.WRITE, b"abc", line=1) + packed_beat(7) + packed(Kind.RELEASE)
     buffer = bytearray()
     heard = []
     for byte in said:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from inspect import signature
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from markerseek.bridges.igtl import PORT, Streams
+from markerseek.bridges.igtl import Streams
+from markerseek.cli import igtl
 from markerseek.core import Interval, Started
 from markerseek.records.journal import Entry
 
@@ -23,10 +25,11 @@ def test_plus_looks_for_the_transform_that_the_bridge_sends_where_it_sends_it() 
     names = [stream.device for stream in sent if stream.content.kind == device.get("MessageType")]
     # PLUS names a transform "<tool>To<reference>".
     assert names == [f"{tool}To{device.get('ToolReferenceFrame')}"]
-    assert int(device.get("ServerPort")) == PORT
+    port = signature(igtl.command).parameters["port"].default
+    assert int(device.get("ServerPort")) == port
     assert device.get("IgtlMessageCrcCheckEnabled") == "true"
     # PLUS repeats the last angle with its own time, and drops what comes with an older one, as of an acquisition.
     assert device.get("UseLastTransformsOnReceiveTimeout") == "true"
     assert device.get("UseReceivedTimestamps") == "false"
     server = ET.parse(FILE).find("PlusOpenIGTLinkServer")
-    assert int(server.get("ListeningPort")) != PORT
+    assert int(server.get("ListeningPort")) != port

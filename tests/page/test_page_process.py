@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from markerseek.bridges.page import Address
-from markerseek.bridges.page.server import UNWATCHED_S
+from markerseek.bridges.page.application import UNWATCHED_S
 from markerseek.core import ConfigError
 from markerseek.records.journal import Interrupted, read_journal
 from tests.page.page_browser import START, WAIT_MS, certified, needs_browser, open_tab, served, sync_api

@@ -96,6 +96,12 @@ def test_info_as_text_names_the_statistics_of_the_peak_and_draws(shell, scan, tm
     assert (tmp_path / "scan.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_dark_frames_of_zeros_have_an_intensity(shell, scan, monkeypatch):
+    monkeypatch.setattr(runs, "dark_intensity", lambda _bank, *, probe: 0.0)
+    code, out, _ = shell("bank", "info", scan)
+    assert (code, "3, the largest intensity is 0" in " ".join(out.split())) == (0, True)
+
+
 def test_a_name_that_is_no_unicode_is_escaped_in_json(shell, tmp_path):
     bank = tmp_path / "odd\udcff.csv"
     bank.write_text("angle_deg,intensity\n0,1\n1,2\n2,1\n")

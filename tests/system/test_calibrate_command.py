@@ -54,6 +54,12 @@ def test_the_pick_up_of_a_scan_says_how_steady_the_laser_is(shell: Shell, scan: 
     assert 'energy_from = "pickup"\npickup_us = [0.0, 0.9]\nusual_energy = ' in report["rig_toml"]
 
 
+@pytest.mark.parametrize("window_us", [(5, 1), ("nan", 1), (0, "nan"), (0, 2000)])
+def test_a_pick_up_that_is_nowhere_in_a_frame_is_refused(shell: Shell, scan: Path, window_us: tuple[str, str]) -> None:
+    code, _, err = shell("calibrate", scan, "--pickup-us", *window_us)
+    assert (code, "it must be a first and a later moment of 0 to 1000 us" in " ".join(err.split())) == (2, True)
+
+
 @pytest.mark.parametrize(
     ("direction", "zero_deg"), [("forward", 10 + SOURCE_DEG - 2), ("reverse", 10 - SOURCE_DEG + 2)]
 )

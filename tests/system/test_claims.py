@@ -58,6 +58,15 @@ def test_the_noise_floor_names_the_acquisitions_on_which_it_depends(shell: Shell
     assert f"{result['elapsed_s']:.0f} s, on the simulated clock" in said
 
 
+def test_a_doubt_whether_there_is_another_source_names_the_option_that_states_it(shell: Shell) -> None:
+    code, out, _ = shell("search", "--seed", 3, "--no-journal", "--acquisitions", 4)
+    said = " ".join(out.split())
+    assert (code, "unsure: another source is the marker with" in said) == (3, True)
+    assert "%; --single states that there is none" in said
+    _, out, _ = shell("search", "--seed", 1, "--no-journal", "--acquisitions", 4)
+    assert "--single" not in out
+
+
 def test_a_recording_is_not_asked_for_more_acquisitions(shell: Shell) -> None:
     scan = EXAMPLES / "simulated_scan.csv"
     code, out, _ = shell("replay", scan, "--method", "golden-section", "--acquisitions", 4)

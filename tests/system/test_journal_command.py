@@ -62,7 +62,7 @@ def test_a_search_keeps_a_journal_in_the_users_data_folder(shell: Shell, tmp_pat
     code, out, _ = shell("journal", "verify", cut)
     assert code == 0
     assert re.search(
-        r"nothing is wrong; \d+ bytes of an unfinished entry behind them are ignored", " ".join(out.split())
+        r"nothing is wrong; an unfinished entry of \d+ bytes behind them is ignored", " ".join(out.split())
     )
     cut.unlink()
     shell(*SEARCH, "--no-journal")

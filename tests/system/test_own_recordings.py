@@ -137,7 +137,7 @@ def test_variables_of_ones_own_are_named_and_a_bank_says_by_what_it_is_imaged(sh
     known = json.loads(shell("bank", "info", tmp_path / "mine.hdf5", "--json")[1])
     assert (known["angles"], known["first_deg"]) == (4, pytest.approx(-3.0))
     assert known["intensities_stored"]
-    assert known["imaged_by"].startswith("the chain of BPL9-5/55 (named by the file): 128 elements of 0.4")
+    assert known["imaged_by"].startswith("the chain of BPL9-5/55 (as the file has it): 128 elements of 0.4")
     other = json.loads(shell("bank", "info", tmp_path / "mine.hdf5", "--probe", "BPL9-5/55", "--json")[1])
     assert not other["intensities_stored"]
     assert other["imaged_by"].startswith("the chain of BPL9-5/55 (--probe): 128 elements")

@@ -52,7 +52,7 @@ def test_nothing_is_deleted_without_being_asked_for(shell: Shell, folder: Path) 
     assert (code, names(folder)) == (0, before)
     assert "2 journals" in out
     assert "to be deleted (--delete)" in out
-    assert "1 old ones stay: their runs are not over" in out
+    assert "1 old one stays: a run that is not over" in out
     code, _, err = shell("journal", "prune", folder)
     assert (code, names(folder)) == (2, before)
     assert "say which journals go: --keep NUMBER, --older-than-days DAYS" in err

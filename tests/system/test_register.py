@@ -393,6 +393,7 @@ def test_a_whole_registration_on_the_simulated_rig(shell: Shell) -> None:
         (["register"], "no points: name a CSV, images by --frames LEFT RIGHT, or add --simulate"),
         (["register", EXAMPLE, "--sweep"], "--sweep, --readout-s and --seed are for --simulate; leave them out"),
         (["register", EXAMPLE, "--simulate"], "--simulate makes its own points"),
+        (["register", "--simulate", "--calibration-sigma-px", 1], "--simulate makes its own points"),
         (["register", EXAMPLE, "--seed", 3], "--readout-s and --seed are for --simulate"),
         (["register", "--simulate", "--markers", 5], "markers is 5, it must be one of 3, 4, 6, 9"),
         (["register", EXAMPLE, "--simulated-frames", 25], "are for --simulate; leave them out"),

@@ -42,6 +42,7 @@ def test_without_a_marker_none_is_found(shell: Shell) -> None:
         (("--compare", "ternary,ternary"), "two or more different methods are needed"),
         (("--compare", "ternary,nothing"), "method: 'nothing' is unknown"),
         (("--compare", "ternary,posterior", "--journal", "x.journal"), "keeps no journals"),
+        (("--compare", "ternary,posterior", "--events", "x.events"), "writes no --events"),
     ],
 )
 def test_what_cannot_be_is_a_sentence(shell: Shell, words: tuple[object, ...], said: str) -> None:

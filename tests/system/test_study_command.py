@@ -96,6 +96,7 @@ def test_no_cell_is_cut_in_a_narrow_terminal_and_the_columns_are_explained(
         (("800", "5"), ("--out", "{other}"), "holds another study"),
         (("", ""), ("--row", "3", "--workers", "1"), "--workers 1: --row runs one row and writes nothing"),
         (("", ""), ("--row", "3", "--plot"), "--plot: --row runs one row and writes nothing"),
+        (("", ""), ("--row", "3", "--beside", "other.toml"), "--beside: --row runs one row and writes nothing"),
         (("", ""), ("--plot", "--beside", "other.toml"), "other.toml: it cannot be read"),
         (("", ""), ("--beside", "other.toml"), "add --plot, or leave it out"),
         (("", ""), ("--workers", "1", "--scheduler", "tcp://127.0.0.1:1"), "leave one of them out"),

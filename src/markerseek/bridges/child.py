@@ -32,8 +32,8 @@ TERMINATE_S = 2.0
 BEAT_S = 0.5
 """Longest time between two beats of the heartbeat that a child is sent, in seconds."""
 
-_NO_FAULT = frozenset({0, 3, 4, 128 + signal.SIGINT, 128 + signal.SIGTERM})
-"""Exit codes of commands that gave an answer, were not armed, or were stopped."""
+_NOT_ARMED = 4
+"""Exit code of a command whose rig nobody armed."""
 
 _POLL_S = 0.004
 """Time between two looks for a new entry, in seconds."""
@@ -59,14 +59,19 @@ class Outcome:
         return self.exit_code in {0, 3}
 
     @property
+    def stopped(self) -> bool:
+        """Whether it was stopped, by a person or a program."""
+        return self.exit_code in {128 + signal.SIGINT, 128 + signal.SIGTERM}
+
+    @property
     def failed(self) -> bool:
-        """Whether it ended by a fault: not with an answer, not stopped by a person, not left unarmed."""
-        return self.exit_code not in _NO_FAULT
+        """Whether it ended by a fault: not with an answer, not stopped, not left unarmed."""
+        return not (self.answered or self.stopped or self.exit_code == _NOT_ARMED)
 
     @property
     def message(self) -> str:
         """One sentence for whoever asked."""
-        if self.exit_code == 4:
+        if self.exit_code == _NOT_ARMED:
             return (
                 "not armed: nothing moved and nothing was fired; a person must arm the rig in the terminal of the "
                 "bridge or page"
@@ -100,8 +105,13 @@ class ChildRun:
 
     def __init__(self, arguments: Sequence[str], *, journal: Path | None = None) -> None:
         beats, beating = os.pipe()
-        self._folder = tempfile.TemporaryDirectory(prefix="markerseek-") if journal is None else None
-        self._journal = journal if self._folder is None else Path(self._folder.name) / "events"
+        watched = ["--heartbeat", f"/dev/fd/{beats}"]
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        if journal is None:
+            self._folder = tempfile.TemporaryDirectory(prefix="markerseek-")
+            journal = Path(self._folder.name) / "events"
+            watched += ["--events", str(journal)]
+        self._journal = journal
         self._beat_s = -math.inf
         # A child that is stopped reads no beats: then they are lost, and nobody waits.
         os.set_blocking(beating, False)
@@ -113,8 +123,6 @@ class ChildRun:
         self._stopped = False
         # Until `markerseek.cli.main` handles it: Python would print a traceback if it is stopped while it starts.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        watched = ["--heartbeat", f"/dev/fd/{beats}"]
-        watched += [] if journal is not None else ["--events", str(self._journal)]
         try:
             # -P: a file in the current folder must not replace a module.
             self._process = subprocess.Popen(  # noqa: S603  no shell; the arguments are ours
@@ -136,7 +144,6 @@ class ChildRun:
 
         Of a run that is continued, all its entries from the first. Raises `RecordError` if the file is damaged.
         """
-        assert self._journal is not None  # noqa: S101 - made or named when the child was started
         for item in follow(self._journal, is_over=lambda: not self.running, wait=self._wait):
             self._beat()
             yield item

@@ -123,15 +123,12 @@ def _shown(
 ) -> Iterator[str | Table]:
     yield f"[bold]{escape(str(path))}[/]: {_content(bank)}"
     known, angles, began_unix_s = bank.facts, bank.angles_deg, _began_unix_s(bank)
-    dark_frames = None
-    if bank.dark_frames:
-        dark_frames = f"{bank.dark_frames}, the largest intensity is {dark or math.nan:.4g}"
     rows: list[tuple[str, str | None]] = [
         ("scanned", known.description or None),
         ("began", None if began_unix_s is None else _date(began_unix_s)),
         ("angles", str(len(angles))),
         ("range", f"{angles[0]:g}° to {angles[-1]:g}°, steps of at most {_largest_step_deg(bank):.3g}°"),
-        ("dark frames", dark_frames),
+        ("dark frames", None if dark is None else f"{bank.dark_frames}, the largest intensity is {dark:.4g}"),
         ("intensities", _origin(bank, computed_with)),
         ("imaged by", _imaged_by(bank, computed_with)),
         ("max", f"{peak.max_intensity:.4g} at {peak.max_deg:.3f}°"),
@@ -169,7 +166,7 @@ def _imaged_by(bank: IntensityBank | FrameBank, probe: str | None) -> str | None
     if probe is not None:
         named = "--probe"
     else:
-        named = "assumed, as the file names no probe: --probe" if bank.facts.probe is None else "named by the file"
+        named = "assumed, as the file names no probe: --probe" if bank.facts.probe is None else "as the file has it"
     return (
         f"the chain of {preset.name} ({named}): {preset.array.elements} elements of "
         f"{1e3 * preset.array.pitch_m:.4g} mm, {1e-6 * preset.sampling_hz:g} MHz, {preset.sound_speed_m_s:g} m/s, "

@@ -217,7 +217,7 @@ def _write_log(to: Path, bank: IntensityBank | FrameBank, *, probe: str | None, 
         return
     # One scale for all images, so that their brightness can be compared between angles.
     strongest = runs.bank_image(bank, intensities.index(max(intensities)), probe=probe)
-    images = _shown(runs.bank_images(bank, probe=probe, order=series.order), len(series.order))
+    images = _with_progress(runs.bank_images(bank, probe=probe, order=series.order), len(series.order))
     # An image of zeros is black with any scale.
     write_mcap(to, images, series=series, brightest=float(strongest.envelope.max()) or 1.0)
 
@@ -227,7 +227,7 @@ def _write_sequence(to: Path, bank: FrameBank, *, probe: str | None, face_radius
 
     series = series_of(bank, facts=_facts(bank, probe, face_radius_mm))
     write_sequence(
-        to, _shown(runs.bank_images(bank, probe=probe, order=series.order), len(series.order)), series=series
+        to, _with_progress(runs.bank_images(bank, probe=probe, order=series.order), len(series.order)), series=series
     )
 
 
@@ -236,7 +236,7 @@ def _write_channels(to: Path, bank: FrameBank, *, probe: str | None, face_radius
 
     series = series_of(bank, facts=_facts(bank, probe, face_radius_mm))
     preset = rigs.preset_of(bank, probe)
-    frames = _shown((bank.frame(index) for index in series.order), len(series.order))
+    frames = _with_progress((bank.frame(index) for index in series.order), len(series.order))
     write_zea(
         to,
         frames,
@@ -262,7 +262,7 @@ def _facts(bank: IntensityBank | FrameBank, probe: str | None, face_radius_mm: f
     return facts
 
 
-def _shown(items: Iterable[Item], count: int) -> Iterator[Item]:
+def _with_progress(items: Iterable[Item], count: int) -> Iterator[Item]:
     """The items, with a progress bar."""
     with progress_bar(count, what="exporting") as progress:
         for item in items:

@@ -14,6 +14,7 @@ from markerseek import studies
 from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report, file_line, table
 from markerseek.cli.terminal import announce_compilation, one_line, progress_bar, stderr, time_left
+from markerseek.core import counted
 
 EXAMPLES = (
     "Examples:\n\n"
@@ -56,7 +57,7 @@ def command(
     size = studies.benchmark_size(scale=scale, others=others)
     count = studies.default_workers() if workers is None else workers
     stderr.print(
-        f"{size} simulated searches in {count} process{'es' if count > 1 else ''}, "
+        f"{size} simulated searches in {counted(count, 'process', 'processes')}, "
         f"{time_left(_TYPICAL_S * scale / count)} on a usual computer" + (" without those of others" if others else "")
     )
     announce_compilation()

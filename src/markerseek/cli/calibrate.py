@@ -71,6 +71,10 @@ def command(
 
     for name, angle_deg in (("--source-deg", source_deg), ("--zero-deg", zero_deg)):
         require_range(name, angle_deg, low=-360, high=360, unit="deg")
+    if pickup_us is not None and not 0 <= pickup_us[0] < pickup_us[1] <= 1000:
+        raise ConfigError(
+            f"--pickup-us is {pickup_us[0]:g} {pickup_us[1]:g}, it must be a first and a later moment of 0 to 1000 us"
+        )
     scan = rigs.with_probe_facts(read_bank(bank), probe)
     if not isinstance(scan, FrameBank):
         raise ConfigError(

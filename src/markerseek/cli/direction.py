@@ -54,7 +54,7 @@ def require_source_deg(source_deg: float) -> None:
 def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) -> tuple[bool, str]:
     """Search a source at a known angle, and return whether the stage turns the right way, with what was found in words.
 
-    ``source_deg``: True angle of the source on the probe's scale; see `require_source_deg`. ``arm``: whether the user
+    ``source_deg``: true angle of the source on the probe's scale; see `require_source_deg`. ``arm``: whether the user
     armed the rig by an option; otherwise a question is asked on the terminal. ``as_json``: whether a program reads the
     output.
     """

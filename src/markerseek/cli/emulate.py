@@ -14,7 +14,7 @@ import typer
 from markerseek import drivers, emulators, rigs
 from markerseek.cli.signals import noted_signals
 from markerseek.cli.terminal import stderr, stdout
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, counted
 from markerseek.files import quoted, replace_file
 
 if TYPE_CHECKING:
@@ -227,8 +227,11 @@ high_deg = {limits.travel.high_deg}
 
 def write_rig_file(path: Path, text: str) -> None:
     """Write a rig file whole, or not at all."""
-    with replace_file(path) as part:
-        part.write_text(text, encoding="utf-8")
+    try:
+        with replace_file(path) as part:
+            part.write_text(text, encoding="utf-8")
+    except OSError as problem:
+        raise ConfigError(f"{path}: the rig file cannot be written: {problem.strerror}; name another") from problem
 
 
 def true_marker(truth_deg: float | None) -> str:
@@ -245,5 +248,7 @@ def _truth(emulated: emulators.EmulatedBench, device: Device) -> list[str]:
     if device != "kdc101":
         truth.append(true_marker(emulated.truth_deg))
     if device in ("laser", "bench"):
-        truth.append(f"truth: {len(emulated.laser_box.pulses)} pulses of light were fired")
+        truth.append(
+            f"truth: {counted(len(emulated.laser_box.pulses), 'pulse of light was', 'pulses of light were')} fired"
+        )
     return truth

@@ -30,6 +30,7 @@ from markerseek.core import (
     RecordError,
     RFFrame,
     ScanGeometry,
+    counted,
     require_range,
 )
 from markerseek.files import quoted
@@ -218,9 +219,10 @@ def _shown(findings: signals.FrameFindings, file: Path, probe: str) -> Iterator[
             for number, each in enumerate((findings.strongest, *findings.others), start=1)
         )
     if findings.saturated_channels:
-        yield f"[yellow]saturated:[/] {len(findings.saturated_channels)} channels where the strongest arrives"
+        saturated = counted(len(findings.saturated_channels), "channel")
+        yield f"[yellow]saturated:[/] {saturated} where the strongest arrives"
     if findings.dead_channels:
-        yield f"[yellow]dead:[/] {len(findings.dead_channels)} channels without a signal"
+        yield f"[yellow]dead:[/] {counted(len(findings.dead_channels), 'channel')} without a signal"
 
 
 def _figure(findings: signals.FrameFindings, picture: PaImage, *, under: BModeImage | None, title: str) -> Figure:

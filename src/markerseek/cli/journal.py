@@ -17,7 +17,7 @@ from markerseek.cli import journal_folder
 from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report
 from markerseek.cli.terminal import announce_compilation, new_table, one_line, print_error, print_json, stdout
-from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started, Swept, Turning
+from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started, Swept, Turning, counted
 
 if TYPE_CHECKING:
     from markerseek.records.journal import Entry, RecordedRun
@@ -87,12 +87,12 @@ def verify(journal: _File, as_json: AsJson = False) -> None:
 
     finding = verify_journal(journal)
     # Nothing acted on it, so that it is no fault.
-    unfinished = f"; {finding.unfinished_bytes} bytes of an unfinished entry behind them are ignored"
+    unfinished = f"; an unfinished entry of {counted(finding.unfinished_bytes, 'byte')} behind them is ignored"
     report = Report(
         values={"ok": not finding.faults} | msgspec.to_builtins(finding),
         shown=[
             *(f"[red]wrong:[/] {one_line(fault)}" for fault in finding.faults),
-            f"{finding.entries} entries are whole"
+            f"{counted(finding.entries, 'entry is', 'entries are')} whole"
             + ("" if finding.faults else ", and nothing is wrong")
             + (unfinished if finding.unfinished_bytes else ""),
         ],
@@ -113,7 +113,7 @@ def replay(journal: _File, as_json: AsJson = False) -> None:
     )
     state, count = run_state(recorded.entries).state, len(recorded.entries)
     what = "readings, decisions and answer" if state == "finished" else "readings and decisions so far"
-    equal = f"{what} come out equal, bit for bit, from {count} entries"
+    equal = f"{what} come out equal, bit for bit, from {counted(count, 'entry', 'entries')}"
     report = Report(
         values={"equal": not found, "entries": count, "state": state, "differences": found},
         shown=[f"[red]differs:[/] {one_line(line)}" for line in found] or [equal],
@@ -191,7 +191,7 @@ def _turning(event: Asked | Turning | Swept) -> tuple[str, str, str, str]:
         return "turning", read, "", f"by hand to {event.target_deg:.3f} deg"
     angle = f"{event.angle_deg:.3f}"
     if isinstance(event, Swept):
-        return "swept", angle, "", f"{event.pulses} pulses"
+        return "swept", angle, "", counted(event.pulses, "pulse")
     if event.sweep is not None:
         return "asked: sweep", angle, "", f"{event.sweep.speed_deg_s:g} deg/s"
     return f"asked: {event.role} {event.index}", angle, "", ""

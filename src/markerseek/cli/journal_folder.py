@@ -12,7 +12,7 @@ from rich.markup import escape
 from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report
 from markerseek.cli.terminal import one_line, print_error
-from markerseek.core import MarkerseekError, RecordError, rig_in_words
+from markerseek.core import MarkerseekError, RecordError, counted, rig_in_words
 
 if TYPE_CHECKING:
     from markerseek.records.journal import JournalSummary
@@ -53,14 +53,13 @@ def list_journals(
         if each.description is not None:
             lines.append(f"  [dim]{one_line(each.description)}[/]")
     listed = "" if len(summaries) == len(paths) else f", the newest {len(summaries)} are listed (--last)"
-    count = f"{len(paths)} journal" + ("" if len(paths) == 1 else "s")
-    lines.append(f"{count} in {escape(str(place))}, {total_bytes / 1e6:.1f} MB{listed}")
+    lines.append(f"{counted(len(paths), 'journal')} in {escape(str(place))}, {total_bytes / 1e6:.1f} MB{listed}")
     values = {"folder": str(place), "count": len(paths), "total_bytes": total_bytes, "journals": summaries}
     Output(as_json=as_json).show(Report(values=values, shown=lines))
 
 
 def _in_words(each: JournalSummary) -> str:
-    if each.method is None:
+    if each.method is None or each.acquisitions is None:
         return f"{each.state}: {each.problem}"
     begun = "not begun" if each.begun is None else _local(each.begun)
     end = each.answer or each.state
@@ -69,7 +68,7 @@ def _in_words(each: JournalSummary) -> str:
         end = f"{each.angle_deg:.3f}°" if each.as_published else f"{end} at {each.angle_deg:.3f}°"
     form = " as published" if each.as_published else ""
     rig = rig_in_words(str(each.rig), each.emulated)
-    text = f"{begun}, {each.method}{form} on a {rig}: {end}, {each.acquisitions} acquisitions"
+    text = f"{begun}, {each.method}{form} on a {rig}: {end}, {counted(each.acquisitions, 'acquisition')}"
     return f"{text}, {each.size_bytes / 1e6:.1f} MB" + ("" if each.problem is None else f"; {each.problem}")
 
 
@@ -120,7 +119,7 @@ def prune(
             problems.append(problem)
     freed_bytes = sum(each.size_bytes for each in gone)
     done = "deleted" if delete else "to be deleted (--delete)"
-    stay = [f"{len(found.kept)} old ones stay: their runs are not over, or they cannot be read"]
+    stay = counted(len(found.kept), "old one stays", "old ones stay")
     report = Report(
         values={
             "deleted": delete,
@@ -131,8 +130,8 @@ def prune(
         },
         shown=[
             *(f"{one_line(Path(each.path).name)}  {each.size_bytes / 1e6:.1f} MB" for each in gone),
-            f"{len(gone)} journals, {freed_bytes / 1e6:.1f} MB, {done}",
-            *(stay if found.kept else []),
+            f"{counted(len(gone), 'journal')}, {freed_bytes / 1e6:.1f} MB, {done}",
+            *([f"{stay}: a run that is not over, or a file that cannot be read"] if found.kept else []),
         ],
         exit_code=problems[0].exit_code if problems else 0,
     )

@@ -99,8 +99,7 @@ def open_rig(
     """The rig of a rig file and the angle of its probe in degrees; its devices are closed at the end.
 
     ``path``: None for the simulated rig with its defaults. ``sweeps``: whether the gain of a simulated one leaves room
-    for the noise of single pulses. Raises `DeviceError` if a device does not answer, or is not
-    ready.
+    for the noise of single pulses. Raises `DeviceError` if a device does not answer, or is not ready.
     """
     from markerseek.sim import SimulatedSettings
 
@@ -125,7 +124,8 @@ def announce_sweeps(rig: rigs.Rig, policy: AnyPolicy, *, start_deg: float) -> No
     """Print how a rig will sweep, and for how long, run-up included."""
     from markerseek.search.posterior import SweepPosterior
 
-    devices, sweeps = rig.scanner.sweeping, policy.sweeps if isinstance(policy, SweepPosterior) else []
+    assert isinstance(policy, SweepPosterior)  # noqa: S101  that of a plan with sweeps
+    devices, sweeps = rig.scanner.sweeping, policy.sweeps
     places_deg = [start_deg, *(sweep.to_deg for sweep in sweeps)]
     durations_s = [devices.duration_s(sweep, from_deg=at) for sweep, at in zip(sweeps, places_deg, strict=False)]
     way = " and ".join(f"{sweep.to_deg:g} deg" for sweep in sweeps)
@@ -173,19 +173,19 @@ def confirmed(question: str, *, name: str, asked_by: str | None = None) -> bool:
     if sys.stdin is not None and sys.stdin.isatty():
         stderr.print(f"asked by: {one_line(asked_by or f'{person()}, on this terminal')}")
         stderr.print(f"{question} Only the name of the rig arms it: {one_line(shown)}")
-        if _typed_now("name of the rig: ") == shown:
+        if _typed_name() == shown:
             return True
     stderr.print("not armed: nothing moved and nothing was fired; add --arm, or type the rig's name on a terminal")
     return False
 
 
-def _typed_now(prompt: str) -> str:
-    """The next line of the terminal, without what was typed before; empty if it ends."""
+def _typed_name() -> str:
+    """The name of the rig as the next line of the terminal, without what was typed before; empty if it ends."""
     terminal, line = sys.stdin.fileno(), b""
     try:
         # By the descriptor, because Python's own buffer may hold earlier lines too.
         termios.tcflush(terminal, termios.TCIFLUSH)
-        stderr.print(prompt, end="")
+        stderr.print("name of the rig: ", end="")
         sys.stderr.flush()
         while not line.endswith(b"\n"):
             piece = os.read(terminal, _LINE_BYTES)

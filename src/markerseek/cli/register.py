@@ -145,8 +145,11 @@ def command(
     target_m = None if target_mm is None else (target_mm[0] / 1e3, target_mm[1] / 1e3, target_mm[2] / 1e3)
     truth: runs.SimulatedTruth | None = None
     if simulate:
-        if points is not None or frames is not None or journal or cameras:
-            raise ConfigError("--simulate makes its own points; leave the CSV, --frames, --journal and --cameras out")
+        if points is not None or frames is not None or journal or cameras or calibration_sigma_px is not None:
+            raise ConfigError(
+                "--simulate makes its own points; leave the CSV, --frames, --journal, --cameras and "
+                "--calibration-sigma-px out"
+            )
         title = "simulated rig and camera"
         scene = simulated.scene()
         announce_compilation()

@@ -49,8 +49,8 @@ def command(
     """Search a recorded scan as if it were a rig: the methods ask, the recording answers.
 
     A search gets the data of the nearest recorded angle. Without --acquisitions the posterior may use all recorded
-    angles, for they cost nothing. With --as-published, intensities are interpolated between
-    recorded angles, as in the paper's offline analysis.
+    angles, for they cost nothing. With --as-published, intensities are interpolated between recorded angles, as in the
+    paper's offline analysis.
     """
     from markerseek.cli.session import run_new_session
     from markerseek.cli.show_result import conclude

@@ -17,7 +17,7 @@ from markerseek import signals, studies
 from markerseek.cli.options import AsJson, require_frames
 from markerseek.cli.report import Output, Report, file_line, require_room, table
 from markerseek.cli.terminal import print_warning, stages_bar, stderr, time_left
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, counted
 
 if TYPE_CHECKING:
     from markerseek.studies.paper import Reproduction, RunOptions, Section, Table
@@ -81,8 +81,8 @@ def command(
         reproduction = Reproduction(options=options, folder=out, own_bank=own)
         names = _names(reproduction) if what == "all" else [what]
         waiting = reproduction.sections(names)
-        processes = "1 process" if options.workers == 1 else f"{options.workers} processes"
-        made_from = f"with {markers} markers" if bank is None else f"of {escape(str(bank))}"
+        processes = counted(options.workers, "process", "processes")
+        made_from = f"with {counted(markers, 'marker')}" if bank is None else f"of {escape(str(bank))}"
         # How long a bank of one's own takes, its frames decide.
         takes = "" if own is not None else f", {time_left(typical_s(names, options))} on a usual computer"
         stderr.print(

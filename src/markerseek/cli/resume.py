@@ -14,7 +14,7 @@ from markerseek.cli.options import AsJson, Out
 from markerseek.cli.report import Output
 from markerseek.cli.terminal import announce_compilation, print_json, print_warning, stdout
 from markerseek.cli.watched import Heartbeat, WatchOptions
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, counted
 
 if TYPE_CHECKING:
     from markerseek.records.journal import RecordedRun
@@ -62,10 +62,8 @@ def command(
         recorder, _ = result_of(recorded)
         imaging, policy = None, None
         if plot:
-            imaging, policy = (
-                runs.rebuild_image_reader(recorded.configuration),
-                runs.rebuild_policy(recorded.configuration),
-            )
+            imaging = runs.rebuild_image_reader(recorded.configuration)
+            policy = runs.rebuild_policy(recorded.configuration)
             # It is given all samples; there is no next angle.
             runs.next_angle(recorded, policy)
     else:
@@ -163,9 +161,9 @@ def _print_state(recorded: RecordedRun, *, as_json: bool, rig_file_needed: bool)
             }
         )
         return
-    kept = "1 acquisition is kept" if state.acquisitions == 1 else f"{state.acquisitions} acquisitions are kept"
+    kept = counted(state.acquisitions, "acquisition is", "acquisitions are")
     lines = [
-        f"{recorded.configuration.plan.method} on a {recorded.configuration.facts.rig_name}: {kept}; "
+        f"{recorded.configuration.plan.method} on a {recorded.configuration.facts.rig_name}: {kept} kept; "
         + ("only the end is left" if next_deg is None else f"the next is at {next_deg:.3f}°")
     ]
     if checks_deg:

@@ -16,6 +16,7 @@ from markerseek.cli.options import Acquisitions, MethodName, RigFile, Stay, Swee
 from markerseek.cli.ros2_devices import RequireSecurity, ros_node
 from markerseek.cli.signals import noted_signals
 from markerseek.cli.terminal import announce_compilation, print_json, stderr, stdout
+from markerseek.core import ConfigError, counted
 from markerseek.ros import topics
 
 _SEARCH_EXAMPLES = "Examples:\n\n  markerseek ros2 search\n\n  markerseek ros2 search --once --rig ros2-rig.toml --json"
@@ -54,6 +55,8 @@ def search(
     """
     known = None if registration is None else runs.read_registration(registration)
     if play is not None:
+        if rig is not None:
+            raise ConfigError("--play shows a recording, and a recording has no rig file; leave out --rig or --play")
         pace = 1.0 if pace is None else pace
         _play(play, known, pace=pace, arguments=ctx.obj, require_security=require_security)
         return
@@ -113,7 +116,7 @@ def _play(
         stdout.print(f"playing {recording.name}; ready", markup=False)
         sys.stdout.flush()
         played = ros2.play(recording, node, pace=pace, until=lambda: bool(stopped))
-        stdout.print(f"{played} acquisitions were played")
+        stdout.print(f"{counted(played, 'acquisition was', 'acquisitions were')} played")
     raise typer.Exit(128 + stopped[0] if stopped else 0)
 
 

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import typer
 
@@ -35,7 +35,8 @@ PlainCommand = Annotated[
 PlainReached = Annotated[
     str | None, typer.Option("--plain-reached", help="Publish the angle reached on this topic, std_msgs/Float64.")
 ]
-PlainUnit = Annotated[str, typer.Option("--plain-unit", help="Unit of the two plain topics: rad or deg.")]
+Unit: TypeAlias = Literal["rad", "deg"]
+PlainUnit = Annotated[Unit, typer.Option("--plain-unit", help="Unit of the two plain topics.")]
 
 
 def serve_until_stopped(pump: ros2.MessagePump) -> None:
@@ -88,15 +89,13 @@ def follow_lifecycle(pump: ros2.MessagePump, index: int) -> Callable[[bool], Non
     return set_active
 
 
-def plain_topics(command: str | None, reached: str | None, unit: str) -> ros2.PlainTopics | None:
+def plain_topics(command: str | None, reached: str | None, unit: Unit) -> ros2.PlainTopics | None:
     """The topics of plain numbers, if both are named."""
     if command is None and reached is None:
         return None
     if command is None or reached is None:
         raise ConfigError("--plain-command and --plain-reached belong together; name both topics, or neither")
-    if unit not in ("rad", "deg"):
-        raise ConfigError(f"--plain-unit is {unit}, it must be rad or deg")
-    return ros2.PlainTopics(command=command, reached=reached, unit="rad" if unit == "rad" else "deg")
+    return ros2.PlainTopics(command=command, reached=reached, unit=unit)
 
 
 _Bench = Annotated[Path, typer.Option(help="Rig file (TOML, kind bench) of the devices.")]
@@ -230,11 +229,12 @@ def sim(
         "search_low_rad": math.radians(limits.search.low_deg),
         "search_high_rad": math.radians(limits.search.high_deg),
     }
+    # Nothing here emits light or turns, so that no person is needed.
+    by = "a simulated rig"
     with ExitStack() as opened:
         guards = [Guard(limits=limits, firing=FiringLimits(), admission=Admission()) for _ in range(2)]
         for guard in guards:
-            # Nothing here emits light or turns, so that no person is needed.
-            guard.arm(by="a simulated rig")
+            guard.arm(by=by)
         nodes: list[RosNode] = []
         parts = ("trus_stage", topics.STATE), ("trus_acquisition", topics.ACQUIRED)
         for index, (name, topic) in enumerate(parts):
@@ -249,7 +249,6 @@ def sim(
                 network=network,
             )
             nodes.append(opened.enter_context(made))
-        by = "a simulated rig"
         pump.served = [
             ros2.StageNode(node=nodes[0], stage=world.stage, guard=guards[0], by=by, plain=plain, simulated=True),
             ros2.AcquisitionNode(

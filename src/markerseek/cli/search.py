@@ -91,6 +91,8 @@ def command(
             raise ConfigError("--compare names methods that stop for each acquisition; leave --sweep out")
         if journal is not None or options.method != "posterior":
             raise ConfigError("--compare names the methods and keeps no journals; leave --method and --journal out")
+        if watch != WatchOptions():
+            raise ConfigError("--compare writes no --events and listens to no --heartbeat; leave them out")
         _compare(compare, rig, simulation, options, output, stay=stay, prior=curve)
     with open_rig(rig, simulation, sweeps=sweep) as (assembled, start_deg):
         plan = options.plan(start_deg=start_deg, stay=stay, prior=curve)

@@ -62,7 +62,9 @@ def _others(result: SearchResult) -> list[tuple[str, str]]:
         rows.append(("surveyed", f"{100 * result.surveyed:.1f} % of the range, for a source as loud"))
     # 0 is what the user stated.
     if result.other_probability:
-        rows.append(("another source", f"is the marker with a probability of {100 * result.other_probability:.2g} %"))
+        stated = "; --single states that there is none" if result.doubt == "source" else ""
+        percent = f"{100 * result.other_probability:.2g} %"
+        rows.append(("another source", f"is the marker with a probability of {percent}{stated}"))
     return rows
 
 

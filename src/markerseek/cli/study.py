@@ -20,7 +20,7 @@ from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report, facts, file_line, require_room, table
 from markerseek.cli.signals import Stopped
 from markerseek.cli.terminal import print_json, stages_bar, stderr, time_left
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, counted
 
 EXAMPLES = (
     "Examples:\n\n"
@@ -63,7 +63,7 @@ def command(
         raise ConfigError("--workers are of this machine, and --scheduler has its own; leave one of them out")
     settings = studies.read_study(study)
     if row is not None:
-        _require_alone(out=out, workers=workers, scheduler=scheduler, plot=plot or None, bound=bound)
+        _require_alone(out=out, workers=workers, scheduler=scheduler, plot=plot, bound=bound, beside=beside)
         named = dict(zip(studies.columns(settings), studies.values_of(studies.run_row(settings, row)), strict=True))
         shown = facts((name, "–" if value is None else str(value)) for name, value in named.items())
         Output(as_json=as_json).show(Report(values=named, shown=[shown]))
@@ -112,13 +112,14 @@ def _announce(study: studies.Study, *, workers: int | None, scheduler: str | Non
     each_s = sum(
         _SWEEPING_S if policy.sweep else slow if policy.method == "posterior" else quick for policy in study.policies
     )
-    where = f"on {scheduler}" if scheduler is not None else f"in {count} process{'es' if count > 1 else ''}"
-    takes = (
-        "" if scheduler is not None else f", {time_left(each_s * cells * study.trials / count + 5)} on a usual computer"
-    )
+    where, takes = f"on {scheduler}", ""
+    if scheduler is None:
+        where = f"in {counted(count, 'process', 'processes')}"
+        takes = f", {time_left(each_s * cells * study.trials / count + 5)} on a usual computer"
     stderr.print(
-        f"{escape(study.name)}: {study.rows} simulated searches, level {study.level} ({len(study.policies)} policies, "
-        f"{cells} cell{'' if cells == 1 else 's'}, {study.trials} trials) {escape(where)}{takes}"
+        f"{escape(study.name)}: {counted(study.rows, 'simulated search', 'simulated searches')}, level {study.level} "
+        f"({counted(len(study.policies), 'policy', 'policies')}, {counted(cells, 'cell')}, "
+        f"{counted(study.trials, 'trial')}) {escape(where)}{takes}"
     )
 
 
@@ -158,9 +159,9 @@ def _require_drawable(folder: Path, beside: list[Path], *, plot: bool) -> None:
 def _require_alone(**given: object) -> None:
     """Refuse options that have no meaning for a single row."""
     for name, value in given.items():
-        if value is not None:
-            option = f"--{name}" if value is True else f"--{name} {value}"
-            raise ConfigError(f"{option}: --row runs one row and writes nothing; leave one of them out")
+        if value:
+            given_as = "" if isinstance(value, bool | list) else f" {value}"
+            raise ConfigError(f"--{name}{given_as}: --row runs one row and writes nothing; leave one of them out")
 
 
 def _bounds(study: studies.Study, *, markers: int) -> list[studies.BoundComparison]:
@@ -205,7 +206,8 @@ def _shown(finish: studies.FinishedStudy, bounds: Sequence[studies.BoundComparis
 
 def _summary(summary: studies.Summary) -> Iterator[str | Table]:
     """The policies by number, tables for each cell, and one of the differences."""
-    yield f"[bold]{escape(summary.name)}[/]: {summary.rows} simulated searches, level: {summary.level}"
+    searches = counted(summary.rows, "simulated search", "simulated searches")
+    yield f"[bold]{escape(summary.name)}[/]: {searches}, level: {summary.level}"
     first = [policy for policy in summary.policies if policy.cell == summary.policies[0].cell]
     for policy in first:
         yield f"  [bold]{policy.policy}[/]  {escape(policy.label)}"

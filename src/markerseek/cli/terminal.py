@@ -80,7 +80,8 @@ stderr = SafeConsole(stderr=True, highlight=False, emoji=False, soft_wrap=True)
 
 def print_json(value: object) -> None:
     """Write one JSON object to standard output; bytes of file names that are not Unicode become escapes."""
-    text = msgspec.json.encode(_readable(value)).decode("utf-8")
+    plain = msgspec.to_builtins(value, builtin_types=(msgspec.Raw,))
+    text = msgspec.json.encode(_readable(plain)).decode("utf-8")
     # msgspec escapes ASCII control characters only; terminals interpret others (C1, bidirectional marks) as well.
     sys.stdout.write(_escaped(text, lambda char: json.dumps(char)[1:-1]) + "\n")
     sys.stdout.flush()
@@ -92,7 +93,7 @@ def _readable(value: object) -> object:
             return value.encode("utf-8", "backslashreplace").decode()
         case dict():
             return {key: _readable(each) for key, each in value.items()}
-        case list():
+        case list() | tuple():
             return [_readable(each) for each in value]
         case _:
             return value

@@ -15,7 +15,7 @@ from markerseek import __version__, rigs, runs
 from markerseek.cli.options import AsJson, Out, ToleranceMm, tolerance_of
 from markerseek.cli.report import Output, Report, drawn, facts
 from markerseek.cli.terminal import announce_compilation
-from markerseek.core import ConfigError, Found, Refused, SearchError, SearchPlan, require_range
+from markerseek.core import ConfigError, Found, Refused, SearchError, SearchPlan, counted, require_range
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -242,7 +242,8 @@ def _rows(report: TrackReport) -> list[tuple[str, str | Text]]:
     if report.covered is not None:
         rows.append(("95 % band", f"holds the truth in {report.covered:.0%} of frames"))
     if report.searched_again:
-        rows.append(("lost on the way", f"{report.searched_again} times, and searched for while the probe turned"))
+        times = counted(report.searched_again, "time")
+        rows.append(("lost on the way", f"{times}, and searched for while the probe turned"))
     if report.lost:
         sweeps = "" if report.swept else "sweeps (--sweep), "
         rows.append(("next", f"{sweeps}a faster rig (examples/rigs/direct-drive.toml), fewer pulses, or a lower speed"))

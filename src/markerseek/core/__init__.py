@@ -59,6 +59,7 @@ from markerseek.core.plan import (
     RunPlan,
     SearchPlan,
     Tolerance,
+    counted,
     listed,
     rig_in_words,
 )
@@ -190,6 +191,7 @@ __all__ = [
     "UInt8",
     "Unsure",
     "as_interval",
+    "counted",
     "described",
     "fastest_sweep_deg_s",
     "is_finite",

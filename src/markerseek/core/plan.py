@@ -194,6 +194,11 @@ def listed(names: Sequence[str]) -> str:
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
+def counted(number: int, thing: str, things: str | None = None) -> str:
+    """A number of things for people: "1 journal", "2 journals"; ``things``: their plural, if not by an s."""
+    return f"{number} {thing if number == 1 else things or f'{thing}s'}"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigFacts:
     """Facts about a rig, which journals, banks and results store.

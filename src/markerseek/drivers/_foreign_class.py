@@ -146,11 +146,12 @@ def arguments_of(
         nearest_key(key, [name for name in named if name not in offered], prefix=f"{part}.")
         given[key] = setting_from(value, hints[key], name=f"{part}.{key}") if key in hints else value
     for name, parameter in named.items():
-        if name in given or name not in offered:
-            if name not in given and parameter.default is parameter.empty:
-                raise ConfigError(f"the key {part}.{name} is missing; add it: {driver} needs it")
-        else:
+        if name in given:
+            continue
+        if name in offered:
             given[name] = offered[name]
+        elif parameter.default is parameter.empty:
+            raise ConfigError(f"the key {part}.{name} is missing; add it: {driver} needs it")
     return given
 
 

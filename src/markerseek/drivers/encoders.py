@@ -228,16 +228,13 @@ class Ros2Encoder:
 
 def _matrix(transform: Any) -> Float64[np.ndarray, "4 4"]:
     """Matrix of a geometry_msgs/Transform, its translation in millimetres; NaN where the quaternion is none."""
+    from scipy.spatial.transform import Rotation
+
     turn, place = transform.rotation, transform.translation
-    x, y, z, w = (float(getattr(turn, name)) for name in "xyzw")
-    matrix = np.full((4, 4), math.nan)
+    quaternion = np.array([turn.x, turn.y, turn.z, turn.w])
+    matrix = np.eye(4)
     # Else a quaternion of any length would be taken for a rotation.
-    if abs(x * x + y * y + z * z + w * w - 1) < 1e-3:
-        matrix[:3, :3] = [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    matrix[:3, 3] = [1e3 * float(getattr(place, name)) for name in AXES]
-    matrix[3] = 0, 0, 0, 1
+    unit = abs(quaternion @ quaternion - 1) < 1e-3
+    matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix() if unit else math.nan
+    matrix[:3, 3] = 1e3 * place.x, 1e3 * place.y, 1e3 * place.z
     return matrix

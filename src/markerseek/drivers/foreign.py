@@ -90,7 +90,7 @@ def split_keys(table: Mapping[str, object], kind: type[DeviceSettings]) -> dict[
 
 
 def require_class(part: Part, settings: AnyForeign) -> None:
-    """Import the class, and compare the keys with its arguments; `ConfigError` says what was not found, or not fits."""
+    """Import the class, and compare the keys with its arguments; `ConfigError` says what is missing or does not fit."""
     made = class_of(part, settings.driver, beside=settings.beside)
     _line(part, settings)
     arguments_of(made, settings.keys, offered=dict.fromkeys((*OFFERED, "line")), part=part, driver=settings.driver)
@@ -162,6 +162,13 @@ class DryLine:
             self._is_dry = False
 
 
+def _read_away(line: Port, clock: Clock) -> None:
+    """Read until nothing comes: the supervisor has sent the safe command, and a device may answer that."""
+    ends_s = clock.now_s() + _ANSWERED_S
+    while clock.now_s() < ends_s and line.read(4096, timeout_s=_QUIET_S):
+        pass
+
+
 DeviceT = TypeVar("DeviceT", Stage, Laser, Receiver)
 
 
@@ -181,20 +188,12 @@ class _Named(Generic[DeviceT]):
             "line": None,
         }
         if _line(part, settings) is not None:
-            self.dry_line = DryLine(opening.line)
-            self._read_away(opening.clock)
-            offered["line"] = self.dry_line
+            offered["line"] = self.dry_line = DryLine(opening.line)
+            _read_away(self.dry_line, opening.clock)
         with self.in_time("connecting"), self.errors(NotConnectedError):
             self.device: DeviceT = made(
                 **arguments_of(made, settings.keys, offered=offered, part=part, driver=settings.driver)
             )
-
-    def _read_away(self, clock: Clock) -> None:
-        """Read until nothing comes: the supervisor has sent the safe command, and a device may answer that."""
-        assert self.dry_line is not None  # noqa: S101  made just before
-        ends_s = clock.now_s() + _ANSWERED_S
-        while clock.now_s() < ends_s and self.dry_line.read(4096, timeout_s=_QUIET_S):
-            pass
 
     def in_time(self, what: str) -> AbstractContextManager[None]:
         """Raise `DeviceTimeoutError` if what is done with it takes too long; nothing moves and nothing fires."""

@@ -23,8 +23,8 @@ from markerseek.core import (
     fastest_sweep_deg_s,
     require_range,
 )
+from markerseek.drivers._approach import DOWN, UP, plan_approach, require_room, require_wide
 from markerseek.drivers._apt_line import AptLine
-from markerseek.drivers._kdc101_approach import DOWN, UP, plan_approach, require_room, require_wide
 from markerseek.drivers._kdc101_move import Kdc101Moves, Move, MoveRules, counts_per_s
 from markerseek.drivers._kdc101_setup import (
     TRIGGERING_MODELS,

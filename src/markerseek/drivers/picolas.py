@@ -56,8 +56,8 @@ class PicolasLaser:
 
         A permit of 0 pulses does nothing: it cannot trigger the acquisition alone, which must then run freely.
 
-        Raises `LaserError` if the permit was used or is too short, or the driver refuses; it is switched off
-        then. Raises `DeviceTimeoutError` if it does not answer in time; likewise.
+        Raises `LaserError` if the permit was used or is too short, or the driver refuses, and `DeviceTimeoutError` if
+        it does not answer in time; it is switched off then.
         """
         if permit.token in self._used:
             raise LaserError(f"picolas: the permit {permit.token!r} was used before; nothing was fired")

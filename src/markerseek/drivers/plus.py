@@ -10,12 +10,7 @@ from statistics import fmean
 
 import numpy as np
 
-from markerseek.core import (
-    AcquisitionError,
-    ConfigError,
-    Int16,
-    NotConnectedError,
-)
+from markerseek.core import AcquisitionError, ConfigError, Int16, NotConnectedError
 from markerseek.drivers._triggered import TriggeredReceiver, mean_counts, require_connection
 from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
 from markerseek.wire import igtl

@@ -52,8 +52,8 @@ class Ros2StageSettings(
     """Greatest age of an angle; None for nodes that publish it after a move only."""
 
     def __post_init__(self) -> None:
-        for name, high in (("connect_s", 600), ("timeout_s", 600)):
-            require_range(f"stage: {name}", getattr(self, name), low=0, high=high, unit="s", open_low=True)
+        for name in ("connect_s", "timeout_s"):
+            require_range(f"stage: {name}", getattr(self, name), low=0, high=600, unit="s", open_low=True)
         require_range("stage: arrival_deg", self.arrival_deg, low=0.001, high=0.1, unit="deg")
         if self.age_s is not None:
             require_range("stage: age_s", self.age_s, low=0.05, high=60, unit="s")
@@ -67,8 +67,7 @@ class Ros2Stage:
     """A stage node of this or another program.
 
     ``settings``: its keys in the rig file. ``travel``: angles that it may be sent to. ``emulated``: whether the node
-    says that it is simulated. Raises `NotConnectedError` if
-    there is no such node, or it says no angle.
+    says that it is simulated. Raises `NotConnectedError` if there is no such node, or it says no angle.
     """
 
     def __init__(self, *, node: RosNode, clock: Clock, settings: Ros2StageSettings, travel: Interval) -> None:

@@ -150,7 +150,6 @@ class SonixDaqReceiver:
                 [word.replace("{frames}", str(self._triggers(permit))) for word in self._settings.start_command],
                 timeout_s=self._settings.start_timeout_s,
                 clock=self._clock,
-                what="sonixdaq",
             )
         # Noted after the start command, which may itself write or delete files.
         self._armed = (permit, self._folder.state(), self._clock.now_s())
@@ -269,12 +268,12 @@ def _numbered(names: Iterable[str]) -> list[str]:
         raise AcquisitionError(f"sonixdaq: new files: {error}") from error
 
 
-def run_to_its_end(command: Sequence[str], *, timeout_s: float, clock: Clock, what: str) -> None:
+def run_to_its_end(command: Sequence[str], *, timeout_s: float, clock: Clock) -> None:
     """Run a program, waiting on the clock; it is killed if that takes too long, or if the search is interrupted.
 
-    ``command``: program and arguments; no shell reads them. ``timeout_s``: longest time that it may take. ``what``:
-    name of its device, for the messages. Raises `NotConnectedError` if it cannot be run, or ends with another code than
-    0; its last line of output is in the message. Raises `DeviceTimeoutError` if it takes too long.
+    ``command``: program and arguments; no shell reads them. ``timeout_s``: longest time that it may take. Raises
+    `NotConnectedError` if it cannot be run, or ends with another code than 0; its last line of output is in the
+    message. Raises `DeviceTimeoutError` if it takes too long.
     """
     # A file and no pipe: a program that prints more than a pipe holds would block for ever.
     with tempfile.TemporaryFile() as output:
@@ -283,10 +282,11 @@ def run_to_its_end(command: Sequence[str], *, timeout_s: float, clock: Clock, wh
             process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=output)  # noqa: S603
         except (OSError, ValueError) as error:
             raise NotConnectedError(
-                f"{what}: the start command {command[0]!r} cannot be run ({error}); check start_command in the rig file"
+                f"sonixdaq: the start command {command[0]!r} cannot be run ({error}); check start_command in the rig "
+                "file"
             ) from error
         try:
-            _await_exit(process, command[0], timeout_s=timeout_s, clock=clock, what=what)
+            _await_exit(process, command[0], timeout_s=timeout_s, clock=clock)
         finally:
             process.kill()
             process.wait()
@@ -294,18 +294,18 @@ def run_to_its_end(command: Sequence[str], *, timeout_s: float, clock: Clock, wh
             output.seek(max(0, output.seek(0, os.SEEK_END) - 500))
             last = output.read().decode("utf-8", "replace").strip().rpartition("\n")[2]
             raise NotConnectedError(
-                f"{what}: the start command {command[0]!r} ended with code {process.returncode}"
+                f"sonixdaq: the start command {command[0]!r} ended with code {process.returncode}"
                 f"{': ' + last if last else ''}; try it by hand"
             )
 
 
-def _await_exit(process: subprocess.Popen[bytes], program: str, *, timeout_s: float, clock: Clock, what: str) -> None:
+def _await_exit(process: subprocess.Popen[bytes], program: str, *, timeout_s: float, clock: Clock) -> None:
     # Polled, since `Popen.wait` would block this thread, whose waits on the clock renew the lease.
     ends_s = clock.now_s() + timeout_s
     while process.poll() is None:
         if not clock.now_s() <= ends_s:
             raise DeviceTimeoutError(
-                f"{what}: the start command {program!r} took more than {timeout_s:g} s and was ended; try it by hand "
+                f"sonixdaq: the start command {program!r} took more than {timeout_s:g} s and was ended; try it by hand "
                 "or raise start_timeout_s"
             )
         clock.wait(_EXIT_POLL_S)

@@ -8,14 +8,7 @@ from contextlib import closing
 
 import numpy as np
 
-from markerseek.core import (
-    AcquisitionError,
-    Clock,
-    ConfigError,
-    Int16,
-    NotConnectedError,
-    Permit,
-)
+from markerseek.core import AcquisitionError, Clock, ConfigError, Int16, NotConnectedError, Permit
 from markerseek.drivers._triggered import SLICE_S, TriggeredReceiver, mean_counts, require_connection
 from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
 from markerseek.wire import vantage as wire

@@ -24,8 +24,8 @@ from markerseek.core import (
     needs_package,
     require_range,
 )
+from markerseek.drivers._approach import require_room
 from markerseek.drivers.entry import Entry, Opening, StageSettings
-from markerseek.guard import Limits
 
 _RENEW_S = 0.05
 """Time between two targets, in seconds."""
@@ -290,16 +290,6 @@ class XimcStage:
             self._axis.command_sstp()
 
 
-def _require_room(settings: XimcSettings, limits: Limits) -> None:
-    start_deg = limits.search.low_deg - settings.approach_deg
-    if start_deg not in limits.travel:
-        raise ConfigError(
-            f"stage: to arrive at {limits.search.low_deg:g} deg from below it must start at {start_deg:g} deg, outside "
-            f"the travel range {limits.travel}; narrow limits.search, widen limits.travel, or shorten "
-            "stage.approach_deg"
-        )
-
-
 def _open(settings: XimcSettings, opening: Opening) -> XimcStage:
     return opening.keep(closing(XimcStage(settings=settings, clock=opening.clock, travel=opening.limits.travel)))
 
@@ -311,5 +301,7 @@ ENTRY: Entry[XimcSettings, XimcStage] = Entry(
         f"{'VIRTUAL ' if stage.emulated else ''}8SMC5 {stage.serial_number} at {settings.uri}, beyond the supervisor"
     ),
     same=("steps_per_deg", "zero_deg", "direction"),
-    require_room=_require_room,
+    require_room=lambda settings, limits: require_room(
+        limits, approach_from="below", approach_deg=settings.approach_deg
+    ),
 )

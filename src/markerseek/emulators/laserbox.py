@@ -37,11 +37,6 @@ class Pulse:
 _AnyPermit: TypeAlias = wire.PermitPulses | wire.PermitSweep
 
 
-def _triggers(train: _AnyPermit) -> int:
-    """Triggers of the acquisition in a train: that of a sweep is completed to what was permitted."""
-    return train.pulses if isinstance(train, wire.PermitSweep) else train.triggers
-
-
 def _period_us(train: _AnyPermit) -> int:
     if isinstance(train, wire.PermitSweep):
         return train.period_us
@@ -223,7 +218,12 @@ class EmulatedLaserBox:
     @property
     def _given(self) -> int:
         """Triggers of the train: more than permitted if the counter is broken."""
-        return 0 if self._train is None else max(_triggers(self._train), self._train.pulses + self.faults.extra_pulses)
+        train = self._train
+        if train is None:
+            return 0
+        # That of a sweep is completed to what was permitted.
+        triggers = train.pulses if isinstance(train, wire.PermitSweep) else train.triggers
+        return max(triggers, train.pulses + self.faults.extra_pulses)
 
     def _interlock_open(self) -> bool:
         """Whether the interlock is open, or was since the last turn."""

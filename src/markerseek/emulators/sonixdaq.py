@@ -63,8 +63,8 @@ class EmulatedSonixDaq:
     - ``folder``: folder of the channel files; created if missing.
     - ``rng``: source of randomness for the differences between pulses.
     - ``readout_s``: time from the trigger to the last file: about 10 s (paper, section 4).
-    - ``counts``: triggers of one acquisition, where it counts them; None: each train of triggers is an acquisition.
     - ``sdk``: layout of the files: that of SDK 6 and later, or that of the earlier ones.
+    - ``counts``: triggers of one acquisition, where it counts them; None: each train of triggers is an acquisition.
     """
 
     def __init__(
@@ -74,24 +74,20 @@ class EmulatedSonixDaq:
         folder: Path,
         rng: np.random.Generator,
         readout_s: float = 10.0,
-        counts: int | None = None,
         sdk: Literal[5, 6] = 6,
-        faults: SonixDaqFaults | None = None,
     ) -> None:
         if not 0 <= readout_s < math.inf:
             raise ConfigError(f"sonixdaq: readout_s is {readout_s} s, it must be finite and not negative")
-        if counts is not None and counts < 1:
-            raise ConfigError(f"sonixdaq: counts is {counts}, at least 1 trigger is needed for an acquisition")
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise ConfigError(f"sonixdaq: the folder {folder} cannot be created ({error.strerror})") from error
-        self.faults = faults or SonixDaqFaults()
+        self.faults = SonixDaqFaults()
+        self.counts: int | None = None
         self._trains = Trains(world=world, rng=rng)
         self._folder = folder
         self._rng = rng
         self._readout_s = readout_s
-        self._counts = counts
         self._numbered = sdk == 6
         self._now_s = 0.0
         self._triggered: deque[Train | SweptTrain] = deque()
@@ -137,12 +133,12 @@ class EmulatedSonixDaq:
 
     def _take_up(self, train: Train | SweptTrain) -> None:
         """Make the files of a train, or of all acquisitions that it completes; they are written in turn."""
-        if self._counts is None or isinstance(train, SweptTrain):
+        if self.counts is None or isinstance(train, SweptTrain):
             self._finish([train])
             return
         self._counted.append(train)
-        while sum(each.triggers for each in self._counted) >= self._counts:
-            parts, left, room = [], [], self._counts
+        while sum(each.triggers for each in self._counted) >= self.counts:
+            parts, left, room = [], [], self.counts
             for each in self._counted:
                 first, rest = each.split(room)
                 room -= first.triggers

@@ -28,7 +28,7 @@ class EmulatedVantage:
 
     It connects when one listens, and again after a connection has ended. ``world``: world whose sound is recorded; it
     must simulate frames. ``rng``: source of randomness for the differences between pulses. ``unix_s``: time of day in
-    seconds since 1970, which the frames carry. ``port``: None: one that is free now.
+    seconds since 1970, which the frames carry. ``port``: one that is free when it is made.
     """
 
     probe = "emulated"
@@ -38,7 +38,6 @@ class EmulatedVantage:
         *,
         world: SimulatedWorld,
         rng: np.random.Generator,
-        port: int | None = None,
         unix_s: Callable[[], float] = time.time,  # noqa: TID251  the time of day is part of the protocol
     ) -> None:
         self._unix_s = unix_s
@@ -46,7 +45,8 @@ class EmulatedVantage:
         self._triggered: deque[Train | SweptTrain] = deque()
         self._receiver: socket.socket | None = None
         self._counter = 0
-        self.port = _free_port() if port is None else port
+        with socket.create_server(("127.0.0.1", 0)) as taken:
+            self.port: int = taken.getsockname()[1]
 
     def warm_up(self) -> None:
         """Compute one acquisition and discard it: the first real one is not delayed by imports and compilation."""
@@ -96,9 +96,3 @@ def _has_ended(connection: socket.socket) -> bool:
     """Whether the receiver, which never sends anything, has closed the connection."""
     readable, _, _ = select.select([connection], [], [], 0)
     return bool(readable)
-
-
-def _free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port: int = taken.getsockname()[1]
-    return port

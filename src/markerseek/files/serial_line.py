@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import termios
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
@@ -65,7 +67,12 @@ def open_serial(path: str, *, baud: int, parity: Parity, write_timeout_s: float,
             exclusive=True,
         )
     except (*SERIAL_ERRORS, ValueError) as error:
+        # pyserial's own message names the path again, and the reason twice.
+        number = getattr(error, "errno", None)
+        reason = str(error) if number is None else os.strerror(number)
+        if number == errno.EAGAIN:
+            reason = "another program holds it"
         raise NotConnectedError(
-            f"serial port {path} cannot be opened ({error}); plug the device in, switch it on, and close "
+            f"serial port {path} cannot be opened ({reason}); plug the device in, switch it on, and close "
             "other programs that use it"
         ) from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -57,7 +58,7 @@ def registration_figure(
     return figure
 
 
-SIGMAS_OF_95 = 2.448
+SIGMAS_OF_95 = math.sqrt(-2 * math.log(0.05))
 """Half an axis of the ellipse that holds 95 % of a normal distribution in two dimensions, over its standard deviation:
 the root of the quantile of chi squared with 2 degrees of freedom."""
 

@@ -266,8 +266,6 @@ def run_benchmark(
     if unknown:
         raise ConfigError(f"--optimiser {unknown[0]} is unknown; there are: {', '.join(OPTIMISERS)}")
     seed = SEED if seed is None else seed
-    if not 0 < scale <= 1000:
-        raise ConfigError(f"scale is {scale:g}, it must lie in (0, 1000]; 1 takes the usual number of searches")
     scores: list[Score] = []
     bounds: list[Bound] = []
     asked = [(name, (PolicySettings(method=name),)) for name in optimisers]
@@ -322,6 +320,8 @@ def run_benchmark(
 
 
 def _searches(tier: Tier, scale: float) -> int:
+    if not 0 < scale <= 1000:
+        raise ConfigError(f"scale is {scale:g}, it must lie in (0, 1000]; 1 takes the usual number of searches")
     # Even: the worlds at the edge have two ends.
     return 2 * max(1, round(scale * USUAL_SEARCHES[tier] / 2))
 

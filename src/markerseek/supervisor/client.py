@@ -19,7 +19,7 @@ from markerseek._closing import Closing
 from markerseek.core import ConfigError, NotConnectedError
 from markerseek.files import Line
 from markerseek.guard import Lease
-from markerseek.supervisor.messages import MAX_BYTES, Kind, packed, packed_step, unpacked
+from markerseek.supervisor.messages import MAX_BYTES, Kind, packed, packed_beat, unpacked
 from markerseek.supervisor.parent_death import set_realtime_priority
 from markerseek.supervisor.port import SupervisedPort
 
@@ -128,7 +128,7 @@ class Supervisor(Closing):
         if self._held_by != threading.get_ident():
             raise ConfigError("supervisor: the beat must come from the thread that holds the lease, not from a timer")
         self._step += 1
-        self._send(packed_step(Kind.BEAT, self._step))
+        self._send(packed_beat(self._step))
 
     def release(self) -> None:
         """End the lease; allowed at any time, also twice."""

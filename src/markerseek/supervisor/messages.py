@@ -55,9 +55,9 @@ def packed(kind: Kind, data: bytes = b"", *, line: int = 0) -> bytes:
     return _HEAD.pack(kind, line, len(data)) + data
 
 
-def packed_step(kind: Kind, step: int) -> bytes:
-    """A message that carries the control loop's step."""
-    return packed(kind, _STEP.pack(step))
+def packed_beat(step: int) -> bytes:
+    """A beat, which carries the control loop's step."""
+    return packed(Kind.BEAT, _STEP.pack(step))
 
 
 def step_of(data: bytes) -> int:

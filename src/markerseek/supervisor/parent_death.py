@@ -12,8 +12,8 @@ _PR_SET_PDEATHSIG = 1
 """`linux/prctl.h`; see prctl(2)."""
 
 
-def end_with_parent(number: signal.Signals) -> bool:
-    """Ask for a signal at the death of the thread that started this process; False where there is none.
+def end_with_parent() -> bool:
+    """Ask for SIGTERM at the death of the thread that started this process; False where there is none.
 
     A killed process gives back its memory before its sockets are closed: 20 ms and more for one of 200 MB. The signal
     is sent earlier, while its threads end. Without it, the supervisor still sees the closed socket.
@@ -24,7 +24,7 @@ def end_with_parent(number: signal.Signals) -> bool:
         prctl = ctypes.CDLL(None, use_errno=True).prctl
     except (OSError, AttributeError):
         return False
-    return int(prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(number), 0, 0, 0)) == 0
+    return int(prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(signal.SIGTERM), 0, 0, 0)) == 0
 
 
 def set_realtime_priority() -> None:

@@ -139,7 +139,7 @@ class SupervisorProcess:
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             signal.signal(number, self._end)
         signal.set_wakeup_fd(woken.fileno())
-        end_with_parent(signal.SIGTERM)
+        end_with_parent()
         # The parent may have died before the system was asked for the signal, which then never comes.
         self._over = self._over or os.getppid() != self._parent
         self._send(packed(Kind.READY))

@@ -219,11 +219,12 @@ class ReceiverContract:
 
     Attributes
     ----------
-    at_rest
-        As of `StageContract`: tests that need no trigger.
+    at_rest, held_dry
+        As of `StageContract`: tests that need no trigger; none is held dry.
     """
 
     at_rest: ClassVar[tuple[str, ...]] = ("test_it_has_what_a_receiver_has", "test_without_arming_there_is_no_frame")
+    held_dry: ClassVar[tuple[str, ...]] = ()
 
     def make(self) -> tuple[Receiver, Laser]:
         """Return a receiver and the laser that triggers it."""

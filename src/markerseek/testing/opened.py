@@ -50,7 +50,7 @@ def check_stage(stage: Stage, *, search: Interval, dry: Dry | None) -> tuple[Rul
         def make(self) -> Stage:
             return stage
 
-    return _checked(Opened(), StageContract.at_rest, StageContract.held_dry, dry)
+    return _checked(Opened(), dry)
 
 
 def _resolution_deg(stage: Stage) -> float:
@@ -74,7 +74,7 @@ def check_laser(laser: Laser, *, dry: Dry | None) -> tuple[RuleCheck, ...]:
         def make(self) -> Laser:
             return laser
 
-    return _checked(Opened(), LaserContract.at_rest, LaserContract.held_dry, dry)
+    return _checked(Opened(), dry)
 
 
 def check_receiver(receiver: Receiver) -> tuple[RuleCheck, ...]:
@@ -90,18 +90,14 @@ def check_receiver(receiver: Receiver) -> tuple[RuleCheck, ...]:
         def make_receiver(self) -> Receiver:
             return receiver
 
-    return _checked(Opened(), ReceiverContract.at_rest, (), None)
+    return _checked(Opened(), None)
 
 
-def _checked(
-    contract: StageContract | LaserContract | ReceiverContract,
-    at_rest: tuple[str, ...],
-    held_dry: tuple[str, ...],
-    dry: Dry | None,
-) -> tuple[RuleCheck, ...]:
-    checks = [_tried(contract, name, nullcontext) for name in at_rest]
-    untried = [RuleCheck(rule=_rule(contract, name), tried=False) for name in held_dry]
-    return (*checks, *(untried if dry is None else [_tried(contract, name, dry) for name in held_dry]))
+def _checked(contract: StageContract | LaserContract | ReceiverContract, dry: Dry | None) -> tuple[RuleCheck, ...]:
+    checks = [_tried(contract, name, nullcontext) for name in contract.at_rest]
+    if dry is None:
+        return (*checks, *(RuleCheck(rule=_rule(contract, name), tried=False) for name in contract.held_dry))
+    return (*checks, *(_tried(contract, name, dry) for name in contract.held_dry))
 
 
 def _tried(contract: object, name: str, held: Dry) -> RuleCheck:

@@ -150,7 +150,7 @@ class Restart:
         )
         self._bench = EmulatedBench(settings=self._settings, rng=rng, folder=folder)
         self._daq: Any = self._bench.daq
-        self._daq._counts = PULSES if self._counting else None
+        self._daq.counts = PULSES if self._counting else None
         if not self._counting:
             # nothing is seen of the acquisition for seconds; then it is there all at once
             self._daq.faults.delay_s = float(rng.uniform(5.0, READOUT_S - readout_s))

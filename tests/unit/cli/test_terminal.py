@@ -1,10 +1,13 @@
-"""Progress of a long task where standard error is no terminal."""
+"""JSON for programs, and the progress of a long task where standard error is no terminal."""
 
 from __future__ import annotations
 
+import json
+
 import pytest
 
-from markerseek.cli.terminal import ProgressLines, time_left
+from markerseek.cli.doctor import CheckResult
+from markerseek.cli.terminal import ProgressLines, print_json, time_left
 
 
 def test_lines_say_what_begins_and_ever_more_rarely_what_is_left(capsys: pytest.CaptureFixture[str]) -> None:
@@ -32,3 +35,10 @@ def test_lines_say_what_begins_and_ever_more_rarely_what_is_left(capsys: pytest.
 )
 def test_a_duration_has_the_unit_that_suits_it(seconds: float, words: str) -> None:
     assert time_left(seconds) == words
+
+
+def test_a_name_that_is_no_unicode_is_escaped_wherever_it_stands(capsys: pytest.CaptureFixture[str]) -> None:
+    finding = CheckResult(what="r\udcff.toml", state="ok", detail="")
+    print_json({"findings": [finding], "names": ("a\udcfe",)})
+    printed = json.loads(capsys.readouterr().out)
+    assert (printed["findings"][0]["what"], printed["names"]) == ("r\\udcff.toml", ["a\\udcfe"])

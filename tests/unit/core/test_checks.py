@@ -13,6 +13,7 @@ from markerseek.core import (
     ConfigError,
     RigFacts,
     SearchPlan,
+    counted,
     require_range,
     rig_in_words,
 )
@@ -31,6 +32,11 @@ NAN = math.nan
 )
 def test_emulated_devices_are_listed_as_a_person_does(devices: tuple[str, ...], said: str) -> None:
     assert rig_in_words("bench", devices) == said
+
+
+@pytest.mark.parametrize(("number", "said"), [(0, "0 policies"), (1, "1 policy"), (2, "2 policies")])
+def test_a_number_of_things_has_the_plural_of_all_but_one(number: int, said: str) -> None:
+    assert counted(number, "policy", "policies") == said
 
 
 @pytest.mark.parametrize("value", [0.1, 5, 25.0])

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from markerseek.drivers._kdc101_approach import DOWN, UP, plan_approach
+from markerseek.drivers._approach import DOWN, UP, plan_approach
 from markerseek.drivers._kdc101_move import MoveRules
 from markerseek.emulators._prm1z8 import Motor
 from markerseek.sim import StageMotion

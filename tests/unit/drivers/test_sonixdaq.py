@@ -220,7 +220,7 @@ def test_hostile_files_are_a_device_error_or_a_frame(tmp_path: Path, hostile: di
 
 class TestStartCommand:
     def run(self, *words: str, timeout_s: float = 20.0, beat: Callable[[], None] = lambda: None) -> None:
-        run_to_its_end(words, timeout_s=timeout_s, clock=SystemClock(beat=beat), what="sonixdaq")
+        run_to_its_end(words, timeout_s=timeout_s, clock=SystemClock(beat=beat))
 
     def test_it_runs_to_its_end_beside_the_beat_and_no_shell_reads_it(self, tmp_path: Path) -> None:
         beats: list[int] = []

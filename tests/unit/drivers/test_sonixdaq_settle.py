@@ -89,7 +89,7 @@ def test_acquisitions_are_written_one_after_the_other_though_the_host_is_gone(be
 
 def test_a_device_that_counts_completes_a_cut_train_with_the_next_triggers(tmp_path: Path) -> None:
     bench = Bench(tmp_path / "daq")
-    bench.daq._counts = 4
+    bench.daq.counts = 4
     bench.daq.trigger(3)
     bench.clock.wait(2.0)
     assert bench.received == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import subprocess
 import sys
@@ -104,6 +105,15 @@ def test_the_bound_is_of_worlds_with_one_point_that_has_a_distance():
     }
     less, more = (each.error_deg for each in bounds[:2])
     assert 0 < more < less < 0.2
+
+
+@pytest.mark.parametrize("scale", [0, -1, math.nan])
+def test_a_scale_that_is_none_is_refused_before_anything_is_announced(shell, scale):
+    code, _, err = shell("benchmark", "--scale", scale)
+    assert (code, err) == (
+        2,
+        f"error: scale is {scale}, it must lie in (0, 1000]; 1 takes the usual number of searches\n",
+    )
 
 
 def test_an_optimiser_of_another_package_is_scored_if_it_is_asked_for(two_worlds, tmp_path):

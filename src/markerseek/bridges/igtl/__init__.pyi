@@ -1,10 +1,9 @@
 from .commands import CommandAnswer, Request
 from .peer import IPAddress, plain_address
-from .service import PORT, IgtlServer, SearchService
+from .service import IgtlServer, SearchService
 from .streams import Stream, Streams
 
 __all__ = [
-    "PORT",
     "CommandAnswer",
     "IPAddress",
     "IgtlServer",

@@ -159,9 +159,6 @@ async def _each(items: Iterator[_Item]) -> AsyncIterator[_Item]:
         yield item
 
 
-PORT = 18945
-"""Usual port; PLUS has 18944."""
-
 MAX_CLIENTS = 64
 """Most connections. One more ends that which has been silent longest, of the address that holds most of them."""
 

@@ -22,22 +22,22 @@ from markerseek.bridges.page.turn_page import build_turn_page
 WATCH_S = 0.5
 """Time between two looks whether anybody watches, and whether the page hears STOP, in seconds."""
 
+UNWATCHED_S = 5.0
+"""Time without any viewer after which a search is stopped, in seconds: nobody would see it, or press STOP."""
+
 HUNG_S = 4.0
 """Time in which the event loop has not turned after which a search is stopped, in seconds (decision 44)."""
 
 
-def page_application(searches: PageSearches, *, unwatched_s: float) -> App:
-    """The application with all pages.
-
-    ``unwatched_s``: time without any viewer after which a search is stopped.
-    """
+def page_application(searches: PageSearches) -> App:
+    """The application with all pages."""
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         over = threading.Event()
         watched = (searches, asyncio.get_running_loop(), over)
         threading.Thread(target=_stop_when_hung, args=watched, name="stop when hung", daemon=True).start()
-        watching = asyncio.create_task(_stop_unwatched(searches, unwatched_s))
+        watching = asyncio.create_task(_stop_unwatched(searches))
         yield
         watching.cancel()
         over.set()
@@ -84,14 +84,14 @@ def page_application(searches: PageSearches, *, unwatched_s: float) -> App:
     return application
 
 
-async def _stop_unwatched(searches: PageSearches, unwatched_s: float) -> None:
+async def _stop_unwatched(searches: PageSearches) -> None:
     """Stop searches that nobody watches."""
     watched_s = time.monotonic()
     while True:
         await asyncio.sleep(WATCH_S)
         if any(client.has_socket_connection for client in Client.instances.values()) or not searches.busy:
             watched_s = time.monotonic()
-        elif time.monotonic() - watched_s > unwatched_s:
+        elif time.monotonic() - watched_s > UNWATCHED_S:
             searches.stop()
 
 

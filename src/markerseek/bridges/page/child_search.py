@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -32,9 +31,6 @@ class Child(Protocol):
     def outcome(self) -> Outcome:
         """How it ended."""
 
-
-_STOPPED = frozenset({128 + signal.SIGINT, 128 + signal.SIGTERM})
-"""Exit codes of a command that was stopped."""
 
 Launch: TypeAlias = Callable[[Sequence[str], Path | None], Child]
 """Starts a command that keeps that journal."""
@@ -80,7 +76,7 @@ class ChildSearch:
     @property
     def message(self) -> str:
         """One sentence on how it ended; empty before."""
-        if self._failure is None and self.outcome is not None and self.outcome.exit_code in _STOPPED:
+        if self._failure is None and self.outcome is not None and self.outcome.stopped:
             return STOPPED
         return "; ".join(filter(None, (self._said, self._supervised)))
 

@@ -71,9 +71,9 @@ class Image(ui.element, component="static/image.js"):
 class Heartbeat(ui.element, component="static/beat.js"):
     """Reports to the browser that the program lives; where no beat comes for a second, the page says so."""
 
-    def __init__(self, beat: int) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._props["beat"] = beat
+        self._props["beat"] = 0
 
     def strike(self, beat: int) -> None:
         """Send the number of a new beat."""

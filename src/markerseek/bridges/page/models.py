@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from markerseek.bridges.page.picture import Picture
-from markerseek.bridges.page.state import Point, Snapshot, with_minus
-from markerseek.bridges.page.verdict import digits_of
+from markerseek.bridges.page.state import Point, Snapshot, digits_of, with_minus
 from markerseek.core import Ambiguous, Found, Interval, NotFound, Unsure
 
 FACE_SHARE = 0.28
@@ -26,7 +25,7 @@ def fan_model(
 ) -> dict[str, Any]:
     """The fan: limits, density, acquisitions, needle, answer.
 
-    ``duration_s``: real time that the present move is expected to take. ``known_deg``: True or reference angle in
+    ``duration_s``: real time that the present move is expected to take. ``known_deg``: true or reference angle in
     degrees where it may be shown; None hides it. ``aim_deg``: angle to which a person will turn the probe, which is
     where the needle is then drawn.
     """

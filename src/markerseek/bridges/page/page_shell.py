@@ -51,7 +51,7 @@ class PageShell:
         ui.page_title(f"markerseek: {_PAGES[path]}")
         ui.add_css(_STYLE)
         self._dark = ui.dark_mode(value=None)
-        self._beat = Heartbeat(0)
+        self._beat = Heartbeat()
         with ui.element("header").classes("ms-head"):
             Heading("markerseek", level=1).classes("ms-name")
             with ui.element("nav").props('aria-label="pages"'):
@@ -84,7 +84,7 @@ class PageShell:
     def run(self, update: Callable[[], None]) -> None:
         """Call a function after news, and at least once in `TICK_S`; it must send only what has changed."""
         self._update = update
-        # It waits by itself: news are shown at once, and not up to a tick later.
+        # It waits by itself: news is shown at once, and not up to a tick later.
         ui.timer(0.0, self._tick)
 
     async def _tick(self) -> None:

@@ -18,7 +18,7 @@ from markerseek.bridges.page.search_page import verdict_before
 from markerseek.bridges.page.settings import LinkSettings, PageSettings
 from markerseek.bridges.page.state import Snapshot
 from markerseek.bridges.page.verdict import verdict_of
-from markerseek.core import Interval
+from markerseek.core import Interval, counted
 
 RACERS = ("posterior", "ternary")
 """Methods that race where none are chosen: ours, and one of the paper's."""
@@ -63,7 +63,7 @@ class Lane:
 def counts_text(run: RunHistory, snapshot: Snapshot) -> str:
     """What counts in a race; it names what was run, because the fields may have been changed since."""
     return (
-        f"{run.name}: {snapshot.acquisitions} acquisitions, {snapshot.travel_deg:.0f}° of rotation, "
+        f"{run.name}: {counted(snapshot.acquisitions, 'acquisition')}, {snapshot.travel_deg:.0f}° of rotation, "
         f"{snapshot.elapsed_s:.0f} s (virtual)"
     )
 

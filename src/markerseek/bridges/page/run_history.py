@@ -105,8 +105,9 @@ class RunHistory:
 
 def is_image_of(picture: Picture, snapshot: Snapshot) -> bool:
     """Whether an image is of the angle where the probe is."""
-    at_rest = snapshot.probe_deg is not None and snapshot.target_deg is None
-    return at_rest and abs(picture.angle_deg - (snapshot.probe_deg or 0.0)) <= SAME_ANGLE_DEG
+    if snapshot.probe_deg is None or snapshot.target_deg is not None:
+        return False
+    return abs(picture.angle_deg - snapshot.probe_deg) <= SAME_ANGLE_DEG
 
 
 def warm_up() -> None:

@@ -32,9 +32,6 @@ _FOREIGN = "name an IPv4 address of this computer as --host"
 USUAL_PORT = 8765
 """Port where none is named."""
 
-UNWATCHED_S = 5.0
-"""Time without any viewer after which a search is stopped, in seconds: nobody would see it, or press STOP."""
-
 OPENED_S = 60.0
 """Time in which a browser of the user may open the page without the link, in seconds, where one is started for him."""
 
@@ -150,9 +147,7 @@ def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str],
             opens_until_s = 0.0
             return True
 
-        application = SecurityLayer(
-            page_application(searches, unwatched_s=UNWATCHED_S), access, on_token=listener.prove, admits=admits
-        )
+        application = SecurityLayer(page_application(searches), access, on_token=listener.prove, admits=admits)
         config = uvicorn.Config(
             application,
             # Strangers must not write into the terminal in which a rig is armed.

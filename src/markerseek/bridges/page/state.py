@@ -11,7 +11,6 @@ from markerseek.core import (
     Ambiguous,
     AngleBelief,
     Asked,
-    Estimate,
     Failed,
     Finished,
     Measured,
@@ -23,6 +22,7 @@ from markerseek.core import (
     Started,
     Swept,
     Turning,
+    counted,
 )
 from markerseek.records import answer_name
 from markerseek.records.journal import Checked, Configuration, Interrupted, JournalEvent, Resuming
@@ -163,7 +163,8 @@ class SnapshotBuilder:
             case Finished(estimate=estimate):
                 # The paper's form of a method always answers, and claims nothing.
                 name = "angle, not claimed" if self._as_published else answer_name(estimate)
-                line = ": ".join(filter(None, (name, angles_text(estimate))))
+                belief = AngleBelief(estimate=estimate, claims=not self._as_published)
+                line = ": ".join(filter(None, (name, angle_text(belief))))
                 return replace(now, phase="finished", target_deg=None, line=line)
             case Failed(error=error):
                 line = f"fault: {error}; {FAULT_END}"
@@ -185,7 +186,7 @@ class SnapshotBuilder:
             line = f"turn the probe to {event.target_deg:.1f}°: {read}"
             return replace(now, phase="turning", target_deg=None, asked_deg=event.target_deg, line=line)
         if isinstance(event, Swept):
-            line = f"the sweep ended at {event.angle_deg:.2f}° after {event.pulses} pulses"
+            line = f"the sweep ended at {event.angle_deg:.2f}° after {counted(event.pulses, 'pulse')}"
             travel_deg = now.travel_deg + self._moved_deg(event.angle_deg)
             return replace(
                 now, phase="measured", target_deg=None, probe_deg=event.angle_deg, travel_deg=travel_deg, line=line
@@ -242,13 +243,24 @@ class SnapshotBuilder:
         )
 
 
-def angles_text(estimate: Estimate) -> str:
-    """Angles that an answer names; empty where nothing was detected, because the angle is then that of the noise."""
+def angle_text(belief: AngleBelief) -> str:
+    """The angle that an answer names, or the angles, as precisely as it is known.
+
+    Empty where nothing was detected, because the angle is then that of the noise.
+    """
+    estimate = belief.estimate
     if isinstance(estimate, NotFound):
         return ""
     if isinstance(estimate, Ambiguous):
         return with_minus(" or ".join(f"{each:.1f}°" for each in estimate.modes_deg))
-    return with_minus(f"{estimate.mean_deg:.3f}°")
+    digits = 3 if belief.sigma_deg is None else digits_of(belief.sigma_deg)
+    return with_minus(f"{estimate.mean_deg:z.{digits}f}°")
+
+
+def digits_of(sigma_deg: float) -> int:
+    """Digits behind the point that show two significant ones of a standard deviation."""
+    # Rounded first: 0.0996 is 0.10 and not 0.100.
+    return 3 if sigma_deg <= 0 else max(0, 1 - math.floor(math.log10(float(f"{sigma_deg:.1e}"))))
 
 
 def with_minus(text: str) -> str:

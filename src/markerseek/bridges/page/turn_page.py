@@ -16,7 +16,7 @@ from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.state import Snapshot, with_minus
 from markerseek.bridges.page.verdict import Verdict
-from markerseek.core import Asked, LimitError, MarkerseekError, Measured, SearchError, SearchPlan, Started
+from markerseek.core import Asked, LimitError, MarkerseekError, Measured, SearchError, SearchPlan, Started, counted
 from markerseek.rigs import simulated
 from markerseek.runs import new_session
 from markerseek.sim import SimulatedSettings, changed_settings
@@ -209,7 +209,6 @@ def aim_verdict(aim_deg: float) -> Verdict:
 
 def score_verdict(score: Score) -> Verdict:
     """How a person did."""
-    count = "1 acquisition" if score.acquisitions == 1 else f"{score.acquisitions} acquisitions"
     truth = "there is no marker on this rig"
     if score.truth_deg is not None:
         truth = f"the marker is at {score.truth_deg:.2f}°: {score.error_deg:.2f}° off"
@@ -218,5 +217,6 @@ def score_verdict(score: Score) -> Verdict:
         kind="idle",
         angle=with_minus(f"{score.named_deg:.1f}°"),
         turn=with_minus(truth),
-        reason=f"after {count}, {score.travel_deg:.0f}° of rotation and {score.elapsed_s:.0f} s (virtual)",
+        reason=f"after {counted(score.acquisitions, 'acquisition')}, {score.travel_deg:.0f}° of rotation and "
+        f"{score.elapsed_s:.0f} s (virtual)",
     )

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from markerseek.bridges.page.state import Snapshot, angles_text, with_minus
+from markerseek.bridges.page.state import Snapshot, angle_text, digits_of, with_minus
 from markerseek.core import Ambiguous, AngleBelief, Found, Unsure
 from markerseek.records import answer_name, answer_reason
 
@@ -64,7 +63,7 @@ def verdict_of(snapshot: Snapshot, *, next_step: str = "") -> Verdict:
         return Verdict(
             word=word, kind=kind, angle=angle, problem=problem, reason=_reason(snapshot), next_step=next_step
         )
-    angle = angle_text(belief)
+    angle = angle_text(belief) or "–"
     # Where the badge says it all, or no more will come, there is no angle to wait for.
     waits = not (kind == "nothing" and belief.claims) and not (snapshot.over and angle == "–")
     return Verdict(
@@ -120,13 +119,6 @@ def _reason(snapshot: Snapshot) -> str:
     return answer_reason(belief.estimate) or ""
 
 
-def angle_text(belief: AngleBelief) -> str:
-    """The angle that an answer names, or the angles, as precisely as it is known."""
-    if belief.sigma_deg is None or isinstance(belief.estimate, Ambiguous):
-        return angles_text(belief.estimate) or "–"
-    return with_minus(f"{belief.estimate.mean_deg:z.{digits_of(belief.sigma_deg)}f}°")
-
-
 def sigma_text(belief: AngleBelief) -> str:
     """Its standard deviation with two significant digits; empty where the answer has none, or names several angles."""
     sigma_deg = belief.sigma_deg
@@ -134,12 +126,6 @@ def sigma_text(belief: AngleBelief) -> str:
     if sigma_deg is None or isinstance(belief.estimate, Ambiguous):
         return ""
     return f" ± {sigma_deg:.{digits_of(sigma_deg)}f}°"
-
-
-def digits_of(sigma_deg: float) -> int:
-    """Digits behind the point that show two significant ones of a standard deviation."""
-    # Rounded first: 0.0996 is 0.10 and not 0.100.
-    return 3 if sigma_deg <= 0 else max(0, 1 - math.floor(math.log10(float(f"{sigma_deg:.1e}"))))
 
 
 def interval_text(belief: AngleBelief) -> str:

@@ -5,15 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from markerseek.bridges.ros2.serving import Served, StepEnded
-from markerseek.core import (
-    AcquisitionError,
-    ChannelFrame,
-    Clock,
-    Laser,
-    LimitError,
-    MarkerseekError,
-    Receiver,
-)
+from markerseek.core import AcquisitionError, ChannelFrame, Clock, Laser, LimitError, MarkerseekError, Receiver
 from markerseek.guard import Guard
 from markerseek.ros import RosNode, degrees, messages, topics
 from markerseek.scan import Watchdog

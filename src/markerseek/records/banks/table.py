@@ -138,11 +138,11 @@ def _columns(path: Path, rows: CsvRows, table: TableFormat) -> tuple[int, int]:
     if angle is None or intensity is None:
         lacking = [name for name, found in zip(COLUMNS, (angle, intensity), strict=True) if found is None]
         missing = f"column {lacking[0]} is" if len(lacking) == 1 else f"columns {' and '.join(lacking)} are"
-        has = ", ".join(names) or f"{rows.width} columns without names"
         # Quoted for the shell, because names have spaces. Only a person knows which of the two is the angle.
-        perhaps = f", here perhaps {shlex.quote(','.join(names))}" if len(names) == 2 else ""
+        proposed = len(names) == 2 and sum(map(len, names)) < _MOST_QUOTED
+        perhaps = f", here perhaps {shlex.quote(','.join(names))}" if proposed else ""
         raise RecordError(
-            f"{path}, line 1: the {missing} missing, it has {has}; name the columns of angle and intensity: "
+            f"{path}, line 1: the {missing} missing, it has {_head(rows)}; name the columns of angle and intensity: "
             f"--columns ANGLE,INTENSITY{perhaps}" + _if_transposed(rows)
         )
     return _column_index(path, rows, angle), _column_index(path, rows, intensity)
@@ -165,8 +165,17 @@ def _column_index(path: Path, rows: CsvRows, column: str) -> int:
         return found[0]
     if column.isdecimal() and 1 <= int(column) <= rows.width:
         return int(column) - 1
-    has = ", ".join(rows.names) or f"{rows.width} columns without names, which are numbered from 1"
-    raise RecordError(f"{path}, line 1: there is no column {column}, it has {has}")
+    raise RecordError(f"{path}, line 1: there is no column {column}, it has {_head(rows)}")
+
+
+_MOST_QUOTED = 60
+"""Most characters of the first line in a message: of a text it is a sentence, and names nothing."""
+
+
+def _head(rows: CsvRows) -> str:
+    """What a table's first line holds, for a message."""
+    names = ", ".join(rows.names) or f"{rows.width} columns without names, which are numbered from 1"
+    return names if len(names) <= _MOST_QUOTED else f"{names[:_MOST_QUOTED]}…"
 
 
 def in_degrees(angles: Float64[np.ndarray, " n"], unit: AngleUnit) -> Float64[np.ndarray, " n"]:

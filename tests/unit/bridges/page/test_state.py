@@ -19,8 +19,8 @@ from markerseek.bridges.page.models import (
 from markerseek.bridges.page.results import is_claimed
 from markerseek.bridges.page.run_history import RunHistory, is_image_of
 from markerseek.bridges.page.search_page import status_text
-from markerseek.bridges.page.state import STOPPED, Snapshot, SnapshotBuilder, with_minus
-from markerseek.bridges.page.verdict import Verdict, angle_text, interval_text, sigma_text, turn_text, verdict_of
+from markerseek.bridges.page.state import STOPPED, Snapshot, SnapshotBuilder, angle_text, with_minus
+from markerseek.bridges.page.verdict import Verdict, interval_text, sigma_text, turn_text, verdict_of
 from markerseek.core import (
     PAPER_RANGE,
     Ambiguous,
@@ -80,6 +80,8 @@ def test_last_snapshot_is_the_result(method, as_published):
     assert last.travel_deg == pytest.approx(result.travel_deg, abs=1e-9)
     frames = [event.sample.frame.header.pulses for event, _ in events if isinstance(event, Measured)]
     assert last.pulses == sum(frames) > 0
+    # The log names the angle as precisely as the verdict does.
+    assert last.line.endswith(f": {verdict_of(last).angle}")
 
 
 @pytest.mark.parametrize("method", NAMES)
@@ -275,7 +277,7 @@ OF_ONE = {"interval95_deg": Interval(low_deg=-30.0, high_deg=3.0), "interval_kin
 @pytest.mark.parametrize(
     ("estimate", "angle", "others_deg"),
     [
-        (NotFound(mean_deg=1.7, reason="noise", floor=FLOOR), "–", []),
+        (NotFound(mean_deg=1.7, reason="noise", floor=FLOOR), "", []),
         # The standard deviation is of one of its sources, and would be read as that of the last angle.
         (
             Ambiguous(mean_deg=-24.9, modes_deg=(-24.9, 0.8), others=(), surveyed=0.996, sigma_deg=12.0, **OF_ONE),

@@ -68,6 +68,10 @@ def test_a_table_comes_back_as_another_writer_wrote_it(tmp_path: Path, rows: lis
             r"it has Winkel, Wert; .* --columns ANGLE,INTENSITY, here perhaps Winkel,Wert$",
         ),
         ("A [°];Max V\n1;2\n2;1\n3;4\n", r"here perhaps 'A \[°\],Max V'$"),
+        (
+            f"A report of {'long ' * 20}standing, which is prose\nand goes on, here\nto its, end\n",
+            r"it has A report of [long ]{20,60}…; name the columns of angle and intensity: --columns ANGLE,INTENSITY$",
+        ),
         ("1,2,3\n2,1,3\n3,4,3\n", "angle_deg and intensity are missing, it has 3 columns without names"),
         ("angle_deg;intensity\n1;1.234,5\n2;1\n3;4\n", "line 2: intensity is '1.234,5', it must be a number"),
         ("angle_deg,intensity,angle_deg\n1,2,3\n2,1,3\n3,4,3\n", "angle_deg appears more than once"),
