@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from markerseek.bridges.page.picture import Picture
+from markerseek.bridges.page.image_bytes import Picture
 from markerseek.bridges.page.state import Point, Snapshot, digits_of, with_minus
 from markerseek.core import Ambiguous, Found, Interval, NotFound, Unsure
 

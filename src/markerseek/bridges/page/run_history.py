@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from markerseek.bridges.page.picture import Picture, picture_of
+from markerseek.bridges.page.image_bytes import Picture, picture_of
 from markerseek.bridges.page.state import Snapshot, SnapshotBuilder
 from markerseek.core import NO_HEADER, ChannelFrame, Measured, RFFrame, SearchPlan
 from markerseek.records.journal import Configuration, JournalEvent, RecordedRun

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.bridges.page.models import (
-    background_model,
-    image_model,
-    image_note,
-    image_title,
-)
-from markerseek.bridges.page.picture import (
+from markerseek.bridges.page.image_bytes import (
     BRIGHT_SIGMAS,
     OVER_B_MODE_DB,
     RANGE_DB,
     _b_mode_layer,
     picture_of,
     pooled_levels,
+)
+from markerseek.bridges.page.models import (
+    background_model,
+    image_model,
+    image_note,
+    image_title,
 )
 from markerseek.bridges.page.run_history import RunHistory
 from markerseek.core import (
