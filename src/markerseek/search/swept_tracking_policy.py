@@ -167,7 +167,7 @@ class SweptTrackingPolicy:
         return self._sweep
 
     def tell(self, sample: Sample) -> None:
-        """Take the frame of one pulse.
+        """Take the frame of one pulse; a dark frame says nothing of the marker.
 
         Raises
         ------
@@ -175,6 +175,8 @@ class SweptTrackingPolicy:
             If it has no frame, and so no time, is not of a sweep, or is not later than the one before.
         """
         check_sample(sample)
+        if sample.dark:
+            return
         if sample.frame is None or sample.sweep is None:
             raise SearchError("a sample without a frame and a sweep has no time: a marker cannot be followed with it")
         now_s = sample.frame.header.started_s
@@ -214,11 +216,14 @@ class SweptTrackingPolicy:
         self._sweep, self._ending = None, False
 
     def estimate(self) -> Estimate:
-        """The angle at the last frame; `NotFound` while the marker is lost."""
+        """The angle at the last frame; `NotFound` while the marker is lost, and before the first."""
         if self.lost or not self.track:
-            reason = f"the marker was lost after {len(self.track)} frames"
             if self._blind:
                 reason = f"no frame of a sweep was admitted, after {len(self.track)} frames; look at those refused"
+            elif self.lost:
+                reason = f"the marker was lost after {len(self.track)} frames"
+            else:
+                reason = "no frame has been measured yet"
             return NotFound(mean_deg=self._tracker.mean_deg, reason=reason)
         last = self.track[-1]
         return found_at(last.angle_deg, sigma_deg=last.sigma_deg)

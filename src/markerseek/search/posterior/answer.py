@@ -158,7 +158,8 @@ def answer_of(
     if first.missing is not None:
         reason = first.missing + missed_marker(lit, state.noise, limits)
         return NotFound(mean_deg=mean_deg, reason=reason, floor=floor)
-    beside = tuple(each.as_other_source(first) for each in state.sources[1:] if each.missing is None)
+    beside = [each.as_other_source(first) for each in state.sources[1:] if each.missing is None]
+    further = tuple(sorted(beside, key=lambda each: -each.relative_db))
     surveyed = None if state.survey is None else state.survey.surveyed
     probability = other_probability(state, others=others)
     rivals = rivals_of(state.sources)
@@ -169,7 +170,7 @@ def answer_of(
             mean_deg=mean_deg,
             side=side,
             floor=floor,
-            others=beside,
+            others=further,
             surveyed=surveyed,
             sigma_deg=posterior.sigma_deg,
             interval95_deg=first.interval95_deg,
@@ -182,7 +183,7 @@ def answer_of(
             mean_deg=modes[0],
             modes_deg=modes,
             floor=floor,
-            others=beside,
+            others=further,
             surveyed=surveyed,
             sigma_deg=posterior.sigma_deg,
             interval95_deg=first.interval95_deg,
@@ -195,7 +196,7 @@ def answer_of(
         interval95_deg=first.interval95_deg,
         interval_kind="posterior",
         floor=floor,
-        others=beside,
+        others=further,
         surveyed=surveyed,
         other_probability=probability,
         curve=_curve(first),
