@@ -139,7 +139,8 @@ class Scale:
         # Where the image is looked up at a known place, few cells say what g says, and say it better.
         anywhere = use_lateral and reading.local_maxima is None
         return Observation(
-            angle_deg=sample.angle_deg,
+            # Of a whole number too: the kernels take floats.
+            angle_deg=float(sample.angle_deg),
             log_intensity=math.log(intensity) - math.log(self.unit),
             noise=sigma / intensity,
             cells=cells,
