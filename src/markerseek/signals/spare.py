@@ -131,8 +131,8 @@ class SpareReader:
         found = intensity > level * local
         ratio = intensity / local if local > 0 else math.inf
         reason = (
-            f"the largest peak is {ratio:.3g} times the noise; {level:.3g} times is the level that noise does not reach "
-            f"({self.method})"
+            f"the largest peak is {ratio:.3g} times the noise; {level:.3g} times is the level that noise does not "
+            f"reach ({self.method})"
         )
         return FrameFindings(
             found=found,

@@ -27,7 +27,7 @@ from markerseek.core import (
 from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.angle_posterior import AnglePosterior, modes_deg
 from markerseek.search.posterior.candidates import BESIDE_DEG, RIVAL_DB, Candidate
-from markerseek.search.posterior.detectability import NARROW_DEG, missed_marker
+from markerseek.search.posterior.detectability import NARROW_DEG, USUAL_KNEE, USUAL_TAIL, missed_marker
 from markerseek.search.posterior.shapes import log_curve
 from markerseek.search.posterior.survey import STATED, SURE, Survey, hidden_probability
 from markerseek.search.tolerance import KNOWN_SIGMA_DEG, beyond_tolerance, marker_radius_m, with_half_width
@@ -130,7 +130,7 @@ def missed_peak_deg(
 
 def _narrow(away_deg: Float64[np.ndarray, " angles"]) -> Float64[np.ndarray, " angles"]:
     """Ln of the narrowest usual curve at distances from its top, in degrees."""
-    return log_curve(away_deg, fwhm_deg=NARROW_DEG, tail=1.2, knee=2.4)
+    return log_curve(away_deg, fwhm_deg=NARROW_DEG, tail=USUAL_TAIL, knee=USUAL_KNEE)
 
 
 def answer_of(

@@ -369,13 +369,13 @@ class Posterior(SearchPolicy):
 
     def _another_look_deg(self, source: Candidate, hidden_deg: float | None) -> float:
         """Next angle for a source other than the loudest, in degrees; its top may be hidden."""
-        top_deg = max(source.samples, key=lambda sample: sample.reading.intensity).angle_deg
-        beside = sum(abs(angle_deg - top_deg) <= BESIDE_DEG for angle_deg in self._analysis.measured_deg)
+        loudest_deg = max(source.samples, key=lambda sample: sample.reading.intensity).angle_deg
+        beside = sum(abs(angle_deg - loudest_deg) <= BESIDE_DEG for angle_deg in self._analysis.measured_deg)
         if beside > 1 or (source.source is not None and source.seen > 1):
             return self._informative_deg(source) if hidden_deg is None else hidden_deg
         # Seen once it may be a burst: beside that angle it is seen again, or is none.
-        inwards = 1 if top_deg < self._limits.centre_deg else -1
-        return top_deg + inwards * min(0.9 * BESIDE_DEG, self._limits.width_deg / 4)
+        inwards = 1 if loudest_deg < self._limits.centre_deg else -1
+        return loudest_deg + inwards * min(0.9 * BESIDE_DEG, self._limits.width_deg / 4)
 
     def _informative_deg(self, source: Candidate) -> float:
         return most_informative_deg(
