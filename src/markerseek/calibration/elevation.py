@@ -325,7 +325,7 @@ def require_delays(waves: SourceWaves, geometry: Geometry) -> None:
     if not low_m > MIN_FACE_M:
         raise SearchError(
             f"the face radius is {1e3 * geometry.face_radius_m.value:.1f} mm or less, which this scan does not "
-            "determine; scan one small source from 12 deg below it to 12 deg above, in steps of at most 1 deg"
+            f"determine; {_CURE}"
         )
 
 

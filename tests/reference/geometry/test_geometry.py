@@ -20,6 +20,7 @@ from markerseek.geometry import (
     register_points,
     triangulate,
 )
+from markerseek.sim.camera import endoscope
 
 GRID_M = np.array([[x, y, 60.0] for x in (-20, 0, 20) for y in (-20, 0, 20)]) * 1e-3
 RELIEF_M = np.array([1.0, -2.2, 2.4, 0.3, -1.7, 0.9, -2.4, 2.0, -0.4]) * 1e-3
@@ -442,3 +443,7 @@ def test_transforms_are_rotations_and_meet_in_named_frames() -> None:
     ):
         with pytest.raises(ConfigError, match=words):
             RigidTransform(source="A", target="B", rotation=wrong, translation_m=np.zeros(3))
+
+
+def test_pairs_of_cameras_that_stand_otherwise_are_not_equal() -> None:
+    assert endoscope(base_m=5e-3) != endoscope(base_m=10e-3)
