@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import re
 import statistics
 import subprocess
 import sys
@@ -60,7 +61,7 @@ def main() -> None:
         study = Path(folder) / STUDY.name
         text = STUDY.read_text(encoding="utf-8")
         if arguments.trials is not None:
-            text = text.replace("trials = 15000", f"trials = {arguments.trials}")
+            text = re.sub(r"^trials = .*$", f"trials = {arguments.trials}", text, flags=re.MULTILINE)
         study.write_text(text, encoding="utf-8")
         _machine(study)
         tables: set[str] = set()

@@ -1,4 +1,4 @@
-"""An entry to ``markerseek benchmark`` in plain Python: steps of 5°, then a parabola through the three strongest."""
+"""An entry to ``markerseek benchmark`` in plain Python: steps of 5°, then a parabola through the top of the curve."""
 
 
 class Steps:

@@ -6,7 +6,7 @@
 import numpy as np
 
 from markerseek.core import Estimate, Found, Interval, NotFound
-from markerseek.search import SearchPolicy, equal_steps, noise_of
+from markerseek.search import SearchPolicy, check_acquisitions, equal_steps, noise_of
 
 
 class CentreOfMass(SearchPolicy):
@@ -16,6 +16,7 @@ class CentreOfMass(SearchPolicy):
 
     def __init__(self, *, limits: Interval, acquisitions: int) -> None:
         super().__init__()
+        check_acquisitions(acquisitions, least=2, method=self.name)
         self._limits = limits
         self._angles_deg = equal_steps(limits, acquisitions=acquisitions)
 
@@ -35,7 +36,7 @@ class CentreOfMass(SearchPolicy):
         weights = [sample.reading.intensity for sample in strong]
         mean_deg = float(np.average([sample.angle_deg for sample in strong], weights=weights))
         # A step divided by sqrt(12): the standard deviation of a position that is known to within one step.
-        sigma_deg = self._limits.width_deg / len(self._angles_deg) / np.sqrt(12)
+        sigma_deg = self._limits.width_deg / (len(self._angles_deg) - 1) / np.sqrt(12)
         return Found(
             mean_deg=mean_deg,
             sigma_deg=sigma_deg,

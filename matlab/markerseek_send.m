@@ -46,12 +46,11 @@ function bytes = message (counter, probe, samples)
   name = zeros (1, 20, 'uint8');
   name(1:numel (probe)) = uint8 (probe);
   numbers = uint32 ([0, counter, size(samples, 2), size(samples, 1)]);
-  bytes = [uint8('MSV1'), typecast(numbers, 'uint8'), typecast(seconds_of_day (), 'uint8'), name, ...
+  bytes = [uint8('MSV1'), typecast(numbers, 'uint8'), typecast(seconds_since_1970 (), 'uint8'), name, ...
            typecast(reshape (samples, 1, []), 'uint8')];
 end
 
-function now_s = seconds_of_day ()
-% Seconds since 1970.
+function now_s = seconds_since_1970 ()
   if in_octave ()
     now_s = time ();
   else

@@ -39,11 +39,11 @@ def main() -> None:
         for target in asked.checks.split():
             run("make", target)
         collect(version, notes)
+        run("git", "commit", "--quiet", "--message", f"Release {version}", *map(str, before))
     except BaseException:
         for path, text in before.items():
             path.write_bytes(text)
         raise
-    run("git", "commit", "--quiet", "--message", f"Release {version}", *map(str, before))
     run("git", "tag", "--annotate", "--message", f"markerseek {version}", f"v{version}")
     sys.stdout.write(f"{OUT}: markerseek {version}, committed and tagged v{version}; nothing was sent anywhere\n")
 
@@ -67,6 +67,8 @@ def require_release(text: str) -> Version:
         sys.exit(f"release: {text!r} is no version; write it as 0.2.0")
     if not version > now:
         sys.exit(f"release: {version} does not follow {now}; choose a greater one")
+    if run("git", "tag", "--list", f"v{version}"):
+        sys.exit(f"release: there is a tag v{version} already; choose a greater version")
     if run("git", "status", "--porcelain"):
         sys.exit("release: the checkout has changes that are not committed; commit or remove them")
     return version
@@ -86,7 +88,9 @@ def set_version(version: Version, *, today: dt.date) -> None:
     text = re.sub(r'^__version__ = ".+"$', f'__version__ = "{version}"', text, flags=re.M)
     VERSION_FILE.write_text(text, encoding="utf-8")
     text = CHANGELOG.read_text(encoding="utf-8")
-    CHANGELOG.write_text(re.sub(r"^## .*\(unreleased\)$", f"## {version} ({today})", text, count=1, flags=re.M))
+    CHANGELOG.write_text(
+        re.sub(r"^## .*\(unreleased\)$", f"## {version} ({today})", text, count=1, flags=re.M), encoding="utf-8"
+    )
 
 
 def collect(version: Version, notes: str) -> None:

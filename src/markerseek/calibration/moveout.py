@@ -48,6 +48,11 @@ def fit_moveout(
         )
     single = [_fit_frame(arrival, element_m) for arrival in arrivals_s]
     information = np.array([each.information for each in single])
+    if np.linalg.matrix_rank(information.sum(axis=0)) < 2:
+        raise SearchError(
+            "the wave fronts do not bend, as if the source were infinitely far away; check that the channels are those "
+            "of an array, and that --probe is right"
+        )
     # Mean of the frames weighted by their information: speed and range of one frame are strongly correlated.
     total = np.linalg.inv(information.sum(axis=0))
     mean = total @ np.einsum("fij,fj->i", information, np.array([each.value for each in single]))

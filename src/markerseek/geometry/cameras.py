@@ -5,7 +5,7 @@ Axes are those of OpenCV: x to the right in the image, y down, z along the view;
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -99,13 +99,13 @@ class Camera:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StereoCameras:
     """Two cameras; the frame of the pair is that of the left one."""
 
     left: Camera
     right: Camera
-    left_to_right: RigidTransform = field(compare=False)
+    left_to_right: RigidTransform
     """Transform of the left camera's frame to the right one's: its translation is minus the base for parallel
     cameras."""
 

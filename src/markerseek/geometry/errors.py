@@ -45,6 +45,8 @@ class RegistrationErrors:
         """
         spread = self.tre_covariance_m2(target_m)
         mean, half_variance = np.trace(spread), np.sum(spread**2)
+        if mean == 0:
+            return 0.0
         return float(np.sqrt(half_variance / mean * 2 * gammaincinv(mean**2 / half_variance / 2, 0.95)))
 
 

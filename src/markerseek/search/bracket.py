@@ -20,6 +20,7 @@ leave nothing contradicts earlier samples, and is not made.
 from __future__ import annotations
 
 import math
+import sys
 
 from markerseek.core import PAPER_RANGE, ConfigError, Found, Interval, Sample
 from markerseek.search.curve import Curve, curve_of
@@ -176,5 +177,6 @@ def bracket_answer(mean_deg: float, bracket: Interval, curve: Curve, *, noise_si
 
 def _acquisitions_for(narrowing: float, *, ratio: float, reuse: bool) -> int:
     """Acquisitions that narrow a bracket by this factor, with one iteration to spare for angles missed by the stage."""
-    iterations = max(1, math.ceil(math.log(max(narrowing, 1.0)) / -math.log(ratio))) + 1
+    # The ratio to a width of next to nothing is infinite; what the largest float needs is refused as well.
+    iterations = max(1, math.ceil(math.log(min(max(narrowing, 1.0), sys.float_info.max)) / -math.log(ratio))) + 1
     return iterations + 1 if reuse else 2 * iterations

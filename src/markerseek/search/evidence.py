@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from markerseek.core import Found, Interval, Sample
-from markerseek.search.curve import Curve, curve_of
+from markerseek.search.curve import curve_of
 from markerseek.search.floor import SearchNoise
 
 UNKNOWN_RATIO = 10.0
@@ -135,9 +135,10 @@ def inconsistency(lit: Sequence[Sample], *, mean_deg: float, noise: SearchNoise)
     Next to the maximum of a unimodal curve lies its largest sample or one nearly as large. An average that falls
     between two peaks, or a bracket that dropped the peak, has none.
     """
-    curve: Curve = curve_of(lit)
-    right = int(np.searchsorted(curve.angle_deg, mean_deg))
-    near = curve.intensity[max(0, right - 1) : right + 1]
+    curve = curve_of(lit)
+    # The neighbours on both sides, and every sample at the angle itself.
+    first, end = (int(np.searchsorted(curve.angle_deg, mean_deg, side=side)) for side in ("left", "right"))
+    near = curve.intensity[max(0, first - 1) : end + 1]
     largest = float(curve.intensity[curve.strongest])
     if near.max() >= CONSISTENT_SHARE * largest - 3 * noise.sigma_or_zero:
         return None

@@ -83,18 +83,8 @@ def noise_of(lit: Sequence[Sample], *, dark: Sequence[Sample] = ()) -> SearchNoi
         return _from_dark(dark, frames=len(lit))
     if lit and all(sample.reading.noise_sigma is not None for sample in lit):
         return _from_frames(lit)
-    curve = curve_of(lit)
-    if np.unique(curve.angle_deg).size >= QUARTILE_ANGLES:
-        cells = _cells(lit, otherwise=FEWEST_CELLS)
-        quartile, scatter = _lower_quartile(curve), _scatter(curve)
-        most = quartile / _quantile_factor(0.25, cells=cells)
-        folded = scatter / math.sqrt(1 - 2 / math.pi) if _is_even(curve) else 0.0
-        level = max(
-            most * noise_factor(cells=cells, frames=len(lit)),
-            quartile + folded * noise_factor(cells=1, frames=len(lit)),
-        )
-        sigma = min(max(most, folded), SMOOTHNESS * scatter)
-        return SearchNoise(floor=Floor(level=level, source="lower quartile"), sigma=sigma)
+    if len({sample.angle_deg for sample in lit}) >= QUARTILE_ANGLES:
+        return _from_quartile(lit)
     return SearchNoise(floor=Floor(level=None, source="unknown"), sigma=None)
 
 
@@ -119,6 +109,19 @@ def _from_frames(lit: Sequence[Sample]) -> SearchNoise:
     sigma = max(float(np.median(sigmas)), sigmas[strongest])
     level = sigma * noise_factor(cells=_cells(lit, otherwise=MAX_CELLS), frames=len(lit))
     return SearchNoise(floor=Floor(level=level, source="noise of the frames"), sigma=sigma)
+
+
+def _from_quartile(lit: Sequence[Sample]) -> SearchNoise:
+    curve, cells = curve_of(lit), _cells(lit, otherwise=FEWEST_CELLS)
+    quartile, scatter = _lower_quartile(curve), _scatter(curve)
+    of_maxima = quartile / _quantile_factor(0.25, cells=cells)
+    of_amounts = scatter / math.sqrt(1 - 2 / math.pi) if _is_even(curve) else 0.0
+    level = max(
+        of_maxima * noise_factor(cells=cells, frames=len(lit)),
+        quartile + of_amounts * noise_factor(cells=1, frames=len(lit)),
+    )
+    sigma = min(max(of_maxima, of_amounts), SMOOTHNESS * scatter)
+    return SearchNoise(floor=Floor(level=level, source="lower quartile"), sigma=sigma)
 
 
 def _cells(samples: Sequence[Sample], *, otherwise: int) -> int:

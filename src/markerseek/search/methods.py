@@ -113,18 +113,14 @@ def build(plan: PolicyPlan | str, *, limits: Interval | Sequence[SupportsFloat] 
         plan = PolicyPlan(method=plan)
     if plan.sweep_speed_deg_s is not None:
         raise ConfigError(f"{plan.method}: a plan of sweeps is given to a policy of single angles; use build_sweeping")
-    chosen = method_named(plan.method)
-    number = chosen.acquisitions if plan.acquisitions is None else plan.acquisitions
-    number = check_acquisitions(number, least=chosen.least, method=chosen.name)
     searched = as_interval(limits, name="limits")
-    start_deg = None if plan.start_deg is None else float(plan.start_deg)
-    if chosen.name == "posterior":
+    if plan.method == "posterior":
         return _posterior(plan, limits=searched)
-    refuse_posterior_settings(chosen.name, others=plan.others, prior=plan.prior, cues=plan.cues)
-    ends_early = plan.early_end and chosen.name == "weighted-average"
-    inner = _MAKERS[chosen.name](
-        searched, number, None if plan.as_published else start_deg, ends_early and plan.as_published
-    )
+    acquisitions = _acquisitions(plan)
+    refuse_posterior_settings(plan.method, others=plan.others, prior=plan.prior, cues=plan.cues)
+    ends_early = plan.early_end and plan.method == "weighted-average"
+    start_deg = None if plan.as_published else plan.start_deg
+    inner = _MAKERS[plan.method](searched, acquisitions, start_deg, ends_early and plan.as_published)
     if plan.as_published:
         return inner
     return CheckedPolicy(
@@ -143,15 +139,15 @@ def build_sweeping(plan: PolicyPlan, *, limits: Interval) -> AnyPolicy:
     from markerseek.search.posterior import SWEPT_SIGMA_DEG, SweepPosterior
 
     return SweepPosterior(
-        lambda: _posterior(plan, limits=limits, target_sigma_deg=SWEPT_SIGMA_DEG),
+        lambda: _posterior(plan, limits=limits, target_deg=SWEPT_SIGMA_DEG),
         limits=limits,
         speed_deg_s=plan.sweep_speed_deg_s,
         start_deg=plan.start_deg,
     )
 
 
-def _posterior(plan: PolicyPlan, *, limits: Interval, target_sigma_deg: float | None = None) -> Posterior:
-    """The posterior of a plan, at rest; None: with its own target."""
+def _posterior(plan: PolicyPlan, *, limits: Interval, target_deg: float | None = None) -> Posterior:
+    """The posterior of a plan, at rest; ``target_deg``: None takes its own."""
     if plan.as_published:
         raise ConfigError(
             "posterior: it is markerseek's own and was not published; leave out as_published, or name a method of "
@@ -160,13 +156,11 @@ def _posterior(plan: PolicyPlan, *, limits: Interval, target_sigma_deg: float | 
     # Imported here: other methods need neither SciPy nor the compiled kernels.
     from markerseek.search.posterior import CUES, TARGET_SIGMA_DEG, USUAL_OTHERS, Posterior
 
-    chosen = method_named(plan.method)
-    number = chosen.acquisitions if plan.acquisitions is None else plan.acquisitions
-    target_deg = TARGET_SIGMA_DEG if target_sigma_deg is None else target_sigma_deg
+    target_deg = TARGET_SIGMA_DEG if target_deg is None else target_deg
     return Posterior(
         limits=limits,
-        acquisitions=check_acquisitions(number, least=chosen.least, method=chosen.name),
-        start_deg=None if plan.start_deg is None else float(plan.start_deg),
+        acquisitions=_acquisitions(plan),
+        start_deg=plan.start_deg,
         target_sigma_deg=target_deg if plan.early_end else 0.0,
         cues=CUES if plan.cues is None else plan.cues,
         others=USUAL_OTHERS if plan.others is None else plan.others,
@@ -197,9 +191,14 @@ def refuse_posterior_settings(method: str, **settings: object) -> None:
 
 def most_acquisitions(plan: PolicyPlan) -> int | None:
     """Return the most acquisitions of a plan, its own number or that of its method; None where it sweeps."""
-    if plan.sweep_speed_deg_s is not None:
-        return None
-    return plan.acquisitions or method_named(plan.method).acquisitions
+    return None if plan.sweep_speed_deg_s is not None else _acquisitions(plan)
+
+
+def _acquisitions(plan: PolicyPlan) -> int:
+    """The number of acquisitions of a plan, its own or that of its method, if a search can be made of it."""
+    method = method_named(plan.method)
+    number = method.acquisitions if plan.acquisitions is None else plan.acquisitions
+    return check_acquisitions(number, least=method.least, method=method.name)
 
 
 def _weighted_average(limits: Interval, acquisitions: int, start_deg: float | None, early_end: bool) -> PaperPolicy:

@@ -2,12 +2,12 @@
 
 Which sweep is next, and whether the present one goes on, is decided by the information in its frames. Of markers drawn
 from the posterior, each with its curve and its motion, any two are told apart by the intensities that they would give
-along the way of the probe: D is the squared difference of these, in units of their noise. What is left of the
+along the path of the probe: D is the squared difference of these, in units of their noise. What is left of the
 posterior's variance at a time is about
 
     V = Σ_ij (x_i − x_j)²·exp(−D_ij/4)/N²                                                                        (1)
 
-with x the marker's angle then. The way is taken for which the mean of ln V over the next `AHEAD_S` is least, over more
+with x the marker's angle then. The path is taken for which the mean of ln V over the next `AHEAD_S` is least, over more
 where the marker is lost: in the usual time no sweep could turn round and reach it, and the probe would go on away from
 it. So the probe crosses a slow marker, goes with a fast one, a little faster or slower than it, and turns when it does;
 a marker that is lost is searched for over the range, without a rule for any of this.
@@ -144,7 +144,7 @@ class SweptTrackingPolicy:
         self._source = None if place is None else _source(place, angle_deg=probe_deg)
         self._sweep: Sweep | None = None
         self._ending = False
-        self._told_of_it = self._blind = False
+        self._has_frames = self._blind = False
         self._judged_s = -math.inf
         # Where it will be at rest, and how long after the last frame.
         self._rest_deg, self._rest_after_s = probe_deg, LATE_S
@@ -163,11 +163,11 @@ class SweptTrackingPolicy:
         if self._ending or self._blind or self._last_s > self._until_s or self._given_up():
             return None
         if self._sweep is None:
-            self._sweep, self._told_of_it = self._planned(), False
+            self._sweep, self._has_frames = self._planned(), False
         return self._sweep
 
     def tell(self, sample: Sample) -> None:
-        """Take the frame of one pulse.
+        """Take the frame of one pulse; a dark frame says nothing of the marker.
 
         Raises
         ------
@@ -175,6 +175,8 @@ class SweptTrackingPolicy:
             If it has no frame, and so no time, is not of a sweep, or is not later than the one before.
         """
         check_sample(sample)
+        if sample.dark:
+            return
         if sample.frame is None or sample.sweep is None:
             raise SearchError("a sample without a frame and a sweep has no time: a marker cannot be followed with it")
         now_s = sample.frame.header.started_s
@@ -189,7 +191,7 @@ class SweptTrackingPolicy:
             noise_sigma=noise_sigma,
             cells=cells,
         )
-        self._last_s, self._told_of_it = now_s, True
+        self._last_s, self._has_frames = now_s, True
         self._note_lost(clear=intensity >= STRONG_SNR * noise_sigma)
         # The delay of the stamps and the play are the same in all frames of a sweep: no number of them averages it.
         shared_deg = math.hypot(timing.speed_deg_s * timing.delay_sigma_s, timing.play_sigma_deg)
@@ -210,15 +212,18 @@ class SweptTrackingPolicy:
 
     def end_sweep(self) -> None:
         """Plan again: the probe is at rest. Without a frame the plan would be the same, and the track ends."""
-        self._blind = self._sweep is not None and not self._told_of_it
+        self._blind = self._sweep is not None and not self._has_frames
         self._sweep, self._ending = None, False
 
     def estimate(self) -> Estimate:
-        """The angle at the last frame; `NotFound` while the marker is lost."""
+        """The angle at the last frame; `NotFound` while the marker is lost, and before the first."""
         if self.lost or not self.track:
-            reason = f"the marker was lost after {len(self.track)} frames"
             if self._blind:
                 reason = f"no frame of a sweep was admitted, after {len(self.track)} frames; look at those refused"
+            elif self.lost:
+                reason = f"the marker was lost after {len(self.track)} frames"
+            else:
+                reason = "no frame has been measured yet"
             return NotFound(mean_deg=self._tracker.mean_deg, reason=reason)
         last = self.track[-1]
         return found_at(last.angle_deg, sigma_deg=last.sigma_deg)
@@ -261,8 +266,8 @@ class SweptTrackingPolicy:
     def _planned(self) -> Sweep:
         """The sweep of which the most is expected, from rest."""
         markers = self._tracker.drawn(DRAWN)
-        speeds, ways = self._sweeps(self._rest_deg, after_s=self._rest_after_s)
-        speed_deg_s = float(speeds[np.argmax(self._worth(ways, markers))])
+        speeds, paths = self._sweeps(self._rest_deg, after_s=self._rest_after_s)
+        speed_deg_s = float(speeds[np.argmax(self._worth(paths, markers))])
         limits = self._tracker.limits
         to_deg = limits.nearest(self._rest_deg + speed_deg_s * SWEEP_S)
         return Sweep(to_deg=to_deg, speed_deg_s=abs(speed_deg_s), lit_braking=True)
@@ -278,7 +283,7 @@ class SweptTrackingPolicy:
         limits = self._tracker.limits
         on_deg = probe_deg + forward * _run_up(time_s, now_deg_s, sweep.speed_deg_s, acceleration)
         inside = (on_deg > limits.low_deg) & (on_deg < limits.high_deg)
-        goes_on = _Ways(probe_deg=np.clip(on_deg, limits.low_deg, limits.high_deg)[None], lit=inside[None])
+        goes_on = _Paths(probe_deg=np.clip(on_deg, limits.low_deg, limits.high_deg)[None], lit=inside[None])
         # It goes on until the laser has heard of it, brakes in light, rests, and begins again.
         top_deg_s = min(sweep.speed_deg_s, now_deg_s + acceleration * LATE_S)
         begun_deg = probe_deg + forward * (now_deg_s + top_deg_s) / 2 * LATE_S
@@ -294,19 +299,19 @@ class SweptTrackingPolicy:
         early = time_s <= LATE_S + brake_s + REST_S
         # The light ends a reading before the probe is too slow.
         still_lit = top_deg_s - acceleration * (braking_s + STEP_S) >= LIT_SHARE * sweep.speed_deg_s
-        ends = _Ways(
+        ends = _Paths(
             probe_deg=np.where(early, braked_deg, others.probe_deg), lit=np.where(early, still_lit, others.lit)
         )
         markers = self._tracker.drawn(DRAWN)
         if float(self._worth(ends, markers).max()) > float(self._worth(goes_on, markers)[0]) + GAIN:
             self._ending = True
 
-    def _sweeps(self, rest_deg: float, *, after_s: float) -> tuple[Float64[np.ndarray, " ways"], _Ways]:
-        """All sweeps that may begin from rest then: their speeds with their signs, and the ways of the probe."""
+    def _sweeps(self, rest_deg: float, *, after_s: float) -> tuple[Float64[np.ndarray, " paths"], _Paths]:
+        """All sweeps that may begin from rest then: their speeds with their signs, and the paths of the probe."""
         rig, limits = self._rig, self._tracker.limits
         up = rig.fastest_deg_s * np.arange(1, SPEEDS + 1) / SPEEDS
         speeds = np.concatenate([-up[::-1], up])
-        # Not where there is no way to go.
+        # Not where there is no room for one.
         room_deg = np.where(speeds < 0, rest_deg - limits.low_deg, limits.high_deg - rest_deg)
         speeds = speeds[room_deg >= LEAST_ROOM_DEG]
         turning_s = np.maximum(self._times() - after_s, 0.0)
@@ -315,17 +320,17 @@ class SweptTrackingPolicy:
         inside = (probe_deg > limits.low_deg) & (probe_deg < limits.high_deg)
         # The speed is known at the next reading only, a step later.
         fast = rig.acceleration_deg_s2 * (turning_s - STEP_S) >= LIT_SHARE * np.abs(speeds)[:, None]
-        return speeds, _Ways(probe_deg=np.clip(probe_deg, limits.low_deg, limits.high_deg), lit=inside & fast)
+        return speeds, _Paths(probe_deg=np.clip(probe_deg, limits.low_deg, limits.high_deg), lit=inside & fast)
 
-    def _worth(self, ways: _Ways, markers: Markers) -> Float64[np.ndarray, " ways"]:
-        """Mean of −½·ln V of (1) over `_times`, for each way."""
+    def _worth(self, paths: _Paths, markers: Markers) -> Float64[np.ndarray, " paths"]:
+        """Mean of −½·ln V of (1) over `_times`, for each path."""
         angle_deg = self._expected_deg(markers)
-        height = self._tracker.peak / self._rig.noise_sigma * markers.curve(ways.probe_deg[:, :, None] - angle_deg)
+        height = self._tracker.peak / self._rig.noise_sigma * markers.curve(paths.probe_deg[:, :, None] - angle_deg)
         # Of even variance, from var = 1 + (εμ)²; a step holds a number of pulses.
         stable = np.arcsinh(ENERGY_ERROR * np.maximum(height, NOISE_FLOOR)) / ENERGY_ERROR
-        stable *= np.sqrt(ways.lit * self._step_s / self._rig.period_s)[:, :, None]
+        stable *= np.sqrt(paths.lit * self._step_s / self._rig.period_s)[:, :, None]
         step = angle_deg.shape[0] // CHECKED
-        apart, worth = 0.0, np.zeros(ways.lit.shape[0])
+        apart, worth = 0.0, np.zeros(paths.lit.shape[0])
         for begin in range(0, step * CHECKED, step):
             part = stable[:, begin : begin + step]
             square = (part**2).sum(axis=1)
@@ -362,7 +367,7 @@ class SweptTrackingPolicy:
 
 
 def require_room(limits: Interval) -> None:
-    """Refuse limits by `ConfigError` in which there may be no way for a sweep from rest."""
+    """Refuse limits by `ConfigError` in which there may be no room for a sweep from rest."""
     if not limits.width_deg >= 2 * LEAST_ROOM_DEG:
         raise ConfigError(
             f"track: the search range is {limits.width_deg:g} deg wide, a marker is followed by sweeps in at least "
@@ -371,17 +376,17 @@ def require_room(limits: Interval) -> None:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Ways:
-    """Ways that the probe may take, at `_times` from now."""
+class _Paths:
+    """Paths that the probe may take, at `_times` from now."""
 
-    probe_deg: Float64[np.ndarray, "ways times"]
-    lit: Bool[np.ndarray, "ways times"]
+    probe_deg: Float64[np.ndarray, "paths times"]
+    lit: Bool[np.ndarray, "paths times"]
 
 
 def _run_up(
     time_s: Float64[np.ndarray, " times"], from_deg_s: float, to_deg_s: float, acceleration_deg_s2: float
 ) -> Float64[np.ndarray, " times"]:
-    """Way of a stage in degrees that speeds up to a speed, or has it already."""
+    """Path of a stage in degrees that speeds up to a speed, or has it already."""
     ramp_s = np.minimum(time_s, max(to_deg_s - from_deg_s, 0.0) / acceleration_deg_s2)
     reached_deg_s = from_deg_s + acceleration_deg_s2 * ramp_s
     return np.asarray((from_deg_s + reached_deg_s) / 2 * ramp_s + reached_deg_s * (time_s - ramp_s))

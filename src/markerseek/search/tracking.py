@@ -25,6 +25,7 @@ from markerseek.search.posterior.likelihood import (
 )
 
 PARTICLES = 12_000
+"""Particles, unless another number is given."""
 
 LOST_SHARE = 0.5
 """The marker is lost where the standard deviation of its angle exceeds this share of the full width."""
@@ -96,6 +97,8 @@ class Tracker:
         Acceleration of a marker that turns round, in degrees per second squared.
     rng
         Draws the particles.
+    particles
+        How many there are.
     """
 
     def __init__(

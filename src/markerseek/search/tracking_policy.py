@@ -98,13 +98,15 @@ class TrackingPolicy:
         return flank_deg(self._tracker, after_s=self._periods_s[-2], side=self._side)
 
     def tell(self, sample: Sample) -> None:
-        """Take the next frame.
+        """Take the next frame; a dark one says nothing of the marker.
 
         Raises
         ------
         SearchError
             If it has no frame, and so no time, or is not later than the one before.
         """
+        if sample.dark:
+            return
         if sample.frame is None:
             raise SearchError("a sample without a frame has no time: a moving marker cannot be followed with it")
         now_s = sample.frame.header.started_s

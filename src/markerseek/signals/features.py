@@ -171,10 +171,13 @@ def at_full_scale(
     middle: Int64[np.ndarray, " used"],
     full_scale: int,
 ) -> tuple[int, ...]:
-    """Those of the rows, channels or lines, that touch full scale near their sample in ``middle``."""
+    """Those of the rows, channels or lines, that touch full scale near their sample in ``middle``.
+
+    The pick-up, which is blanked, does not count.
+    """
     # Twice the shortest pulse on each side: a long laser pulse touches full scale for longer.
     half = 2 * window_samples(preset)
-    window = np.clip(middle[:, None] + np.arange(-half, half + 1), 0, samples.shape[1] - 1)
+    window = np.clip(middle[:, None] + np.arange(-half, half + 1), preset.pickup_samples, samples.shape[1] - 1)
     # As 32 bits, because the magnitude of -32768 does not fit in 16.
     largest = np.abs(samples[rows[:, None], window].astype(np.int32)).max(axis=1, initial=0)
     return tuple(rows[largest >= full_scale].tolist())

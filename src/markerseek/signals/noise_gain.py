@@ -11,6 +11,9 @@ from markerseek.signals.beamform import half_aperture_m
 from markerseek.signals.filtering import band_pass_taps, response
 from markerseek.signals.presets import ProbePreset
 
+_BINS = 513
+"""Frequencies from 0 to half the sampling frequency: those of 1,024 samples."""
+
 
 def beamformed_sigma(
     channel_sigma: float, *, preset: ProbePreset, power: Float64[np.ndarray, " bins"] | None = None
@@ -27,7 +30,7 @@ def beamformed_sigma(
     """
     if not 0 <= channel_sigma < math.inf:
         raise ConfigError(f"channel_sigma is {channel_sigma} counts, it must be 0 or more and finite")
-    spectrum = np.ones(513) if power is None else power
+    spectrum = np.ones(_BINS) if power is None else power
     if len(spectrum) < 2 or not (np.all(spectrum >= 0) and 0 < spectrum.sum() < np.inf):
         raise ConfigError("power must hold at least two values, none negative and not all zero")
     # Both ends of the grid stand for half a step.
@@ -46,7 +49,7 @@ def noise_peaks(preset: ProbePreset, *, depth_m: Float64[np.ndarray, " depth"]) 
 
     ``preset``: the probe, with its default band and aperture. ``depth_m``: rows of the image, evenly spaced.
     """
-    gain = _power_gain(preset, 513)
+    gain = _power_gain(preset, _BINS)
     wave = 2 * np.pi * np.linspace(0, preset.sampling_hz / 2, len(gain)) / preset.sound_speed_m_s
     axial = float(np.sqrt(np.average(wave**2, weights=gain) - np.average(wave, weights=gain) ** 2))
     width = preset.array.elements * preset.array.pitch_m
@@ -80,7 +83,7 @@ def cell_pixels(preset: ProbePreset) -> float:
     Along depth it is one over the equivalent bandwidth of the noise, across it λ/(2 sin a) with the half angle a of the
     aperture (Goodman, Statistical Optics, 1985, 6.1: the equivalent area of the correlation).
     """
-    gain = _power_gain(preset, 513)
+    gain = _power_gain(preset, _BINS)
     frequency = np.linspace(0, preset.sampling_hz / 2, len(gain))
     bandwidth = gain.sum() ** 2 / (gain**2).sum() * frequency[1]
     axial_m = preset.sound_speed_m_s / bandwidth

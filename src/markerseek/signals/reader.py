@@ -17,12 +17,12 @@ from markerseek.core import (
     AcquisitionError,
     Arrival,
     ChannelFrame,
-    ConfigError,
     Float32,
     Float64,
     Frame,
     PaImage,
     Reading,
+    require_range,
 )
 from markerseek.signals import features
 from markerseek.signals.beamform import ImageGrid, beamform, beamform_at, depth_range_m, image_grid, image_rows
@@ -87,8 +87,7 @@ class ImageReader:
         false_found: float = features.FALSE_PER_FRAME,
     ) -> None:
         self._low_m, self._high_m = depth_range_m(min_depth_m, max_depth_m)
-        if not 0 < false_found < 1:
-            raise ConfigError(f"false_found is {false_found}; it is a probability, between 0 and 1")
+        require_range("image reader: false_found", false_found, low=0, high=1, open_low=True)
         self.preset = preset
         self._false_found = false_found
         self._taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)

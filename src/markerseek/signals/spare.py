@@ -129,11 +129,14 @@ class SpareReader:
         cells = window.size
         level = features.found_level(cells, false_found=self._false_found)
         found = intensity > level * local
-        above = f"{intensity / local:.3g}" if local > 0 else "infinitely many"
+        ratio = intensity / local if local > 0 else math.inf
+        reason = (
+            f"the largest peak is {ratio:.3g} times the noise; {level:.3g} times is the level that noise does not "
+            f"reach ({self.method})"
+        )
         return FrameFindings(
             found=found,
-            reason=f"the largest peak is {above} times the noise; {level:.3g} times is the level that noise does not "
-            f"reach ({self.method})",
+            reason=reason if intensity > 0 else "the frame is zero",
             strongest=Arrival(
                 lateral_m=lateral,
                 depth_m=depth,
@@ -241,10 +244,11 @@ class SpareReader:
     def _saturated_lines(self, frame: Frame, *, lateral_m: float, depth_m: float) -> tuple[int, ...]:
         """Lines that touch full scale where a point's sound is in them."""
         offset = np.abs(self.preset.array.lateral_m - lateral_m)
-        used = np.flatnonzero(offset <= self._half_aperture_m(np.array([depth_m])))
-        middle = np.rint(self._place(offset[used], np.array(depth_m))).astype(np.int64)
+        middle = np.rint(self._place(offset, np.array(depth_m))).astype(np.int64)
         samples = self._admitted(frame).samples
-        return features.at_full_scale(samples, self.preset, rows=used, middle=middle, full_scale=FULL_SCALE)
+        inside = (middle >= 0) & (middle < samples.shape[1])
+        used = np.flatnonzero((offset <= self._half_aperture_m(np.array([depth_m]))) & inside)
+        return features.at_full_scale(samples, self.preset, rows=used, middle=middle[used], full_scale=FULL_SCALE)
 
 
 AnyImageReader: TypeAlias = ImageReader | SpareReader

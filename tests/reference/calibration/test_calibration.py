@@ -54,6 +54,12 @@ def test_a_front_that_bends_as_in_steel_is_refused() -> None:
         fit_moveout(fronts(speed=2600.0, distance_m=0.05, late_s=0.0, jitter_s=0.0), ELEMENT_M)
 
 
+def test_fronts_that_do_not_bend_are_refused() -> None:
+    """Every channel holds the same record: a copy, or something electrical."""
+    with pytest.raises(SearchError, match="the wave fronts do not bend"):
+        fit_moveout([np.full(ELEMENT_M.size, 3e-5)] * 3, ELEMENT_M)
+
+
 def scan(*, speed: float, face_m: float, height_m: float, late_s: float, source_deg: float, seed: int) -> list[Sample]:
     """Samples of a simulated scan over a small absorber, at about 40 dB."""
     rng = np.random.default_rng(seed)

@@ -20,6 +20,7 @@ from markerseek.geometry import (
     register_points,
     triangulate,
 )
+from markerseek.sim.camera import endoscope
 
 GRID_M = np.array([[x, y, 60.0] for x in (-20, 0, 20) for y in (-20, 0, 20)]) * 1e-3
 RELIEF_M = np.array([1.0, -2.2, 2.4, 0.3, -1.7, 0.9, -2.4, 2.0, -0.4]) * 1e-3
@@ -192,6 +193,12 @@ def test_predicted_errors_hold_where_all_points_share_errors(refined: bool) -> N
     if refined:
         assert np.mean(misfits) == pytest.approx(1.0, rel=0.03)
         np.testing.assert_allclose(np.std(pulls, axis=0), 1.0, atol=0.08)
+
+
+def test_a_frame_registered_to_itself_has_no_error() -> None:
+    points_m = 1e-3 * np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [0.0, 20.0, 0.0], [0.0, 0.0, 30.0]])
+    found = register_points(points_m, points_m)
+    assert found.fre_m == found.tre_m(TARGET_M) == found.tre95_m(TARGET_M) == 0.0
 
 
 @pytest.mark.parametrize("variances", [(1.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1.0, 0.5, 0.1), (1.0, 0.3, 0.0)])
@@ -436,3 +443,7 @@ def test_transforms_are_rotations_and_meet_in_named_frames() -> None:
     ):
         with pytest.raises(ConfigError, match=words):
             RigidTransform(source="A", target="B", rotation=wrong, translation_m=np.zeros(3))
+
+
+def test_pairs_of_cameras_that_stand_otherwise_are_not_equal() -> None:
+    assert endoscope(base_m=5e-3) != endoscope(base_m=10e-3)

@@ -312,3 +312,20 @@ def test_a_sample_without_time_is_refused():
     header = FrameHeader(sequence=1, token="a", pulses=4, commanded_deg=2.0, started_s=4.0, ended_s=4.1)
     with pytest.raises(SearchError, match="it must be later"):
         policy.tell(replace(sample, frame=ReadingFrame(header=header, intensity=10.0)))
+
+
+def test_a_dark_frame_says_nothing_of_the_marker():
+    """A rig takes some before its policy is asked: each would say that the marker is not where it was found."""
+    one = tracker()
+    policy = TrackingPolicy(one, began_s=5.0, until_s=9.0, period_s=0.2, noise_sigma=1.0)
+    header = FrameHeader(sequence=1, token="a", pulses=0, commanded_deg=2.0, started_s=6.0, ended_s=6.1)
+    dark = Sample(
+        angle_deg=2.0,
+        reading=Reading(intensity=4.0, noise_sigma=1.0, cells=1000),
+        dark=True,
+        frame=ReadingFrame(header=header, intensity=4.0),
+    )
+    before = policy.ask(), policy.estimate()
+    policy.tell(dark)
+    assert (policy.ask(), policy.estimate()) == before
+    assert not policy.track

@@ -121,6 +121,27 @@ def test_the_image_on_any_columns_is_that_of_the_table():
     assert np.abs(plain - table[some, 20:90:9]).max() < 1e-4 * np.abs(table).max()
 
 
+def test_a_frame_of_zeros_is_called_so():
+    findings = SpareReader(PRESET).findings(rf_frame(np.zeros((128, 2080))))
+    assert not findings.found
+    assert findings.reason == ImageReader(PRESET).findings(zeros()).reason == "the frame is zero"
+
+
+def zeros():
+    return ChannelFrame(header=HEADER, samples=np.zeros((128, 2080), np.int16), sampling_hz=PRESET.sampling_hz)
+
+
+@pytest.mark.parametrize("receive_focus_m", [None, 30e-3], ids=["dynamic", "fixed"])
+def test_a_pick_up_at_full_scale_saturates_no_line(receive_focus_m):
+    """It is blanked; a line in front of a fixed focus may have no sample for the source at all."""
+    rf = np.zeros((128, 2080))
+    rf[:, :100] = 32_767
+    reader = SpareReader(replace(PRESET, f_number=0.5), receive_focus_m=receive_focus_m)
+    assert reader._saturated_lines(rf_frame(rf), lateral_m=0.0, depth_m=6e-3) == ()
+    rf[60:64] = 32_767
+    assert set(reader._saturated_lines(rf_frame(rf), lateral_m=0.0, depth_m=6e-3)) == {60, 61, 62, 63}
+
+
 def test_what_is_not_of_this_machine_is_refused():
     reader = SpareReader(PRESET)
     samples = np.zeros((128, 2080), np.int16)

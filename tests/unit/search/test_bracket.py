@@ -139,6 +139,11 @@ def test_noise_widens_the_answer_but_moves_nothing():
     assert noisy.sigma_deg == pytest.approx(0.55 * 10 * math.sqrt(0.01 / (4 * math.log(2))), rel=0.15)
 
 
+def test_a_width_that_no_search_reaches_is_refused():
+    with pytest.raises(ConfigError, match="at most 500 can be made"):
+        BracketSearch(ratio=GOLDEN, width_deg=5e-324)
+
+
 class TestManual:
     def test_eight_turns_then_back_and_forth(self):
         asked = run(ScriptedManual(acquisitions=28), lorentzian(-3.0))

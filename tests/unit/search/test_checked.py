@@ -10,6 +10,7 @@ import pytest
 from markerseek.core import (
     AtBound,
     ConfigError,
+    Floor,
     Found,
     Interval,
     NotFound,
@@ -28,8 +29,8 @@ from markerseek.search import (
     method_named,
     noise_of,
 )
-from markerseek.search.evidence import why_not_detected
-from markerseek.search.floor import FEWEST_CELLS, MAX_CELLS, noise_factor
+from markerseek.search.evidence import inconsistency, why_not_detected
+from markerseek.search.floor import FEWEST_CELLS, MAX_CELLS, SearchNoise, noise_factor
 
 ALL = [method.name for method in METHODS]
 PUBLISHED = [name for name in ALL if name != "posterior"]
@@ -352,3 +353,12 @@ class TestMethods:
 def test_a_class_of_ones_own_is_no_method_of_a_command():
     with pytest.raises(ConfigError, match="is unknown; a class of your own is compared by a study"):
         method_named("mine:Method")
+
+
+@pytest.mark.parametrize("intensities", [(1.0, 10.0, 3.0), (10.0, 1.0, 3.0)])
+@pytest.mark.parametrize("turned", [1.0, -1.0])
+def test_an_answer_at_an_angle_measured_twice_fits_the_stronger_sample(intensities, turned):
+    """Neither the order in which the two were taken, nor the side on which the third one lies, matters."""
+    lit = [sample(turned * angle_deg, each) for angle_deg, each in zip((0.0, 0.0, 5.0), intensities, strict=True)]
+    noise = SearchNoise(floor=Floor(level=None, source="unknown"), sigma=None)
+    assert inconsistency(lit, mean_deg=0.0, noise=noise) is None

@@ -238,6 +238,22 @@ def test_a_sample_that_cannot_be_followed_is_refused():
         one.tell(sample(4.0))
 
 
+def test_a_dark_frame_says_nothing_of_the_marker():
+    one = policy()
+    header = FrameHeader(sequence=1, token="a", pulses=0, commanded_deg=2.0, started_s=6.0, ended_s=6.1)
+    dark = replace(sample(6.0), dark=True, sweep=None, frame=ReadingFrame(header=header, intensity=4.0))
+    before = one.ask()
+    one.tell(dark)
+    assert one.ask() == before
+    assert not one.track
+
+
+def test_before_its_first_frame_the_marker_is_not_called_lost():
+    before = policy().estimate()
+    assert isinstance(before, NotFound)
+    assert before.reason == "no frame has been measured yet"
+
+
 def on_bench(**changes):
     """A marker that rests at 5 degrees, on the bench of the sweeps, and a policy that knows it may move."""
     bench = SweepBench(start_deg=5.0, **changes)

@@ -252,6 +252,16 @@ def test_saturation_is_reported_where_the_marker_is():
     assert READER.read(frame_of(elsewhere)).saturated_fraction == 0
 
 
+def test_a_pick_up_at_full_scale_saturates_no_channel():
+    """It is blanked, also for a source right behind it."""
+    samples = np.zeros((128, 2080), np.int16)
+    samples[:, : BPL.pickup_samples] = 2047
+    depth_m = (BPL.pickup_samples + 3) * BPL.sound_speed_m_s / BPL.sampling_hz
+    assert features.saturated_channels(samples, BPL, lateral_m=0.0, depth_m=depth_m)[0] == ()
+    samples[64, BPL.pickup_samples] = 2047
+    assert features.saturated_channels(samples, BPL, lateral_m=0.0, depth_m=depth_m)[0] == (64,)
+
+
 def test_saturation_in_the_most_negative_number_is_seen():
     samples = np.rint(pulse_frame(BPL, lateral_m=0.0, depth_m=0.05) * 1000).astype(np.int16)
     touching = np.where(samples < -500, np.int16(-32768), samples)

@@ -9,7 +9,7 @@ from markerseek.core import Interval, Sample
 from markerseek.search.evidence import UNKNOWN_RATIO
 from markerseek.search.floor import SearchNoise, noise_of
 from markerseek.search.posterior.answer import SearchState, ranked, unresolved_rival
-from markerseek.search.posterior.candidates import BESIDE_DEG, MAX_OTHERS, Candidate, Candidates, SourceSamples
+from markerseek.search.posterior.candidates import BESIDE_DEG, Candidate, Candidates, SourceSamples
 from markerseek.search.posterior.humps import asymmetric_sample, gap_angle_deg
 from markerseek.search.posterior.predictive import DOUBT_SIGMAS, discrepant_sample, predictive_check
 from markerseek.search.posterior.shapes import Shapes
@@ -74,9 +74,7 @@ class Analysis:
         """All sources in their order, and what is known of others."""
         sources = [self.first]
         if self.detected:
-            others = self._candidates.others(
-                self.first, self._groups, self._dark, self.noise, particles=PARTICLES, most=MAX_OTHERS
-            )
+            others = self._candidates.others(self.first, self._groups, self._dark, self.noise, particles=PARTICLES)
             sources = ranked([self.first, *others])
         rival = None if self._single else unresolved_rival(sources, self.measured_deg, limits=self._limits)
         return SearchState(

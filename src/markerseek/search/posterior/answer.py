@@ -27,7 +27,7 @@ from markerseek.core import (
 from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.angle_posterior import AnglePosterior, modes_deg
 from markerseek.search.posterior.candidates import BESIDE_DEG, RIVAL_DB, Candidate
-from markerseek.search.posterior.detectability import NARROW_DEG, missed_marker
+from markerseek.search.posterior.detectability import NARROW_DEG, USUAL_KNEE, USUAL_TAIL, missed_marker
 from markerseek.search.posterior.shapes import log_curve
 from markerseek.search.posterior.survey import STATED, SURE, Survey, hidden_probability
 from markerseek.search.tolerance import KNOWN_SIGMA_DEG, beyond_tolerance, marker_radius_m, with_half_width
@@ -130,7 +130,7 @@ def missed_peak_deg(
 
 def _narrow(away_deg: Float64[np.ndarray, " angles"]) -> Float64[np.ndarray, " angles"]:
     """Ln of the narrowest usual curve at distances from its top, in degrees."""
-    return log_curve(away_deg, fwhm_deg=NARROW_DEG, tail=1.2, knee=2.4)
+    return log_curve(away_deg, fwhm_deg=NARROW_DEG, tail=USUAL_TAIL, knee=USUAL_KNEE)
 
 
 def answer_of(
@@ -158,7 +158,8 @@ def answer_of(
     if first.missing is not None:
         reason = first.missing + missed_marker(lit, state.noise, limits)
         return NotFound(mean_deg=mean_deg, reason=reason, floor=floor)
-    beside = tuple(each.as_other_source(first) for each in state.sources[1:] if each.missing is None)
+    beside = [each.as_other_source(first) for each in state.sources[1:] if each.missing is None]
+    further = tuple(sorted(beside, key=lambda each: -each.relative_db))
     surveyed = None if state.survey is None else state.survey.surveyed
     probability = other_probability(state, others=others)
     rivals = rivals_of(state.sources)
@@ -169,7 +170,7 @@ def answer_of(
             mean_deg=mean_deg,
             side=side,
             floor=floor,
-            others=beside,
+            others=further,
             surveyed=surveyed,
             sigma_deg=posterior.sigma_deg,
             interval95_deg=first.interval95_deg,
@@ -182,7 +183,7 @@ def answer_of(
             mean_deg=modes[0],
             modes_deg=modes,
             floor=floor,
-            others=beside,
+            others=further,
             surveyed=surveyed,
             sigma_deg=posterior.sigma_deg,
             interval95_deg=first.interval95_deg,
@@ -195,7 +196,7 @@ def answer_of(
         interval95_deg=first.interval95_deg,
         interval_kind="posterior",
         floor=floor,
-        others=beside,
+        others=further,
         surveyed=surveyed,
         other_probability=probability,
         curve=_curve(first),

@@ -85,7 +85,7 @@ def mean_coherence(lit: Sequence[Sample], *, sigma: float) -> MeanCoherence | No
     known = [
         (sample.reading.focused_coherence, math.hypot(POINT_SIGMA, NOISE_SIGMA * sigma / sample.reading.intensity))
         for sample in lit
-        if sample.reading.focused_coherence is not None
+        if sample.reading.focused_coherence is not None and sample.reading.intensity > 0
     ]
     if not known:
         return None

@@ -51,7 +51,7 @@ def belief_of(
 ) -> Belief:
     """Return a posterior as a belief.
 
-    ``detected``: whether anything is detected yet.
+    ``floor``: intensity that noise usually reaches by itself, over σ. ``detected``: whether anything is detected yet.
     """
     choice = None
     if detected:

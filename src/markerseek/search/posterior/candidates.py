@@ -156,8 +156,8 @@ def _is_background(at: Sequence[Sample]) -> bool:
 class Candidates:
     """The sources of one search; the inference of the strongest grows with the samples.
 
-    ``cues``: likewise; without "lateral" all samples are of one source. ``single``: whether there is one source only,
-    so that a dip does not divide the samples.
+    ``cues``: parts of a reading that count; without "lateral" all samples are of one source. ``single``: whether there
+    is one source only, so that a dip does not divide the samples. ``prior``: curve of a former marker; None: unknown.
     """
 
     def __init__(
@@ -220,9 +220,8 @@ class Candidates:
         noise: SearchNoise,
         *,
         particles: int,
-        most: int,
     ) -> list[Candidate]:
-        """Return the sources beside the first, that of the strongest arrival first.
+        """Return the sources beside the first, `MAX_OTHERS` at most, that of the strongest arrival first.
 
         Candidates that may be no source, such as a burst in one frame, say what is missing.
         """
@@ -239,7 +238,7 @@ class Candidates:
                 missing = "it was seen in one acquisition only"
             # Of a new inference each: what an answer computes of the others must not change what comes later.
             found.append(_candidate(group, missing, self._new(), noise, particles))
-            if len(found) == most:
+            if len(found) == MAX_OTHERS:
                 break
         return found
 

@@ -19,7 +19,8 @@ WEAKEST_DB = 20.0
 NARROW_DEG = 3.0
 """Full width at half maximum of the narrowest usual curve, in degrees (physics notes: 3 to 17)."""
 
-_TAIL, _KNEE = 1.2, 2.4
+USUAL_TAIL, USUAL_KNEE = 1.2, 2.4
+"""Exponents p and q of (1) of the most common curve."""
 
 
 def detection_distance_deg(*, level: float, peak: float, fwhm_deg: float) -> float:
@@ -28,9 +29,9 @@ def detection_distance_deg(*, level: float, peak: float, fwhm_deg: float) -> flo
     ``level``, ``peak``: largest intensity that noise reaches, and intensity with the probe on the marker; 0 < level <
     peak. ``fwhm_deg``: full width at half maximum of the curve.
     """
-    ratio = _KNEE / _TAIL
+    ratio = USUAL_KNEE / USUAL_TAIL
     scaled = ((peak / level) ** ratio - 1) / (2**ratio - 1)
-    return fwhm_deg / 2 * math.pow(scaled, 1 / _KNEE)
+    return fwhm_deg / 2 * math.pow(scaled, 1 / USUAL_KNEE)
 
 
 def acquisitions_needed(limits: Interval, *, level: float, peak: float, fwhm_deg: float = NARROW_DEG) -> int:

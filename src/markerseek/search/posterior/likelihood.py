@@ -7,9 +7,9 @@ Rayleigh cells elsewhere, whichever is higher (Rice 1945; order statistics):
     p(y|μ) = f_R(y|μ)·F_E(y)·g + f_E(y)·F_R(y|μ),       F_E(y) = (1 − exp(−y²/2σ²))^M,                         (3)
 
 where g is the density of the peak's lateral position for the marker over that for noise: a marker stays at its lateral
-position, noise is anywhere. f_R is taken as normal, which it is to a few per cent once y exceeds 3σ, as the largest of
-M cells always does, and its standard deviation as `PEAK_NOISE`·σ, for the cells about the pixel are nearly as high. One
-frame in a hundred is an outlier: it may hold anything over `OUTLIER_RANGE` in ln y.
+position, noise is anywhere. The standard deviation of f_R is taken as `PEAK_NOISE`·σ, for the cells about the pixel are
+nearly as high, and F_R as normal, which it is to a few per cent once y exceeds 3σ, as the largest of M cells always
+does. One frame in a hundred is an outlier: it may hold anything over `OUTLIER_RANGE` in ln y.
 """
 
 from __future__ import annotations
@@ -139,7 +139,8 @@ class Scale:
         # Where the image is looked up at a known place, few cells say what g says, and say it better.
         anywhere = use_lateral and reading.local_maxima is None
         return Observation(
-            angle_deg=sample.angle_deg,
+            # Of a whole number too: the kernels take floats.
+            angle_deg=float(sample.angle_deg),
             log_intensity=math.log(intensity) - math.log(self.unit),
             noise=sigma / intensity,
             cells=cells,

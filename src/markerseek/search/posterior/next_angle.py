@@ -82,14 +82,12 @@ def planned_deg(
 
 
 def step_near_deg(angle_deg: float, *, limits: Interval, step_deg: float) -> float:
-    """Return the multiple of a step in the range that is nearest to an angle, in degrees; the angle if there is none.
-
-    ``step_deg``: the step in degrees.
-    """
+    """Return the multiple of a step in the range that is nearest to an angle, in degrees; that if there is none."""
     lowest, highest = math.ceil(limits.low_deg / step_deg), math.floor(limits.high_deg / step_deg)
     if lowest > highest:
         return angle_deg
-    return step_deg * min(max(round(angle_deg / step_deg), lowest), highest)
+    # Rounding may carry a multiple past an end that is one itself.
+    return limits.nearest(step_deg * min(max(round(angle_deg / step_deg), lowest), highest))
 
 
 def effort_deg(

@@ -111,7 +111,7 @@ class Posterior(SearchPolicy):
         How well the angle of a `Found` must be known.
     angles_deg
         Angles that can be measured, in degrees: those of a recording, which has nothing new to say of an angle that it
-        has given. Each is asked for once, and the search ends with the last. None: any angle of the range.
+        has given. Each in the range is asked for once, and the search ends with the last. None: any angle of the range.
     by_hand
         How a person turns the probe: it is asked for the steps of a scale, and seldom to turn back. None: a motor does.
 
@@ -158,7 +158,9 @@ class Posterior(SearchPolicy):
         self._others, self._single = others, others == 0
         self._tolerance = tolerance
         self._candidates = Candidates(limits=limits, shapes=self._shapes, cues=chosen, single=others == 0, prior=prior)
-        self._left_deg = None if angles_deg is None else list(angles_deg)
+        self._left_deg = None if angles_deg is None else [each for each in angles_deg if each in limits]
+        if angles_deg and not self._left_deg:
+            raise ConfigError(f"posterior: none of the {len(angles_deg)} angles_deg lies in {limits}")
         self._by_hand = by_hand
         self._asked = 0
         self._range_swept = False
@@ -215,9 +217,13 @@ class Posterior(SearchPolicy):
         Raises
         ------
         SearchError
-            If the sample is not usable (`check_sample`), or nothing is found that it could confirm.
+            If the sample is not usable (`check_sample`) or dark, or nothing is found that it could confirm.
         """
         check_sample(sample)
+        if sample.dark:
+            raise SearchError(
+                "posterior: the laser was off, and a dark frame confirms nothing; measure this angle again"
+            )
         if not isinstance(self.estimate(), Found):
             raise SearchError("posterior: nothing is found that a sample could confirm; tell it as any other")
         first = self._analysis.first
@@ -363,13 +369,13 @@ class Posterior(SearchPolicy):
 
     def _another_look_deg(self, source: Candidate, hidden_deg: float | None) -> float:
         """Next angle for a source other than the loudest, in degrees; its top may be hidden."""
-        top_deg = max(source.samples, key=lambda sample: sample.reading.intensity).angle_deg
-        beside = sum(abs(angle_deg - top_deg) <= BESIDE_DEG for angle_deg in self._analysis.measured_deg)
+        loudest_deg = max(source.samples, key=lambda sample: sample.reading.intensity).angle_deg
+        beside = sum(abs(angle_deg - loudest_deg) <= BESIDE_DEG for angle_deg in self._analysis.measured_deg)
         if beside > 1 or (source.source is not None and source.seen > 1):
             return self._informative_deg(source) if hidden_deg is None else hidden_deg
         # Seen once it may be a burst: beside that angle it is seen again, or is none.
-        inwards = 1 if top_deg < self._limits.centre_deg else -1
-        return top_deg + inwards * min(0.9 * BESIDE_DEG, self._limits.width_deg / 4)
+        inwards = 1 if loudest_deg < self._limits.centre_deg else -1
+        return loudest_deg + inwards * min(0.9 * BESIDE_DEG, self._limits.width_deg / 4)
 
     def _informative_deg(self, source: Candidate) -> float:
         return most_informative_deg(

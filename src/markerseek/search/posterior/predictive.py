@@ -24,9 +24,9 @@ from markerseek.search.posterior.symmetry import TEMPLATE_LOG_LEVELS, TEMPLATE_S
 PREDICTION_SIGMAS = 3.0
 """Standard deviations of the prediction by which a confirmation may be weaker."""
 
-DOUBT_SIGMAS, MISFIT_SIGMAS, USUAL_SAMPLES = 2.0, 2.5, 12
+DOUBT_SIGMAS, MISFIT_SIGMAS = 2.0, 2.5
 """Standard deviations of the prediction beyond which a sample makes the curve doubtful, and is not explained by it,
-where the worst of so many samples is taken."""
+where the worst of `USUAL_SAMPLES` is taken."""
 
 TAIL_SHARE = 0.5
 """Share of the highest prediction below which a curve may have nulls."""
@@ -35,7 +35,7 @@ LASER_ERROR = 0.04
 """Relative error of a sample by itself, the laser's energy; of a single pulse of a sweep what the samples show."""
 
 USUAL_SAMPLES = 12
-"""Samples of a search at rest, of which one is as far from the prediction by chance as of those of a sweep."""
+"""Samples of a search at rest: of more than these one is farther from the prediction by chance."""
 
 
 def predicted(

@@ -33,7 +33,7 @@ there, moveout apart."""
 UNKNOWN_DEG = 10.0
 """Angle by which the strongest arrival may itself be off the plane, in degrees."""
 
-FACE_RADIUS_M = 12e-3
+LARGEST_FACE_RADIUS_M = 12e-3
 """Largest distance of the face from the axis in the physics table, in metres; the moveout grows with it."""
 
 COVERED_M = 3.5e-3
@@ -76,8 +76,8 @@ class Source:
     def moveout_m(self, angle_deg: float) -> float:
         """Most by which the source may seem deeper at this angle of the probe, in metres (4)."""
         turned = math.radians(min(abs(angle_deg - self.angle_deg) + UNKNOWN_DEG, 180.0))
-        radius_m = FACE_RADIUS_M + self.depth_m
-        square_m2 = FACE_RADIUS_M**2 + radius_m**2 - 2 * FACE_RADIUS_M * radius_m * math.cos(turned)
+        radius_m = LARGEST_FACE_RADIUS_M + self.depth_m
+        square_m2 = LARGEST_FACE_RADIUS_M**2 + radius_m**2 - 2 * LARGEST_FACE_RADIUS_M * radius_m * math.cos(turned)
         return math.sqrt(square_m2) - self.depth_m
 
     def _away_m(self, arrival: Arrival, angle_deg: float) -> tuple[float, float]:

@@ -25,7 +25,8 @@ def energy_spread(lit: Sequence[Sample], dark: Sequence[Sample] = (), *, limits:
     if len(measured) >= MIN_SAMPLES:
         return statistics.stdev(measured)
     noise = noise_of(lit, dark=dark)
-    if sum(sample.reading.intensity > (noise.floor.level or math.inf) for sample in lit) < MIN_SAMPLES:
+    level = math.inf if noise.floor.level is None else noise.floor.level
+    if sum(sample.reading.intensity > level for sample in lit) < MIN_SAMPLES:
         return None
     inference = Inference(limits=limits, shapes=loaded_family(), cues=frozenset({"intensity"}))
     return inference.posterior(lit, noise, particles=8).sample_error

@@ -53,7 +53,7 @@ HIDDEN_DB = (-2.9, -0.2, -4.3, -1.6, -5.6, -0.9, -3.5, -2.2, -1.2, -4.9, -0.5, -
 SURVEY_ANGLES = 71
 """Angles at which a hidden source is assumed, evenly spread over the range; every second may be the next sample's."""
 
-MODEL_ERROR = 0.2
+TAIL_ERROR = 0.2
 """Relative error ε of the curve in its tails, where a source is detected or not (`shapes.MODEL_ERROR`)."""
 
 SURVEY_TRAVEL_DEG = 600.0
@@ -180,4 +180,4 @@ def undetected(
     log_peak = posterior.log_snr[drawn] + math.log(10) / 20 * np.array(HIDDEN_DB)
     log_height = log_peak[:, None, None] + log_curve
     height = np.exp(np.minimum(log_height, 50.0))
-    return np.asarray(ndtr((needed[:, None] - height) / np.hypot(noise[:, None], MODEL_ERROR * height)))
+    return np.asarray(ndtr((needed[:, None] - height) / np.hypot(noise[:, None], TAIL_ERROR * height)))

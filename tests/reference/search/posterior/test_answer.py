@@ -16,7 +16,9 @@ from markerseek.core import (
     Ambiguous,
     Arrival,
     AtBound,
+    ConfigError,
     Found,
+    Interval,
     LocalMaxima,
     NotFound,
     Reading,
@@ -243,6 +245,25 @@ def test_only_what_is_found_can_be_confirmed():
     assert isinstance(policy.estimate(), NotFound)
     with pytest.raises(SearchError, match="nothing is found that a sample could confirm"):
         policy.confirm(Sample(angle_deg=0.0, reading=Reading(intensity=1.0)))
+
+
+def test_a_dark_frame_confirms_nothing():
+    policy = search(World([(-10.0, 100.0, 6.0, 5.0, 40.0)]))
+    found = policy.estimate()
+    with pytest.raises(SearchError, match="the laser was off, and a dark frame confirms nothing"):
+        policy.confirm(Sample(angle_deg=found.mean_deg, reading=Reading(intensity=1.0), dark=True))
+    assert policy.estimate() == found
+
+
+def test_an_angle_of_a_recording_beyond_the_range_is_not_asked_for():
+    policy = Posterior(limits=Interval(low_deg=-5.0, high_deg=5.0), angles_deg=(-10.0, -4.0, 0.0, 4.0, 10.0))
+    asked = []
+    while (angle_deg := policy.ask()) is not None:
+        asked.append(angle_deg)
+        policy.tell(Sample(angle_deg=angle_deg, reading=Reading(intensity=1.0)))
+    assert sorted(asked) == [-4.0, 0.0, 4.0]
+    with pytest.raises(ConfigError, match=r"posterior: none of the 2 angles_deg lies in \[-5, 5\] deg"):
+        Posterior(limits=Interval(low_deg=-5.0, high_deg=5.0), angles_deg=(-10.0, 10.0))
 
 
 def test_the_belief_is_the_posterior_over_the_range_and_asking_for_it_changes_nothing():

@@ -256,6 +256,15 @@ def coherence_of(*coherences):
     return mean_coherence([Sample(angle_deg=0.0, reading=each) for each in readings], sigma=1.0)
 
 
+def test_a_sample_without_an_intensity_says_nothing_of_the_coherence():
+    """A reader of the user's own may state a coherence of a frame in which there is nothing."""
+    silent, loud = (
+        Sample(angle_deg=0.0, reading=Reading(intensity=each, focused_coherence=0.9)) for each in (0.0, 60.0)
+    )
+    assert mean_coherence([silent, loud], sigma=1.0) == mean_coherence([loud], sigma=1.0)
+    assert mean_coherence([silent], sigma=1.0) is None
+
+
 @pytest.mark.parametrize("width_m", [2e-3, 9e-3, 20e-3])
 def test_a_spot_is_distinguished_from_a_point(width_m):
     """Bayes' rule with SciPy's densities; samples without a coherence say nothing."""

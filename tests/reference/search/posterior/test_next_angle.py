@@ -143,5 +143,13 @@ def test_a_hand_is_asked_for_the_nearest_step_in_the_range(angle_deg, step_deg):
     assert near_deg / step_deg == pytest.approx(round(near_deg / step_deg))
 
 
+@given(high=st.integers(-350, 350), step=st.integers(1, 7))
+def test_the_nearest_step_is_in_the_range_where_that_ends_with_a_step(high, step):
+    """-317 · 0.1 is -31.700000000000003, which the guard of a range from -31.7 refuses."""
+    end_deg = high * step / 10
+    for limits in (Interval(low_deg=end_deg, high_deg=end_deg + 20), Interval(low_deg=end_deg - 20, high_deg=end_deg)):
+        assert step_near_deg(end_deg, limits=limits, step_deg=step / 10) in limits
+
+
 def test_where_the_range_holds_no_step_the_angle_itself_is_asked_for():
     assert step_near_deg(0.4, limits=Interval(low_deg=0.2, high_deg=0.7), step_deg=1.0) == 0.4

@@ -12,7 +12,7 @@ from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.candidates import BESIDE_DEG, Candidate
 from markerseek.search.posterior.inference import Inference
 from markerseek.search.posterior.shapes import STEP_DEG, WIDTHS_DEG, family, log_curve
-from markerseek.search.posterior.survey import HIDDEN_DB, HIDDEN_STEPS, MODEL_ERROR, noise_shares, survey_of, undetected
+from markerseek.search.posterior.survey import HIDDEN_DB, HIDDEN_STEPS, TAIL_ERROR, noise_shares, survey_of, undetected
 
 SHAPES = family()
 NOISE = SearchNoise(floor=Floor(level=6.4, source="dark frames"), sigma=1.0)
@@ -47,7 +47,7 @@ def test_the_probability_of_staying_undetected_is_that_of_drawn_samples():
         for i in range(2):
             log_s = np.interp(np.abs(at_deg[i] - angles_deg), steps, SHAPES.log_curve[member])
             height = np.exp(source.posterior.log_snr[k] + log_s) * 10 ** (HIDDEN_DB[row] / 20)
-            sample = height + np.hypot(noise[i], MODEL_ERROR * height) * rng.standard_normal((20_000, 15))
+            sample = height + np.hypot(noise[i], TAIL_ERROR * height) * rng.standard_normal((20_000, 15))
             assert chance[row, i] == pytest.approx((sample < needed[i]).mean(axis=0), abs=0.015)
 
 

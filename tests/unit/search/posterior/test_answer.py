@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import norm
 
-from markerseek.core import PAPER_RANGE, Floor, Reading, Sample
+from markerseek.core import PAPER_RANGE, Floor, Found, Reading, Sample, Tolerance
 from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.angle_posterior import AnglePosterior
 from markerseek.search.posterior.answer import (
     SearchState,
+    answer_of,
     missed_peak_deg,
     other_probability,
+    ranked,
     rivals_of,
     unresolved_rival,
 )
@@ -121,3 +125,33 @@ def test_the_probability_that_another_source_is_the_marker(others, share, beside
         unresolved_rival=None,
     )
     assert other_probability(state, others=others) == pytest.approx(probability, rel=0.01, abs=1e-9)
+
+
+def test_further_sources_are_named_the_loudest_first():
+    """One whose angle is not known yet comes last among those that may be the marker, not in the answer."""
+    first, weak, vague = (
+        source(-20.0, 100.0, samples=[(-20.0, 100.0)]),
+        source(0.0, 5.0),
+        source(20.0, 20.0),
+    )
+    vague = replace(vague, posterior=replace(vague.posterior, centre_sigma_deg=0.4))
+    sources = ranked([vague, weak, first])
+    assert sources == [first, weak, vague]
+    state = SearchState(
+        noise=SearchNoise(floor=Floor(level=1.0, source="dark frames"), sigma=1.0),
+        sources=sources,
+        survey=None,
+        misfit=None,
+        unresolved_rival=None,
+    )
+    answer = answer_of(
+        first.samples,
+        state,
+        limits=PAPER_RANGE,
+        others=0.0,
+        spent=False,
+        tolerance=Tolerance(),
+        weaker_than_predicted=None,
+    )
+    assert [round(each.angle_deg) for each in answer.others] == [20, 0]
+    assert isinstance(answer, Found)
