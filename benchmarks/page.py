@@ -135,8 +135,8 @@ class Flood:
 SCAN = {"pace": PACE, "method": "exhaustive", "acquisitions": 60}
 """Search whose steps are timed: long, and the same at each seed."""
 
-
 CONDITIONS = (("1 viewer", 1, False), ("3 viewers", 3, False), ("1 viewer and a flood", 1, True))
+"""Who watches: a name, the number of viewers, and whether requests without a token come as well."""
 
 
 @contextmanager
@@ -172,11 +172,7 @@ def unnoticed(searches: int) -> None:
             command = [sys.executable, "-P", "-m", "markerseek", "search", "--seed", str(seed), *options]
             subprocess.run([*command, "--journal", str(journal)], check=False, capture_output=True)
             steps.setdefault("no page", []).extend(own_times_s(journal))
-            for name, viewers, flooded in (
-                ("1 viewer", 1, False),
-                ("3 viewers", 3, False),
-                ("1 viewer, flood", 1, True),
-            ):
+            for name, viewers, flooded in CONDITIONS:
                 flood = Flood(page.address) if flooded else None
                 with watching(page.link, viewers, seed=seed, **SCAN) as started:
                     started[0].wait(200)
@@ -194,27 +190,22 @@ def leases(searches: int) -> None:
 
     for viewers in (1, 3):
         for seed in range(1, searches + 1):
+            terminal, inside = os.openpty()
             with (
                 tempfile.TemporaryDirectory() as folder,
                 fixed_bench(Path(folder), seed=seed) as devices,
-                armed_page(Path(folder), devices.rig) as page,
+                served(Path(folder), "--rig", str(devices.rig), stdin=inside) as page,
                 watching(page.link, viewers, method="weighted-average", acquisitions=8, as_published=1) as started,
             ):
+                # What is typed before the question counts for nothing.
+                page.wait_for_text("name of the rig: ")
+                os.write(terminal, f"{devices.rig.name}\n".encode())
                 started[0].wait(200)
                 last = read_journal(page.journals()[-1], frames=False).entries[-1].event
                 told = last.error if isinstance(last, Failed) else "no lease has lapsed"
                 print(f"{viewers} viewers, load {os.getloadavg()[0]:.1f}: {type(last).__name__}, {told}", flush=True)
-
-
-@contextmanager
-def armed_page(folder: Path, rig: Path) -> Iterator[Served]:
-    """A page whose terminal says yes to each question."""
-    terminal, inside = os.openpty()
-    os.write(terminal, b"y\n" * 4)
-    with served(folder, "--rig", str(rig), stdin=inside) as page:
-        yield page
-    os.close(terminal)
-    os.close(inside)
+            os.close(terminal)
+            os.close(inside)
 
 
 def main() -> None:

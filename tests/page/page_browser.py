@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import select
 import shutil
 import signal
 import subprocess
@@ -70,6 +71,15 @@ class Served:
 
     def journals(self) -> list[Path]:
         return sorted((self.data / "markerseek" / "journals").glob("*.journal"))
+
+    def wait_for_text(self, text: str) -> None:
+        """Wait until its process has written a text to its standard error."""
+        said = self.data / "page.stderr"
+        for _ in range(600):
+            if text in said.read_text():
+                return
+            select.select([], [], [], 0.1)
+        raise AssertionError(f"{text!r} was not said: {said.read_text()}")
 
 
 @contextmanager

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import select
 import signal
 import subprocess
 import sys
@@ -46,7 +45,7 @@ def test_armed_in_the_terminal_and_stopped_in_the_browser(browser, tmp_path):
             watched = open_tab(browser, page, "/", "&method=weighted-average&acquisitions=8&as_published=1")
             others = [subprocess.Popen([sys.executable, str(VIEWER), page.link]) for _ in range(2)]
             watched.press("Start")
-            wait_for_text(page, "name of the rig: ")
+            page.wait_for_text("name of the rig: ")
             said = (page.data / "page.stderr").read_text()
             assert "asked by: a browser at 127.0.0.1\nArm the laser and search?" in said
             watched.wait_for(".ms-badge", "^STARTING$")
@@ -76,13 +75,3 @@ def test_armed_in_the_terminal_and_stopped_in_the_browser(browser, tmp_path):
     assert -36.5 <= low_deg <= high_deg <= 36.5
     assert lit >= 2
     assert 16 * lit <= pulses <= 16 * (lit + 1)
-
-
-def wait_for_text(page, text):
-    """Wait until the page's process has written a text to its standard error."""
-    path = page.data / "page.stderr"
-    for _ in range(600):
-        if text in path.read_text():
-            return
-        select.select([], [], [], 0.1)
-    raise AssertionError(f"{text!r} was not asked: {path.read_text()}")
