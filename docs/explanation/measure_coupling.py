@@ -15,13 +15,14 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from measure_spots import percent
 
 from markerseek import find_marker
 from markerseek.acoustics import Probe
 from markerseek.core import Frame, FrameHeader
 from markerseek.rigs import Rig, draw_scene, image_reader, rig_in_world
 from markerseek.sim import Flash, MarkerSettings, NoiseSettings, SimulatedSettings, SimulatedWorld, VirtualClock
-from markerseek.studies.statistics import clopper_pearson
+from markerseek.studies import Share
 
 SEED = 20261127
 Coupling = Callable[[float], float]
@@ -128,16 +129,11 @@ def line(kind: str, outcomes: list[Outcome]) -> str:
     found_deg = [each.error_deg for each in outcomes if each.found]
     covered = [each.covered for each in outcomes if each.covered is not None]
     return (
-        f"| {kind} | {percent(len(found_deg), len(outcomes))} | {np.mean(found_deg):.3f}°; {np.max(found_deg):.2f}° "
-        f"| {percent(sum(covered), len(covered))} of {len(covered)} "
+        f"| {kind} | {percent(Share.of(len(found_deg), len(outcomes)))} "
+        f"| {np.mean(found_deg):.3f}°; {np.max(found_deg):.2f}° "
+        f"| {percent(Share.of(sum(covered), len(covered)))} of {len(covered)} "
         f"| {np.mean([each.acquisitions for each in outcomes]):.1f} |\n"
     )
-
-
-def percent(hits: int, count: int) -> str:
-    """A share with its 95 % limits."""
-    low, high = clopper_pearson(hits, count)
-    return f"{100 * hits / count:.1f} % ({100 * low:.1f}–{100 * high:.1f})"
 
 
 def main() -> None:

@@ -82,7 +82,7 @@ def planned_deg(
 
 
 def step_near_deg(angle_deg: float, *, limits: Interval, step_deg: float) -> float:
-    """Return the multiple of a step in the range that is nearest to an angle, in degrees; that if there is none."""
+    """Return the multiple of a step in the range that is nearest to an angle; the angle if there is none."""
     lowest, highest = math.ceil(limits.low_deg / step_deg), math.floor(limits.high_deg / step_deg)
     if lowest > highest:
         return angle_deg
