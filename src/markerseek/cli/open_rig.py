@@ -126,14 +126,17 @@ def announce_sweeps(rig: rigs.Rig, policy: AnyPolicy, *, start_deg: float) -> No
 
     assert isinstance(policy, SweepPosterior)  # noqa: S101  that of a plan with sweeps
     devices, sweeps = rig.scanner.sweeping, policy.sweeps
-    places_deg = [start_deg, *(sweep.to_deg for sweep in sweeps)]
+    begin_deg = sweeps[0].from_deg
+    first_deg = start_deg if begin_deg is None else begin_deg
+    places_deg = [first_deg, *(sweep.to_deg for sweep in sweeps)]
     durations_s = [devices.duration_s(sweep, from_deg=at) for sweep, at in zip(sweeps, places_deg, strict=False)]
+    turns = "" if begin_deg is None else f"turns to {begin_deg:g} deg without light, then "
     way = " and ".join(f"{sweep.to_deg:g} deg" for sweep in sweeps)
     readout_s = devices.receiver.sweep_readout_s
     triggered = " that the stage triggers" if devices.triggering is not None else ""
     read = f", and at most {readout_s:.3g} s after each to read its frames" if readout_s > 0 else ""
     stderr.print(
-        f"[dim]sweeps from {start_deg:g} deg to {way} at {sweeps[0].speed_deg_s:.1f} deg/s, at most "
+        f"[dim]{turns}sweeps from {first_deg:g} deg to {way} at {sweeps[0].speed_deg_s:.1f} deg/s, at most "
         f"{1 / devices.least_period_s:.3g} frames a second{triggered}: {sum(durations_s):.1f} s at most with run-up "
         f"and braking{read}, then back to the marker[/]"
     )

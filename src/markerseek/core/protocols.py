@@ -227,7 +227,10 @@ class SweepingReceiver(Receiver, Protocol):
         """Frames that came since the last call, in the order of their triggers; none where it is read at the end."""
 
     def end_sweep(self, *, pulses: int) -> Sequence[Frame]:
-        """The frames that have not been returned yet, of so many pulses in all; dark triggers may have followed."""
+        """The frames that have not been returned yet, of so many pulses in all; dark triggers may have followed.
+
+        A receiver that is read at the end averages those into a dark frame, and returns it last.
+        """
 
 
 @runtime_checkable

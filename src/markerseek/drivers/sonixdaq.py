@@ -18,6 +18,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import ClassVar, Literal
 
+import numpy as np
+
 from markerseek.core import (
     AcquisitionError,
     ChannelFrame,
@@ -195,7 +197,16 @@ class SonixDaqReceiver:
         return self._settings.readout_s
 
     def begin_sweep(self, permit: SweepPermit) -> None:
-        """Prepare for as many triggers as pulses are permitted, as `arm`: all are recorded as one acquisition."""
+        """Prepare for as many triggers as pulses are permitted, as `arm`: all are recorded as one acquisition.
+
+        Raises `AcquisitionError` also if files have arrived since it was connected.
+        """
+        untouched, self._untouched = self._untouched, None
+        if untouched is not None and self._folder.state() != untouched[0]:
+            raise AcquisitionError(
+                f"sonixdaq: files have arrived in {self._settings.folder} although nothing was triggered; they belong "
+                "to an earlier acquisition and are not used"
+            )
         self.arm(permit)
 
     def frames(self) -> Sequence[Frame]:
@@ -203,10 +214,10 @@ class SonixDaqReceiver:
         return ()
 
     def end_sweep(self, *, pulses: int) -> Sequence[Frame]:
-        """A frame for each pulse, from files that must hold as many triggers as pulses were permitted.
+        """A frame for each pulse, from files that must hold as many triggers as pulses were permitted, then a dark one.
 
-        The laser box completes them without light: what follows the last pulse is dark, and is not returned. Raises as
-        `acquire`.
+        The laser box completes them without light: the last of them are averaged into a dark frame. Raises as
+        `acquire`, and if light came with these as well.
         """
         if self._armed is None or not isinstance(self._armed[0], SweepPermit):
             raise AcquisitionError("sonixdaq: it was not armed for a sweep; arm it before firing")
@@ -215,19 +226,28 @@ class SonixDaqReceiver:
         names, state = self._await_files(before)
         samples = self._folder.read_singles(names, pulses=permit.pulses)
         self._require_unchanged(state)
-        frames = [
-            acquired_frame(
-                each,
-                permit,
-                sequence=self._sequence + number,
-                pulses=1,
-                started_s=started_s,
-                clock=self._clock,
-                sampling_hz=self._settings.sampling_hz,
+        lit, dark = samples[:pulses], samples[-self._dark_triggers :]
+        if len(lit) + len(dark) > len(samples):
+            raise AcquisitionError(
+                f"sonixdaq: {len(lit)} of {len(samples)} triggers had light, and the last {self._dark_triggers} must "
+                "be dark: the sweep took longer than it should; check the stage's speed"
             )
-            for number, each in enumerate(samples[:pulses], 1)
-        ]
-        self._sequence += len(frames)
+        # In float64: the sum of many int16 pulses overflows int16.
+        mean = np.rint(dark.mean(axis=0, dtype=np.float64)).astype(np.int16)
+        frames = []
+        for each, seen in [*((each, 1) for each in lit), (mean, 0)]:
+            self._sequence += 1
+            frames.append(
+                acquired_frame(
+                    each,
+                    permit,
+                    sequence=self._sequence,
+                    pulses=seen,
+                    started_s=started_s,
+                    clock=self._clock,
+                    sampling_hz=self._settings.sampling_hz,
+                )
+            )
         return frames
 
     def _require_unchanged(self, state: FolderState) -> None:

@@ -85,8 +85,10 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
     Raises `ConfigError` if a recording holds fewer angles than the method needs.
     """
     run = rig.run_plan
+    sweeps = plan.sweep_speed_deg_s is not None
     # The paper's methods measure no noise floor, and that of a single pulse is not that of an average.
-    without = plan.as_published or plan.sweep_speed_deg_s is not None
+    without = plan.as_published or sweeps
+    in_bursts = sweeps and rig.scanner.sweeping.in_bursts
     acquisitions = plan.acquisitions
     if acquisitions is None and rig.angles_deg is not None:
         # Those of a recording cost nothing; other methods than the posterior end at their usual number.
@@ -101,7 +103,9 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
         plan,
         acquisitions=acquisitions,
         dark_frames=0 if without else run.dark_frames,
-        closing_dark=run.closing_dark,
+        # Each burst ends with a dark frame, and the number of its triggers is its own.
+        closing_dark=run.closing_dark and not in_bursts,
+        sweep_from_end=in_bursts,
         stay=plan.stay or run.stay,
         angles_deg=rig.angles_deg,
         by_hand=rig.by_hand,

@@ -41,6 +41,13 @@ MIN_ENERGY = 0.1
 _THERE_DEG = 0.1
 """A probe so near to the beginning of a sweep is not moved there."""
 
+_MARKS, _MARK_S = 10, 3.0
+"""A burst has up to 9 dark triggers more, another number every 3 s, so that their number shows which one it is.
+
+A program that is killed in a sweep leaves a burst that is written within 25 s; the next one cannot have the number of
+that, for the clock goes on from program to program.
+"""
+
 
 class Watchdog(Protocol):
     """Makes laser and stage safe when the control loop stops stepping between `hold` and `release`."""
@@ -90,7 +97,9 @@ class Scanner:
         # A receiver or reader may refuse a frame, which is taken again; laser and stage have no such second try.
         self._refusable = _FaultOnError(guard, AcquisitionError, ConfigError)
         self._refused_frame: Frame | None = None
-        self._settled = False
+        # Whether a frame was asked for before, and whether the last one came.
+        self._begun = self._settled = False
+        self._mark: int | None = None
 
     @property
     def limits(self) -> Limits:
@@ -163,8 +172,12 @@ class Scanner:
         if sweep.from_deg is not None and not abs(self.angle_deg - sweep.from_deg) <= _THERE_DEG:
             self._move(sweep.from_deg)
         self._arm_itself()
-        self._settle()
-        wanted = devices.permit(sweep, from_deg=self.angle_deg)
+        # What an acquisition before this run may still write has another number of triggers than the burst.
+        if self._begun or not devices.in_bursts:
+            self._settle()
+        self._begun, self._settled = True, False
+        dark, mark = (self.pulses, self._next_mark()) if devices.in_bursts else (0, 0)
+        wanted = devices.permit(sweep, from_deg=self.angle_deg, dark=dark, mark=mark)
         now_s = self.clock.now_s()
         permit = self.guard.issue_sweep(wanted, now_s=now_s)
         devices.require_in_time(sweep, permit, now_s=now_s)
@@ -184,6 +197,7 @@ class Scanner:
             held=self._watchdog_held,
             number=number,
             at=StageReading(angle_deg=from_deg, asked_s=now_s, answered_s=now_s),
+            admit_dark=self._admit_dark,
             triggers=triggers,
             lit_braking=sweep.lit_braking,
         )
@@ -202,6 +216,16 @@ class Scanner:
                     self._end_light_and_motion()
         self._settled = True
         yield swept
+
+    def _next_mark(self) -> int:
+        """Further triggers of a burst: not as many as those of the burst before, of this program or another one."""
+        mark = int(self.clock.now_s() / _MARK_S) % _MARKS
+        self._mark = mark if mark != self._mark else (mark + 1) % _MARKS
+        return self._mark
+
+    def _admit_dark(self, frame: Frame) -> None:
+        """Refuse the dark frame of a burst if it holds a source, as one at rest."""
+        self.guard.admit_reading(self._reader.read(frame), frame=frame)
 
     def _samples(
         self, frames: Generator[list[SweptFrame], None, Swept], permit: SweepPermit
@@ -257,6 +281,7 @@ class Scanner:
         self.guard.end_move(reached_deg)
 
     def _settle(self) -> None:
+        self._begun = True
         if not self._settled:
             # After an acquisition that failed, its frame may arrive late and would pass for the answer to this permit.
             with self._refusable:

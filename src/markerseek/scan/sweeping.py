@@ -113,8 +113,16 @@ class SweepingDevices:
         """Least time between two pulses, in seconds."""
         return max(self.laser.sweep_period_s, self.receiver.frame_period_s)
 
-    def permit(self, sweep: Sweep, *, from_deg: float) -> SweepPermit:
-        """The permit that a sweep needs, without token and expiry; `ConfigError` if it is too fast for the stage."""
+    @property
+    def in_bursts(self) -> bool:
+        """Whether the frames of a sweep are read at its end, all as one acquisition."""
+        return self.receiver.sweep_readout_s > 0
+
+    def permit(self, sweep: Sweep, *, from_deg: float, dark: int = 0, mark: int = 0) -> SweepPermit:
+        """The permit that a sweep needs, without token and expiry; `ConfigError` if it is too fast for the stage.
+
+        ``dark``: triggers that must be left without light at the end. ``mark``: further ones.
+        """
         speed, fastest = sweep.speed_deg_s, self.stage.fastest_sweep_deg_s
         if not speed <= fastest:
             raise ConfigError(
@@ -124,13 +132,14 @@ class SweepingDevices:
         # The floor of the speed keeps two pulses apart by the spacing also on the ramps; 0.8 leaves it room below.
         period_s = max(self.least_period_s, sweep.spacing_deg / (0.8 * speed))
         if self.triggering is None:
-            pulses = math.ceil(SLOWER * self.duration_s(sweep, from_deg=from_deg) / period_s) + 1
+            lasts = self.duration_s(sweep, from_deg=from_deg) / period_s
+            pulses = max(math.ceil(SLOWER * lasts) + 1, math.ceil(lasts) + dark)
         else:
-            pulses = math.ceil(abs(sweep.to_deg - from_deg) / trigger_spacing_deg(sweep, period_s=period_s))
+            pulses = math.ceil(abs(sweep.to_deg - from_deg) / trigger_spacing_deg(sweep, period_s=period_s)) + dark
         return SweepPermit(
             token="",
             angle_deg=from_deg,
-            pulses=pulses,
+            pulses=pulses + mark,
             expires_s=0.0,
             to_deg=sweep.to_deg,
             # By a billionth more, so that rounding does not put two pulses nearer than the spacing.
@@ -193,7 +202,8 @@ class SweepInProgress:
     """One sweep from its redeemed permit on; the guard is SWEEPING until the probe is at rest again.
 
     ``held``: holds the watchdog's lease while the probe turns. ``at``: readback and time at which the permit was used.
-    ``triggers``: where the stage triggers the laser; None where that runs free. ``lit_braking``: as of the `Sweep`.
+    ``admit_dark``: refuses a dark frame that holds a source. ``triggers``: where the stage triggers the laser; None
+    where that runs free. ``lit_braking``: as of the `Sweep`.
     """
 
     def __init__(
@@ -207,6 +217,7 @@ class SweepInProgress:
         held: AbstractContextManager[None],
         number: int,
         at: StageReading,
+        admit_dark: Callable[[Frame], None],
         triggers: Triggers | None = None,
         lit_braking: bool = False,
     ) -> None:
@@ -218,6 +229,7 @@ class SweepInProgress:
         self._clock = clock
         self._held = held
         self._number = number
+        self._admit_dark = admit_dark
         self._lit_braking = lit_braking
         self._braked_s: float | None = None
         self._readings = [at]
@@ -264,8 +276,7 @@ class SweepInProgress:
             )
         if fired != len(self._pulses):
             raise AcquisitionError(f"{len(self._pulses)} of {fired} pulses have a time; the sweep is refused whole")
-        self._keep(receiver.end_sweep(pulses=fired))
-        self._guard.admit_sweep(len(self._frames))
+        self._keep_last(receiver.end_sweep(pulses=fired))
         yield self._matched()
         if self._told < len(self._frames):
             raise not_between(self._pulses[self._told], self._readings)
@@ -363,6 +374,14 @@ class SweepInProgress:
                         "refused whole; check the trigger's cable"
                     )
             self._frames.append(frame)
+
+    def _keep_last(self, frames: Sequence[Frame]) -> None:
+        """Keep the last frames of a sweep, if there are as many as pulses, and the dark one after them is dark."""
+        self._keep([frame for frame in frames if frame.header.pulses])
+        self._guard.admit_sweep(len(self._frames))
+        for frame in frames:
+            if not frame.header.pulses:
+                self._admit_dark(frame)
 
     def _matched(self) -> list[SweptFrame]:
         """Frames whose pulse lies between two readings, with the angle at it."""

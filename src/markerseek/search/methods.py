@@ -143,6 +143,7 @@ def build_sweeping(plan: PolicyPlan, *, limits: Interval) -> AnyPolicy:
         limits=limits,
         speed_deg_s=plan.sweep_speed_deg_s,
         start_deg=plan.start_deg,
+        from_end=plan.sweep_from_end,
     )
 
 

@@ -157,11 +157,12 @@ def build_policy(
     start_deg: float | None,
     prior: MarkerCurve | None = None,
     sweep_speed_deg_s: float | None = None,
+    sweep_from_end: bool = False,
 ) -> AnyPolicy:
     """Return a policy for one search.
 
-    ``prior``: intensity curve of a former marker on this rig, for a posterior. ``sweep_speed_deg_s``: speed of its
-    sweeps, for one that sweeps.
+    ``prior``: intensity curve of a former marker on this rig, for a posterior. ``sweep_speed_deg_s``,
+    ``sweep_from_end``: of a plan, for one that sweeps.
     """
     if settings.command:
         return EntryPolicy(
@@ -191,6 +192,7 @@ def build_policy(
             cues=settings.cues,
             tolerance=settings.tolerance,
             sweep_speed_deg_s=sweep_speed_deg_s,
+            sweep_from_end=sweep_from_end,
         ),
         limits=limits,
     )

@@ -275,12 +275,14 @@ def searched(
 
 def _search(study: Study, settings: PolicySettings, rig: rigs.Rig, *, prior: MarkerCurve | None = None) -> SearchTrace:
     """One search with its answers at the marks; `DeviceError` if a device ended it."""
+    devices = rig.scanner.sweeping if settings.sweep else None
     policy = build_policy(
         settings,
         limits=rig.limits.search,
         start_deg=rig.stage.angle_deg,
         prior=prior,
-        sweep_speed_deg_s=rig.scanner.sweeping.stage.fastest_sweep_deg_s if settings.sweep else None,
+        sweep_speed_deg_s=None if devices is None else devices.stage.fastest_sweep_deg_s,
+        sweep_from_end=devices is not None and devices.in_bursts,
     )
     dark_frames = 0 if settings.as_published or settings.sweep else rig.dark_frames
     try:

@@ -41,12 +41,12 @@ class Bench:
             rng=np.random.default_rng(1),
             averaged=16,
         )
-        self.received: list[tuple[float, np.ndarray]] = []
+        self.received: list[tuple[float | None, np.ndarray]] = []
         world_frame = self.world.frame
 
         def frame(flash, *, header):  # type: ignore[no-untyped-def]
             made = world_frame(flash, header=header)
-            self.received.append((flash.angle_deg, made.samples))
+            self.received.append((None if flash is None else flash.angle_deg, made.samples))
             return made
 
         self.world.frame = frame  # type: ignore[method-assign]
@@ -60,7 +60,7 @@ class Bench:
         )
         self.clock.lead(self.daq.advance)
         settings = SonixDaqSettings(folder=str(folder), timeout_s=3.0, frames=frames)  # type: ignore[arg-type]
-        self.receiver = SonixDaqReceiver(settings=settings, clock=self.clock)
+        self.receiver = SonixDaqReceiver(settings=settings, clock=self.clock, dark_triggers=2)
 
     def sweep(self, *, lit: int = 7, triggers: int = 9) -> list[ChannelFrame]:
         self.receiver.begin_sweep(SWEEP)
@@ -74,9 +74,9 @@ class Bench:
 
 
 @pytest.mark.parametrize("sdk", [5, 6])
-def test_each_pulse_is_a_frame_and_the_dark_triggers_are_none(tmp_path: Path, sdk: int) -> None:
+def test_each_pulse_is_a_frame_and_the_last_dark_triggers_are_one(tmp_path: Path, sdk: int) -> None:
     bench = Bench(tmp_path, sdk=sdk)
-    frames = bench.sweep()
+    *frames, dark = bench.sweep()
     assert [angle_deg for angle_deg, _ in bench.received[:7]] == [-35.0 + number for number in range(7)]
     for frame, (_, samples) in zip(frames, bench.received[:7], strict=True):
         np.testing.assert_array_equal(frame.samples, samples)
@@ -84,12 +84,32 @@ def test_each_pulse_is_a_frame_and_the_dark_triggers_are_none(tmp_path: Path, sd
     assert [frame.header.sequence for frame in frames] == list(range(1, 8))
     # A single pulse has four times the noise of the mean of sixteen, with light and without.
     assert np.std([samples for _, samples in bench.received]) == pytest.approx(120.0, rel=0.05)
+    assert (dark.header.pulses, dark.header.token, dark.header.sequence) == (0, "s", 8)
+    np.testing.assert_array_equal(dark.samples, np.rint(np.mean([bench.received[-2][1], bench.received[-1][1]], 0)))
     # and an acquisition at rest goes on from there
     permit = Permit(token="p", angle_deg=0.0, pulses=16, expires_s=math.inf)
     bench.receiver.arm(permit)
     bench.world.flash(pulses=16, at_s=5.0)
     bench.daq.trigger(16)
-    assert bench.receiver.acquire(permit).header.sequence == 8
+    assert bench.receiver.acquire(permit).header.sequence == 9
+
+
+def test_light_in_the_triggers_that_must_be_dark_refuses_the_sweep_whole(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    with pytest.raises(AcquisitionError, match="8 of 9 triggers had light, and the last 2 must be dark"):
+        bench.sweep(lit=8)
+
+
+def test_files_that_have_come_since_it_was_connected_are_not_the_answer(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    bench.daq.trigger(9)
+    bench.clock.wait(0.3)
+    with pytest.raises(AcquisitionError, match=r"files have arrived in .* although nothing was triggered"):
+        bench.receiver.begin_sweep(SWEEP)
+    with pytest.raises(AcquisitionError, match="stale files"):
+        bench.receiver.settle()
+    bench.receiver.settle()
+    assert len(bench.sweep()) == 8
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from markerseek import rigs
 from markerseek.core import (
     MAX_AHEAD_DEG,
     AcquisitionError,
+    ChannelFrame,
     ConfigError,
     DeviceError,
     Event,
@@ -43,40 +45,55 @@ SETTINGS = SimulatedSettings(
 )
 
 
+DARK_ALARM = 1e-6
+
+
 class Bench:
     """Real drivers on emulated devices; the laser box's lease is renewed in each wait, as on a bench."""
 
-    def __init__(self, folder: Path, *, frames: str = "triggered") -> None:
-        self.emulated = EmulatedBench(settings=SETTINGS, rng=np.random.default_rng(3), folder=folder)
+    def __init__(self, folder: Path, *, frames: str = "triggered", readout_s: float = 0.3) -> None:
+        settings = replace(SETTINGS, receiver=replace(SETTINGS.receiver, readout_s=readout_s))
+        self.emulated = EmulatedBench(settings=settings, rng=np.random.default_rng(3), folder=folder)
         self.clock = clock = BenchClock(tick_s=2e-3)
         self.stage_port = DirectPort(device=self.emulated.stage, clock=clock)
         port = DirectPort(device=self.emulated.laser_box, clock=clock)
         self.stage = self.connect()
         self.laser = LaserBox(port=port, clock=clock)
-        clock.lead(lambda _: self.laser.beat(), lambda _: port.read(0, timeout_s=0.0), self.emulated.daq.advance)
-        daq = SonixDaqSettings(
+        self.port = port
+        self.alive = True
+        clock.lead(self._beat, lambda _: port.read(0, timeout_s=0.0), self.emulated.daq.advance)
+        self.daq = SonixDaqSettings(
             folder=str(folder),
             timeout_s=10.0,
-            readout_s=0.5,
+            readout_s=0.2 + readout_s,
             frames=frames,  # type: ignore[arg-type]
         )
-        self.guard = Guard(limits=SETTINGS.limits, firing=FiringLimits(), admission=Admission())
+        self.begin()
+
+    def begin(self) -> None:
+        """A program begins: it watches the folder from now on, and is armed."""
+        self.guard = Guard(limits=SETTINGS.limits, firing=FiringLimits(), admission=Admission(dark_alarm=DARK_ALARM))
         self.scanner = Scanner(
             stage=self.stage,
             laser=self.laser,
-            receiver=SonixDaqReceiver(settings=daq, clock=clock),
+            receiver=SonixDaqReceiver(settings=self.daq, clock=self.clock),
             reader=image_reader(SETTINGS.probe.array, sampling_hz=SETTINGS.receiver.sampling_hz),
-            clock=clock,
+            clock=self.clock,
             guard=self.guard,
         )
         self.guard.arm(by="test")
+
+    def _beat(self, _: float) -> None:
+        if self.alive:
+            self.laser.beat()
 
     def connect(self) -> Kdc101Stage:
         settings = Kdc101Settings(port="", zero_deg=0.0, speed_deg_s=20.0, acceleration_deg_s2=25.0)
         return Kdc101Stage(port=self.stage_port, clock=self.clock, settings=settings)
 
     def search(self) -> Iterator[Event]:
-        return run(sweeping(self.scanner.sweeping.stage.fastest_sweep_deg_s), self.scanner)
+        speed_deg_s = self.scanner.sweeping.stage.fastest_sweep_deg_s
+        return run(sweeping(speed_deg_s, start_deg=self.scanner.angle_deg, from_end=True), self.scanner)
 
     @property
     def speed_deg_s(self) -> float:
@@ -89,8 +106,8 @@ class Bench:
         return self.emulated.world.angle_deg
 
 
-def sweeping(speed_deg_s: float):  # type: ignore[no-untyped-def]
-    plan = SearchPlan(method="posterior", start_deg=-35.0, sweep_speed_deg_s=speed_deg_s)
+def sweeping(speed_deg_s: float, *, start_deg: float = -35.0, from_end: bool = False):  # type: ignore[no-untyped-def]
+    plan = SearchPlan(method="posterior", start_deg=start_deg, sweep_speed_deg_s=speed_deg_s, sweep_from_end=from_end)
     return build_sweeping(plan, limits=SETTINGS.limits.search)
 
 
@@ -140,6 +157,58 @@ def test_a_trigger_lost_or_doubled_refuses_the_sweep_whole_and_it_can_be_made_an
     outcomes = list(bench.scanner.sweep(sweep, number=2, goes_on=lambda: True))
     assert isinstance(outcomes[-1], Swept)
     assert sum(isinstance(outcome, Sample) for outcome in outcomes) == outcomes[-1].pulses > 20
+
+
+class Killed(BaseException):
+    """The program ends here, without a word to any device."""
+
+
+def killed(_: Bench) -> None:
+    raise Killed
+
+
+@pytest.mark.parametrize("late_s", [0.0, 4.0, 7.0, 10.0])
+def test_the_burst_of_a_program_that_was_killed_is_not_taken_for_that_of_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late_s: float
+) -> None:
+    bench = Bench(tmp_path, readout_s=1.0)
+    bench.emulated.daq.faults.delay_s = late_s  # type: ignore[union-attr]
+    InMidSweep(bench, killed, at_deg=-15.0)
+    with monkeypatch.context() as patch:
+        patch.setattr(Scanner, "_end_light_and_motion", lambda _: None)
+        with pytest.raises(Killed):
+            list(bench.search())
+    # Without beats the light ends; the box completes the triggers, and the device writes the burst when it likes.
+    bench.alive = False
+    bench.clock.wait(6.0)
+    bench.emulated.daq.faults.delay_s = 0.0  # type: ignore[union-attr]
+    bench.stage, bench.laser = bench.connect(), LaserBox(port=bench.port, clock=bench.clock)
+    bench.alive = True
+    bench.begin()
+    daq, pulses = bench.emulated.daq, bench.emulated.daq._trains.pulses  # type: ignore[union-attr]
+    made: list[np.ndarray] = []
+    monkeypatch.setattr(daq._trains, "pulses", lambda part: made.append(pulses(part)) or made[-1])
+    events = list(bench.search())
+    # Refused, or written over by its own in time: each frame that is believed is of a pulse of the last sweep.
+    swept = [event.sample.frame for event in events if isinstance(event, Measured) and event.sample.sweep]
+    *_, burst, _ = made
+    assert len(swept) > 100
+    for frame, pulse in zip(swept, burst, strict=False):
+        assert isinstance(frame, ChannelFrame)
+        np.testing.assert_array_equal(frame.samples, pulse)
+    assert isinstance(answer := events[-1].estimate, Found)  # type: ignore[union-attr]
+    assert answer.mean_deg == pytest.approx(-24.0, abs=0.3)
+
+
+def test_light_in_the_dark_frame_of_a_burst_ends_in_a_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench(tmp_path)
+    daq, pulses = bench.emulated.daq, bench.emulated.daq._trains.pulses  # type: ignore[union-attr]
+    # As if the laser answered the dark triggers as well, with the probe at the marker.
+    monkeypatch.setattr(daq._trains, "pulses", lambda part: np.concatenate([(made := pulses(part))[:-16], made[10:26]]))
+    with pytest.raises(AcquisitionError, match="taken without light, yet it holds a source"):
+        list(bench.search())
+    assert bench.guard.state is State.FAULT
+    assert not bench.emulated.laser_box.permitted
 
 
 def stalled(bench: Bench) -> None:

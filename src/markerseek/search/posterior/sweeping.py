@@ -2,7 +2,8 @@
 
 1. It sweeps from where the probe is to the nearer end of the range, and from there to the other end, whatever it sees:
    the last degrees cost tenths of a second, and a louder source may be there. Where there is only one source, the
-   sweep is over once the marker is known and both of its flanks are swept.
+   sweep is over once the marker is known and both of its flanks are swept. Where the frames of a sweep are read at its
+   end, a second sweep would cost a second read-out: the probe turns to the nearer end without light.
 2. Where the centre of the curve is not known well enough by then, it sweeps back over the flanks, and ends that sweep
    once it is. That also separates the delay between pulse and angle from the angle, for it shifts the two directions
    against one another. Where another source may still hide, it sweeps back over the whole range.
@@ -55,6 +56,8 @@ class SweepPosterior:
         Speed of the sweeps.
     start_deg
         Present angle of the probe, in degrees; None: the low end.
+    from_end
+        Whether the first sweep begins at the nearer end, to which the probe turns without light.
     """
 
     name = "posterior"
@@ -66,6 +69,7 @@ class SweepPosterior:
         limits: Interval,
         speed_deg_s: float,
         start_deg: float | None = None,
+        from_end: bool = False,
     ) -> None:
         self._make = make
         self._posterior = make()
@@ -75,8 +79,11 @@ class SweepPosterior:
         ends_deg = [limits.low_deg, limits.high_deg]
         if start_deg is not None and start_deg > limits.centre_deg:
             ends_deg.reverse()
+        self._from_deg: float | None = None
         if start_deg is None or abs(start_deg - ends_deg[0]) <= AT_END_DEG:
             ends_deg = ends_deg[1:]
+        elif from_end:
+            self._from_deg, *ends_deg = ends_deg
         self._to_deg = ends_deg
         self._swept_back = False
         self._judged_deg: float | None = None
@@ -109,6 +116,7 @@ class SweepPosterior:
 
     def end_sweep(self) -> None:
         """Choose what follows a sweep that went to its end; one that was ended by the answer is over already."""
+        self._from_deg = None
         if self._to_deg:
             self._to_deg = self._to_deg[1:] or self._after_range(self._to_deg[0])
             self._next = None
@@ -130,9 +138,10 @@ class SweepPosterior:
     @property
     def sweeps(self) -> list[Sweep]:
         """The sweeps that it will ask for unless the marker is found before; others may follow."""
+        from_deg = [self._from_deg, *(None for _ in self._to_deg[1:])]
         return [
-            Sweep(to_deg=to_deg, speed_deg_s=self._speed_deg_s, spacing_deg=LEAST_SPACING_DEG)
-            for to_deg in self._to_deg
+            Sweep(to_deg=to, speed_deg_s=self._speed_deg_s, spacing_deg=LEAST_SPACING_DEG, from_deg=begin)
+            for begin, to in zip(from_deg, self._to_deg, strict=False)
         ]
 
     def _judge(self, sample: Sample) -> None:

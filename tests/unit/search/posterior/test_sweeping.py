@@ -47,9 +47,16 @@ class Search:
         seed: int = 1,
         others: float = 0.05,
         dark_deg: float = 0.0,
+        from_end: bool = False,
     ) -> None:
         self.dark_deg = dark_deg
-        plan = PolicyPlan(method="posterior", start_deg=start_deg, others=others, sweep_speed_deg_s=SPEED)
+        plan = PolicyPlan(
+            method="posterior",
+            start_deg=start_deg,
+            others=others,
+            sweep_speed_deg_s=SPEED,
+            sweep_from_end=from_end,
+        )
         policy = build_sweeping(plan, limits=PAPER_RANGE)
         assert isinstance(policy, SweepPosterior)
         self.policy = policy
@@ -68,6 +75,8 @@ class Search:
         return Sample(angle_deg=angle_deg, reading=reading, sweep=timing, angle_sigma_deg=0.02 * (timing is not None))
 
     def sweep(self, sweep: Sweep) -> None:
+        if sweep.from_deg is not None:
+            self.place_deg = sweep.from_deg
         step_deg = 0.6 if sweep.to_deg > self.place_deg else -0.6
         timing = SweepTiming(
             number=len(self.sweeps) + 1, speed_deg_s=float(SPEED * np.sign(step_deg)), delay_sigma_s=0.005
@@ -131,6 +140,18 @@ def test_it_begins_with_the_nearer_end(start_deg: float, ends_deg: list[int]) ->
     search.run()
     swept = [round(to_deg) for _, to_deg in search.sweeps]
     assert swept == pytest.approx(ends_deg, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("start_deg", "from_deg", "to_deg"), [(-35.0, None, 35.0), (10.0, 35.0, -35.0), (-1.0, -35.0, 35.0)]
+)
+def test_from_an_end_it_sweeps_once(start_deg: float, from_deg: float | None, to_deg: float) -> None:
+    search = Search(curve_about(-10.0), start_deg=start_deg, from_end=True)
+    asked = search.policy.ask()
+    assert asked == Sweep(to_deg=to_deg, speed_deg_s=SPEED, spacing_deg=0.1, from_deg=from_deg)
+    search.run()
+    assert len(search.sweeps) == 1
+    assert isinstance(search.policy.estimate(), Found)
 
 
 def test_a_sweep_is_over_however_long_before_its_end_the_light_goes_out() -> None:
