@@ -71,10 +71,9 @@ def emulation(
     """
     world, bench = folder / "world.toml", folder / "bench"
     world.write_text(text)
+    paced = ("--pace", pace) if device in ("bench", "daq") else ()
     process = subprocess.Popen(
-        markerseek(
-            "emulate", device, "--dir", bench, "--rig", world, "--seed", seed, "--pace", pace, *options, before=before
-        ),
+        markerseek("emulate", device, "--dir", bench, "--rig", world, "--seed", seed, *paced, *options, before=before),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

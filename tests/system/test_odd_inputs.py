@@ -221,3 +221,22 @@ def test_the_smallest_numbers_there_are_are_no_marker_and_no_error(shell: Shell,
     Path("scan.csv").write_text(f"angle_deg,intensity\n{rows}", encoding="utf-8")
     code, out, _ = shell("replay", "scan.csv", "--method", method, "--json")
     assert (code, json.loads(out)["found"]) == (3, False)
+
+
+@pytest.mark.parametrize(
+    ("device", "options", "named"),
+    [
+        ("kdc101", ("--pace", "0.5"), "kdc101"),
+        ("laser", ("--mirrored",), "laser"),
+        ("laser", ("--sdk", "5"), "laser"),
+        ("daq", ("--receiver", "plus"), "daq"),
+        ("bench", ("--receiver", "vantage", "--sdk", "5"), "vantage"),
+    ],
+)
+def test_options_that_an_emulated_device_does_not_know_are_refused(
+    shell: Shell, tmp_path: Path, device: str, options: tuple[str, ...], named: str
+) -> None:
+    code, _, error = shell("emulate", device, "--dir", tmp_path / "devices", *options)
+    assert code == 2
+    assert f"does not apply to {named}; leave it out" in error
+    assert not (tmp_path / "devices").exists()

@@ -63,8 +63,11 @@ def command(
     import numpy as np
 
     emulators.require_pace(pace)
-    if receiver != "sonixdaq" and device != "bench":
-        raise ConfigError(f"--receiver {receiver} is for bench, and {device} is emulated; leave it out")
+    writes = device == "daq" or (device == "bench" and receiver == "sonixdaq")
+    _refuse(f"--receiver {receiver}", device, given=receiver != "sonixdaq", known=device == "bench")
+    _refuse(f"--pace {pace:g}", device, given=pace != 1.0, known=device in ("daq", "bench"))
+    _refuse("--mirrored", device, given=mirrored, known=device in ("kdc101", "bench"))
+    _refuse(f"--sdk {sdk}", device if receiver == "sonixdaq" else receiver, given=sdk != 6, known=writes)
     settings = rigs.read_simulated(rig, cure="the world behind emulated devices is of kind simulated")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -84,6 +87,12 @@ def command(
         _serve(emulated, device, folder, settings, pace=pace, stop=stop)
     for line in _truth(emulated, device):
         stderr.print(line)
+
+
+def _refuse(option: str, emulated: str, *, given: bool, known: bool) -> None:
+    """Refuse an option that is given and that the emulated device does not know."""
+    if given and not known:
+        raise ConfigError(f"{option} does not apply to {emulated}; leave it out")
 
 
 def _serve(

@@ -257,7 +257,7 @@ class Kdc101Stage:
         number = (abs(way) - _SAME_COUNTS) // interval
         if number < 1:
             raise ConfigError(
-                f"sweep: two triggers are {spacing_deg:.2f} deg apart, which leaves none from {from_deg:g} to "
+                f"sweep: two triggers are {spacing_deg:.2f} deg apart, which leaves none from {from_deg:.2f} to "
                 f'{to_deg:g} deg; widen the search range, or set laser.sweep_mode = "free-running"'
             )
         step = interval if way > 0 else -interval

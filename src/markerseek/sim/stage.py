@@ -140,7 +140,7 @@ class SimulatedStage:
         number = (abs(end - start) - 1) // step
         if number < 1:
             raise ConfigError(
-                f"sweep: two triggers are {spacing_deg:.2f} deg apart, which leaves none from {from_deg:g} to "
+                f"sweep: two triggers are {spacing_deg:.2f} deg apart, which leaves none from {from_deg:.2f} to "
                 f'{to_deg:g} deg; widen the search range, or set laser.sweep_mode = "free-running"'
             )
         step = step if end > start else -step

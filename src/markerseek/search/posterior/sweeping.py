@@ -32,8 +32,8 @@ would take six acquisitions at rest, longer than the sweep took."""
 LEAST_SPACING_DEG = 0.1
 """Least angle between two pulses: a twentieth of the narrowest curve."""
 
-AT_END_DEG = 1.0
-"""Distance from an end of the range within which a sweep to it is not worth its light."""
+AT_END_DEG, AT_END = 1.0, 0.05
+"""Distance from an end of the range within which a sweep to it is not worth its light; and of the range at most."""
 
 MARGIN = 0.8
 """Share of the probability that is stated of another source up to which a sweep back ends: the confirmation changes it
@@ -80,7 +80,8 @@ class SweepPosterior:
         if start_deg is not None and start_deg > limits.centre_deg:
             ends_deg.reverse()
         self._from_deg: float | None = None
-        if start_deg is None or abs(start_deg - ends_deg[0]) <= AT_END_DEG:
+        at_end_deg = min(AT_END_DEG, AT_END * (limits.high_deg - limits.low_deg))
+        if start_deg is None or abs(start_deg - ends_deg[0]) <= at_end_deg:
             ends_deg = ends_deg[1:]
         elif from_end:
             self._from_deg, *ends_deg = ends_deg

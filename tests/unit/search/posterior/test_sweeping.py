@@ -11,6 +11,7 @@ from markerseek.core import (
     PAPER_RANGE,
     ConfigError,
     Found,
+    Interval,
     NotFound,
     PolicyPlan,
     Reading,
@@ -140,6 +141,13 @@ def test_it_begins_with_the_nearer_end(start_deg: float, ends_deg: list[int]) ->
     search.run()
     swept = [round(to_deg) for _, to_deg in search.sweeps]
     assert swept == pytest.approx(ends_deg, abs=1)
+
+
+def test_a_narrow_range_is_swept_whole() -> None:
+    plan = PolicyPlan(method="posterior", start_deg=1.4, sweep_speed_deg_s=SPEED)
+    policy = build_sweeping(plan, limits=Interval(low_deg=0.0, high_deg=2.0))
+    assert isinstance(policy, SweepPosterior)
+    assert [sweep.to_deg for sweep in policy.sweeps] == [2.0, 0.0]
 
 
 @pytest.mark.parametrize(
