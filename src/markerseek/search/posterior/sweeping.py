@@ -9,6 +9,9 @@
    against one another. Where another source may still hide, it sweeps back over the whole range.
 3. What is still missing is measured at rest, as `Posterior` does: another look at a source, more precision. Where
    nothing was detected, a search at rest begins, because the mean of some pulses shows what a single one does not.
+
+The light of a sweep goes out before its end. A marker there shows one flank alone, and where its curve ends is only
+assumed. So the end of the range is measured at rest where the curve does not fall to half its height in the light.
 """
 
 from __future__ import annotations
@@ -38,6 +41,9 @@ AT_END_DEG, AT_END = 1.0, 0.05
 MARGIN = 0.8
 """Share of the probability that is stated of another source up to which a sweep back ends: the confirmation changes it
 by some per cent, and must not begin the search again."""
+
+LIT_FLANK = 0.5
+"""Distance from the centre up to which its flank must have been in the light, over the full width at half maximum."""
 
 FLANK = 0.8
 """Distance from the centre up to which its flank is swept, over the full width at half maximum."""
@@ -86,6 +92,11 @@ class SweepPosterior:
         elif from_end:
             self._from_deg, *ends_deg = ends_deg
         self._to_deg = ends_deg
+        self._swept_to_deg: float | None = None
+        """End at which the probe is after the sweep over the range, until it is decided what follows."""
+        self._lit_deg: list[float] = []
+        self._ends_deg: list[float] = []
+        """Ends of the range that were asked for at rest."""
         self._swept_back = False
         self._judged_deg: float | None = None
         self._next: tuple[float | Sweep | None] | None = None
@@ -93,8 +104,19 @@ class SweepPosterior:
     def ask(self) -> float | Sweep | None:
         """Next sweep, or next angle in degrees; None at the end of the search."""
         if self._next is None:
-            self._next = (self.sweeps[0] if self._to_deg else self._posterior.ask(),)
+            self._next = (self._chosen(),)
         return self._next[0]
+
+    def _chosen(self) -> float | Sweep | None:
+        if self._swept_to_deg is not None:
+            dark_deg = self._dark_end_deg()
+            if dark_deg is not None:
+                self._ends_deg.append(dark_deg)
+                # A sweep back begins where the probe then is.
+                self._swept_to_deg = dark_deg
+                return dark_deg
+            self._to_deg, self._swept_to_deg = self._after_range(self._swept_to_deg), None
+        return self.sweeps[0] if self._to_deg else self._posterior.ask()
 
     def tell(self, sample: Sample) -> None:
         """Take one sample: a dark one, one of a sweep, or one at rest.
@@ -108,18 +130,23 @@ class SweepPosterior:
             check_sample(sample)
             # For a search at rest only: the noise of a mean of pulses is not that of one.
             self._dark.append(sample)
-        elif sample.sweep is None:
-            self._posterior.tell(sample)
-            self._next = None
-        else:
+        elif sample.sweep is not None:
             self._posterior.tell_swept(sample)
+            self._lit_deg.append(sample.angle_deg)
             self._judge(sample)
+        else:
+            # The posterior did not ask for an end.
+            tell = self._posterior.tell if self._swept_to_deg is None else self._posterior.tell_swept
+            tell(sample)
+            self._next = None
 
     def end_sweep(self) -> None:
         """Choose what follows a sweep that went to its end; one that was ended by the answer is over already."""
         self._from_deg = None
         if self._to_deg:
-            self._to_deg = self._to_deg[1:] or self._after_range(self._to_deg[0])
+            if len(self._to_deg) == 1:
+                self._swept_to_deg = self._to_deg[0]
+            self._to_deg = self._to_deg[1:]
             self._next = None
 
     def confirm(self, sample: Sample) -> None:
@@ -170,6 +197,20 @@ class SweepPosterior:
             return False
         answer = self._posterior.estimate()
         return isinstance(answer, Found) and (answer.other_probability or 0.0) <= MARGIN * STATED
+
+    def _dark_end_deg(self) -> float | None:
+        """End of the range near which a flank of the marker's curve was not in the light; None: there is none."""
+        progress = self._posterior.progress
+        if progress is None:
+            return None
+        half_deg = LIT_FLANK * progress.fwhm_deg
+        for end_deg, left_deg in (
+            (self._limits.high_deg, max(self._lit_deg) - progress.mean_deg),
+            (self._limits.low_deg, progress.mean_deg - min(self._lit_deg)),
+        ):
+            if left_deg < half_deg and end_deg not in self._ends_deg:
+                return end_deg
+        return None
 
     def _after_range(self, end_deg: float) -> list[float]:
         """Ends of the sweeps that follow once the range has been swept to that end."""

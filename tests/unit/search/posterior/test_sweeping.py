@@ -168,6 +168,17 @@ def test_a_sweep_is_over_however_long_before_its_end_the_light_goes_out() -> Non
     assert [round(to_deg) for _, to_deg in search.sweeps] == pytest.approx([32, -32], abs=1)
 
 
+@pytest.mark.parametrize(("marker_deg", "stops"), [(34.2, [35.0]), (-34.4, [-35.0]), (29.0, [])])
+def test_an_end_is_measured_at_rest_where_a_flank_was_not_in_the_light(marker_deg: float, stops: list[float]) -> None:
+    search = Search(curve_about(marker_deg), dark_deg=1.8)
+    search.run()
+    assert search.stops[:1] == stops
+    # An answer that knows its error, though one flank alone was swept.
+    answer = search.policy.estimate()
+    assert isinstance(answer, Found)
+    assert abs(answer.mean_deg - marker_deg) < 3 * answer.sigma_deg
+
+
 def test_where_single_pulses_show_nothing_a_search_at_rest_begins_anew() -> None:
     search = Search(lambda _: 0.0)
     search.run()
