@@ -2,7 +2,7 @@
 
 ``python docs/explanation/measure_ablation.py readings 60``: the heights of a spot in so many searches of each tissue,
 and the laser's energy without its meter. ``python docs/explanation/measure_ablation.py layers 12``: the layers of the
-decision in so many searches of each world, and ten times as many of those worlds for which most of them are there.
+decision in so many searches of each world, and up to eight times as many where most of them count.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from markerseek.signals._kernel import PAD, aligned_energies
 from markerseek.studies import Cell, Mean, Row, Study, cells, default_workers, read_study, run_trial, summarise
 
 SEED = 77124  # of no study's file
-HERE, READER, AS_IT_IS = "markerseek.search.posterior.", "markerseek.signals.reader.", "nothing"
+HERE, READER, AS_IT_IS = "markerseek.search.posterior.", "markerseek.signals.reader.", "as it is"
 
 # By the name under which the search looks it up, with what it says where there is nothing to say.
 FUNCTIONS: dict[str, tuple[str, object]] = {
@@ -101,7 +101,7 @@ METER: dict[str, dict[str, object]] = {"the meter": {"markerseek.scan.scanner._p
 GROUPS = {
     "readings": {"tissues": (HEIGHTS, 1, 1), "energy": (METER, 1, 4)},
     "layers": dict.fromkeys(("points", "tissues", "repeats", "nothing"), (LAYERS, 1, 1))
-    | {"clutter": (LAYERS, 3, 1), "two-sources": (LAYERS, 10, 1), "humps": (LAYERS, 10, 1)},
+    | {"clutter": (LAYERS, 3, 1), "two-sources": (LAYERS, 8, 1), "humps": (LAYERS, 6, 1)},
 }
 
 
