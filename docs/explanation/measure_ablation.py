@@ -81,13 +81,14 @@ class Channels:
         return replace(of_image, amplitude=height, relative_sigma=relative)
 
 
-# What stands in the place of what, by the same names.
+SURE, WORTH = dict.fromkeys((HERE + "answer.SURE", HERE + "policy.SURE"), 0.02), {HERE + "policy.WORTH": math.inf}
 LAYERS: dict[str, dict[str, object]] = {
     part: {HERE + name: lambda *_, said=said, **__: said} for part, (name, said) in FUNCTIONS.items()
 }
 LAYERS |= {
-    "0.5 % of what may hide: 2 % at once (`SURE`)": {HERE + "answer.SURE": 0.02, HERE + "policy.SURE": 0.02},
-    "the survey below 0.5 % (`WORTH`)": {HERE + "policy.WORTH": math.inf},
+    "0.5 % of what may hide: 2 % at once (`SURE`)": {**SURE},
+    "the survey below that (`WORTH`)": {**WORTH},
+    "both of the survey (`SURE` and `WORTH`)": {**SURE, **WORTH},
     "the survey, and the veto of what may hide": dict.fromkeys((HERE + "answer.SURE", HERE + "answer.STATED"), 1.0)
     | {HERE + "policy.Posterior._is_surveyed_further": lambda *_: False},
 }
@@ -140,10 +141,9 @@ def right(row: Row) -> bool:
 
 
 def line(study: Study, head: str, rows: Sequence[Row], base: Sequence[Row]) -> str:
-    """One row of a table, compared with the same searches as they are; errors are of those that are right in both."""
+    """One row of a table, beside the same searches as they are; errors, where both are right, over a tolerance (1 mm)."""
     of = summarise(study, [msgspec.structs.replace(row, cell=0) for row in rows]).policies[0]
     pairs = list(zip(rows, base, strict=True))
-    # A tolerance is 1 mm, and 1 degree where there is no depth.
     mm = [[(row.error_deg or 0.0) / row.tolerance_deg for row in pair] for pair in pairs if all(map(right, pair))]
     errors, before = np.array(mm).reshape(-1, 2).T
     more = [float(row.acquisitions or 0) - (old.acquisitions or 0) for row, old in pairs]
