@@ -141,7 +141,7 @@ def right(row: Row) -> bool:
 
 
 def line(study: Study, head: str, rows: Sequence[Row], base: Sequence[Row]) -> str:
-    """One row of a table, beside the same searches as they are; errors, where both are right, over a tolerance (1 mm)."""
+    """One row of a table, beside the same searches as they are; errors of those right in both, in mm or degrees."""
     of = summarise(study, [msgspec.structs.replace(row, cell=0) for row in rows]).policies[0]
     pairs = list(zip(rows, base, strict=True))
     mm = [[(row.error_deg or 0.0) / row.tolerance_deg for row in pair] for pair in pairs if all(map(right, pair))]
