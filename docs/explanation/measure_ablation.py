@@ -1,0 +1,199 @@
+"""Leave parts of the posterior search out in turn, and print the tables of ``ablation.md``.
+
+``python docs/explanation/measure_ablation.py readings 60``: the heights of a spot in so many searches of each tissue,
+and the laser's energy without its meter. ``python docs/explanation/measure_ablation.py layers 12``: the layers of the
+decision in so many searches of each world, and up to eight times as many where most of them count.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Any
+from unittest.mock import patch
+
+import msgspec
+import numpy as np
+from measure_spots import percent
+
+from markerseek.core import SpotEnergy
+from markerseek.signals import beamform, features, focus, spot
+from markerseek.signals._kernel import PAD, aligned_energies
+from markerseek.studies import Cell, Mean, Row, Study, cells, default_workers, read_study, run_trial, summarise
+
+SEED = 77124  # of no study's file
+HERE, READER, AS_IT_IS = "markerseek.search.posterior.", "markerseek.signals.reader.", "as it is"
+
+# By the name under which the search looks it up, with what it says where there is nothing to say.
+FUNCTIONS: dict[str, tuple[str, object]] = {
+    "a source not resolved yet comes first (`unresolved_rival`)": ("analysis.unresolved_rival", None),
+    "a top hidden in a gap (`missed_peak_deg`)": ("answer.missed_peak_deg", None),
+    "between a sample that does not fit and the top (`discrepant_sample`)": ("analysis.discrepant_sample", None),
+    "a sample stronger than one nearer to the answer (`asymmetric_sample`)": ("analysis.asymmetric_sample", None),
+    "both of these (`doubtful_deg`)": ("analysis.Analysis.doubtful_deg", None),
+    "the dip between two humps (`dip_deg`)": ("candidates.dip_deg", None),
+    "the predictive check (`predictive_check`)": ("analysis.predictive_check", None),
+    "bursts (`_is_burst`)": ("candidates._is_burst", False),
+    "flat background (`_is_background`)": ("candidates._is_background", False),
+    "the confirmation (`weaker_than_predicted`)": ("policy.weaker_than_predicted", None),
+}
+
+
+class Channels:
+    """Energy along the wavefront over the channels, added without phase; its share in the mean with the image's."""
+
+    def __init__(self, share: float) -> None:
+        self.share = share
+
+    def coherence(self, signals: Any, preset: Any, **place: Any) -> float | None:
+        """The coherence as it is, which is computed first; keeps the signals."""
+        self.signals, self.preset = signals, preset
+        return focus.focused_coherence(signals, preset, **place)
+
+    def energy(self, envelope: Any, **image: Any) -> SpotEnergy | None:
+        """The energy about the centroid of that in the image, less what noise gives."""
+        of_image, preset, signals = spot.spot_energy(envelope, **image), self.preset, self.signals
+        if of_image is None:
+            return None
+        depth_m, (per_metre, origin) = of_image.depth_m, beamform.path_delay(preset)
+        half = 2 * round(spot.HALF_DEPTH_M * per_metre / 2)
+        aperture_m = beamform.half_aperture_m(preset, np.array([depth_m]), at_least=features.MIN_CHANNELS / 2)[0]
+        wave = np.array([of_image.lateral_m]), np.array([per_metre]), (depth_m * per_metre, origin)
+        of_sum, whole, used = np.empty(1), np.empty(1), np.empty(1, np.int64)
+        aligned_energies(signals, preset.array.lateral_m, *wave, half, float(aperture_m), of_sum, whole, used)
+        sigma = float(np.median(np.abs(signals[::8, PAD : PAD + preset.array.elements : 4]))) / 0.6745
+        noise = (half + 1) * int(used[0]) * sigma**2
+        power = float(whole[0]) - noise
+        # Every second sample counts, and noise changes in one over twice the bandwidth.
+        alike = max(1.0, preset.sampling_hz / 4 / (preset.high_hz - preset.low_hz))
+        relative = sigma * math.sqrt(alike * (power + noise / 2)) / power if power > 0 else math.inf
+        if relative > spot.LARGEST_RELATIVE_SIGMA:
+            return None
+        height = power ** (self.share / 2) * of_image.amplitude ** (1 - self.share)
+        return replace(of_image, amplitude=height, relative_sigma=relative)
+
+
+SURE, WORTH = dict.fromkeys((HERE + "answer.SURE", HERE + "policy.SURE"), 0.02), {HERE + "policy.WORTH": math.inf}
+LAYERS: dict[str, dict[str, object]] = {
+    part: {HERE + name: lambda *_, said=said, **__: said} for part, (name, said) in FUNCTIONS.items()
+}
+LAYERS |= {
+    "0.5 % of what may hide: 2 % at once (`SURE`)": {**SURE},
+    "the survey below that (`WORTH`)": {**WORTH},
+    "both of the survey (`SURE` and `WORTH`)": {**SURE, **WORTH},
+    "the survey, and the veto of what may hide": dict.fromkeys((HERE + "answer.SURE", HERE + "answer.STATED"), 1.0)
+    | {HERE + "policy.Posterior._is_surveyed_further": lambda *_: False},
+}
+HEIGHTS: dict[str, dict[str, object]] = {
+    f"the energy in the image: {name}": {READER + "focused_coherence": by.coherence, READER + "spot_energy": by.energy}
+    for name, by in (("that over the channels", Channels(1.0)), ("the mean of both", Channels(0.5)))
+}
+HEIGHTS["the energy of a spot: its peak"] = {HERE + "inference.with_energies": lambda samples: (samples, None)}
+METER: dict[str, dict[str, object]] = {"the meter": {"markerseek.scan.scanner._per_energy": lambda reading, _: reading}}
+# By study: parts, how many times as many searches, every which cell: one energy of four is steady, and has a meter.
+GROUPS = {
+    "readings": {"tissues": (HEIGHTS, 1, 1), "energy": (METER, 1, 4)},
+    "layers": dict.fromkeys(("points", "tissues", "repeats", "nothing"), (LAYERS, 1, 1))
+    | {"clutter": (LAYERS, 3, 1), "two-sources": (LAYERS, 8, 1), "humps": (LAYERS, 6, 1)},
+}
+
+
+def noting(part: str, function: Callable[..., object], nothing: object, spoke: set[str]) -> Callable[..., object]:
+    """The function, which notes that it said something."""
+
+    def call(*args: object, **named: object) -> object:
+        said = function(*args, **named)
+        if said != nothing:
+            spoke.add(part)
+        return said
+
+    return call
+
+
+def repeated(trial: int, study: Study, cell: Cell, group: str) -> tuple[dict[str, Row], set[str]]:
+    """One search as it is and without each part, and the functions that said something; others need no search."""
+    spoke: set[str] = set()
+    with ExitStack() as stack:
+        for part, (name, nothing) in FUNCTIONS.items():
+            stack.enter_context(patch(HERE + name, noting(part, resolve_name(HERE + name), nothing, spoke)))
+        rows = {AS_IT_IS: run_trial(study, cell, trial, 0)}
+    for part, instead in GROUPS[group][study.name.removeprefix("answers-")][0].items():
+        rows[part] = rows[AS_IT_IS]
+        if part in spoke or part not in FUNCTIONS:
+            with ExitStack() as stack:
+                for name, other in instead.items():
+                    stack.enter_context(patch(name, other))
+                rows[part] = run_trial(study, cell, trial, 0)
+    return rows, spoke
+
+
+def right(row: Row) -> bool:
+    """Whether a marker was found within twice the tolerance."""
+    return row.answer == "found" and row.error_deg is not None and row.error_deg <= 2 * row.tolerance_deg
+
+
+def line(study: Study, head: str, rows: Sequence[Row], base: Sequence[Row]) -> str:
+    """One row of a table, beside the same searches as they are; errors of those right in both, in mm or degrees."""
+    of = summarise(study, [msgspec.structs.replace(row, cell=0) for row in rows]).policies[0]
+    pairs = list(zip(rows, base, strict=True))
+    mm = [[(row.error_deg or 0.0) / row.tolerance_deg for row in pair] for pair in pairs if all(map(right, pair))]
+    errors, before = np.array(mm).reshape(-1, 2).T
+    more = [float(row.acquisitions or 0) - (old.acquisitions or 0) for row, old in pairs]
+    further, longer = (
+        "" if rows is base or each.half is None else f" ({each.mean:+.3f} ± {each.half:.3f})"
+        for each in (Mean.of((errors - before).tolist()), Mean.of(more))
+    )
+    covered = f"{percent(of.covered)} of {of.covered.count}" if of.covered.count else ""
+    error = f"{np.sqrt(np.mean(errors**2)):.3f}; {np.median(errors):.3f}{further} of {len(mm)}" if mm else ""
+    return (
+        f"| {head} | {percent(of.answers['found'])} | {of.wrong_claims.hits + of.false_found.hits} "
+        f"| {of.answers['ambiguous'].hits}; {of.answers['unsure'].hits} | {covered} "
+        f"| {error} | {of.acquisitions.mean or 0.0:.1f}{longer} |\n"
+    )
+
+
+def table(study: Study, world: str, searches: Sequence[tuple[dict[str, Row], set[str]]]) -> Iterator[str]:
+    """Rows of one world: as it is, and without each part that changes something, or said something."""
+    base = [rows[AS_IT_IS] for rows, _ in searches]
+    yield line(study, f"{world} | {AS_IT_IS}, of {len(base)}", base, base)
+    for part in [part for part in searches[0][0] if part != AS_IT_IS]:
+        rows, spoken = [rows[part] for rows, _ in searches], sum(part in spoke for _, spoke in searches)
+        if rows != base or spoken:
+            yield line(study, f"{world} | {part}" + f", in {spoken}" * (part in FUNCTIONS), rows, base)
+
+
+def main() -> None:
+    """Print the table, world by world."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("group", choices=tuple(GROUPS))
+    parser.add_argument("searches", type=int, nargs="?", default=12)
+    parser.add_argument("--workers", type=int, default=default_workers())
+    given = parser.parse_args()
+    sys.stdout.write("| world | without | `Found` | wrong | `Ambiguous`; `Unsure` | covered | error | acquisitions |\n")
+    sys.stdout.write("|---|---|---|---|---|---|---|---|\n")
+    with ProcessPoolExecutor(given.workers) as pool:
+        for name, (_, factor, step) in GROUPS[given.group].items():
+            study = read_study(Path(__file__).parents[2] / f"examples/studies/answers-{name}.toml")
+            study = replace(study, seed=SEED, policies=study.policies[-1:])
+            of_study = []
+            for cell in cells(study)[::step]:
+                world = " ".join([name, *(str(value) for _, value in cell.varied)])
+                sys.stderr.write(f"{world}\n")
+                job = partial(repeated, study=study, cell=cell, group=given.group)
+                of_study.append(list(pool.map(job, range(factor * given.searches))))
+                sys.stdout.writelines(table(study, world, of_study[-1]))
+                sys.stdout.flush()
+            if len(of_study) > 1:
+                sys.stdout.writelines(table(study, f"{name}, all", [each for one in of_study for each in one]))
+
+
+if __name__ == "__main__":
+    main()
