@@ -14,7 +14,7 @@ from markerseek.core import ConfigError, Finished, Measured, SearchError, Search
 from markerseek.guard import State
 from markerseek.records.journal import Journal, read_journal, result_of
 from markerseek.runs import Session, new_session, plan_on, resumed_session
-from markerseek.sim import GaussianCurve
+from markerseek.sim import GaussianCurve, ReceiverSettings, SimulatedSettings
 
 
 def session_on(rig: rigs.Rig) -> Session:
@@ -34,6 +34,18 @@ def test_a_session_gives_events_and_then_the_result_of_its_plan_and_facts() -> N
     assert (result.method, result.rig, result.seed, result.truth_deg) == ("golden-section", "simulated", 4, 7.5)
     assert result.configuration == session.rig.facts.fingerprint
     assert result.error_deg == pytest.approx(abs(result.angle_deg - 7.5))
+
+
+@pytest.mark.parametrize(("readout_s", "at_once"), [(0.05, False), (10.0, True)])
+def test_a_receiver_that_is_read_once_a_sweep_is_swept_at_once_and_needs_no_dark_frame_at_the_end(
+    readout_s: float, at_once: bool
+) -> None:
+    settings = SimulatedSettings(receiver=ReceiverSettings(readout_s=readout_s, single_pulses=True))
+    simulated = replace(rigs.simulated(seed=1, settings=settings), closing_dark=True)
+    plan = plan_on(simulated, SearchPlan(method="posterior", start_deg=0.0, sweep_speed_deg_s=8.6))
+    assert (plan.sweep_from_end, plan.closing_dark, plan.dark_frames) == (at_once, not at_once, 0)
+    at_rest = plan_on(simulated, SearchPlan(method="posterior", start_deg=0.0))
+    assert (at_rest.sweep_from_end, at_rest.closing_dark) == (False, True)
 
 
 def test_a_session_that_is_closed_stops_the_rig_and_has_no_result() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from markerseek.core import AcquisitionError, ConfigError, Measured, Sample, Sweep
 from markerseek.guard import State
-from markerseek.scan.sweeping import SweepingDevices
+from markerseek.scan.sweeping_devices import SweepingDevices
 from markerseek.sim import LaserSettings, SimulatedStage
 from tests.unit.scan.stamp_offsets import stamp_offsets_deg
 from tests.unit.scan.sweep_bench import TO_END, SweepBench, Sweeps

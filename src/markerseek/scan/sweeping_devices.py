@@ -1,0 +1,154 @@
+"""The devices of a rig that can sweep: what they can, how long a sweep takes, and the permit that it needs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import cast
+
+from markerseek.core import (
+    MAX_AHEAD_DEG,
+    ConfigError,
+    Laser,
+    Receiver,
+    Stage,
+    Sweep,
+    SweepingLaser,
+    SweepingReceiver,
+    SweepingStage,
+    SweepPermit,
+    TriggeringStage,
+    Triggers,
+)
+from markerseek.scan._pulse_angle import AGREE_DEG, READ_LATE_S
+
+SLOWEST, FASTEST = 0.2, 1.25
+"""Speeds between which the probe is lit, as shares of the speed of the sweep: pulses on the ramps count, too."""
+
+SLOWER = 1.1
+"""Time of a sweep over that which the stage's own numbers give: it may be slower than it says."""
+
+TRIGGER_SPARE = 1.1
+"""Time between two triggers at the speed of the sweep, over the least between two pulses: a servo is never exact, and
+a trigger that comes too early gives no light."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepingDevices:
+    """Stage, laser and receiver of a rig that can sweep."""
+
+    stage: SweepingStage
+    laser: SweepingLaser
+    receiver: SweepingReceiver
+
+    @classmethod
+    def of(cls, stage: Stage, laser: Laser, receiver: Receiver) -> SweepingDevices:
+        """The devices, if all three can; `ConfigError` names the one that cannot."""
+        for part, device in (("stage", stage), ("laser", laser), ("receiver", receiver)):
+            # Of the class, and no isinstance: it would ask the device for its angle.
+            if not hasattr(type(device), "begin_sweep"):
+                # Of a class of one's own the name in the rig file, not that of what is wrapped around it.
+                name = getattr(device, "driver", type(device).__name__)
+                raise ConfigError(
+                    f"this rig cannot sweep: its {part} ({name}) only works with the probe at rest; leave --sweep out"
+                )
+        devices = cls(stage=stage, laser=laser, receiver=receiver)  # type: ignore[arg-type]
+        # Asked here, since a device of a kind that can may not be set up for it.
+        _ = devices.least_period_s, devices.triggering
+        return devices
+
+    @property
+    def triggering(self) -> TriggeringStage | None:
+        """The stage, if its triggers give the pulses; None where the laser runs free.
+
+        Raises `ConfigError` if they are to, and the stage has none.
+        """
+        if not getattr(self.laser, "position_triggered", False):
+            return None
+        if not hasattr(type(self.stage), "set_triggers"):
+            raise ConfigError(
+                f"this rig cannot sweep position-triggered: its stage ({type(self.stage).__name__}) gives no triggers; "
+                'set laser.sweep_mode = "free-running"'
+            )
+        stage = cast("TriggeringStage", self.stage)
+        _ = stage.trigger_step_deg
+        return stage
+
+    @property
+    def least_period_s(self) -> float:
+        """Least time between two pulses, in seconds."""
+        return max(self.laser.sweep_period_s, self.receiver.frame_period_s)
+
+    @property
+    def in_bursts(self) -> bool:
+        """Whether the frames of a sweep are read at its end, all as one acquisition."""
+        return self.receiver.sweep_readout_s > 0
+
+    def permit(self, sweep: Sweep, *, from_deg: float, dark: int = 0, mark: int = 0) -> SweepPermit:
+        """The permit that a sweep needs, without token and expiry; `ConfigError` if it is too fast for the stage.
+
+        ``dark``: triggers that must be left without light at the end. ``mark``: further ones.
+        """
+        speed, fastest = sweep.speed_deg_s, self.stage.fastest_sweep_deg_s
+        if not speed <= fastest:
+            raise ConfigError(
+                f"sweep: {speed:g} deg/s is too fast for this stage, whose targets lie at most {MAX_AHEAD_DEG:g} deg "
+                f"ahead: at most {math.floor(100 * fastest) / 100:g} deg/s"
+            )
+        # The floor of the speed keeps two pulses apart by the spacing also on the ramps; 0.8 leaves it room below.
+        period_s = max(self.least_period_s, sweep.spacing_deg / (0.8 * speed))
+        if self.triggering is None:
+            lasts = self.duration_s(sweep, from_deg=from_deg) / period_s
+            pulses = max(math.ceil(SLOWER * lasts) + 1, math.ceil(lasts) + dark)
+        else:
+            pulses = math.ceil(abs(sweep.to_deg - from_deg) / trigger_spacing_deg(sweep, period_s=period_s)) + dark
+        return SweepPermit(
+            token="",
+            angle_deg=from_deg,
+            pulses=pulses + mark,
+            expires_s=0.0,
+            to_deg=sweep.to_deg,
+            # By a billionth more, so that rounding does not put two pulses nearer than the spacing.
+            slowest_deg_s=max(SLOWEST * speed, (1 + 1e-9) * sweep.spacing_deg / period_s),
+            fastest_deg_s=FASTEST * speed,
+            period_s=period_s,
+            spacing_deg=sweep.spacing_deg,
+        )
+
+    def set_triggers(self, sweep: Sweep, permit: SweepPermit) -> Triggers | None:
+        """Have the stage give a trigger for each pulse of that sweep; None where the laser runs free."""
+        stage = self.triggering
+        if stage is None:
+            return None
+        return stage.set_triggers(
+            from_deg=permit.angle_deg,
+            to_deg=permit.to_deg,
+            spacing_deg=trigger_spacing_deg(sweep, period_s=permit.period_s),
+        )
+
+    def require_in_time(self, sweep: Sweep, permit: SweepPermit, *, now_s: float) -> None:
+        """Refuse a sweep by `ConfigError` if its permit may expire on the way: nothing has moved."""
+        duration_s, left_s = self.duration_s(sweep, from_deg=permit.angle_deg), permit.expires_s - now_s
+        if not SLOWER * duration_s <= left_s:
+            raise ConfigError(
+                f"sweep: it takes {duration_s:.1f} s at {sweep.speed_deg_s:g} deg/s, and its permit holds for "
+                f"{left_s:.1f} s; sweep faster"
+            )
+
+    def duration_s(self, sweep: Sweep, *, from_deg: float) -> float:
+        """Time of a sweep in seconds, run-up and braking included."""
+        way_deg = abs(sweep.to_deg - from_deg)
+        speed, acceleration = sweep.speed_deg_s, self.stage.acceleration_deg_s2
+        if way_deg <= speed**2 / acceleration:
+            return 2 * math.sqrt(way_deg / acceleration)
+        return way_deg / speed + speed / acceleration
+
+
+def trigger_spacing_deg(sweep: Sweep, *, period_s: float) -> float:
+    """Distance between two triggers of a sweep, whose pulses must not be nearer than the period.
+
+    Half of it is never less than what a sound rig's stamps may be off by: else a late readout would pass for a lost
+    trigger.
+    """
+    speed_deg_s = sweep.speed_deg_s
+    return max(sweep.spacing_deg, TRIGGER_SPARE * speed_deg_s * period_s, 2 * (AGREE_DEG + READ_LATE_S * speed_deg_s))
