@@ -82,6 +82,10 @@ class FaultyReceiver(Faulty):
     def frame_period_s(self) -> float:
         return self._inner.frame_period_s
 
+    @property
+    def sweep_readout_s(self) -> float:
+        return self._inner.sweep_readout_s
+
     def begin_sweep(self, permit: SweepPermit) -> None:
         self.step += 1
         self._until = self._unread = int(self._rng.integers(2, 60))
