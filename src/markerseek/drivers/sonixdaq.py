@@ -18,8 +18,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import ClassVar, Literal
 
-import numpy as np
-
 from markerseek.core import (
     AcquisitionError,
     ChannelFrame,
@@ -232,10 +230,8 @@ class SonixDaqReceiver:
                 f"sonixdaq: {len(lit)} of {len(samples)} triggers had light, and the last {self._dark_triggers} must "
                 "be dark: the sweep took longer than it should; check the stage's speed"
             )
-        # In float64: the sum of many int16 pulses overflows int16.
-        mean = np.rint(dark.mean(axis=0, dtype=np.float64)).astype(np.int16)
         frames = []
-        for each, seen in [*((each, 1) for each in lit), (mean, 0)]:
+        for each, seen in [*((each, 1) for each in lit), (wire.mean_of(dark), 0)]:
             self._sequence += 1
             frames.append(
                 acquired_frame(

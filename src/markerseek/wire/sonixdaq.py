@@ -140,9 +140,14 @@ def averaged(files: Iterable[tuple[str, bytes]]) -> tuple[Int16[np.ndarray, "cha
     for element, pulses in _channels(files):
         if not found:
             found, samples = len(pulses), np.empty((CHANNELS, pulses.shape[1]), np.int16)
-        # In float64: the sum of many int16 pulses overflows int16.
-        samples[element] = np.rint(pulses.mean(axis=0, dtype=np.float64))
+        samples[element] = mean_of(pulses)
     return samples, found
+
+
+def mean_of(pulses: Int16[np.ndarray, ...]) -> Int16[np.ndarray, ...]:
+    """Mean over the first axis, that of the pulses, in whole counts."""
+    # In float64: the sum of many int16 pulses overflows int16.
+    return np.asarray(np.rint(pulses.mean(axis=0, dtype=np.float64)), np.int16)
 
 
 def singles(files: Iterable[tuple[str, bytes]], *, pulses: int) -> Int16[np.ndarray, "pulses channels samples"]:
