@@ -166,10 +166,15 @@ class SweepPosterior:
     @property
     def sweeps(self) -> list[Sweep]:
         """The sweeps that it will ask for unless the marker is found before; others may follow."""
-        from_deg = [self._from_deg, *(None for _ in self._to_deg[1:])]
+        # A beginning is given where there is one sweep alone.
         return [
-            Sweep(to_deg=to, speed_deg_s=self._speed_deg_s, spacing_deg=LEAST_SPACING_DEG, from_deg=begin)
-            for begin, to in zip(from_deg, self._to_deg, strict=False)
+            Sweep(
+                to_deg=to_deg,
+                speed_deg_s=self._speed_deg_s,
+                spacing_deg=LEAST_SPACING_DEG,
+                from_deg=self._from_deg,
+            )
+            for to_deg in self._to_deg
         ]
 
     def _judge(self, sample: Sample) -> None:
