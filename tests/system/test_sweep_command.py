@@ -32,10 +32,14 @@ def test_a_marker_is_found_by_a_sweep_and_the_journal_holds_each_pulse(shell: Sh
 
 
 def test_a_receiver_that_is_slow_to_read_is_read_once_a_sweep(shell: Shell) -> None:
-    code, out, _ = shell("search", "--sweep", "--marker-deg", 12, "--json", "--no-journal")
+    code, out, err = shell("search", "--sweep", "--marker-deg", 12, "--json", "--no-journal")
     result = json.loads(out)
     assert (code, result["answer"]) == (0, "found")
-    assert result["elapsed_s"] < 65
+    said = " ".join(err.split())
+    assert "turns to -35 deg without light, then sweeps from -35 deg to 35 deg" in said
+    assert "at most 10 s after each to read its frames while it waits at 0 deg" in said
+    # Of the 40 s are 20 two read-outs.
+    assert result["elapsed_s"] < 40
 
 
 @pytest.mark.parametrize(

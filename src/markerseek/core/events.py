@@ -96,7 +96,7 @@ class Swept:
     Attributes
     ----------
     angle_deg
-        Readback in degrees.
+        Readback in degrees: where the sweep ended, or where the probe waited for its frames.
     pulses
         How many pulses were fired in it.
     """

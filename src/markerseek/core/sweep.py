@@ -27,6 +27,9 @@ class Sweep:
     lit_braking
         Whether the light goes on while the probe brakes, where the policy ends the sweep before its end: until the
         probe would be slower than its permit allows by the next reading.
+    wait_deg
+        Angle to which the probe is moved without light after it, while its frames are read, in degrees; None: it stays
+        where the sweep ends, as it does where reading them takes no longer than the way there.
 
     Raises
     ------
@@ -39,11 +42,12 @@ class Sweep:
     spacing_deg: float = 0.0
     from_deg: float | None = None
     lit_braking: bool = False
+    wait_deg: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("to_deg", "from_deg"):
+        for name in ("to_deg", "from_deg", "wait_deg"):
             angle_deg = getattr(self, name)
-            if not is_finite(angle_deg) and not (angle_deg is None and name == "from_deg"):
+            if not is_finite(angle_deg) and not (angle_deg is None and name != "to_deg"):
                 raise ConfigError(f"sweep: {name} is {angle_deg} deg, it must be a finite number")
         require_range("sweep: speed_deg_s", self.speed_deg_s, low=0, high=360, unit="deg/s", open_low=True)
         require_range("sweep: spacing_deg", self.spacing_deg, low=0, high=360, unit="deg")

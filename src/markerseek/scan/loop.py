@@ -247,7 +247,8 @@ def _swept(
     # Always stated: a run that is resumed goes on from another angle.
     from_deg = scanner.limits.search.nearest(begin_deg)
     sweep = replace(asked, from_deg=from_deg)
-    scanner.limits.require_search(sweep.to_deg)
+    for angle_deg in (sweep.to_deg, sweep.to_deg if sweep.wait_deg is None else sweep.wait_deg):
+        scanner.limits.require_search(angle_deg)
     for attempt in range(1, attempts + 1):
         done.sweeps += 1
         done.way_deg.append(from_deg)

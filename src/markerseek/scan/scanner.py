@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import AbstractContextManager, closing
 from dataclasses import replace
+from functools import partial
 from types import TracebackType
 from typing import Protocol, cast
 
@@ -182,6 +183,7 @@ class Scanner:
         now_s = self.clock.now_s()
         permit = self.guard.issue_sweep(wanted, now_s=now_s)
         devices.require_in_time(sweep, permit, now_s=now_s)
+        wait_deg = devices.wait_deg(sweep)
         with self._faulting:
             devices.stage.prepare_sweep(speed_deg_s=sweep.speed_deg_s)
         with self._refusable:
@@ -201,6 +203,7 @@ class Scanner:
             admit_dark=self._admit_dark,
             triggers=triggers,
             lit_braking=sweep.lit_braking,
+            turn_away=None if wait_deg is None else partial(self._move, wait_deg),
         )
         # Closed here, and not by the garbage collector, which would print an error of the lease that ends with it.
         with closing(progress.frames(goes_on)) as frames:
@@ -274,12 +277,14 @@ class Scanner:
             with self._faulting:
                 self._stage.stop()
 
-    def _move(self, angle_deg: float) -> None:
+    def _move(self, angle_deg: float) -> float:
+        """Turn the probe without light, and return where it then is."""
         self._arm_itself()
         self.guard.begin_move(angle_deg)
         with self._faulting, self._watchdog_held:
             reached_deg = self._stage.move_to(angle_deg)
         self.guard.end_move(reached_deg)
+        return reached_deg
 
     def _settle(self) -> None:
         self._begun = True

@@ -61,7 +61,8 @@ class SweepInProgress:
 
     ``held``: holds the watchdog's lease while the probe turns. ``at``: readback and time at which the permit was used.
     ``admit_dark``: refuses a dark frame that holds a source. ``triggers``: where the stage triggers the laser; None
-    where that runs free. ``lit_braking``: as of the `Sweep`.
+    where that runs free. ``lit_braking``: as of the `Sweep`. ``turn_away``: turns the probe to where it waits for the
+    frames of a burst, and returns its angle; None: it stays.
     """
 
     def __init__(
@@ -78,6 +79,7 @@ class SweepInProgress:
         admit_dark: Callable[[Frame], None],
         triggers: Triggers | None = None,
         lit_braking: bool = False,
+        turn_away: Callable[[], float] | None = None,
     ) -> None:
         self._devices = devices
         self._triggers = None if triggers is None else TriggerCount(triggers)
@@ -89,6 +91,7 @@ class SweepInProgress:
         self._number = number
         self._admit_dark = admit_dark
         self._lit_braking = lit_braking
+        self._turn_away = turn_away
         self._braked_s: float | None = None
         self._readings = [at]
         self._pulses: list[Pulse] = []
@@ -134,6 +137,8 @@ class SweepInProgress:
             )
         if fired != len(self._pulses):
             raise AcquisitionError(f"{len(self._pulses)} of {fired} pulses have a time; the sweep is refused whole")
+        if self._turn_away is not None:
+            last_deg = self._turn_away()
         self._keep_last(receiver.end_sweep(pulses=fired))
         yield self._matched()
         if self._told < len(self._frames):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 from markerseek.core import (
@@ -83,6 +83,13 @@ class SweepingDevices:
     def in_bursts(self) -> bool:
         """Whether the frames of a sweep are read at its end, all as one acquisition."""
         return self.receiver.sweep_readout_s > 0
+
+    def wait_deg(self, sweep: Sweep) -> float | None:
+        """Where the probe waits for the frames of a sweep; None: where it ends, for they are read sooner than that."""
+        if sweep.wait_deg is None:
+            return None
+        way_s = self.duration_s(replace(sweep, to_deg=sweep.wait_deg), from_deg=sweep.to_deg)
+        return sweep.wait_deg if self.receiver.sweep_readout_s > way_s else None
 
     def permit(self, sweep: Sweep, *, from_deg: float, dark: int = 0, mark: int = 0) -> SweepPermit:
         """The permit that a sweep needs, without token and expiry; `ConfigError` if it is too fast for the stage.

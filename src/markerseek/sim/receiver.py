@@ -113,7 +113,10 @@ class SimulatedReceiver:
 
     def end_sweep(self, *, pulses: int) -> Sequence[Frame]:  # noqa: ARG002  flashes alone trigger it
         """The frames that are left, after the read-out."""
-        self._clock.wait(self._readout_s)
+        # All of them are read from the last flash on, each by itself from when it is asked for.
+        flashes, now_s = self._world.flashes[self._heard :], self._clock.now_s()
+        begun_s = flashes[-1].at_s if flashes and self.sweep_readout_s > 0 else now_s
+        self._clock.wait(max(0.0, begun_s + self._readout_s - now_s))
         frames = self._swept(self._clock.now_s())
         self._sweep = None
         return frames

@@ -111,8 +111,11 @@ def sweeping(speed_deg_s: float, *, start_deg: float = -35.0, from_end: bool = F
     return build_sweeping(plan, limits=SETTINGS.limits.search)
 
 
-def test_a_search_over_the_bytes_answers_as_the_simulated_rig_does(tmp_path: Path) -> None:
-    bench = Bench(tmp_path)
+@pytest.mark.parametrize(("readout_s", "waits_deg"), [(0.3, 35.0), (6.0, 0.0)])
+def test_a_search_over_the_bytes_answers_as_the_simulated_rig_does(
+    tmp_path: Path, readout_s: float, waits_deg: float
+) -> None:
+    bench = Bench(tmp_path, readout_s=readout_s)
     events = list(bench.search())
     simulated = rigs.simulated(seed=3, settings=SETTINGS)
     *_, direct = run(sweeping(simulated.scanner.sweeping.stage.fastest_sweep_deg_s), simulated.scanner)
@@ -129,7 +132,7 @@ def test_a_search_over_the_bytes_answers_as_the_simulated_rig_does(tmp_path: Pat
     off_deg = [sample.angle_deg - (true or 0.0) for sample, true in zip(samples, truth_deg, strict=True)]
     assert max(map(abs, off_deg)) < 0.03
     assert all(is_finite(sample.angle_sigma_deg) and sample.angle_sigma_deg < 0.03 for sample in samples)
-    assert swept.angle_deg == pytest.approx(35.0, abs=0.02)
+    assert swept.angle_deg == pytest.approx(waits_deg, abs=0.02)
     assert bench.speed_deg_s == pytest.approx(20.0, rel=1e-4)
     assert bench.emulated.stage.largest_lead_deg <= MAX_AHEAD_DEG
 

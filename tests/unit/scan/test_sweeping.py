@@ -272,6 +272,38 @@ def test_the_probe_is_moved_to_the_beginning_without_light() -> None:
     bench.require_permitted()
 
 
+@pytest.mark.parametrize(
+    ("readout_s", "there_deg", "lasts_s"), [(10.0, -5.0, 10.0), (2.0, 35.0, 2.0), (0.0, 35.0, 0.15)]
+)
+def test_the_probe_turns_without_light_while_its_frames_are_read_if_there_is_time(
+    readout_s: float, there_deg: float, lasts_s: float
+) -> None:
+    bench = SweepBench(readout_s=readout_s)
+    events = list(bench.run(Sweeps(replace(TO_END, wait_deg=-5.0))))
+    (swept,) = (event for event in events if isinstance(event, Swept))
+    assert swept.angle_deg == pytest.approx(there_deg, abs=0.02)
+    assert bench.scanner.guard.state is State.DISARMED
+    assert bench.scanner.angle_deg == pytest.approx(swept.angle_deg, abs=1e-3)
+    # It turned while they were read and no longer, and each frame has the angle of its pulse.
+    last_s = bench.flashes()[-1].at_s
+    assert bench.scanner.clock.now_s() - last_s == pytest.approx(lasts_s, abs=0.01)
+    bench.require_permitted()
+    samples = [event.sample for event in events if isinstance(event, Measured)]
+    assert len(samples) == swept.pulses > 100
+    for sample, flash in zip(samples, bench.flashes(), strict=True):
+        assert sample.angle_deg == pytest.approx(flash.angle_deg, abs=0.05)
+    assert isinstance(events[-1], Finished)
+    assert events[-1].travel_deg == pytest.approx(70.0 + abs(35.0 - there_deg), abs=0.5)
+
+
+def test_an_obstacle_on_the_way_to_where_it_waits_is_a_fault() -> None:
+    bench = SweepBench(readout_s=10.0)
+    bench.stage.move_to = lambda _: 30.0  # type: ignore[method-assign]
+    with pytest.raises(MoveError, match="sent to -5"):
+        list(bench.run(Sweeps(replace(TO_END, wait_deg=-5.0))))
+    assert bench.scanner.guard.state is State.FAULT
+
+
 def test_the_spacing_keeps_pulses_apart() -> None:
     bench = SweepBench(rate_hz=1000.0)
     samples = samples_of(bench, replace(TO_END, spacing_deg=0.5))
@@ -287,6 +319,7 @@ def test_the_spacing_keeps_pulses_apart() -> None:
         (Sweep(to_deg=35.0, speed_deg_s=12.6), ConfigError, "at most 12.5 deg/s"),
         (Sweep(to_deg=35.0, speed_deg_s=1.0), ConfigError, "sweep faster"),
         (Sweep(to_deg=35.5, speed_deg_s=10.0), LimitError, "outside the search range"),
+        (Sweep(to_deg=35.0, speed_deg_s=10.0, wait_deg=-35.5), LimitError, "outside the search range"),
     ],
 )
 def test_a_sweep_that_cannot_be_made_moves_nothing(sweep: Sweep, error: type[Exception], said: str) -> None:

@@ -186,7 +186,7 @@ class SnapshotBuilder:
             line = f"turn the probe to {event.target_deg:.1f}°: {read}"
             return replace(now, phase="turning", target_deg=None, asked_deg=event.target_deg, line=line)
         if isinstance(event, Swept):
-            line = f"the sweep ended at {event.angle_deg:.2f}° after {counted(event.pulses, 'pulse')}"
+            line = f"the sweep is over after {counted(event.pulses, 'pulse')}, the probe is at {event.angle_deg:.2f}°"
             travel_deg = now.travel_deg + self._moved_deg(event.angle_deg)
             return replace(
                 now, phase="measured", target_deg=None, probe_deg=event.angle_deg, travel_deg=travel_deg, line=line

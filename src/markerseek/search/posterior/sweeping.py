@@ -3,7 +3,8 @@
 1. It sweeps from where the probe is to the nearer end of the range, and from there to the other end, whatever it sees:
    the last degrees cost tenths of a second, and a louder source may be there. Where there is only one source, the
    sweep is over once the marker is known and both of its flanks are swept. Where the frames of a sweep are read at its
-   end, a second sweep would cost a second read-out: the probe turns to the nearer end without light.
+   end, a second sweep would cost a second read-out: the probe turns to the nearer end without light. While they are
+   read it turns to the middle of the range, which is nearer to most markers.
 2. Where the centre of the curve is not known well enough by then, it sweeps back over the flanks, and ends that sweep
    once it is. That also separates the delay between pulse and angle from the angle, for it shifts the two directions
    against one another. Where another source may still hide, it sweeps back over the whole range.
@@ -86,6 +87,7 @@ class SweepPosterior:
         if start_deg is not None and start_deg > limits.centre_deg:
             ends_deg.reverse()
         self._from_deg: float | None = None
+        self._wait_deg = limits.centre_deg if from_end else None
         at_end_deg = min(AT_END_DEG, AT_END * (limits.high_deg - limits.low_deg))
         if start_deg is None or abs(start_deg - ends_deg[0]) <= at_end_deg:
             ends_deg = ends_deg[1:]
@@ -173,6 +175,7 @@ class SweepPosterior:
                 speed_deg_s=self._speed_deg_s,
                 spacing_deg=LEAST_SPACING_DEG,
                 from_deg=self._from_deg,
+                wait_deg=self._wait_deg,
             )
             for to_deg in self._to_deg
         ]
@@ -239,4 +242,8 @@ class SweepPosterior:
         else:
             return []
         self._swept_back = True
+        if self._wait_deg is not None:
+            # The probe is no longer there.
+            self._from_deg = end_deg
+            self._wait_deg = self._limits.nearest(progress.mean_deg)
         return [self._limits.nearest(end_deg + back_deg * reach_deg)]

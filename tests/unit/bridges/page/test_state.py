@@ -336,7 +336,7 @@ def test_a_sweep_is_drawn_pulse_by_pulse():
     assert len(fan_model(ended, PAPER_RANGE, duration_s=0, known_deg=None)["points"]) == events[swept].pulses
     lines = [line.split("s  ")[1] for line in run.lines(ended, most=5)]
     assert lines == [ended.line, run.snapshots[1].line]
-    assert ended.line.endswith(f" after {events[swept].pulses} pulses")
+    assert f" after {events[swept].pulses} pulses, the probe is at " in ended.line
     assert len(run.lines(run.snapshots[10], most=5)) == 2
     assert run.snapshots[-1].travel_deg == pytest.approx(events[-1].travel_deg)
     assert run.name == "posterior, sweeping"

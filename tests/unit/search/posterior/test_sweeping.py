@@ -156,10 +156,25 @@ def test_a_narrow_range_is_swept_whole() -> None:
 def test_from_an_end_it_sweeps_once(start_deg: float, from_deg: float | None, to_deg: float) -> None:
     search = Search(curve_about(-10.0), start_deg=start_deg, from_end=True)
     asked = search.policy.ask()
-    assert asked == Sweep(to_deg=to_deg, speed_deg_s=SPEED, spacing_deg=0.1, from_deg=from_deg)
+    assert asked == Sweep(to_deg=to_deg, speed_deg_s=SPEED, spacing_deg=0.1, from_deg=from_deg, wait_deg=0.0)
     search.run()
     assert len(search.sweeps) == 1
     assert isinstance(search.policy.estimate(), Found)
+
+
+def test_a_burst_back_begins_at_the_end_although_the_probe_waited_elsewhere() -> None:
+    search = Search(curve_about(-10.0, snr=10.0, fwhm_deg=18.0), from_end=True)
+    there = search.policy.ask()
+    assert isinstance(there, Sweep)
+    search.sweep(there)
+    back = search.policy.ask()
+    assert isinstance(back, Sweep)
+    assert back.from_deg == 35.0
+    # Past the marker, beside which the probe waits for the frames.
+    assert back.to_deg < -10.0
+    assert back.wait_deg == pytest.approx(-10.0, abs=2.0)
+    search.run()
+    assert len(search.sweeps) == 2
 
 
 def test_a_sweep_is_over_however_long_before_its_end_the_light_goes_out() -> None:
