@@ -247,8 +247,7 @@ def _swept(
     # Always stated: a run that is resumed goes on from another angle.
     from_deg = scanner.limits.search.nearest(begin_deg)
     sweep = replace(asked, from_deg=from_deg)
-    for angle_deg in (sweep.to_deg, sweep.to_deg if sweep.wait_deg is None else sweep.wait_deg):
-        scanner.limits.require_search(angle_deg)
+    _require_inside(sweep, scanner.limits)
     for attempt in range(1, attempts + 1):
         done.sweeps += 1
         done.way_deg.append(from_deg)
@@ -280,6 +279,13 @@ def _swept(
             yield Refused(angle_deg=sweep.to_deg, reason=str(refusal))
         if not done.wanted:
             return
+
+
+def _require_inside(sweep: Sweep, limits: Limits) -> None:
+    """Refuse a sweep that would leave the range, before anything moves."""
+    limits.require_search(sweep.to_deg)
+    if sweep.wait_deg is not None:
+        limits.require_search(sweep.wait_deg)
 
 
 def _admitted(
