@@ -382,7 +382,9 @@ class Sweeps:
         if rng.random() < 0.25 or abs(to_deg - from_deg) < 5.0:
             return to_deg
         spacing_deg = float(rng.choice((0.0, 0.1, 0.5)))
-        return Sweep(to_deg=to_deg, speed_deg_s=rng.uniform(0.3, 1.0) * self._fastest_deg_s, spacing_deg=spacing_deg)
+        speed_deg_s = rng.uniform(0.3, 1.0) * self._fastest_deg_s
+        wait_deg = float(rng.uniform(low_deg, high_deg)) if rng.random() < 0.5 else None
+        return Sweep(to_deg=to_deg, speed_deg_s=speed_deg_s, spacing_deg=spacing_deg, wait_deg=wait_deg)
 
 
 class Unruly:
