@@ -12,7 +12,13 @@ import pytest
 
 pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
 
-from tests.faults.campaign.restarts import DAQS, DEATHS, lines, restarts  # type: ignore[import-not-found, unused-ignore]
+from tests.faults.campaign.restart_counts import (  # type: ignore[import-not-found, unused-ignore]
+    BURSTS,
+    DAQS,
+    lines,
+    restarts,
+)
+from tests.faults.campaign.restarts import DEATHS  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.unchecked import unchecked  # type: ignore[import-not-found, unused-ignore]
 
 
@@ -34,4 +40,9 @@ def test_no_wrong_angle_is_found_after_a_restart(
 def test_without_decision_20_frames_of_other_triggers_are_accepted(tmp_path: Path) -> None:
     """The judge can see it: else it would prove nothing."""
     counts = unchecked(restarts, "late files", "Ctrl-C", seed=1, count=2, folder=tmp_path, bare=True)
+    assert counts.accepted > 0
+
+
+def test_without_decision_75_bursts_of_the_search_that_died_are_believed(tmp_path: Path) -> None:
+    counts = unchecked(restarts, BURSTS, "kill", seed=1, count=1, folder=tmp_path, first=1, bare=True)
     assert counts.accepted > 0

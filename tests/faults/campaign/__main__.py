@@ -22,8 +22,8 @@ from .chunks import CHUNK, FRAMES_CHUNK, RESTART_KINDS, RESTARTS_CHUNK, frames, 
 from .commit import commit_made_from
 from .points import enumerate_points
 from .report import byte_keys, kinds, observable, observable_keys, over_the_line, promises, uncovered
-from .restarts import Restarts
-from .restarts import lines as restart_lines
+from .restart_counts import Restarts
+from .restart_counts import lines as restart_lines
 from .tally import Broken, Tally
 from .vocabulary import fingerprint
 

@@ -10,7 +10,8 @@ from markerseek.core import Measured
 from .bytes_runs import with_frames
 from .checker import check
 from .held_lines import HeldLines
-from .restarts import DAQS, DEATHS, Restarts, restarts
+from .restart_counts import DAQS, Restarts, restarts
+from .restarts import DEATHS
 from .runs import Campaign, draw_plan
 from .tally import Tally
 

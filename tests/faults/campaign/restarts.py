@@ -9,14 +9,12 @@ from __future__ import annotations
 
 import contextlib
 import math
-import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 from unittest import mock
 
-import msgspec
 import numpy as np
 
 from markerseek.core import (
@@ -44,8 +42,6 @@ from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, Receive
 
 PULSES = 16
 DARK_FRAMES = 3
-OFF_DEG = 1.0
-
 READOUT_S = 10.0
 """Longest time from a trigger to the last file, in seconds."""
 
@@ -53,9 +49,9 @@ POLL_S = 0.4
 """Time between two looks at the folder: eight times the driver's, which would spend the campaign on them."""
 
 DeathName = Literal["Ctrl-C", "kill"]
-DaqName = Literal["late files", "counting triggers", "counting triggers, box loses power"]
+AtRest = Literal["late files", "counting triggers", "counting triggers, box loses power"]
 DEATHS: tuple[DeathName, ...] = ("Ctrl-C", "kill")
-DAQS: tuple[DaqName, ...] = ("late files", "counting triggers", "counting triggers, box loses power")
+AT_REST: tuple[AtRest, ...] = ("late files", "counting triggers", "counting triggers, box loses power")
 
 
 class Killed(BaseException):
@@ -135,8 +131,8 @@ class Outcome:
 class Restart:
     """A search that dies, and the one after it, on one bench."""
 
-    def __init__(self, folder: Path, *, seed: int, number: int, daq: DaqName, death: DeathName, bare: bool) -> None:
-        rng = np.random.default_rng([seed, number, DAQS.index(daq), DEATHS.index(death)])
+    def __init__(self, folder: Path, *, seed: int, number: int, daq: AtRest, death: DeathName, bare: bool) -> None:
+        rng = np.random.default_rng([seed, number, AT_REST.index(daq), DEATHS.index(death)])
         self._rng, self._death, self._bare = rng, death, bare
         self.marker_deg = float(rng.uniform(-30, 30))
         self._counting = daq != "late files"
@@ -282,84 +278,3 @@ class Restart:
             PolicyPlan(method=self._method, acquisitions=self._acquisitions, start_deg=stage.angle_deg), limits=limits
         )
         return run(policy, scanner, RunPlan(dark_frames=DARK_FRAMES, closing_dark=not self._bare))
-
-
-class Restarts(msgspec.Struct, kw_only=True):
-    """Counts over restarts; an ``accepted`` one has frames of other triggers in it that were believed."""
-
-    runs: int = 0
-    answers: dict[str, int] = {}
-    said: dict[str, int] = {}
-    accepted: int = 0
-    accepted_unreported: int = 0
-    off: int = 0
-    largest_off_deg: float = 0.0
-
-    def count_run(self, outcome: Outcome) -> None:
-        """Add a restart."""
-        self.runs += 1
-        self.answers[outcome.answer] = self.answers.get(outcome.answer, 0) + 1
-        for said in {_kind(said) for said in outcome.said}:
-            self.said[said] = self.said.get(said, 0) + 1
-        self.accepted += outcome.foreign > 0
-        self.accepted_unreported += outcome.foreign > 0 and outcome.answer != "fault"
-        if outcome.off_deg is not None:
-            self.largest_off_deg = max(self.largest_off_deg, outcome.off_deg)
-            self.off += outcome.off_deg > OFF_DEG
-
-    def add(self, other: Restarts) -> None:
-        """Add the counts of another."""
-        for mine, others in ((self.answers, other.answers), (self.said, other.said)):
-            for name, count in others.items():
-                mine[name] = mine.get(name, 0) + count
-        self.runs += other.runs
-        self.accepted += other.accepted
-        self.accepted_unreported += other.accepted_unreported
-        self.off += other.off
-        self.largest_off_deg = max(self.largest_off_deg, other.largest_off_deg)
-
-
-def _kind(said: str) -> str:
-    for words in ("stale files", "holds a source", "pulses, ", "noise is", "change although", "stale frame"):
-        if words in said:
-            return words.strip(", ")
-    return said[:60]
-
-
-def restarts(
-    daq: DaqName, death: DeathName, *, seed: int, count: int, folder: Path, first: int = 0, bare: bool = False
-) -> Restarts:
-    """Restarts under one data acquisition and one kind of death.
-
-    ``bare`` leaves out what decision 16 brought: the settled folder, the watermark, the look at dark frames, the
-    confirmation that counts.
-    """
-    counts = Restarts()
-    number = first
-    while counts.runs < count:
-        place = folder / f"restart-{number}"
-        outcome = Restart(place, seed=seed, number=number, daq=daq, death=death, bare=bare).perform()
-        shutil.rmtree(place)
-        number += 1
-        if outcome.died:
-            counts.count_run(outcome)
-    return counts
-
-
-def lines(rows: dict[str, Restarts]) -> list[str]:
-    """Table of restarts."""
-    table = [
-        (
-            "| data acquisition, death | restarts | answers | reported | with frames of other triggers accepted | of "
-            "these not ended by a fault | found and off by more than 1° | largest error of found, deg |"
-        ),
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for name, row in rows.items():
-        answers = ", ".join(f"{count} {answer}" for answer, count in sorted(row.answers.items()))
-        said = "; ".join(f"{count} × {words}" for words, count in sorted(row.said.items()))
-        table.append(
-            f"| {name} | {row.runs} | {answers} | {said} | {row.accepted} | {row.accepted_unreported} | {row.off} | "
-            f"{row.largest_off_deg:.2f} |"
-        )
-    return table

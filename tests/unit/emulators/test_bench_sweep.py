@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,99 +15,19 @@ from markerseek.core import (
     ChannelFrame,
     ConfigError,
     DeviceError,
-    Event,
     Found,
     Measured,
     Sample,
-    SearchPlan,
     Sweep,
     Swept,
     is_finite,
 )
-from markerseek.drivers import Kdc101Settings, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
-from markerseek.emulators import DirectPort, EmulatedBench
-from markerseek.emulators.bench import BenchClock
+from markerseek.drivers import LaserBox
 from markerseek.emulators.sonixdaq import SonixDaqFaults
 from markerseek.emulators.stage_faults import STAGE_FAULTS
-from markerseek.guard import Admission, FiringLimits, Guard, State
-from markerseek.rigs import image_reader
+from markerseek.guard import State
 from markerseek.scan import Scanner, run
-from markerseek.search import build_sweeping
-from markerseek.sim import MarkerSettings, ReceiverSettings, SimulatedSettings, StageMotion
-from markerseek.wire import apt
-
-SETTINGS = SimulatedSettings(
-    marker=MarkerSettings(angle_deg=-24.0),
-    start_deg=-35.0,
-    stage=StageMotion(speed_deg_s=20.0, acceleration_deg_s2=25.0),
-    receiver=ReceiverSettings(readout_s=0.3, single_pulses=True),
-)
-
-
-DARK_ALARM = 1e-6
-
-
-class Bench:
-    """Real drivers on emulated devices; the laser box's lease is renewed in each wait, as on a bench."""
-
-    def __init__(self, folder: Path, *, frames: str = "triggered", readout_s: float = 0.3) -> None:
-        settings = replace(SETTINGS, receiver=replace(SETTINGS.receiver, readout_s=readout_s))
-        self.emulated = EmulatedBench(settings=settings, rng=np.random.default_rng(3), folder=folder)
-        self.clock = clock = BenchClock(tick_s=2e-3)
-        self.stage_port = DirectPort(device=self.emulated.stage, clock=clock)
-        port = DirectPort(device=self.emulated.laser_box, clock=clock)
-        self.stage = self.connect()
-        self.laser = LaserBox(port=port, clock=clock)
-        self.port = port
-        self.alive = True
-        clock.lead(self._beat, lambda _: port.read(0, timeout_s=0.0), self.emulated.daq.advance)
-        self.daq = SonixDaqSettings(
-            folder=str(folder),
-            timeout_s=10.0,
-            readout_s=0.2 + readout_s,
-            frames=frames,  # type: ignore[arg-type]
-        )
-        self.begin()
-
-    def begin(self) -> None:
-        """A program begins: it watches the folder from now on, and is armed."""
-        self.guard = Guard(limits=SETTINGS.limits, firing=FiringLimits(), admission=Admission(dark_alarm=DARK_ALARM))
-        self.scanner = Scanner(
-            stage=self.stage,
-            laser=self.laser,
-            receiver=SonixDaqReceiver(settings=self.daq, clock=self.clock),
-            reader=image_reader(SETTINGS.probe.array, sampling_hz=SETTINGS.receiver.sampling_hz),
-            clock=self.clock,
-            guard=self.guard,
-        )
-        self.guard.arm(by="test")
-
-    def _beat(self, _: float) -> None:
-        if self.alive:
-            self.laser.beat()
-
-    def connect(self) -> Kdc101Stage:
-        settings = Kdc101Settings(port="", zero_deg=0.0, speed_deg_s=20.0, acceleration_deg_s2=25.0)
-        return Kdc101Stage(port=self.stage_port, clock=self.clock, settings=settings)
-
-    def search(self) -> Iterator[Event]:
-        speed_deg_s = self.scanner.sweeping.stage.fastest_sweep_deg_s
-        return run(sweeping(speed_deg_s, start_deg=self.scanner.angle_deg, from_end=True), self.scanner)
-
-    @property
-    def speed_deg_s(self) -> float:
-        """The speed that the controller holds."""
-        return int.from_bytes(self.emulated.stage.velocity[10:14], "little") / apt.SPEED_WORD
-
-    @property
-    def probe_deg(self) -> float:
-        self.emulated.stage.turn(self.clock.now_s())
-        return self.emulated.world.angle_deg
-
-
-def sweeping(speed_deg_s: float, *, start_deg: float = -35.0, from_end: bool = False):  # type: ignore[no-untyped-def]
-    plan = SearchPlan(method="posterior", start_deg=start_deg, sweep_speed_deg_s=speed_deg_s, sweep_from_end=from_end)
-    return build_sweeping(plan, limits=SETTINGS.limits.search)
+from tests.sweep_on_a_bench import SETTINGS, Bench, sweeping
 
 
 @pytest.mark.parametrize(("readout_s", "waits_deg"), [(0.3, 35.0), (6.0, 0.0)])

@@ -31,7 +31,7 @@ from markerseek.rigs import image_reader
 from markerseek.scan import Scanner, run
 from markerseek.sim import SimulatedSettings
 from markerseek.wire import CONTROLLER, TO_CONTROLLER, AptFramer, apt
-from tests.unit.emulators.test_bench_sweep import SETTINGS, sweeping
+from tests.sweep_on_a_bench import SETTINGS, sweeping
 from tests.unit.scan.stamp_offsets import stamp_offsets_deg
 
 SWEEP = Sweep(to_deg=-20.0, speed_deg_s=12.0, spacing_deg=0.1, from_deg=-35.0)
