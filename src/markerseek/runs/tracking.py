@@ -165,13 +165,17 @@ def track_run(rig: Rig, policy: AnyTrackingPolicy, swing: OscillatingMotion) -> 
     yield from run(policy, rig.scanner, RunPlan(stay=True), limits=RunLimits(acquisitions=MAX_FRAMES))
 
 
-def quality_of(policy: AnyTrackingPolicy, swing: OscillatingMotion, *, rest_deg: float) -> TrackQuality | None:
-    """Quality of a track after the run, with the marker's angle at rest in degrees; None if there was no frame."""
-    if not policy.track:
+def quality_of(
+    policy: AnyTrackingPolicy, swing: OscillatingMotion, *, rest_deg: float, without_s: float = 0.0
+) -> TrackQuality | None:
+    """Quality of a track after the run; None if there was no frame.
+
+    ``rest_deg``: the marker's angle at rest. ``without_s``: time after the first frame that does not count.
+    """
+    track = [each for each in policy.track if each.time_s >= policy.track[0].time_s + without_s]
+    if not track:
         return None
     moment_s = 1e-6
-    errors = [each.angle_deg - rest_deg - swing.moved_deg(each.time_s) for each in policy.track]
-    speeds = [
-        (swing.moved_deg(each.time_s + moment_s) - swing.moved_deg(each.time_s)) / moment_s for each in policy.track
-    ]
-    return TrackQuality.of(errors, speeds, [each.sigma_deg for each in policy.track])
+    errors = [each.angle_deg - rest_deg - swing.moved_deg(each.time_s) for each in track]
+    speeds = [(swing.moved_deg(each.time_s + moment_s) - swing.moved_deg(each.time_s)) / moment_s for each in track]
+    return TrackQuality.of(errors, speeds, [each.sigma_deg for each in track])

@@ -114,12 +114,17 @@ class SweptTrack:
     """How well one marker was followed by sweeps."""
 
     quality: TrackQuality
+    """Of all frames."""
+    settled: TrackQuality
+    """Of those from 2 s after the first on."""
     frames: int
     sweeps: int
     searched_again: int
     """How often it was lost, and searched for."""
     lost: bool
     """Whether it was lost at any time, or the angle was off by more than half the width of the curve at the end."""
+    lost_settled: bool
+    """The same from 2 s after the first frame on."""
 
 
 def track_by_sweeps(
@@ -163,14 +168,18 @@ def track_by_sweeps(
     policy = swept_tracking_policy(rig, found, confirmation, speed_deg_s=motion.speed_deg_s, duration_s=duration_s)
     sweeps = sum(isinstance(event, Swept) for event in track_run(rig, policy, motion))
     quality = quality_of(policy, motion, rest_deg=0.0)
-    if quality is None:
-        raise SearchError("track: no frame was taken; follow the marker for longer")
+    settled = quality_of(policy, motion, rest_deg=0.0, without_s=_SETTLED_S)
+    if quality is None or settled is None:
+        raise SearchError(f"track: no frame was taken after {_SETTLED_S:g} s; follow the marker for longer")
     last = policy.track[-1]
-    off_deg = abs(last.angle_deg - motion.moved_deg(last.time_s))
+    ends_lost = abs(last.angle_deg - motion.moved_deg(last.time_s)) > fwhm_deg / 2
+    wide_s = [each.time_s - policy.track[0].time_s for each in policy.track if each.sigma_deg > fwhm_deg / 2]
     return SweptTrack(
         quality=quality,
+        settled=settled,
         frames=len(policy.track),
         sweeps=sweeps,
         searched_again=policy.searched_again,
-        lost=policy.searched_again > 0 or off_deg > fwhm_deg / 2,
+        lost=policy.searched_again > 0 or ends_lost,
+        lost_settled=ends_lost or any(each >= _SETTLED_S for each in wide_s),
     )
