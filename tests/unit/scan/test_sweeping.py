@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise
-from typing import cast
+from typing import Literal, cast
 
 import pytest
 from hypothesis import given
@@ -272,13 +272,14 @@ def test_the_probe_is_moved_to_the_beginning_without_light() -> None:
     bench.require_permitted()
 
 
+@pytest.mark.parametrize("sweep_mode", ["free-running", "position-triggered"])
 @pytest.mark.parametrize(
     ("readout_s", "there_deg", "lasts_s"), [(10.0, -5.0, 10.0), (2.0, 35.0, 2.0), (0.0, 35.0, 0.15)]
 )
 def test_the_probe_turns_without_light_while_its_frames_are_read_if_there_is_time(
-    readout_s: float, there_deg: float, lasts_s: float
+    readout_s: float, there_deg: float, lasts_s: float, sweep_mode: Literal["free-running", "position-triggered"]
 ) -> None:
-    bench = SweepBench(readout_s=readout_s)
+    bench = SweepBench(readout_s=readout_s, sweep_mode=sweep_mode)
     events = list(bench.run(Sweeps(replace(TO_END, wait_deg=-5.0))))
     (swept,) = (event for event in events if isinstance(event, Swept))
     assert swept.angle_deg == pytest.approx(there_deg, abs=0.02)
@@ -286,7 +287,7 @@ def test_the_probe_turns_without_light_while_its_frames_are_read_if_there_is_tim
     assert bench.scanner.angle_deg == pytest.approx(swept.angle_deg, abs=1e-3)
     # It turned while they were read and no longer, and each frame has the angle of its pulse.
     last_s = bench.flashes()[-1].at_s
-    assert bench.scanner.clock.now_s() - last_s == pytest.approx(lasts_s, abs=0.01)
+    assert bench.scanner.clock.now_s() - last_s == pytest.approx(lasts_s, abs=0.1)
     bench.require_permitted()
     samples = [event.sample for event in events if isinstance(event, Measured)]
     assert len(samples) == swept.pulses > 100
