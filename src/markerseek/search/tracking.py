@@ -51,8 +51,9 @@ FORMS: tuple[tuple[float, float], ...] = ((0.8, 2.0), (1.2, 2.4), (1.2, 5.0), (1
 HEIGHT_ERROR, WIDTH_ERROR = 0.05, 0.05
 """Relative standard deviation of height and width of the curve that a search states."""
 
-MISFIT, MISFIT_PACE = 0.5, 0.15
-"""Share of outliers among the last frames above which the marker is lost, and the weight of each frame in it."""
+MISFIT, MISFIT_PACE, MISFIT_S = 0.5, 0.15, 0.25
+"""Share of outliers among the last frames above which the marker is lost; most weight of a frame in it, and the time
+over which fast frames are weighed, in seconds: a curve that is off is so in all frames of a flank."""
 
 _DRIFT = 0.01
 """Change of ln height and ln width in the root of a second: laser and tissue, and it keeps the particles apart."""
@@ -228,7 +229,8 @@ class Tracker:
         self._weight = weight / weight.sum()
         fits = float(self._error_share @ evidence)
         self._error_share = self._error_share * evidence / fits
-        self._misfit += MISFIT_PACE * (OUTLIER_SHARE / OUTLIER_RANGE / fits - self._misfit)
+        pace = min(MISFIT_PACE, -math.expm1(-after_s / MISFIT_S))
+        self._misfit += pace * (OUTLIER_SHARE / OUTLIER_RANGE / fits - self._misfit)
         if self._misfit > MISFIT:
             self._forget()
         if 1 / float(self._weight @ self._weight) < self._weight.size / 2:
