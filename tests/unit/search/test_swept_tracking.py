@@ -88,6 +88,19 @@ def test_a_marker_that_is_nowhere_near_is_said_to_be_lost():
     assert one.lost
 
 
+@pytest.mark.parametrize("rate_hz", [20.0, 100.0])
+def test_a_marker_is_lost_by_a_quarter_of_a_second_of_outliers_however_fast_the_frames_come(rate_hz):
+    one = tracker()
+    for _ in range(20):
+        one.tell(1.0, PEAK, after_s=1 / rate_hz, noise_sigma=1.0, cells=1)
+    outliers = 0
+    while not one.lost:
+        # Far above the curve: no marker explains it.
+        one.tell(1.0, 5 * PEAK, after_s=1 / rate_hz, noise_sigma=1.0, cells=1)
+        outliers += 1
+    assert 0.15 <= outliers / rate_hz <= 0.3
+
+
 @pytest.mark.parametrize("intensity", [-1.0, math.nan, math.inf])
 def test_what_is_no_intensity_is_refused(intensity):
     with pytest.raises(SearchError, match="it must be finite and at least 0"):
