@@ -55,6 +55,10 @@ MISFIT, MISFIT_PACE, MISFIT_S = 0.5, 0.15, 0.25
 """Share of outliers among the last frames above which the marker is lost; most weight of a frame in it, and the time
 over which fast frames are weighed, in seconds: a curve that is off is so in all frames of a flank."""
 
+OWN_S = 0.025
+"""Time from frame to frame, in seconds, from which a frame is evidence of its own. Of faster ones each counts by its
+share of it: what the curve is off by is nearly the same in all of them."""
+
 _DRIFT = 0.01
 """Change of ln height and ln width in the root of a second: laser and tissue, and it keeps the particles apart."""
 
@@ -223,14 +227,15 @@ class Tracker:
         place = np.clip(place, 0.0, TABLE_SIZE - 1.001)
         below = place.astype(int)
         share = place - below
-        likelihoods = np.exp(tables[:, below] * (1 - share) + tables[:, below + 1] * share)
+        own = min(1.0, after_s / OWN_S)
+        likelihoods = np.exp(own * (tables[:, below] * (1 - share) + tables[:, below + 1] * share))
         evidence = likelihoods @ self._weight
         weight = self._weight * (self._error_share @ likelihoods)
         self._weight = weight / weight.sum()
         fits = float(self._error_share @ evidence)
         self._error_share = self._error_share * evidence / fits
         pace = min(MISFIT_PACE, -math.expm1(-after_s / MISFIT_S))
-        self._misfit += pace * (OUTLIER_SHARE / OUTLIER_RANGE / fits - self._misfit)
+        self._misfit += pace * ((OUTLIER_SHARE / OUTLIER_RANGE) ** own / fits - self._misfit)
         if self._misfit > MISFIT:
             self._forget()
         if 1 / float(self._weight @ self._weight) < self._weight.size / 2:
