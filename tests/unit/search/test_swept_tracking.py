@@ -32,6 +32,7 @@ from markerseek.core import (
 from markerseek.guard import State
 from markerseek.runs import require_streaming
 from markerseek.search import SweptRig, SweptTrackingPolicy, Tracker
+from markerseek.search.tracking import OWN_S
 from markerseek.sim import (
     GaussianCurve,
     LaserSettings,
@@ -86,6 +87,20 @@ def test_a_marker_that_is_nowhere_near_is_said_to_be_lost():
         if one.lost:
             break
     assert one.lost
+
+
+def test_frames_faster_than_the_error_of_a_curve_changes_say_together_what_one_of_them_says():
+    widths = {}
+    for frames in (1, 8):
+        one = tracker(sigma_deg=1.5, most_speed_deg_s=0.01, acceleration_deg_s2=0.01)
+        for _ in range(frames):
+            one.tell(4.0, 0.6 * PEAK, after_s=OWN_S / frames, noise_sigma=5.0, cells=1)
+        widths[frames] = one.sigma_deg
+    assert widths[8] == pytest.approx(widths[1], rel=0.05)
+    # Slower ones are evidence of their own.
+    for _ in range(7):
+        one.tell(4.0, 0.6 * PEAK, after_s=OWN_S, noise_sigma=5.0, cells=1)
+    assert one.sigma_deg < 0.8 * widths[1]
 
 
 @pytest.mark.parametrize("rate_hz", [20.0, 100.0])
