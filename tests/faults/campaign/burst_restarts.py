@@ -16,7 +16,7 @@ from unittest import mock
 
 import numpy as np
 
-from markerseek.core import ChannelFrame, Event, Finished, Found, Int16, MarkerseekError, Measured, Refused
+from markerseek.core import ChannelFrame, Event, Int16, Sample
 from markerseek.drivers import LaserBox, sonixdaq
 from markerseek.guard import State
 from markerseek.scan import Scanner
@@ -98,13 +98,7 @@ class BurstRestart:
         with mock.patch.object(sonixdaq, "_POLL_S", POLL_S), contextlib.ExitStack() as patches:
             if self._bare:
                 patches.enter_context(mock.patch.object(scanner_module, "_MARKS", 1))
-            try:
-                for _ in self._first():
-                    pass
-            except (Killed, KeyboardInterrupt):
-                outcome.died = True
-            except MarkerseekError as error:
-                outcome.said.append(f"the first search: {error}")
+            outcome.of_first(self._first())
             if not outcome.died:
                 return outcome
             # Without beats the light ends; the box completes the triggers.
@@ -113,16 +107,7 @@ class BurstRestart:
                 bench.clock.wait(0.05)
                 bench.emulated.stage.advance(bench.clock.now_s())
             bench.clock.wait(float(self._rng.uniform(0.2, 6.0)))
-            try:
-                bench.stage = bench.connect()
-                bench.laser = LaserBox(port=bench.port, clock=bench.clock)
-                bench.alive = True
-                bench.begin()
-                for event in bench.search():
-                    self._judge(event, outcome)
-            except MarkerseekError as error:
-                outcome.answer = "fault"
-                outcome.said.append(str(error))
+            outcome.of_second(self._second(), marker_deg=self.marker_deg, is_own=self._is_own)
         return outcome
 
     def _first(self) -> Iterator[Event]:
@@ -132,18 +117,19 @@ class BurstRestart:
                 patches.enter_context(mock.patch.object(Scanner, "_end_light_and_motion", return_value=None))
             yield from self._bench.search()
 
-    def _judge(self, event: Event, outcome: Outcome) -> None:
-        match event:
-            case Refused(reason=reason):
-                outcome.said.append(reason)
-            case Measured(sample=sample):
-                frame = sample.frame
-                assert isinstance(frame, ChannelFrame)
-                own = [pulses for fired_s, pulses in self._made if fired_s > self._died_s]
-                outcome.foreign += not any(_holds(pulses, frame, swept=sample.sweep is not None) for pulses in own)
-            case Finished(estimate=estimate):
-                outcome.answer = type(estimate).__name__
-                outcome.off_deg = abs(estimate.mean_deg - self.marker_deg) if isinstance(estimate, Found) else None
+    def _second(self) -> Iterator[Event]:
+        """The search of the next program, which connects anew."""
+        bench = self._bench
+        bench.stage = bench.connect()
+        bench.laser = LaserBox(port=bench.port, clock=bench.clock)
+        bench.alive = True
+        bench.begin()
+        yield from bench.search()
+
+    def _is_own(self, sample: Sample, frame: ChannelFrame) -> bool:
+        """Whether a frame is of pulses that were fired after the first search died."""
+        own = [pulses for fired_s, pulses in self._made if fired_s > self._died_s]
+        return any(_holds(pulses, frame, swept=sample.sweep is not None) for pulses in own)
 
 
 def _holds(pulses: Int16[np.ndarray, "pulses channels samples"], frame: ChannelFrame, *, swept: bool) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -29,6 +29,7 @@ from markerseek.core import (
     PolicyPlan,
     Refused,
     RunPlan,
+    Sample,
 )
 from markerseek.drivers import Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings, sonixdaq
 from markerseek.emulators import DirectPort, EmulatedBench
@@ -127,6 +128,35 @@ class Outcome:
     foreign: int = 0
     off_deg: float | None = None
 
+    def of_first(self, search: Iterator[Event]) -> None:
+        """Let the first search run until it dies."""
+        try:
+            for _ in search:
+                pass
+        except (Killed, KeyboardInterrupt):
+            self.died = True
+        except MarkerseekError as error:
+            self.said.append(f"the first search: {error}")
+
+    def of_second(
+        self, search: Iterator[Event], *, marker_deg: float, is_own: Callable[[Sample, ChannelFrame], bool]
+    ) -> None:
+        """Judge the second search by the truth; ``is_own``: whether a frame holds triggers of this search only."""
+        try:
+            for event in search:
+                match event:
+                    case Refused(reason=reason):
+                        self.said.append(reason)
+                    case Measured(sample=sample):
+                        assert isinstance(sample.frame, ChannelFrame)
+                        self.foreign += not is_own(sample, sample.frame)
+                    case Finished(estimate=estimate):
+                        self.answer = type(estimate).__name__
+                        self.off_deg = abs(estimate.mean_deg - marker_deg) if isinstance(estimate, Found) else None
+        except MarkerseekError as error:
+            self.answer = "fault"
+            self.said.append(str(error))
+
 
 class Restart:
     """A search that dies, and the one after it, on one bench."""
@@ -206,13 +236,7 @@ class Restart:
     def _perform(self) -> Outcome:
         outcome = Outcome()
         first = HostClock(self.clock, self._death)
-        try:
-            for _ in self._search(first, share=float(self._rng.uniform())):
-                pass
-        except (Killed, KeyboardInterrupt):
-            outcome.died = True
-        except MarkerseekError as error:
-            outcome.said.append(f"the first search: {error}")
+        outcome.of_first(self._search(first, share=float(self._rng.uniform())))
         if not outcome.died:
             return outcome
         self.clock.wait(0.15)  # by then the lease has ended
@@ -220,26 +244,15 @@ class Restart:
         while self._bench.stage.moving:
             self.clock.wait(0.05)
         self.clock.wait(float(self._rng.uniform(0.0, 3.0)))
-        try:
-            for event in self._search(HostClock(self.clock, None), share=None):
-                self._judge(event, outcome)
-        except MarkerseekError as error:
-            outcome.answer = "fault"
-            outcome.said.append(str(error))
+        outcome.of_second(
+            self._search(HostClock(self.clock, None), share=None), marker_deg=self.marker_deg, is_own=self._is_own
+        )
         return outcome
 
-    def _judge(self, event: Event, outcome: Outcome) -> None:
-        match event:
-            case Refused(reason=reason):
-                outcome.said.append(reason)
-            case Measured(sample=sample):
-                frame = sample.frame
-                own = [each.samples for each in self._written if each.trains == {self._trains}]
-                assert isinstance(frame, ChannelFrame)
-                outcome.foreign += not any(np.array_equal(frame.samples, samples) for samples in own)
-            case Finished(estimate=estimate):
-                outcome.answer = type(estimate).__name__
-                outcome.off_deg = abs(estimate.mean_deg - self.marker_deg) if isinstance(estimate, Found) else None
+    def _is_own(self, _: Sample, frame: ChannelFrame) -> bool:
+        """Whether a frame is an acquisition of the last train alone."""
+        own = [each.samples for each in self._written if each.trains == {self._trains}]
+        return any(np.array_equal(frame.samples, samples) for samples in own)
 
     def _search(self, clock: HostClock, *, share: float | None) -> Iterator[Event]:
         """A search by a process of its own, with the drivers and limits of a bench."""
