@@ -174,7 +174,8 @@ class Tracker:
         _require_after(after_s)
         limits = self.limits
         ahead_deg = np.clip(self._angle_deg + self._speed_deg_s * after_s, limits.low_deg, limits.high_deg)
-        return float(self._weight @ ahead_deg)
+        # The weights add up to 1 but for their rounding.
+        return limits.nearest(float(self._weight @ ahead_deg))
 
     def drawn(self, number: int) -> Markers:
         """So many markers, as the posterior has them."""

@@ -251,7 +251,7 @@ def other_probability(state: SearchState, *, others: float) -> float:
 def _other(state: SearchState, probability: float, *, more: str) -> str:
     """Why another source may be the marker, and what to do about it."""
     said = f"another source is the marker with a probability of {100 * probability:.2g} %"
-    cure = f"{more}, or state that there is a single source"
+    cure = f"{more}, or state that there is a single source (--single)"
     if state.unresolved_rival is not None:
         return f"{said}: one near {state.unresolved_rival[0].posterior.mean_deg:.0f} deg may be as loud; {cure}"
     if state.survey is None:
