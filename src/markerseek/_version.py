@@ -1,3 +1,3 @@
 """The version of markerseek, kept here and nowhere else."""
 
-__version__ = "0.3.3"
+__version__ = "0.3.4"
