@@ -27,7 +27,7 @@ from tests.faults.campaign.tally import upper95  # type: ignore[import-not-found
 from tests.faults.campaign.vocabulary import FAULTS  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.unchecked import unchecked  # type: ignore[import-not-found, unused-ignore]
 
-RUNS, FRAMES = 700, 20
+RUNS, FRAMES = 1400, 36
 
 
 def test_no_promise_is_broken_and_every_fault_that_acts_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
@@ -41,7 +41,7 @@ def test_no_promise_is_broken_and_every_fault_that_acts_is_reported(capsys: pyte
     assert single.acted > 0.5 * single.runs
     assert single.reported == single.acted
     assert single.off == tally.rows["none"].off == 0
-    assert single.found > 50
+    assert single.found > 100
 
 
 def test_no_promise_is_broken_over_real_drivers_and_emulated_devices(capsys: pytest.CaptureFixture[str]) -> None:

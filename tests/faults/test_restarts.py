@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import sys
-from itertools import cycle
 from pathlib import Path
 
 import pytest
@@ -23,7 +22,8 @@ from tests.faults.campaign.restarts import DEATHS  # type: ignore[import-not-fou
 from tests.faults.unchecked import unchecked  # type: ignore[import-not-found, unused-ignore]
 
 
-@pytest.mark.parametrize(("daq", "death"), tuple(zip(DAQS, cycle(DEATHS))))
+@pytest.mark.parametrize("death", DEATHS)
+@pytest.mark.parametrize("daq", DAQS)
 def test_no_wrong_angle_is_found_after_a_restart(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], daq: str, death: str
 ) -> None:

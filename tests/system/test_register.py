@@ -309,7 +309,6 @@ def spots_in_folders(folder: Path, points_m: np.ndarray, names: list[str]) -> tu
     return folder / "left", folder / "right"
 
 
-@pytest.mark.usefixtures("unchecked_shapes")
 def test_images_of_both_cameras_end_as_their_pixels_do(shell: Shell, tmp_path: Path) -> None:
     stereo, names = Path(__file__).parents[2] / "examples" / "stereo.toml", ["a", "b", "c"]
     journals = []

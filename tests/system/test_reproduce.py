@@ -153,7 +153,7 @@ def test_each_section_says_how_long_it_took(shell: Shell, tmp_path: Path) -> Non
 
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_fig_5_agrees_between_curves_and_frames(shell: Shell, tmp_path: Path) -> None:
-    code, out, _ = shell("reproduce", "fig5", "--markers", 10, "--workers", 1, "--out", tmp_path, "--json")
+    code, out, _ = shell("reproduce", "fig5", "--markers", 16, "--workers", 1, "--out", tmp_path, "--json")
     assert code == 0
     (section,) = json.loads(out)["sections"]
     noise_free = {(row["method"], row["acquisitions"]): row for row in rows_of(tmp_path / "fig5_without_noise.csv")}

@@ -89,7 +89,7 @@ def killed(_: Bench) -> None:
     raise Killed
 
 
-@pytest.mark.parametrize("late_s", [0.0, 7.0])
+@pytest.mark.parametrize("late_s", [0.0, 4.0, 7.0, 10.0])
 def test_the_burst_of_a_program_that_was_killed_is_not_taken_for_that_of_the_next(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late_s: float
 ) -> None:

@@ -120,7 +120,7 @@ def test_a_replay_of_a_bank_continues_with_the_remaining_dark_frames(tmp_path: P
                         break
 
     run_until(whole, None)
-    for until in (2, 8):
+    for until in (2, 3, 5, 8):
         path = tmp_path / f"{until}.journal"
         run_until(path, until)
         journal, held = Journal.reopen(path)

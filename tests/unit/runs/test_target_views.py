@@ -53,14 +53,14 @@ def test_the_ellipse_holds_95_percent_of_the_pixels_of_the_target(folders: tuple
     rng = np.random.default_rng(4)
     true_left = np.array(TARGET_M) - MOVE_M
     true_px = STEREO.cameras.project(true_left[None])
-    inside, count = np.zeros(2), 20
+    inside, count = np.zeros(2), 40
     for _ in range(count):
         report = register_pairs(pairs(rng), target_trus_m=TARGET_M)
         for side, (view, true) in enumerate(zip(target_views(report, *folders, stereo=STEREO), true_px, strict=True)):
             away = view.pixel - true[0]
             inside[side] += away @ np.linalg.solve(view.covariance_px2, away) <= 5.991
-    # 95 % of 20 are 19 +- 1; it is scaled up where the residuals are large by chance.
-    assert (inside >= 16).all()
+    # 95 % of 40 are 38.0 +- 1.4; it is scaled up where the residuals are large by chance.
+    assert (inside >= 34).all()
     # The ellipse is that of the registration and not as wide as the image: half a millimetre at 0.1 m.
     assert 1.0 < np.sqrt(np.trace(view.covariance_px2)) < 30.0
 

@@ -79,7 +79,7 @@ def search_errors_deg(number: int, counts: list[int], *, snr_db: float) -> list[
 @pytest.mark.parametrize(("snr_db", "least_deg"), [(80.0, 0.02), (40.0, 0.05), (25.0, 0.3)])
 def test_a_sweep_of_more_angles_is_more_exact(snr_db, least_deg):
     mean_deg = [
-        float(np.mean([sweep_error_deg(number, count, snr_db=snr_db) for number in MARKERS])) for count in (30, 120)
+        float(np.mean([sweep_error_deg(number, count, snr_db=snr_db) for number in MARKERS])) for count in (30, 200)
     ]
     assert mean_deg[1] <= 1.1 * mean_deg[0]
     assert mean_deg[1] < least_deg
