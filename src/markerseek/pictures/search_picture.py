@@ -159,13 +159,13 @@ def _numbered(angles_deg: list[float], intensities: list[float]) -> _Numbered:
 
 
 def _with_room(axes: Axes, numbered: _Numbered) -> _Numbered:
-    """Points whose labels do not overlap earlier ones; the axes must have their final range."""
+    """Points whose labels leave half a digit to earlier ones; the axes must have their final range."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     digit, line = _ROOM[0] * (right - left), _ROOM[1] * (top - bottom)
     shown: _Numbered = []
     for (x, y), text in numbered:
         if not any(
-            abs(x - other_x) < digit * (len(text) + len(other)) / 2 and abs(y - other_y) < line
+            abs(x - other_x) < digit * ((len(text) + len(other)) / 2 + 0.5) and abs(y - other_y) < line
             for (other_x, other_y), other in shown
         ):
             shown.append(((x, y), text))

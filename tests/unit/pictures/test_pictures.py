@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -102,6 +102,17 @@ def test_numbers_are_not_written_over_one_another_and_the_first_is_there(count: 
     assert not [pair for pair in combinations(boxes, 2) if pair[0].overlaps(pair[1])]
     assert texts[0].get_text() == "1"
     assert min(count, 28) <= len(texts) <= count
+
+
+def test_numbers_beside_an_image_are_apart_where_the_intensities_are_level() -> None:
+    angles = np.linspace(-35, 35, 115)
+    rng = np.random.default_rng(1)
+    figure = figure_of([sample(each, 420 + 20 * rng.random()) for each in angles.tolist()], image=image())
+    boxes = [text.get_window_extent() for text in figure.axes[0].texts]
+    # Numbers that touch would be read as one.
+    gaps = [right.x0 - left.x1 for left, right in pairwise(sorted(boxes, key=lambda box: box.x0))]
+    assert min(gaps) > 5
+    assert len(boxes) > 15
 
 
 def test_no_line_joins_what_was_measured_at_different_angles() -> None:
