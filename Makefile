@@ -7,9 +7,11 @@ COMPILE := .venv/bin/pip-compile --quiet --no-header --strip-extras --allow-unsa
 # With another list than pyproject.toml it adds no packages to build with; those lists name them.
 COMPILE_GROUPS = $(filter-out --build-deps-for editable,$(COMPILE))
 TESTS ?= tests
-# Of all tests in real time, those of `faults` keep leases of a tenth of a second, and have the computer for themselves;
-# the others mostly wait, and share it: the longest come first.
-WATCHED := $(if $(filter tests,$(TESTS)),tests/system tests/page tests/igtl tests/bridges)
+# Files with tests in real time. Those of `faults` keep leases of a tenth of a second, and have the computer for
+# themselves, as have tests that are named; the others mostly wait, and share it: the longest come first.
+ALL := $(filter tests,$(TESTS))
+REAL_TIME := $(if $(ALL),$(sort $(shell grep -rl --include='test_*.py' --exclude-dir=ros2 real_time tests)),$(TESTS))
+WATCHED := $(if $(ALL),$(foreach each,system page igtl bridges,$(filter tests/$(each)/%,$(REAL_TIME))))
 BENCH ?=
 
 # Commands and tests start Python hundreds of times. An environment that forbids bytecode (as images of containers do)
@@ -40,7 +42,7 @@ test: export OPENBLAS_NUM_THREADS := 1
 test: .venv/dev .venv/compiled  ## run every test
 	$(BIN)/python -m pytest $(IN_TWO) -m "not real_time" $(TESTS) || test $$? -eq 5
 	$(if $(WATCHED),$(BIN)/python -m pytest -n 2 --dist load --maxschedchunk 1 -m real_time $(WATCHED))
-	$(BIN)/python -m pytest -m real_time $(addprefix --ignore=,$(WATCHED)) $(TESTS) || test $$? -eq 5
+	$(BIN)/python -m pytest -m real_time $(filter-out $(WATCHED),$(REAL_TIME)) || test $$? -eq 5
 
 check: .venv/dev  ## look for faults without running: lint, format, types, import contracts, habits of scientific Python
 	$(BIN)/ruff check

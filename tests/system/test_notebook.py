@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-nbformat = pytest.importorskip("nbformat", reason="needs the packages of the tests")
-nbclient = pytest.importorskip("nbclient", reason="needs the packages of the tests")
-pytest.importorskip("pandas", reason="needs the extra notebook")
-
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "tutorials" / "notebook.md"
 
 
 def test_the_notebook_searches_draws_and_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Here, for the import takes seconds, and each process that runs tests collects this file.
+    nbformat = pytest.importorskip("nbformat", reason="needs the packages of the tests")
+    nbclient = pytest.importorskip("nbclient", reason="needs the packages of the tests")
+    pytest.importorskip("pandas", reason="needs the extra notebook")
     for name in ("IPYTHONDIR", "JUPYTER_RUNTIME_DIR", "JUPYTER_CONFIG_DIR"):
         monkeypatch.setenv(name, str(tmp_path / name))
     book = nbformat.read(ROOT / "examples" / "search.ipynb", as_version=4)

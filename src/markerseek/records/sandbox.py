@@ -50,12 +50,13 @@ _ROOM_BYTES = 1 << 29
 
 _LONGEST_LINE = 1 << 20
 
-_LIBRARIES = {
+LIBRARIES = {
     "read_mat": "scipy.io",
     "read_mat73": "h5py",
     "walk_bank": "h5py",
     "zea_arrays": "h5py",
     "read_png": "cv2",
+    "read_camera_png": "cv2",
     "read_dicom": "pydicom",
 }
 """What the readers import, by their names: imported once, and not again in each fork."""
@@ -226,7 +227,7 @@ def _serve(requests: IO[bytes], answers: IO[bytes]) -> None:
         path = Path(os.fsdecode(request.path))
         reader: Reader = getattr(importlib.import_module(request.module), request.function)
         with suppress(ImportError):
-            importlib.import_module(_LIBRARIES.get(request.function, "numpy"))
+            importlib.import_module(LIBRARIES.get(request.function, "numpy"))
         if sys.platform != "linux":
             _answer(answers, reader, path)
             continue

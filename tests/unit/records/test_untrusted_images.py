@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dis
+import inspect
 import zlib
 
 import pytest
 
 from markerseek.core import RecordError
-from markerseek.records import read_camera_images
+from markerseek.records import read_camera_images, sandbox, untrusted_arrays, untrusted_images
 
 pytestmark = pytest.mark.usefixtures("one_sandbox")
 
@@ -26,14 +28,14 @@ def png_of(width: int, height: int) -> bytes:
 @pytest.mark.parametrize(
     ("data", "says"),
     [
-        (b"", "it is empty; export it again"),
-        (png_of(1 << 15, 1 << 15), "far larger than its file, or damaged; export it again"),
-        (b"no image", "or of another kind: export it again"),
+        (lambda: b"", "it is empty; export it again"),
+        (lambda: png_of(1 << 15, 1 << 15), "far larger than its file, or damaged; export it again"),
+        (lambda: b"no image", "or of another kind: export it again"),
     ],
 )
 def test_what_is_no_image_is_said(tmp_path, data, says):
     pytest.importorskip("cv2")
-    (tmp_path / "0.png").write_bytes(data)
+    (tmp_path / "0.png").write_bytes(data())
     with pytest.raises(RecordError, match=rf"0\.png: it cannot be read as an image.*{says}$") as problem:
         read_camera_images(tmp_path)
     assert "\n" not in str(problem.value)
@@ -44,3 +46,11 @@ def test_a_plain_image_is_read(tmp_path):
     (tmp_path / "0.png").write_bytes(png_of(40, 30))
     (image,) = read_camera_images(tmp_path)
     assert image.shape == (30, 40)
+
+
+@pytest.mark.parametrize("module", [untrusted_arrays, untrusted_images])
+def test_what_a_reader_imports_is_imported_once_and_not_for_each_file(module):
+    for name, reader in inspect.getmembers(module, inspect.isfunction):
+        if name.startswith("read_"):
+            imported = {each.argval for each in dis.get_instructions(reader) if each.opname == "IMPORT_NAME"}
+            assert imported <= {sandbox.LIBRARIES.get(name)}, name
