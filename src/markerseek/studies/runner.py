@@ -39,9 +39,9 @@ COLUMNS = tuple(name for name in Row.__struct_fields__ if name != "settings")
 _MAX_TABLE_BYTES, _MAX_JSON_BYTES = 1 << 40, 256 * MIB
 """Largest table that is read, line by line, and largest file beside it."""
 
-_CHUNK_ROWS = {"curves": 250, "frames": 16}
-"""Rows of a chunk, about: at most a second of work, so that little is lost when a study is interrupted, and no worker
-waits long for the last one."""
+_CHUNK_ROWS = {"curves": 250, "frames": 1}
+"""Rows of a chunk, about: a second of work or one search, so that little is lost when a study is interrupted, and no
+worker waits long for the last one."""
 
 Kind = TypeVar("Kind")
 

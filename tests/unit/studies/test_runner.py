@@ -126,6 +126,11 @@ def test_a_study_that_ends_in_the_middle_is_continued_and_nothing_is_computed_tw
     assert sorted(path.name for path in tmp_path.iterdir()) == [".lock", "rows.csv", "study.json", "summary.json"]
 
 
+def test_of_frames_each_search_is_kept_as_it_ends() -> None:
+    study = dataclasses.replace(STUDY, level="frames", curve=CurveSettings(), trials=3)
+    assert [list(trials) for trials in chunks(study)] == [[each] for each in range(6)]
+
+
 def test_a_table_torn_anywhere_is_continued_from_its_last_whole_trial(whole: dict[str, bytes], tmp_path: Path) -> None:
     study = dataclasses.replace(STUDY, trials=3)
     run_study(study, tmp_path, workers=1)
