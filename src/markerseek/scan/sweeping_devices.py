@@ -102,8 +102,11 @@ class SweepingDevices:
                 f"sweep: {speed:g} deg/s is too fast for this stage, whose targets lie at most {MAX_AHEAD_DEG:g} deg "
                 f"ahead: at most {math.floor(100 * fastest) / 100:g} deg/s"
             )
-        # The floor of the speed keeps two pulses apart by the spacing also on the ramps; 0.8 leaves it room below.
-        period_s = max(self.least_period_s, sweep.spacing_deg / (0.8 * speed))
+        # The floor of the speed keeps two pulses apart by the spacing also on the ramps. On a short way the probe turns
+        # back to rest before it reaches its speed: at half of what it reaches, three quarters of the way are lit.
+        reached = math.sqrt(abs(sweep.to_deg - from_deg) * self.stage.acceleration_deg_s2)
+        highest_floor = min(0.8 * speed, reached / 2)
+        period_s = max(self.least_period_s, sweep.spacing_deg / highest_floor)
         if self.triggering is None:
             lasts = self.duration_s(sweep, from_deg=from_deg) / period_s
             pulses = max(math.ceil(SLOWER * lasts) + 1, math.ceil(lasts) + dark)
@@ -116,7 +119,7 @@ class SweepingDevices:
             expires_s=0.0,
             to_deg=sweep.to_deg,
             # By a billionth more, so that rounding does not put two pulses nearer than the spacing.
-            slowest_deg_s=max(SLOWEST * speed, (1 + 1e-9) * sweep.spacing_deg / period_s),
+            slowest_deg_s=max(min(SLOWEST * speed, highest_floor), (1 + 1e-9) * sweep.spacing_deg / period_s),
             fastest_deg_s=FASTEST * speed,
             period_s=period_s,
             spacing_deg=sweep.spacing_deg,

@@ -7,7 +7,8 @@ The noise is not added to the intensity; the peak is drawn as it is distributed:
   for the search of the maximum along either axis, which to second order adds σ²/2A each, as the quadrature does;
 - the largest of the noise elsewhere exceeds u·σ with probability 1 − exp(−N(u)), N(u) = ρ(u² − 1)exp(−u²/2) peaks
   above u on average (Worsley 1994, as in `markerseek.signals.noise_gain.envelope_cells`); ρ follows from the number of
-  cells M that a reading names, M = ρ(u² − 1) where N(u) = 1e-3, and from the share of peaks that a reader sees;
+  cells M that a reading names, M = ρ(u² − 1) where N(u) = 1e-3, and from the share of peaks that a reader sees; below
+  u² = 3, where N(u) falls again, it is that of independent cells;
 - the intensity is the largest of all. It is biased upward and never 0.
 
 Left out: lateral position and depth, quantisation, saturation. The tests of the studies compare it with frames.
@@ -167,6 +168,10 @@ def largest_noise(rng: np.random.Generator, *, cells: int) -> float:
     # From u² − 1 = 20, that of a usual image; each step reduces the error about tenfold (by 2/(u² − 1)).
     square = 2 * math.log(rate * 20 / wanted)
     for _ in range(4):
-        # Never below u² = 2, where peaks cannot be counted any more: fewer than one image in 10^30 has so little noise
-        square = max(2.0, 2 * math.log(rate * max(square - 1, 1.0) / wanted))
+        square = 2 * math.log(rate * max(square - 1, 2.0) / wanted)
+    # Below u² = 3, which a small image may come to, N(u) falls again. There u is the largest of as many independent
+    # cells, each above it with probability exp(−u²/2), as give the same at u² = 3: no two images have the same noise.
+    share = math.exp(-3 / 2)
+    if wanted > 2 * rate * share:
+        square = -2 * math.log(-math.expm1(math.log1p(-share) / share * wanted / (2 * rate)))
     return math.sqrt(square)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Literal, cast
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -261,6 +262,28 @@ def test_a_fast_laser_whose_light_ends_degrees_before_the_end_ends_the_sweep() -
     first = [sample.angle_deg for sample in policy.samples if sample.sweep is not None and sample.sweep.number == 1]
     assert max(first) < 34.0
     assert [round(event.angle_deg) for event in events if isinstance(event, Swept)] == [35, -35]
+    bench.require_permitted()
+
+
+@pytest.mark.parametrize("sweep_mode", ["free-running", "position-triggered"])
+@pytest.mark.parametrize("rate_hz", [20.0, 100.0, 1000.0])
+@pytest.mark.parametrize("way_deg", [1.6, 3.46, 6.0, 12.0])
+@pytest.mark.parametrize(("speed_deg_s", "acceleration_deg_s2"), [(8.6, 10.0), (12.5, 25.0)])
+def test_most_of_a_way_is_lit_on_which_the_probe_does_not_reach_its_speed(
+    way_deg: float,
+    speed_deg_s: float,
+    acceleration_deg_s2: float,
+    rate_hz: float,
+    sweep_mode: Literal["free-running", "position-triggered"],
+) -> None:
+    motion = StageMotion(speed_deg_s=speed_deg_s, acceleration_deg_s2=acceleration_deg_s2)
+    bench = SweepBench(motion=motion, rate_hz=rate_hz, sweep_mode=sweep_mode)
+    samples = samples_of(bench, Sweep(to_deg=-35.0 + way_deg, speed_deg_s=speed_deg_s, spacing_deg=0.1))
+    angles_deg = [sample.angle_deg for sample in samples]
+    apart_deg = float(np.diff(angles_deg).max())
+    # Three quarters of the way, but for what is left before the first pulse and after the last.
+    assert max(angles_deg) - min(angles_deg) >= 0.75 * way_deg - 2 * apart_deg
+    assert apart_deg < 0.7
     bench.require_permitted()
 
 

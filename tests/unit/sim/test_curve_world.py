@@ -43,6 +43,7 @@ from markerseek.sim import (
     StageMotion,
     VirtualClock,
 )
+from markerseek.sim.curve_world import largest_noise
 from markerseek.testing import LaserContract, ReceiverContract, StageContract
 
 HEADER = FrameHeader(sequence=1, token="t", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
@@ -135,6 +136,20 @@ def test_the_largest_noise_is_distributed_as_peaks_above_a_level_are_counted() -
     drawn = np.array([silent.frame(FLASH, header=HEADER).intensity for _ in range(4000)])
     rate = 0.55 * 460_000 / (2 * math.log(460_000 / 1e-3) - 1)
     assert stats.kstest(drawn, lambda u: np.exp(-rate * (u**2 - 1) * np.exp(-(u**2) / 2))).pvalue > 0.01
+
+
+@pytest.mark.parametrize("cells", [10, 100, 300])
+def test_the_least_noise_of_a_small_image_is_that_of_independent_cells_and_never_the_same(cells: int) -> None:
+    rng = np.random.default_rng(1)
+    drawn = np.array([largest_noise(rng, cells=cells) for _ in range(20_000)])
+    assert np.unique(drawn).size == drawn.size
+    assert drawn.min() > 0
+    rate = 0.55 * cells / (2 * math.log(cells / 1e-3) - 1)
+    share = math.exp(-1.5)
+    low = drawn[drawn < math.sqrt(3)]
+    assert stats.binomtest(low.size, drawn.size, math.exp(-2 * rate * share)).pvalue > 0.01
+    independent = -2 * rate * share / math.log(1 - share)
+    assert stats.kstest(low, lambda u: ((1 - np.exp(-(u**2) / 2)) / (1 - share)) ** independent).pvalue > 0.01
 
 
 def test_two_equal_peaks_are_stronger_than_one_and_scatter_less() -> None:
