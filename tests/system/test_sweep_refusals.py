@@ -60,7 +60,7 @@ def test_a_stage_that_cannot_trigger_is_named_with_the_cure(tmp_path: Path) -> N
         (
             ("search", "--sweep"),
             '[laser]\nsweep_mode = "position-triggered"\n[limits.search]\nlow_deg = -0.2\nhigh_deg = 0.2\n',
-            "two triggers are 0.95 deg apart, which leaves none from -0.20 to 0.2 deg; widen the search range, or",
+            "two triggers are 0.47 deg apart, which leaves none from -0.20 to 0.2 deg; widen the search range, or",
         ),
         (
             ("track", "--sweep"),

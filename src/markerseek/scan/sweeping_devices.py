@@ -25,6 +25,13 @@ from markerseek.scan._pulse_angle import AGREE_DEG, READ_LATE_S
 SLOWEST, FASTEST = 0.2, 1.25
 """Speeds between which the probe is lit, as shares of the speed of the sweep: pulses on the ramps count, too."""
 
+HIGHEST_FLOOR = 0.8
+"""Highest speed from which the probe is lit where the spacing of the pulses asks for one, as a share of that of the
+sweep: it leaves room below it."""
+
+LEAST_WAY_DEG = 0.5
+"""Way from rest to rest below which the probe need not be lit."""
+
 SLOWER = 1.1
 """Time of a sweep over that which the stage's own numbers give: it may be slower than it says."""
 
@@ -104,14 +111,15 @@ class SweepingDevices:
             )
         # The floor of the speed keeps two pulses apart by the spacing also on the ramps. On a short way the probe turns
         # back to rest before it reaches its speed: at half of what it reaches, three quarters of the way are lit.
-        reached = math.sqrt(abs(sweep.to_deg - from_deg) * self.stage.acceleration_deg_s2)
-        highest_floor = min(0.8 * speed, reached / 2)
+        way_deg = abs(sweep.to_deg - from_deg)
+        reached = math.sqrt(max(way_deg, LEAST_WAY_DEG) * self.stage.acceleration_deg_s2)
+        highest_floor = min(HIGHEST_FLOOR * speed, reached / 2)
         period_s = max(self.least_period_s, sweep.spacing_deg / highest_floor)
         if self.triggering is None:
             lasts = self.duration_s(sweep, from_deg=from_deg) / period_s
             pulses = max(math.ceil(SLOWER * lasts) + 1, math.ceil(lasts) + dark)
         else:
-            pulses = math.ceil(abs(sweep.to_deg - from_deg) / trigger_spacing_deg(sweep, period_s=period_s)) + dark
+            pulses = math.ceil(way_deg / self._trigger_spacing_deg(sweep)) + dark
         return SweepPermit(
             token="",
             angle_deg=from_deg,
@@ -133,7 +141,21 @@ class SweepingDevices:
         return stage.set_triggers(
             from_deg=permit.angle_deg,
             to_deg=permit.to_deg,
-            spacing_deg=trigger_spacing_deg(sweep, period_s=permit.period_s),
+            spacing_deg=self._trigger_spacing_deg(sweep),
+        )
+
+    def _trigger_spacing_deg(self, sweep: Sweep) -> float:
+        """Distance between two triggers of a sweep, on any way: their pulses must not be nearer than its period.
+
+        Half of it is never less than what a sound rig's stamps may be off by: else a late readout would pass for a lost
+        trigger.
+        """
+        speed_deg_s = sweep.speed_deg_s
+        period_s = max(self.least_period_s, sweep.spacing_deg / (HIGHEST_FLOOR * speed_deg_s))
+        return max(
+            # Where the period of a short way is longer, it is that of twice the spacing at the speed reached.
+            TRIGGER_SPARE * max(speed_deg_s * period_s, 2 * sweep.spacing_deg),
+            2 * (AGREE_DEG + READ_LATE_S * speed_deg_s),
         )
 
     def require_in_time(self, sweep: Sweep, permit: SweepPermit, *, now_s: float) -> None:
@@ -152,13 +174,3 @@ class SweepingDevices:
         if way_deg <= speed**2 / acceleration:
             return 2 * math.sqrt(way_deg / acceleration)
         return way_deg / speed + speed / acceleration
-
-
-def trigger_spacing_deg(sweep: Sweep, *, period_s: float) -> float:
-    """Distance between two triggers of a sweep, whose pulses must not be nearer than the period.
-
-    Half of it is never less than what a sound rig's stamps may be off by: else a late readout would pass for a lost
-    trigger.
-    """
-    speed_deg_s = sweep.speed_deg_s
-    return max(sweep.spacing_deg, TRIGGER_SPARE * speed_deg_s * period_s, 2 * (AGREE_DEG + READ_LATE_S * speed_deg_s))
