@@ -150,12 +150,10 @@ class SweepingDevices:
         Half of it is never less than what a sound rig's stamps may be off by: else a late readout would pass for a lost
         trigger.
         """
-        speed_deg_s = sweep.speed_deg_s
-        period_s = max(self.least_period_s, sweep.spacing_deg / (HIGHEST_FLOOR * speed_deg_s))
         return max(
-            # Where the period of a short way is longer, it is that of twice the spacing at the speed reached.
-            TRIGGER_SPARE * max(speed_deg_s * period_s, 2 * sweep.spacing_deg),
-            2 * (AGREE_DEG + READ_LATE_S * speed_deg_s),
+            # Where the spacing makes the period longer, that is at most twice the spacing at the speed that is reached.
+            TRIGGER_SPARE * max(sweep.speed_deg_s * self.least_period_s, 2 * sweep.spacing_deg),
+            2 * (AGREE_DEG + READ_LATE_S * sweep.speed_deg_s),
         )
 
     def require_in_time(self, sweep: Sweep, permit: SweepPermit, *, now_s: float) -> None:
