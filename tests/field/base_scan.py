@@ -1,4 +1,4 @@
-"""The base scan of the field reports: simulated channel data with the marker at 12.5°, for tests to spoil as the field does."""
+"""The base scan of the field reports: simulated channel data with the marker at 12.5°, for tests to spoil."""
 
 from __future__ import annotations
 
