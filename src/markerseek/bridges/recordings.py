@@ -71,7 +71,7 @@ def _bank_items(rig: Rig, bank: IntensityBank | FrameBank) -> Iterator[tuple[flo
     yield series.times_s[0], configuration_of(rig, plan)
     for number, (index, time_s) in enumerate(zip(series.order, series.times_s, strict=True), start=1):
         event = Measured(role="search", index=number, sample=_sample(rig, bank, index))
-        yield time_s, Entry(number=number, written="", clock_s=time_s, event=event, checkpoint=None)
+        yield time_s, Entry(number=number, written="", clock_s=time_s, event=event)
 
 
 def _sample(rig: Rig, bank: IntensityBank | FrameBank, index: int) -> Sample:

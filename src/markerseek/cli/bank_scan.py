@@ -10,13 +10,13 @@ import typer
 from rich.markup import escape
 
 from markerseek import rigs, runs
-from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig
+from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig, person
 from markerseek.cli.options import Arm, AsJson, RigFile
 from markerseek.cli.report import Output, Report, with_version
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_event, stderr
 from markerseek.cli.watched import Events, Heartbeat, WatchOptions
-from markerseek.core import ChannelFrame, MarkerseekError, Measured, Refused, RFFrame, Sample
+from markerseek.core import ChannelFrame, Event, MarkerseekError, Measured, Refused, RFFrame, Sample
 
 if TYPE_CHECKING:
     from markerseek.records.journal import Journal
@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek bank scan scan.hdf5 --seed 1\n\n"
-    "  markerseek bank scan scan.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.25 --wavelength-nm 760"
+    "  markerseek bank scan scan.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.25 --wavelength-nm 760\n\n"
+    "  markerseek bank scan --continue scan.hdf5 --seed 1"
 )
 
 
@@ -52,6 +53,10 @@ def command(
         int | None,
         typer.Option(min=0, help="Seed of the simulation: the same seed gives the same scan.", show_default="1"),
     ] = None,
+    goes_on: Annotated[
+        bool,
+        typer.Option("--continue", help="Go on with a scan that was killed: only the missing angles are measured."),
+    ] = False,
     arm: Arm = False,
     wavelength_nm: Annotated[float | None, typer.Option(help="Wavelength of the laser, stored in the bank.")] = None,
     pulse_energy_mj: Annotated[
@@ -63,9 +68,9 @@ def command(
 ) -> None:
     """Scan the whole search range of a rig, with dark frames first, and write each acquisition before the next.
 
-    If stopped early, the file has all acquisitions so far.
+    If stopped early, the file has all acquisitions so far. A scan that was killed goes on with --continue.
     """
-    runs.require_new_scan(out)
+    runs.require_new_scan(out, goes_on=goes_on)
     watch = WatchOptions(events=events, heartbeat=heartbeat)
     announce_compilation()
     taken, dark, refused = 0, 0, 0
@@ -79,6 +84,8 @@ def command(
             step_deg=step_deg,
             wavelength_m=scaled("--wavelength-nm", wavelength_nm, 1e-9, most=20_000),
             pulse_energy_j=scaled("--pulse-energy-mj", pulse_energy_mj, 1e-3, most=10_000),
+            goes_on=goes_on,
+            by=person(),
         )
         try:
             with (
@@ -92,7 +99,8 @@ def command(
                 for event in scan:
                     if followed is not None:
                         followed.commit(event, clock_s=assembled.scanner.clock.now_s())
-                    show_event(progress, event)
+                    if isinstance(event, Event):
+                        show_event(progress, event)
                     if isinstance(event, Measured):
                         b_mode.meet(event.sample)
                         if event.role == "search":

@@ -1,9 +1,10 @@
-"""``markerseek journal``: lists, prints, follows, checks and recomputes the journals of runs."""
+"""``markerseek journal``: lists, prints, follows and checks the journals of runs, and computes their answers again."""
 
 from __future__ import annotations
 
 import sys
 import time
+from datetime import datetime
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
@@ -11,28 +12,71 @@ from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 import typer
+from rich.markup import escape
 
 from markerseek import runs
-from markerseek.cli import journal_folder
 from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report
 from markerseek.cli.terminal import announce_compilation, new_table, one_line, print_error, print_json, stdout
-from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started, Swept, Turning, counted
+from markerseek.core import (
+    Asked,
+    Failed,
+    Finished,
+    Measured,
+    NotFound,
+    Refused,
+    Started,
+    Swept,
+    Turning,
+    counted,
+    rig_in_words,
+)
 
 if TYPE_CHECKING:
-    from markerseek.records.journal import Entry, RecordedRun
+    from markerseek.records.journal import Entry, JournalSummary, RecordedRun
 
 
 app = typer.Typer(
-    name="journal", help="List, print, follow, check, recompute and remove the journals of runs.", no_args_is_help=True
+    name="journal", help="List, print, follow, check and compute again the journals of runs.", no_args_is_help=True
 )
-app.command(name="list", epilog=journal_folder.LIST_EXAMPLES)(journal_folder.list_journals)
-app.command(epilog=journal_folder.PRUNE_EXAMPLES)(journal_folder.prune)
 
 _POLL_S = 0.02
 """Time between two looks for a new entry, in seconds."""
 
 _File = Annotated[Path, typer.Argument(help="Journal of a run.")]
+
+
+@app.command(
+    name="list",
+    epilog="Examples:\n\n  markerseek journal list\n\n  markerseek journal list /data/runs --last 100 --json",
+)
+def list_journals(
+    folder: Annotated[
+        Path | None, typer.Argument(help="Folder of journals.", show_default="that of runs that named no journal")
+    ] = None,
+    last: Annotated[int, typer.Option(min=1, help="Number of the newest journals to list.")] = 20,
+    as_json: AsJson = False,
+) -> None:
+    """List the journals of a folder, the newest first, with local time, method, result, size, tissue and seed.
+
+    Journals are never deleted: each is a file, and rm deletes it.
+    """
+    from markerseek.records.journal import journals_folder, journals_in, size_bytes_of, summary
+
+    place = folder or journals_folder()
+    # Before the first search there is no such folder.
+    paths = journals_in(place) if folder is not None or place.exists() else []
+    total_bytes = sum(map(size_bytes_of, paths))
+    summaries = [summary(path) for path in paths[: -last - 1 : -1]]
+    lines = []
+    for each in summaries:
+        lines.append(f"[bold]{one_line(Path(each.path).name)}[/]\n  {one_line(_in_words(each))}")
+        if each.description is not None:
+            lines.append(f"  [dim]{one_line(each.description)}[/]")
+    listed = "" if len(summaries) == len(paths) else f", the newest {len(summaries)} are listed (--last)"
+    lines.append(f"{counted(len(paths), 'journal')} in {escape(str(place))}, {total_bytes / 1e6:.1f} MB{listed}")
+    values = {"folder": str(place), "count": len(paths), "total_bytes": total_bytes, "journals": summaries}
+    Output(as_json=as_json).show(Report(values=values, shown=lines))
 
 
 @app.command(epilog="Example:\n\n  markerseek journal show run.journal")
@@ -103,23 +147,38 @@ def verify(journal: _File, as_json: AsJson = False) -> None:
 
 @app.command(epilog="Example:\n\n  markerseek journal replay run.journal")
 def replay(journal: _File, as_json: AsJson = False) -> None:
-    """Compute the readings again, repeat the search with them, and compare; exit code 1 if anything differs."""
+    """Compute the answer again, from the samples and from the frames, and print both beside the recorded one."""
+    from markerseek.records import answer_name
     from markerseek.records.journal import read_journal, run_state
 
     recorded = read_journal(journal)
     announce_compilation()
-    found = runs.recompute_differences(
-        recorded, runs.rebuild_policy(recorded.configuration), runs.rebuild_reader(recorded.configuration)
-    )
-    state, count = run_state(recorded.entries).state, len(recorded.entries)
-    what = "readings, decisions and answer" if state == "finished" else "readings and decisions so far"
-    equal = f"{what} come out equal, bit for bit, from {counted(count, 'entry', 'entries')}"
-    report = Report(
-        values={"equal": not found, "entries": count, "state": state, "differences": found},
-        shown=[f"[red]differs:[/] {one_line(line)}" for line in found] or [equal],
-        exit_code=1 if found else 0,
-    )
-    Output(as_json=as_json).show(report)
+    last = [entry.event.estimate for entry in recorded.entries if isinstance(entry.event, Finished)]
+    answers = {
+        "recorded": last[-1] if last else None,
+        "from the samples": runs.answer_again(recorded, read_frames=False),
+        "from the frames": runs.answer_again(recorded, read_frames=True),
+    }
+    table = new_table("", "answer", "angle [deg]", "95 % interval [deg]", left=("", "answer"))
+    values: dict[str, object] = {"state": run_state(recorded.entries).state}
+    for name, estimate in answers.items():
+        if estimate is None:
+            table.add_row(name, "none: the run is not over", "", "")
+            values[name.replace(" ", "_")] = None
+            continue
+        interval = None if isinstance(estimate, NotFound) else estimate.interval95_deg
+        ends = "" if interval is None else f"{interval.low_deg:.3f} to {interval.high_deg:.3f}"
+        table.add_row(name, answer_name(estimate), f"{estimate.mean_deg:.3f}", ends)
+        values[name.replace(" ", "_")] = {
+            "answer": answer_name(estimate),
+            "angle_deg": estimate.mean_deg,
+            "sigma_deg": None if isinstance(estimate, NotFound) else estimate.sigma_deg,
+            "interval95_deg": None if interval is None else [interval.low_deg, interval.high_deg],
+        }
+    if as_json:
+        print_json(values)
+    else:
+        stdout.print(table)
 
 
 def _as_object(entry: Entry) -> dict[str, object]:
@@ -178,9 +237,8 @@ def _line(entry: Entry) -> tuple[str, str, str, str]:
             return "failed", "", "", str(error)
         case Interrupted(reason=reason):
             return "interrupted", "", "", reason
-        case Resuming(by=by, check_deg=check_deg, flank_deg=flank_deg):
-            flank = "" if flank_deg is None else f", checks {flank_deg:.3f} deg as well"
-            return "resuming", "" if check_deg is None else f"{check_deg:.3f}", "", f"armed by {by}{flank}"
+        case Resuming(by=by, check_deg=check_deg):
+            return "resuming", "" if check_deg is None else f"{check_deg:.3f}", "", f"armed by {by}"
         case Checked(reading=reading, difference=difference):
             return "checked", "", f"{reading.intensity:.4g}", difference or "unchanged"
 
@@ -195,3 +253,26 @@ def _turning(event: Asked | Turning | Swept) -> tuple[str, str, str, str]:
     if event.sweep is not None:
         return "asked: sweep", angle, "", f"{event.sweep.speed_deg_s:g} deg/s"
     return f"asked: {event.role} {event.index}", angle, "", ""
+
+
+def _in_words(each: JournalSummary) -> str:
+    if each.method is None or each.acquisitions is None:
+        return f"{each.state}: {each.problem}"
+    begun = "not begun" if each.begun is None else _local(each.begun)
+    end = each.answer or each.state
+    # Where nothing was detected, the angle is that of the noise; the paper's form has one then too.
+    if each.angle_deg is not None and each.answer != "not found":
+        end = f"{each.angle_deg:.3f}°" if each.as_published else f"{end} at {each.angle_deg:.3f}°"
+    form = " as published" if each.as_published else ""
+    rig = rig_in_words(str(each.rig), each.emulated)
+    text = f"{begun}, {each.method}{form} on a {rig}: {end}, {counted(each.acquisitions, 'acquisition')}"
+    return f"{text}, {each.size_bytes / 1e6:.1f} MB" + ("" if each.problem is None else f"; {each.problem}")
+
+
+def _local(begun: str) -> str:
+    """A time in the zone of this computer."""
+    try:
+        return f"{datetime.fromisoformat(begun).astimezone():%Y-%m-%d %H:%M %Z}"
+    # The file may be another's, and hold any text.
+    except (ValueError, OverflowError, OSError):
+        return begun

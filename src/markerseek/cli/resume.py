@@ -14,7 +14,7 @@ from markerseek.cli.options import AsJson, Out
 from markerseek.cli.report import Output
 from markerseek.cli.terminal import announce_compilation, print_json, print_warning, stdout
 from markerseek.cli.watched import Heartbeat, WatchOptions
-from markerseek.core import ConfigError, counted
+from markerseek.core import ConfigError, Sweep, counted
 
 if TYPE_CHECKING:
     from markerseek.records.journal import RecordedRun
@@ -42,16 +42,16 @@ def command(
     heartbeat: Heartbeat = None,
     as_json: AsJson = False,
 ) -> None:
-    """Continue a search after any interruption, with the same next angle and the same result.
+    """Continue a search after an interruption: what was measured is kept, and the search goes on from there.
 
     Nothing moves and nothing is fired until a person arms the rig: by --arm, or by typing its name on a terminal.
-    Otherwise the state of the run is printed, and the exit code is 4. Once armed, the strongest angle so far and one on
-    a flank are measured again, and the search continues only if both are unchanged. A simulated or recorded rig is made
+    Otherwise the state of the run is printed, and the exit code is 4. Once armed, the strongest angle so far is
+    measured again. If it has changed by more than noise, the search says so and begins anew. A simulated rig is made
     from the journal. For devices, --rig is needed: limits, budgets and start_command are taken from the rig file, never
     from the journal, and differences between the two are printed. If the run is over, its result is printed.
     """
     from markerseek.cli.show_result import conclude
-    from markerseek.records.journal import read_journal, result_of, run_state
+    from markerseek.records.journal import read_journal, result_of, run_state, since_started
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     watch = WatchOptions(heartbeat=heartbeat)
@@ -64,8 +64,7 @@ def command(
         if plot:
             imaging = runs.rebuild_image_reader(recorded.configuration)
             policy = runs.rebuild_policy(recorded.configuration)
-            # It is given all samples; there is no next angle.
-            runs.next_angle(recorded, policy)
+            runs.tell_recorded(policy, since_started(recorded.entries))
     else:
         runs.require_reset(recorded.path, state, reset_fault=reset_fault)
         bench = _bench_named(recorded, rig, arm=arm)
@@ -124,7 +123,7 @@ def _resume(
 
     # Read again under the lock: another program may have continued the run while the user was asked.
     kept, recorded = Journal.reopen(journal)
-    with closed_at_end(kept), runs.rebuild_rig(recorded.configuration, bench_settings=bench) as rig:
+    with closed_at_end(kept), runs.rebuild_rig(recorded, bench_settings=bench) as rig:
         session = runs.resumed_session(rig, kept, recorded, by=person(), reset_fault=reset_fault)
         run_session(session, as_json=as_json, rig_file=rig_file, watch=watch)
     return session
@@ -141,13 +140,16 @@ def _confirmed(recorded: RecordedRun, rig: Path | None, *, as_json: bool) -> boo
 
 
 def _print_state(recorded: RecordedRun, *, as_json: bool, rig_file_needed: bool) -> None:
-    """Print the state of the run: acquisitions, next angle, angles to measure again, and how to continue."""
+    """Print the state of the run: acquisitions, next angle, the angle to measure again, and how to continue."""
     from markerseek.cli.session import resume_command
-    from markerseek.records.journal import run_state
+    from markerseek.records.journal import run_state, since_started
 
-    state = run_state(recorded.entries)
-    next_deg = runs.next_angle(recorded, runs.rebuild_policy(recorded.configuration))
-    checks_deg = [sample.angle_deg for sample in runs.samples_to_recheck(recorded.entries)]
+    state, entries = run_state(recorded.entries), since_started(recorded.entries)
+    policy, strongest = runs.rebuild_policy(recorded.configuration), runs.strongest_of(entries)
+    runs.tell_recorded(policy, entries)
+    asked = policy.ask()
+    next_deg = asked.to_deg if isinstance(asked, Sweep) else asked
+    check_deg = None if strongest is None else strongest.angle_deg
     if as_json:
         print_json(
             {
@@ -155,7 +157,7 @@ def _print_state(recorded: RecordedRun, *, as_json: bool, rig_file_needed: bool)
                 "armed": False,
                 "acquisitions": state.acquisitions,
                 "next_deg": next_deg,
-                "checks_deg": checks_deg,
+                "check_deg": check_deg,
                 "journal": str(recorded.path),
                 "rig_file_needed": rig_file_needed,
             }
@@ -166,8 +168,8 @@ def _print_state(recorded: RecordedRun, *, as_json: bool, rig_file_needed: bool)
         f"{recorded.configuration.plan.method} on a {recorded.configuration.facts.rig_name}: {kept} kept; "
         + ("only the end is left" if next_deg is None else f"the next is at {next_deg:.3f}°")
     ]
-    if checks_deg:
-        lines.append(f"before it, {' and '.join(f'{each:.3f}°' for each in checks_deg)} will be measured again")
+    if check_deg is not None:
+        lines.append(f"before it, {check_deg:.3f}° will be measured again")
     if rig_file_needed:
         lines.append(
             "not armed: nothing moved and nothing was fired; the rig file is needed; continue with: "

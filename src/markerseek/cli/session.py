@@ -12,7 +12,7 @@ from rich.markup import escape
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import print_warning, progress_bar, show_event, stderr
 from markerseek.cli.watched import WatchOptions
-from markerseek.core import ConfigError, Failed, MarkerseekError, RecordError
+from markerseek.core import ConfigError, Event, Failed, MarkerseekError, RecordError
 from markerseek.files import quoted
 from markerseek.records.journal import Checked, Configuration, Journal, default_journal, make_folder
 from markerseek.runs import Session
@@ -88,7 +88,11 @@ def _watch(session: Session) -> None:
     # Closed whatever happens here, so that an interrupt also stops the stage and disarms the laser.
     with closing(session.events()) as events, progress_bar(session.most_acquisitions, what="searching") as progress:
         for event in events:
-            show_event(progress, event)
+            if isinstance(event, Checked):
+                changed = event.difference and f"[yellow]{escape(event.difference)}: the search begins anew[/]"
+                progress.console.print(changed or "the strongest angle is unchanged: the search goes on")
+            elif isinstance(event, Event):
+                show_event(progress, event)
 
 
 def resume_command(journal: Path, rig_file: Path | None) -> str:
@@ -105,8 +109,7 @@ def _print_how_to_resume(journal: Journal | None, rig_file: Path | None) -> None
     command = escape(resume_command(journal.path, rig_file))
     if isinstance(journal.last, Failed):
         line += f"; once the fault is repaired: {command} --reset-fault"
-    # After a check that failed the rig has changed: only a new search can help.
-    elif not isinstance(journal.last, Checked):
+    else:
         line += f"; continue with: {command}"
     stderr.print(line)
 

@@ -11,7 +11,6 @@ import math
 from dataclasses import replace
 from typing import Literal
 
-import msgspec
 import numpy as np
 
 from markerseek.core import (
@@ -24,7 +23,6 @@ from markerseek.core import (
     LimitError,
     Permit,
     ReadingFrame,
-    RecordError,
 )
 from markerseek.records.banks import FrameBank, IntensityBank
 
@@ -79,14 +77,6 @@ class ReplayLaser:
         """Nothing to do: there is no laser."""
 
 
-class _ReplayState(msgspec.Struct, frozen=True, kw_only=True):
-    """Position in a replayed recording."""
-
-    angle_deg: float
-    sequence: int
-    dark: int
-
-
 class ReplayReceiver:
     """Receiver that returns the recorded data of the stage's angle."""
 
@@ -133,20 +123,6 @@ class ReplayReceiver:
             return replace(frame, header=replace(header, energy=frame.header.energy))
         intensity = float(np.interp(angle_deg, self._bank.angles_deg, self._bank.intensities))
         return ReadingFrame(header=header, intensity=intensity)
-
-    def checkpoint(self) -> bytes:
-        """Position in the recording and angle of the stage, as JSON."""
-        state = _ReplayState(angle_deg=self._stage.angle_deg, sequence=self._sequence, dark=self._dark)
-        return msgspec.json.encode(state)
-
-    def restore(self, checkpoint: bytes) -> None:
-        """Return to a `checkpoint`."""
-        try:
-            state = msgspec.json.decode(checkpoint, type=_ReplayState)
-        except msgspec.MsgspecError as problem:
-            raise RecordError(f"replay: the state of the recording cannot be read: {problem}") from problem
-        self._stage.move_to(state.angle_deg)
-        self._armed, self._sequence, self._dark = None, state.sequence, state.dark
 
 
 def _nearest(grid: tuple[float, ...], angle_deg: float) -> float:

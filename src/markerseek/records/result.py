@@ -185,17 +185,21 @@ class Recorder:
     """Collects the samples and the answer of a run from its events."""
 
     def __init__(self) -> None:
+        self._begin(math.nan)
+
+    def _begin(self, start_deg: float) -> None:
         self.samples: list[Sample] = []
         self.confirmation: Sample | None = None
         self.finished: Finished | None = None
-        self.start_deg: float = math.nan
+        self.start_deg = start_deg
         self._refused = 0
 
     def add(self, event: Event) -> None:
         """Add one event of `markerseek.scan.run`."""
         match event:
             case Started(start_deg=start_deg):
-                self.start_deg = start_deg
+                # A search that begins anew keeps nothing of what was measured before.
+                self._begin(start_deg)
             case Measured(role="search", sample=sample):
                 # A confirmation after which the search went on was weighed as one of its samples.
                 if self.confirmation is not None:

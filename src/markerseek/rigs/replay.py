@@ -101,10 +101,8 @@ def replayed(
         scanner=scanner,
         imaging=imaging,
         dark_frames=bank.dark_frames,
-        world=receiver,
         angles_deg=None if interpolated else bank.angles_deg,
         recipe=ReplayedRecipe(
-            # Absolute, because `resume` may be started in another folder.
             path=str(path.absolute()),
             # A file of the user's own may change or go, so that the probe itself is stored.
             probe=preset if is_own(preset) else preset.name,

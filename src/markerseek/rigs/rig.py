@@ -22,16 +22,6 @@ from markerseek.testing import RuleCheck
 from markerseek.vision import TipSettings
 
 
-class Checkpointed(Protocol):
-    """A simulated world whose state can be saved and restored."""
-
-    def checkpoint(self) -> bytes:
-        """State now, as JSON."""
-
-    def restore(self, checkpoint: bytes) -> None:
-        """Restore a state."""
-
-
 class Devices(Protocol):
     """Open lines to real devices."""
 
@@ -66,8 +56,6 @@ class Rig(Closing):
     """How its B-mode images are read; None where it gives other frames."""
     recipe: Recipe | None = None
     """Arguments to make the same rig again; None if unknown."""
-    world: Checkpointed | None = None
-    """Simulated world or replayed recording, whose state a journal stores with each commit; None for real devices."""
     devices: Devices | None = None
     """The lines to real devices; None where no hardware is involved."""
     bench: BenchSettings | None = None

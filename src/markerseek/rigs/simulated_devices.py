@@ -21,7 +21,6 @@ from markerseek.sim import (
     SimulatedReceiver,
     SimulatedSettings,
     SimulatedStage,
-    SimulatedState,
     SimulatedWorld,
     VirtualClock,
 )
@@ -54,13 +53,17 @@ def rig_in_world(
     seed: int | None = None,
     recipe: SimulatedRecipe | None = None,
     b_mode: BModeWorld | None = None,
+    resumed_after: int = 0,
 ) -> Rig:
-    """Assemble simulated devices in a world, whose state can be saved and restored.
+    """Assemble simulated devices in a world.
 
     ``settings``: settings of stage, laser, receiver and limits. ``reader``: turns the world's frames into readings.
     ``rng``: that of the world. ``seed``: its seed, if it has one. ``recipe``: arguments to make the same rig again, for
     a journal. ``b_mode``: the same tissue in B-mode, for an image after each frame.
+    ``resumed_after``: as of `simulated`.
     """
+    if resumed_after:
+        rng.bit_generator.state = np.random.PCG64((seed or 0, resumed_after)).state
     imaging = reader if isinstance(reader, ImageReader | SpareReader) else None
     stage = SimulatedStage(world=world, clock=clock, motion=settings.stage, travel=settings.limits.travel)
     light = settings.laser
@@ -113,7 +116,6 @@ def rig_in_world(
         imaging=imaging,
         dark_frames=DARK_FRAMES,
         recipe=recipe,
-        world=SimulatedState(world=world, clock=clock, stage=stage, receiver=receiver, rng=rng),
     )
 
 

@@ -39,6 +39,7 @@ def simulated(
     pace: SupportsFloat = 0.0,
     beat: Callable[[], None] | None = None,
     swing: OscillatingMotion | None = None,
+    resumed_after: int = 0,
 ) -> Rig:
     """A rig in a simulated world; the same seed and settings give the same frames.
 
@@ -58,6 +59,8 @@ def simulated(
         Called while a device works, as of `markerseek.sim.VirtualClock`.
     swing
         Moves the marker, with its tissue, once it begins; None: the marker rests.
+    resumed_after
+        Entries in the record of an earlier process: the scene is the same, and the noise is not repeated.
 
     Raises
     ------
@@ -106,6 +109,7 @@ def simulated(
         rng=rng,
         recipe=SimulatedRecipe(seed=seed, settings=settings, pace=pace),
         b_mode=b_mode,
+        resumed_after=resumed_after,
     )
 
 

@@ -13,12 +13,11 @@ from .former_search import former_curve
 from .journalled import configuration_of
 from .points import point_pairs, spot_pairs
 from .rebuild import (
-    next_angle,
+    answer_again,
     rebuild_image_reader,
     rebuild_policy,
     rebuild_reader,
     rebuild_rig,
-    recompute_differences,
     recorded_bench,
     require_same_measurement,
 )
@@ -30,7 +29,7 @@ from .registration import (
     read_registration,
     register_pairs,
 )
-from .resume import require_reset, samples_to_recheck
+from .resume import commanded_deg, require_reset, strongest_of, tell_recorded
 from .session import Session, answer_from_all, find_marker, new_session, plan_on, resumed_session
 from .shared_errors import FOCAL_LENGTH, camera_shared_m, focal_shared_m, trus_shared_m
 from .simulated_registration import (
@@ -71,6 +70,7 @@ __all__ = [
     "StereoSettings",
     "TargetView",
     "TrackQuality",
+    "answer_again",
     "answer_from_all",
     "bank_curve",
     "bank_facts",
@@ -79,6 +79,7 @@ __all__ = [
     "bank_samples",
     "calibrate",
     "camera_shared_m",
+    "commanded_deg",
     "configuration_of",
     "dark_intensity",
     "find_marker",
@@ -87,7 +88,6 @@ __all__ = [
     "intensities_stored",
     "journal_bank",
     "new_session",
-    "next_angle",
     "plan_on",
     "point_pairs",
     "quality_of",
@@ -97,7 +97,6 @@ __all__ = [
     "rebuild_policy",
     "rebuild_reader",
     "rebuild_rig",
-    "recompute_differences",
     "recorded_bench",
     "register_pairs",
     "require_new_scan",
@@ -105,15 +104,16 @@ __all__ = [
     "require_same_measurement",
     "require_streaming",
     "resumed_session",
-    "samples_to_recheck",
     "scan_angles",
     "scan_bank",
     "scan_configuration",
     "simulate_registration",
     "spot_pairs",
     "stage_period_s",
+    "strongest_of",
     "swept_tracking_policy",
     "target_views",
+    "tell_recorded",
     "track_run",
     "tracking_policy",
     "trus_shared_m",

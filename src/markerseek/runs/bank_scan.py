@@ -18,7 +18,6 @@ from markerseek.core import (
     MAX_ACQUISITIONS,
     ChannelFrame,
     ConfigError,
-    Event,
     Measured,
     RecordError,
     RigFacts,
@@ -28,9 +27,10 @@ from markerseek.core import (
 from markerseek.files import quoted
 from markerseek.records.banks import MIN_ANGLES, BankFacts, FrameBank, IntensityBank, record_of, require_angles
 from markerseek.records.banks.ipasc import require_new_bank, require_room, whole_bank
-from markerseek.records.journal import Configuration, Entry, Journal, RecordedRun, read_journal, salvage
+from markerseek.records.journal import Configuration, Entry, Journal, JournalEvent, RecordedRun, read_journal, salvage
 from markerseek.rigs import Rig
 from markerseek.runs.journalled import configuration_of, journalled, limits_of
+from markerseek.runs.resume import resumed
 from markerseek.search import Exhaustive
 
 MAX_ANGLES = 5000
@@ -95,14 +95,20 @@ def scan_configuration(rig: Rig, *, step_deg: float) -> Configuration:
     return configuration_of(rig, plan)
 
 
-def require_new_scan(path: Path) -> None:
-    """Refuse a path where no bank can be written, or beside which a scan that was killed is kept."""
+def require_new_scan(path: Path, *, goes_on: bool = False) -> None:
+    """Refuse a path where no bank can be written, or beside which a scan that was killed is kept.
+
+    ``goes_on``: whether that scan is to be continued, and must be there.
+    """
     require_new_bank(path)
     record = record_of(path)
-    if record.exists():
+    if goes_on and not record.exists():
+        raise RecordError(f"{record}: there is no scan to go on with; leave --continue out, or check the name")
+    if record.exists() and not goes_on:
         raise RecordError(
-            f"{record}: it holds a scan that was killed; make a bank of it: 'markerseek bank import {quoted(record)} "
-            f"{quoted(path)}', or delete it"
+            f"{record}: it holds a scan that was killed; go on with it: 'markerseek bank scan --continue "
+            f"{quoted(path)}', make a bank of it: 'markerseek bank import {quoted(record)} {quoted(path)}', or delete "
+            "it"
         )
 
 
@@ -113,7 +119,9 @@ def scan_bank(
     step_deg: float = 0.5,
     wavelength_m: float | None = None,
     pulse_energy_j: float | None = None,
-) -> Generator[Event, None, None]:
+    goes_on: bool = False,
+    by: str = "",
+) -> Generator[JournalEvent, None, None]:
     """Scan the search range; each acquisition is on disk before the next is made, and at the end all become a bank.
 
     If closed or interrupted, the stage stops, the laser is disarmed, and the bank has all acquisitions so far. Until
@@ -123,7 +131,9 @@ def scan_bank(
 
     ``rig``: every acquisition passes its guard. ``path``: new file, ``.hdf5`` or ``.h5``; it must not exist.
     ``step_deg``: largest step. ``wavelength_m``, ``pulse_energy_j``: wavelength in metres and energy of one laser pulse
-    in joules, where they are known. Yields as `markerseek.scan.run`; a `Measured` follows once it is on disk.
+    in joules, where they are known. ``goes_on``: whether a scan that was killed goes on with the angles that its record
+    does not have; ``by``: who armed the rig for that. Yields as `markerseek.scan.run`; a `Measured` follows once it is
+    on disk.
     """
     angles = scan_angles(rig, step_deg=step_deg)
     for name, value, unit in (("wavelength_m", wavelength_m, "m"), ("pulse_energy_j", pulse_energy_j, "J")):
@@ -140,13 +150,18 @@ def scan_bank(
     known = msgspec.Raw(msgspec.json.encode(facts))
     configuration = msgspec.structs.replace(scan_configuration(rig, step_deg=step_deg), bank=known)
     limits = limits_of(configuration, angles=angles)
-    require_new_scan(path)
+    require_new_scan(path, goes_on=goes_on)
+    if goes_on:
+        journal, recorded = Journal.reopen(record_of(path))
+        _require_same_scan(recorded, configuration)
+        facts = _scan_facts(recorded) or facts
+        events = resumed(policy, rig, journal, recorded, by=by, anew=lambda: policy, reset_fault=True, check=False)
+    else:
+        journal = Journal.create(record_of(path), configuration)
+        events = journalled(policy, rig, journal, limits=limits)
     room_is_known, no_room = False, None
-    with (
-        # The outer block: the rig is stopped before the bank is written.
-        _recorded(path, configuration, facts) as journal,
-        closing(journalled(policy, rig, journal, limits=limits)) as events,
-    ):
+    # The outer block: the rig is stopped before the bank is written.
+    with _exported(journal, path, facts), closing(events):
         for event in events:
             if isinstance(event, Measured) and isinstance(event.sample.frame, ChannelFrame) and not room_is_known:
                 room_is_known = True
@@ -163,13 +178,27 @@ def scan_bank(
         raise no_room
 
 
+def _require_same_scan(recorded: RecordedRun, now: Configuration) -> None:
+    """Refuse to go on with a scan of another rig, or with other steps."""
+    was = recorded.configuration
+    if (was.plan.acquisitions, was.facts.fingerprint, was.facts.seed) != (
+        now.plan.acquisitions,
+        now.facts.fingerprint,
+        now.facts.seed,
+    ):
+        raise ConfigError(
+            f"{recorded.path}: it is a scan of {was.plan.acquisitions} angles of {was.facts.description}, and the "
+            f"command asks for {now.plan.acquisitions} angles of {now.facts.description}; give the rig, the seed and "
+            "the step of the first scan"
+        )
+
+
 @contextmanager
-def _recorded(path: Path, configuration: Configuration, facts: BankFacts) -> Iterator[Journal]:
-    """The record of a scan, of which a bank is made when the block ends, however it ends."""
-    journal = Journal.create(record_of(path), configuration)
+def _exported(journal: Journal, path: Path, facts: BankFacts) -> Iterator[None]:
+    """Make a bank of the record of a scan when the block ends, however it ends."""
     try:
         with journal:
-            yield journal
+            yield
     except BaseException:
         try:
             _export(journal.path, path, facts)

@@ -15,18 +15,14 @@ from markerseek.core import (
     Asked,
     Clock,
     Event,
-    Failed,
     Finished,
     Float64,
     Measured,
-    Refused,
     SearchPlan,
-    Started,
-    Swept,
 )
 from markerseek.records.journal import Configuration, Journal
 from markerseek.rigs import ReaderRecipe, Rig, SpareRecipe, TipRecipe
-from markerseek.scan import RunLimits, run
+from markerseek.scan import Earlier, RunLimits, run
 from markerseek.search import THRESHOLD, BracketSearch, CheckedPolicy
 from markerseek.search.posterior import Posterior, SweepPosterior
 from markerseek.signals import SpareReader
@@ -80,14 +76,29 @@ def journalled(
     ``journal``: a new journal with the plan of the search. Yields as `run`. Raises `RecordError` if an event cannot be
     written; the rig is stopped.
     """
+    events = run(policy, rig.scanner, journal.configuration.plan, limits=limits)
+    yield from committed(events, policy, rig, journal)
+
+
+def committed(
+    events: Generator[Event, None, None],
+    policy: AnyPolicy,
+    rig: Rig,
+    journal: Journal,
+    *,
+    ahead_s: float = 0.0,
+    earlier: Earlier | None = None,
+) -> Generator[Event, None, None]:
+    """The events of a run, each committed before it is yielded, and so before the policy receives it.
+
+    ``ahead_s``: seconds by which the clock of the record is ahead of that of the rig, after a restart. ``earlier``:
+    what the run had measured before it.
+    """
     clock = rig.scanner.clock
-    plan = journal.configuration.plan
-    events = run(policy, rig.scanner, plan, limits=limits)
-    beliefs = Beliefs(policy, plan)
+    beliefs = Beliefs(policy, journal.configuration.plan, [] if earlier is None else earlier.intensities)
     with closing_run(events, clock, journal):
         for event in map(beliefs.added, events):
-            # Before the yield: a policy must never act on a measurement that a crash could lose.
-            commit_event(event, clock, rig, journal)
+            journal.commit(event, clock_s=clock.now_s() + ahead_s)
             yield event
 
 
@@ -107,13 +118,6 @@ def closing_run(events: Generator[Event, None, None], clock: Clock, journal: Jou
             raise
 
 
-def commit_event(event: Event, clock: Clock, rig: Rig, journal: Journal) -> None:
-    """Commit an event, with the state of a simulated world where it has changed; `RecordError` if that fails."""
-    # `Asked` and `Finished` change nothing in a simulated world: no checkpoint is needed.
-    world = rig.world if isinstance(event, Started | Measured | Swept | Refused | Failed) else None
-    journal.commit(event, clock_s=clock.now_s(), checkpoint=None if world is None else world.checkpoint())
-
-
 ZEROS_DEG = 0.6
 """Width in degrees on both sides of the density that is kept though it is zero there; a pixel of a chart has 0.2."""
 
@@ -121,9 +125,8 @@ ZEROS_DEG = 0.6
 class Beliefs:
     """What a policy believes whenever it asks."""
 
-    def __init__(self, policy: AnyPolicy, plan: SearchPlan) -> None:
-        self._policy, self._plan = policy, plan
-        self._intensities: list[float] = []
+    def __init__(self, policy: AnyPolicy, plan: SearchPlan, intensities: list[float]) -> None:
+        self._policy, self._plan, self._intensities = policy, plan, intensities
 
     def added(self, event: Event) -> Event:
         """The event, with the belief of the policy if it asks or has finished."""

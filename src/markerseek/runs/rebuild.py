@@ -1,32 +1,16 @@
-"""Rebuilds policy, rig and imaging chain of a run from the configuration in its journal, and computes it again."""
+"""Makes policy, rig and imaging chain of a run from the configuration in its record, and its answer again."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import closing
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 
 import msgspec
 
-from markerseek.core import (
-    MAX_ACQUISITIONS,
-    AnyPolicy,
-    ConfigError,
-    ConfirmablePolicy,
-    Finished,
-    Measured,
-    Reader,
-    ReadingFrame,
-    RecordError,
-    Sweep,
-    SweepingPolicy,
-    Swept,
-)
+from markerseek.core import AnyPolicy, ConfigError, Estimate, Measured, Reader, ReadingFrame, RecordError
 from markerseek.drivers import BenchSettings
-from markerseek.guard import Limits
-from markerseek.records.journal import Configuration, Entry, JournalEvent, RecordedRun
+from markerseek.records.journal import Configuration, Entry, RecordedRun, since_started
 from markerseek.rigs import (
     BenchRecipe,
     ReaderRecipe,
@@ -36,13 +20,11 @@ from markerseek.rigs import (
     SpareRecipe,
     TipRecipe,
     fingerprint,
-    replayed,
     simulated,
 )
-from markerseek.runs.journalled import Beliefs, is_scan, limits_of
-from markerseek.runs.recorded_scanner import RecordedScanner
-from markerseek.runs.resume import RUN_EVENTS
-from markerseek.scan import run
+from markerseek.runs.journalled import is_scan
+from markerseek.runs.resume import tell_recorded
+from markerseek.scan import Earlier, apply_confirmation
 from markerseek.search import build_sweeping
 from markerseek.signals import AnyImageReader, ImageReader, IntensityReader, ProbePreset, SpareReader
 from markerseek.vision import TipReader
@@ -54,11 +36,12 @@ def recorded_bench(configuration: Configuration) -> BenchSettings | None:
     return recipe.settings if isinstance(recipe, BenchRecipe) else None
 
 
-def rebuild_rig(configuration: Configuration, *, bench_settings: BenchSettings | None = None) -> Rig:
-    """The rig of a journal in its state before the run; a bench is connected, and must be closed.
+def rebuild_rig(recorded: RecordedRun, *, bench_settings: BenchSettings | None = None) -> Rig:
+    """The rig of a record; a bench is connected, and must be closed.
 
     ``bench_settings``: bench settings from the user's rig file; those of the journal are never used.
     """
+    configuration = recorded.configuration
     recipe = _recipe(configuration)
     if recipe is None:
         raise RecordError("the journal does not say how to put its rig together; resume it from Python, with the rig")
@@ -78,22 +61,10 @@ def rebuild_rig(configuration: Configuration, *, bench_settings: BenchSettings |
             f"the journal is of a {configuration.facts.kind} rig and describes it in full; leave --rig out"
         )
     if isinstance(recipe, SimulatedRecipe):
-        rig = simulated(seed=recipe.seed, settings=recipe.settings, pace=recipe.pace)
-    else:
-        rig = replayed(
-            Path(recipe.path),
-            probe=recipe.probe,
-            reference_deg=recipe.reference_deg,
-            between=recipe.between,
-            table=recipe.table,
+        return simulated(
+            seed=recipe.seed, settings=recipe.settings, pace=recipe.pace, resumed_after=len(recorded.entries)
         )
-        # A simulated rig depends on the recipe alone; a recording is a file that can change.
-        if rig.facts.fingerprint != configuration.facts.fingerprint:
-            raise RecordError(
-                f"{recipe.path}: the recording has changed since the run began: its fingerprint was "
-                f"{configuration.facts.fingerprint} and is {rig.facts.fingerprint}; begin a new replay"
-            )
-    return rig
+    raise RecordError(f"{recorded.path}: it is of a recorded scan, which takes seconds: replay {recipe.path} again")
 
 
 def _require_as_emulated(rig: Rig, configuration: Configuration) -> Rig:
@@ -164,30 +135,33 @@ def _recipe(configuration: Configuration) -> Recipe | None:
 
 def rebuild_policy(configuration: Configuration) -> AnyPolicy:
     """The policy of a journal in its state before the run."""
-    if is_scan(configuration) and configuration.plan.acquisitions is None:
-        raise RecordError(
-            f"the journal is of a scan of more than {MAX_ACQUISITIONS} angles, the most that can be resumed or "
-            "computed again; make a bank of it: 'markerseek bank import JOURNAL NEW.hdf5'"
-        )
+    if is_scan(configuration):
+        raise RecordError("the journal is of a scan, not of a search; go on with: markerseek bank scan --continue BANK")
     return build_sweeping(configuration.plan, limits=configuration.facts.search)
 
 
-def next_angle(recorded: RecordedRun, policy: AnyPolicy) -> float | None:
-    """Next angle of a run in degrees, of a sweep its end; None if the policy needs no more.
+def answer_again(recorded: RecordedRun, *, read_frames: bool) -> Estimate:
+    """The answer of a run, computed again from its recorded samples.
 
-    ``policy``: the policy in its state before the run; it is fed the recorded samples.
+    ``read_frames``: whether samples whose frame was kept are read from it again.
     """
-    for entry in recorded.entries:
-        match entry.event:
-            case Measured(role="confirmation", sample=sample):
-                if isinstance(policy, ConfirmablePolicy):
-                    policy.confirm(sample)
-            case Measured(sample=sample):
-                policy.tell(sample)
-            case Swept() if isinstance(policy, SweepingPolicy):
-                policy.end_sweep()
-    asked = policy.ask()
-    return asked.to_deg if isinstance(asked, Sweep) else asked
+    policy, entries = rebuild_policy(recorded.configuration), since_started(recorded.entries)
+    if read_frames:
+        reader = rebuild_reader(recorded.configuration)
+        entries = tuple(_read_again(entry, reader) for entry in entries)
+    tell_recorded(policy, entries)
+    earlier, estimate = Earlier.of([entry.event for entry in entries], elapsed_s=0.0), policy.estimate()
+    if earlier is None or earlier.confirmation is None:
+        return estimate
+    return apply_confirmation(estimate, earlier.confirmation, earlier.lit[:-1])
+
+
+def _read_again(entry: Entry, reader: Reader) -> Entry:
+    event = entry.event
+    if not isinstance(event, Measured) or (frame := event.sample.frame) is None:
+        return entry
+    reading = (IntensityReader() if isinstance(frame, ReadingFrame) else reader).read(frame)
+    return replace(entry, event=replace(event, sample=replace(event.sample, reading=reading)))
 
 
 def differences_of_benches(recorded: BenchSettings, named: BenchSettings) -> dict[str, str]:
@@ -225,46 +199,3 @@ def _by_key(table: Mapping[str, object], prefix: str = "") -> dict[str, object]:
     for name, value in table.items():
         flat |= _by_key(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
     return flat
-
-
-def recompute_differences(recorded: RecordedRun, policy: AnyPolicy, reader: Reader) -> list[str]:
-    """Differences, bit for bit, between a run recomputed from its frames and its journal; empty if there are none.
-
-    Each stored frame is read again, the policy, in its state before the run, receives the readings, and its decisions
-    and its answer are compared with those of the journal.
-    """
-    found: list[str] = []
-    again = [_read_again(entry, reader, found) for entry in recorded.entries if isinstance(entry.event, RUN_EVENTS)]
-    if not again:
-        return []
-    search = recorded.configuration.facts.search
-    # A journal does not hold the limits of travel; nothing moves here.
-    scanner = RecordedScanner(again, limits=Limits(search=search, travel=search))
-    plan = recorded.configuration.plan
-    events = run(policy, scanner, plan, limits=limits_of(recorded.configuration))
-    beliefs = Beliefs(policy, plan)
-    with closing(events):
-        # Not strict: the journal of an interrupted run ends before the run does.
-        for entry, event in zip(again, map(beliefs.added, events), strict=False):
-            if _timeless(event) != _timeless(entry.event):
-                found.append(f"entry {entry.number}: {event} where the journal has {entry.event}")
-                # Later decisions depend on this one, so that their differences would say nothing new.
-                break
-    return found
-
-
-def _timeless(event: JournalEvent) -> JournalEvent:
-    """The event without the duration of the run, which cannot be recomputed from frames."""
-    return replace(event, elapsed_s=0.0) if isinstance(event, Finished) else event
-
-
-def _read_again(entry: Entry, reader: Reader, found: list[str]) -> Entry:
-    """The entry with its reading recomputed; appends a difference to `found`."""
-    event = entry.event
-    if not isinstance(event, Measured) or event.sample.frame is None:
-        return entry
-    frame = event.sample.frame
-    reading = (IntensityReader() if isinstance(frame, ReadingFrame) else reader).read(frame)
-    if reading != event.sample.reading:
-        found.append(f"entry {entry.number}: its frame is read as {reading}, the journal has {event.sample.reading}")
-    return replace(entry, event=replace(event, sample=replace(event.sample, reading=reading)))

@@ -18,7 +18,7 @@ from markerseek.core import (
     SearchPlan,
 )
 from markerseek.records import Recorder, SearchResult
-from markerseek.records.journal import Configuration, Journal, RecordedRun
+from markerseek.records.journal import Configuration, Journal, JournalEvent, RecordedRun, since_started
 from markerseek.rigs import Rig
 from markerseek.runs.journalled import configuration_of, journalled
 from markerseek.runs.rebuild import rebuild_policy
@@ -27,7 +27,7 @@ from markerseek.scan import run
 from markerseek.search import build, build_sweeping, method_named, most_acquisitions
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True)
 class Session:
     """A search on a rig. Iterate over `events`, then ask for `result`."""
 
@@ -45,24 +45,37 @@ class Session:
     recorder: Recorder = field(default_factory=Recorder)
     """Collects the samples and the answer for the result."""
 
-    def events(self) -> Generator[Event, None, None]:
+    def events(self) -> Generator[JournalEvent, None, None]:
         """Run the search; if closed early, the stage stops and the laser is disarmed.
 
-        Yields as `markerseek.scan.run`, each committed to the journal before; a resumed run begins with its first
-        event. Raises `RecordError` if an event cannot be written; the rig is stopped.
+        Yields as `markerseek.scan.run`, each committed to the journal before; a resumed run yields `Checked` first, and
+        its earlier events are in the recorder. Raises `RecordError` if an event cannot be written; the rig is stopped.
         """
         # Closed here, because a generator that is only dropped stops the rig whenever it is collected.
         with closing(self._run()) as events:
             for event in events:
-                self.recorder.add(event)
+                if isinstance(event, Event):
+                    self.recorder.add(event)
                 yield event
 
-    def _run(self) -> Generator[Event, None, None]:
+    def _run(self) -> Generator[JournalEvent, None, None]:
         if self.journal is None:
             return run(self.policy, self.rig.scanner, self.configuration.plan)
         if self.recorded is None:
             return journalled(self.policy, self.rig, self.journal)
-        return resumed(self.policy, self.rig, self.journal, self.recorded, by=self.by, reset_fault=self.reset_fault)
+        return resumed(
+            self.policy,
+            self.rig,
+            self.journal,
+            self.recorded,
+            by=self.by,
+            anew=self._begin_anew,
+            reset_fault=self.reset_fault,
+        )
+
+    def _begin_anew(self) -> AnyPolicy:
+        self.policy = rebuild_policy(self.configuration)
+        return self.policy
 
     def interrupt(self, reason: str) -> None:
         """`Journal.interrupt`, where a journal is kept."""
@@ -163,7 +176,7 @@ def resumed_session(rig: Rig, journal: Journal, recorded: RecordedRun, *, by: st
 
     ``rig``: rig of the journal, from `markerseek.runs.rebuild.rebuild_rig`.
     """
-    return Session(
+    session = Session(
         policy=rebuild_policy(recorded.configuration),
         rig=rig,
         configuration=recorded.configuration,
@@ -172,6 +185,10 @@ def resumed_session(rig: Rig, journal: Journal, recorded: RecordedRun, *, by: st
         by=by,
         reset_fault=reset_fault,
     )
+    for entry in since_started(recorded.entries):
+        if isinstance(entry.event, Event):
+            session.recorder.add(entry.event)
+    return session
 
 
 def answer_from_all(rig: Rig, plan: PolicyPlan) -> Estimate | None:

@@ -3,18 +3,19 @@
 A recorded scan over all angles is a bank (`markerseek.records.banks`).
 """
 
-from markerseek.scan.confirmation import SEEN_SIGMAS, larger_noise, moved_source
-from markerseek.scan.loop import AnyScanner, RunLimits, run
+from markerseek.scan.confirmation import apply_confirmation, larger_noise, moved_source
+from markerseek.scan.loop import AnyScanner, Earlier, RunLimits, run
 from markerseek.scan.scanner import Scanner, Watchdog
 from markerseek.scan.sweeping_devices import SweepingDevices
 
 __all__ = [
-    "SEEN_SIGMAS",
     "AnyScanner",
+    "Earlier",
     "RunLimits",
     "Scanner",
     "SweepingDevices",
     "Watchdog",
+    "apply_confirmation",
     "larger_noise",
     "moved_source",
     "run",

@@ -6,7 +6,7 @@ a journal or a test can watch it; closing it stops the stage and takes the laser
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -95,7 +95,56 @@ class RunLimits:
     """How often one acquisition is tried when its frames are refused."""
 
 
-_RUN_LIMITS, _RUN_PLAN = RunLimits(), RunPlan()
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Earlier:
+    """How far a run had come before it was interrupted; its policy has been told all of it."""
+
+    dark: int = 0
+    acquisitions: int = 0
+    steps: int = 0
+    """Acquisitions at rest and sweeps."""
+    sweeps: int = 0
+    confirmations: int = 0
+    travel_deg: float = 0.0
+    elapsed_s: float = 0.0
+    lit: tuple[Sample, ...] = ()
+    """Samples with light, without their frames."""
+    confirmation: Sample | None = None
+    """The last of them, if it is a confirmation."""
+    sweep_from_deg: float | None = None
+    """Where a sweep began that was not finished."""
+
+    @classmethod
+    def of(cls, events: Sequence[object], *, elapsed_s: float) -> Earlier | None:
+        """What the events of a run add up to; None before its first."""
+        starts = [event.start_deg for event in events if isinstance(event, Started)]
+        if not starts:
+            return None
+        measured = [event for event in events if isinstance(event, Measured)]
+        lit = [replace(event.sample, frame=None) for event in measured if not event.sample.dark]
+        confirmed = bool(measured) and measured[-1].role == "confirmation"
+        asked = [event for event in events if isinstance(event, Asked) and event.role == "search"]
+        last = next((event for event in reversed(events) if isinstance(event, Asked | Swept)), None)
+        return cls(
+            dark=sum(event.role == "dark" for event in measured),
+            acquisitions=sum(event.role == "search" for event in measured),
+            steps=len(asked),
+            sweeps=sum(event.sweep is not None for event in asked),
+            confirmations=sum(event.role == "confirmation" for event in measured),
+            travel_deg=sum(abs(to - at) for at, to in pairwise([*starts[-1:], *(each.angle_deg for each in lit)])),
+            elapsed_s=elapsed_s,
+            lit=tuple(lit),
+            confirmation=lit[-1] if confirmed else None,
+            sweep_from_deg=last.sweep.from_deg if isinstance(last, Asked) and last.sweep is not None else None,
+        )
+
+    @property
+    def intensities(self) -> list[float]:
+        """Intensities of the samples with light."""
+        return [sample.reading.intensity for sample in self.lit]
+
+
+_RUN_LIMITS, _RUN_PLAN, _NOTHING = RunLimits(), RunPlan(), Earlier()
 
 
 def run(
@@ -104,6 +153,7 @@ def run(
     plan: RunPlan = _RUN_PLAN,
     *,
     limits: RunLimits = _RUN_LIMITS,
+    earlier: Earlier | None = None,
 ) -> Generator[Event, None, None]:
     """Let a policy search on a rig, and report each step.
 
@@ -122,6 +172,8 @@ def run(
         How the run begins and ends; the plan of a whole search is one as well.
     limits
         Limits of the run.
+    earlier
+        How far it had come before it was interrupted; it then goes on instead of beginning.
 
     Yields
     ------
@@ -133,24 +185,31 @@ def run(
     Exception
         Whatever ended the run, a `MarkerseekError` unless a driver has a bug; the probe stays where it stopped.
     """
-    began_s = scanner.clock.now_s()
-    travel_deg = 0.0
-    lit: list[Sample] = []
+    before = earlier or _NOTHING
+    began_s = scanner.clock.now_s() - before.elapsed_s
+    travel_deg = before.travel_deg
+    lit = list(before.lit)
+    # A confirmation that was kept is not taken again.
+    kept = before.confirmation
     try:
         place_deg = scanner.angle_deg
-        yield Started(start_deg=place_deg, limits=scanner.limits.search)
-        for index in range(1, plan.dark_frames + 1):
+        if earlier is None:
+            yield Started(start_deg=place_deg, limits=scanner.limits.search)
+        for index in range(before.dark + 1, plan.dark_frames + 1):
             dark = yield from _dark(scanner, index, place_deg, limits.attempts)
             policy.tell(dark)
         # Steps: a sweep of many acquisitions is one of them.
-        steps, sweeps, acquisitions, confirmations = 0, 0, 0, 0
-        confirmation: Sample | None = None
+        steps, sweeps = before.steps, before.sweeps
+        acquisitions, confirmations = before.acquisitions, before.confirmations
+        confirmation = kept
+        begin_deg = place_deg if before.sweep_from_deg is None else before.sweep_from_deg
+        travel_deg, place_deg = travel_deg + abs(place_deg - begin_deg), begin_deg
         searching = True
         while searching:
             # The caller owns the loop (ask and tell): all that is measured is yielded, journalled and limited here.
             while (asked := policy.ask()) is not None:
                 _require_budget(steps, scanner.clock.now_s() - began_s, limits)
-                steps += 1
+                steps, kept = steps + 1, None
                 if isinstance(asked, Sweep):
                     done = _SweepsDone(sweeps=sweeps, acquisitions=acquisitions, way_deg=[place_deg])
                     yield from _swept(scanner, policy, asked, done, attempts=limits.attempts)
@@ -168,19 +227,18 @@ def run(
             estimate = policy.estimate()
             searching = isinstance(estimate, Found) and not plan.stay
             if searching:
-                confirmations += 1
-                confirmation = yield from _measured(
-                    scanner, "confirmation", confirmations, estimate.mean_deg, limits.attempts
-                )
-                travel_deg += abs(confirmation.angle_deg - place_deg)
-                place_deg = confirmation.angle_deg
-                if isinstance(policy, ConfirmablePolicy):
-                    policy.confirm(confirmation)
-                    estimate, searching = policy.estimate(), policy.ask() is not None
-                else:
-                    searching = False
-                estimate = apply_confirmation(estimate, confirmation, lit)
-                lit.append(replace(confirmation, frame=None))
+                if kept is None:
+                    confirmations += 1
+                    confirmation = yield from _confirmed(
+                        scanner, policy, confirmations, estimate.mean_deg, limits.attempts
+                    )
+                    travel_deg += abs(confirmation.angle_deg - place_deg)
+                    place_deg = confirmation.angle_deg
+                    lit.append(replace(confirmation, frame=None))
+                    estimate = policy.estimate()
+                assert confirmation is not None  # noqa: S101 - it was taken now or kept
+                searching = isinstance(policy, ConfirmablePolicy) and policy.ask() is not None
+                estimate = apply_confirmation(estimate, confirmation, lit[:-1])
         if plan.closing_dark and lit:
             # One attempt: if frames are late by one, a second would show the dark data of the first and hide it.
             yield from _dark(scanner, plan.dark_frames + 1, place_deg, 1)
@@ -217,6 +275,16 @@ def _measured(
     yield from scanner.guide(angle_deg)
     sample = yield from _admitted(scanner, lambda: scanner.measure(angle_deg), angle_deg, attempts)
     yield Measured(role=role, index=index, sample=sample)
+    return sample
+
+
+def _confirmed(
+    scanner: AnyScanner, policy: AnyPolicy, index: int, angle_deg: float, attempts: int
+) -> Generator[Event, None, Sample]:
+    """An acquisition at the angle found, which a `ConfirmablePolicy` weighs."""
+    sample = yield from _measured(scanner, "confirmation", index, angle_deg, attempts)
+    if isinstance(policy, ConfirmablePolicy):
+        policy.confirm(sample)
     return sample
 
 

@@ -5,7 +5,6 @@ It uses `acoustics` and never `signals`: the forward model and the imaging share
 
 from markerseek.sim.bmode import BModeSettings, BModeWorld
 from markerseek.sim.camera import EndoscopeSettings, camera_above, endoscope, spot_images
-from markerseek.sim.checkpoint import SimulatedState
 from markerseek.sim.clock import VirtualClock
 from markerseek.sim.curve_world import CurveWorld
 from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, RecordedCurve, SechCurve, TwoHumps
@@ -61,7 +60,6 @@ __all__ = [
     "SimulatedReceiver",
     "SimulatedSettings",
     "SimulatedStage",
-    "SimulatedState",
     "SimulatedWorld",
     "Spot",
     "StageMotion",

@@ -35,10 +35,6 @@ class VirtualClock:
         """Virtual seconds since the clock was made."""
         return self._now_s
 
-    def set(self, now_s: float) -> None:
-        """Set the time, when a simulated rig is restored."""
-        self._now_s = now_s
-
     def wait(self, duration_s: float) -> None:
         """Jump that many virtual seconds ahead."""
         if not 0 <= duration_s < math.inf:

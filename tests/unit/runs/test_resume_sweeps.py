@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from markerseek.records.journal.sequence import order_faults
 
 from markerseek import rigs
 from markerseek.core import (
@@ -26,7 +27,6 @@ from markerseek.core import (
     Swept,
 )
 from markerseek.records.journal import Configuration, Entry, read_journal, result_of, verify
-from markerseek.records.journal.sequence import order_faults
 from markerseek.rigs import Rig
 from markerseek.runs import configuration_of, rebuild_reader, recompute_differences
 from markerseek.runs.resume import commanded_deg, most_pulses, pulses_before

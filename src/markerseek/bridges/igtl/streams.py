@@ -148,6 +148,8 @@ class Streams:
         self._state |= {"number": item.number, "clock_s": item.clock_s, "target_deg": target_deg}
         match event:
             case Started(start_deg=angle_deg) | Swept(angle_deg=angle_deg) | Turning(angle_deg=float(angle_deg)):
+                # A search that begins anew counts from 0 again.
+                self._state |= {"acquisitions": 0, "refused": 0} if isinstance(event, Started) else {}
                 return [self._turned(angle_deg)]
             case Asked(role=role, index=index, angle_deg=angle_deg):
                 self._state |= {"role": role, "index": index, "target_deg": angle_deg}
@@ -169,8 +171,8 @@ class Streams:
                 self._state["reason"] = str(error)
             case Interrupted(reason=reason):
                 self._state["reason"] = f"stopped by {reason}"
-            case Checked(difference=difference):
-                self._state["reason"] = difference
+            case Checked():
+                self._state["reason"] = event.difference
         return []
 
     def _turned(self, angle_deg: float) -> Stream:

@@ -151,7 +151,9 @@ class SnapshotBuilder:
         match event:
             case Started(start_deg=start_deg, limits=limits):
                 line = f"started at {start_deg:.2f}°, {limits}"
-                return replace(now, phase="ready", start_deg=start_deg, probe_deg=start_deg, line=line)
+                # A search that begins anew keeps nothing of what was measured before.
+                begun = replace(now, points=(), belief=None, refused=0, travel_deg=0.0)
+                return replace(begun, phase="ready", start_deg=start_deg, probe_deg=start_deg, line=line)
             case Asked() | Turning() | Swept():
                 return self._turning(event, now)
             case Measured():

@@ -11,7 +11,7 @@ from markerseek.bridges.ros2.sample_topics import SampleTopics
 from markerseek.bridges.ros2.serving import Diagnostics
 from markerseek.bridges.searches import Searches, SearchRequest
 from markerseek.core import Failed, Measured, RecordError, Refused, SearchError
-from markerseek.records.journal import Checked, Configuration, Entry, JournalItem
+from markerseek.records.journal import Configuration, Entry, JournalItem
 from markerseek.ros import RosNode, messages, topics
 
 
@@ -101,7 +101,7 @@ class SearchNode:
                 if isinstance(event, Measured):
                     self._counts["acquisitions"] += 1
                     self._topics.publish(event, clock_s=clock_s)
-                self._counts["refused"] += isinstance(event, Refused | Failed | Checked)
+                self._counts["refused"] += isinstance(event, Refused | Failed)
             case Outcome():
                 self._end(item)
 

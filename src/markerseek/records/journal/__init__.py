@@ -1,7 +1,7 @@
 """Journals: all events of a run in one file that only grows, each on the disk before the search acts on it.
 
 `Journal` writes, `read_journal` reads and checks, `verify` reports all damage, `follow` reads while a run goes on.
-Numbers are stored exactly, so that a run can be repeated bit for bit.
+Numbers are stored exactly.
 """
 
 from markerseek.records.configuration import Configuration, versions
@@ -10,25 +10,24 @@ from markerseek.records.journal.events import Checked, Entry, Interrupted, Journ
 from markerseek.records.journal.file import is_journal, journals_folder
 from markerseek.records.journal.folder import (
     JournalSummary,
-    Prunable,
     default_journal,
     journals_in,
     make_folder,
-    prunable,
-    remove_journal,
     size_bytes_of,
     summary,
 )
 from markerseek.records.journal.reader import (
     JournalItem,
     RecordedRun,
+    RunState,
     follow,
     read_journal,
     result_of,
+    run_state,
     salvage,
+    since_started,
     verify,
 )
-from markerseek.records.journal.sequence import RunState, run_state
 from markerseek.records.journal.writer import Journal
 
 __all__ = [
@@ -40,7 +39,6 @@ __all__ = [
     "JournalEvent",
     "JournalItem",
     "JournalSummary",
-    "Prunable",
     "RecordedError",
     "RecordedRun",
     "Resuming",
@@ -53,12 +51,11 @@ __all__ = [
     "journals_folder",
     "journals_in",
     "make_folder",
-    "prunable",
     "read_journal",
-    "remove_journal",
     "result_of",
     "run_state",
     "salvage",
+    "since_started",
     "size_bytes_of",
     "summary",
     "verify",

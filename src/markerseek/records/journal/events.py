@@ -17,13 +17,11 @@ class Interrupted:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resuming:
-    """A person armed the rig again; before the search continues, one angle or two are measured again."""
+    """A person armed the rig again; before the search continues, its strongest angle is measured again."""
 
     by: str
     check_deg: float | None
-    """The first of these angles, the strongest so far; None where nothing has been measured yet."""
-    flank_deg: float | None = None
-    """The second, on a flank of the curve."""
+    """This angle; None where nothing has been measured yet."""
     fault_reset: bool
     """Whether the run had ended with a fault, and the person reset it."""
     versions: dict[str, str]
@@ -32,11 +30,11 @@ class Resuming:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checked:
-    """What was measured at an angle of `Resuming`; the strongest comes first."""
+    """What was measured at the angle of `Resuming`."""
 
     reading: Reading
     difference: str | None
-    """How it differs from the earlier one, in words; None where it does not."""
+    """How it differs from the earlier one, in words, so that the search begins anew; None where it does not."""
     frame: ChannelFrame | RFFrame | BModeFrame | None = None
     """None where there are intensities only."""
 
@@ -64,5 +62,3 @@ class Entry:
     clock_s: float
     """The rig's clock then."""
     event: JournalEvent
-    checkpoint: bytes | None
-    """State of the simulated world after it; None where there is none, as with any real rig."""

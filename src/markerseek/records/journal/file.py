@@ -13,18 +13,19 @@ from pathlib import Path
 from platformdirs import user_data_path
 
 from markerseek.core import RecordError
-from markerseek.files import open_input, quoted, require_input, sync_folder
+from markerseek.files import open_input, quoted, require_input
 
 MAX_BYTES = 1 << 36
 """Largest journal that is opened: 100,000 frames of half a megabyte."""
 
-MAGIC = b'{"number":       0,"bytes":'
-"""First bytes of every journal: those of its first line."""
+MAGIC = b'{"crc":"'
+"""First bytes of every line of a journal."""
+
+MAGIC_1 = b'{"number":       0,"bytes":'
+"""First bytes of a journal of format 1."""
 
 _PATIENCE_S = 0.5
 """Longest wait for the lock, in seconds: `is_written` holds it for a moment, a writer for a whole run."""
-
-_MAX_COPIES = 100
 
 
 def journals_folder() -> Path:
@@ -38,7 +39,8 @@ def is_journal(path: Path) -> bool:
     Raises `OSError` if it cannot be read.
     """
     with open_input(path, most_bytes=1 << 62) as file:
-        return file.read(len(MAGIC)) == MAGIC
+        head = file.read(len(MAGIC_1))
+        return head == MAGIC_1 or (head.startswith(MAGIC) and b'"record":' in file.read(64))
 
 
 def exists_error(path: Path) -> RecordError:
@@ -110,37 +112,11 @@ def flush(descriptor: int) -> None:
         os.fdatasync(descriptor)
 
 
-def rescued(descriptor: int, path: Path) -> Path:
-    """Copy of an open journal whose file was deleted, in a new file beside it; nothing is left behind on an error.
-
-    A deleted file stays readable and writable for the program that has it open, and is lost when that program ends.
-    """
-    for number in range(1, _MAX_COPIES + 1):
-        copy = path.with_name(f"{path.stem}-rescued-{number}{path.suffix}")
-        try:
-            target = copy.open("xb")
-        except FileExistsError:
-            continue
-        try:
-            with target:
-                offset = 0
-                while piece := os.pread(descriptor, 1 << 20, offset):
-                    offset += target.write(piece)
-                target.flush()
-                os.fsync(target.fileno())
-            sync_folder(copy.parent)
-        except BaseException:
-            copy.unlink(missing_ok=True)
-            raise
-        return copy
-    raise RecordError(f"{path.parent} holds {_MAX_COPIES} rescued copies of it already; remove those not needed")
-
-
 @contextmanager
 def as_record_error(path: Path, *, verb: str) -> Iterator[None]:
     """Turn errors of the file system into a `RecordError` that names the file and the cure.
 
-    ``verb``: what could not be done: "read", "written", "removed" or "closed".
+    ``verb``: what could not be done: "read", "written" or "closed".
     """
     try:
         yield

@@ -1,23 +1,19 @@
-"""Journals in a folder: default names, summaries for lists, and the removal of old ones."""
+"""Journals in a folder: default names, and summaries for lists."""
 
 from __future__ import annotations
 
-import os
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
 import msgspec
 
-from markerseek.core import ConfigError, Finished, RecordError
+from markerseek.core import Finished, RecordError
 from markerseek.files import sync_folder
 from markerseek.records.journal.encoding import escaped
-from markerseek.records.journal.file import as_record_error, journals_folder, lock, open_for_reading
-from markerseek.records.journal.lines import EntryReader
-from markerseek.records.journal.reader import salvage
-from markerseek.records.journal.sequence import run_state
+from markerseek.records.journal.file import journals_folder
+from markerseek.records.journal.reader import run_state, salvage
 from markerseek.records.result import answer_name
 
 SUFFIX = ".journal"
@@ -128,62 +124,3 @@ def size_bytes_of(path: Path) -> int:
     with suppress(OSError):
         return path.stat().st_size
     return 0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Prunable:
-    """Journals that may go, and those that stay although they are old."""
-
-    old: tuple[JournalSummary, ...]
-    """Journals that may go, the oldest first."""
-    kept: tuple[JournalSummary, ...]
-    """Summaries of old journals that stay: their run is not over, or they cannot be read."""
-
-
-def prunable(
-    folder: Path,
-    *,
-    now_s: float,
-    keep: int | None = None,
-    older_than_s: float | None = None,
-    unfinished: bool = False,
-) -> Prunable:
-    """Journals of a folder that are neither among the newest nor young.
-
-    ``folder``: not the folders in it. Symbolic links in it are left alone. ``now_s``: present time, in seconds since
-    1970. ``keep``: number of the newest journals that stay; None for no such rule. ``older_than_s``: least time since
-    the last change; None for no such rule. ``unfinished``: whether journals go whose run was interrupted or ended with
-    a fault, and could be resumed.
-    """
-    if keep is None and older_than_s is None:
-        raise ConfigError("prune: say which journals go: --keep NUMBER, --older-than-days DAYS, or both")
-    if not (keep is None or keep >= 0) or not (older_than_s is None or older_than_s >= 0):
-        raise ConfigError(f"prune: keep is {keep}, older_than_s is {older_than_s} s; both must be 0 or more")
-    paths = journals_in(folder)
-    paths = paths[: max(0, len(paths) - (keep or 0))]
-    if older_than_s is not None:
-        paths = [path for path in paths if now_s - path.stat().st_mtime > older_than_s]
-    over = ("finished", "fault", "open") if unfinished else ("finished",)
-    found = [summary(path) for path in paths if not path.is_symlink()]
-    return Prunable(
-        old=tuple(each for each in found if each.state in over),
-        kept=tuple(each for each in found if each.state not in over),
-    )
-
-
-def remove_journal(path: Path) -> None:
-    """Remove a journal.
-
-    Raises `RecordError` if a program writes it, it is no journal, or it cannot be removed.
-    """
-    with as_record_error(path, verb="removed"):
-        if path.is_symlink():
-            raise RecordError(f"{path}: it is a symbolic link; remove it by hand")
-        descriptor = open_for_reading(path)
-        try:
-            # Fails while a run holds it, and keeps a `resume` out until the file is gone.
-            lock(descriptor)
-            EntryReader(path, descriptor)
-            path.unlink()
-        finally:
-            os.close(descriptor)

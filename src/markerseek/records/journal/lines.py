@@ -1,12 +1,9 @@
-"""The lines of a journal: one JSON line an entry, and behind it the raw samples of its frame.
+"""The entries of a record, as bytes: a line of JSON, and behind it the raw samples of its frame, if it has one.
 
-A line begins with five numbers of fixed width: its number, the bytes of the rest of the line, those of the frame behind
-it, and two checksums. The rest has the keys ``kind``, ``written``, ``clock_s``, ``body`` and ``checkpoint``; line 0
-has ``journal``, the version of this format, and ``configuration``. A frame is followed by a line feed.
-
-``check`` is the CRC-32 of the first three numbers, ``crc`` that of the rest and the frame; each goes on from the sum
-before it, so that the lines form a chain. The lengths have a sum of their own: an entry that is shorter than they say
-is one that was never finished, and any flipped bit is damage.
+A line begins with ``{"crc":"`` and the CRC-32 of the rest of the line, as eight hexadecimal digits. The rest of an
+entry has the keys ``number``, ``block`` (bytes of the frame behind the line, 0 without one), ``block_crc``, ``kind``,
+``written``, ``clock_s`` and ``body``; that of line 0 has ``record``, the version of this format, and
+``configuration``. A frame is followed by a line feed.
 """
 
 from __future__ import annotations
@@ -21,9 +18,10 @@ from markerseek.core import Measured, RecordError, Sample
 from markerseek.records.configuration import Configuration
 from markerseek.records.journal.encoding import decode, encode, json_values, require_finite
 from markerseek.records.journal.events import Entry
-from markerseek.records.journal.file import MAGIC
+from markerseek.records.journal.file import MAGIC, MAGIC_1
+from markerseek.records.journal.lines_1 import PREFIX_1_BYTES, numbers_1, prefix_agrees
 
-VERSION = 1
+VERSION = 2
 """Version of the format; newer ones are refused."""
 
 MAX_LINE_BYTES = 1 << 24
@@ -32,68 +30,68 @@ MAX_LINE_BYTES = 1 << 24
 MAX_FRAME_BYTES = 1 << 28
 """Largest frame."""
 
-_LENGTHS = b'{"number":%8d,"bytes":%9d,"frame_bytes":%9d,'
-_SUMS = b'"check":%10d,"crc":%10d,'
-_LENGTHS_BYTES = len(_LENGTHS % (0, 0, 0))
-PREFIX_BYTES = _LENGTHS_BYTES + len(_SUMS % (0, 0))
-"""Bytes of the five numbers with their names."""
+_PREFIX_BYTES = len(MAGIC) + len('00000000",')
+_PIECE_BYTES = 1 << 16
 
 
 class _First(msgspec.Struct, frozen=True):
-    journal: int
     configuration: msgspec.Raw
+    record: int = 0
+    journal: int = 0
+    """``record`` and ``journal``: version of the format; the second is of files of version 1."""
 
 
-class _Line(msgspec.Struct, frozen=True):
+class _Line(msgspec.Struct, frozen=True, kw_only=True):
+    number: int = 0
+    block: int = 0
+    block_crc: str = ""
     kind: str
     written: str
     clock_s: float
     body: msgspec.Raw
-    checkpoint: msgspec.Raw
 
 
-def first_line(configuration: Configuration) -> tuple[bytes, int]:
-    """Line 0 and its checksum."""
+def first_line(configuration: Configuration) -> bytes:
+    """Line 0."""
     as_json = msgspec.json.encode(json_values(configuration, what="the configuration"))
     try:
         # msgspec checks value ranges only on decoding, and a written journal must be readable.
         msgspec.json.decode(as_json, type=Configuration)
     except msgspec.ValidationError as problem:
         raise RecordError(f"the configuration cannot be recorded: {problem}") from problem
-    # A recipe may be written over several lines; inside a JSON text a line feed is an escape.
-    held = _First(journal=VERSION, configuration=msgspec.Raw(as_json.replace(b"\n", b" ")))
-    return _chained(0, msgspec.json.encode(held), b"", previous=0)
+    return _with_crc({"record": VERSION, "configuration": msgspec.Raw(as_json)})
 
 
-def entry_line(entry: Entry, *, previous: int) -> tuple[bytes, int]:
-    """Bytes of an entry, and its checksum; `RecordError` if JSON cannot hold it exactly."""
+def entry_line(entry: Entry) -> bytes:
+    """Bytes of an entry; `RecordError` if JSON cannot hold it exactly."""
     encoded = encode(entry.event)
+    block = encoded.samples or b""
+    if len(block) > MAX_FRAME_BYTES:
+        raise RecordError(
+            f"entry {entry.number}: a frame of {len(block)} bytes, at most {MAX_FRAME_BYTES} are recorded"
+        )
     line = _Line(
+        number=entry.number,
+        block=len(block),
+        block_crc=f"{zlib.crc32(block):08x}",
         kind=encoded.kind,
         written=entry.written,
         clock_s=require_finite(float(entry.clock_s), what="the rig's clock"),
         body=msgspec.Raw(encoded.body),
-        checkpoint=msgspec.Raw(b"null" if entry.checkpoint is None else entry.checkpoint.replace(b"\n", b" ")),
     )
-    return _chained(entry.number, msgspec.json.encode(line), encoded.samples or b"", previous=previous)
+    return b"".join((_with_crc(line), block, b"\n" if block else b""))
 
 
-def _chained(number: int, held: bytes, frame: bytes | memoryview, *, previous: int) -> tuple[bytes, int]:
-    # Without its opening brace, which the prefix has.
-    rest = held[1:] + b"\n"
-    if len(rest) > MAX_LINE_BYTES or len(frame) > MAX_FRAME_BYTES:
-        raise RecordError(
-            f"entry {number}: {len(rest)} bytes and a frame of {len(frame)} cannot be recorded, at most "
-            f"{MAX_LINE_BYTES} and {MAX_FRAME_BYTES}"
-        )
-    lengths = _LENGTHS % (number, len(rest), len(frame))
-    check = zlib.crc32(lengths, previous)
-    own = zlib.crc32(frame, zlib.crc32(rest, check))
-    return b"".join((lengths, _SUMS % (check, own), rest, frame, b"\n" if frame else b"")), own
+def _with_crc(value: object) -> bytes:
+    # A recipe may be written over several lines; inside a JSON text a line feed is an escape.
+    rest = msgspec.json.encode(value)[1:].replace(b"\n", b" ") + b"\n"
+    if len(rest) > MAX_LINE_BYTES:
+        raise RecordError(f"an entry of {len(rest)} bytes cannot be recorded, at most {MAX_LINE_BYTES}")
+    return MAGIC + b'%08x",' % zlib.crc32(rest) + rest
 
 
 class EntryReader:
-    """Reads the entries of an open journal in order, also while it is written; `RecordError` at the first damage.
+    """Reads the entries of an open record in order, also while it is written; `RecordError` at the first damage.
 
     ``descriptor``: of the file, which stays open.
     """
@@ -102,16 +100,17 @@ class EntryReader:
         self.path = path
         self.end = 0
         """Bytes of the entries that have been read."""
-        self.checksum = 0
-        """Checksum of the last of them."""
         self.descriptor = descriptor
+        self.version = VERSION
+        """Version of the file's format."""
+        self._checksum_1 = 0
         self._number = 0
         self._confirmation: Sample | None = None
         self.configuration = self._configuration()
 
     def next(self) -> Entry | None:
         """The next entry; None where the file ends, or holds an entry that was never finished."""
-        found = self._next_line()
+        found = self._next_line_1() if self.version == 1 else self._next_line()
         if found is None:
             return None
         rest, frame = found
@@ -123,37 +122,34 @@ class EntryReader:
             raise RecordError(f"{self.path}: entry {number} is {problem}") from problem
         except (msgspec.MsgspecError, ValueError, RecursionError) as problem:
             raise RecordError(f"{self.path}: entry {number} cannot be read: {problem}; it is foreign") from problem
+        if self.version > 1 and line.number != number:
+            raise RecordError(f"{self._here} is missing, entry {line.number} follows; the journal is damaged")
         if isinstance(event, Measured) and event.role == "confirmation":
             # `Finished` is stored without its confirmation, which is this sample.
             self._confirmation = event.sample
         self._number += 1
-        return Entry(
-            number=number,
-            written=line.written,
-            clock_s=line.clock_s,
-            event=event,
-            checkpoint=None if bytes(line.checkpoint) == b"null" else bytes(line.checkpoint),
-        )
+        return Entry(number=number, written=line.written, clock_s=line.clock_s, event=event)
 
     def _configuration(self) -> Configuration:
-        head = os.pread(self.descriptor, PREFIX_BYTES, 0)
+        head = os.pread(self.descriptor, len(MAGIC_1), 0)
         if not head:
             raise RecordError(
                 f"{self.path}: it is empty: no journal of a run (or its run was never begun); check the name"
             )
-        if not head.startswith(MAGIC):
+        self.version = 1 if head == MAGIC_1 else VERSION
+        if self.version != 1 and not head.startswith(MAGIC):
             raise RecordError(
                 f"{self.path}: it does not begin as a journal does, so that it is another kind of file, or damaged, "
                 "or from before the first release; check the name ('markerseek replay' searches recorded scans)"
             )
-        found = self._next_line()
+        found = self._next_line_1() if self.version == 1 else self._next_line()
         if found is None:
             raise RecordError(f"{self.path}: it ends in its first line: its run was never begun; begin a new search")
         try:
             first = msgspec.json.decode(b"{" + found[0], type=_First)
-            if first.journal > VERSION:
+            if max(first.record, first.journal) > VERSION:
                 raise RecordError(
-                    f"{self.path}: it was written by a newer markerseek: the journal has version {first.journal}, this "
+                    f"{self.path}: it was written by a newer markerseek: the journal has version {first.record}, this "
                     f"one reads up to {VERSION}; install a newer one"
                 )
             configuration = msgspec.json.decode(first.configuration, type=Configuration)
@@ -168,41 +164,66 @@ class EntryReader:
 
     def _next_line(self) -> tuple[bytes, bytes] | None:
         """Rest of the next line and its frame, once both agree with their checksums; None where they are missing."""
-        prefix = os.pread(self.descriptor, PREFIX_BYTES, self.end)
-        if len(prefix) < PREFIX_BYTES or (prefix.endswith(b"\0") and self._is_unwritten(self.end + PREFIX_BYTES)):
+        line = b""
+        while b"\n" not in line[-_PIECE_BYTES:]:
+            piece = os.pread(self.descriptor, _PIECE_BYTES, self.end + len(line))
+            line += piece
+            if len(line) > MAX_LINE_BYTES + _PIECE_BYTES:
+                raise RecordError(f"{self._here} has a line of more than {MAX_LINE_BYTES} bytes; it is damaged")
+            if not piece:
+                return None
+        line = line[: line.index(b"\n") + 1]
+        rest = line[_PREFIX_BYTES:]
+        if line[:_PREFIX_BYTES] != MAGIC + b'%08x",' % zlib.crc32(rest):
+            self._require_changed(line, "its line does not agree with its checksum")
             return None
-        numbers = _numbers(prefix)
-        if numbers is None or zlib.crc32(prefix[:_LENGTHS_BYTES], self.checksum) != numbers[3]:
-            self._require_changed(prefix, "the lengths do not agree with their checksum")
+        try:
+            block = msgspec.json.decode(b"{" + rest, type=_Block)
+        except (msgspec.MsgspecError, RecursionError) as problem:
+            raise RecordError(f"{self._here} cannot be read: {problem}; it is foreign") from problem
+        if not 0 <= block.block <= MAX_FRAME_BYTES:
+            raise RecordError(f"{self._here} has a frame of {block.block} bytes; it is foreign")
+        size = block.block + (block.block > 0)
+        data = os.pread(self.descriptor, size, self.end + len(line))
+        whole = len(data) == size and (not size or data[-1:] == b"\n")
+        if size and not (whole and f"{zlib.crc32(data[:-1]):08x}" == block.block_crc):
+            # A loss of power can leave the end of the last entry missing, or zero.
+            if len(data) < size or (data[-1:] == b"\0" and self._is_last(self.end + len(line) + size)):
+                return None
+            self._require_changed(line, "its frame does not agree with its checksum")
             return None
+        self.end += len(line) + size
+        return rest, data[:-1]
+
+    def _next_line_1(self) -> tuple[bytes, bytes] | None:
+        """`_next_line` of a file of version 1, whose checksums form a chain."""
+        prefix = os.pread(self.descriptor, PREFIX_1_BYTES, self.end)
+        if len(prefix) < PREFIX_1_BYTES or prefix.endswith(b"\0"):
+            return None
+        numbers = numbers_1(prefix)
+        if numbers is None or not prefix_agrees(prefix, numbers, previous=self._checksum_1):
+            raise RecordError(f"{self._here}: the lengths do not agree with their checksum; it is damaged")
         number, rest_bytes, frame_bytes, check, own = numbers
-        if number != self._number:
-            raise RecordError(f"{self._here} is missing, entry {number} follows; the journal is damaged")
-        if rest_bytes > MAX_LINE_BYTES or frame_bytes > MAX_FRAME_BYTES:
-            raise RecordError(f"{self._here} has {rest_bytes} bytes and a frame of {frame_bytes}; it is foreign")
+        if number != self._number or rest_bytes > MAX_LINE_BYTES or frame_bytes > MAX_FRAME_BYTES:
+            raise RecordError(
+                f"{self._here}: entry {number} of {rest_bytes + frame_bytes} bytes follows; it is damaged"
+            )
         size = rest_bytes + frame_bytes + (frame_bytes > 0)
-        data = os.pread(self.descriptor, size, self.end + PREFIX_BYTES)
-        # A loss of power can leave the end of the last entry as zeros; each entry ends in a line feed.
-        if len(data) < size or (data.endswith(b"\0") and self._is_unwritten(self.end + PREFIX_BYTES + size)):
+        data = os.pread(self.descriptor, size, self.end + PREFIX_1_BYTES)
+        if len(data) < size or (data.endswith(b"\0") and self._is_last(self.end + PREFIX_1_BYTES + size)):
             return None
         if zlib.crc32(data[: rest_bytes + frame_bytes], check) != own or data[-1:] != b"\n":
-            self._require_changed(prefix, "it does not agree with its checksum")
-            return None
-        self.end += PREFIX_BYTES + size
-        self.checksum = own
+            raise RecordError(f"{self._here}: it does not agree with its checksum; it is damaged")
+        self.end += PREFIX_1_BYTES + size
+        self._checksum_1 = own
         return data[:rest_bytes], data[rest_bytes : rest_bytes + frame_bytes]
 
-    def _is_unwritten(self, place: int) -> bool:
-        """Whether there are only zeros from here to the end of the file."""
-        while piece := os.pread(self.descriptor, 1 << 20, place):
-            if piece.strip(b"\0"):
-                return False
-            place += len(piece)
-        return True
+    def _is_last(self, end: int) -> bool:
+        return os.fstat(self.descriptor).st_size <= end
 
-    def _require_changed(self, prefix: bytes, reason: str) -> None:
+    def _require_changed(self, line: bytes, reason: str) -> None:
         """`RecordError`, unless the writer has cut an unfinished entry off and writes another in its place."""
-        if os.pread(self.descriptor, PREFIX_BYTES, self.end) == prefix:
+        if os.pread(self.descriptor, len(line), self.end) == line:
             raise RecordError(f"{self._here}: {reason}; it is damaged")
 
     @property
@@ -210,13 +231,6 @@ class EntryReader:
         return f"{self.path}: " + ("the configuration" if self._number == 0 else f"entry {self._number}")
 
 
-def _numbers(prefix: bytes) -> tuple[int, int, int, int, int] | None:
-    """The five numbers of a prefix; None where it is none."""
-    try:
-        fields = [int(each.rpartition(b":")[2]) for each in prefix.rstrip(b",").split(b",")]
-        number, rest_bytes, frame_bytes, check, own = fields
-    except ValueError:
-        return None
-    if min(fields) < 0 or prefix != _LENGTHS % (number, rest_bytes, frame_bytes) + _SUMS % (check, own):
-        return None
-    return number, rest_bytes, frame_bytes, check, own
+class _Block(msgspec.Struct, frozen=True):
+    block: int = 0
+    block_crc: str = ""

@@ -7,20 +7,19 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import msgspec
 
 from markerseek.core import Failed, Finished, Measured, RecordError, Refused, Sample, Started
 from markerseek.records.configuration import Configuration
-from markerseek.records.journal.events import Checked, Entry
+from markerseek.records.journal.events import Checked, Entry, Resuming
 from markerseek.records.journal.file import as_record_error, is_written, open_for_reading
 from markerseek.records.journal.lines import EntryReader
-from markerseek.records.journal.sequence import angle_faults, order_faults
 from markerseek.records.result import Recorder, SearchResult
 
 JournalItem: TypeAlias = Configuration | Entry
@@ -101,11 +100,9 @@ def salvage(
 
 
 def verify(path: Path) -> JournalCheck:
-    """Check a journal: checksums, order of the events, and angles."""
+    """Check that every entry can be read and agrees with its checksum."""
     recorded, damage = salvage(path, frames=False)
-    wrong = [*order_faults(recorded.entries), *angle_faults(recorded.configuration, recorded.entries)]
     faults = [] if damage is None else [str(damage)]
-    faults += [f"entry {number}: {reason}" for number, reason in sorted(wrong)]
     return JournalCheck(entries=len(recorded.entries), faults=faults, unfinished_bytes=recorded.unfinished_bytes)
 
 
@@ -145,6 +142,47 @@ def result_of(recorded: RecordedRun) -> tuple[Recorder, SearchResult]:
         if isinstance(entry.event, Started | Measured | Refused | Finished | Failed):
             recorder.add(entry.event)
     return recorder, recorder.result(recorded.configuration.plan, recorded.configuration.facts)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunState:
+    """State of a run."""
+
+    state: Literal["finished", "fault", "open"]
+    """Finished with an answer, ended by a fault, or open: it was stopped or it died, and can be resumed."""
+    acquisitions: int
+    """Acquisitions with light that the policy received, or will receive."""
+    fault: str | None
+    """None unless it was a fault."""
+
+
+def run_state(entries: Iterable[Entry]) -> RunState:
+    """State of the run of these entries.
+
+    ``entries``: all of them, in order.
+    """
+    state: Literal["finished", "fault", "open"] = "open"
+    acquisitions = 0
+    fault: str | None = None
+    for entry in entries:
+        match entry.event:
+            case Started():
+                acquisitions = 0
+            case Measured(role=role):
+                acquisitions += role == "search"
+            case Finished():
+                state = "finished"
+            case Failed(error=error):
+                state, fault = "fault", str(error)
+            case Resuming(fault_reset=True):
+                state, fault = "open", None
+    return RunState(state=state, acquisitions=acquisitions, fault=fault)
+
+
+def since_started(entries: Sequence[Entry]) -> tuple[Entry, ...]:
+    """The entries since the search last began: it begins anew where a check found that the rig has changed."""
+    begun = [index for index, entry in enumerate(entries) if isinstance(entry.event, Started)]
+    return tuple(entries[begun[-1] :]) if begun else ()
 
 
 @contextmanager

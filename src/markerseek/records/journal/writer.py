@@ -20,20 +20,17 @@ from markerseek.records.journal.file import (
     lock,
     open_for_reading,
     open_for_writing,
-    rescued,
 )
-from markerseek.records.journal.lines import EntryReader, entry_line, first_line
+from markerseek.records.journal.lines import VERSION, EntryReader, entry_line, first_line
 from markerseek.records.journal.reader import RecordedRun
-from markerseek.records.journal.sequence import angle_faults
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Tail:
-    """Last entry of the file, the bytes up to its end, and its checksum."""
+    """Last entry of the file, and the bytes up to its end."""
 
     entry: Entry | None
     end: int
-    checksum: int
 
 
 class Journal:
@@ -49,7 +46,6 @@ class Journal:
         self._open = True
         self._tail = tail
         self._uncertain: _Tail | None = None
-        self._lost: RecordError | None = None
 
     @classmethod
     def create(cls, path: Path, configuration: Configuration, *, kept: bool = True) -> Self:
@@ -58,7 +54,7 @@ class Journal:
         Raises `RecordError` if the file exists or cannot be written; nothing is left behind.
         """
         try:
-            line, checksum = first_line(configuration)
+            line = first_line(configuration)
         except RecordError as problem:
             raise RecordError(f"{path}: {problem}") from problem
         with as_record_error(path, verb="written"), contextlib.ExitStack() as undo:
@@ -71,7 +67,7 @@ class Journal:
                 lock(descriptor)
                 _write(descriptor, line, at=0)
             undo.pop_all()
-        return cls(path, configuration, descriptor, _Tail(entry=None, end=len(line), checksum=checksum), kept=kept)
+        return cls(path, configuration, descriptor, _Tail(entry=None, end=len(line)), kept=kept)
 
     @classmethod
     def reopen(cls, path: Path) -> tuple[Self, RecordedRun]:
@@ -80,31 +76,30 @@ class Journal:
         An entry that was never finished, because its process died, is cut off.
         """
         with as_record_error(path, verb="written"), contextlib.ExitStack() as undo:
-            descriptor = _open_whole(path)
+            os.close(open_for_reading(path))
+            descriptor = open_for_writing(path)
             undo.callback(os.close, descriptor)
             reader = EntryReader(path, descriptor)
+            if reader.version != VERSION:
+                raise RecordError(
+                    f"{path}: it was written by an older markerseek: 'markerseek journal show' and 'replay' read it, "
+                    "but it cannot be resumed; begin a new search"
+                )
             entries: list[Entry] = []
             while (entry := reader.next()) is not None:
                 entries.append(entry)
-            for number, reason in angle_faults(reader.configuration, entries):
-                raise RecordError(
-                    f"{path}: entry {number}: {reason}; the journal is damaged or foreign, begin a new search"
-                )
             os.ftruncate(descriptor, reader.end)
-            tail = _Tail(entry=entries[-1] if entries else None, end=reader.end, checksum=reader.checksum)
+            tail = _Tail(entry=entries[-1] if entries else None, end=reader.end)
             undo.pop_all()
         recorded = RecordedRun(path=path, configuration=reader.configuration, entries=tuple(entries))
         return cls(path, reader.configuration, descriptor, tail, kept=True), recorded
 
-    def commit(self, event: JournalEvent, *, clock_s: float, checkpoint: bytes | None = None) -> Entry:
+    def commit(self, event: JournalEvent, *, clock_s: float) -> Entry:
         """Write an event to disk; once this returns, it survives the death of the process.
 
-        ``checkpoint``: state of the simulated world after it, as JSON. Raises `RecordError` if it cannot be written;
-        earlier entries are not changed. Or if the file was deleted: it is then copied to a new file, which the message
-        names, and `path` is changed to it.
+        Raises `RecordError` if it cannot be written, or the file was changed or deleted; earlier entries are not
+        changed.
         """
-        if self._lost is not None:
-            raise self._lost
         self._settle()
         self._require_present()
         entry = Entry(
@@ -112,11 +107,10 @@ class Journal:
             written=datetime.now(UTC).isoformat(),
             clock_s=clock_s,
             event=event,
-            checkpoint=checkpoint,
         )
-        data, checksum = entry_line(entry, previous=self._tail.checksum)
+        data = entry_line(entry)
         # A signal can arrive between the write and the lines after it: `_settle` then asks the file.
-        self._uncertain = _Tail(entry=entry, end=self._tail.end + len(data), checksum=checksum)
+        self._uncertain = _Tail(entry=entry, end=self._tail.end + len(data))
         with as_record_error(self.path, verb="written"):
             try:
                 _write(self._descriptor, data, at=self._tail.end)
@@ -127,7 +121,6 @@ class Journal:
                 self._uncertain = None
                 raise
         self._note()
-        self._require_present()
         return entry
 
     def _flush(self) -> None:
@@ -151,24 +144,18 @@ class Journal:
                 self._uncertain = None
 
     def _require_present(self) -> None:
-        """Raise a `RecordError` if the file was changed or deleted; a deleted one is copied to a new file."""
+        """Raise a `RecordError` if the file was changed or deleted."""
         with as_record_error(self.path, verb="written"):
             status = os.fstat(self._descriptor)
         if status.st_size != self._tail.end:
-            self._lost = RecordError(
+            raise RecordError(
                 f"{self.path}: another program changed it while the run was written: it has {status.st_size} bytes, "
                 f"{self._tail.end} were written; 'markerseek journal show' prints as much of it as is whole"
             )
-        elif status.st_nlink == 0 and self.kept:
-            finding = f"{self.path}: it was removed or replaced while the run was written"
-            try:
-                self.path = rescued(self._descriptor, self.path)
-            except (OSError, RecordError) as problem:
-                self._lost = RecordError(f"{finding}, and no copy could be made ({problem}): what it held is gone")
-            else:
-                self._lost = RecordError(f"{finding}; everything up to now is in {self.path}")
-        if self._lost is not None:
-            raise self._lost
+        if status.st_nlink == 0 and self.kept:
+            raise RecordError(
+                f"{self.path}: it was removed or replaced while the run was written; what it held is gone"
+            )
 
     def interrupt(self, reason: str) -> None:
         """Record that the run was interrupted, once the rig has been stopped; does nothing if it is over.
@@ -202,8 +189,7 @@ class Journal:
             return
         try:
             self._settle()
-            if self._lost is None:
-                self._require_present()
+            self._require_present()
         finally:
             self._open = False
             with as_record_error(self.path, verb="closed"):
@@ -217,13 +203,6 @@ class Journal:
         """Close it; an error of closing does not replace one of the block."""
         with contextlib.suppress(*(() if kind is None else (RecordError,))):
             self.close()
-
-
-def _open_whole(path: Path) -> int:
-    with as_record_error(path, verb="read"):
-        descriptor = open_for_reading(path)
-        os.close(descriptor)
-    return open_for_writing(path)
 
 
 def _write(descriptor: int, data: bytes, *, at: int) -> None:
