@@ -5,15 +5,14 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from markerseek.core import Measured, SearchPlan, Started
+from markerseek.core import SearchPlan
 from markerseek.records.journal import Journal
 from markerseek.runs import configuration_of
-from tests.unit.records.journal.every_kind_of_entry import METHOD, checkpoint, journal_events, rig
+from tests.unit.records.journal.every_kind_of_entry import METHOD, journal_events, rig
 
 configuration = configuration_of(
     rig(), SearchPlan(method=METHOD, acquisitions=3, as_published=True, start_deg=-0.1, dark_frames=1, stay=False)
 )
 with Journal.create(Path(sys.argv[1]), configuration) as journal:
     for number, event in enumerate(journal_events(), start=1):
-        changed = isinstance(event, Started | Measured)
-        journal.commit(event, clock_s=0.1 * number, checkpoint=checkpoint(number) if changed else None)
+        journal.commit(event, clock_s=0.1 * number)

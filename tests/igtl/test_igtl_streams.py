@@ -44,7 +44,7 @@ def sent_at_5_degrees(receiver: ReceiverSettings) -> tuple[rigs.Rig, Sample, dic
     streams.after(configuration_of(rig, SearchPlan(method="ternary")))
     event = Measured(role="search", index=1, sample=sample)
     images = {}
-    for each in streams.after(Entry(number=1, written="", clock_s=0.0, event=event, checkpoint=None)):
+    for each in streams.after(Entry(number=1, written="", clock_s=0.0, event=event)):
         if isinstance(each.content, igtl.Image):
             data = igtl.encode(igtl.Message(device=each.device, content=each.content))
             header = igtl.decode_header(data[: igtl.HEADER_BYTES], most_bytes=len(data))
@@ -139,7 +139,7 @@ def test_a_probe_that_a_person_turns_is_shown_on_its_way() -> None:
     streams.after(configuration_of(rig, SearchPlan(method="ternary")))
     for angle_deg, sent_before in ((30.0, True), (None, False)):
         event = Turning(target_deg=-12.0, angle_deg=angle_deg)
-        sent = by_device(streams.after(Entry(number=1, written="", clock_s=0.0, event=event, checkpoint=None)))
+        sent = by_device(streams.after(Entry(number=1, written="", clock_s=0.0, event=event)))
         state = msgspec.json.decode(sent["SearchState"].content.text)
         assert (state["target_deg"], state["angle_deg"]) == (-12.0, 30.0)
         assert ("ProbeToProbeHome" in sent) == sent_before
@@ -182,7 +182,6 @@ def test_image_and_transform_carry_one_time_that_of_the_acquisition(kind: str, w
             written=written,
             clock_s=sample.frame.header.started_s + 2.5,
             event=Measured(role="search", index=1, sample=sample),
-            checkpoint=None,
         )
     )
     assert [each.device for each in sent] == ["ProbeToProbeHome", "BMode_ProbeHome", "PA_ProbeHome", "SearchState"]
@@ -198,16 +197,14 @@ def test_each_frame_of_a_sweep_has_its_own_angle_and_time() -> None:
     streams = Streams()
     streams.after(msgspec.structs.replace(configuration, facts=replace(configuration.facts, kind="bench")))
     asked = Asked(role="search", index=1, angle_deg=35.0, sweep=Sweep(to_deg=35.0, speed_deg_s=8.6))
-    streams.after(Entry(number=1, written="", clock_s=0.0, event=asked, checkpoint=None))
+    streams.after(Entry(number=1, written="", clock_s=0.0, event=asked))
     written = "2026-03-01T12:00:00+00:00"
     began_s = datetime.fromisoformat(written).timestamp()
     for index, (angle_deg, fired_s) in enumerate([(5.0, 99.75), (5.4, 99.8)], start=1):
         frame = replace(sample.frame, header=replace(sample.frame.header, started_s=fired_s))
         pulse = replace(sample, angle_deg=angle_deg, frame=frame, sweep=SweepTiming(number=1, speed_deg_s=8.6))
         event = Measured(role="search", index=index, sample=pulse)
-        sent = by_device(
-            streams.after(Entry(number=index + 1, written=written, clock_s=100.0, event=event, checkpoint=None))
-        )
+        sent = by_device(streams.after(Entry(number=index + 1, written=written, clock_s=100.0, event=event)))
         (time_s,) = {each.time_s for each in sent.values()}
         assert time_s == pytest.approx(began_s - (100.0 - fired_s))
         turned = sent["ProbeToProbeHome"].content
@@ -215,8 +212,6 @@ def test_each_frame_of_a_sweep_has_its_own_angle_and_time() -> None:
         assert math.degrees(math.atan2(turned.matrix[0, 2], turned.matrix[2, 2])) == pytest.approx(angle_deg)
         assert isinstance(sent["PA_ProbeHome"].content, igtl.Image)
     ended = by_device(
-        streams.after(
-            Entry(number=4, written=written, clock_s=100.5, event=Swept(angle_deg=6.0, pulses=2), checkpoint=None)
-        )
+        streams.after(Entry(number=4, written=written, clock_s=100.5, event=Swept(angle_deg=6.0, pulses=2)))
     )
     assert set(ended) == {"ProbeToProbeHome", "SearchState"}

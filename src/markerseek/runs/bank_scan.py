@@ -155,7 +155,9 @@ def scan_bank(
         journal, recorded = Journal.reopen(record_of(path))
         _require_same_scan(recorded, configuration)
         facts = _scan_facts(recorded) or facts
-        events = resumed(policy, rig, journal, recorded, by=by, anew=lambda: policy, reset_fault=True, check=False)
+        events = resumed(
+            policy, rig, journal, recorded, by=by, anew=lambda: policy, reset_fault=True, check=False, limits=limits
+        )
     else:
         journal = Journal.create(record_of(path), configuration)
         events = journalled(policy, rig, journal, limits=limits)

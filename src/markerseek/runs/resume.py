@@ -13,6 +13,7 @@ from markerseek.core import (
     Asked,
     ConfirmablePolicy,
     DeviceError,
+    Found,
     Measured,
     Reading,
     ReadingFrame,
@@ -39,7 +40,7 @@ from markerseek.records.journal import (
 )
 from markerseek.rigs import Rig
 from markerseek.runs.journalled import committed, limits_of
-from markerseek.scan import Earlier, larger_noise, moved_source, run
+from markerseek.scan import Earlier, RunLimits, larger_noise, moved_source, run
 
 SHARE, PULSE_SHARE, HAND_SHARE = 0.1, 0.4, 0.3
 """Allowed relative change of an intensity: about the drift of a laser's energy; where it was a single pulse, which
@@ -59,6 +60,7 @@ def resumed(
     anew: Callable[[], AnyPolicy],
     reset_fault: bool = False,
     check: bool = True,
+    limits: RunLimits | None = None,
 ) -> Generator[JournalEvent, None, None]:
     """The events of a run from where it was interrupted.
 
@@ -67,19 +69,17 @@ def resumed(
 
     ``policy``: in its state before the run; ``anew`` makes another. ``by``: name of the person who arms the rig.
     ``reset_fault``: whether that person has inspected the rig after a fault, and resets it. ``check``: False for a
-    scan, which only goes on with the angles that are missing.
+    scan, which only goes on with the angles that are missing. ``limits``: those of a run on this plan unless given.
     """
     state = run_state(recorded.entries)
     if state.state == "finished":
         raise RecordError(f"{recorded.path}: the run is over; it cannot be resumed")
     require_reset(recorded.path, state, reset_fault=reset_fault)
-    entries, clock, limits = since_started(recorded.entries), rig.scanner.clock, limits_of(journal.configuration)
+    entries, clock = since_started(recorded.entries), rig.scanner.clock
+    limits = limits or limits_of(journal.configuration)
     begun_s = entries[0].clock_s if entries else 0.0
     ahead_s = (recorded.entries[-1].clock_s if recorded.entries else 0.0) - clock.now_s()
     tell_recorded(policy, entries)
-    earlier: Earlier | None = Earlier.of(
-        [entry.event for entry in entries], elapsed_s=clock.now_s() + ahead_s - begun_s
-    )
     # The budget of pulses is that of the tissue, not of a process.
     rig.scanner.guard.charge(pulses_before(recorded.entries, pulses=rig.scanner.pulses, attempts=limits.attempts))
     _recall(rig, entries)
@@ -93,6 +93,7 @@ def resumed(
         ),
         clock_s=clock.now_s() + ahead_s,
     )
+    changed = False
     try:
         rig.arm(by=by)
         if strongest is not None:
@@ -100,28 +101,33 @@ def resumed(
             checked = _checked(strongest, rig, by_hand=by_hand, attempts=limits.attempts)
             journal.commit(checked, clock_s=clock.now_s() + ahead_s)
             yield checked
-            if checked.difference is not None:
-                policy, earlier = anew(), None
+            changed = checked.difference is not None
     except BaseException as error:
         rig.scanner.stop()
         if isinstance(error, Exception) and not isinstance(error, RecordError):
             # A fault outlives this process: only a person's reset ends it.
             journal.fail(error, clock_s=clock.now_s() + ahead_s)
         raise
-    plan = journal.configuration.plan
-    events = run(policy, rig.scanner, plan, limits=limits, earlier=earlier)
+    earlier = Earlier.of([entry.event for entry in entries], elapsed_s=clock.now_s() + ahead_s - begun_s)
+    if changed:
+        policy, earlier = anew(), None
+    events = run(policy, rig.scanner, journal.configuration.plan, limits=limits, earlier=earlier)
     yield from committed(events, policy, rig, journal, ahead_s=ahead_s, earlier=earlier)
 
 
 def tell_recorded(policy: AnyPolicy, entries: Iterable[Entry]) -> None:
-    """Ask a fresh policy and tell it the recorded samples, in their order."""
+    """Ask a fresh policy and tell it the recorded samples, in their order; a dark frame at the end was never told."""
+    lit = False
     for entry in entries:
         match entry.event:
             case Measured(role="confirmation", sample=sample) if isinstance(policy, ConfirmablePolicy):
-                policy.confirm(sample)
-            case Measured(role="dark" | "search", sample=sample):
-                if sample.dark or policy.ask() is not None:
-                    policy.tell(sample)
+                if isinstance(policy.estimate(), Found):
+                    policy.confirm(sample)
+            case Measured(role="dark", sample=sample) if not lit:
+                policy.tell(sample)
+            case Measured(role="search", sample=sample) if policy.ask() is not None:
+                lit = True
+                policy.tell(sample)
             case Swept() if isinstance(policy, SweepingPolicy):
                 policy.end_sweep()
 

@@ -123,13 +123,13 @@ class Earlier:
         measured = [event for event in events if isinstance(event, Measured)]
         lit = [replace(event.sample, frame=None) for event in measured if not event.sample.dark]
         confirmed = bool(measured) and measured[-1].role == "confirmation"
-        asked = [event for event in events if isinstance(event, Asked) and event.role == "search"]
+        sweeps = sum(isinstance(event, Asked) and event.sweep is not None for event in events)
         last = next((event for event in reversed(events) if isinstance(event, Asked | Swept)), None)
         return cls(
             dark=sum(event.role == "dark" for event in measured),
             acquisitions=sum(event.role == "search" for event in measured),
-            steps=len(asked),
-            sweeps=sum(event.sweep is not None for event in asked),
+            steps=sweeps + sum(event.role == "search" and event.sample.sweep is None for event in measured),
+            sweeps=sweeps,
             confirmations=sum(event.role == "confirmation" for event in measured),
             travel_deg=sum(abs(to - at) for at, to in pairwise([*starts[-1:], *(each.angle_deg for each in lit)])),
             elapsed_s=elapsed_s,

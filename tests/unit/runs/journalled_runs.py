@@ -89,7 +89,9 @@ def resume_run(path: Path, *, rig: Rig | None = None, reset_fault: bool = False,
     policy, same, _ = begun()
     journal, held = Journal.reopen(path)
     with journal:
-        return list(resumed(policy, rig or same, journal, held, by="a person", reset_fault=reset_fault))
+        return list(
+            resumed(policy, rig or same, journal, held, by="a person", anew=lambda: begun()[0], reset_fault=reset_fault)
+        )
 
 
 def times_and_events(held: RecordedRun) -> list[tuple[object, float]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,15 +9,12 @@ from types import SimpleNamespace
 import pytest
 
 from markerseek import rigs
-from markerseek.core import ByHand, DeviceError, Measured, RecordError, Sample
+from markerseek.core import ByHand, ConfigError, DeviceError, Measured, RecordError, Sample
 from markerseek.records.banks import FrameBank, read_bank, record_of
 from markerseek.records.banks.ipasc.writer import BankWriter
-from markerseek.records.journal import Journal, read_journal
-from markerseek.runs import journal_bank, rebuild_policy, rebuild_reader, rebuild_rig, recompute_differences, scan_bank
+from markerseek.records.journal import read_journal
+from markerseek.runs import journal_bank, scan_bank
 from markerseek.runs.bank_scan import scan_configuration
-from markerseek.runs.journalled import limits_of
-from markerseek.runs.resume import resumed
-from markerseek.scan import RunLimits
 
 
 def scanned(path: Path, *, stop_after: int = 99) -> int:
@@ -50,19 +46,35 @@ def test_a_scan_that_is_stopped_before_its_first_angle_leaves_nothing(tmp_path: 
     assert list(tmp_path.iterdir()) == []
 
 
-def resume(record: Path) -> None:
-    journal, held = Journal.reopen(record)
-    with journal:
-        list(resumed(rebuild_policy(held.configuration), rebuild_rig(held.configuration), journal, held, by="a person"))
-
-
 @pytest.mark.parametrize("lit", [1, 2])
-def test_a_scan_that_is_stopped_too_early_for_a_bank_can_be_resumed(tmp_path: Path, lit: int) -> None:
+def test_a_scan_that_died_goes_on_with_the_angles_that_are_missing(tmp_path: Path, lit: int) -> None:
     path = tmp_path / "a.hdf5"
     assert scanned(path, stop_after=3 + lit) == lit
     assert list(tmp_path.iterdir()) == [record_of(path)]
-    resume(record_of(path))
-    assert len(journal_bank(record_of(path)).angles_deg) == 8
+    with pytest.raises(RecordError, match="go on with it: 'markerseek bank scan --continue"):
+        scanned(path)
+    rig = rigs.simulated(seed=3, resumed_after=9)
+    events = list(scan_bank(rig, path, step_deg=10.0, goes_on=True, by="a person"))
+    assert sum(isinstance(event, Measured) for event in events) == 8 - lit
+    bank = read_bank(path)
+    assert isinstance(bank, FrameBank)
+    assert (len(bank.angles_deg), bank.dark_frames, bank.facts.pulse_energy_j) == (8, 3, 2e-3)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(("seed", "step_deg"), [(4, 10.0), (3, 5.0)])
+def test_a_scan_of_another_rig_or_step_is_not_continued(tmp_path: Path, seed: int, step_deg: float) -> None:
+    path = tmp_path / "a.hdf5"
+    scanned(path, stop_after=4)
+    before = record_of(path).read_bytes()
+    with pytest.raises(ConfigError, match="give the rig, the seed and the step of the first scan"):
+        list(scan_bank(rigs.simulated(seed=seed), path, step_deg=step_deg, goes_on=True, by="a person"))
+    assert record_of(path).read_bytes() == before
+
+
+def test_without_a_record_there_is_nothing_to_go_on_with(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="there is no scan to go on with; leave --continue out"):
+        list(scan_bank(rigs.simulated(seed=3), tmp_path / "a.hdf5", goes_on=True, by="a person"))
 
 
 def test_a_bank_that_cannot_be_written_does_not_hide_the_fault_that_ended_the_scan(
@@ -101,7 +113,7 @@ def test_a_bank_that_cannot_be_written_leaves_the_record(tmp_path: Path, monkeyp
         read_bank(path)
     held = journal_bank(record_of(path))
     assert (len(held.angles_deg), held.dark_frames, held.facts.pulse_energy_j) == (8, 3, 2e-3)
-    with pytest.raises(RecordError, match="it holds a scan that was killed; make a bank of it"):
+    with pytest.raises(RecordError, match=r"it holds a scan that was killed; go on with it: .*, make a bank of it"):
         scanned(path)
 
 
@@ -152,30 +164,6 @@ def test_a_record_that_is_damaged_meanwhile_gives_a_bank_of_the_angles_before_an
         scanned_with_damage(path)
     assert len(read_bank(path).angles_deg) == 3
     assert sorted(each.name for each in tmp_path.iterdir()) == ["a.hdf5", "a.hdf5.journal"]
-
-
-def test_a_scan_of_more_angles_than_a_search_is_not_resumed_and_the_cure_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "a.hdf5"
-    with closing(scan_bank(rigs.simulated(seed=3), path, step_deg=0.1)) as scan:
-        for event in scan:
-            if isinstance(event, Measured) and not event.sample.dark:
-                break
-    with pytest.raises(RecordError, match=r"a scan of more than 500 angles, .*'markerseek bank import"):
-        resume(record_of(path))
-
-
-def test_a_scan_that_is_resumed_or_computed_again_has_the_time_limit_of_a_scan(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "a.hdf5"
-    scanned(path, stop_after=5)
-    held = read_journal(record_of(path))
-    assert not recompute_differences(held, rebuild_policy(held.configuration), rebuild_reader(held.configuration))
-    assert limits_of(held.configuration) == RunLimits(acquisitions=8, duration_s=120.0 * (8 + 3))
-    monkeypatch.setattr("markerseek.runs.journalled._S_PER_ANGLE", 0.0)
-    assert recompute_differences(held, rebuild_policy(held.configuration), rebuild_reader(held.configuration))
-    with pytest.raises(RecordError, match="more than the 0 s allowed"):
-        resume(record_of(path))
 
 
 def test_the_record_of_a_scan_by_hand_says_so() -> None:

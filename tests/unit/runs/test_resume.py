@@ -1,189 +1,349 @@
-"""Resumed runs: equal to the whole run, never without arming, never with another policy."""
+"""Resumed runs: nothing is measured twice but one angle, the answer is as good, and nothing moves without arming."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
-import msgspec
 import pytest
 
+from markerseek import rigs
 from markerseek.core import (
-    Asked,
+    AnyPolicy,
     DeviceError,
     Failed,
     Finished,
+    Found,
+    LimitError,
     Measured,
     MoveError,
-    Permit,
-    PolicyPlan,
+    NotConnectedError,
+    Reading,
     RecordError,
     Refused,
+    Started,
 )
-from markerseek.guard import State
-from markerseek.records.journal import Journal, read_journal, result_of, run_state, verify
-from markerseek.runs import next_angle, rebuild_reader, recompute_differences
+from markerseek.guard import FiringLimits, State
+from markerseek.records.journal import (
+    Checked,
+    Configuration,
+    Journal,
+    Resuming,
+    read_journal,
+    result_of,
+    run_state,
+    since_started,
+    verify,
+)
+from markerseek.rigs import Rig
+from markerseek.runs import answer_again, rebuild_policy
 from markerseek.runs.journalled import journalled
-from markerseek.runs.resume import resumed
-from markerseek.search import build
-from tests.unit.runs.journalled_runs import ACQUISITIONS, begin, live, resume_run, times_and_events
+from markerseek.runs.resume import change_of, pulses_before, resumed
+from markerseek.sim import GaussianCurve, SimulatedSettings
+from tests.unit.runs.journalled_runs import ACQUISITIONS, MARKER_DEG, begin, configured, live, resume_run
+
+METHODS = {
+    "posterior": None,
+    "weighted-average": 24,
+    "golden-section": 16,
+    "golden-section-reuse": 10,
+    "ternary": 16,
+    "exhaustive": 31,
+    "manual": 16,
+}
 
 
-def test_a_journal_holds_what_run_reports(whole: Path) -> None:
-    held = read_journal(whole)
-    kinds = [type(entry.event).__name__ for entry in held.entries]
-    assert kinds[0] == "Started"
-    assert kinds[-1] == "Finished"
-    assert kinds.count("Measured") == kinds.count("Asked") == 3 + ACQUISITIONS
-    refused = [entry.event for entry in held.entries if isinstance(entry.event, Refused)]
-    assert len(refused) >= 3
-    # The reader of this run refuses by the number of the frame: each of them is kept.
-    numbers = [event.frame.header.sequence for event in refused if event.frame is not None]
-    assert numbers == [4 * count for count in range(1, len(refused) + 1)]
-    assert verify(whole).faults == []
-    by_kind = {type(entry.event): entry for entry in held.entries}
-    assert by_kind[Measured].checkpoint is not None
-    assert by_kind[Asked].checkpoint is None
+def begin_method(method: str, *, resumed_after: int = 0) -> tuple[AnyPolicy, Rig, Configuration]:
+    rig = rigs.of_intensities(seed=5 + resumed_after, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=MARKER_DEG)
+    configuration = configured(rig, method=method, acquisitions=METHODS[method])
+    return rebuild_policy(configuration), rig, configuration
 
 
-def test_stopped_after_any_event_a_run_is_resumed_to_the_same_end(whole: Path, tmp_path: Path) -> None:
-    wanted = read_journal(whole)
-    for until in range(1, len(wanted.entries)):
+@pytest.mark.parametrize("method", METHODS)
+def test_stopped_after_any_acquisition_a_search_ends_with_an_answer_as_good(method: str, tmp_path: Path) -> None:
+    unbroken = tmp_path / "whole.journal"
+    live(unbroken, begun=lambda: begin_method(method))
+    wanted, count = result_of(read_journal(unbroken))[1], len(read_journal(unbroken).entries)
+    for until in range(2, count, 5):
         path = tmp_path / f"{until}.journal"
-        live(path, until=until)
-        assert times_and_events(read_journal(path)) == times_and_events(wanted)[:until]
-        events = resume_run(path)
+        live(path, until=until, begun=lambda: begin_method(method))
+        before = [entry.event for entry in read_journal(path).entries if isinstance(entry.event, Measured)]
+        events = resume_run(path, begun=lambda: begin_method(method, resumed_after=100))
+        assert isinstance(events[-1], Finished)
         held = read_journal(path)
-        assert times_and_events(held) == times_and_events(wanted)
-        assert events == [event for event, _ in times_and_events(wanted)]
-        assert msgspec.json.encode(result_of(held)[1]) == msgspec.json.encode(result_of(wanted)[1])
+        measured = [entry.event for entry in held.entries if isinstance(entry.event, Measured)]
+        # Each acquisition is there once, those of before the stop first; the one that is compared is `Checked`.
+        assert measured[: len(before)] == before
+        assert [event.index for event in measured if event.role == "search"] == list(
+            range(1, events[-1].acquisitions + 1)
+        )
+        assert sum(isinstance(entry.event, Checked) for entry in held.entries) == any(e.role != "dark" for e in before)
+        result = result_of(held)[1]
+        assert result.answer == wanted.answer
+        assert result.sigma_deg is not None
+        assert wanted.sigma_deg is not None
+        assert abs(result.angle_deg - wanted.angle_deg) < 3 * max(result.sigma_deg, wanted.sigma_deg) + 0.02
+        assert len(result.samples) == result.acquisitions
         assert verify(path).faults == []
 
 
-def test_a_run_may_be_stopped_many_times(whole: Path, tmp_path: Path) -> None:
+def test_a_run_may_be_stopped_many_times_and_counts_its_travel_and_time_as_one(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
-    live(path, until=3)
-    total = len(read_journal(whole).entries)
-    for until in range(5, total, 3):
+    live(path, until=7)
+    for _ in range(3):
         policy, rig, _ = begin()
         journal, held = Journal.reopen(path)
-        with journal, closing(resumed(policy, rig, journal, held, by="a person")) as events:
-            for _ in range(until):
+        with journal, closing(resumed(policy, rig, journal, held, by="a person", anew=pytest.fail)) as events:
+            for _ in range(5):
                 next(events)
-        assert len(times_and_events(read_journal(path))) == until
-    resume_run(path)
-    assert times_and_events(read_journal(path)) == times_and_events(read_journal(whole))
+    over = resume_run(path)[-1]
+    entries = read_journal(path).entries
+    lit = [each.event.sample.angle_deg for each in entries if isinstance(each.event, Measured)][3:]
+    assert isinstance(over, Finished)
+    assert over.acquisitions == ACQUISITIONS
+    assert over.travel_deg >= sum(abs(to - at) for at, to in pairwise(lit))
+    times_s = [entry.clock_s for entry in entries]
+    assert times_s == sorted(times_s)
+    assert over.elapsed_s == pytest.approx(times_s[-1] - times_s[0])
 
 
-def test_the_next_angle_is_the_one_that_was_asked_for(whole: Path, tmp_path: Path) -> None:
+def test_a_run_that_never_started_begins_when_it_is_armed(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
-    events = live(path, until=14)
-    asked = [event.angle_deg for event in events if isinstance(event, Asked)]
-    following = [entry.event.angle_deg for entry in read_journal(whole).entries if isinstance(entry.event, Asked)]
-    measured = sum(isinstance(event, Measured) for event in events)
-    assert len(asked) in (measured, measured + 1)
-    assert next_angle(read_journal(path), begin()[0]) == following[measured]
-
-
-def test_a_fault_is_left_by_a_reset_only(tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    policy, rig, configuration = begin()
-    sound = rig.stage.move_to
-    moves = 0
-
-    def sticks(angle_deg: float) -> float:
-        nonlocal moves
-        moves += 1
-        return sound(angle_deg) + (1.0 if moves == 4 else 0.0)
-
-    rig.stage.move_to = sticks  # type: ignore[method-assign]
-    with Journal.create(path, configuration) as journal, pytest.raises(MoveError):
-        list(journalled(policy, rig, journal))
-    held = read_journal(path)
-    assert isinstance(held.entries[-1].event, Failed)
-    with pytest.raises(DeviceError, match=r"ended with a fault: the stage was sent .* --reset-fault"):
-        resume_run(path)
-    assert len(read_journal(path).entries) == len(held.entries)
-    events = resume_run(path, reset_fault=True)
-    assert isinstance(events[-1], Finished)
-    assert verify(path).faults == []
-    assert recompute_differences(read_journal(path), begin()[0], rebuild_reader(configuration)) == []
-
-
-def test_a_fault_during_the_check_is_kept_as_well(tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    live(path, until=20)
-    _, rig, _ = begin()
-    sound = rig.stage.move_to
-    rig.stage.move_to = lambda angle_deg: sound(angle_deg) + 1.0  # type: ignore[method-assign]
-    with pytest.raises(MoveError):
-        resume_run(path, rig=rig)
-    assert run_state(read_journal(path).entries).state == "fault"
-    with pytest.raises(DeviceError, match="--reset-fault"):
-        resume_run(path)
+    Journal.create(path, begin()[2]).close()
+    assert isinstance(resume_run(path)[0], Started)
+    assert run_state(read_journal(path).entries).state == "finished"
 
 
 def test_a_run_that_is_over_is_not_resumed(whole: Path) -> None:
-    journal, held = Journal.reopen(whole)
+    with pytest.raises(RecordError, match="the run is over"):
+        resume_run(whole)
+
+
+def test_a_confirmation_that_was_kept_is_not_taken_again(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    events = live(path, begun=lambda: begin_method("posterior"))
+    at = next(index for index, each in enumerate(events) if isinstance(each, Measured) and each.role == "confirmation")
+    again = tmp_path / "again.journal"
+    live(again, until=at + 1, begun=lambda: begin_method("posterior"))
+    resume_run(again, begun=lambda: begin_method("posterior", resumed_after=1))
+    held = read_journal(again)
+    roles = [entry.event.role for entry in held.entries if isinstance(entry.event, Measured)]
+    assert roles.count("confirmation") == 1
+    assert result_of(held)[1].confirmation is not None
+
+
+@pytest.mark.parametrize("moved_deg", [-6.0, 6.0])
+def test_where_the_marker_has_moved_that_is_said_and_the_search_begins_anew(moved_deg: float, tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    live(path, until=20)
+    _, other, _ = begin(marker_deg=MARKER_DEG + moved_deg)
+    events = resume_run(path, rig=other)
+    assert isinstance(events[0], Checked)
+    assert "the intensity is" in str(events[0].difference)
+    assert isinstance(events[1], Started)
+    held = read_journal(path)
+    _, result = result_of(held)
+    assert result.angle_deg == pytest.approx(MARKER_DEG + moved_deg, abs=2.5)
+    assert len(result.samples) == result.acquisitions == ACQUISITIONS
+    assert answer_again(held, read_frames=True).mean_deg == pytest.approx(result.angle_deg, abs=1e-9)
+    assert len(since_started(held.entries)) < len(held.entries)
+
+
+def test_the_strongest_angle_is_measured_again_before_anything_else(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    events = live(path, until=20)
+    lit = [event.sample for event in events if isinstance(event, Measured) and not event.sample.dark]
+    strongest = max(lit, key=lambda sample: sample.reading.intensity)
     policy, rig, _ = begin()
-    with journal, pytest.raises(RecordError, match="the run is over"):
-        next(resumed(policy, rig, journal, held, by="a person"))
+    targets: list[float] = []
+    move_to = rig.stage.move_to
+    rig.stage.move_to = lambda angle_deg: (targets.append(angle_deg), move_to(angle_deg))[1]  # type: ignore[method-assign]
+    journal, held = Journal.reopen(path)
+    with journal:
+        list(resumed(policy, rig, journal, held, by="a person", anew=pytest.fail))
+    assert strongest.frame is not None
+    assert targets[0] == strongest.frame.header.commanded_deg
+    note = next(each.event for each in read_journal(path).entries if isinstance(each.event, Resuming))
+    assert (note.by, note.fault_reset, note.check_deg) == ("a person", False, targets[0])
 
 
-def test_a_policy_that_decides_otherwise_is_refused_before_it_fires(tmp_path: Path) -> None:
+STRONG = Reading(intensity=100.0, noise_sigma=1.0, lateral_m=0.010, depth_m=0.050)
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "said"),
+    [
+        (STRONG, STRONG, None),
+        (STRONG, replace(STRONG, intensity=115.0), None),
+        (STRONG, replace(STRONG, intensity=120.0), "intensity"),
+        (STRONG, replace(STRONG, intensity=80.0), "intensity"),
+        (STRONG, replace(STRONG, lateral_m=0.0116), "lateral_m"),
+        (STRONG, replace(STRONG, depth_m=0.0484), "depth_m"),
+        (STRONG, replace(STRONG, depth_m=None), None),
+        (replace(STRONG, intensity=5.0), replace(STRONG, intensity=6.0, depth_m=0.02), None),
+        (replace(STRONG, intensity=5.0), replace(STRONG, intensity=14.0), "intensity"),
+        (Reading(intensity=100.0), Reading(intensity=91.0), None),
+        (Reading(intensity=100.0), Reading(intensity=89.0), "intensity"),
+    ],
+)
+def test_what_chance_can_explain_and_what_it_cannot(before: Reading, now: Reading, said: str | None) -> None:
+    change = change_of(before, now)
+    assert (change is None) if said is None else (change is not None and said in change)
+
+
+def test_an_unchanged_rig_seldom_seems_changed() -> None:
+    """500 pairs of readings at peak and flank, as noisy as a search still finds: none seems changed."""
+    _, rig, _ = begin(snr_db=20.0)
+    rig.arm(by="a person")
+    rig.scanner._reader = rig.scanner._reader._reader
+    for flank_deg in (0.0, 6.0):
+        readings = [rig.scanner.measure(MARKER_DEG + flank_deg).reading for _ in range(1000)]
+        assert [change_of(*pair) for pair in zip(readings[::2], readings[1::2], strict=True)] == [None] * 500
+
+
+def sticking(rig: Rig, *, at_move: int) -> None:
+    sound, moves = rig.stage.move_to, iter(range(1, 1000))
+    rig.stage.move_to = lambda angle_deg: sound(angle_deg) + (next(moves) == at_move)  # type: ignore[method-assign]
+
+
+@pytest.mark.parametrize("when", ["in the run", "in the check", "at the stop"])
+def test_a_fault_is_kept_and_left_by_a_reset_only(when: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    policy, rig, configuration = begin()
+    if when == "in the run":
+        sticking(rig, at_move=4)
+        with Journal.create(path, configuration) as journal, pytest.raises(MoveError):
+            list(journalled(policy, rig, journal))
+    else:
+        live(path, until=20)
+        if when == "in the check":
+            sticking(rig, at_move=1)
+        else:
+            rig.stage.stop = _no_stop  # type: ignore[method-assign]
+        with pytest.raises(MoveError):
+            resume_run(path, rig=rig)
+    held = read_journal(path)
+    assert isinstance(held.entries[-1].event, Failed) or run_state(held.entries).state == "finished"
+    if when == "at the stop":
+        return
+    with pytest.raises(DeviceError, match=r"ended with a fault: the stage was sent .* --reset-fault"):
+        resume_run(path)
+    assert len(read_journal(path).entries) == len(held.entries)
+    assert isinstance(resume_run(path, reset_fault=True)[-1], Finished)
+
+
+def _no_stop() -> None:
+    raise MoveError("the stage does not stop")
+
+
+def test_a_stage_that_does_not_answer_ends_a_run_before_it_begins(tmp_path: Path) -> None:
+    class Silent:
+        @property
+        def angle_deg(self) -> float:
+            raise NotConnectedError("stage: it does not answer")
+
+        def stop(self) -> None:
+            """Nothing to stop."""
+
+    path = tmp_path / "run.journal"
+    policy, rig, configuration = begin()
+    rig.scanner._stage = Silent()  # type: ignore[assignment]
+    with Journal.create(path, configuration) as journal, pytest.raises(NotConnectedError):
+        list(journalled(policy, rig, journal))
+    with pytest.raises(DeviceError, match=r"stage: it does not answer; .* --reset-fault"):
+        resume_run(path)
+    assert isinstance(resume_run(path, reset_fault=True)[-1], Finished)
+    kinds = [type(entry.event).__name__ for entry in read_journal(path).entries]
+    assert kinds[:3] == ["Failed", "Resuming", "Started"]
+
+
+def test_nothing_moves_or_fires_before_the_rig_is_armed(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     live(path, until=16)
-    _, rig, _ = begin()
+    policy, rig, _ = begin()
+    order: list[str] = []
+
+    def noted(name: str, call: Callable[..., object]) -> Callable[..., object]:
+        return lambda *args: (order.append(name), call(*args))[1]
+
+    rig.laser.fire = noted("fire", rig.laser.fire)  # type: ignore[method-assign]
+    rig.stage.move_to = noted("move", rig.stage.move_to)  # type: ignore[method-assign]
+    rig.scanner.guard.arm = lambda *, by: order.append(f"armed by {by}")  # type: ignore[method-assign]
     journal, held = Journal.reopen(path)
-    other = build(PolicyPlan(method="ternary", acquisitions=ACQUISITIONS), limits=rig.limits.search)
-    fired: list[Permit] = []
-    moved: list[float] = []
-    rig.laser.fire = fired.append  # type: ignore[assignment, method-assign]
-    rig.stage.move_to = moved.append  # type: ignore[assignment, method-assign]
-    with journal, pytest.raises(RecordError, match=r"decides differently .* resume with its first versions"):
-        list(resumed(other, rig, journal, held, by="a person"))
-    assert times_and_events(read_journal(path)) == times_and_events(held)
+    with journal, pytest.raises(Exception, match=r"DISARMED|disarmed|armed"):
+        list(resumed(policy, rig, journal, held, by="a person", anew=pytest.fail))
+    assert order[0] == "armed by a person"
+    assert "fire" not in order
     assert rig.scanner.guard.state is State.DISARMED
-    assert fired == moved == []
 
 
-def test_a_simulated_run_without_its_state_cannot_be_resumed(tmp_path: Path) -> None:
+def test_a_receiver_that_repeats_a_frame_of_before_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
-    policy, rig, configuration = begin()
-    worldless = replace(rig, world=None)
-    with Journal.create(path, configuration) as journal, closing(journalled(policy, worldless, journal)) as events:
-        for _ in range(8):
-            next(events)
-    with pytest.raises(RecordError, match="no state of the simulated world"):
-        resume_run(path)
+    events = live(path, until=12, begun=lambda: begin_method("ternary"))
+    last = [event.sample.frame for event in events if isinstance(event, Measured)][-1]
+    _, rig, _ = begin_method("ternary", resumed_after=1)
+    acquire, calls = rig.scanner._receiver.acquire, iter(range(99))
+
+    def stuck(permit: object) -> object:
+        frame = acquire(permit)  # type: ignore[arg-type]
+        return replace(frame, intensity=last.intensity) if next(calls) == 0 else frame  # type: ignore[union-attr]
+
+    rig.scanner._receiver.acquire = stuck  # type: ignore[assignment, method-assign]
+    policy, _, _ = begin_method("ternary")
+    journal, held = Journal.reopen(path)
+    taken: list[object] = []
+    measure = rig.scanner.measure
+    rig.scanner.measure = lambda angle_deg: (taken.append(angle_deg), measure(angle_deg))[1]  # type: ignore[method-assign]
+    with journal:
+        list(resumed(policy, rig, journal, held, by="a person", anew=pytest.fail))
+    # The check was taken twice: the guard had refused the first frame.
+    assert taken[0] == taken[1] != taken[2]
 
 
-def test_a_run_on_devices_that_outlive_the_program_is_resumed_without_their_state(tmp_path: Path) -> None:
-    """As with real devices: no state is kept, and the clock of another process began at another time."""
+def test_the_pulses_of_all_sessions_are_counted_together(tmp_path: Path, whole: Path) -> None:
+    events = [entry.event for entry in read_journal(whole).entries]
+    lit = sum(isinstance(event, Measured) and not event.sample.dark for event in events)
+    refused = [event for event in events if isinstance(event, Refused)]
+    dark = sum(event.frame is not None and event.frame.header.pulses == 0 for event in refused)
+    assert pulses_before(read_journal(whole).entries, pulses=16, attempts=3) == 16 * (lit + len(refused) - dark)
     path = tmp_path / "run.journal"
-    policy, rig, configuration = begin()
-    rig = replace(rig, world=None)
-    rig.scanner.clock.wait(1000.0)
-    with Journal.create(path, configuration) as journal, closing(journalled(policy, rig, journal)) as events:
-        for _ in range(16):
-            next(events)
-    rig.scanner.clock.set(5.0)  # type: ignore[attr-defined]
-    rest = resume_run(path, rig=rig)
+    live(path, until=20)
+    _, rig, _ = begin()
+    spent = pulses_before(read_journal(path).entries, pulses=rig.scanner.pulses, attempts=3)
+    rig.scanner.guard._permits._limits = FiringLimits(pulses_per_session=spent + rig.scanner.pulses)
+    with pytest.raises(LimitError, match=f"{spent + rig.scanner.pulses} pulses were permitted in this session"):
+        resume_run(path, rig=rig)
+
+
+def test_a_simulated_rig_is_made_again_with_its_scene_and_with_new_noise() -> None:
+    settings = SimulatedSettings()
+    first, again, fresh = (rigs.simulated(seed=3, settings=settings, resumed_after=n) for n in (0, 0, 7))
+    readings = [rig.scanner.measure_dark().reading.intensity for rig in (first, again, fresh)]
+    assert readings[0] == readings[1] != readings[2]
+    assert first.facts == fresh.facts
+    deg = first.facts.truth_deg
+    assert deg is not None
+    strong = [rig.scanner.measure(deg).reading.intensity for rig in (first, fresh)]
+    assert strong[0] == pytest.approx(strong[1], rel=0.1)
+
+
+def test_the_answer_is_computed_again_from_samples_and_frames(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    live(path, begun=lambda: begin_method("posterior"))
     held = read_journal(path)
-    times = [at_s for _, at_s in times_and_events(held)]
-    assert times == sorted(times)
-    assert times[0] == 1000.0
-    over = rest[-1]
+    over = held.entries[-1].event
     assert isinstance(over, Finished)
-    assert over.acquisitions == ACQUISITIONS
-    assert over.elapsed_s == times[-1] - 1000.0 > 0
-    assert verify(path).faults == []
-    assert recompute_differences(held, begin()[0], rebuild_reader(held.configuration)) == []
-
-
-def test_a_run_that_never_started_begins_when_it_is_armed(whole: Path, tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    Journal.create(path, begin()[2]).close()
-    resume_run(path)
-    assert times_and_events(read_journal(path)) == times_and_events(read_journal(whole))
+    assert isinstance(over.estimate, Found)
+    for read_frames in (False, True):
+        assert answer_again(held, read_frames=read_frames) == over.estimate
+    # An answer that was written down wrongly is not the one that the samples give.
+    louder = [
+        replace(each, event=replace(each.event, sample=replace(each.event.sample, reading=Reading(intensity=9e9))))
+        if isinstance(each.event, Measured) and each.event.index == 1
+        else each
+        for each in held.entries
+    ]
+    assert answer_again(replace(held, entries=tuple(louder)), read_frames=False) != over.estimate

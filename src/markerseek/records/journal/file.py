@@ -39,8 +39,8 @@ def is_journal(path: Path) -> bool:
     Raises `OSError` if it cannot be read.
     """
     with open_input(path, most_bytes=1 << 62) as file:
-        head = file.read(len(MAGIC_1))
-        return head == MAGIC_1 or (head.startswith(MAGIC) and b'"record":' in file.read(64))
+        head = file.read(40)
+        return head.startswith(MAGIC_1) or (head.startswith(MAGIC) and b'"record":' in head)
 
 
 def exists_error(path: Path) -> RecordError:

@@ -171,10 +171,12 @@ class EntryReader:
             if len(line) > MAX_LINE_BYTES + _PIECE_BYTES:
                 raise RecordError(f"{self._here} has a line of more than {MAX_LINE_BYTES} bytes; it is damaged")
             if not piece:
+                if self._agrees(line[:-1] + b"\n"):
+                    raise RecordError(f"{self._here}: its last byte is not a line feed; it is damaged")
                 return None
         line = line[: line.index(b"\n") + 1]
         rest = line[_PREFIX_BYTES:]
-        if line[:_PREFIX_BYTES] != MAGIC + b'%08x",' % zlib.crc32(rest):
+        if not self._agrees(line):
             self._require_changed(line, "its line does not agree with its checksum")
             return None
         try:
@@ -217,6 +219,11 @@ class EntryReader:
         self.end += PREFIX_1_BYTES + size
         self._checksum_1 = own
         return data[:rest_bytes], data[rest_bytes : rest_bytes + frame_bytes]
+
+    @staticmethod
+    def _agrees(line: bytes) -> bool:
+        """Whether a line agrees with its checksum."""
+        return line[:_PREFIX_BYTES] == MAGIC + b'%08x",' % zlib.crc32(line[_PREFIX_BYTES:])
 
     def _is_last(self, end: int) -> bool:
         return os.fstat(self.descriptor).st_size <= end

@@ -46,6 +46,7 @@ class Journal:
         self._open = True
         self._tail = tail
         self._uncertain: _Tail | None = None
+        self._lost = False
 
     @classmethod
     def create(cls, path: Path, configuration: Configuration, *, kept: bool = True) -> Self:
@@ -147,12 +148,13 @@ class Journal:
         """Raise a `RecordError` if the file was changed or deleted."""
         with as_record_error(self.path, verb="written"):
             status = os.fstat(self._descriptor)
+        self._lost = status.st_size != self._tail.end or (status.st_nlink == 0 and self.kept)
         if status.st_size != self._tail.end:
             raise RecordError(
                 f"{self.path}: another program changed it while the run was written: it has {status.st_size} bytes, "
                 f"{self._tail.end} were written; 'markerseek journal show' prints as much of it as is whole"
             )
-        if status.st_nlink == 0 and self.kept:
+        if self._lost:
             raise RecordError(
                 f"{self.path}: it was removed or replaced while the run was written; what it held is gone"
             )
@@ -189,7 +191,9 @@ class Journal:
             return
         try:
             self._settle()
-            self._require_present()
+            # It was said before.
+            if not self._lost:
+                self._require_present()
         finally:
             self._open = False
             with as_record_error(self.path, verb="closed"):

@@ -67,7 +67,7 @@ def stream():
     session = new_session(rig, plan_on(rig, SearchPlan(method="ternary", acquisitions=8, start_deg=0.0)))
     items = [session.configuration]
     for number, event in enumerate(session.events(), start=1):
-        items.append(Entry(number=number, written="", clock_s=rig.scanner.clock.now_s(), event=event, checkpoint=None))
+        items.append(Entry(number=number, written="", clock_s=rig.scanner.clock.now_s(), event=event))
     return items
 
 

@@ -41,12 +41,8 @@ def rig() -> Rig:
     return rigs.simulated(seed=SEED, settings=settings, marker_deg=MARKER_DEG)
 
 
-def checkpoint(number: int) -> bytes:
-    return b'{"now_s":%d.30000000000000004,"state":[1,2,%d]}' % (number, number)
-
-
 def journal_events() -> list[JournalEvent]:
-    """What happened, in order; entry n was committed at 0.1 n seconds, Started and Measured with `checkpoint` (n)."""
+    """What happened, in order; entry n was committed at 0.1 n seconds."""
     events: list[JournalEvent] = [
         Started(start_deg=-0.1, limits=Interval(low_deg=-35.0, high_deg=35.0)),
         Asked(role="dark", index=1, angle_deg=-0.1),
@@ -57,7 +53,7 @@ def journal_events() -> list[JournalEvent]:
         Asked(role="search", index=2, angle_deg=7.25),
         Turning(target_deg=7.25, angle_deg=5.5),
         Failed(error=MoveError("the stage did not arrive at 7.25°")),
-        resuming(fault_reset=True, flank_deg=-0.1),
+        resuming(fault_reset=True),
         Checked(reading=READING, difference=None),
         Checked(reading=READING, difference=None, frame=frame(5)),
         Measured(role="search", index=2, sample=sample(6, angle_deg=7.25)),
@@ -73,8 +69,8 @@ def journal_events() -> list[JournalEvent]:
     return [*events, finished()]
 
 
-def resuming(*, fault_reset: bool, flank_deg: float | None = None) -> Resuming:
-    return Resuming(by="a person", check_deg=1 / 3, flank_deg=flank_deg, fault_reset=fault_reset, versions=VERSIONS)
+def resuming(*, fault_reset: bool) -> Resuming:
+    return Resuming(by="a person", check_deg=1 / 3, fault_reset=fault_reset, versions=VERSIONS)
 
 
 def finished() -> Finished:

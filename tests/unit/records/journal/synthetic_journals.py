@@ -122,11 +122,11 @@ def whole_run(path: Path, *, acquisitions: int = 3, counts_of: Callable[[int], n
 
 
 def write(journal: Journal, acquisitions: int, counts_of: Callable[[int], np.ndarray] | None = None) -> None:
-    journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.0, checkpoint=b'{"state":0}')
+    journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.0)
     for index in range(1, acquisitions + 1):
         journal.commit(Asked(role="search", index=index, angle_deg=1.1), clock_s=float(index))
         event = measured(index, counts=None if counts_of is None else counts_of(index))
-        journal.commit(event, clock_s=index + 0.5, checkpoint=b'{"state":%d}' % index)
+        journal.commit(event, clock_s=index + 0.5)
     answer = NotFound(mean_deg=1.0, reason="made up", floor=FLOOR)
     over = Finished(estimate=answer, confirmation=None, acquisitions=acquisitions, travel_deg=1.1, elapsed_s=9.0)
     journal.commit(over, clock_s=9.0)
@@ -189,10 +189,7 @@ def died_in_commit(path: Path, write_to: Callable[[Journal], object]) -> None:
 
     def work(journal: Journal) -> None:
         write_to(journal)
-        entry = Entry(
-            number=journal._tail.entry.number + 1, written="", clock_s=9.0, event=measured(9), checkpoint=None
-        )
-        data, _ = entry_line(entry, previous=journal._tail.checksum)
+        data = entry_line(Entry(number=journal._tail.entry.number + 1, written="", clock_s=9.0, event=measured(9)))
         os.pwrite(journal._descriptor, data[: len(data) // 2], journal._tail.end)
 
     died(path, work)

@@ -38,7 +38,7 @@ from tests.unit.records.journal.synthetic_journals import EVENTS, FULL_READING, 
 
 FULL = {
     **EVENTS,
-    "resuming": Resuming(by="a person", check_deg=1.1, flank_deg=2.2, fault_reset=True, versions={}),
+    "resuming": Resuming(by="a person", check_deg=1.1, fault_reset=True, versions={}),
     "checked": Checked(reading=FULL_READING, difference="weaker", frame=frame(1)),
 }
 """Events with a number wherever there can be one."""
@@ -89,7 +89,6 @@ def test_the_search_for_floats_finds_those_that_are_known() -> None:
         ("Found", ".estimate.floor.level"),
         ("Found", ".estimate.interval95_deg.high_deg"),
         ("Ambiguous", ".estimate.modes_deg[1]"),
-        ("resuming", ".flank_deg"),
         ("checked", ".frame.sampling_hz"),
     } <= found
 

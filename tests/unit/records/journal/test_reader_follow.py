@@ -102,7 +102,7 @@ def test_damage_ends_it_with_an_error(tmp_path: Path) -> None:
     path.write_bytes(data)
     items = follow(path, wait=nap)
     assert sum(1 for _ in zip(range(6), items, strict=False)) == 6
-    with pytest.raises(RecordError, match="entry 6: it does not agree with its checksum; it is damaged"):
+    with pytest.raises(RecordError, match="entry 6: its line does not agree with its checksum; it is damaged"):
         next(items)
 
 
