@@ -58,7 +58,7 @@ def turned_by_hand(
         pulses=rig.scanner.pulses,
         arms_itself=True,
     )
-    return replace(rig, stage=stage, scanner=scanner, by_hand=hand, world=None, recipe=None)
+    return replace(rig, stage=stage, scanner=scanner, by_hand=hand, recipe=None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -93,7 +93,6 @@ def test_one_long_name_does_not_hide_the_other_journals(length: int, tmp_path: P
     states = {Path(each["path"]).name[:4]: each["state"] for each in listed}
     assert states["good"] == "finished"
     assert states["xxxx"] in ("finished", "unreadable")
-    assert shell("journal", "prune", folder, "--keep", "0")[0] == 0
 
 
 def test_colons_in_a_path_are_printed_as_they_are(tmp_path: Path, shell: Shell) -> None:

@@ -46,6 +46,9 @@ SHARE, PULSE_SHARE, HAND_SHARE = 0.1, 0.4, 0.3
 """Allowed relative change of an intensity: about the drift of a laser's energy; where it was a single pulse, which
 differs by up to 10 % from the mean; where a person turns the probe, who comes to rest beside the angle of before."""
 
+BEYOND_DEG = 1.0
+"""Farthest that a recorded acquisition may lie outside of the search range, in degrees: a hand drifts by less."""
+
 SIGMAS = 6.0
 """Allowed change in addition, in standard deviations of the noise."""
 
@@ -188,7 +191,11 @@ def _recall(rig: Rig, entries: Sequence[Entry]) -> None:
 
 def _checked(before: Sample, rig: Rig, *, by_hand: bool, attempts: int) -> Checked:
     """The acquisition at the strongest angle again, and whether it has changed."""
-    angle_deg = rig.limits.search.nearest(before.angle_deg if by_hand else commanded_deg(before))
+    wanted_deg = before.angle_deg if by_hand else commanded_deg(before)
+    # A stage that was sent to an end of the range may have stopped slightly outside of it.
+    angle_deg = rig.limits.search.nearest(wanted_deg)
+    if not abs(angle_deg - wanted_deg) <= BEYOND_DEG:
+        raise RecordError(f"the strongest acquisition lies at {wanted_deg:g} deg, outside of {rig.limits.search}")
     while True:
         attempts -= 1
         try:
