@@ -20,7 +20,7 @@ from markerseek.records.sandbox import Sandbox
 from markerseek.wire import sonixdaq
 
 SAMPLES = 160
-JOURNAL = Path(__file__).parents[3] / "data/every-kind.journal"
+JOURNAL = Path(__file__).parents[3] / "data/format-2.journal"
 
 
 def write_daq(folder, pulses, *, new=True):

@@ -1,4 +1,4 @@
-"""A run with every kind of journal entry, stored in ``tests/data/every-kind.journal``."""
+"""A run with every kind of journal entry, stored in ``tests/data/format-2.journal``."""
 
 from __future__ import annotations
 
