@@ -27,7 +27,7 @@ from markerseek.core import (
 from markerseek.records.journal import Configuration, Journal
 from markerseek.rigs import ReaderRecipe, Rig, SpareRecipe, TipRecipe
 from markerseek.scan import RunLimits, run
-from markerseek.search import THRESHOLD, BracketSearch, CheckedPolicy
+from markerseek.search import THRESHOLD, BracketSearch, CheckedPolicy, WholeRecording
 from markerseek.search.posterior import Posterior, SweepPosterior
 from markerseek.signals import SpareReader
 
@@ -43,11 +43,13 @@ def is_scan(configuration: Configuration) -> bool:
 
 
 def limits_of(configuration: Configuration, *, angles: int | None = None) -> RunLimits:
-    """Limits of a run, new or repeated: a scan may take longer the more angles it has.
+    """Limits of a run, new or repeated: a scan may take longer the more angles it has, as may a whole recording.
 
     ``angles``: number of angles of a scan; None: as many as its plan names.
     """
     plan = configuration.plan
+    if plan.whole:
+        return replace(_RUN_LIMITS, acquisitions=_RUN_LIMITS.acquisitions + len(plan.angles_deg or ()))
     angles = plan.acquisitions if angles is None else angles
     if angles is None or not is_scan(configuration):
         return _RUN_LIMITS
@@ -122,7 +124,7 @@ class Beliefs:
     """What a policy believes whenever it asks."""
 
     def __init__(self, policy: AnyPolicy, plan: SearchPlan) -> None:
-        self._policy, self._plan = policy, plan
+        self._asked, self._plan = policy, plan
         self._intensities: list[float] = []
 
     def added(self, event: Event) -> Event:
@@ -136,6 +138,10 @@ class Beliefs:
         return replace(
             event, belief=replace(belief, estimate=event.estimate) if isinstance(event, Finished) else belief
         )
+
+    @property
+    def _policy(self) -> AnyPolicy:
+        return self._asked.present if isinstance(self._asked, WholeRecording) else self._asked
 
     def _belief(self) -> AngleBelief:
         estimate = self._policy.estimate()
