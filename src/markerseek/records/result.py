@@ -99,8 +99,8 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     def __str__(self) -> str:
         """The answer, its angle with interval, and its reason, in a line."""
         reason = "" if self.reason is None else f": {self.reason}"
-        # Where nothing was detected, the angle is that of the noise.
-        if self.answer == "not found":
+        # Where nothing was detected, the angle is that of the noise; of several angles the reason has all.
+        if self.answer in {"not found", "ambiguous"}:
             return f"{self.answer}{reason}"
         sigma = "" if self.sigma_deg is None else f" ± {self.sigma_deg:.3f}°"
         interval = "" if self.interval95_deg is None else " [{:.3f}°, {:.3f}°]".format(*self.interval95_deg)
@@ -188,8 +188,10 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
         if search is None:
             return None
         took = f"{counted(search.acquisitions, 'acquisition')} and {search.travel_deg:.1f}° of rotation"
-        fewer = "" if search.answer == self.answer else "; the answer above is from all angles, and counts"
-        return f"{search.method}, after {took}: {search}{fewer}"
+        low_deg, high_deg = self.interval95_deg or (self.angle_deg, self.angle_deg)
+        agrees = search.answer == self.answer and (not self.found or low_deg <= search.angle_deg <= high_deg)
+        more = "" if agrees else f"; all angles together say {self.answer}"
+        return f"{search.method}, after {took}: {search}{more}"
 
     def to_dataframe(self) -> pd.DataFrame:
         """The acquisitions as a table of pandas: a row for each, numbered from 1, with the fields of `SampleRow`.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from markerseek.core import Estimate, Policy, Sample, Searched
@@ -50,6 +51,8 @@ class WholeRecording:
 
     def tell(self, sample: Sample) -> None:
         """Take one sample."""
+        # A frame has half a megabyte, and no policy uses it.
+        sample = replace(sample, frame=None)
         if sample.dark:
             self._dark.append(sample)
             self._search.tell(sample)
