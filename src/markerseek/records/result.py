@@ -190,7 +190,8 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
         took = f"{counted(search.acquisitions, 'acquisition')} and {search.travel_deg:.1f}° of rotation"
         low_deg, high_deg = self.interval95_deg or (self.angle_deg, self.angle_deg)
         agrees = search.answer == self.answer and (not self.found or low_deg <= search.angle_deg <= high_deg)
-        more = "" if agrees else f"; all angles together say {self.answer}"
+        where = f" at {self.angle_deg:.3f}°" if self.found else ""
+        more = "" if agrees else f"; all angles together say {self.answer}{where}"
         return f"{search.method}, after {took}: {search}{more}"
 
     def to_dataframe(self) -> pd.DataFrame:
