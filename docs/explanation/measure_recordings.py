@@ -16,10 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from markerseek import find_marker, replayed
-from markerseek.core import NotFound, PolicyPlan
-from markerseek.records import answer_name
+from markerseek.core import SearchPlan
 from markerseek.records.banks.table import AngleUnit
-from markerseek.runs import answer_from_all
 
 SEED = 20261126
 UNITS: dict[AngleUnit, tuple[float, int]] = {"deg": (1.0, 6), "rad": (np.pi / 180, 8), "mrad": (np.pi / 0.18, 5)}
@@ -59,15 +57,11 @@ def searched(folder: Path, angles_deg: np.ndarray, intensities: np.ndarray, unit
     table = folder / "scan.csv"
     rows = zip(angles_deg * scale, intensities, strict=True)
     table.write_text("\n".join([f"angle_{unit},intensity", *(f"{a:.{places}f},{v:.6f}" for a, v in rows)]))
-    search = find_marker(replayed(table))
-    every = answer_from_all(replayed(table), PolicyPlan(method="posterior"))
-    if every is None:
-        raise SystemExit(f"{angles_deg.size} angles are too many for an answer from all")
-    interval = None if isinstance(every, NotFound) else every.interval95_deg
-    return [
-        Answer(search.answer, search.angle_deg, search.interval95_deg),
-        Answer(answer_name(every), every.mean_deg, None if interval is None else (interval.low_deg, interval.high_deg)),
-    ]
+    every = find_marker(replayed(table), SearchPlan(method="posterior", acquisitions=angles_deg.size))
+    search = every.search
+    if search is None:
+        raise SystemExit(f"{table}: there is no search to compare")
+    return [Answer(each.answer, each.angle_deg, each.interval95_deg) for each in (search, every)]
 
 
 def single(folder: Path, count: int, *, marker: bool) -> None:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 def search_figure(result: SearchResult) -> Figure:
     """Figure of a search: its intensities over the angle with the answer, and the way of the probe.
 
+    Of a recording: the recorded curve with the answer from all angles, and what a search would have taken.
+
     Parameters
     ----------
     result
@@ -29,17 +31,19 @@ def search_figure(result: SearchResult) -> Figure:
     MissingExtraError
         If Matplotlib is not installed.
     """
-    samples = [_sample(each) for each in result.samples]
-    angles_deg = [each.angle_deg for each in samples]
+    every = [_sample(each) for each in result.samples]
+    angles_deg = [each.angle_deg for each in every]
+    samples = every if result.search is None else [_sample(each) for each in result.search.samples]
     return draw_search(
         samples,
         _estimate(result),
-        start_deg=angles_deg[0],
+        start_deg=samples[0].angle_deg,
         truth_deg=result.truth_deg,
         reference_deg=result.reference_deg,
         confirmation=None if result.confirmation is None else _sample(result.confirmation),
         image=None,
         stand_in=result.stand_in,
+        recorded=None if result.search is None else (angles_deg, [each.reading.intensity for each in every]),
         limits=Interval(low_deg=min(*angles_deg, result.angle_deg), high_deg=max(*angles_deg, result.angle_deg)),
     )
 

@@ -131,4 +131,8 @@ def test_replay_of_a_bank_is_a_search_on_it(opened, shell):
     watched.wait_for(STATUS, "^(found at|unsure|not found|at bound|ambiguous)")
     expected = json.loads(shell("replay", "examples/simulated_scan.csv", "--json")[1])
     watched.wait_for(ANGLE, r"^(best guess)?\s*" + angle_of(expected))
+    # The answer is from all angles; what a search would have said stands below it.
+    assert expected["search"]["acquisitions"] < expected["acquisitions"]
+    took = f"{expected['search']['acquisitions']} acquisitions"
+    watched.wait_for(".ms-next", f"^a search would have said: posterior, after {took} and .*: found, ")
     assert watched.text(".ms-banner").startswith("REPLAYED")

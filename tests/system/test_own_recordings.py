@@ -33,11 +33,11 @@ def test_a_clean_scan_is_found_in_every_unit(shell: Shell, tmp_path: Path, unit:
     result = json.loads(out)
     assert (code, result["answer"]) == (0, "found")
     assert result["angle_deg"] == pytest.approx(7.3, abs=0.1)
-    taken = [each["angle_deg"] for each in result["samples"]]
-    assert len(set(taken)) == len(taken) == result["acquisitions"]
+    assert [each["angle_deg"] for each in result["samples"]] == pytest.approx(np.linspace(-35, 35, 36).tolist())
+    search = result["search"]
+    assert len({each["angle_deg"] for each in search["samples"]}) == len(search["samples"]) == search["acquisitions"]
     assert result["confirmation"] is None
-    low_deg, high_deg = result["all_angles"]["interval95_deg"]
-    assert result["all_angles"]["answer"] == "found"
+    low_deg, high_deg = result["interval95_deg"]
     assert low_deg < 7.3 < high_deg
     assert high_deg - low_deg < 1.0
 
@@ -53,7 +53,9 @@ def test_the_same_scan_in_another_unit_is_searched_at_the_same_angles(shell: She
         path = tmp_path / f"{unit}.csv"
         np.savetxt(path, rows, delimiter=",", header=f"angle_{unit},intensity", comments="", fmt="%.7f")
         result = json.loads(shell("replay", path, "--json")[1])
-        searched[unit] = ([each["angle_deg"] for each in result["samples"]], result["angle_deg"], result["sigma_deg"])
+        search = result["search"]
+        taken = [each["angle_deg"] for each in search["samples"]]
+        searched[unit] = (taken, *(each[key] for each in (search, result) for key in ("angle_deg", "sigma_deg")))
     assert searched["rad"] == searched["mrad"] == searched["deg"]
 
 
@@ -74,7 +76,7 @@ def test_intensities_of_the_least_numbers_are_searched(shell: Shell, tmp_path: P
 
 
 def test_python_searches_a_recording_as_the_command_does(shell: Shell, tmp_path: Path) -> None:
-    # Steps as wide as the curve: it takes more acquisitions than a search on a rig is given.
+    # Steps as wide as the curve: a search takes all acquisitions that it is given on a rig.
     rng = np.random.default_rng(6)
     angles_deg = np.linspace(-70, 70, 31)
     intensities = 100 / (1 + ((angles_deg - 20.6) / 4.5) ** 2) * rng.normal(1, 0.03, 31) + abs(rng.normal(size=31))
@@ -84,17 +86,20 @@ def test_python_searches_a_recording_as_the_command_does(shell: Shell, tmp_path:
     )
     by_command = json.loads(shell("replay", path, "--json")[1])
     result = markerseek.find_marker(markerseek.replayed(path))
-    taken = [each.angle_deg for each in result.samples]
-    assert taken == [each["angle_deg"] for each in by_command["samples"]]
-    assert len(taken) > 16
+    assert result.search is not None
+    taken = [each.angle_deg for each in result.search.samples]
+    assert taken == [each["angle_deg"] for each in by_command["search"]["samples"]]
+    assert len(taken) == 16
+    assert len(result.samples) == 31
     assert (result.answer, result.angle_deg) == (by_command["answer"], by_command["angle_deg"])
 
 
 def test_the_answer_from_all_angles_stands_in_the_table(shell: Shell, tmp_path: Path) -> None:
     code, out, _ = shell("replay", scan(tmp_path / "mine.csv"))
     assert code == 0
-    (line,) = [line for line in out.splitlines() if line.startswith("from all its angles")]
-    assert "found, 7.2" in line or "found, 7.3" in line
+    (line,) = [line for line in out.splitlines() if line.startswith("marker angle")]
+    assert "7.2" in line or "7.3" in line
+    assert "all 36 angles of the recording" in out
 
 
 @pytest.mark.parametrize(("marker_deg", "answer", "code"), [(12.0, "found", 0), (None, "not found", 3)])
@@ -108,9 +113,10 @@ def test_amounts_of_noise_in_a_file_are_no_second_source(
     np.savetxt(tmp_path / "mine.csv", rows, delimiter=",", header="angle_deg,intensity", comments="")
     ended, out, _ = shell("replay", tmp_path / "mine.csv", "--json")
     result = json.loads(out)
-    assert (result["all_angles"]["answer"], ended) == (answer, code)
+    assert (result["answer"], ended) == (answer, code)
     # Some of the angles of a file of noise do not always show that it holds nothing else.
-    assert result["answer"] == answer or (marker_deg is None and result["answer"] in ("unsure", "ambiguous"))
+    searched = result["search"]["answer"]
+    assert searched == answer or (marker_deg is None and searched in ("unsure", "ambiguous"))
 
 
 def test_a_recording_that_is_used_up_is_not_told_to_take_more(shell: Shell, tmp_path: Path) -> None:

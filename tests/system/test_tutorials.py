@@ -51,7 +51,7 @@ def test_a_scan_of_ones_own_is_searched_in_python(
     for block in re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
         exec(compile(block, "replay-your-scan.md", "exec"), names)
         assert getattr(names["result"], "answer", None) == "found"
-    assert capsys.readouterr().out.startswith("posterior on a replayed rig\nanswer: found\n")
+    assert capsys.readouterr().out.startswith("recording of 141 angles\nanswer: found\n")
 
 
 def test_the_method_of_the_tutorial_searches(

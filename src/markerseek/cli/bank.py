@@ -10,6 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import msgspec
 import typer
 from rich.markup import escape
 from rich.table import Table
@@ -19,6 +20,8 @@ from markerseek.cli import bank_files, bank_scan
 from markerseek.cli.options import AsJson, Out, TableOptions, require_frames, with_values
 from markerseek.cli.report import Output, Report, drawn, facts, with_version
 from markerseek.cli.terminal import announce_compilation, one_line, progress_bar
+from markerseek.core import Estimate, SearchPlan
+from markerseek.records import Answer
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank
@@ -43,7 +46,7 @@ def info(
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
-    """Describe a bank: angles, what is known of the probe and the laser, and the peak of its intensity curve."""
+    """Describe a bank: angles, what is known of probe and laser, the peak of its curve, and the answer of `replay`."""
     from markerseek.figures import bank_figure
     from markerseek.records.banks import read_bank, require_whole
     from markerseek.search import peak_of
@@ -57,17 +60,26 @@ def info(
     curve = runs.bank_curve(held, probe=probe)
     peak = peak_of(curve)
     dark = runs.dark_intensity(held, probe=probe)
+    answer = runs.answer_from_all(
+        rigs.replayed(bank, probe=probe, table=table.format()), SearchPlan(method="posterior")
+    )
     name = f"{bank.stem if bank.is_file() else bank.name}.png"
     report = Report(
-        values=_values(bank, held, peak, dark=dark, probe=probe),
-        shown=_shown(bank, held, peak, dark=dark, computed_with=probe),
+        values=_values(bank, held, peak, answer, dark=dark, probe=probe),
+        shown=_shown(bank, held, peak, answer, dark=dark, computed_with=probe),
         pictures={name: drawn(bank_figure, held, title=_title(bank, held), probe=probe, curve=curve)},
     )
     output.show(report)
 
 
 def _values(
-    path: Path, bank: IntensityBank | FrameBank, peak: Peak, *, dark: float | None, probe: str | None
+    path: Path,
+    bank: IntensityBank | FrameBank,
+    peak: Peak,
+    answer: Estimate,
+    *,
+    dark: float | None,
+    probe: str | None,
 ) -> dict[str, object]:
     """What is in a bank; the statistics of the peak have the names of bluesky: com, cen, fwhm, max."""
     known, angles = bank.facts, bank.angles_deg
@@ -84,6 +96,7 @@ def _values(
         intensities_stored=runs.intensities_stored(bank, probe=probe),
         imaged_by=_imaged_by(bank, probe),
         **asdict(peak),
+        **msgspec.structs.asdict(Answer.of(answer)),
         reference_deg=known.reference_angle_deg,
         probe=known.probe,
         sampling_hz=known.sampling_hz,
@@ -119,7 +132,13 @@ def _began_unix_s(bank: IntensityBank | FrameBank) -> float | None:
 
 
 def _shown(
-    path: Path, bank: IntensityBank | FrameBank, peak: Peak, *, dark: float | None, computed_with: str | None
+    path: Path,
+    bank: IntensityBank | FrameBank,
+    peak: Peak,
+    answer: Estimate,
+    *,
+    dark: float | None,
+    computed_with: str | None,
 ) -> Iterator[str | Table]:
     yield f"[bold]{escape(str(path))}[/]: {_content(bank)}"
     known, angles, began_unix_s = bank.facts, bank.angles_deg, _began_unix_s(bank)
@@ -135,6 +154,7 @@ def _shown(
         ("com, centre of mass above half height", f"{peak.com_deg:.3f}°"),
         ("cen, middle at half height", _number(peak.cen_deg, "{:.3f}°")),
         ("fwhm, width at half height", _number(peak.fwhm_deg, "{:.3f}°")),
+        ("answer from all angles", str(Answer.of(answer))),
         ("reference", _number(known.reference_angle_deg, "{:.3f}°")),
         ("probe", known.probe),
         ("sampling", _number(known.sampling_hz, "{:g} MHz", 1e-6)),

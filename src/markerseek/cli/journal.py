@@ -231,8 +231,9 @@ def _line(entry: Entry) -> tuple[str, str, str, str]:
             return f"measured: {role} {index}", f"{sample.angle_deg:.3f}", f"{sample.reading.intensity:.4g}", ""
         case Refused(angle_deg=angle_deg, reason=reason):
             return "refused", f"{angle_deg:.3f}", "", reason
-        case Finished(estimate=estimate):
-            return f"finished: {answer_name(estimate)}", f"{estimate.mean_deg:.3f}", "", ""
+        case Finished(estimate=estimate, searched=searched):
+            remark = "" if searched is None else f"from all angles; the search alone: {answer_name(searched.estimate)}"
+            return f"finished: {answer_name(estimate)}", f"{estimate.mean_deg:.3f}", "", remark
         case Failed(error=error):
             return "failed", "", "", str(error)
         case Interrupted(reason=reason):

@@ -1,4 +1,4 @@
-"""``markerseek replay``: searches a recorded scan."""
+"""``markerseek replay``: finds the marker in a recorded scan."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ def command(
     heartbeat: Heartbeat = None,
     as_json: AsJson = False,
 ) -> None:
-    """Search a recorded scan as if it were a rig: the methods ask, the recording answers.
+    """Find the marker in a recorded scan: the answer is from all its angles.
 
-    A search gets the data of the nearest recorded angle. Without --acquisitions the posterior may use all recorded
-    angles, for they cost nothing. With --as-published, intensities are interpolated between recorded angles, as in the
-    paper's offline analysis.
+    Below it, for comparison, stands what a search by --method would have taken and said: it gets the data of the
+    nearest recorded angle, as if the scan were a rig. With --as-published, the answer is that of the method itself, on
+    intensities interpolated between recorded angles, as in the paper's offline analysis.
     """
     from markerseek.cli.session import run_new_session
     from markerseek.cli.show_result import conclude
@@ -73,11 +73,9 @@ def command(
     plan = runs.plan_on(assembled, options.plan(start_deg=assembled.stage.angle_deg, stay=stay))
     session = runs.new_session(assembled, plan)
     recorded_curve = None
-    if plot:
+    if plot and not plan.whole:
         curve = runs.bank_curve(rigs.with_probe_facts(read_bank(bank, form), probe), probe=probe)
         recorded_curve = (curve.angle_deg, curve.intensity)
-    # Another rig: a recording hands each of its dark frames out once.
-    again = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between, table=form)
     session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None, watch=watch)
     conclude(
         session.recorder,
@@ -88,5 +86,4 @@ def command(
         policy=session.policy,
         journal=session.journal,
         recorded=recorded_curve,
-        from_all=runs.answer_from_all(again, plan),
     )

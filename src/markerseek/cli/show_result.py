@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import msgspec
 from rich.markup import escape
-from rich.table import Table
 
 from markerseek.cli.report import Output, Report, drawn, facts, file_line
-from markerseek.core import AnyPolicy, ChannelFrame, Estimate, Floor, NotFound, OtherSource, RFFrame
-from markerseek.records import Recorder, SearchResult, answer_name
+from markerseek.core import AnyPolicy, ChannelFrame, Estimate, Floor, OtherSource, RFFrame, counted
+from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal
-from markerseek.search import FALSE_FOUND
+from markerseek.search import FALSE_FOUND, WholeRecording
 from markerseek.signals import AnyImageReader
 
 if TYPE_CHECKING:
@@ -35,11 +34,7 @@ def facts_of(result: SearchResult) -> list[tuple[str, str]]:
     if result.marker_sigma_m is not None:
         sigmas = "± {:.2f} mm in angle, ± {:.2f} mm along the axis, ± {:.2f} mm in depth"
         rows.append(("its standard deviations", sigmas.format(*_mm(result.marker_sigma_m))))
-    rows.append(("acquisitions", str(result.acquisitions) + (f", {result.refused} refused" if result.refused else "")))
-    rows.append(("rotation", f"{result.travel_deg:.1f}°"))
-    if result.elapsed_s is not None:
-        clock = ", on the simulated clock" if result.rig == "simulated" else ""
-        rows.append(("time", f"{result.elapsed_s:.0f} s{clock}"))
+    rows += _effort(result)
     if result.confirmation is not None:
         there = f"intensity {result.confirmation.intensity:.4g} at {result.confirmation.angle_deg:.3f}°"
         if result.as_published:
@@ -52,6 +47,21 @@ def facts_of(result: SearchResult) -> list[tuple[str, str]]:
         rows.append(("truth (simulated)", f"{result.truth_deg:.3f}°, error {result.error_deg:.3f}°"))
     elif result.reference_deg is not None and result.error_deg is not None:
         rows.append(("reference", f"{result.reference_deg:.3f}°, difference {result.error_deg:.3f}°"))
+    if result.comparison is not None:
+        rows.append(("a search would have said", result.comparison))
+    return rows
+
+
+def _effort(result: SearchResult) -> list[tuple[str, str]]:
+    """What the answer took; of a recording, what it is from."""
+    if result.search is not None:
+        return [("answered from", f"all {counted(result.acquisitions, 'angle')} of the recording")]
+    rows = [("acquisitions", str(result.acquisitions) + (f", {result.refused} refused" if result.refused else ""))]
+    if result.travel_deg is not None:
+        rows.append(("rotation", f"{result.travel_deg:.1f}°"))
+    if result.elapsed_s is not None:
+        clock = ", on the simulated clock" if result.rig == "simulated" else ""
+        rows.append(("time", f"{result.elapsed_s:.0f} s{clock}"))
     return rows
 
 
@@ -133,28 +143,30 @@ def conclude(
     policy: AnyPolicy | None,
     journal: Journal | None = None,
     recorded: Curve | None = None,
-    from_all: Estimate | None = None,
 ) -> NoReturn:
     """Show the result of a search, and end the command with its exit code.
 
     ``configuration``: plan and rig of the search. ``name``: name of the picture's files. ``imaging``: imaging chain of
     the rig's channel data; None where there are intensities only. ``journal``: None where there is none, or the user
-    named it. ``recorded``: recorded curve of the picture, as in `markerseek.pictures.search_figure`. ``from_all``:
-    the answer from every angle of a recording.
+    named it. ``recorded``: recorded curve of the picture, as in `markerseek.pictures.search_figure`; None where there
+    is none, or the answer is from all of it.
     """
     result, rig = recorder.result(configuration.plan, configuration.facts), configuration.facts
     form = " as published" if result.as_published else ""
     title = f"{result.method}{form} on a {rig.rig_name}: {rig.description}"
+    if result.search is not None:
+        title = f"recording: {rig.description}"
     pictures: dict[str, Callable[[Path], object]] = {}
     # Where nothing was measured there is nothing to draw.
     if output.folder is not None and recorder.finished is not None and recorder.samples:
+        if result.search is not None:
+            recorded = ([each.angle_deg for each in result.samples], [each.intensity for each in result.samples])
         curves = {"limits": rig.search, "density": _density(policy), "recorded": recorded}
         draw = _figure(recorder, recorder.finished.estimate, result, imaging, **curves)
         pictures = {f"{name}.png": drawn(draw), f"{name}.html": partial(_write_page, result, title, draw)}
-    values = result if from_all is None else msgspec.to_builtins(result) | {"all_angles": _all_angles(from_all)}
     report = Report(
-        values=values,
-        shown=_shown(result, title, from_all),
+        values=result,
+        shown=[f"[bold]{escape(title)}[/]", facts(facts_of(result))],
         pictures=pictures,
         notes=() if journal is None or not journal.kept else (file_line("journal", journal.path),),
         exit_code=FOUND if result.found else OTHER_ANSWER,
@@ -162,38 +174,11 @@ def conclude(
     output.show(report)
 
 
-def _shown(result: SearchResult, title: str, from_all: Estimate | None) -> Iterator[str | Table]:
-    yield f"[bold]{escape(title)}[/]"
-    rows = facts_of(result)
-    if from_all is not None:
-        rows.append(("from all its angles", _from_all(from_all)))
-    yield facts(rows)
-
-
-def _from_all(estimate: Estimate) -> str:
-    """The answer from every angle of a recording, in words."""
-    if isinstance(estimate, NotFound):
-        return f"not found: {estimate.reason}"
-    sigma = "" if estimate.sigma_deg is None else f" ± {estimate.sigma_deg:.3f}°"
-    return f"{answer_name(estimate)}, {estimate.mean_deg:.3f}°{sigma}"
-
-
-def _all_angles(estimate: Estimate) -> dict[str, object]:
-    """The same for programs, with the keys of a result."""
-    known = None if isinstance(estimate, NotFound) else estimate
-    interval = None if known is None else known.interval95_deg
-    return {
-        "answer": answer_name(estimate),
-        "angle_deg": estimate.mean_deg,
-        "sigma_deg": None if known is None else known.sigma_deg,
-        "interval95_deg": None if interval is None else (interval.low_deg, interval.high_deg),
-    }
-
-
 def _density(policy: AnyPolicy | None) -> Curve | None:
     """Density of the angle at the end of a search; None for methods without a posterior."""
     from markerseek.search.posterior import Posterior, SweepPosterior
 
+    policy = policy.present if isinstance(policy, WholeRecording) else policy
     belief = policy.belief if isinstance(policy, Posterior | SweepPosterior) else None
     if belief is None:
         return None
@@ -207,16 +192,18 @@ def _figure(
     """A function that draws a search, with curves as of `search_figure`."""
     from markerseek.pictures import pictured_sample, search_figure
 
-    frame = pictured_sample(recorder.samples, recorder.confirmation).frame
+    pictured = pictured_sample(recorder.samples, recorder.confirmation)
+    frame = pictured.frame
     return partial(
         search_figure,
-        recorder.samples,
+        recorder.search_samples,
         estimate,
         start_deg=recorder.start_deg,
         truth_deg=result.truth_deg,
         reference_deg=result.reference_deg,
         stand_in=result.stand_in,
         confirmation=recorder.confirmation,
+        pictured=pictured,
         image=None if imaging is None or frame is None else imaging.picture(frame),
         b_mode=frame.b_mode if isinstance(frame, ChannelFrame | RFFrame) else None,
         **curves,

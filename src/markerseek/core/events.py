@@ -125,6 +125,22 @@ class Refused:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Searched:
+    """What a search of a recording took and said, before the other angles of the recording were taken.
+
+    Attributes
+    ----------
+    estimate
+        Its answer.
+    acquisitions
+        Number of its acquisitions with light: the first of the run.
+    """
+
+    estimate: Estimate
+    acquisitions: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Finished:
     """The search is over.
 
@@ -140,6 +156,8 @@ class Finished:
         Sum of all rotations by the stage's readback, in degrees.
     elapsed_s
         Time on the rig's clock from `Started`, in seconds.
+    searched
+        What the search alone would have said, where the answer is from all angles of a recording; else None.
     belief
         As in `Asked`.
     """
@@ -149,6 +167,7 @@ class Finished:
     acquisitions: int
     travel_deg: float
     elapsed_s: float
+    searched: Searched | None = None
     belief: AngleBelief | None = field(default=None, compare=False)
 
 

@@ -126,6 +126,8 @@ class PolicyPlan:
     angles_deg: tuple[float, ...] | None = None
     """Angles that can be measured, each once, in degrees: those of a recording, among which a posterior chooses. None:
     any of the range."""
+    whole: bool = False
+    """Whether the angles that the search leaves of ``angles_deg`` are taken after it, and the answer is from all."""
     by_hand: ByHand | None = None
     """How a person turns the probe, for a posterior; None: a motor does."""
     sweep_speed_deg_s: float | None = None

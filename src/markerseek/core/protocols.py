@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from typing import Protocol, TypeAlias, runtime_checkable
 
 from markerseek.core.estimate import Estimate
-from markerseek.core.events import Turning
+from markerseek.core.events import Searched, Turning
 from markerseek.core.frame import Frame
 from markerseek.core.interval import Interval
 from markerseek.core.permit import Permit, SweepPermit
@@ -66,6 +66,15 @@ class ConfirmablePolicy(Policy, Protocol):
 
     def confirm(self, sample: Sample) -> None:
         """Receive the acquisition at the angle of its answer; `ask` then says whether the search goes on."""
+
+
+@runtime_checkable
+class RecordingPolicy(Policy, Protocol):
+    """A policy that searches a recording, then takes its other angles, and answers from all of them."""
+
+    @property
+    def searched(self) -> Searched | None:
+        """What the search took and said; None before its end."""
 
 
 @runtime_checkable

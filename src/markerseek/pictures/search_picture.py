@@ -36,6 +36,7 @@ def search_figure(
     truth_deg: float | None,
     reference_deg: float | None,
     confirmation: Sample | None,
+    pictured: Sample | None = None,
     image: PaImage | None,
     b_mode: BModeImage | None = None,
     limits: Interval,
@@ -49,11 +50,13 @@ def search_figure(
     - ``truth_deg``, ``reference_deg``: angle of the marker in degrees in a simulation, or found otherwise; None where
       it is not known.
     - ``confirmation``: the acquisition after the last move, None if there was none.
-    - ``image``: image of `pictured_sample`, None where there are no channel data.
+    - ``pictured``: acquisition whose image is shown; None: `pictured_sample` of ``samples``.
+    - ``image``: its image, None where there are no channel data.
     - ``b_mode``: B-mode image of the same angle, over which it is drawn.
     - ``limits``: range of the search, which both axes of angles show.
     - ``density``: angles in degrees, and the posterior's density at each per degree; None for methods without one.
-    - ``recorded``: angles in degrees, and the intensities recorded there, of the scan that a replay searches.
+    - ``recorded``: angles in degrees, and the intensities recorded there, of the scan that a replay searches; the
+      ``samples`` are then those of the search.
     - ``stand_in``: what was simulated or emulated, in words; None where nothing was.
     """
     # Without a heading: the page or the paper around it says of what rig it is.
@@ -71,6 +74,8 @@ def search_figure(
     _draw_curve(curve, samples, estimate, known=known, confirmation=confirmation, recorded=recorded)
     curve.set_ylabel("intensity (envelope peak) " + ("[as recorded]" if image is None else "[counts]"))
     _draw_track(track, samples, estimate, start_deg=start_deg, known=known, confirmation=confirmation)
+    if recorded is not None:
+        track.set_xlabel("acquisition of a search (0: start)")
     if density is not None:
         posterior = figure.add_subplot(columns[1, 0], sharex=curve)
         _draw_density(posterior, density, estimate, known=known)
@@ -82,7 +87,7 @@ def search_figure(
             draw_image(panel, image)
         else:
             draw_overlay(panel, b_mode, image)
-        pictured = pictured_sample(samples, confirmation)
+        pictured = pictured or pictured_sample(samples, confirmation)
         reading = pictured.reading
         if isinstance(estimate, Found) and reading.lateral_m is not None and reading.depth_m is not None:
             place_mm = (1e3 * reading.lateral_m, 1e3 * reading.depth_m)
@@ -118,7 +123,8 @@ def _draw_curve(
         heights.append(float(np.max(recorded[1])))
     # Stems, because a line from point to point would look like a measured curve.
     axes.vlines(angles, 0, intensities, color=QUIET, linewidth=1, zorder=1)
-    axes.scatter(angles, intensities, color=SIGNAL, s=28, zorder=3, label="acquisitions, numbered where there is room")
+    who = "acquisitions" if recorded is None else "acquisitions of a search"
+    axes.scatter(angles, intensities, color=SIGNAL, s=28, zorder=3, label=f"{who}, numbered where there is room")
     if confirmation is not None:
         heights.append(confirmation.reading.intensity)
         axes.scatter(

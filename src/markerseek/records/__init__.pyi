@@ -1,13 +1,15 @@
 from .images import ImageSeries, read_camera_images, read_images
 from .replay import ReplayLaser, ReplayReceiver, ReplayStage
-from .result import Recorder, SampleRow, SearchResult, answer_name, answer_reason
+from .result import Answer, Recorder, ReplayedSearch, SampleRow, SearchResult, answer_name, answer_reason
 
 __all__ = [
+    "Answer",
     "ImageSeries",
     "Recorder",
     "ReplayLaser",
     "ReplayReceiver",
     "ReplayStage",
+    "ReplayedSearch",
     "SampleRow",
     "SearchResult",
     "answer_name",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import TYPE_CHECKING, Literal, TypeAlias, TypeGuard
 
 import msgspec
@@ -27,10 +28,12 @@ from markerseek.core import (
     RigFacts,
     RigKind,
     Sample,
+    Searched,
     SearchError,
     SearchPlan,
     Started,
     Unsure,
+    counted,
     listed,
     marker_position,
     needs_package,
@@ -69,9 +72,56 @@ class SampleRow(msgspec.Struct, frozen=True, kw_only=True):
         )
 
 
-class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What a search found and how.
+class Answer(msgspec.Struct, frozen=True, kw_only=True):
+    """An answer and its angle; the fields are as in `SearchResult`."""
 
+    answer: AnswerName
+    reason: str | None
+    angle_deg: float
+    sigma_deg: float | None
+    interval95_deg: tuple[float, float] | None
+    interval_kind: IntervalKind | None
+
+    @classmethod
+    def of(cls, estimate: Estimate) -> Answer:
+        """The answer of a search, or of all angles of a recording."""
+        known = None if isinstance(estimate, NotFound) else estimate
+        interval = None if known is None else known.interval95_deg
+        return cls(
+            answer=answer_name(estimate),
+            reason=answer_reason(estimate),
+            angle_deg=estimate.mean_deg,
+            sigma_deg=None if known is None else known.sigma_deg,
+            interval95_deg=None if interval is None else (interval.low_deg, interval.high_deg),
+            interval_kind=None if known is None else known.interval_kind,
+        )
+
+    def __str__(self) -> str:
+        """The answer, its angle with interval, and its reason, in a line."""
+        reason = "" if self.reason is None else f": {self.reason}"
+        # Where nothing was detected, the angle is that of the noise; of several angles the reason has all.
+        if self.answer in {"not found", "ambiguous"}:
+            return f"{self.answer}{reason}"
+        sigma = "" if self.sigma_deg is None else f" ± {self.sigma_deg:.3f}°"
+        interval = "" if self.interval95_deg is None else " [{:.3f}°, {:.3f}°]".format(*self.interval95_deg)
+        return f"{self.answer}, {self.angle_deg:.3f}°{sigma}{interval}{reason}"
+
+
+class ReplayedSearch(Answer, frozen=True, kw_only=True):
+    """What a search of a recording would have taken and said; the fields are as in `SearchResult`."""
+
+    method: str
+    error_deg: float | None
+    acquisitions: int
+    travel_deg: float
+    samples: list[SampleRow]
+
+
+class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
+    """What a search found and how, or what all angles of a recording say.
+
+    Of a recording, all fields are those of all its angles, each of which is one of the ``samples``; ``travel_deg`` is
+    None, and ``search`` is what a search would have taken and said, for comparison; None elsewhere.
     ``doubt`` says of what an answer that is unsure is so: of the source, or of the width of its angle's interval.
     ``sigma_deg`` and ``interval95_deg`` are those of the angle, whatever the answer; None where nothing was detected.
     ``half_width_m`` is how far that interval reaches from the angle, as a length at the marker.
@@ -106,7 +156,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     marker_sigma_m: tuple[float, float, float] | None
     acquisitions: int
     refused: int
-    travel_deg: float
+    travel_deg: float | None
     elapsed_s: float | None
     confirmation: SampleRow | None
     confirmed: bool | None
@@ -121,6 +171,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     error_deg: float | None
     seed: int | None
     configuration: str
+    search: ReplayedSearch | None = None
     version: str = __version__
 
     @property
@@ -129,6 +180,19 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
         if self.emulated:
             return f"emulated {listed(self.emulated)}"
         return "simulated rig" if self.rig == "simulated" else None
+
+    @property
+    def comparison(self) -> str | None:
+        """What a search would have said instead of all angles of a recording, in a line; None of any other rig."""
+        search = self.search
+        if search is None:
+            return None
+        took = f"{counted(search.acquisitions, 'acquisition')} and {search.travel_deg:.1f}° of rotation"
+        low_deg, high_deg = self.interval95_deg or (self.angle_deg, self.angle_deg)
+        agrees = search.answer == self.answer and (not self.found or low_deg <= search.angle_deg <= high_deg)
+        where = f" at {self.angle_deg:.3f}°" if self.found else ""
+        more = "" if agrees else f"; all angles together say {self.answer}{where}"
+        return f"{search.method}, after {took}: {search}{more}"
 
     def to_dataframe(self) -> pd.DataFrame:
         """The acquisitions as a table of pandas: a row for each, numbered from 1, with the fields of `SampleRow`.
@@ -164,6 +228,8 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
         return as_html(self._heading(), self._rows(), picture)
 
     def _heading(self) -> str:
+        if self.search is not None:
+            return f"recording of {counted(self.acquisitions, 'angle')}"
         return f"{self.method} on a {rig_in_words(self.rig, self.emulated)}"
 
     def _rows(self) -> list[tuple[str, str | None]]:
@@ -175,9 +241,10 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
             # Where nothing was detected, the angle is that of the noise.
             ("angle", None if self.answer == "not found" else f"{self.angle_deg:.3f}°{sigma}"),
             ("95 % interval", None if interval is None else f"{interval[0]:.3f}° to {interval[1]:.3f}°"),
-            ("acquisitions", str(self.acquisitions)),
+            ("acquisitions", str(self.acquisitions) if self.search is None else None),
             ("truth (simulated)", None if self.truth_deg is None else f"{self.truth_deg:.3f}°"),
             ("reference", None if self.reference_deg is None else f"{self.reference_deg:.3f}°"),
+            ("a search would have said", self.comparison),
         ]
 
 
@@ -220,7 +287,7 @@ class Recorder:
         if self.finished is None:
             raise SearchError("the run is not over, or it failed: there is no result")
         finished = self.finished
-        estimate = finished.estimate
+        estimate, searched = finished.estimate, finished.searched
         # The paper's form answers where there is no marker as well, and a search that detected nothing has noise only.
         known = None if isinstance(estimate, NotFound) or plan.as_published else estimate
         interval = None if known is None else known.interval95_deg
@@ -228,12 +295,14 @@ class Recorder:
         lit = self.samples if self.confirmation is None else [*self.samples, self.confirmation]
         placed = estimate if isinstance(estimate, Found) or _unsure_of_width(estimate) else None
         marker = None if placed is None else marker_position(placed, lit, facts)
+        samples = self.samples if searched is None else self._all_angles()
         return SearchResult(
             found=isinstance(estimate, Found),
             answer=answer_name(estimate),
             reason=answer_reason(estimate),
             doubt=estimate.doubt if isinstance(estimate, Unsure) else None,
-            method=plan.method,
+            # The method of a search says nothing of the answer from all angles.
+            method=plan.method if searched is None else "posterior",
             as_published=plan.as_published,
             rig=facts.kind,
             emulated=facts.emulated,
@@ -244,9 +313,9 @@ class Recorder:
             half_width_m=known.half_width_m if isinstance(known, Found | Unsure) else None,
             marker_trus_m=None if marker is None else marker.position_m,
             marker_sigma_m=None if marker is None or known is None else marker.sigma_m,
-            acquisitions=finished.acquisitions,
+            acquisitions=finished.acquisitions if searched is None else len(samples),
             refused=self._refused,
-            travel_deg=finished.travel_deg,
+            travel_deg=finished.travel_deg if searched is None else None,
             # A replay takes no time, and the durations of the original scan say nothing of this search.
             elapsed_s=None if facts.kind == "replayed" else finished.elapsed_s,
             confirmation=None if self.confirmation is None else SampleRow.of(self.confirmation),
@@ -256,12 +325,35 @@ class Recorder:
             surveyed=estimate.surveyed,
             other_probability=estimate.other_probability if isinstance(estimate, Found | Unsure) else None,
             curve=estimate.curve if isinstance(estimate, Found) else None,
-            samples=[SampleRow.of(sample) for sample in self.samples],
+            samples=[SampleRow.of(sample) for sample in samples],
             truth_deg=facts.truth_deg,
             reference_deg=facts.reference_deg,
             error_deg=None if facts.known_deg is None else abs(estimate.mean_deg - facts.known_deg),
             seed=facts.seed,
             configuration=facts.fingerprint,
+            search=None if searched is None else self._replayed_search(searched, plan, facts),
+        )
+
+    @property
+    def search_samples(self) -> list[Sample]:
+        """The samples of the search: all, but of a recording only those that its search took."""
+        searched = None if self.finished is None else self.finished.searched
+        return self.samples if searched is None else self.samples[: searched.acquisitions]
+
+    def _all_angles(self) -> list[Sample]:
+        """One sample of each angle of a recording, by angle; a method of the paper may return to an angle."""
+        return [each for _, each in sorted({each.angle_deg: each for each in self.samples}.items())]
+
+    def _replayed_search(self, searched: Searched, plan: SearchPlan, facts: RigFacts) -> ReplayedSearch:
+        estimate, samples = searched.estimate, self.search_samples
+        way_deg = [self.start_deg, *(each.angle_deg for each in samples)]
+        return ReplayedSearch(
+            method=plan.method,
+            **msgspec.structs.asdict(Answer.of(estimate)),
+            error_deg=None if facts.known_deg is None else abs(estimate.mean_deg - facts.known_deg),
+            acquisitions=searched.acquisitions,
+            travel_deg=sum(abs(to - at) for at, to in pairwise(way_deg)),
+            samples=[SampleRow.of(each) for each in samples],
         )
 
 

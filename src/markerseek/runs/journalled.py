@@ -23,7 +23,7 @@ from markerseek.core import (
 from markerseek.records.journal import Configuration, Journal
 from markerseek.rigs import ReaderRecipe, Rig, SpareRecipe, TipRecipe
 from markerseek.scan import Earlier, RunLimits, run
-from markerseek.search import THRESHOLD, BracketSearch, CheckedPolicy
+from markerseek.search import THRESHOLD, BracketSearch, CheckedPolicy, WholeRecording
 from markerseek.search.posterior import Posterior, SweepPosterior
 from markerseek.signals import SpareReader
 
@@ -39,11 +39,13 @@ def is_scan(configuration: Configuration) -> bool:
 
 
 def limits_of(configuration: Configuration, *, angles: int | None = None) -> RunLimits:
-    """Limits of a run, new or repeated: a scan may take longer the more angles it has.
+    """Limits of a run, new or repeated: a scan may take longer the more angles it has, as may a whole recording.
 
     ``angles``: number of angles of a scan; None: as many as its plan names.
     """
     plan = configuration.plan
+    if plan.whole:
+        return replace(_RUN_LIMITS, acquisitions=_RUN_LIMITS.acquisitions + len(plan.angles_deg or ()))
     angles = plan.acquisitions if angles is None else angles
     if angles is None or not is_scan(configuration):
         return _RUN_LIMITS
@@ -126,7 +128,7 @@ class Beliefs:
     """What a policy believes whenever it asks."""
 
     def __init__(self, policy: AnyPolicy, plan: SearchPlan, intensities: list[float]) -> None:
-        self._policy, self._plan, self._intensities = policy, plan, intensities
+        self._asked, self._plan, self._intensities = policy, plan, intensities
 
     def added(self, event: Event) -> Event:
         """The event, with the belief of the policy if it asks or has finished."""
@@ -139,6 +141,10 @@ class Beliefs:
         return replace(
             event, belief=replace(belief, estimate=event.estimate) if isinstance(event, Finished) else belief
         )
+
+    @property
+    def _policy(self) -> AnyPolicy:
+        return self._asked.present if isinstance(self._asked, WholeRecording) else self._asked
 
     def _belief(self) -> AngleBelief:
         estimate = self._policy.estimate()

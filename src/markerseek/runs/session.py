@@ -8,7 +8,6 @@ from contextlib import closing
 from dataclasses import dataclass, field, replace
 
 from markerseek.core import (
-    MAX_ACQUISITIONS,
     AnyPolicy,
     ConfigError,
     Estimate,
@@ -20,11 +19,11 @@ from markerseek.core import (
 from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal, JournalEvent, RecordedRun, since_started
 from markerseek.rigs import Rig
-from markerseek.runs.journalled import configuration_of, journalled
+from markerseek.runs.journalled import configuration_of, journalled, limits_of
 from markerseek.runs.rebuild import rebuild_policy
 from markerseek.runs.resume import resumed
 from markerseek.scan import run
-from markerseek.search import build, build_sweeping, method_named, most_acquisitions
+from markerseek.search import build_sweeping, method_named, most_acquisitions, posterior_of_all
 
 
 @dataclass(slots=True, kw_only=True)
@@ -60,9 +59,10 @@ class Session:
 
     def _run(self) -> Generator[JournalEvent, None, None]:
         if self.journal is None:
-            return run(self.policy, self.rig.scanner, self.configuration.plan)
+            limits = limits_of(self.configuration)
+            return run(self.policy, self.rig.scanner, self.configuration.plan, limits=limits)
         if self.recorded is None:
-            return journalled(self.policy, self.rig, self.journal)
+            return journalled(self.policy, self.rig, self.journal, limits=limits_of(self.configuration))
         return resumed(
             self.policy,
             self.rig,
@@ -93,7 +93,10 @@ class Session:
 
 
 def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
-    """The plan with what follows from the rig; the paper's form of a method takes no dark frames before the search.
+    """The plan with what follows from the rig.
+
+    The paper's form of a method takes no dark frames before the search. All other methods take the angles of a
+    recording that they left after it, and the answer is from all of them.
 
     Raises `ConfigError` if a recording holds fewer angles than the method needs.
     """
@@ -104,14 +107,13 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
     in_bursts = sweeps and rig.scanner.sweeping.in_bursts
     acquisitions = plan.acquisitions
     if acquisitions is None and rig.angles_deg is not None:
-        # Those of a recording cost nothing; other methods than the posterior end at their usual number.
         method, recorded = method_named(plan.method), len(rig.angles_deg)
         if recorded < method.least:
             raise ConfigError(
                 f"method: {method.name} needs at least {method.least} acquisitions, and the recording holds {recorded} "
                 "angles; choose another, such as posterior"
             )
-        acquisitions = min(MAX_ACQUISITIONS if method.name == "posterior" else method.acquisitions, recorded)
+        acquisitions = min(method.acquisitions, recorded)
     return replace(
         plan,
         acquisitions=acquisitions,
@@ -121,12 +123,16 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
         sweep_from_end=in_bursts,
         stay=plan.stay or run.stay,
         angles_deg=rig.angles_deg,
+        whole=rig.angles_deg is not None and not without,
         by_hand=rig.by_hand,
     )
 
 
 def find_marker(rig: Rig, method: SearchPlan | str = "posterior", *, progress: bool = False) -> SearchResult:
     """Search for the marker on a rig, and return what was found; no record is kept.
+
+    Of a recording, the answer is from all its angles; what a search of it would have taken and said is in the field
+    ``search`` of the result.
 
     Parameters
     ----------
@@ -191,18 +197,16 @@ def resumed_session(rig: Rig, journal: Journal, recorded: RecordedRun, *, by: st
     return session
 
 
-def answer_from_all(rig: Rig, plan: PolicyPlan) -> Estimate | None:
-    """Return the posterior's answer from every angle of a recording; None where there are too many, or invented ones.
+def answer_from_all(rig: Rig, plan: PolicyPlan) -> Estimate:
+    """Return the answer from every angle of a recording, without a search.
 
-    ``rig``: a replayed rig that has measured nothing yet. ``plan``: of a search of it, whose method may be another.
+    ``rig``: a replayed rig that has measured nothing yet, not interpolated. ``plan``: of a search of it, whose method
+    may be another.
     """
-    if rig.angles_deg is None or not 2 <= len(rig.angles_deg) <= MAX_ACQUISITIONS:
-        return None
-    asked = plan if plan.method == "posterior" else PolicyPlan(method="posterior", tolerance=plan.tolerance)
-    asked = replace(asked, acquisitions=len(rig.angles_deg), early_end=False, angles_deg=rig.angles_deg)
-    policy = build(asked, limits=rig.limits.search)
-    for _ in range(rig.dark_frames):
-        policy.tell(rig.scanner.measure_dark())
-    while (angle_deg := policy.ask()) is not None:
-        policy.tell(rig.scanner.measure(angle_deg))
+    if rig.angles_deg is None:
+        raise ConfigError(f"rig is {rig}, it must be a recording that is not interpolated")
+    policy = posterior_of_all(replace(plan, angles_deg=rig.angles_deg), limits=rig.limits.search)
+    dark = [rig.scanner.measure_dark() for _ in range(rig.dark_frames)]
+    # Without their frames: one has half a megabyte.
+    policy.tell_recorded([*dark, *(replace(rig.scanner.measure(each), frame=None) for each in rig.angles_deg)])
     return policy.estimate()

@@ -221,7 +221,7 @@ def _searched(name: str, result: SearchResult, spot_m: Float64[np.ndarray, " 3"]
         name=name,
         answer=result.answer,
         acquisitions=result.acquisitions,
-        travel_deg=result.travel_deg,
+        travel_deg=result.travel_deg or 0.0,
         elapsed_s=result.elapsed_s or 0.0,
         error_m=off,
     )

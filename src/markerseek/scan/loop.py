@@ -26,6 +26,7 @@ from markerseek.core import (
     Found,
     Frame,
     Measured,
+    RecordingPolicy,
     Refused,
     Role,
     RunPlan,
@@ -248,6 +249,7 @@ def run(
             acquisitions=acquisitions,
             travel_deg=travel_deg,
             elapsed_s=scanner.clock.now_s() - began_s,
+            searched=policy.searched if isinstance(policy, RecordingPolicy) else None,
         )
     except Exception as error:
         yield Failed(error=error)

@@ -17,11 +17,13 @@ from markerseek.search.methods import (
     build_sweeping,
     method_named,
     most_acquisitions,
+    posterior_of_all,
     refuse_posterior_settings,
     require_sweeping,
 )
 from markerseek.search.peak import Peak, peak_of
 from markerseek.search.policy import SearchPolicy, check_acquisitions
+from markerseek.search.recording import WholeRecording
 from markerseek.search.sweep import Exhaustive, WeightedAverage, equal_steps, peak_passed
 from markerseek.search.swept_tracking_policy import SweptRig, SweptTrackingPolicy, require_room
 from markerseek.search.tracking import Tracker
@@ -48,6 +50,7 @@ __all__ = [
     "Tracker",
     "TrackingPolicy",
     "WeightedAverage",
+    "WholeRecording",
     "build",
     "build_sweeping",
     "check_acquisitions",
@@ -59,6 +62,7 @@ __all__ = [
     "noise_of",
     "peak_of",
     "peak_passed",
+    "posterior_of_all",
     "refuse_posterior_settings",
     "require_room",
     "require_sweeping",

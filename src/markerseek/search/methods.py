@@ -4,15 +4,25 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, SupportsFloat
 
-from markerseek.core import PAPER_RANGE, AnyPolicy, ConfigError, Interval, Policy, PolicyPlan, as_interval
+from markerseek.core import (
+    MAX_ACQUISITIONS,
+    PAPER_RANGE,
+    AnyPolicy,
+    ConfigError,
+    Interval,
+    Policy,
+    PolicyPlan,
+    as_interval,
+)
 from markerseek.search.average import THRESHOLD
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
 from markerseek.search.checked import CheckedPolicy
 from markerseek.search.manual import TURNS, ScriptedManual
 from markerseek.search.policy import PaperPolicy, check_acquisitions
+from markerseek.search.recording import WholeRecording
 from markerseek.search.sweep import Exhaustive, WeightedAverage
 
 if TYPE_CHECKING:
@@ -114,6 +124,8 @@ def build(plan: PolicyPlan | str, *, limits: Interval | Sequence[SupportsFloat] 
     if plan.sweep_speed_deg_s is not None:
         raise ConfigError(f"{plan.method}: a plan of sweeps is given to a policy of single angles; use build_sweeping")
     searched = as_interval(limits, name="limits")
+    if plan.whole:
+        return _whole(plan, limits=searched)
     if plan.method == "posterior":
         return _posterior(plan, limits=searched)
     acquisitions = _acquisitions(plan)
@@ -126,6 +138,27 @@ def build(plan: PolicyPlan | str, *, limits: Interval | Sequence[SupportsFloat] 
     return CheckedPolicy(
         inner, limits=searched, early_threshold=THRESHOLD if ends_early else None, tolerance=plan.tolerance
     )
+
+
+def _whole(plan: PolicyPlan, *, limits: Interval) -> WholeRecording:
+    """A search of a recording that goes on to its other angles."""
+    search = replace(plan, whole=False)
+    if plan.method != "posterior":
+        # These settings are for the answer from all angles, which the posterior gives.
+        search = replace(search, others=None, prior=None, cues=None)
+    every = posterior_of_all(plan, limits=limits)
+    return WholeRecording(build(search, limits=limits), every, angles_deg=plan.angles_deg or ())
+
+
+def posterior_of_all(plan: PolicyPlan, *, limits: Interval) -> Posterior:
+    """Return the posterior that answers from all angles of a recording, whatever the method of its search.
+
+    ``plan``: of the search, with the angles of the recording.
+    """
+    if plan.angles_deg is None:
+        raise ConfigError("angles_deg is None, it must hold the angles of the recording")
+    most = max(2, min(len(plan.angles_deg), MAX_ACQUISITIONS))
+    return _posterior(replace(plan, method="posterior", acquisitions=most, angles_deg=None), limits=limits)
 
 
 def build_sweeping(plan: PolicyPlan, *, limits: Interval) -> AnyPolicy:
@@ -191,8 +224,13 @@ def refuse_posterior_settings(method: str, **settings: object) -> None:
 
 
 def most_acquisitions(plan: PolicyPlan) -> int | None:
-    """Return the most acquisitions of a plan, its own number or that of its method; None where it sweeps."""
-    return None if plan.sweep_speed_deg_s is not None else _acquisitions(plan)
+    """Return the most acquisitions of a plan: its own number or that of its method, and those of a whole recording.
+
+    None where it sweeps.
+    """
+    if plan.sweep_speed_deg_s is not None:
+        return None
+    return _acquisitions(plan) + (len(plan.angles_deg or ()) if plan.whole else 0)
 
 
 def _acquisitions(plan: PolicyPlan) -> int:

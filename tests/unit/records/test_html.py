@@ -52,12 +52,12 @@ def test_a_result_shows_its_answer_and_every_acquisition(result: SearchResult) -
     assert result.answer == "found"
     assert cells[:2] == ["found", f"{result.angle_deg:.3f}° ± {result.sigma_deg:.3f}°"]
     assert len(list(tree.iter(f"{SVG}circle"))) == result.acquisitions
-    assert "replayed rig" in tree.find("strong").text
+    assert tree.find("strong").text == "recording of 141 angles"
 
 
 def test_a_result_that_is_printed_is_its_answer_in_a_few_lines(result: SearchResult) -> None:
     heading, answer, angle, *_ = str(result).splitlines()
-    assert heading == "posterior on a replayed rig"
+    assert heading == "recording of 141 angles"
     assert answer == "answer: found"
     assert angle == f"angle: {result.angle_deg:.3f}° ± {result.sigma_deg:.3f}°"
     assert len(str(result).splitlines()) < 10
@@ -129,7 +129,10 @@ def test_progress_is_one_line_an_acquisition_on_standard_error(capsys: pytest.Ca
     rig = markerseek.replayed(SCAN)
     result = markerseek.find_marker(rig, method="ternary", progress=True)
     printed = capsys.readouterr()
-    assert (printed.out, result.method) == ("", "ternary")
+    assert result.search is not None
+    assert (printed.out, result.search.method) == ("", "ternary")
     lines = [line for line in printed.err.splitlines() if line.startswith("search ")]
-    assert len(lines) == result.acquisitions
-    assert f"{result.samples[0].angle_deg:+7.2f}°" in lines[0]
+    # Those of the search, then the angles that it left.
+    left = {each.angle_deg for each in result.samples} - {each.angle_deg for each in result.search.samples}
+    assert len(lines) == result.search.acquisitions + len(left)
+    assert f"{result.search.samples[0].angle_deg:+7.2f}°" in lines[0]

@@ -144,7 +144,7 @@ def number_rows(snapshot: Snapshot, *, name: str, unit: str, pulse_j: float | No
     rows = [
         ("search", name),
         ("acquisitions", str(snapshot.acquisitions) + (f", {snapshot.refused} refused" if snapshot.refused else "")),
-        ("rotation", f"{snapshot.travel_deg:.1f}°"),
+        ("rotation", "–" if snapshot.rig == "replayed" else f"{snapshot.travel_deg:.1f}°"),
         ("time", "–" if snapshot.rig == "replayed" else f"{snapshot.elapsed_s:.0f} s{virtual}"),
         ("peak SNR", snr_text(snapshot)),
         ("noise floor", "unknown" if snapshot.floor_level is None else f"{snapshot.floor_level:.4g} {unit}"),

@@ -22,6 +22,7 @@ from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.state import with_minus
 from markerseek.bridges.page.timeline import RunView
 from markerseek.core import MarkerseekError
+from markerseek.records import SearchResult
 from markerseek.records.journal import is_journal, read_journal, result_of, run_state, summary
 
 
@@ -121,7 +122,7 @@ class ReplayPage:
             facts = self._run.configuration.facts
             # Nothing moves here, also where the recording is one of devices.
             self._frame.show_kind("simulated" if facts.kind == "simulated" else "replayed", emulated=facts.emulated)
-            self._view.show(self._run, reveal=True)
+            self._view.show(self._run, reveal=True, comparison=_comparison(self._answer))
 
 
 def described_of(path: Path) -> str:
@@ -135,6 +136,12 @@ def described_of(path: Path) -> str:
         angle = with_minus(f", {found.angle_deg:.2f}°" if found.as_published else f" at {found.angle_deg:.2f}°")
     answer = "no claim" if found.as_published and found.answer else found.answer or found.state
     return f"{answer}{angle}" + (f"; {found.description}" if found.description else "")
+
+
+def _comparison(answer: Mapping[str, Any] | None) -> str:
+    """What a search would have said, where the answer is from all angles of a recording; else empty."""
+    searched = None if answer is None else answer.get("search")
+    return "" if searched is None else msgspec.convert(answer, SearchResult).comparison or ""
 
 
 def _read(path: Path) -> tuple[RunHistory, dict[str, Any] | None]:

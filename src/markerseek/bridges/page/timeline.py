@@ -29,13 +29,13 @@ class RunView:
         self._panels.clear()
         self._timeline.clear()
 
-    def show(self, run: RunHistory, *, reveal: bool, next_step: str = "") -> None:
+    def show(self, run: RunHistory, *, reveal: bool, next_step: str = "", comparison: str = "") -> None:
         """Show the event that was chosen, or the newest; the true angle only where it is to be revealed.
 
-        ``next_step``: what a person can do next if the run has ended without an answer.
+        ``next_step`` and ``comparison``: as for `verdict_of`.
         """
         snapshot = self._timeline.snapshot(run)
-        self._verdict.show(verdict_of(snapshot, next_step=next_step))
+        self._verdict.show(verdict_of(snapshot, next_step=next_step, comparison=comparison))
         self._panels.show(run, snapshot, reveal=reveal)
 
 

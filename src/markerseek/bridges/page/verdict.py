@@ -36,7 +36,8 @@ class Verdict:
     reason: str = ""
     """Why it is so, in one sentence; at a fault what laser and stage did."""
     next_step: str = ""
-    """What a person can do next while nothing runs, and where a person must arm the rig."""
+    """What a person can do next while nothing runs, and where a person must arm the rig; at the end of a recording,
+    what a search would have said."""
 
     @property
     def line(self) -> str:
@@ -45,10 +46,11 @@ class Verdict:
         return self.word.lower() + ("" if self.angle in {"", "–"} else f"{joined} {self.angle}{self.sigma}")
 
 
-def verdict_of(snapshot: Snapshot, *, next_step: str = "") -> Verdict:
+def verdict_of(snapshot: Snapshot, *, next_step: str = "", comparison: str = "") -> Verdict:
     """The verdict after an event; an angle counts as found only once the search is over and says so.
 
-    ``next_step``: what a person can do next if the run has ended without an answer.
+    ``next_step``: what a person can do next if the run has ended without an answer. ``comparison``: what a search would
+    have said, if it has ended with the answer from all angles of a recording.
     """
     word, kind = _word(snapshot)
     belief = snapshot.belief
@@ -58,6 +60,8 @@ def verdict_of(snapshot: Snapshot, *, next_step: str = "") -> Verdict:
         read = snapshot.line.partition(": ")[2]
         return Verdict(word="TURN", kind=kind, lead="turn the probe to", angle=angle, reason=read)
     problem, next_step = snapshot.problem, next_step if kind in {"stopped", "fault"} else ""
+    if snapshot.phase == "finished" and comparison:
+        next_step = with_minus(f"a search would have said: {comparison}")
     if belief is None:
         angle = "" if snapshot.over or kind == "idle" else "–"
         return Verdict(

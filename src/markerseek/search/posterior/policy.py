@@ -198,6 +198,20 @@ class Posterior(SearchPolicy):
         self._confirmation_taken, self._confirmation_failure = False, None
         self._next = self._cached = None
 
+    def tell_recorded(self, samples: Iterable[Sample]) -> None:
+        """Take all samples of a recording, none of which was asked for; the search is then over.
+
+        Raises
+        ------
+        SearchError
+            If a sample is not usable (`check_sample`).
+        """
+        for sample in samples:
+            check_sample(sample)
+            (self._dark if sample.dark else self._lit).append(sample)
+        self._asked, self._left_deg = self._budget, []
+        self._next = self._cached = None
+
     @property
     def single(self) -> bool:
         """Whether it takes for granted that there is one source at most."""
