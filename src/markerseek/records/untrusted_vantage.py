@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, NoReturn
 import numpy as np
 
 from markerseek.core import Float64, Int64, RecordError
+from markerseek.files import natural
 from markerseek.records.untrusted_hdf5 import UntrustedHdf5
 
 if TYPE_CHECKING:
@@ -340,7 +341,7 @@ class _Workspace:
         value = _octave_value(self.file, item)
         if isinstance(value, h5py.Group):
             # A cell of Octave: its items are _0, _1 …, or _00, _01 … where there are ten.
-            names = sorted((each for each in value if each.startswith("_")), key=lambda each: int(each[1:]))
+            names = sorted((each for each in value if each.startswith("_")), key=natural)
             self._require_few(len(names), name)
             cells = [_octave_value(self.file, self.file.inside(value, each)) for each in names]
             return [self.file.checked(cell, name=name) for cell in cells]

@@ -31,7 +31,7 @@ def in_scan_order(
             )
         return dict(arrays)
     numbers = arrays[NUMBERS]
-    empty = ~arrays["frames"].any(axis=(1, 2))
+    empty = ~_held(arrays["frames"])
     if first_frame is not None:
         if first_frame not in numbers:
             raise ConfigError(f"{path}: --first-frame is {first_frame}, the buffer has {numbers[0]} to {numbers[-1]}")
@@ -59,12 +59,17 @@ def in_scan_order(
 
 def filled(path: Path, frames: np.ndarray, numbers: np.ndarray) -> Bool[np.ndarray, " frames"]:
     """Which frames of a buffer hold anything but zeros; warns of the others."""
-    held: Bool[np.ndarray, " frames"] = frames.any(axis=(1, 2))
+    held = _held(frames)
     if not held.all():
         names = [str(number) for number in np.sort(numbers[~held])]
         first = ", ".join(names[:5]) + (" …" if len(names) > 5 else "")
         warnings.warn(f"{path}: {len(names)} frames hold zeros only, and are left out: {first}", stacklevel=3)
     return held
+
+
+def _held(frames: np.ndarray) -> Bool[np.ndarray, " frames"]:
+    """Which frames hold anything but zeros."""
+    return np.asarray(frames.any(axis=(1, 2)))
 
 
 def _last_index(arrays: Mapping[str, np.ndarray]) -> int | None:
