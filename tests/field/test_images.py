@@ -234,7 +234,8 @@ def test_a14_a_black_text_field_is_not_the_tip(shell: Shell, tmp_path: Path) -> 
     for colour in ("Red", "Green", "Blue"):
         tags[f"{colour}PaletteColorLookupTableDescriptor"] = [256, 0, 8]
         tags[f"{colour}PaletteColorLookupTableData"] = palette.tobytes()
-    path = dicom(tmp_path / "scan.dcm", stored, PixelSpacing=[PIXEL_MM, PIXEL_MM], **tags)
+    # The name of a file of several frames says nothing of their angles.
+    path = dicom(tmp_path / "img-2.5.dcm", stored, PixelSpacing=[PIXEL_MM, PIXEL_MM], **tags)
     report = answer(shell, path)
     assert (report["reference_deg"], report["half_range_deg"]) == (0, HALF_DEG)
     assert report["images"][0]["row"] > 100

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from markerseek.core import ConfigError, RecordError
+from markerseek.records.banks import IntensityBank, TableFormat
 from markerseek.records.banks.arrays import ArrayBank, read_arrays
 from tests.field.base_scan import MARKER_DEG, base_scan
 from tests.unit.records.vantage_workspaces import write_workspace
@@ -75,6 +76,12 @@ def test_a1_a_frame_that_is_not_in_the_ring_is_no_first_one(tmp_path: Path) -> N
         read(tmp_path / "scan.npz", first_frame=1)
 
 
+def test_a1_the_axes_of_a_workspace_are_not_exchanged(tmp_path: Path) -> None:
+    path = write_workspace(tmp_path / "run.mat", FRAMES)
+    with pytest.raises(ConfigError, match="leave --axes out"):
+        read_arrays(path, first_and_step_deg=(FIRST_DEG, STEP_DEG), axes=("channels", "angles", "samples"))
+
+
 def test_a1_angles_for_each_frame_of_the_buffer_are_taken_so_and_that_is_said(tmp_path: Path) -> None:
     angles_deg = FIRST_DEG + STEP_DEG * np.arange(12)
 
@@ -95,6 +102,17 @@ def test_a1_a_ring_that_is_not_full_begins_with_its_first_frame(tmp_path: Path, 
         path = write_workspace(tmp_path / "last.mat", with_gaps(7, 8, 9, 10, 11), change=last_frame(7))
     with pytest.warns(UserWarning, match="5 frames hold zeros only, and are left out: 8, 9, 10, 11, 12"):
         require_true_angles(read(path), list(range(7)))
+
+
+def test_a1_intensities_beside_the_ring_need_no_place(tmp_path: Path) -> None:
+    def change(held):
+        held.value(held.file, "angle_deg", np.arange(4.0))
+        held.value(held.file, "intensity", np.array([1.0, 2.0, 4.0, 2.0]))
+
+    path = write_workspace(tmp_path / "run.mat", FRAMES, last_saved=False, change=change)
+    bank = read_arrays(path, TableFormat(columns=("angle_deg", "intensity")))
+    assert isinstance(bank, IntensityBank)
+    assert bank.intensities == (1, 2, 4, 2)
 
 
 def last_frame(number: int):

@@ -112,6 +112,10 @@ _UNSURE = re.compile(r"[a-z_ ]*(?:[a-z]-|−)(?:\d+(?:\.\d+)?|\.\d+)[_ ]?(?:deg|
 def _named_angles(names: Sequence[str], first_deg: float | None, step_deg: float | None) -> list[float]:
     """Angles of images by their names, where these are angles; else in steps, in the order of the names."""
     stems = [Path(name).stem for name in names]
+    steps = (0.0 if first_deg is None else first_deg, 1.0 if step_deg is None else step_deg)
+    if len(set(stems)) < len(stems):
+        # Frames of one file.
+        return _steps(range(len(stems)), *steps)
     unsure = [_UNSURE.fullmatch(stem) is not None for stem in stems]
     # Counted names are whole numbers, and all alike.
     if any(unsure) and not all(re.fullmatch(r".*[a-z]-\d+", stem, re.IGNORECASE) for stem in stems):
@@ -121,10 +125,9 @@ def _named_angles(names: Sequence[str], first_deg: float | None, step_deg: float
         )
     named = [angle_in(stem) for stem in stems]
     found = [each for each in named if each is not None]
-    alike = len(found) == len(names) == len(set(stems)) and len({each.word for each in found}) == 1
+    alike = len(found) == len(names) and len({each.word for each in found}) == 1
     if not (alike and any(each.stated for each in found)):
-        first, step = (usual if value is None else value for value, usual in ((first_deg, 0.0), (step_deg, 1.0)))
-        return _steps(_places(stems), first, step)
+        return _steps(_places(stems), *steps)
     angles_deg = [each.angle_deg for each in found]
     order = sorted(angles_deg)
     steps_deg = [after - before for before, after in pairwise(order)]

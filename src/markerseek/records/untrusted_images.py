@@ -60,7 +60,7 @@ def read_dicom(path: Path) -> dict[str, np.ndarray]:
         pixels = np.asarray(file.pixel_array)
         if colour == "PALETTE COLOR":
             # Without the fourth colour of a palette, transparency.
-            pixels = np.asarray(pydicom.pixels.apply_color_lut(pixels, file))[..., :3]
+            pixels = np.asarray(pydicom.pixels.processing.apply_color_lut(pixels, file))[..., :3]
     except (AttributeError, RuntimeError, NotImplementedError, ValueError) as problem:
         reason = " ".join(str(problem).split())
         raise RecordError(f"{path}: its images cannot be unpacked: {reason}; export it uncompressed") from problem

@@ -103,7 +103,7 @@ def bank_of_arrays(
             "ANGLE,INTENSITY or ANGLE,FRAMES"
         )
     counted = None if angle is None else arrays[angle].size
-    arrays = in_scan_order(path, arrays, angles=counted, first_frame=first_frame)
+    arrays = in_scan_order(path, arrays, value, angles=counted, first_frame=first_frame)
     values, frames = arrays[value], value == "frames" or arrays[value].ndim == len(AXES)
     if frames:
         values = _turned(path, values, axes, angles=counted)

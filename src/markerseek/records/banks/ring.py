@@ -17,19 +17,20 @@ from markerseek.records.untrusted_vantage import LAST, NUMBERS
 
 
 def in_scan_order(
-    path: Path, arrays: Mapping[str, np.ndarray], *, angles: int | None, first_frame: int | None
+    path: Path, arrays: Mapping[str, np.ndarray], value: str, *, angles: int | None, first_frame: int | None
 ) -> dict[str, np.ndarray]:
-    """The arrays with ``frames``, ``pulses`` and `NUMBERS` in the order of the scan; others than a ring's as they are.
+    """The arrays with ``frames``, ``pulses`` and `NUMBERS` of a ring in the order of the scan.
 
-    ``angles``: how many numbers the variable of the angles holds; None: each frame has its angle by its place, so that
-    the first frame must be known. ``first_frame``: number of the frame with the first angle, where a person states it.
+    ``value``: name of the array that is read; `NUMBERS` are left out where it is not that of the ring. ``angles``: how
+    many numbers the variable of the angles holds; None: each frame has its angle by its place, so that the first frame
+    must be known. ``first_frame``: number of the frame with the first angle, where a person states it.
     """
-    if NUMBERS not in arrays:
+    if NUMBERS not in arrays or value != "frames":
         if first_frame is not None:
             raise ConfigError(
                 f"{path}: a first frame is for the receive buffer of a Verasonics workspace; leave --first-frame out"
             )
-        return dict(arrays)
+        return {name: each for name, each in arrays.items() if name != NUMBERS}
     numbers = arrays[NUMBERS]
     empty = ~_held(arrays["frames"])
     if first_frame is not None:
@@ -59,6 +60,8 @@ def in_scan_order(
 
 def filled(path: Path, frames: np.ndarray, numbers: np.ndarray) -> Bool[np.ndarray, " frames"]:
     """Which frames of a buffer hold anything but zeros; warns of the others."""
+    if len(frames) != len(numbers):
+        raise ConfigError(f"{path}: the axes of a Verasonics workspace are known; leave --axes out")
     held = _held(frames)
     if not held.all():
         names = [str(number) for number in np.sort(numbers[~held])]
