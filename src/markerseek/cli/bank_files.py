@@ -48,6 +48,13 @@ def import_bank(
         float | None, typer.Option(help="First angle of an .npy, .npz or .mat without angles.")
     ] = None,
     step_deg: Annotated[float | None, typer.Option(help="Step from one of its angles to the next.")] = None,
+    first_frame: Annotated[
+        int | None,
+        typer.Option(
+            help="Frame of a Vantage's receive buffer that has the first angle.",
+            show_default="the one behind Resource.RcvBuffer.lastFrame",
+        ),
+    ] = None,
     axes: Annotated[
         str | None,
         typer.Option(help="Order of the axes of its frames.", show_default="angles,channels,samples"),
@@ -77,7 +84,7 @@ def import_bank(
     if reference_deg is not None and not -360 <= reference_deg <= 360:
         raise ConfigError(f"--reference-deg is {reference_deg:g} deg, it must lie within one turn")
     require_new_bank(to)
-    bank = _read(source, table.format(), first_deg=first_deg, step_deg=step_deg, axes=axes)
+    bank = _read(source, table.format(), first_deg=first_deg, step_deg=step_deg, first_frame=first_frame, axes=axes)
     require_frames(bank, source, probe=probe)
     held_hz = bank.facts.sampling_hz
     # A contradiction is an error, because a wrong rate scales every depth.
@@ -114,16 +121,23 @@ def import_bank(
 
 
 def _read(
-    source: Path, table: TableFormat, *, first_deg: float | None, step_deg: float | None, axes: str | None
+    source: Path,
+    table: TableFormat,
+    *,
+    first_deg: float | None,
+    step_deg: float | None,
+    first_frame: int | None,
+    axes: str | None,
 ) -> IntensityBank | FrameBank:
     from markerseek.records.banks import ARRAY_SUFFIXES, AXES, DEFAULT_FORMAT, read_arrays, read_bank
     from markerseek.records.journal import is_journal
 
     given = (first_deg is not None, step_deg is not None)
     if source.suffix.lower() not in ARRAY_SUFFIXES or source.is_dir():
-        if any(given) or axes is not None:
+        if any(given) or axes is not None or first_frame is not None:
             raise ConfigError(
-                "--first-deg, --step-deg and --axes are for an .npy, .npz or .mat; this recording has its angles"
+                "--first-deg, --step-deg, --first-frame and --axes are for an .npy, .npz or .mat; this recording has "
+                "its angles"
             )
         with as_read_error(source):
             journal = source.is_file() and is_journal(source)
@@ -134,12 +148,12 @@ def _read(
     if first_deg is None or step_deg is None:
         if any(given):
             raise ConfigError("--first-deg and --step-deg go together; give both")
-        return read_arrays(source, table, axes=order)
+        return read_arrays(source, table, first_frame=first_frame, axes=order)
     if not (math.isfinite(first_deg) and 0 < abs(step_deg) < math.inf):
         raise ConfigError(
             f"--first-deg {first_deg:g}, --step-deg {step_deg:g}: finite numbers are needed, a step not 0"
         )
-    return read_arrays(source, table, first_and_step_deg=(first_deg, step_deg), axes=order)
+    return read_arrays(source, table, first_and_step_deg=(first_deg, step_deg), first_frame=first_frame, axes=order)
 
 
 EXPORT_EXAMPLES = (

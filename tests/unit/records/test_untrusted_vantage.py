@@ -214,6 +214,7 @@ def test_octave_writes_the_same_workspace(tmp_path):
         TX = struct('Apod', ones(1, {ELEMENTS}));
         Trans = struct('frequency', 5, 'spacingMm', 0.3, 'type', 0, 'Connector', {list(CONNECTOR)}');
         Resource.Parameters.speedOfSound = 1500;
+        Resource.RcvBuffer = struct('lastFrame', {count});
         save -hdf5 run.mat RcvData Receive Event TX Trans Resource
         """
     )

@@ -11,7 +11,6 @@ same names.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import permutations
@@ -23,9 +22,11 @@ from markerseek.core import Bool, ChannelFrame, Float64, FrameHeader, Int16, Rec
 from markerseek.files import as_read_error
 from markerseek.records.banks.bank import USUAL_SAMPLING_HZ, BankFacts, FrameBank, IntensityBank, require_angles
 from markerseek.records.banks.frames import as_counts, scale_of
+from markerseek.records.banks.ring import filled, in_scan_order
 from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, amplitudes, in_degrees, unit_of, warn_skipped
 from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_arrays import arrays_in, content
+from markerseek.records.untrusted_vantage import NUMBERS
 
 AXES = ("angles", "channels", "samples")
 """Axes of frames, in their order."""
@@ -67,17 +68,21 @@ def read_arrays(
     table: TableFormat = DEFAULT_FORMAT,
     *,
     first_and_step_deg: tuple[float, float] | None = None,
+    first_frame: int | None = None,
     axes: tuple[str, ...] = AXES,
 ) -> IntensityBank | ArrayBank:
     """Bank in an ``.npy``, ``.npz`` or ``.mat``.
 
     ``table``: names of the variables of angle, and of intensity or frames; their units; what becomes of angles without
     numbers. ``first_and_step_deg``: angle of the first row and step to the next, where the file holds no angles.
-    ``axes``: order of the axes of the frames, a permutation of `AXES`.
+    ``first_frame``: number in the receive buffer of a Vantage of the frame with the first angle; None: as the file
+    shows. ``axes``: order of the axes of the frames, a permutation of `AXES`.
     """
     with as_read_error(path), Sandbox() as sandbox:
         arrays = arrays_in(path, sandbox, most_bytes=_LARGEST_BYTES)
-    return bank_of_arrays(path, arrays, table, first_and_step_deg=first_and_step_deg, axes=axes)
+    return bank_of_arrays(
+        path, arrays, table, first_and_step_deg=first_and_step_deg, first_frame=first_frame, axes=axes
+    )
 
 
 def bank_of_arrays(
@@ -86,6 +91,7 @@ def bank_of_arrays(
     table: TableFormat = DEFAULT_FORMAT,
     *,
     first_and_step_deg: tuple[float, float] | None = None,
+    first_frame: int | None = None,
     axes: tuple[str, ...] = AXES,
 ) -> IntensityBank | ArrayBank:
     """Bank of arrays by their names, as `read_arrays`; ``path``: where they are from."""
@@ -96,9 +102,11 @@ def bank_of_arrays(
             f"{path}: intensity or frames expected, it holds {content(arrays)}; name its variables, --columns "
             "ANGLE,INTENSITY or ANGLE,FRAMES"
         )
+    counted = None if angle is None else arrays[angle].size
+    arrays = in_scan_order(path, arrays, value, angles=counted, first_frame=first_frame)
     values, frames = arrays[value], value == "frames" or arrays[value].ndim == len(AXES)
     if frames:
-        values = _turned(path, values, axes, angles=None if angle is None else arrays[angle].size)
+        values = _turned(path, values, axes, angles=counted)
     elif axes != AXES:
         raise RecordError(f"{path}: --axes is for frames, it holds {content(arrays)}; leave it out")
     if angle is not None and first_and_step_deg is None:
@@ -118,6 +126,9 @@ def bank_of_arrays(
     if not frames:
         values = _intensities(path, values, degrees.size)
     kept = _valid(path, degrees, values, table)
+    if NUMBERS in arrays:
+        # Only now: a frame that was lost has its place in the scan.
+        kept &= filled(path, values, arrays[NUMBERS])
     degrees, values = degrees[kept], values[kept]
     order = np.argsort(degrees, kind="stable")
     rising = tuple(degrees[order].tolist())
@@ -131,8 +142,6 @@ def bank_of_arrays(
     if frames:
         # One scale for all angles, or their intensities could not be compared.
         counts = as_counts(path, values, scale=scale_of(path, values))
-        if unfilled := _scalar(path, arrays, "unfilled"):
-            warnings.warn(f"{path}: {unfilled:g} frames hold zeros only, and are left out", stacklevel=2)
         return ArrayBank(
             path=path,
             angles_deg=rising,

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
-from markerseek.files import MIB, as_read_error, quoted, read_input
+from markerseek.files import MIB, angle_in, as_read_error, in_natural_order, quoted, read_input
 from markerseek.records.banks.bank import HDF5_SUFFIXES, USUAL_SAMPLING_HZ, BankFacts, FrameBank, require_angles
 from markerseek.records.journal import is_journal
 from markerseek.records.sandbox import Sandbox
@@ -200,12 +200,6 @@ def as_counts(path: Path, values: np.ndarray, *, scale: float) -> Int16[np.ndarr
 
 
 _FRAME_FILES = (".mat", ".npy")
-_NAME = re.compile(
-    r"(?P<word>[a-z_ ]*)(?P<angle>(?<![a-z])[-+](?:\d+(?:\.\d+)?|\.\d+)|\d+(?:\.\d+)?|\.\d+)[_ ]?(?:deg|°)?",
-    re.ASCII | re.IGNORECASE,
-)
-# "neg_12.5" or "m12.5" would be read as +12.5: the sign of an angle is never guessed.
-_SIGN_WORDS = re.compile(r"(?:^|[_ ])(?:m|n|p)$|(?:neg|negative|minus|pos|positive|plus)$")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -243,7 +237,7 @@ def read_folder(path: Path) -> FolderBank:
     """
     by_angle: dict[float, Path] = {}
     words: dict[str, Path] = {}
-    for place in sorted(path.iterdir()):
+    for place in in_natural_order(path.iterdir()):
         # Hidden files such as .DS_Store, but not an angle such as .5.
         if re.match(r"\.\D", place.name) or not (place.is_dir() or place.suffix.lower() in _FRAME_FILES):
             continue
@@ -283,12 +277,10 @@ def _common_scale(path: Path, places: list[Path], sandbox: Sandbox) -> float:
 
 def _named(place: Path) -> tuple[str, float]:
     """Word and angle of a name."""
-    name = place.name if place.is_dir() else place.stem
-    match = _NAME.fullmatch(name)
-    word = match["word"].strip("_ ").lower() if match else ""
-    if match is None or _SIGN_WORDS.search(word):
+    found = angle_in(place.name if place.is_dir() else place.stem)
+    if found is None:
         raise RecordError(
             f"{place}: the angle cannot be read from this name; in the folder of a scan each frame is named by its "
             "angle in degrees, -12.5 or, with a word before it, angle_-12.5deg: digits, a point, a hyphen for minus"
         )
-    return word, float(match["angle"])
+    return found.word, found.angle_deg
