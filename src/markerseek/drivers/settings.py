@@ -6,6 +6,7 @@ What has no default cannot be guessed: a port, a folder, and the stage's reading
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -92,6 +93,16 @@ class BenchSettings:
                 f"laser.driver is {self.laser.driver!r} and receiver.driver is {self.receiver.driver!r}; {name} is of "
                 f"both: name {name} in both, or in neither"
             )
+        lines = self.lines
+        for number, line in enumerate(lines):
+            for other in lines[:number]:
+                # By what their names lead to: those below /dev/serial/by-id are links.
+                if os.path.realpath(line.path) == os.path.realpath(other.path):
+                    raise ConfigError(
+                        f"{other.name} and {line.name} have one serial port, {line.path!r}"
+                        + ("" if line.path == other.path else f" (which is {other.path!r})")
+                        + "; each device has its own: see ls -l /dev/serial/by-id/"
+                    )
         entry_of("stage", self.stage).require_room(self.stage, self.limits)
         if laser.without_supervisor and not self.supervisor.enabled:
             raise ConfigError(f"supervisor: enabled is false, and {laser.without_supervisor}; keep it enabled")
