@@ -1,7 +1,7 @@
 """A console in plain rclpy, as a lab would write it: it commands a stage or an acquisition, and prints what it hears.
 
 ``console.py RELIABILITY ACTION [WORD ...]``: ``stop TOPIC`` moves to 30 degrees and stops 0.3 s later; ``numbers DEG``
-sends plain numbers; ``acquire PULSES ...`` asks for acquisitions, 0.3 s apart.
+sends plain numbers; ``acquire PULSES ...`` asks for acquisitions, one after the other.
 """
 
 import json
@@ -62,7 +62,10 @@ class Console:
         for index, each in enumerate(pulses):
             asked = {"id": str(index), "pulses": int(each), "angle_rad": 0.0, "stamp_ns": time.time_ns()}
             request.publish(String(data=json.dumps(asked)))
-            self.wait(0.3)
+            ends_s = time.monotonic() + 10.0
+            while len(heard) < 2 * (index + 1) and time.monotonic() < ends_s:
+                self.wait(0.01)
+        # What a second copy of a request would be answered with.
         self.wait(0.5)
         answers = map(json.loads, heard)
         return {"answers": [[each["id"], each["step"], each["error"]] for each in answers]}
