@@ -15,7 +15,7 @@ import numpy as np
 
 from markerseek._closing import Closing
 from markerseek.core import ConfigError, RecordError, needs_package
-from markerseek.ros.quality import Once, best_effort, quality, unfit
+from markerseek.ros.quality import Once, unfit
 from markerseek.ros.topics import in_namespace
 from markerseek.ros.transport import reach, require_middleware
 
@@ -57,6 +57,9 @@ _LAST_S = 1.0
 
 _FOUND_S = 1.5
 """Time in which nodes on one computer find one another, in seconds."""
+
+_DEPTH = 10
+"""Messages that wait for a subscriber."""
 
 _NAMED_S = 1.0
 """Time in which the name of a node is known after its topics, in seconds."""
@@ -184,7 +187,7 @@ class RosNode(Closing):
             incompatible_qos=lambda event: self._say_unfit(topic, event, listens=False), use_default_callbacks=False
         )
         self._publishers[topic] = self._node.create_publisher(
-            self.kinds.kind(kind), in_namespace(topic), quality(latched=latched), event_callbacks=events
+            self.kinds.kind(kind), in_namespace(topic), _quality(latched=latched), event_callbacks=events
         )
 
     def publish(self, topic: str, message: Any) -> None:
@@ -226,17 +229,20 @@ class RosNode(Closing):
 
         def on_unfit(event: Any) -> None:
             if len(made) == 1:
-                add(best_effort())
+                add(_quality(reliable=False))
             if command:
                 self._say_unfit(topic, event, listens=True)
 
         # A best-effort subscription alone would match every publisher, and lose messages of the reliable ones.
-        add(quality(latched=latched))
+        add(_quality(latched=latched))
         if command:
-            add(best_effort())
+            add(_quality(reliable=False))
 
     def _say_unfit(self, topic: str, event: Any, *, listens: bool) -> None:
         """Warn soon of a publisher or subscription of another node whose QoS does not fit that of this node."""
+        from rclpy.qos import qos_policy_name_from_kind
+
+        policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
 
         def sentence() -> str:
             resolved = self._resolved(topic)
@@ -244,7 +250,7 @@ class RosNode(Closing):
             subscribed = self._node.get_subscriptions_info_by_topic(resolved)
             own, theirs = (subscribed, published) if listens else (published, subscribed)
             ours = next((each for each in own if each.node_name == self._node.get_name()), None)
-            return unfit(resolved, event.last_policy_kind, ours=ours, theirs=theirs, listens=listens)
+            return unfit(resolved, policy, ours=ours, theirs=theirs, listens=listens)
 
         self.network.unfit.append((time.monotonic() + _NAMED_S, sentence))
 
@@ -367,6 +373,17 @@ def _as_config_error(problem: RuntimeError) -> ConfigError:
     if "security libraries" in reason:
         cure = "the wheels of PyPI have no SROS 2: use the ROS 2 of a distribution"
     return ConfigError(f"ROS 2 cannot start: {reason}; {cure}")
+
+
+def _quality(*, latched: bool = False, reliable: bool = True) -> Any:
+    """``latched``: the last message is kept for subscriptions that come later."""
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+    return QoSProfile(
+        depth=1 if latched else _DEPTH,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+    )
 
 
 def require_keys(enclave: str) -> None:

@@ -1,4 +1,4 @@
-"""Quality of service (QoS) of topics: what this program asks for and offers, and what does not fit it."""
+"""Quality of service (QoS) of topics: copies of a message, and policies that do not fit."""
 
 from __future__ import annotations
 
@@ -7,25 +7,7 @@ from collections.abc import Iterable, Mapping
 from enum import Enum
 from typing import Any
 
-_DEPTH = 10
-"""Messages that wait for a subscriber."""
-
 _FOREVER_NS = 2**63 - 1
-
-
-def quality(*, latched: bool) -> Any:
-    """Reliable; ``latched``: the last message is kept for subscriptions that come later."""
-    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-
-    durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
-    return QoSProfile(depth=1 if latched else _DEPTH, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
-
-
-def best_effort() -> Any:
-    """What a subscription asks for that matches every publisher."""
-    from rclpy.qos import QoSProfile, ReliabilityPolicy
-
-    return QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class Once:
@@ -43,10 +25,10 @@ class Once:
         """Whether a message is accepted, by what rclpy says of it."""
         publisher, number = info.get("publisher_gid"), info.get("publication_sequence_number")
         if publisher is not None and number is not None:
-            is_new = number > self._last.get(publisher["data"], -1)
-            if is_new:
-                self._last[publisher["data"]] = number
-            return is_new
+            if number <= self._last.get(publisher["data"], -1):
+                return False
+            self._last[publisher["data"]] = number
+            return True
         # Before ROS 2 Kilted rclpy does not say who published a message.
         key = info["source_timestamp"], number
         is_new = key not in self._recent
@@ -54,15 +36,12 @@ class Once:
         return is_new
 
 
-def unfit(topic: str, kind: Any, *, ours: Any, theirs: Iterable[Any], listens: bool) -> str:
+def unfit(topic: str, policy: str, *, ours: Any, theirs: Iterable[Any], listens: bool) -> str:
     """What does not fit on a topic, whose it is, and what helps.
 
-    ``kind``: the policy, as of rclpy's event. ``ours``, ``theirs``: endpoints of this node and of the other side.
+    ``policy``: its name in rclpy's QoSProfile. ``ours``, ``theirs``: endpoints of this node and of the other side.
     ``listens``: whether this node is the one that listens.
     """
-    from rclpy.qos import qos_policy_name_from_kind
-
-    policy = qos_policy_name_from_kind(kind).lower()
     own = "another" if ours is None else _value(ours, policy)
     others = sorted({(each.node_name, value) for each in theirs if (value := _value(each, policy)) != own})
     who = " and ".join(f"the node {name} ({value})" for name, value in others) or "a node"
