@@ -26,6 +26,8 @@ class Console:
         ends_s = time.monotonic() + 5.0
         while made.get_subscription_count() == 0 and time.monotonic() < ends_s:
             self.wait(0.01)
+        # The other side may find this one later, and what is best effort is lost until then.
+        self.wait(1.0)
         return made
 
     def wait(self, duration_s):

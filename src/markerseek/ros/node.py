@@ -210,7 +210,8 @@ class RosNode(Closing):
         """
         from rclpy.event_handler import SubscriptionEventCallbacks
 
-        once, made = Once(), self._subscriptions.setdefault(topic, [])
+        once = Once()
+        made = self._subscriptions[topic] = []
 
         def take(message: Any, info: Mapping[str, Any]) -> None:
             self.network.handled += 1
