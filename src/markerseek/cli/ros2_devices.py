@@ -73,7 +73,9 @@ def ros_node(
     enclave = f"/markerseek/{name}"
     if require_security:
         ros.require_keys(enclave)
-    network = network or ros.Network(enclave, arguments=arguments)
+    if network is None:
+        network = ros.Network(enclave, arguments=arguments)
+        stderr.print(ros.reach(), markup=False)
     with ros.RosNode(name, parameters=parameters, on_active=on_active, network=network) as node:
         node.require_alone(publishes)
         yield node

@@ -12,7 +12,7 @@ import numpy as np
 
 from markerseek.core import DeviceError, Float64, MoveError, NotConnectedError
 from markerseek.drivers.plus import MAX_IMAGE_BYTES, VERSION_CURE, ask_for_metadata
-from markerseek.ros import RosNode, joint_angle_deg, messages, topics
+from markerseek.ros import RosNode, joint_angle_deg, messages, reach, topics
 from markerseek.wire import igtl
 
 AXES = ("x", "y", "z")
@@ -205,7 +205,7 @@ class Ros2Encoder:
     """
 
     def __init__(self, *, node: RosNode, topic: str, axis: int | None, age_s: float) -> None:
-        self._node = node
+        self._node, self._topic = node, topic
         self._transforms = None if axis is None else _Transforms(axis)
         self._stamps = _Stamps(age_s)
         self._newest: Any = None
@@ -225,7 +225,9 @@ class Ros2Encoder:
     @property
     def unused(self) -> str:
         """Why the last message is of no use."""
-        return self._stamps.unused
+        if self._node.publishes(self._topic):
+            return self._stamps.unused
+        return f"nobody publishes {self._topic}; its node is looked for in {reach()}"
 
     def read(self) -> float | None:
         """Newest angle since the last call, in degrees; None if there is none; NaN where it is no angle."""
