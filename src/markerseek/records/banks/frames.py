@@ -18,7 +18,14 @@ import numpy as np
 
 from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
 from markerseek.files import MIB, as_read_error, quoted, read_input
-from markerseek.records.banks.bank import HDF5_SUFFIXES, USUAL_SAMPLING_HZ, BankFacts, FrameBank, require_angles
+from markerseek.records.banks.bank import (
+    HDF5_SUFFIXES,
+    USUAL_SAMPLING_HZ,
+    BankFacts,
+    FrameBank,
+    require_angles,
+    unwrapped,
+)
 from markerseek.records.journal import is_journal
 from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_arrays import arrays_in, content
@@ -265,6 +272,7 @@ def read_folder(path: Path) -> FolderBank:
             f"{path}: there is no scan in this folder; it must hold one folder or file of channel data for each angle, "
             "with the angle in its name, as in 'angle_-12.5deg'"
         )
+    by_angle = dict(zip(unwrapped(path, np.array([*by_angle])).tolist(), by_angle.values(), strict=True))
     angles = sorted(by_angle)
     require_angles(path, angles)
     places = tuple(by_angle[angle] for angle in angles)
