@@ -13,7 +13,9 @@ from markerseek.core import RecordError
 from markerseek.files.notation import is_number, plain_numbers
 from markerseek.files.text import read_text
 
-DECIMAL_COMMA = "numbers with a comma or a space in them need quotes, or columns that a semicolon or a tab separates"
+DECIMAL_COMMA = (
+    "a number with a decimal comma, or with parted thousands, needs quotes or columns that semicolons separate"
+)
 """Cure of a row with more columns than the table has."""
 
 

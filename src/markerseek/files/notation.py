@@ -134,4 +134,4 @@ def _plain(path: Path, cells: Mapping[int, str], left: Sequence[Notation], *, sc
             f"whether {decimal.point!r} parts decimals or thousands; save the table without thousands separators, and "
             "with as many decimals in each number of the column"
         )
-    return cells | {line: left[0].plain(text) for line, text in numbers.items()}
+    return {**cells, **{line: left[0].plain(text) for line, text in numbers.items()}}
