@@ -157,6 +157,17 @@ def test_a5_an_angle_is_never_above_a_turn(tmp_path: Path) -> None:
     assert read(path) == ([10, 11, 12], [387, 8265, 455])
 
 
+def test_a5_decibels_are_never_above_a_thousand(tmp_path: Path) -> None:
+    path = small(tmp_path, "angle_deg;intensity_db", "10;-7,387", "11;-1,055", "12;-9")
+    assert read(path)[1] == pytest.approx([10 ** (each / 20) for each in (-7.387, -1.055, -9)])
+
+
+def test_a5_negative_numbers_are_ambiguous_as_well(tmp_path: Path) -> None:
+    path = small(tmp_path, "angle_mrad;intensity", "-1,055;387", "-1;455", "100;1", "200;2")
+    with pytest.raises(RecordError, match=r"line 2: -1,055 may be -1055 or -1\.055, because"):
+        read(path)
+
+
 def test_a5_two_notations_in_a_column_are_refused_by_both_lines(tmp_path: Path) -> None:
     path = small(tmp_path, "angle_deg;intensity", "-1;387,5", "0;1055.25", "1;455")
     with pytest.raises(RecordError, match=r"line 3: 1055\.25 and 387,5 \(line 2\) are written in two notations; save"):
@@ -352,7 +363,7 @@ def test_a12_every_method_searches_the_unwrapped_scan(shell: Shell, tmp_path: Pa
     said = json.loads(out)
     assert (code, said["angle_deg"]) == (0, pytest.approx(found_deg, abs=1))
     assert said["reference_deg"] == pytest.approx(found_deg)
-    assert " ".join(err.split()).count("beyond a full turn") == 1
+    assert " ".join(err.split()).count("jump by a full turn") == 1
 
 
 def test_a12_milliradians_too(tmp_path: Path) -> None:
@@ -401,6 +412,16 @@ def hdf5(folder: Path, angles: np.ndarray, frames: np.ndarray) -> Path:
     return path
 
 
+def test_a12_one_place_at_both_ends_of_a_turn_loses_no_frame(tmp_path: Path) -> None:
+    for name in ("358", "359", "360", "0", "1"):
+        np.save(tmp_path / f"{name}.npy", np.zeros((4, 64), np.int16))
+    with (
+        pytest.warns(UserWarning, match="358 to 360 deg are read as -2 to 0 deg"),
+        pytest.raises(RecordError, match="the angle 0 deg appears twice"),
+    ):
+        read_bank(tmp_path)
+
+
 @pytest.mark.parametrize(
     ("angles", "says"),
     [
@@ -444,4 +465,7 @@ def test_a12_a_series_of_images_is_unwrapped_and_its_angles_may_be_german(shell:
         assert "it runs from -3 to 3 deg" in " ".join(err.split())
         said[separator] = json.loads(out)
     assert said[";"] == said[","]
+    path.write_text("\n".join(f"{name},-{number},5" for number, name in enumerate(names)))
+    code, _, err = shell("tooltip", folder, "--angles", path)
+    assert (code, "one or two columns are expected" in " ".join(err.split())) == (2, True)
     assert said[","]["reference_deg"] == pytest.approx(0, abs=0.5)

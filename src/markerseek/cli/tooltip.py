@@ -16,7 +16,7 @@ from markerseek import vision
 from markerseek.cli.options import AsJson, Out
 from markerseek.cli.report import Output, Report, drawn, table, with_version
 from markerseek.core import ConfigError, RecordError, require_range
-from markerseek.files import MIB, csv_rows, is_number
+from markerseek.files import DECIMAL_COMMA, MIB, csv_rows, is_number
 
 if TYPE_CHECKING:
     import numpy as np
@@ -118,6 +118,9 @@ def _angles(path: Path, series: ImageSeries) -> list[float]:
     if rows.names and is_number(rows.names[-1]):
         # The first line holds the name of an image and its angle.
         rows = replace(rows, names=(), cells={0: [*rows.names], **rows.cells})
+    # A decimal comma in a table that commas separate makes one column more.
+    if rows.width > 2 or any(len(row) != rows.width for row in rows.cells.values()):
+        raise RecordError(f"{path}: one or two columns are expected, the same in each line; {DECIMAL_COMMA}")
     texts = rows.numbers(path, [rows.width - 1], most=[360])
     numbers = [_number(path, text) for (text,) in texts.values()]
     if rows.width == 1:

@@ -121,8 +121,8 @@ def _plain(path: Path, cells: Mapping[int, str], left: Sequence[Notation], *, sc
     """
     numbers = {line: text for line, text in cells.items() if left[0].pattern.fullmatch(text)}
     for line, text in numbers.items():
-        readings = sorted({each.plain(text) for each in left}, key=float)
-        if len(readings) == 1 or len({*map(float, readings)}) == 1:
+        readings = sorted({each.plain(text) for each in left}, key=lambda reading: abs(float(reading)))
+        if len(readings) == 1:
             continue
         decimal = next(each for each in left if each.plain(text) == readings[0])
         # Of three decimals everywhere, the other reading is a thousand times as large at all angles.

@@ -191,7 +191,7 @@ def unwrapped(path: Path, angles_deg: Float64[np.ndarray, " n"]) -> Float64[np.n
     turned = np.where(moved, np.round(angles_deg + turn_deg, 9), angles_deg)
     old, new = angles_deg[moved], turned[moved]
     warnings.warn(
-        f"{path}: the scan goes on beyond a full turn, so that {old.min():g} to {old.max():g} deg are read as "
+        f"{path}: the angles jump by a full turn, so that {old.min():g} to {old.max():g} deg are read as "
         f"{new.min():g} to {new.max():g} deg; it runs from {np.nanmin(turned):g} to {np.nanmax(turned):g} deg, and "
         "all angles of the answer count so",
         stacklevel=3,

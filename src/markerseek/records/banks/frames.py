@@ -272,10 +272,11 @@ def read_folder(path: Path) -> FolderBank:
             f"{path}: there is no scan in this folder; it must hold one folder or file of channel data for each angle, "
             "with the angle in its name, as in 'angle_-12.5deg'"
         )
-    by_angle = dict(zip(unwrapped(path, np.array([*by_angle])).tolist(), by_angle.values(), strict=True))
-    angles = sorted(by_angle)
+    turned = unwrapped(path, np.array([*by_angle]))
+    order = np.argsort(turned, kind="stable").tolist()
+    angles = turned[order].tolist()
     require_angles(path, angles)
-    places = tuple(by_angle[angle] for angle in angles)
+    places = tuple([*by_angle.values()][index] for index in order)
     facts = BankFacts(probe=MAT_PROBE if all(place.suffix.lower() == ".mat" for place in places) else None)
     sandbox = Sandbox()
     scale = _common_scale(path, [place for place in places if place.suffix.lower() == ".npy"], sandbox)

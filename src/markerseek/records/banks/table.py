@@ -125,7 +125,8 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
     angle_name, intensity_name = (rows.names[column] if rows.names else "" for column in columns)
     db = decibels(table.db, intensity_name)
     largest = MAX_DEG / _DEG_OF[table.unit or _unit_named(angle_name) or "deg"]
-    texts = rows.numbers(path, columns, most=(largest, None))
+    # A factor is harmless in amplitudes, and is none in decibels, of which nothing has a thousand.
+    texts = rows.numbers(path, columns, most=(largest, 999.0 if db else None))
     cells = {line: _row(path, rows, line, columns, texts[line], table) for line in rows.cells}
     kept = [line for line, row in cells.items() if None not in row]
     warn_skipped(path, "line", [str(line) for line in cells if line not in set(kept)])
