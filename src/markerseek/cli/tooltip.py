@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import re
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,7 +19,7 @@ from markerseek import vision
 from markerseek.cli.options import AsJson, Out
 from markerseek.cli.report import Output, Report, drawn, table, with_version
 from markerseek.core import ConfigError, RecordError, require_range
-from markerseek.files import MIB, angle_in, read_text
+from markerseek.files import DECIMAL_COMMA, MIB, angle_in, csv_rows, is_number
 
 if TYPE_CHECKING:
     import numpy as np
@@ -67,7 +66,10 @@ def command(
     as_json: AsJson = False,
 ) -> None:
     """Find the tip of an instrument in B-mode images, and the range of angles in which it is seen."""
+    import numpy as np
+
     from markerseek.records import read_images
+    from markerseek.records.banks import unwrapped
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     rectangle = None if roi is None else _rectangle(roi)
@@ -80,7 +82,10 @@ def command(
         roi=None if rectangle is None else (rectangle.row, rectangle.column, rectangle.rows, rectangle.columns),
         pixel_m=None if pixel_mm is None else (pixel_mm / 1e3, pixel_mm / 1e3),
     )
-    angles_deg = _angles(angles, series) if angles is not None else _named_angles(series.names, first_deg, step_deg)
+    if angles is None:
+        angles_deg = _named_angles(series.names, first_deg, step_deg)
+    else:
+        angles_deg = unwrapped(angles, np.array(_angles(angles, series))).tolist()
     size_m, source = _pixel_size(series, pixel_mm)
     measured = vision.sensitive_range(angles_deg, series.images, pixel_m=size_m, rectangle=rectangle)
     names = dict(zip(angles_deg, series.names, strict=True))
@@ -168,38 +173,37 @@ def _steps(places: Sequence[int], first_deg: float, step_deg: float) -> list[flo
 def _angles(path: Path, series: ImageSeries) -> list[float]:
     """Angles from a file, by the names of the images or in their order."""
     cure = "write a number a line, or lines of name,angle"
-    text = read_text(path, most_bytes=MIB, what="a text file of angles", cure=cure)
-    try:
-        rows = [row for row in csv.reader(text.splitlines()) if row]
-    except csv.Error as problem:
-        raise RecordError(f"{path}: the angles cannot be read: {problem}; {cure}") from problem
-    if rows and not _is_number(rows[0][-1]):
-        # A line of names above the numbers.
-        rows = rows[1:]
-    numbers = [_number(path, row) for row in rows]
-    if all(len(row) == 1 for row in rows):
+    rows = csv_rows(path, most_bytes=MIB, what="a text file of angles", cure=cure)
+    if rows.names and is_number(rows.names[-1]):
+        # The first line holds the name of an image and its angle.
+        rows = replace(rows, names=(), cells={0: [*rows.names], **rows.cells})
+    # A decimal comma in a table that commas separate makes one column more.
+    if rows.width > 2 or any(len(row) != rows.width for row in rows.cells.values()):
+        raise RecordError(f"{path}: one or two columns are expected, the same in each line; {DECIMAL_COMMA}")
+    texts = rows.numbers(path, [rows.width - 1], most=[360])
+    numbers = [_number(path, text) for (text,) in texts.values()]
+    if rows.width == 1:
         if len(numbers) != len(series.images):
             raise RecordError(f"{path}: {len(numbers)} angles for {len(series.images)} images; give one for each")
         return numbers
-    by_name = dict(zip((row[0].strip() for row in rows), numbers, strict=True))
+    by_name = dict(zip((row[0].strip() for row in rows.cells.values()), numbers, strict=True))
     missing = [name for name in series.names if name not in by_name]
     if missing:
-        raise RecordError(f"{path}: there is no angle of {missing[0]}; write a line {missing[0]},ANGLE")
+        raise RecordError(
+            f"{path}: there is no angle of {missing[0]}; write a line {missing[0]},ANGLE, and the angle with a point"
+        )
     return [by_name[name] for name in series.names]
 
 
-def _is_number(text: str) -> bool:
+def _number(path: Path, text: str) -> float:
     try:
-        float(text)
+        angle_deg = float(text)
     except ValueError:
-        return False
-    return True
-
-
-def _number(path: Path, row: list[str]) -> float:
-    if not _is_number(row[-1]) or not abs(float(row[-1])) <= 360:
-        raise RecordError(f"{path}: {row[-1]!r} is no angle in degrees; write numbers between -360 and 360")
-    return float(row[-1])
+        angle_deg = math.nan
+    # Written so that NaN fails the test, too.
+    if not abs(angle_deg) <= 360:
+        raise RecordError(f"{path}: {text!r} is no angle in degrees; write numbers between -360 and 360")
+    return angle_deg
 
 
 def _pixel_size(series: ImageSeries, pixel_mm: float | None) -> tuple[tuple[float, float], str]:

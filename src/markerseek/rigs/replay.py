@@ -64,6 +64,10 @@ def replayed(
     frames = isinstance(bank, FrameBank)
     if reference_deg is None:
         reference_deg = bank.facts.reference_angle_deg
+    if reference_deg is not None:
+        # The angles of a scan that crosses 360 degrees were unwrapped.
+        turns = (reference_deg, reference_deg - 360, reference_deg + 360)
+        reference_deg = next((each for each in turns if each in bank.range), reference_deg)
     imaging = ImageReader(preset) if frames else None
     interpolated = between == "interpolated" and not frames
     guard = Guard(

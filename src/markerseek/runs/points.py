@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import ConfigError, Float64, RecordError
-from markerseek.files import MIB, csv_rows, in_natural_order, natural
+from markerseek.files import DECIMAL_COMMA, MIB, csv_rows, in_natural_order, natural
 from markerseek.geometry import Camera, triangulate
 from markerseek.records import read_camera_images
 from markerseek.runs.former_search import read_marker
@@ -188,13 +188,16 @@ def _table(path: Path) -> tuple[Collection[str], list[Row]]:
     _require_known_sigmas(path, heading)
     present = {kind: names for kind, names in COLUMNS.items() if _present(path, heading, names)}
     rows: list[Row] = []
+    indices = [heading.index(name) for names in present.values() for name in names]
+    texts = table.numbers(path, indices)
     for line, cells in table.cells.items():
-        row = dict(zip(heading, cells, strict=False))
         where = f"{path}, line {line}"
+        # A decimal comma in a table that commas separate shifts all columns behind it.
+        if any(cell.strip() for cell in cells[table.width :]):
+            raise RecordError(f"{where}: it has {len(cells)} columns, {table.width} are named; {DECIMAL_COMMA}")
+        row, given = dict(zip(heading, cells, strict=False)), iter(texts[line])
         numbers = {
-            kind: tuple(
-                _number(where, name, table.with_point(row.get(name, "")), positive="sigma" in kind) for name in names
-            )
+            kind: tuple(_number(where, name, next(given), positive="sigma" in kind) for name in names)
             for kind, names in present.items()
         }
         name = row.get("name", "").strip() or str(len(rows) + 1)

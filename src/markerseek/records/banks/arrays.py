@@ -20,10 +20,25 @@ import numpy as np
 
 from markerseek.core import Bool, ChannelFrame, Float64, FrameHeader, Int16, RecordError
 from markerseek.files import as_read_error
-from markerseek.records.banks.bank import USUAL_SAMPLING_HZ, BankFacts, FrameBank, IntensityBank, require_angles
+from markerseek.records.banks.bank import (
+    USUAL_SAMPLING_HZ,
+    BankFacts,
+    FrameBank,
+    IntensityBank,
+    require_angles,
+    unwrapped,
+)
 from markerseek.records.banks.frames import as_counts, scale_of
 from markerseek.records.banks.ring import filled, in_scan_order
-from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, amplitudes, in_degrees, unit_of, warn_skipped
+from markerseek.records.banks.table import (
+    DEFAULT_FORMAT,
+    TableFormat,
+    amplitudes,
+    decibels,
+    in_degrees,
+    unit_of,
+    warn_skipped,
+)
 from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_arrays import arrays_in, content
 from markerseek.records.untrusted_vantage import NUMBERS
@@ -33,7 +48,7 @@ AXES = ("angles", "channels", "samples")
 
 _LARGEST_BYTES = 1 << 33
 _ANGLES = ("angle_deg", "angles_deg", "trus_angle_deg", "angle_mrad", "angle_rad", "angle")
-_INTENSITIES = ("intensity", "intensities")
+_INTENSITIES = ("intensity", "intensities", "intensity_db", "intensities_db")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -129,7 +144,7 @@ def bank_of_arrays(
     if NUMBERS in arrays:
         # Only now: a frame that was lost has its place in the scan.
         kept &= filled(path, values, arrays[NUMBERS])
-    degrees, values = degrees[kept], values[kept]
+    degrees, values = unwrapped(path, degrees[kept]), values[kept]
     order = np.argsort(degrees, kind="stable")
     rising = tuple(degrees[order].tolist())
     require_angles(path, rising)
@@ -149,7 +164,8 @@ def bank_of_arrays(
             facts=facts,
             pulses=tuple(_pulses(path, arrays, kept.size)[kept][order].tolist()),
         )
-    intensity = amplitudes(values, db=table.db, where=lambda index: f"{path}, angle {degrees[index]:g} deg")
+    db = decibels(table.db, value)
+    intensity = amplitudes(values, db=db, where=lambda index: f"{path}, angle {degrees[index]:g} deg")
     return IntensityBank(angles_deg=rising, intensities=tuple(intensity[order].tolist()), facts=facts)
 
 

@@ -18,7 +18,14 @@ import numpy as np
 
 from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
 from markerseek.files import MIB, angle_in, as_read_error, in_natural_order, quoted, read_input
-from markerseek.records.banks.bank import HDF5_SUFFIXES, USUAL_SAMPLING_HZ, BankFacts, FrameBank, require_angles
+from markerseek.records.banks.bank import (
+    HDF5_SUFFIXES,
+    USUAL_SAMPLING_HZ,
+    BankFacts,
+    FrameBank,
+    require_angles,
+    unwrapped,
+)
 from markerseek.records.journal import is_journal
 from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_arrays import arrays_in, content
@@ -259,9 +266,11 @@ def read_folder(path: Path) -> FolderBank:
             f"{path}: there is no scan in this folder; it must hold one folder or file of channel data for each angle, "
             "with the angle in its name, as in 'angle_-12.5deg'"
         )
-    angles = sorted(by_angle)
+    turned = unwrapped(path, np.array([*by_angle]))
+    order = np.argsort(turned, kind="stable").tolist()
+    angles = turned[order].tolist()
     require_angles(path, angles)
-    places = tuple(by_angle[angle] for angle in angles)
+    places = tuple([*by_angle.values()][index] for index in order)
     facts = BankFacts(probe=MAT_PROBE if all(place.suffix.lower() == ".mat" for place in places) else None)
     sandbox = Sandbox()
     scale = _common_scale(path, [place for place in places if place.suffix.lower() == ".npy"], sandbox)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import MAX_INTENSITY, Float64, RecordError
-from markerseek.records.banks.bank import BankFacts, require_angles
+from markerseek.records.banks.bank import BankFacts, require_angles, unwrapped
 from markerseek.records.banks.ipasc import fields
 from markerseek.records.untrusted_hdf5 import UntrustedHdf5
 
@@ -54,6 +54,7 @@ def read_columns(path: Path, file: UntrustedHdf5, *, ours: bool) -> Columns:
             f"{path}: {missing} of {angles.size} angles were never measured: a version under development wrote this "
             "bank, and its scan was killed; scan again"
         )
+    angles = unwrapped(path, angles)
     order = np.argsort(angles, kind="stable")
     require_angles(path, angles[order].tolist())
     # Files of other programs have no rig clock, only timestamps since 1970.
