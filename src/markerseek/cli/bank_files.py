@@ -245,14 +245,18 @@ def _write_channels(to: Path, bank: FrameBank, *, probe: str | None, face_radius
 
     series = series_of(bank, facts=_facts(bank, probe, face_radius_mm))
     preset = rigs.preset_of(bank, probe)
-    frames = _with_progress((bank.frame(index) for index in series.order), len(series.order))
+    first_s = bank.facts.first_sample_s or 0.0
+    filled = round(first_s * preset.sampling_hz)
+    read = (bank.frame(index) for index in series.order)
+    # Without what was filled in before the first sample.
+    frames = (replace(each, samples=each.samples[:, filled:]) for each in read)
     write_zea(
         to,
-        frames,
+        _with_progress(frames, len(series.order)),
         series=series,
         array=preset.array,
         band_hz=(preset.low_hz, preset.high_hz),
-        first_sample_s=-preset.trigger_offset_s,
+        first_sample_s=first_s - preset.trigger_offset_s,
     )
 
 

@@ -62,7 +62,7 @@ def read_hdf5(path: Path, *, blanked: int = 0) -> IntensityBank | IpascBank | Ar
     with Sandbox() as sandbox:
         # Each refuses a file that crashes the library.
         arrays = sandbox.read(zea_arrays, path) or sandbox.read(walk_bank, path)
-    return bank_of_arrays(path, arrays, blanked=blanked) if arrays else read_probed(path)
+    return bank_of_arrays(path, arrays, blanked=blanked) if arrays else read_probed(path, blanked=blanked)
 
 
 def frame_faults(bank: IntensityBank | FrameBank) -> Iterator[str | None]:
