@@ -59,7 +59,8 @@ def scaling_of(path: Path, frames: Iterable[np.ndarray], *, blanked: int = 0) ->
     if whole and low - zero >= _COUNTS.min and high - zero <= _COUNTS.max:
         return Scaling(zero=zero)
     loudest = max(each.loud for each in seen)
-    factor = 1.0 if (whole and loudest <= _COUNTS.max) or loudest == 0 else SCALED_TO / loudest
+    fitting = whole and max(each.loudest for each in seen) <= _COUNTS.max
+    factor = 1.0 if fitting or loudest == 0 else SCALED_TO / loudest
     beyond = sum(int((each.glitches * factor > _COUNTS.max).sum()) for each in seen)
     said = [f"the median of each channel is taken off {' and '.join(kinds)}"]
     if factor != 1:
@@ -103,8 +104,10 @@ class _Seen:
     median: float
     loud: float
     """Largest magnitude in the channels that are not passed over, outside of the blanked samples."""
+    loudest: float
+    """Largest magnitude of all."""
     glitches: Float64[np.ndarray, " samples"]
-    """Magnitudes that may lie beyond int16: those for which twice ``loud`` leaves no room."""
+    """Magnitudes beyond ``loud``."""
     sigma: float
     """Standard deviation of the noise."""
 
@@ -127,6 +130,7 @@ def _seen(path: Path, frame: np.ndarray, blanked: int) -> _Seen:
         high=float(numbers.max()),
         median=float(np.median(numbers)),
         loud=loud,
+        loudest=float(magnitude.max()),
         glitches=magnitude[magnitude > loud],
         sigma=_SIGMA_OF_MEDIAN * float(np.median(imaged)),
     )
