@@ -138,7 +138,7 @@ def _seen(path: Path, frame: np.ndarray, blanked: int) -> _Seen:
 
 def _without_offset(numbers: Float64[np.ndarray, "channels samples"]) -> Float64[np.ndarray, "channels samples"]:
     """The numbers less the median of their channel."""
-    return numbers - np.median(numbers, axis=1, keepdims=True)
+    return np.asarray(numbers - np.median(numbers, axis=1, keepdims=True))
 
 
 def _middle(median: float, high: float) -> float:
