@@ -120,8 +120,8 @@ def command(
         if scan:
             preset, frame = _frame_of_scan(file, probe, number=number)
         else:
-            preset = rigs.chosen_probe(probe or usual)
-            frame = load_frame(file, sampling_hz=preset.sampling_hz)
+            preset = replace(rigs.chosen_probe(probe or usual), recorded=True)
+            frame = load_frame(file, sampling_hz=preset.sampling_hz, blanked=preset.pickup_samples)
         reader = signals.ImageReader(preset, min_depth_m=low_m, max_depth_m=high_m)
     under = None
     if over is not None:

@@ -45,6 +45,8 @@ class BankFacts:
     probe_settings: str | None = None
     """Description of that preset as JSON, where it is one of the user's own."""
     sampling_hz: float | None = None
+    first_sample_s: float | None = None
+    """When the record begins, from the trigger, where that is later; what the frames hold before is filled in."""
     sound_speed_m_s: float | None = None
     pitch_m: float | None = None
     """Distance from one element to the next."""

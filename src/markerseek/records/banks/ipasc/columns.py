@@ -125,6 +125,7 @@ def read_facts(file: UntrustedHdf5, *, ours: bool, pitch_m: float | None) -> Ban
         probe=file.text(fields.PROBE),
         probe_settings=file.text(fields.PROBE_SETTINGS),
         sampling_hz=_between(file, fields.SAMPLING, 1e5, 1e9),
+        first_sample_s=_between(file, fields.FIRST_SAMPLE, 0.0, 1e-3),
         sound_speed_m_s=_between(file, fields.SOUND_SPEED, 300.0, 7000.0),
         pitch_m=pitch_m,
         wavelength_m=_first(file, fields.WAVELENGTH),
