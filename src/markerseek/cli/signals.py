@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import signal
 import sys
 from collections.abc import Iterator
@@ -51,7 +52,12 @@ def end_stopped(stop: StoppedBySignal, *, as_json: bool, kept: Path | None, resu
     if resume is not None:
         print_warning(f"continue with: {resume}")
     if as_json:
-        print_json({"error": f"stopped by {stop.by}", "kind": "Stopped", "kept": None if kept is None else str(kept)})
+        said = {"error": f"stopped by {stop.by}", "kind": "Stopped", "kept": None if kept is None else str(kept)}
+        try:
+            print_json(said)
+        except OSError:
+            # The terminal has gone; what Python still holds for it would fail again at the end.
+            sys.stdout = io.StringIO()
     raise Stopped(stop.exit_code) from None
 
 

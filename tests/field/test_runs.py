@@ -1,0 +1,218 @@
+"""Runs that are lost: a terminal or disk that has gone, a user without a home, signals that are inherited, tunnels."""
+
+from __future__ import annotations
+
+import json
+import os
+import pwd
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from markerseek.bridges import Searches, SearchOptions, SearchRequest
+from markerseek.records.journal import Entry, Interrupted, read_journal
+from tests.emulated import markerseek
+
+Shell = Callable[..., tuple[int, str, str]]
+
+QUICK = ("search", "--seed", "1", "--method", "weighted-average", "--acquisitions", "4", "--as-published")
+SLOW = ("search", "--seed", "1", "--method", "weighted-average", "--pace", "0.2")
+HUNG_UP = """
+import contextlib, os, signal
+signal.signal(signal.SIGHUP, signal.SIG_IGN)
+os.write(2, b"ready")
+with contextlib.suppress(OSError):
+    os.read(0, 1)
+"""
+"""Ignores the end of its terminal, as nohup has it, and waits for it."""
+
+
+def ends(journal: Path) -> object:
+    return read_journal(journal).entries[-1].event
+
+
+def on_a_terminal(*words: object, before: str = "", answer: Path | None = None) -> tuple[subprocess.Popen[bytes], int]:
+    """A command with a terminal of its own, and the other end of that; standard output is a file if one is named."""
+    ours, theirs = os.openpty()
+    command = markerseek(*words, before=before)
+    out = theirs if answer is None else os.open(answer, os.O_WRONLY | os.O_CREAT)
+    # A session of its own, whose terminal this is: its end is SIGHUP.
+    taking = "import fcntl, os, sys, termios; os.setsid(); fcntl.ioctl(2, termios.TIOCSCTTY, 0); os.execv(sys.argv[1], sys.argv[1:])"
+    process = subprocess.Popen([sys.executable, "-c", taking, *command], stdin=theirs, stdout=out, stderr=theirs)
+    os.close(theirs)
+    if answer is not None:
+        os.close(out)
+    return process, ours
+
+
+def code_of(process: subprocess.Popen[bytes]) -> int:
+    try:
+        return process.wait(timeout=120)
+    finally:
+        process.kill()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("command", [(*QUICK, "--json"), ("bank", "scan"), ("doctor", "--json")], ids=lambda words: words[0])
+def test_b4_messages_on_a_full_disk_cost_no_answer(command: tuple[str, ...], tmp_path: Path) -> None:
+    if command[0] == "bank":
+        command = (*command, str(tmp_path / "scan.hdf5"), "--json")
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(markerseek(*command), stdout=subprocess.PIPE, stderr=full, text=True, check=False)
+    assert done.returncode == 0
+    assert json.loads(done.stdout)
+
+
+def test_b4_an_error_whose_message_nobody_sees_keeps_its_exit_code(tmp_path: Path) -> None:
+    with Path("/dev/full").open("w") as full:
+        words = ("search", "--rig", tmp_path / "none.toml", "--json")
+        done = subprocess.run(markerseek(*words), stdout=subprocess.PIPE, stderr=full, text=True, check=False)
+    assert done.returncode == 2
+    assert "none.toml" in json.loads(done.stdout)["error"]
+
+
+def test_b4_a_search_outlives_its_terminal_where_sighup_is_ignored(tmp_path: Path) -> None:
+    answer, journal = tmp_path / "answer.json", tmp_path / "run.journal"
+    process, terminal = on_a_terminal(*QUICK, "--json", "--journal", journal, before=HUNG_UP, answer=answer)
+    os.read(terminal, 5)
+    os.close(terminal)
+    assert code_of(process) == 0
+    assert json.loads(answer.read_text())["answer"] == "found"
+
+
+def test_b4_an_answer_that_went_to_the_terminal_is_in_the_journal_and_the_exit_code_says_so(
+    tmp_path: Path, shell: Shell
+) -> None:
+    journal = tmp_path / "run.journal"
+    process, terminal = on_a_terminal(*QUICK, "--journal", journal, before=HUNG_UP)
+    os.read(terminal, 5)
+    os.close(terminal)
+    assert code_of(process) == 74
+    code, out, _ = shell("resume", journal, "--json")
+    assert (code, json.loads(out)["answer"]) == (0, "found")
+
+
+@pytest.mark.real_time
+@pytest.mark.parametrize("words", [(), ("--json",)], ids=["text", "json"])
+def test_b4_the_end_of_the_terminal_is_129_and_interrupted_in_the_record(words: tuple[str, ...], tmp_path: Path) -> None:
+    journal = tmp_path / "run.journal"
+    process, terminal = on_a_terminal(*SLOW, "--journal", journal, *words)
+    while not (journal.exists() and journal.stat().st_size > 100_000):
+        assert process.poll() is None
+        # What it prints is read, as a terminal does.
+        if select.select([terminal], [], [], 0.02)[0]:
+            os.read(terminal, 4096)
+    os.close(terminal)
+    assert code_of(process) == 128 + signal.SIGHUP
+    assert ends(journal) == Interrupted(reason="the end of its terminal (SIGHUP)")
+
+
+INHERITED = {
+    "ignored": "signal.signal(signal.SIGTERM, signal.SIG_IGN)",
+    "blocked": "signal.pthread_sigmask(signal.SIG_BLOCK, set(signal.Signals))",
+}
+
+
+@pytest.mark.real_time
+@pytest.mark.parametrize("how", INHERITED)
+def test_b8_a_search_ends_with_its_bridge_whatever_it_has_inherited(how: str, tmp_path: Path) -> None:
+    journal = tmp_path / "run.journal"
+    beats, beating = os.pipe()
+    process = subprocess.Popen(
+        [sys.executable, "-c", f"import os, signal, sys; {INHERITED[how]}; os.execv(sys.argv[1], sys.argv[1:])"]
+        + markerseek(*SLOW, "--journal", journal, "--heartbeat", f"/dev/fd/{beats}", "--json"),
+        pass_fds=(beats,),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    os.close(beats)
+    while not (journal.exists() and journal.stat().st_size > 100_000):
+        assert process.poll() is None
+        os.write(beating, b".")
+        time.sleep(0.02)
+    os.close(beating)
+    began_s = time.monotonic()
+    assert code_of(process) == 128 + signal.SIGTERM
+    # At once, and 1 s where the end hangs; the rest is for a busy computer.
+    assert time.monotonic() - began_s < 3
+    assert ends(journal) == Interrupted(reason="another program (SIGTERM)")
+
+
+HUNG = """
+import signal, time
+import markerseek.runs.session as session
+def hang(*_):
+    # As a library of a vendor that returns to Python only once its device answers.
+    signal.pthread_sigmask(signal.SIG_BLOCK, set(signal.Signals))
+    time.sleep(60)
+session.Session.events = hang
+"""
+
+
+@pytest.mark.real_time
+def test_b8_an_end_that_hangs_is_ended_after_a_second() -> None:
+    beats, beating = os.pipe()
+    os.close(beating)
+    words = (*QUICK, "--no-journal", "--heartbeat", f"/dev/fd/{beats}")
+    process = subprocess.Popen(
+        markerseek(*words, before=HUNG), pass_fds=(beats,), stderr=subprocess.PIPE, stdout=subprocess.DEVNULL
+    )
+    os.close(beats)
+    began_s = time.monotonic()
+    process.communicate(timeout=55)
+    assert process.returncode == 128 + signal.SIGTERM
+    assert time.monotonic() - began_s < 30
+
+
+@pytest.fixture
+def nobody(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A user number without a name and without a home folder, as of ``docker run -u 12345``."""
+    for name in ("HOME", "XDG_DATA_HOME", "USER", "LOGNAME"):
+        monkeypatch.delenv(name, raising=False)
+
+    def unknown(number: int) -> None:
+        raise KeyError(f"getpwuid(): uid not found: {number}")
+
+    monkeypatch.setattr(pwd, "getpwuid", unknown)
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.usefixtures("nobody")
+def test_b5_a_user_without_a_home_gets_the_answer_and_is_told_where_a_journal_could_be(shell: Shell, tmp_path: Path) -> None:
+    code, out, err = shell(*QUICK, "--json")
+    assert (code, json.loads(out)["answer"]) == (0, "found")
+    assert "no journal is kept: this user has no home folder" in err
+    assert "XDG_DATA_HOME" in err
+    assert "--journal FILE" in err
+    code, _, err = shell(*QUICK, "--journal", tmp_path / "run.journal")
+    assert (code, "no journal is kept" in err) == (0, False)
+    for words in (("journal", "list"), ("journal", "prune", "--keep", "1")):
+        code, _, err = shell(*words)
+        assert code == 2
+        assert "this user has no home folder; set XDG_DATA_HOME" in err
+    assert not (tmp_path / "~").exists()
+
+
+@pytest.mark.usefixtures("nobody")
+def test_b5_exposure_without_a_record_is_refused_with_the_cure(shell: Shell, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    parts = "".join(f'[{each}]\ndriver = "simulated"\n' for each in ("stage", "laser", "receiver"))
+    rig.write_text(f'kind = "bench"\n{parts}')
+    code, _, err = shell("search", "--rig", rig, "--arm")
+    assert code == 2
+    assert "this user has no home folder; set XDG_DATA_HOME" in err
+    assert "--no-journal" in err
+
+
+@pytest.mark.usefixtures("nobody")
+def test_b5_a_search_that_a_client_asks_for_runs_without_a_home() -> None:
+    with Searches(SearchOptions()).start(SearchRequest(method="ternary", acquisitions=4, as_published=True)) as child:
+        items = list(child.items())
+        assert child.outcome().answered
+    assert any(isinstance(each, Entry) for each in items)
