@@ -115,18 +115,20 @@ def _new_journal(named: Path | None, configuration: Configuration) -> Journal | 
     """Journal of a search that is about to begin; None where the data folder takes none and no hardware is involved."""
     if named is not None:
         return Journal.create(named, configuration)
-    path = default_journal(method=configuration.plan.method)
     try:
-        make_folder(path.parent)
-        return Journal.create(path, configuration)
-    except (OSError, RecordError) as problem:
-        reason = problem.strerror if isinstance(problem, OSError) else str(problem)
+        path = default_journal(method=configuration.plan.method)
+        try:
+            make_folder(path.parent)
+            return Journal.create(path, configuration)
+        except OSError as problem:
+            raise RecordError(f"{path}: {problem.strerror}") from problem
+    except RecordError as problem:
         if configuration.facts.kind == "bench":
             raise RecordError(
-                f"{path}: no journal can be written there ({reason}); name another with --journal FILE, or search "
-                "without one by --no-journal"
+                f"no journal can be written: {problem}; name one with --journal FILE, or search without one by "
+                "--no-journal"
             ) from problem
-        print_warning(f"no journal is kept: {path}: {reason}; name another place with --journal FILE")
+        print_warning(f"no journal is kept: {problem}; or name a file with --journal FILE")
         return None
 
 

@@ -12,6 +12,7 @@ from markerseek.files.inputs import MIB, as_read_error, open_input, quoted, read
 from markerseek.files.serial_line import SERIAL_ERRORS, Line, Parity, open_serial
 from markerseek.files.settings import nearest_key, read_toml, require_key, setting_from, settings_from
 from markerseek.files.text import read_json, read_text
+from markerseek.files.user_data import data_folder
 
 __all__ = [
     "MIB",
@@ -22,6 +23,7 @@ __all__ = [
     "as_read_error",
     "create_atomically",
     "csv_rows",
+    "data_folder",
     "nearest_key",
     "new_file",
     "open_input",
