@@ -59,7 +59,9 @@ def code_of(process: subprocess.Popen[bytes]) -> int:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-@pytest.mark.parametrize("command", [(*QUICK, "--json"), ("bank", "scan"), ("doctor", "--json")], ids=lambda words: words[0])
+@pytest.mark.parametrize(
+    "command", [(*QUICK, "--json"), ("bank", "scan"), ("doctor", "--json")], ids=lambda words: words[0]
+)
 def test_b4_messages_on_a_full_disk_cost_no_answer(command: tuple[str, ...], tmp_path: Path) -> None:
     if command[0] == "bank":
         command = (*command, str(tmp_path / "scan.hdf5"), "--json")
@@ -100,7 +102,9 @@ def test_b4_an_answer_that_went_to_the_terminal_is_in_the_journal_and_the_exit_c
 
 @pytest.mark.real_time
 @pytest.mark.parametrize("words", [(), ("--json",)], ids=["text", "json"])
-def test_b4_the_end_of_the_terminal_is_129_and_interrupted_in_the_record(words: tuple[str, ...], tmp_path: Path) -> None:
+def test_b4_the_end_of_the_terminal_is_129_and_interrupted_in_the_record(
+    words: tuple[str, ...], tmp_path: Path
+) -> None:
     journal = tmp_path / "run.journal"
     process, terminal = on_a_terminal(*SLOW, "--journal", journal, *words)
     while not (journal.exists() and journal.stat().st_size > 100_000):
@@ -184,7 +188,9 @@ def nobody(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("nobody")
-def test_b5_a_user_without_a_home_gets_the_answer_and_is_told_where_a_journal_could_be(shell: Shell, tmp_path: Path) -> None:
+def test_b5_a_user_without_a_home_gets_the_answer_and_is_told_where_a_journal_could_be(
+    shell: Shell, tmp_path: Path
+) -> None:
     code, out, err = shell(*QUICK, "--json")
     assert (code, json.loads(out)["answer"]) == (0, "found")
     assert "no journal is kept: this user has no home folder" in err

@@ -10,9 +10,9 @@ from typing import Annotated
 
 import typer
 
-from markerseek import rigs
 from markerseek.bridges import page
-from markerseek.cli.options import RigFile
+from markerseek.cli.open_rig import read_rig
+from markerseek.cli.options import RigFile, Trust
 from markerseek.cli.terminal import announce_compilation, stdout
 from markerseek.core import ConfigError
 from markerseek.files import quoted
@@ -30,6 +30,7 @@ def command(
         list[Path] | None, typer.Argument(help="Journals and banks that can be replayed on the page.")
     ] = None,
     rig: RigFile = None,
+    trust: Trust = False,
     port: Annotated[int, typer.Option(help="Port; 0 takes any that is free.")] = 8765,
     host: Annotated[
         str, typer.Option(help="Address of this computer; one that other computers reach needs a certificate.")
@@ -47,7 +48,7 @@ def command(
     import webbrowser
 
     address = page.Address(host=host, port=port, certificate=tls_certificate, key=tls_key)
-    shown = page.PageRig() if rig is None else page.PageRig(file=rig, settings=rigs.read_rig_file(rig))
+    shown = page.PageRig() if rig is None else page.PageRig(file=rig, settings=read_rig(rig, trust=trust))
     for path in recordings or []:
         if not path.exists():
             raise ConfigError(f"{quoted(path)}: there is no such file; name journals or banks that exist")

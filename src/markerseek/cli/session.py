@@ -70,18 +70,23 @@ def run_new_session(
 
     ``journal``: the user's file; None for one in the data folder.
     """
-    if journal is not None and not keep:
-        raise ConfigError(f"--journal names {journal} and --no-journal wants none; leave one of them out")
-    if keep and watch.events is not None:
-        raise ConfigError(
-            f"--events {watch.events} is for a run without a journal; follow its journal, or add --no-journal"
-        )
+    require_journal_options(journal, keep=keep, watch=watch)
     session = replace(session, journal=_new_journal(journal, session.configuration) if keep else None)
     if watch.events is not None:
         session = replace(session, journal=Journal.create(watch.events, session.configuration, kept=False))
     with closed_at_end(session.journal):
         run_session(session, as_json=as_json, rig_file=rig_file, watch=watch)
     return session
+
+
+def require_journal_options(journal: Path | None, *, keep: bool, watch: WatchOptions = _UNWATCHED) -> None:
+    """Refuse options of `run_new_session` that contradict each other, before devices are opened."""
+    if journal is not None and not keep:
+        raise ConfigError(f"--journal names {journal} and --no-journal wants none; leave one of them out")
+    if keep and watch.events is not None:
+        raise ConfigError(
+            f"--events {watch.events} is for a run without a journal; follow its journal, or add --no-journal"
+        )
 
 
 def _watch(session: Session) -> None:

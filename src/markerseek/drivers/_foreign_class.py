@@ -15,7 +15,8 @@ from typing import Any
 from markerseek.core import ConfigError, DeviceTimeoutError, MarkerseekError, described
 from markerseek.drivers._time_limit import time_limit
 from markerseek.drivers.entry import Part
-from markerseek.files import nearest_key, setting_from
+from markerseek.drivers.trust import module_beside
+from markerseek.files import data_folder, nearest_key, setting_from
 
 METHODS: dict[Part, tuple[str, ...]] = {
     "stage": ("move_to", "stop"),
@@ -51,9 +52,17 @@ def class_of(part: Part, driver: str, *, beside: str) -> type:
     if not beside:
         raise ConfigError(f"{name}: a foreign driver is only imported for a rig file; name the rig file")
     file = Path(beside) / f"{module_name}.py"
+    found = module_beside(module_name, Path(beside))
+    if found is not None and not found.is_trusted:
+        raise ConfigError(
+            f"{name}: {found.files[0]} comes with the rig file and is not trusted yet, or has changed; read it, then "
+            "trust it by the question or --trust of: markerseek doctor --rig RIG.toml"
+        )
     try:
         with time_limit(f"importing {module_name}"):
-            module = _from_file(module_name, str(file)) if file.is_file() else _installed(module_name, beside)
+            if found is not None:
+                _find_beside(beside)
+            module = _from_file(module_name, str(file)) if file.is_file() else importlib.import_module(module_name)
     except ModuleNotFoundError as problem:
         if problem.name is None or not f"{module_name}.".startswith(f"{problem.name}."):
             raise ConfigError(f"{name}: importing {module_name} failed: {problem}; install what it needs") from problem
@@ -90,7 +99,6 @@ def class_of(part: Part, driver: str, *, beside: str) -> type:
 @cache
 def _from_file(name: str, path: str) -> Any:
     """Module of a file beside the rig file; an installed one of that name does not take its place."""
-    _find_beside(str(Path(path).parent))
     # A name of its own: another rig file's module may have the same.
     spec = importlib.util.spec_from_file_location(f"markerseek_rig.{abs(hash(path)):x}.{name}", path)
     assert spec is not None  # noqa: S101  a path that ends with .py has a loader
@@ -105,15 +113,12 @@ def _from_file(name: str, path: str) -> Any:
     return module
 
 
-def _installed(name: str, beside: str) -> Any:
-    _find_beside(beside)
-    return importlib.import_module(name)
-
-
 def _find_beside(folder: str) -> None:
     """Let modules of the rig file's folder be found, after all that is installed: none of them can be replaced."""
     if folder not in sys.path:
         sys.path.append(folder)
+    # What lies in __pycache__ there is not what was trusted: Python may run it unseen in the place of the text.
+    sys.pycache_prefix = str(data_folder() / "pycache")
 
 
 def arguments_of(
