@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import pwd
@@ -16,8 +17,15 @@ from pathlib import Path
 import pytest
 
 from markerseek.bridges import Searches, SearchOptions, SearchRequest
+from markerseek.cli import doctor
+from markerseek.core import ConfigError, MissingExtraError, RecordError, needs_package
 from markerseek.records.journal import Entry, Interrupted, read_journal
+from markerseek.records.sandbox import Sandbox
+from markerseek.records.untrusted_images import read_png
 from tests.emulated import markerseek
+from tests.faults.campaign.checker import OFF_DEG
+from tests.faults.campaign.report import kinds, promises
+from tests.faults.campaign.tally import Tally
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -43,7 +51,10 @@ def on_a_terminal(*words: object, before: str = "", answer: Path | None = None) 
     command = markerseek(*words, before=before)
     out = theirs if answer is None else os.open(answer, os.O_WRONLY | os.O_CREAT)
     # A session of its own, whose terminal this is: its end is SIGHUP.
-    taking = "import fcntl, os, sys, termios; os.setsid(); fcntl.ioctl(2, termios.TIOCSCTTY, 0); os.execv(sys.argv[1], sys.argv[1:])"
+    taking = (
+        "import fcntl, os, sys, termios; os.setsid(); fcntl.ioctl(2, termios.TIOCSCTTY, 0); "
+        "os.execv(sys.argv[1], sys.argv[1:])"
+    )
     process = subprocess.Popen([sys.executable, "-c", taking, *command], stdin=theirs, stdout=out, stderr=theirs)
     os.close(theirs)
     if answer is not None:
@@ -128,9 +139,10 @@ INHERITED = {
 def test_b8_a_search_ends_with_its_bridge_whatever_it_has_inherited(how: str, tmp_path: Path) -> None:
     journal = tmp_path / "run.journal"
     beats, beating = os.pipe()
+    inheriting = f"import os, signal, sys; {INHERITED[how]}; os.execv(sys.argv[1], sys.argv[1:])"
+    command = markerseek(*SLOW, "--journal", journal, "--heartbeat", f"/dev/fd/{beats}", "--json")
     process = subprocess.Popen(
-        [sys.executable, "-c", f"import os, signal, sys; {INHERITED[how]}; os.execv(sys.argv[1], sys.argv[1:])"]
-        + markerseek(*SLOW, "--journal", journal, "--heartbeat", f"/dev/fd/{beats}", "--json"),
+        [sys.executable, "-c", inheriting, *command],
         pass_fds=(beats,),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -222,3 +234,97 @@ def test_b5_a_search_that_a_client_asks_for_runs_without_a_home() -> None:
         items = list(child.items())
         assert child.outcome().answered
     assert any(isinstance(each, Entry) for each in items)
+
+
+class Broken:
+    """Finds a module whose import fails as one does whose library of the system is missing."""
+
+    def __init__(self, name: str, error: Exception) -> None:
+        self.name, self.error = name, error
+
+    def find_spec(self, name: str, path: object = None, target: object = None) -> None:
+        if name == self.name:
+            raise self.error
+
+
+BROKEN = {
+    "a library of the system": ImportError("libGL.so.1: cannot open shared object file: No such file or directory"),
+    "another package": ModuleNotFoundError("No module named 'libgl_bindings'", name="libgl_bindings"),
+    "a module of it": ModuleNotFoundError("No module named 'cv2.cv2'", name="cv2.cv2"),
+}
+
+
+@pytest.fixture
+def broken(monkeypatch: pytest.MonkeyPatch) -> Callable[[str, Exception], None]:
+    def breaks(module: str, error: Exception) -> None:
+        for name in [each for each in sys.modules if each.partition(".")[0] == module]:
+            monkeypatch.delitem(sys.modules, name)
+        monkeypatch.setattr(sys, "meta_path", [Broken(module, error), *sys.meta_path])
+
+    return breaks
+
+
+@pytest.mark.parametrize("error", BROKEN.values(), ids=BROKEN)
+def test_c_a_package_that_is_there_and_broken_is_not_called_missing(
+    error: Exception, broken: Callable[[str, Exception], None]
+) -> None:
+    broken("cv2", error)
+    with (
+        pytest.raises(ConfigError, match="installed and cannot be imported") as raised,
+        needs_package("opencv-python-headless", extra="vision", purpose="a picture", module="cv2"),
+    ):
+        import cv2  # noqa: F401
+    assert str(error) in str(raised.value)
+    assert not isinstance(raised.value, MissingExtraError)
+
+
+@pytest.mark.parametrize(("package", "module"), [("opencv-python-headless", "cv2"), ("pyserial", "serial")])
+def test_c_a_package_that_is_absent_is_called_missing(
+    package: str, module: str, broken: Callable[[str, Exception], None]
+) -> None:
+    broken(module, ModuleNotFoundError(f"No module named {module!r}", name=module))
+    with (
+        pytest.raises(MissingExtraError, match="which is not installed"),
+        needs_package(package, extra="vision", purpose="a picture", module=module),
+    ):
+        importlib.import_module(f"{module}.tools")
+
+
+def test_c_doctor_shows_what_is_broken_with_its_cause_and_goes_on(
+    shell: Shell, broken: Callable[[str, Exception], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "EXTRAS", {each: doctor.EXTRAS[each] for each in ("vision", "igtl", "records")})
+    broken("cv2", BROKEN["a library of the system"])
+    broken("pyigtl", ValueError("numpy.dtype size changed, may indicate binary incompatibility"))
+    code, out, _ = shell("doctor", "--json")
+    findings = {each["what"]: each for each in json.loads(out)["findings"]}
+    assert (code, findings["cv2"]["state"], findings["pyigtl"]["state"]) == (0, "broken", "broken")
+    assert "libGL.so.1: cannot open shared object file" in findings["cv2"]["detail"]
+    assert "numpy.dtype size changed" in findings["pyigtl"]["detail"]
+    assert (findings["h5py"]["state"], findings["simulated search, posterior"]["state"]) == ("ok", "ok")
+
+
+def test_c_an_image_whose_library_is_broken_is_not_called_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "cv2.py").write_text("raise ImportError('libGL.so.1: cannot open shared object file')\n")
+    # The child that reads the file finds it first.
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    image = tmp_path / "tip.png"
+    image.write_bytes(b"\x89PNG\r\n\x1a\n")
+    with Sandbox() as sandbox, pytest.raises(RecordError, match="because of a library: ImportError: libGL") as raised:
+        sandbox.read(read_png, image)
+    assert "damaged" not in str(raised.value)
+
+
+def test_b10_the_campaign_says_at_how_many_degrees_it_judges_a_claim() -> None:
+    said = f"off by more than {OFF_DEG:g}°"
+    table = [line for line in promises(Tally(), preventable=[]) if "P10" in line]
+    assert len(table) == 2
+    assert all(said in line for line in table)
+    assert f"found and off > {OFF_DEG:g}°" in kinds(Tally())[0]
+    pages = Path(__file__).parents[2] / "docs" / "explanation"
+    for page in ("faults.md", "fault-tables.md"):
+        rows = [line for line in (pages / page).read_text(encoding="utf-8").splitlines() if line.startswith("| P10")]
+        assert rows
+        assert all(said in row for row in rows)

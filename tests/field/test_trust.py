@@ -119,7 +119,7 @@ def test_b7_trust_is_asked_for_once_and_again_after_a_change(lab: Lab, shell: Sh
         (lab.folder / "tools" / f"{name}.py").write_text("\n")
     search = ("search", "--rig", lab.rig, *SEARCH, "--json")
     code, out, err = shell(*search)
-    assert (code, json.loads(out)["kind"]) == (4, "NotTrusted")
+    assert (code, json.loads(out)["kind"]) == (4, "UntrustedError")
     beside = ", ".join(f"{lab.folder}/{each}" for each in ("helper.py", "tools/__init__.py", "tools/more.py"))
     assert f"it imports beside it: {beside}\n" in err
     code, _, err = shell(*search, "--trust")

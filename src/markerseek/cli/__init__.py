@@ -35,7 +35,7 @@ STOPPED_BY_USER = 130
 """Exit code after Ctrl-C, as shells have it."""
 
 _OUTPUT = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-"""Errors of standard output, which names no file: a pipe that was closed, a disk that is full, a terminal that ended."""
+"""Errors of standard output, which names no file: a closed pipe, a full disk, a terminal that has gone."""
 
 SHOW_TRACEBACK = "MARKERSEEK_TRACEBACK"
 """Environment variable that makes the command print the traceback of an unexpected error."""
@@ -131,7 +131,7 @@ def _open_standard_streams() -> None:
     for name, number in (("stdout", 1), ("stderr", 2)):
         if getattr(sys, name) is None:
             setattr(sys, name, open(number, "w", encoding="utf-8", closefd=False))  # noqa: SIM115  until the end
-    if sys.stderr is sys.__stderr__:
+    if sys.stderr is not None and sys.stderr is sys.__stderr__:
         raw = _Progress(2, "w", closefd=False)
         sys.stderr = io.TextIOWrapper(
             io.BufferedWriter(raw), sys.stderr.encoding, "backslashreplace", line_buffering=True

@@ -22,7 +22,7 @@ from markerseek.cli.direction import prove_direction, require_source_deg
 from markerseek.cli.open_rig import open_rig, read_rig
 from markerseek.cli.options import AsJson, Trust
 from markerseek.cli.report import Output, Report
-from markerseek.core import ConfigError, DeviceError, Finished, Measured, PolicyPlan
+from markerseek.core import ConfigError, DeviceError, Finished, Measured, PolicyPlan, described, is_absent
 from markerseek.testing import RuleCheck
 
 EXAMPLES = (
@@ -127,7 +127,6 @@ _STATES = {
 def _packages() -> list[CheckResult]:
     """Python, the packages that are needed, and those of the extras."""
     import importlib.metadata
-    import importlib.util
 
     found = [CheckResult(what="Python", state="ok", detail=platform.python_version())]
     # Installed in any case: without them this command would not have started.
@@ -135,9 +134,16 @@ def _packages() -> list[CheckResult]:
     # A module may come from a package of another name, as cv2 does, or of a system, as rclpy.
     packages_of = importlib.metadata.packages_distributions()
     for extra, (module, purpose) in EXTRAS.items():
-        if importlib.util.find_spec(module) is None:
-            cure = f"not installed; {purpose} needs it: pip install 'markerseek[{extra}]'"
-            found.append(CheckResult(what=module, state="absent", detail=cure, needed=False))
+        try:
+            importlib.import_module(module)
+        # A library that is broken raises any error.
+        except (Exception, SystemExit) as problem:  # noqa: BLE001
+            if is_absent(module, problem):
+                cure = f"not installed; {purpose} needs it: pip install 'markerseek[{extra}]'"
+                found.append(CheckResult(what=module, state="absent", detail=cure, needed=False))
+            else:
+                cause = f"it cannot be imported, and {purpose} needs it: {described(problem)}"
+                found.append(CheckResult(what=module, state="broken", detail=cause, needed=False))
         else:
             packages = packages_of.get(module)
             version = importlib.metadata.version(packages[0]) if packages else "of the system"

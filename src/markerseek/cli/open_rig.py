@@ -88,7 +88,7 @@ class SimulationOptions:
         return settings
 
 
-class NotTrusted(ConfigError):
+class UntrustedError(ConfigError):
     """A module beside a rig file was not trusted; nothing was imported."""
 
     exit_code = NOT_ARMED
@@ -118,7 +118,7 @@ def trust_modules(settings: drivers.BenchSettings, path: Path, *, trust: bool) -
         )
         name = module.files[0].name
         if not trust and not _typed(f"Trust it? Only its name is a yes: {one_line(name)}", "name of the file", name):
-            raise NotTrusted(
+            raise UntrustedError(
                 f"{first} is not trusted, and nothing of it was run; read it, then add --trust, or type its name on a "
                 "terminal"
             )
@@ -140,17 +140,19 @@ def open_rig(
     """The rig of a rig file and the angle of its probe in degrees; its devices are closed at the end.
 
     ``path``: None for the simulated rig with its defaults. ``sweeps``: whether the gain of a simulated one leaves room
-    for the noise of single pulses. ``trust``: as of `read_rig`. Raises `DeviceError` if a device does not answer, or is not ready.
+    for the noise of single pulses. ``trust``: as of `read_rig`. Raises `DeviceError` if a device does not answer, or is
+    not ready.
     """
     from markerseek.sim import SimulatedSettings
 
     settings = SimulatedSettings() if path is None else rigs.read_rig_file(path)
-    if path is not None and isinstance(settings, drivers.BenchSettings):
+    if isinstance(settings, drivers.BenchSettings):
         if options.given():
             raise ConfigError(
                 f"{' and '.join(options.given())}: only for a simulated rig, and {path} is one of devices (kind "
                 "bench); leave it out, or name the rig file of a simulated rig"
             )
+        assert path is not None  # noqa: S101  it was read from there
         trust_modules(settings, path, trust=trust)
         with rigs.bench(settings) as rig:
             yield rig, rig.scanner.angle_deg

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from markerseek.core import ConfigError, DeviceTimeoutError, MarkerseekError, described
+from markerseek.core import ConfigError, DeviceTimeoutError, MarkerseekError, described, is_absent
 from markerseek.drivers._time_limit import time_limit
 from markerseek.drivers.entry import Part
 from markerseek.drivers.trust import module_beside
@@ -51,32 +51,7 @@ def class_of(part: Part, driver: str, *, beside: str) -> type:
         )
     if not beside:
         raise ConfigError(f"{name}: a foreign driver is only imported for a rig file; name the rig file")
-    file = Path(beside) / f"{module_name}.py"
-    found = module_beside(module_name, Path(beside))
-    if found is not None and not found.is_trusted:
-        raise ConfigError(
-            f"{name}: {found.files[0]} comes with the rig file and is not trusted yet, or has changed; read it, then "
-            "trust it by the question or --trust of: markerseek doctor --rig RIG.toml"
-        )
-    try:
-        with time_limit(f"importing {module_name}"):
-            if found is not None:
-                _find_beside(beside)
-            module = _from_file(module_name, str(file)) if file.is_file() else importlib.import_module(module_name)
-    except ModuleNotFoundError as problem:
-        if problem.name is None or not f"{module_name}.".startswith(f"{problem.name}."):
-            raise ConfigError(f"{name}: importing {module_name} failed: {problem}; install what it needs") from problem
-        raise ConfigError(
-            f"{name}: there is no file {file}, and no module {module_name} is installed; correct the name, or put the "
-            "file beside the rig file"
-        ) from problem
-    except DeviceTimeoutError as problem:
-        raise ConfigError(f"{name}: {problem}") from problem
-    except MarkerseekError:
-        raise
-    # Code of the user: any error in it is reported under its name, and not as one of this program.
-    except (Exception, SystemExit) as problem:
-        raise ConfigError(f"{name}: importing {module_name} failed: {described(problem)}; correct it") from problem
+    module = _module(module_name, beside, name=name)
     made = getattr(module, class_name, None)
     if not isinstance(made, type):
         there = [
@@ -94,6 +69,36 @@ def class_of(part: Part, driver: str, *, beside: str) -> type:
             "(docs/how-to/bring-your-own-stage.md)"
         )
     return made
+
+
+def _module(module_name: str, beside: str, *, name: str) -> Any:
+    """The module, imported; one that lies beside the rig file only where it is trusted. ``name``: for messages."""
+    file = Path(beside) / f"{module_name}.py"
+    found = module_beside(module_name, Path(beside))
+    if found is not None and not found.is_trusted:
+        raise ConfigError(
+            f"{name}: {found.files[0]} comes with the rig file and is not trusted yet, or has changed; read it, then "
+            "trust it by the question or --trust of: markerseek doctor --rig RIG.toml"
+        )
+    try:
+        with time_limit(f"importing {module_name}"):
+            if found is not None:
+                _find_beside(beside)
+            return _from_file(module_name, str(file)) if file.is_file() else importlib.import_module(module_name)
+    except ModuleNotFoundError as problem:
+        if not is_absent(module_name, problem):
+            raise ConfigError(f"{name}: importing {module_name} failed: {problem}; install what it needs") from problem
+        raise ConfigError(
+            f"{name}: there is no file {file}, and no module {module_name} is installed; correct the name, or put the "
+            "file beside the rig file"
+        ) from problem
+    except DeviceTimeoutError as problem:
+        raise ConfigError(f"{name}: {problem}") from problem
+    except MarkerseekError:
+        raise
+    # Code of the user: any error in it is reported under its name, and not as one of this program.
+    except (Exception, SystemExit) as problem:
+        raise ConfigError(f"{name}: importing {module_name} failed: {described(problem)}; correct it") from problem
 
 
 @cache

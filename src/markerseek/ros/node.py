@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from markerseek._closing import Closing
-from markerseek.core import ConfigError, RecordError, needs_package
+from markerseek.core import ConfigError, MissingExtraError, RecordError, needs_package
 from markerseek.ros.topics import in_namespace
 
 
@@ -32,8 +32,9 @@ class Kinds(Mapping[str, Any]):
         if name not in self._classes:
             package, folder, member = name.split("/")
             try:
-                self._classes[name] = getattr(importlib.import_module(f"{package}.{folder}"), member)
-            except (ImportError, AttributeError) as problem:
+                with needs_package(package, extra="ros2", purpose=f"a message {name}"):
+                    self._classes[name] = getattr(importlib.import_module(f"{package}.{folder}"), member)
+            except (MissingExtraError, AttributeError) as problem:
                 raise KeyError(name) from problem
         return self._classes[name]
 
