@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import http.client
 import importlib
 import json
 import os
 import pwd
 import select
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -17,6 +19,8 @@ from pathlib import Path
 import pytest
 
 from markerseek.bridges import Searches, SearchOptions, SearchRequest
+from markerseek.bridges.page.security import Access
+from markerseek.bridges.page.server import Address
 from markerseek.cli import doctor
 from markerseek.core import ConfigError, MissingExtraError, RecordError, needs_package
 from markerseek.records.journal import Entry, Interrupted, read_journal
@@ -328,3 +332,76 @@ def test_b10_the_campaign_says_at_how_many_degrees_it_judges_a_claim() -> None:
         rows = [line for line in (pages / page).read_text(encoding="utf-8").splitlines() if line.startswith("| P10")]
         assert rows
         assert all(said in row for row in rows)
+
+
+def asked(port: int, path: str, **headers: str) -> tuple[int, dict[str, str], str]:
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
+    connection.request("GET", path, headers=headers)
+    answer = connection.getresponse()
+    text = answer.read().decode("utf-8", "replace")
+    connection.close()
+    return answer.status, {name.lower(): value for name, value in answer.getheaders()}, text
+
+
+@pytest.mark.real_time
+def test_c_the_page_behind_a_tunnel_is_refused_with_the_option_and_served_with_it(tmp_path: Path) -> None:
+    for public in (False, True):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        options = ("--public-url", "http://localhost:9000/") if public else ()
+        process = subprocess.Popen(
+            markerseek("page", "--port", port, *options), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        )
+        try:
+            link = process.stdout.readline().split()[1]
+            path = link[link.index("/?") :]
+            status, headers, text = asked(port, path, Host="localhost:9000")
+            if public:
+                assert link.startswith("http://localhost:9000/?token=")
+                cookie = headers["set-cookie"].partition(";")[0]
+                assert status == 303
+                assert asked(port, "/", Host="localhost:9000", Cookie=cookie, Origin="http://localhost:9000")[0] == 200
+                # At this end of the tunnel it is as before.
+                assert asked(port, "/", Host=f"localhost:{port}", Cookie=cookie)[0] == 200
+                assert asked(port, "/", Host="localhost:9001", Cookie=cookie)[0] == 403
+                assert asked(port, "/", Host="localhost:9000", Cookie=cookie, Origin="http://evil.example")[0] == 403
+            else:
+                assert status == 403
+                assert "start markerseek page with --public-url" in text
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=60)
+
+
+@pytest.mark.parametrize(
+    ("url", "origin"),
+    [
+        ("http://localhost:9000", "http://localhost:9000"),
+        ("http://127.0.0.1:80/", "http://127.0.0.1"),
+        ("https://Name.example", "https://name.example"),
+        ("https://name.example:443/", "https://name.example"),
+        ("https://name.example:8443", "https://name.example:8443"),
+    ],
+)
+def test_c_a_public_url_is_an_origin_as_browsers_send_it(url: str, origin: str) -> None:
+    assert Address(public_url=url).public == origin
+    access = Access(token="x" * 16, hosts=frozenset({"localhost:1"}), scheme="http", cookie="c", public=origin)
+    assert access.is_host(origin.partition("://")[2])
+    assert origin in access.origins
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "localhost:9000",
+        "http://lab.example:9000",
+        "http://localhost:9000/page",
+        "ftp://localhost",
+        "http://a@localhost",
+        "",
+    ],
+)
+def test_c_a_public_url_that_cannot_be_is_wrong_usage(url: str, shell: Shell) -> None:
+    code, _, err = shell("page", "--public-url", url)
+    assert (code, "name what stands in the browser" in err) == (2, True)

@@ -131,11 +131,10 @@ def _open_standard_streams() -> None:
     for name, number in (("stdout", 1), ("stderr", 2)):
         if getattr(sys, name) is None:
             setattr(sys, name, open(number, "w", encoding="utf-8", closefd=False))  # noqa: SIM115  until the end
-    if sys.stderr is not None and sys.stderr is sys.__stderr__:
+    before = sys.stderr
+    if before is sys.__stderr__ and before is not None:
         raw = _Progress(2, "w", closefd=False)
-        sys.stderr = io.TextIOWrapper(
-            io.BufferedWriter(raw), sys.stderr.encoding, "backslashreplace", line_buffering=True
-        )
+        sys.stderr = io.TextIOWrapper(io.BufferedWriter(raw), before.encoding, "backslashreplace", line_buffering=True)
 
 
 class _Progress(io.FileIO):

@@ -37,6 +37,12 @@ def command(
     ] = "127.0.0.1",
     tls_certificate: Annotated[Path | None, typer.Option(help="Certificate for TLS (PEM).")] = None,
     tls_key: Annotated[Path | None, typer.Option(help="Key of the certificate (PEM).")] = None,
+    public_url: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL", help="Address in the browser behind a tunnel (ssh -L, VS Code): http://localhost:9000."
+        ),
+    ] = None,
     open_browser: Annotated[bool, typer.Option("--open", help="Open the page in a browser of this computer.")] = False,
 ) -> None:
     """Show a search live in the browser, and start, stop and replay searches there.
@@ -47,7 +53,7 @@ def command(
     """
     import webbrowser
 
-    address = page.Address(host=host, port=port, certificate=tls_certificate, key=tls_key)
+    address = page.Address(host=host, port=port, certificate=tls_certificate, key=tls_key, public_url=public_url)
     shown = page.PageRig() if rig is None else page.PageRig(file=rig, settings=read_rig(rig, trust=trust))
     for path in recordings or []:
         if not path.exists():
