@@ -405,3 +405,19 @@ def test_c_a_public_url_is_an_origin_as_browsers_send_it(url: str, origin: str) 
 def test_c_a_public_url_that_cannot_be_is_wrong_usage(url: str, shell: Shell) -> None:
     code, _, err = shell("page", "--public-url", url)
     assert (code, "name what stands in the browser" in err) == (2, True)
+
+
+@pytest.mark.real_time
+def test_b4_a_bridge_that_ignores_sighup_outlives_its_terminal() -> None:
+    process, terminal = on_a_terminal("igtl", "--port", "0", before=HUNG_UP)
+    os.read(terminal, 5)
+    os.write(terminal, b"\n")
+    said = b""
+    while b"Ctrl-C ends the bridge" not in said:
+        said += os.read(terminal, 4096)
+    os.close(terminal)
+    process.send_signal(signal.SIGHUP)
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(timeout=1)
+    process.send_signal(signal.SIGTERM)
+    assert code_of(process) == 128 + signal.SIGTERM

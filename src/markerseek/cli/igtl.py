@@ -12,7 +12,7 @@ from markerseek import bridges, runs
 from markerseek.bridges import igtl
 from markerseek.cli.open_rig import read_rig
 from markerseek.cli.options import RigFile, Trust
-from markerseek.cli.signals import STOPPING
+from markerseek.cli.signals import heeded
 from markerseek.cli.terminal import printable
 from markerseek.core import ConfigError
 
@@ -113,7 +113,7 @@ async def _serve(
         if not stopped.done():
             stopped.set_result(number)
 
-    for each in STOPPING:
+    for each in heeded():
         loop.add_signal_handler(each, stop, each)
     taken = await service.open(host, port)
     try:
