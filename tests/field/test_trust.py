@@ -139,6 +139,25 @@ def test_b7_trust_is_asked_for_once_and_again_after_a_change(lab: Lab, shell: Sh
     assert shell("search", "--rig", other.rig, *SEARCH)[0] == 4
 
 
+@pytest.mark.parametrize("driver", ["../outside", "outside.py", ".outside", "out/side"])
+def test_b7_a_driver_that_is_no_module_is_refused_before_the_question(lab: Lab, driver: str, shell: Shell) -> None:
+    for folder in (lab.folder, lab.folder.parent):
+        (folder / "outside.py").write_text(STAGE.format(imports=""))
+    lab.rig.write_text(RIG.format(driver=driver))
+    code, _, err = shell("search", "--rig", lab.rig, *SEARCH)
+    assert (code, lab.has_run, "would run as your own" in err) == (2, False, False)
+    assert 'it must be "module:Class"' in err
+
+
+@pytest.mark.parametrize("imports", ["from ..outside import x", "from .............. import x", "def ("])
+def test_b7_what_a_module_cannot_import_is_no_defect(lab: Lab, imports: str, shell: Shell) -> None:
+    (lab.folder.parent / "outside.py").write_text("x = 1\n")
+    lab.write(imports=imports)
+    assert shell("search", "--rig", lab.rig, *SEARCH)[0] == 4
+    code, _, err = shell("search", "--rig", lab.rig, *SEARCH, "--trust")
+    assert (code, "importing evil failed: " in err) == (2, True)
+
+
 def test_b7_a_package_beside_the_rig_file_is_asked_for_too(lab: Lab, shell: Shell) -> None:
     lab.write("bare.evil")
     code, _, err = shell("search", "--rig", lab.rig, *SEARCH)

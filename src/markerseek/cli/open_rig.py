@@ -107,7 +107,11 @@ def read_rig(path: Path, *, trust: bool) -> SimulatedSettings | drivers.BenchSet
 
 def trust_modules(settings: drivers.BenchSettings, path: Path, *, trust: bool) -> None:
     """As `read_rig`, for settings that were read of ``path``."""
-    for part, module in settings.modules_beside.items():
+    try:
+        modules = settings.modules_beside
+    except ConfigError as problem:
+        raise ConfigError(f"{path}: {problem}") from problem
+    for part, module in modules.items():
         if module.is_trusted:
             continue
         first, *more = map(str, module.files)

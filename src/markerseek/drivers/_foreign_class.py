@@ -36,19 +36,25 @@ OFFERED = {
 """What a class may ask for by name, besides ``line`` and the keys of its table."""
 
 
+def names_of(part: Part, driver: str) -> tuple[str, str]:
+    """Names of the module and the class; `ConfigError` if it names none."""
+    module_name, _, class_name = driver.partition(":")
+    named = class_name.isidentifier() and all(word.isidentifier() for word in module_name.split("."))
+    if not named or module_name.endswith(".py"):
+        raise ConfigError(
+            f'{part}.driver = "{driver}": it must be "module:Class", as in "my_stage:Stage": the name of the file '
+            "without its folder and .py, a colon, and that of the class"
+        )
+    return module_name, class_name
+
+
 def class_of(part: Part, driver: str, *, beside: str) -> type:
     """The class that a rig file names, with the methods of its part.
 
     ``beside``: folder of the rig file. Raises `ConfigError` where it is not found, fails, or lacks a method.
     """
     name = f'{part}.driver = "{driver}"'
-    module_name, _, class_name = driver.partition(":")
-    named = class_name.isidentifier() and all(word.isidentifier() for word in module_name.split("."))
-    if not named or module_name.endswith(".py"):
-        raise ConfigError(
-            f'{name}: it must be "module:Class", as in "my_stage:Stage": the name of the file without its folder and '
-            ".py, a colon, and that of the class"
-        )
+    module_name, class_name = names_of(part, driver)
     if not beside:
         raise ConfigError(f"{name}: a foreign driver is only imported for a rig file; name the rig file")
     module = _module(module_name, beside, name=name)

@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 
 from markerseek.core import ConfigError, require_range
+from markerseek.drivers._foreign_class import names_of
 from markerseek.drivers.entry import PARTS, LaserSettings, Part, ReceiverSettings, StageSettings
 from markerseek.drivers.foreign import AnyForeign, Foreign, foreign_line, require_class, split_keys
 from markerseek.drivers.table import default_driver, entry_named, entry_of
@@ -125,9 +126,12 @@ class BenchSettings:
 
     @property
     def modules_beside(self) -> dict[Part, ForeignModule]:
-        """Modules of foreign drivers that lie beside the rig file: each must be trusted before it is imported."""
+        """Modules of foreign drivers that lie beside the rig file: each must be trusted before it is imported.
+
+        Raises `ConfigError` if a driver names none.
+        """
         found = {
-            part: module_beside(each.driver.partition(":")[0], Path(each.beside))
+            part: module_beside(names_of(part, each.driver)[0], Path(each.beside))
             for part, each in self.foreign.items()
             if each.beside
         }

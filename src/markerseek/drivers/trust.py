@@ -93,7 +93,7 @@ def _find_imports(file: Path, folder: Path, found: set[Path]) -> None:
     try:
         tree = ast.parse(file.read_bytes())
     # Its import will say what is wrong with it.
-    except (SyntaxError, ValueError):
+    except (SyntaxError, ValueError, RecursionError):
         return
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -101,7 +101,7 @@ def _find_imports(file: Path, folder: Path, found: set[Path]) -> None:
                 _find(alias.name.split("."), folder, folder, found)
         elif isinstance(node, ast.ImportFrom):
             # Dots are relative to the package of the file.
-            base = file.parents[node.level - 1] if node.level else folder
+            base = file.parents[min(node.level, len(file.parents)) - 1] if node.level else folder
             words = node.module.split(".") if node.module else []
-            for alias in node.names:
+            for alias in node.names if base.is_relative_to(folder) else []:
                 _find([*words, alias.name], base, folder, found)
