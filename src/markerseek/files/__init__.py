@@ -15,6 +15,7 @@ from markerseek.files.notation import is_number, may_be_number
 from markerseek.files.serial_line import SERIAL_ERRORS, Line, Parity, open_serial
 from markerseek.files.settings import nearest_key, read_toml, require_key, setting_from, settings_from
 from markerseek.files.text import read_json, read_text
+from markerseek.files.user_data import data_folder
 
 __all__ = [
     "DECIMAL_COMMA",
@@ -28,6 +29,7 @@ __all__ = [
     "as_read_error",
     "create_atomically",
     "csv_rows",
+    "data_folder",
     "in_natural_order",
     "is_number",
     "may_be_number",

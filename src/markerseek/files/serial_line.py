@@ -54,7 +54,7 @@ def open_serial(path: str, *, baud: int, parity: Parity, write_timeout_s: float,
     ``baud``: bits per second. ``write_timeout_s``: longest time that a write may block; 0: never. ``rtscts``: whether
     to use RTS/CTS flow control. Raises `NotConnectedError` if the port cannot be opened, or another program holds it.
     """
-    with needs_package("pyserial", extra="devices", purpose="a serial port"):
+    with needs_package("pyserial", extra="devices", purpose="a serial port", module="serial"):
         import serial  # type: ignore[import-untyped, unused-ignore]
     try:
         return serial.Serial(

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from markerseek._closing import Closing
-from markerseek.core import ConfigError, RecordError, needs_package
+from markerseek.core import ConfigError, MissingExtraError, RecordError, needs_package
 from markerseek.ros.quality import Once, unfit
 from markerseek.ros.topics import in_namespace
 from markerseek.ros.transport import reach, require_middleware
@@ -35,8 +35,9 @@ class Kinds(Mapping[str, Any]):
         if name not in self._classes:
             package, folder, member = name.split("/")
             try:
-                self._classes[name] = getattr(importlib.import_module(f"{package}.{folder}"), member)
-            except (ImportError, AttributeError) as problem:
+                with needs_package(package, extra="ros2", purpose=f"a message {name}"):
+                    self._classes[name] = getattr(importlib.import_module(f"{package}.{folder}"), member)
+            except (MissingExtraError, AttributeError) as problem:
                 raise KeyError(name) from problem
         return self._classes[name]
 

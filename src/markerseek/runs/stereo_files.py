@@ -237,7 +237,7 @@ _NAMES = {
 
 
 def _read_camera_info(path: Path) -> _CameraInfo:
-    with needs_package("pyyaml", extra="vision", purpose=f"{path}: it"):
+    with needs_package("pyyaml", extra="vision", purpose=f"{path}: it", module="yaml"):
         import yaml
     try:
         # Into texts, lists and tables only: no tag of a file is followed. A message that was printed ends with the line
