@@ -6,6 +6,7 @@ The only place that calls Numba's decorator. It holds no formula, so that `acous
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Callable
 from functools import cache
@@ -30,6 +31,9 @@ def compiled(kernel: Kernel) -> Kernel:
     Where neither the package's folder nor the user's cache folder can be written, the kernel is compiled again in
     each process, and one warning says so.
     """
+    # Without a home folder Numba would make one with the name ~ in the current folder.
+    if os.path.expanduser("~") == "~":  # noqa: PTH111  pathlib raises an error there
+        os.environ.setdefault("XDG_CACHE_HOME", os.devnull)
     try:
         machine_code = njit(cache=True, fastmath=_REASSOCIATE, nogil=True)(kernel)
     except RuntimeError:

@@ -209,5 +209,7 @@ def test_devices_are_not_searched_without_a_journal_and_the_cure_is_one_that_the
     (tmp_path / "data").write_text("no folder")
     assert SearchOptions().new_journal(method="posterior") is None
     bench = Path(__file__).parents[2] / "examples" / "rigs" / "bench.toml"
-    with pytest.raises(SearchError, match=r"no journal can be written there.*another data folder in XDG_DATA_HOME"):
+    with pytest.raises(
+        SearchError, match=r"no journal can be written there.*a data folder in XDG_DATA_HOME that can be written"
+    ):
         SearchOptions(rig=bench).new_journal(method="posterior")

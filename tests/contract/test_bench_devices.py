@@ -81,7 +81,7 @@ def test_a_picolas_driver_is_switched_off_at_first_and_after_its_pulses() -> Non
 
 
 def test_a_picolas_driver_without_an_answer_is_not_connected_and_one_that_refuses_is_switched_off() -> None:
-    with pytest.raises(NotConnectedError, match="nothing answers"):
+    with pytest.raises(NotConnectedError, match="no byte came"):
         PicolasLaser(port=ScriptedPicolas(answer=b""), clock=VirtualClock())
     port = ScriptedPicolas()
     laser = PicolasLaser(port=port, clock=VirtualClock())

@@ -122,7 +122,7 @@ def test_a_pipe_in_the_place_of_a_channel_file_is_not_waited_for(tmp_path: Path)
     (tmp_path / "CH001.daq").mkdir()
     folder = DaqFolder(tmp_path)
     for name in ("CH000.daq", "CH001.daq"):
-        assert not folder.is_complete(name)
+        assert folder.incomplete(name)
         with pytest.raises(DeviceError, match=r"not a regular file but a pipe|is a folder, and a file is expected"):
             folder.read([name], pulses=4)
 

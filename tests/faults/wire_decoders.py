@@ -46,9 +46,16 @@ LONGEST_S = 60.0
 
 
 class ScriptedPort:
-    """A port that plays back a script."""
+    """A port that plays back a script; where nothing comes, a read takes its time."""
 
-    def __init__(self, script: bytes, *, dress: Callable[[bytes], bytes] = bytes) -> None:
+    def __init__(
+        self,
+        script: bytes,
+        *,
+        dress: Callable[[bytes], bytes] = bytes,
+        wait: Callable[[float], None] = lambda _duration_s: None,
+    ) -> None:
+        self._wait = wait
         self.said = b""
         self._dress = dress
         self._again = bool(script[:1] and script[0] & 1)
@@ -64,6 +71,7 @@ class ScriptedPort:
         assert self._reads <= MAX_READS, "it reads for ever"
         if self._at >= len(self._script):
             if not self._again:
+                self._wait(timeout_s)
                 return b""
             self._at = 0
         if not self._script:
@@ -178,7 +186,8 @@ def _scripted(
     dress: Callable[[bytes], bytes] = bytes,
 ) -> Callable[[bytes], None]:
     def decode(data: bytes) -> None:
-        port, clock = ScriptedPort(data, dress=dress), VirtualClock()
+        clock = VirtualClock()
+        port = ScriptedPort(data, dress=dress, wait=clock.wait)
         try:
             use(port, clock)
         finally:

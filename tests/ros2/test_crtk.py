@@ -123,9 +123,8 @@ def test_item_12_frames_setpoint_and_transforms_of_a_stage_node(start: Start, no
 
 @needs_messages
 @needs_client
-def test_item_12_the_client_of_crtk_runs_against_the_node(start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_item_12_the_client_of_crtk_runs_against_the_node(start: Start) -> None:
     start(*MARKERSEEK, "ros2", "sim", "--pace", "1")
-    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "SHM")
     done = subprocess.run(
         [sys.executable, HERE / "crtk_client.py"], check=False, capture_output=True, text=True, timeout=120
     )

@@ -14,7 +14,7 @@ from markerseek.acoustics import Absorber, AcousticModel, GaussianAbsorber, Prob
 from markerseek.core import LinearArray
 
 # Printed by the command as one line on standard error.
-pytestmark = pytest.mark.filterwarnings("always:.*is scaled by")
+pytestmark = pytest.mark.filterwarnings("always:.*it is scaled by")
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -65,7 +65,7 @@ def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 def test_one_frame_is_imaged_at_its_true_place(shell: Shell, recorded: Recorded) -> None:
     code, out, err = shell("frame", recorded.folder / "+1.npy", "--probe", recorded.probe, "--json")
     assert code == 0, err
-    assert "float32 is scaled by" in " ".join(err.split())
+    assert "is taken off float32; it is scaled by" in " ".join(err.split())
     found = json.loads(out)
     assert (found["found"], found["probe"], found["saturated_channels"]) == (True, "mine.toml", 0)
     assert found["lateral_m"] == pytest.approx(recorded.lateral_m, abs=0.2e-3)

@@ -64,7 +64,7 @@ class OptimiserPolicy(SearchPolicy):
         self._budget = check_acquisitions(acquisitions, least=self.least, method=self.name)
         if self.package is not None:
             # Before the first acquisition, not at the end of the first design.
-            with needs_package(self.name, extra=self.extra, purpose=f"the method {self.name}"):
+            with needs_package(self.name, extra=self.extra, purpose=f"the method {self.name}", module=self.package):
                 importlib.import_module(self.package)
         self._limits = limits
 

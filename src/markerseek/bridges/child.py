@@ -71,14 +71,14 @@ class Outcome:
     @property
     def message(self) -> str:
         """One sentence for whoever asked."""
+        answer = self.answer or {}
+        if "error" in answer:
+            return str(answer["error"])
         if self.exit_code == _NOT_ARMED:
             return (
                 "not armed: nothing moved and nothing was fired; a person must arm the rig in the terminal of the "
                 "bridge or page"
             )
-        answer = self.answer or {}
-        if "error" in answer:
-            return str(answer["error"])
         if answer.get("as_published"):
             return f"angle {answer['angle_deg']:.3f} deg, nothing is claimed: the paper's form always answers"
         if "answer" in answer:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from markerseek.bridges.child import ChildRun
-from markerseek.core import MAX_ACQUISITIONS, ConfigError, PolicyPlan, SearchError, Tolerance, is_whole
+from markerseek.core import MAX_ACQUISITIONS, ConfigError, PolicyPlan, RecordError, SearchError, Tolerance, is_whole
 from markerseek.drivers import BenchSettings
 from markerseek.records.journal import default_journal, make_folder
 from markerseek.rigs import read_rig_file
@@ -83,17 +83,19 @@ class SearchOptions:
 
         Raises `SearchError` for a rig of devices: exposure of tissue without a record must be asked for.
         """
-        path = default_journal(method=method)
         try:
-            make_folder(path.parent)
-            if not os.access(path.parent, os.W_OK):
-                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
-        except OSError as problem:
+            path = default_journal(method=method)
+            try:
+                make_folder(path.parent)
+                if not os.access(path.parent, os.W_OK):
+                    raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+            except OSError as problem:
+                raise RecordError(f"{path}: no journal can be written there ({problem.strerror})") from problem
+        except RecordError as problem:
             if self.rig is None or not isinstance(read_rig_file(self.rig), BenchSettings):
                 return None
             raise SearchError(
-                f"{path}: no journal can be written there ({problem.strerror}); give the folder back to its owner, "
-                "or end the bridge and start it with another data folder in XDG_DATA_HOME"
+                f"{problem}; end the bridge and start it with a data folder in XDG_DATA_HOME that can be written"
             ) from problem
         return path
 

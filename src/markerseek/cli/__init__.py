@@ -1,8 +1,8 @@
 """The command line: one file per command, `app` with all of them, and `main`, which handles every error.
 
 Exit codes: 0 found (or all is well), 3 any other answer of a search, 1 a fault, 2 wrong usage or a file that cannot be
-read, 4 the rig was not armed, 70 a defect of this program, 74 the output could not be written, 130 stopped by the user
-(129, 143: by SIGHUP, SIGTERM).
+read, 4 the rig was not armed or its driver not trusted, 70 a defect of this program, 74 the output could not be
+written, 130 stopped by the user (129, 143: by SIGHUP, SIGTERM).
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     # Not at run time: `main` has not yet looked at the path from which it would be imported.
     from typing import NoReturn
 
+    from _typeshed import ReadableBuffer
+
 DEFECT = 70
 """Exit code after an unexpected error; EX_SOFTWARE of sysexits.h."""
 
@@ -32,8 +34,8 @@ NO_OUTPUT = 74
 STOPPED_BY_USER = 130
 """Exit code after Ctrl-C, as shells have it."""
 
-_OUTPUT = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Errors of standard output, which names no file: a pipe that was closed, a disk that is full."""
+_OUTPUT = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+"""Errors of standard output, which names no file: a closed pipe, a full disk, a terminal that has gone."""
 
 SHOW_TRACEBACK = "MARKERSEEK_TRACEBACK"
 """Environment variable that makes the command print the traceback of an unexpected error."""
@@ -45,18 +47,15 @@ def main() -> NoReturn:
     _open_standard_streams()
     # What a command writes may be about a patient: only its owner can read it.
     os.umask(os.umask(0o077) | 0o077)
-    # A shell without job control starts a command with & so that it ignores Ctrl-C, and Python leaves that so. A search
-    # that moves a probe must end at SIGINT however it was started.
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    _heed_signals()
     # The collector would walk again and again, and once more at the end, through 160,000 objects of the libraries that
     # are no garbage: a fifth of the processor time of a search.
     gc.set_threshold(50_000)
     atexit.register(gc.freeze)
     sys.unraisablehook = _interrupt_again
     try:
-        # A bridge blocks it in its children until here, so that a stop at their start finds this handler.
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        # What blocked them is inherited; a bridge blocks SIGINT until here, so that a stop finds its handler.
+        signal.pthread_sigmask(signal.SIG_SETMASK, ())
         if sys.argv[1:] == ["--version"]:
             # For scripts that ask often: typer alone takes longer to import than this takes.
             sys.stdout.write(f"{__version__}\n")
@@ -98,6 +97,17 @@ def _interrupt_again(dropped: sys.UnraisableHookArgs) -> None:
         sys.__unraisablehook__(dropped)
 
 
+def _heed_signals() -> None:
+    """Ignore no signal because whoever started this process did: a search must end however it was started.
+
+    A shell without job control starts a command with & so that it ignores Ctrl-C, a service may ignore SIGTERM, and
+    where SIGCHLD is ignored the end of a child is not seen. SIGHUP stays ignored: nohup asks for that.
+    """
+    for each in (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGALRM, signal.SIGCHLD):
+        if signal.getsignal(each) is signal.SIG_IGN:
+            signal.signal(each, signal.default_int_handler if each is signal.SIGINT else signal.SIG_DFL)
+
+
 def _forget_current_folder() -> None:
     """Import nothing from the current folder because of an empty element in PYTHONPATH, as of "$PYTHONPATH:/lab"."""
     named = os.environ.get("PYTHONPATH", "").split(os.pathsep)
@@ -121,6 +131,21 @@ def _open_standard_streams() -> None:
     for name, number in (("stdout", 1), ("stderr", 2)):
         if getattr(sys, name) is None:
             setattr(sys, name, open(number, "w", encoding="utf-8", closefd=False))  # noqa: SIM115  until the end
+    before = sys.stderr
+    if before is sys.__stderr__ and before is not None:
+        raw = _Progress(2, "w", closefd=False)
+        sys.stderr = io.TextIOWrapper(io.BufferedWriter(raw), before.encoding, "backslashreplace", line_buffering=True)
+
+
+class _Progress(io.FileIO):
+    """Standard error: what it does not take (a terminal that has gone, a full disk) is dropped, and the run goes on."""
+
+    def write(self, data: ReadableBuffer) -> int:
+        with suppress(OSError):
+            written: int | None = super().write(data)
+            if written is not None:
+                return written
+        return memoryview(data).nbytes
 
 
 def _end_of_defect(problem: Exception) -> NoReturn:
@@ -141,12 +166,14 @@ def _end_of_defect(problem: Exception) -> NoReturn:
 
 def _end(message: str, *, kind: str, code: int) -> NoReturn:
     """Print how a command ended, with the standard library only: imports or memory may be missing."""
-    with suppress(OSError):
-        sys.stderr.write(f"error: {message}\n".encode("utf-8", "backslashreplace").decode("utf-8"))
+    sys.stderr.write(f"error: {message}\n".encode("utf-8", "backslashreplace").decode("utf-8"))
     if "--json" in sys.argv:
         import json  # not above: Ctrl-C can be handled only once this module is imported
 
         # Bytes of a file's name that are no Unicode come out as escapes.
-        sys.stdout.write(json.dumps({"error": message, "kind": kind}) + "\n")
-        sys.stdout.flush()
+        try:
+            sys.stdout.write(json.dumps({"error": message, "kind": kind}) + "\n")
+            sys.stdout.flush()
+        except OSError:
+            sys.stdout = io.StringIO()
     sys.exit(code)

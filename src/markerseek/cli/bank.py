@@ -48,11 +48,11 @@ def info(
 ) -> None:
     """Describe a bank: angles, what is known of probe and laser, the peak of its curve, and the answer of `replay`."""
     from markerseek.figures import bank_figure
-    from markerseek.records.banks import read_bank, require_whole
+    from markerseek.records.banks import require_whole
     from markerseek.search import peak_of
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
-    held = rigs.with_probe_facts(read_bank(bank, table.format()), probe)
+    held = rigs.read_recording(bank, table.format(), probe=probe)
     require_frames(held, bank, probe=probe)
     # The stored intensities need no frame, and a damaged one must not pass for that reason.
     require_whole(held)

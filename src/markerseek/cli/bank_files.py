@@ -48,6 +48,13 @@ def import_bank(
         float | None, typer.Option(help="First angle of an .npy, .npz or .mat without angles.")
     ] = None,
     step_deg: Annotated[float | None, typer.Option(help="Step from one of its angles to the next.")] = None,
+    first_frame: Annotated[
+        int | None,
+        typer.Option(
+            help="Frame of a Vantage's receive buffer that has the first angle.",
+            show_default="the one behind Resource.RcvBuffer.lastFrame",
+        ),
+    ] = None,
     axes: Annotated[
         str | None,
         typer.Option(help="Order of the axes of its frames.", show_default="angles,channels,samples"),
@@ -77,7 +84,16 @@ def import_bank(
     if reference_deg is not None and not -360 <= reference_deg <= 360:
         raise ConfigError(f"--reference-deg is {reference_deg:g} deg, it must lie within one turn")
     require_new_bank(to)
-    bank = _read(source, table.format(), first_deg=first_deg, step_deg=step_deg, axes=axes)
+    blanked = rigs.blanked_samples(probe)
+    bank = _read(
+        source,
+        table.format(),
+        first_deg=first_deg,
+        step_deg=step_deg,
+        first_frame=first_frame,
+        axes=axes,
+        blanked=blanked,
+    )
     require_frames(bank, source, probe=probe)
     held_hz = bank.facts.sampling_hz
     # A contradiction is an error, because a wrong rate scales every depth.
@@ -114,32 +130,43 @@ def import_bank(
 
 
 def _read(
-    source: Path, table: TableFormat, *, first_deg: float | None, step_deg: float | None, axes: str | None
+    source: Path,
+    table: TableFormat,
+    *,
+    first_deg: float | None,
+    step_deg: float | None,
+    first_frame: int | None,
+    axes: str | None,
+    blanked: int,
 ) -> IntensityBank | FrameBank:
     from markerseek.records.banks import ARRAY_SUFFIXES, AXES, DEFAULT_FORMAT, read_arrays, read_bank
     from markerseek.records.journal import is_journal
 
     given = (first_deg is not None, step_deg is not None)
     if source.suffix.lower() not in ARRAY_SUFFIXES or source.is_dir():
-        if any(given) or axes is not None:
+        if any(given) or axes is not None or first_frame is not None:
             raise ConfigError(
-                "--first-deg, --step-deg and --axes are for an .npy, .npz or .mat; this recording has its angles"
+                "--first-deg, --step-deg, --first-frame and --axes are for an .npy, .npz or .mat; this recording has "
+                "its angles"
             )
         with as_read_error(source):
             journal = source.is_file() and is_journal(source)
-        return runs.journal_bank(source) if journal and table == DEFAULT_FORMAT else read_bank(source, table)
+        if journal and table == DEFAULT_FORMAT:
+            return runs.journal_bank(source)
+        return read_bank(source, table, blanked=blanked)
     order = AXES if axes is None else tuple(each.strip() for each in axes.split(","))
     if sorted(order) != sorted(AXES):
         raise ConfigError(f"--axes is {axes!r}; write the three in their order: {','.join(AXES)}")
     if first_deg is None or step_deg is None:
         if any(given):
             raise ConfigError("--first-deg and --step-deg go together; give both")
-        return read_arrays(source, table, axes=order)
+        return read_arrays(source, table, first_frame=first_frame, axes=order, blanked=blanked)
     if not (math.isfinite(first_deg) and 0 < abs(step_deg) < math.inf):
         raise ConfigError(
             f"--first-deg {first_deg:g}, --step-deg {step_deg:g}: finite numbers are needed, a step not 0"
         )
-    return read_arrays(source, table, first_and_step_deg=(first_deg, step_deg), axes=order)
+    steps = (first_deg, step_deg)
+    return read_arrays(source, table, first_and_step_deg=steps, first_frame=first_frame, axes=order, blanked=blanked)
 
 
 EXPORT_EXAMPLES = (
@@ -168,7 +195,7 @@ def export_bank(
 ) -> None:
     """Write a bank with the probe's angles for other programs: images (envelope), channel data (zea), intensities."""
     from markerseek.files import require_new
-    from markerseek.records.banks import FrameBank, read_bank, require_whole
+    from markerseek.records.banks import FrameBank, require_whole
     from markerseek.records.exports import write_intensities
 
     kind = next((suffix for suffix in SUFFIXES if to.name.lower().endswith(suffix)), None)
@@ -178,7 +205,7 @@ def export_bank(
         raise ConfigError(f"--face-radius-mm is {face_radius_mm:g}, it must lie between 0 and 1000 mm")
     if face_radius_mm is not None and kind == ".csv":
         raise ConfigError(f"--face-radius-mm is for .igs.mha and .mcap, and {to} has no place for it; leave it out")
-    bank = rigs.with_probe_facts(read_bank(source, table.format()), probe)
+    bank = rigs.read_recording(source, table.format(), probe=probe)
     require_new(to)
     require_frames(bank, source, probe=probe, face_radius_mm=face_radius_mm)
     # A CSV needs no frame, and a damaged one must not pass for that reason.
@@ -236,14 +263,18 @@ def _write_channels(to: Path, bank: FrameBank, *, probe: str | None, face_radius
 
     series = series_of(bank, facts=_facts(bank, probe, face_radius_mm))
     preset = rigs.preset_of(bank, probe)
-    frames = _with_progress((bank.frame(index) for index in series.order), len(series.order))
+    first_s = bank.facts.first_sample_s or 0.0
+    filled = round(first_s * preset.sampling_hz)
+    read = (bank.frame(index) for index in series.order)
+    # Without what was filled in before the first sample.
+    frames = (replace(each, samples=each.samples[:, filled:]) for each in read)
     write_zea(
         to,
-        frames,
+        _with_progress(frames, len(series.order)),
         series=series,
         array=preset.array,
         band_hz=(preset.low_hz, preset.high_hz),
-        first_sample_s=-preset.trigger_offset_s,
+        first_sample_s=first_s - preset.trigger_offset_s,
     )
 
 

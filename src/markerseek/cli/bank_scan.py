@@ -11,7 +11,7 @@ from rich.markup import escape
 
 from markerseek import rigs, runs
 from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig, person
-from markerseek.cli.options import Arm, AsJson, RigFile
+from markerseek.cli.options import Arm, AsJson, RigFile, Trust
 from markerseek.cli.report import Output, Report, with_version
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_event, stderr
@@ -48,6 +48,7 @@ class BModeNote:
 def command(
     out: Annotated[Path, typer.Argument(help="New file, .hdf5.")],
     rig: RigFile = None,
+    trust: Trust = False,
     step_deg: Annotated[float, typer.Option(help="Largest step in degrees.")] = 0.5,
     seed: Annotated[
         int | None,
@@ -72,18 +73,20 @@ def command(
     """
     runs.require_new_scan(out, goes_on=goes_on)
     watch = WatchOptions(events=events, heartbeat=heartbeat)
+    wavelength_m = scaled("--wavelength-nm", wavelength_nm, 1e-9, most=20_000)
+    pulse_energy_j = scaled("--pulse-energy-mj", pulse_energy_mj, 1e-3, most=10_000)
     announce_compilation()
     taken, dark, refused = 0, 0, 0
     stopped: StoppedBySignal | None = None
-    with open_rig(rig, SimulationOptions(seed=seed)) as (assembled, _start_deg):
+    with open_rig(rig, SimulationOptions(seed=seed), trust=trust) as (assembled, _start_deg):
         angles = runs.scan_angles(assembled, step_deg=step_deg)
         arm_rig(assembled, file=rig, arm=arm, what="scan", as_json=as_json)
         scan = runs.scan_bank(
             assembled,
             out,
             step_deg=step_deg,
-            wavelength_m=scaled("--wavelength-nm", wavelength_nm, 1e-9, most=20_000),
-            pulse_energy_j=scaled("--pulse-energy-mj", pulse_energy_mj, 1e-3, most=10_000),
+            wavelength_m=wavelength_m,
+            pulse_energy_j=pulse_energy_j,
             goes_on=goes_on,
             by=person(),
         )

@@ -67,7 +67,7 @@ def command(
     sides of the strongest. Then prove the sense of rotation with a second source: markerseek doctor --rig RIG.toml
     --source-deg ANGLE. The element height is fitted as well, because without it off-plane sound seems to arrive late.
     """
-    from markerseek.records.banks import FrameBank, read_bank
+    from markerseek.records.banks import FrameBank
 
     for name, angle_deg in (("--source-deg", source_deg), ("--zero-deg", zero_deg)):
         require_range(name, angle_deg, low=-360, high=360, unit="deg")
@@ -75,7 +75,7 @@ def command(
         raise ConfigError(
             f"--pickup-us is {pickup_us[0]:g} {pickup_us[1]:g}, it must be a first and a later moment of 0 to 1000 us"
         )
-    scan = rigs.with_probe_facts(read_bank(bank), probe)
+    scan = rigs.read_recording(bank, probe=probe)
     if not isinstance(scan, FrameBank):
         raise ConfigError(
             f"{bank}: it holds intensities only, and calibration needs the channel data of each angle; name a folder "
@@ -86,7 +86,7 @@ def command(
     samples = _samples(bank, scan, preset)
     usual_energy = None
     if pickup_us is not None:
-        samples, usual_energy = _with_energies(samples, pickup_us, full_scale=preset.full_scale)
+        samples, usual_energy = _with_energies(samples, pickup_us, preset)
     try:
         found = runs.calibrate(samples, preset)
     except SearchError as problem:
@@ -127,11 +127,14 @@ def _samples(bank: Path, scan: FrameBank, preset: signals.ProbePreset) -> list[S
 
 
 def _with_energies(
-    samples: Sequence[Sample], pickup_us: tuple[float, float], *, full_scale: int
+    samples: Sequence[Sample], pickup_us: tuple[float, float], preset: signals.ProbePreset
 ) -> tuple[list[Sample], float]:
     """The samples with the energy of their pulses, by their pick-up, in the frames' headers; and the mean pick-up."""
     frames = [sample.frame for sample in samples if isinstance(sample.frame, ChannelFrame)]
-    pickups = [signals.pickup_amplitude(frame, window_us=pickup_us, full_scale=full_scale) for frame in frames]
+    pickups = [
+        signals.pickup_amplitude(frame, window_us=pickup_us, full_scale=preset.full_scale, recorded=preset.recorded)
+        for frame in frames
+    ]
     usual = statistics.fmean(pickups)
     if not min(pickups) > 0:
         raise ConfigError(

@@ -17,12 +17,12 @@ import msgspec
 import typer
 from rich.markup import escape
 
-from markerseek import drivers, rigs
+from markerseek import drivers, rigs, ros
 from markerseek.cli.direction import prove_direction, require_source_deg
-from markerseek.cli.open_rig import open_rig
-from markerseek.cli.options import AsJson
+from markerseek.cli.open_rig import open_rig, read_rig
+from markerseek.cli.options import AsJson, Trust
 from markerseek.cli.report import Output, Report
-from markerseek.core import ConfigError, DeviceError, Finished, Measured, PolicyPlan
+from markerseek.core import ConfigError, DeviceError, Finished, Measured, PolicyPlan, described, is_absent
 from markerseek.testing import RuleCheck
 
 EXAMPLES = (
@@ -81,6 +81,7 @@ def command(
         float | None,
         typer.Option(help="True angle of a point source, in degrees: search for it, to test the sense of rotation."),
     ] = None,
+    trust: Trust = False,
     arm: Annotated[bool, typer.Option("--arm", help="Arm the rig for --source-deg without being asked.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -96,6 +97,8 @@ def command(
         raise ConfigError("--arm: without --source-deg nothing moves and nothing is fired; leave it out")
     if source_deg is not None:
         require_source_deg(source_deg)
+    if rig is not None:
+        read_rig(rig, trust=trust)
     lease_s = None if rig is None else _lease_s(rig)
     findings = [*_packages(), _search("weighted-average"), _search("posterior")]
     if lease_s is not None:
@@ -124,7 +127,6 @@ _STATES = {
 def _packages() -> list[CheckResult]:
     """Python, the packages that are needed, and those of the extras."""
     import importlib.metadata
-    import importlib.util
 
     found = [CheckResult(what="Python", state="ok", detail=platform.python_version())]
     # Installed in any case: without them this command would not have started.
@@ -132,9 +134,19 @@ def _packages() -> list[CheckResult]:
     # A module may come from a package of another name, as cv2 does, or of a system, as rclpy.
     packages_of = importlib.metadata.packages_distributions()
     for extra, (module, purpose) in EXTRAS.items():
-        if importlib.util.find_spec(module) is None:
-            cure = f"not installed; {purpose} needs it: pip install 'markerseek[{extra}]'"
-            found.append(CheckResult(what=module, state="absent", detail=cure, needed=False))
+        try:
+            if module == "rclpy":
+                # With a middleware that is not installed, the import would end this process.
+                ros.require_middleware()
+            importlib.import_module(module)
+        # A library that is broken raises any error.
+        except (Exception, SystemExit) as problem:  # noqa: BLE001
+            if is_absent(module, problem):
+                cure = f"not installed; {purpose} needs it: pip install 'markerseek[{extra}]'"
+                found.append(CheckResult(what=module, state="absent", detail=cure, needed=False))
+            else:
+                cause = f"it cannot be imported, and {purpose} needs it: {described(problem)}"
+                found.append(CheckResult(what=module, state="broken", detail=cause, needed=False))
         else:
             packages = packages_of.get(module)
             version = importlib.metadata.version(packages[0]) if packages else "of the system"

@@ -120,8 +120,8 @@ def command(
         if scan:
             preset, frame = _frame_of_scan(file, probe, number=number)
         else:
-            preset = rigs.chosen_probe(probe or usual)
-            frame = load_frame(file, sampling_hz=preset.sampling_hz)
+            preset = replace(rigs.chosen_probe(probe or usual), recorded=True)
+            frame = load_frame(file, sampling_hz=preset.sampling_hz, blanked=preset.pickup_samples)
         reader = signals.ImageReader(preset, min_depth_m=low_m, max_depth_m=high_m)
     under = None
     if over is not None:
@@ -336,14 +336,13 @@ def b_mode_under(
             depth_step_m=depth_step_m,
         )
         return BModeImage(pixels=file.b_mode(number - 1), geometry=geometry)
-    series = read_images(path)
+    series = read_images(path, pixel_m=None if pixel_mm is None else (pixel_mm / 1e3, pixel_mm / 1e3))
     if not 1 <= number <= len(series.images):
         raise RecordError(f"{path}: there is no image {number}, it holds {len(series.images)}; count from 1")
     pixels = series.images[number - 1]
-    size_m = series.pixel_m if pixel_mm is None else (pixel_mm / 1e3, pixel_mm / 1e3)
-    if size_m is None:
+    if series.pixel_m is None:
         raise ConfigError(f"{path} does not say how large its pixels are; name it with --over-pixel-mm")
-    height_m, width_m = size_m
+    height_m, width_m = series.pixel_m
     geometry = ScanGeometry(
         first_lateral_m=-(pixels.shape[1] - 1) / 2 * width_m,
         lateral_step_m=width_m,

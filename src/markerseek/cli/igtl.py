@@ -8,10 +8,11 @@ from typing import Annotated, Any
 
 import typer
 
-from markerseek import bridges, rigs, runs
+from markerseek import bridges, runs
 from markerseek.bridges import igtl
-from markerseek.cli.options import RigFile
-from markerseek.cli.signals import STOPPING
+from markerseek.cli.open_rig import read_rig
+from markerseek.cli.options import RigFile, Trust
+from markerseek.cli.signals import heeded
 from markerseek.cli.terminal import printable
 from markerseek.core import ConfigError
 
@@ -27,6 +28,7 @@ EXAMPLES = (
 
 def command(
     rig: RigFile = None,
+    trust: Trust = False,
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port; 0 takes any that is free. PLUS has 18944.")
     ] = 18945,
@@ -66,7 +68,7 @@ def command(
         raise ConfigError("--play shows a recording, and a recording has no rig file; leave out --rig or --play")
     if rig is not None:
         # A file that cannot be used is refused now, not when somebody asks for a search.
-        rigs.read_rig_file(rig)
+        read_rig(rig, trust=trust)
     recording = None if play is None else bridges.open_recording(play)
     searches = bridges.Searches(bridges.SearchOptions(rig=rig, pace=pace or 0.0))
     service = igtl.SearchService(
@@ -111,7 +113,7 @@ async def _serve(
         if not stopped.done():
             stopped.set_result(number)
 
-    for each in STOPPING:
+    for each in heeded():
         loop.add_signal_handler(each, stop, each)
     taken = await service.open(host, port)
     try:

@@ -30,6 +30,12 @@ RigFile: TypeAlias = Annotated[
 Arm: TypeAlias = Annotated[
     bool, typer.Option("--arm", help="Arm a rig of devices without being asked; not needed for a simulated rig.")
 ]
+Trust: TypeAlias = Annotated[
+    bool,
+    typer.Option(
+        "--trust", help="Trust a module that lies beside the rig file and is its driver, without being asked."
+    ),
+]
 ProbeName: TypeAlias = Annotated[
     str | None,
     typer.Option(
@@ -188,11 +194,16 @@ class TableOptions:
     ] = None
     unit: Annotated[
         Literal["deg", "mrad", "rad"] | None,
-        typer.Option(help="Unit of their angles.", show_default="deg, unless the column is angle_mrad or angle_rad"),
+        typer.Option(help="Unit of their angles.", show_default="as the name of the column says, else deg"),
     ] = None
-    db: Annotated[bool, typer.Option("--db", help="The intensities are decibels: 20 log10 of the amplitude.")] = False
+    db: Annotated[
+        bool,
+        typer.Option(
+            "--db", help="The intensities are decibels, 20 log10 of the amplitude, also where no name says dB."
+        ),
+    ] = False
     skip_invalid: Annotated[
-        bool, typer.Option("--skip-invalid", help="Leave rows out that hold no finite number, such as NaN.")
+        bool, typer.Option("--skip-invalid", help="Leave rows out that hold no number, such as NaN.")
     ] = False
 
     def format(self) -> TableFormat:

@@ -10,9 +10,9 @@ from typing import Annotated
 
 import typer
 
-from markerseek import rigs
 from markerseek.bridges import page
-from markerseek.cli.options import RigFile
+from markerseek.cli.open_rig import read_rig
+from markerseek.cli.options import RigFile, Trust
 from markerseek.cli.terminal import announce_compilation, stdout
 from markerseek.core import ConfigError
 from markerseek.files import quoted
@@ -30,12 +30,19 @@ def command(
         list[Path] | None, typer.Argument(help="Journals and banks that can be replayed on the page.")
     ] = None,
     rig: RigFile = None,
+    trust: Trust = False,
     port: Annotated[int, typer.Option(help="Port; 0 takes any that is free.")] = 8765,
     host: Annotated[
         str, typer.Option(help="Address of this computer; one that other computers reach needs a certificate.")
     ] = "127.0.0.1",
     tls_certificate: Annotated[Path | None, typer.Option(help="Certificate for TLS (PEM).")] = None,
     tls_key: Annotated[Path | None, typer.Option(help="Key of the certificate (PEM).")] = None,
+    public_url: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL", help="Address in the browser behind a tunnel (ssh -L, VS Code): http://localhost:9000."
+        ),
+    ] = None,
     open_browser: Annotated[bool, typer.Option("--open", help="Open the page in a browser of this computer.")] = False,
 ) -> None:
     """Show a search live in the browser, and start, stop and replay searches there.
@@ -46,8 +53,8 @@ def command(
     """
     import webbrowser
 
-    address = page.Address(host=host, port=port, certificate=tls_certificate, key=tls_key)
-    shown = page.PageRig() if rig is None else page.PageRig(file=rig, settings=rigs.read_rig_file(rig))
+    address = page.Address(host=host, port=port, certificate=tls_certificate, key=tls_key, public_url=public_url)
+    shown = page.PageRig() if rig is None else page.PageRig(file=rig, settings=read_rig(rig, trust=trust))
     for path in recordings or []:
         if not path.exists():
             raise ConfigError(f"{quoted(path)}: there is no such file; name journals or banks that exist")

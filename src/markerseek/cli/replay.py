@@ -54,7 +54,6 @@ def command(
     """
     from markerseek.cli.session import run_new_session
     from markerseek.cli.show_result import conclude
-    from markerseek.records.banks import read_bank
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     watch = WatchOptions(events=events, heartbeat=heartbeat)
@@ -74,7 +73,7 @@ def command(
     session = runs.new_session(assembled, plan)
     recorded_curve = None
     if plot and not plan.whole:
-        curve = runs.bank_curve(rigs.with_probe_facts(read_bank(bank, form), probe), probe=probe)
+        curve = runs.bank_curve(rigs.read_recording(bank, form, probe=probe), probe=probe)
         recorded_curve = (curve.angle_deg, curve.intensity)
     session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None, watch=watch)
     conclude(

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,7 +17,7 @@ from markerseek import signals, studies
 from markerseek.cli.options import AsJson, require_frames
 from markerseek.cli.report import Output, Report, file_line, require_room, table
 from markerseek.cli.terminal import print_warning, stages_bar, stderr, time_left
-from markerseek.core import ConfigError, counted
+from markerseek.core import ConfigError, counted, needs_package
 
 if TYPE_CHECKING:
     from markerseek.studies.paper import Reproduction, RunOptions, Section, Table
@@ -131,8 +131,11 @@ def typical_s(names: list[str], options: RunOptions) -> float:
 def _names(reproduction: Reproduction) -> list[str]:
     """All sections; Fig. 9 only where OpenCV is installed, so that the others need no further package."""
     names = list(reproduction.makers)
-    if find_spec("cv2") is None:
-        print_warning("fig9 is left out, it needs OpenCV; install it with: pip install 'markerseek[vision]'")
+    try:
+        with needs_package("opencv-python-headless", extra="vision", purpose="it", module="cv2"):
+            importlib.import_module("cv2")
+    except ConfigError as problem:
+        print_warning(f"fig9 is left out: {problem}")
         names.remove("fig9")
     return names
 

@@ -12,7 +12,8 @@ from typer.core import TyperGroup
 from markerseek import bridges, drivers, rigs, runs
 from markerseek.bridges import ros2
 from markerseek.cli import ros2_devices
-from markerseek.cli.options import Acquisitions, MethodName, RigFile, Stay, Sweeps, ToleranceMm
+from markerseek.cli.open_rig import read_rig
+from markerseek.cli.options import Acquisitions, MethodName, RigFile, Stay, Sweeps, ToleranceMm, Trust
 from markerseek.cli.ros2_devices import RequireSecurity, ros_node
 from markerseek.cli.signals import noted_signals
 from markerseek.cli.terminal import announce_compilation, print_json, stderr, stdout
@@ -25,6 +26,7 @@ _SEARCH_EXAMPLES = "Examples:\n\n  markerseek ros2 search\n\n  markerseek ros2 s
 def search(
     ctx: typer.Context,
     rig: RigFile = None,
+    trust: Trust = False,
     method: MethodName = "posterior",
     acquisitions: Acquisitions = None,
     tolerance_mm: ToleranceMm = None,
@@ -63,6 +65,9 @@ def search(
     request = bridges.SearchRequest(
         method=method, acquisitions=acquisitions, stay=stay, sweep=sweep, tolerance_mm=tolerance_mm, seed=seed
     )
+    if rig is not None:
+        # Asked now, not when a node calls.
+        read_rig(rig, trust=trust)
     searches = bridges.Searches(bridges.SearchOptions(rig=rig, pace=pace or 0.0))
     parameters: dict[str, str | int] = {
         "method": method,

@@ -14,7 +14,8 @@ import typer
 from markerseek import drivers, rigs, ros
 from markerseek.bridges import ros2
 from markerseek.cli.emulate import true_marker, world_text, write_rig_file
-from markerseek.cli.open_rig import NOT_ARMED, confirmed, person, print_permissions
+from markerseek.cli.open_rig import NOT_ARMED, confirmed, person, print_permissions, read_rig
+from markerseek.cli.options import Trust
 from markerseek.cli.signals import noted_signals
 from markerseek.cli.terminal import stderr, stdout
 from markerseek.core import ConfigError
@@ -73,7 +74,9 @@ def ros_node(
     enclave = f"/markerseek/{name}"
     if require_security:
         ros.require_keys(enclave)
-    network = network or ros.Network(enclave, arguments=arguments)
+    if network is None:
+        network = ros.Network(enclave, arguments=arguments)
+        stderr.print(ros.reach(), markup=False)
     with ros.RosNode(name, parameters=parameters, on_active=on_active, network=network) as node:
         node.require_alone(publishes)
         yield node
@@ -105,6 +108,7 @@ _Arm = Annotated[bool, typer.Option("--arm", help="Arm the node without being as
 def stage(
     ctx: typer.Context,
     rig: _Bench,
+    trust: Trust = False,
     arm: _Arm = False,
     plain_command: PlainCommand = None,
     plain_reached: PlainReached = None,
@@ -113,25 +117,32 @@ def stage(
 ) -> None:
     """Serve the stage of a rig to any client, under limits and a guard of its own."""
     plain = plain_topics(plain_command, plain_reached, plain_unit)
-    _serve_part("stage", rig, arm=arm, plain=plain, arguments=ctx.obj, keys=require_security)
+    _serve_part("stage", rig, trust=trust, arm=arm, plain=plain, arguments=ctx.obj, keys=require_security)
 
 
-def acquire(ctx: typer.Context, rig: _Bench, arm: _Arm = False, require_security: RequireSecurity = False) -> None:
+def acquire(
+    ctx: typer.Context,
+    rig: _Bench,
+    trust: Trust = False,
+    arm: _Arm = False,
+    require_security: RequireSecurity = False,
+) -> None:
     """Serve laser and receiver of a rig: fire and record when asked, under budgets and a guard of its own."""
-    _serve_part("acquisition", rig, arm=arm, plain=None, arguments=ctx.obj, keys=require_security)
+    _serve_part("acquisition", rig, trust=trust, arm=arm, plain=None, arguments=ctx.obj, keys=require_security)
 
 
 def _serve_part(
     part: Literal["stage", "acquisition"],
     rig: Path,
     *,
+    trust: bool,
     arm: bool,
     plain: ros2.PlainTopics | None,
     arguments: list[str],
     keys: bool,
 ) -> None:
     """Connect to one part of a bench, have it armed by a person here, and serve it until stopped."""
-    settings = rigs.read_rig_file(rig)
+    settings = read_rig(rig, trust=trust)
     if not isinstance(settings, drivers.BenchSettings):
         raise ConfigError(f"{rig}: its kind is simulated; serve it with: markerseek ros2 sim --rig {quoted(rig)}")
     pump = ros2.MessagePump()

@@ -11,9 +11,9 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from markerseek import runs
+from markerseek import rigs, runs
 from markerseek.cli.open_rig import NO_OPTIONS, SimulationOptions, announce_sweeps, arm_rig, open_rig
-from markerseek.cli.options import Arm, AsJson, Out, PlanOptions, RigFile, Stay, Sweeps, with_values
+from markerseek.cli.options import Arm, AsJson, Out, PlanOptions, RigFile, Stay, Sweeps, Trust, with_values
 from markerseek.cli.report import Output, Report, drawn, table
 from markerseek.cli.terminal import announce_compilation
 from markerseek.cli.watched import Events, Heartbeat, WatchOptions
@@ -53,6 +53,7 @@ def command(
         ),
     ] = None,
     rig: RigFile = None,
+    trust: Trust = False,
     arm: Arm = False,
     simulation: SimulationOptions = NO_OPTIONS,
     stay: Stay = False,
@@ -74,7 +75,7 @@ def command(
     as_json: AsJson = False,
 ) -> None:
     """Find the marker on a rig: rotate, fire, measure, decide; then rotate to it and confirm."""
-    from markerseek.cli.session import run_new_session
+    from markerseek.cli.session import require_journal_options, run_new_session
     from markerseek.cli.show_result import conclude
     from markerseek.search import method_named, require_sweeping
 
@@ -94,7 +95,8 @@ def command(
         if watch != WatchOptions():
             raise ConfigError("--compare writes no --events and listens to no --heartbeat; leave them out")
         _compare(compare, rig, simulation, options, output, stay=stay, prior=curve)
-    with open_rig(rig, simulation, sweeps=sweep) as (assembled, start_deg):
+    require_journal_options(journal, keep=not no_journal, watch=watch)
+    with open_rig(rig, simulation, sweeps=sweep, trust=trust) as (assembled, start_deg):
         plan = options.plan(start_deg=start_deg, stay=stay, prior=curve)
         if sweep:
             plan = replace(plan, sweep_speed_deg_s=assembled.scanner.sweeping.stage.fastest_sweep_deg_s)
@@ -140,6 +142,8 @@ def _compare(
         method_named(name)
     if len(names) < 2 or len(set(names)) < len(names):
         raise ConfigError(f"--compare is {methods!r}, two or more different methods are needed: ternary,posterior")
+    # Not once its devices are open.
+    rigs.read_simulated(rig, cure="--compare is for a simulated rig; leave it out")
     announce_compilation()
     sessions = []
     for name in names:
@@ -149,8 +153,6 @@ def _compare(
             chosen, curve = replace(chosen, others=None, single=False), None
         # A new rig of the same seed, so that every method begins in the same world.
         with open_rig(rig, simulation) as (assembled, start_deg):
-            if not assembled.simulated:
-                raise ConfigError(f"--compare is for a simulated rig, and {rig} is one of devices; leave it out")
             plan = runs.plan_on(assembled, chosen.plan(start_deg=start_deg, stay=stay, prior=curve))
             session = runs.new_session(assembled, plan)
             run_session(session, as_json=output.as_json)

@@ -70,18 +70,23 @@ def run_new_session(
 
     ``journal``: the user's file; None for one in the data folder.
     """
-    if journal is not None and not keep:
-        raise ConfigError(f"--journal names {journal} and --no-journal wants none; leave one of them out")
-    if keep and watch.events is not None:
-        raise ConfigError(
-            f"--events {watch.events} is for a run without a journal; follow its journal, or add --no-journal"
-        )
+    require_journal_options(journal, keep=keep, watch=watch)
     session = replace(session, journal=_new_journal(journal, session.configuration) if keep else None)
     if watch.events is not None:
         session = replace(session, journal=Journal.create(watch.events, session.configuration, kept=False))
     with closed_at_end(session.journal):
         run_session(session, as_json=as_json, rig_file=rig_file, watch=watch)
     return session
+
+
+def require_journal_options(journal: Path | None, *, keep: bool, watch: WatchOptions = _UNWATCHED) -> None:
+    """Refuse options of `run_new_session` that contradict each other, before devices are opened."""
+    if journal is not None and not keep:
+        raise ConfigError(f"--journal names {journal} and --no-journal wants none; leave one of them out")
+    if keep and watch.events is not None:
+        raise ConfigError(
+            f"--events {watch.events} is for a run without a journal; follow its journal, or add --no-journal"
+        )
 
 
 def _watch(session: Session) -> None:
@@ -118,18 +123,20 @@ def _new_journal(named: Path | None, configuration: Configuration) -> Journal | 
     """Journal of a search that is about to begin; None where the data folder takes none and no hardware is involved."""
     if named is not None:
         return Journal.create(named, configuration)
-    path = default_journal(method=configuration.plan.method)
     try:
-        make_folder(path.parent)
-        return Journal.create(path, configuration)
-    except (OSError, RecordError) as problem:
-        reason = problem.strerror if isinstance(problem, OSError) else str(problem)
+        path = default_journal(method=configuration.plan.method)
+        try:
+            make_folder(path.parent)
+            return Journal.create(path, configuration)
+        except OSError as problem:
+            raise RecordError(f"{path}: {problem.strerror}") from problem
+    except RecordError as problem:
         if configuration.facts.kind == "bench":
             raise RecordError(
-                f"{path}: no journal can be written there ({reason}); name another with --journal FILE, or search "
-                "without one by --no-journal"
+                f"no journal can be written: {problem}; name one with --journal FILE, or search without one by "
+                "--no-journal"
             ) from problem
-        print_warning(f"no journal is kept: {path}: {reason}; name another place with --journal FILE")
+        print_warning(f"no journal is kept: {problem}; or name a file with --journal FILE")
         return None
 
 

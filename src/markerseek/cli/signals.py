@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import signal
 import sys
 from collections.abc import Iterator
@@ -51,8 +52,18 @@ def end_stopped(stop: StoppedBySignal, *, as_json: bool, kept: Path | None, resu
     if resume is not None:
         print_warning(f"continue with: {resume}")
     if as_json:
-        print_json({"error": f"stopped by {stop.by}", "kind": "Stopped", "kept": None if kept is None else str(kept)})
+        said = {"error": f"stopped by {stop.by}", "kind": "Stopped", "kept": None if kept is None else str(kept)}
+        try:
+            print_json(said)
+        except OSError:
+            # The terminal has gone; what Python still holds for it would fail again at the end.
+            sys.stdout = io.StringIO()
     raise Stopped(stop.exit_code) from None
+
+
+def heeded() -> list[signal.Signals]:
+    """Signals that end this command: nohup ignores SIGHUP, so that it survives its terminal, and that stays so."""
+    return [each for each in STOPPING if signal.getsignal(each) is not signal.SIG_IGN]
 
 
 @contextmanager
@@ -80,10 +91,8 @@ def stopped_by_signals() -> Iterator[None]:
 
     hook, sys.unraisablehook = sys.unraisablehook, lost
     before = {each: signal.getsignal(each) for each in (*STOPPING, signal.SIGALRM)}
-    for each in STOPPING:
-        # nohup ignores SIGHUP, so that the command survives its terminal: that must stay so.
-        if before[each] is not signal.SIG_IGN:
-            signal.signal(each, stop)
+    for each in heeded():
+        signal.signal(each, stop)
     try:
         yield
     finally:
@@ -99,7 +108,7 @@ def stopped_by_signals() -> Iterator[None]:
 def noted_signals() -> Iterator[list[int]]:
     """A list that receives the number of each signal: a server ends between two messages, not inside of one."""
     noted: list[int] = []
-    before = {each: signal.signal(each, lambda number, _frame: noted.append(number)) for each in STOPPING}
+    before = {each: signal.signal(each, lambda number, _frame: noted.append(number)) for each in heeded()}
     try:
         yield noted
     finally:

@@ -6,7 +6,6 @@ Programs read one JSON object on standard output (``--json``); progress, warning
 from __future__ import annotations
 
 import json
-import os
 import sys
 import time
 import unicodedata
@@ -64,10 +63,8 @@ class SafeConsole(Console):
         return super().render_str(printable(text), **options)
 
     def on_broken_pipe(self) -> None:
-        """Go on where nobody reads the progress any more; Rich would end the command, and with it a search."""
-        if not self.stderr:
-            raise  # noqa: PLE0704  Rich calls this where it has caught the error
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
+        """Leave it to `markerseek.cli.main`; Rich would end the command without a word."""
+        raise  # noqa: PLE0704  Rich calls this where it has caught the error
 
 
 # soft_wrap: a long path stays in one piece, to be copied. No emoji: ":x:" may be a part of it.

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Iterator
-from dataclasses import astuple
+import re
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import astuple, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,7 +19,7 @@ from markerseek import vision
 from markerseek.cli.options import AsJson, Out
 from markerseek.cli.report import Output, Report, drawn, table, with_version
 from markerseek.core import ConfigError, RecordError, require_range
-from markerseek.files import MIB, read_text
+from markerseek.files import DECIMAL_COMMA, MIB, angle_in, csv_rows, is_number
 
 if TYPE_CHECKING:
     import numpy as np
@@ -46,7 +48,10 @@ def command(
     ] = None,
     step_deg: Annotated[
         float | None,
-        typer.Option(help="Angle from one image to the next, in the order of their names.", show_default="1"),
+        typer.Option(
+            help="Angle from one image to the next, in the natural order of their names.",
+            show_default="1, or the angles in the names",
+        ),
     ] = None,
     first_deg: Annotated[float | None, typer.Option(help="Angle of the first image.", show_default="0")] = None,
     roi: Annotated[
@@ -61,7 +66,10 @@ def command(
     as_json: AsJson = False,
 ) -> None:
     """Find the tip of an instrument in B-mode images, and the range of angles in which it is seen."""
+    import numpy as np
+
     from markerseek.records import read_images
+    from markerseek.records.banks import unwrapped
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     rectangle = None if roi is None else _rectangle(roi)
@@ -69,12 +77,15 @@ def command(
         require_range("--pixel-mm", pixel_mm, low=1e-3, high=10, unit="mm")
     if angles is not None and (step_deg, first_deg) != (None, None):
         raise ConfigError(f"--angles {angles} names each angle; leave --step-deg and --first-deg out")
-    series = read_images(images)
+    series = read_images(
+        images,
+        roi=None if rectangle is None else (rectangle.row, rectangle.column, rectangle.rows, rectangle.columns),
+        pixel_m=None if pixel_mm is None else (pixel_mm / 1e3, pixel_mm / 1e3),
+    )
     if angles is None:
-        first, step = (usual if value is None else value for value, usual in ((first_deg, 0.0), (step_deg, 1.0)))
-        angles_deg = _steps(len(series.images), first, step)
+        angles_deg = _named_angles(series.names, first_deg, step_deg)
     else:
-        angles_deg = _angles(angles, series)
+        angles_deg = unwrapped(angles, np.array(_angles(angles, series))).tolist()
     size_m, source = _pixel_size(series, pixel_mm)
     measured = vision.sensitive_range(angles_deg, series.images, pixel_m=size_m, rectangle=rectangle)
     names = dict(zip(angles_deg, series.names, strict=True))
@@ -99,12 +110,62 @@ def _rectangle(roi: str) -> vision.Rectangle:
     return vision.Rectangle(row=row, column=column, rows=rows, columns=columns)
 
 
-def _steps(count: int, first_deg: float, step_deg: float) -> list[float]:
+_UNSURE = re.compile(r"[a-z_ ]*(?:[a-z]-|−)(?:\d+(?:\.\d+)?|\.\d+)[_ ]?(?:deg|°)?", re.ASCII | re.IGNORECASE)
+"""A name in which a hyphen may part word and number, or be a minus."""
+
+
+def _named_angles(names: Sequence[str], first_deg: float | None, step_deg: float | None) -> list[float]:
+    """Angles of images by their names, where these are angles; else in steps, in the order of the names."""
+    stems = [Path(name).stem for name in names]
+    steps = (0.0 if first_deg is None else first_deg, 1.0 if step_deg is None else step_deg)
+    if len(set(stems)) < len(stems):
+        # Frames of one file.
+        return _steps(range(len(stems)), *steps)
+    unsure = [_UNSURE.fullmatch(stem) is not None for stem in stems]
+    # Counted names are whole numbers, and all alike.
+    if any(unsure) and not all(re.fullmatch(r".*[a-z]-\d+", stem, re.IGNORECASE) for stem in stems):
+        raise RecordError(
+            f"{names[unsure.index(True)]}: its hyphen may be a minus or not; name the images as in angle_-12.5, or "
+            "give the angle of each: --angles FILE"
+        )
+    named = [angle_in(stem) for stem in stems]
+    found = [each for each in named if each is not None]
+    alike = len(found) == len(names) and len({each.word for each in found}) == 1
+    if not (alike and any(each.stated for each in found)):
+        return _steps(_places(stems), *steps)
+    angles_deg = [each.angle_deg for each in found]
+    order = sorted(angles_deg)
+    steps_deg = [after - before for before, after in pairwise(order)]
+    if (first_deg is not None and first_deg not in (order[0], order[-1])) or (
+        step_deg is not None and any(not math.isclose(each, abs(step_deg), abs_tol=1e-6) for each in steps_deg)
+    ):
+        raise ConfigError(
+            f"the names of the images are angles, {order[0]:g} to {order[-1]:g} deg, and --first-deg or --step-deg "
+            "says otherwise; leave both out, or give the angle of each: --angles FILE"
+        )
+    return angles_deg
+
+
+def _places(stems: Sequence[str]) -> list[int]:
+    """Place of each image in the scan: its number in the names, where a few of these are missing, else its order."""
+    parts = [re.fullmatch(r"(.*?)(\d+)(\D*)", stem, re.ASCII) for stem in stems]
+    numbers = [int(part[2]) for part in parts if part is not None]
+    around = {(part[1], part[3]) for part in parts if part is not None}
+    rising = len(around) == 1 and len(numbers) == len(stems) and all(one < two for one, two in pairwise(numbers))
+    # As many missing as there are would be another way to count.
+    if not rising or not len(stems) <= numbers[-1] - numbers[0] < 2 * (len(stems) - 1):
+        return list(range(len(stems)))
+    missing = ", ".join(map(str, sorted(set(range(numbers[0], numbers[-1])) - set(numbers))))
+    warnings.warn(f"the images numbered {missing} are missing; the others keep their angles (--angles)", stacklevel=2)
+    return [number - numbers[0] for number in numbers]
+
+
+def _steps(places: Sequence[int], first_deg: float, step_deg: float) -> list[float]:
     if not (math.isfinite(step_deg) and step_deg != 0):
         raise ConfigError(f"--step-deg is {step_deg:g} deg, it must be finite and not 0; 1 is usual")
     require_range("--first-deg", first_deg, low=-360, high=360, unit="deg")
     # Rounded to a millionth of a degree: 0.1 added ten times is not 1.
-    angles_deg = [round(first_deg + number * step_deg, 6) for number in range(count)]
+    angles_deg = [round(first_deg + number * step_deg, 6) for number in places]
     require_range("--step-deg: the last angle", angles_deg[-1], low=-360, high=360, unit="deg")
     return angles_deg
 
@@ -112,46 +173,43 @@ def _steps(count: int, first_deg: float, step_deg: float) -> list[float]:
 def _angles(path: Path, series: ImageSeries) -> list[float]:
     """Angles from a file, by the names of the images or in their order."""
     cure = "write a number a line, or lines of name,angle"
-    text = read_text(path, most_bytes=MIB, what="a text file of angles", cure=cure)
-    try:
-        rows = [row for row in csv.reader(text.splitlines()) if row]
-    except csv.Error as problem:
-        raise RecordError(f"{path}: the angles cannot be read: {problem}; {cure}") from problem
-    if rows and not _is_number(rows[0][-1]):
-        # A line of names above the numbers.
-        rows = rows[1:]
-    numbers = [_number(path, row) for row in rows]
-    if all(len(row) == 1 for row in rows):
+    rows = csv_rows(path, most_bytes=MIB, what="a text file of angles", cure=cure)
+    if rows.names and is_number(rows.names[-1]):
+        # The first line holds the name of an image and its angle.
+        rows = replace(rows, names=(), cells={0: [*rows.names], **rows.cells})
+    # A decimal comma in a table that commas separate makes one column more.
+    if rows.width > 2 or any(len(row) != rows.width for row in rows.cells.values()):
+        raise RecordError(f"{path}: one or two columns are expected, the same in each line; {DECIMAL_COMMA}")
+    texts = rows.numbers(path, [rows.width - 1], most=[360])
+    numbers = [_number(path, text) for (text,) in texts.values()]
+    if rows.width == 1:
         if len(numbers) != len(series.images):
             raise RecordError(f"{path}: {len(numbers)} angles for {len(series.images)} images; give one for each")
         return numbers
-    by_name = dict(zip((row[0].strip() for row in rows), numbers, strict=True))
+    by_name = dict(zip((row[0].strip() for row in rows.cells.values()), numbers, strict=True))
     missing = [name for name in series.names if name not in by_name]
     if missing:
-        raise RecordError(f"{path}: there is no angle of {missing[0]}; write a line {missing[0]},ANGLE")
+        raise RecordError(
+            f"{path}: there is no angle of {missing[0]}; write a line {missing[0]},ANGLE, and the angle with a point"
+        )
     return [by_name[name] for name in series.names]
 
 
-def _is_number(text: str) -> bool:
+def _number(path: Path, text: str) -> float:
     try:
-        float(text)
+        angle_deg = float(text)
     except ValueError:
-        return False
-    return True
-
-
-def _number(path: Path, row: list[str]) -> float:
-    if not _is_number(row[-1]) or not abs(float(row[-1])) <= 360:
-        raise RecordError(f"{path}: {row[-1]!r} is no angle in degrees; write numbers between -360 and 360")
-    return float(row[-1])
+        angle_deg = math.nan
+    # Written so that NaN fails the test, too.
+    if not abs(angle_deg) <= 360:
+        raise RecordError(f"{path}: {text!r} is no angle in degrees; write numbers between -360 and 360")
+    return angle_deg
 
 
 def _pixel_size(series: ImageSeries, pixel_mm: float | None) -> tuple[tuple[float, float], str]:
     """Height and width of a pixel in metres, and where they come from."""
-    if pixel_mm is not None:
-        return (pixel_mm / 1e3, pixel_mm / 1e3), "as given"
     if series.pixel_m is not None:
-        return series.pixel_m, "from the files"
+        return series.pixel_m, "from the files" if pixel_mm is None else "as given"
     return (_PIXEL_MM / 1e3, _PIXEL_MM / 1e3), "assumed; name it with --pixel-mm"
 
 

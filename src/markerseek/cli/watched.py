@@ -34,6 +34,9 @@ Heartbeat: TypeAlias = Annotated[
 SILENT_S = 4.0
 """Longest time without a beat, in seconds: a search then has one more to stop (decision 44)."""
 
+ORDERLY_S = 1.0
+"""Time for an orderly end, in seconds; what hangs then is ended all the same."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WatchOptions:
@@ -48,7 +51,7 @@ class WatchOptions:
 
     @contextmanager
     def stopping(self) -> Iterator[None]:
-        """Send this process SIGTERM when the heartbeat is late or ends, where there is one."""
+        """Send this process SIGTERM when the heartbeat is late or ends, where there is one; end it if that hangs."""
         if self.heartbeat is None:
             yield
             return
@@ -79,5 +82,9 @@ def _terminate_without_beats(beats: int, over: threading.Event) -> None:
         if arrived and os.read(beats, 4096):
             beat_s = time.monotonic()
         elif arrived or time.monotonic() - beat_s > SILENT_S:
+            # Whatever hangs: the supervisor makes laser and stage safe, as after any death of a search.
+            ending = threading.Timer(ORDERLY_S, os._exit, [128 + signal.SIGTERM])
+            ending.daemon = True
+            ending.start()
             os.kill(os.getpid(), signal.SIGTERM)
             return

@@ -18,6 +18,7 @@ from markerseek.core.errors import (
     SaturationError,
     SearchError,
     described,
+    is_absent,
     needs_package,
 )
 from markerseek.core.estimate import (
@@ -198,6 +199,7 @@ __all__ = [
     "counted",
     "described",
     "fastest_sweep_deg_s",
+    "is_absent",
     "is_finite",
     "is_whole",
     "listed",

@@ -57,15 +57,26 @@ class MissingExtraError(ConfigError):
 
 
 @contextmanager
-def needs_package(package: str, *, extra: str, purpose: str) -> Iterator[None]:
+def needs_package(package: str, *, extra: str, purpose: str, module: str | None = None) -> Iterator[None]:
     """Import an optional package in the block; `MissingExtraError` names the extra that installs it where it is absent.
 
-    ``purpose``: what it is needed for, as the subject of a sentence: "a picture".
+    ``purpose``: what it is needed for, as the subject of a sentence: "a picture". ``module``: name of its module, where
+    that is not the package's. Raises `ConfigError` with the cause where it is there and cannot be imported.
     """
     try:
         yield
     except ImportError as problem:
-        raise MissingExtraError(package=package, extra=extra, purpose=purpose) from problem
+        if is_absent(module or package.replace("-", "_"), problem):
+            raise MissingExtraError(package=package, extra=extra, purpose=purpose) from problem
+        raise ConfigError(
+            f"{purpose} needs the package {package}, which is installed and cannot be imported: {described(problem)}; "
+            f"install what is missing, or it again: pip install --force-reinstall 'markerseek[{extra}]'"
+        ) from problem
+
+
+def is_absent(module: str, problem: BaseException) -> bool:
+    """Whether importing a module failed because that very module, or its package, is not installed."""
+    return isinstance(problem, ModuleNotFoundError) and f"{module}.".startswith(f"{problem.name}.")
 
 
 def described(problem: BaseException) -> str:

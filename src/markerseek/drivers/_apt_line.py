@@ -6,6 +6,7 @@ from collections import defaultdict, deque
 from typing import TypeVar
 
 from markerseek.core import Clock, DeviceError, DeviceTimeoutError
+from markerseek.drivers._unread import Unread
 from markerseek.wire import AptFramer, Port, apt
 
 _AnswerT = TypeVar(
@@ -17,6 +18,7 @@ _AnswerT = TypeVar(
     apt.Counts,
     apt.TriggerPorts,
     apt.TriggerPositions,
+    apt.Channel,
 )
 
 _POLL_S = 1e-3
@@ -47,6 +49,7 @@ class AptLine:
         self._framer = AptFramer()
         self._open: defaultdict[int, deque[float]] = defaultdict(deque)
         self._garbled = False
+        self._unread = Unread()
 
     def send(self, message: bytes) -> None:
         """Send a message that has no answer."""
@@ -58,6 +61,7 @@ class AptLine:
         ``ident``: identity of the message that answers. Raises `DeviceTimeoutError` if no answer comes in time.
         """
         self._take(ident)
+        self._unread.clear()
         first_s = self._clock.now_s()
         while (asked_s := self._clock.now_s()) - first_s < self._age_s:
             self._open[ident].append(asked_s)
@@ -76,7 +80,8 @@ class AptLine:
                 self._open[ident].popleft()
             self._garbled = False
         raise DeviceTimeoutError(
-            f"the stage's controller gave no answer in {self._age_s:g} s; check its cable and its power"
+            f"the stage's controller gave no answer in {self._age_s:g} s: "
+            + self._unread.said(cure="check its cable and its power, and that stage.port is its port")
         )
 
     def close(self) -> None:
@@ -89,6 +94,7 @@ class AptLine:
         now_s = self._clock.now_s()
         data = self._port.read(_READ_BYTES, timeout_s=0.0)
         self._garbled = self._garbled or bool(data)
+        self._unread.add(data)
         for message in self._framer.feed(data):
             self._garbled = False
             asked_s = self._open[message.ident].popleft() if self._open[message.ident] else now_s - self._age_s

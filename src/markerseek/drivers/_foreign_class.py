@@ -12,10 +12,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from markerseek.core import ConfigError, DeviceTimeoutError, MarkerseekError, described
+from markerseek.core import ConfigError, DeviceTimeoutError, MarkerseekError, described, is_absent
 from markerseek.drivers._time_limit import time_limit
 from markerseek.drivers.entry import Part
-from markerseek.files import nearest_key, setting_from
+from markerseek.drivers.trust import module_beside
+from markerseek.files import data_folder, nearest_key, setting_from
 
 METHODS: dict[Part, tuple[str, ...]] = {
     "stage": ("move_to", "stop"),
@@ -35,39 +36,28 @@ OFFERED = {
 """What a class may ask for by name, besides ``line`` and the keys of its table."""
 
 
+def names_of(part: Part, driver: str) -> tuple[str, str]:
+    """Names of the module and the class; `ConfigError` if it names none."""
+    module_name, _, class_name = driver.partition(":")
+    named = class_name.isidentifier() and all(word.isidentifier() for word in module_name.split("."))
+    if not named or module_name.endswith(".py"):
+        raise ConfigError(
+            f'{part}.driver = "{driver}": it must be "module:Class", as in "my_stage:Stage": the name of the file '
+            "without its folder and .py, a colon, and that of the class"
+        )
+    return module_name, class_name
+
+
 def class_of(part: Part, driver: str, *, beside: str) -> type:
     """The class that a rig file names, with the methods of its part.
 
     ``beside``: folder of the rig file. Raises `ConfigError` where it is not found, fails, or lacks a method.
     """
     name = f'{part}.driver = "{driver}"'
-    module_name, _, class_name = driver.partition(":")
-    named = class_name.isidentifier() and all(word.isidentifier() for word in module_name.split("."))
-    if not named or module_name.endswith(".py"):
-        raise ConfigError(
-            f'{name}: it must be "module:Class", as in "my_stage:Stage": the name of the file without its folder and '
-            ".py, a colon, and that of the class"
-        )
+    module_name, class_name = names_of(part, driver)
     if not beside:
         raise ConfigError(f"{name}: a foreign driver is only imported for a rig file; name the rig file")
-    file = Path(beside) / f"{module_name}.py"
-    try:
-        with time_limit(f"importing {module_name}"):
-            module = _from_file(module_name, str(file)) if file.is_file() else _installed(module_name, beside)
-    except ModuleNotFoundError as problem:
-        if problem.name is None or not f"{module_name}.".startswith(f"{problem.name}."):
-            raise ConfigError(f"{name}: importing {module_name} failed: {problem}; install what it needs") from problem
-        raise ConfigError(
-            f"{name}: there is no file {file}, and no module {module_name} is installed; correct the name, or put the "
-            "file beside the rig file"
-        ) from problem
-    except DeviceTimeoutError as problem:
-        raise ConfigError(f"{name}: {problem}") from problem
-    except MarkerseekError:
-        raise
-    # Code of the user: any error in it is reported under its name, and not as one of this program.
-    except (Exception, SystemExit) as problem:
-        raise ConfigError(f"{name}: importing {module_name} failed: {described(problem)}; correct it") from problem
+    module = _module(module_name, beside, name=name)
     made = getattr(module, class_name, None)
     if not isinstance(made, type):
         there = [
@@ -87,10 +77,39 @@ def class_of(part: Part, driver: str, *, beside: str) -> type:
     return made
 
 
+def _module(module_name: str, beside: str, *, name: str) -> Any:
+    """The module, imported; one that lies beside the rig file only where it is trusted. ``name``: for messages."""
+    file = Path(beside) / f"{module_name}.py"
+    found = module_beside(module_name, Path(beside))
+    if found is not None and not found.is_trusted:
+        raise ConfigError(
+            f"{name}: {found.files[0]} comes with the rig file and is not trusted yet, or has changed; read it, then "
+            "trust it by the question or --trust of: markerseek doctor --rig RIG.toml"
+        )
+    try:
+        with time_limit(f"importing {module_name}"):
+            if found is not None:
+                _find_beside(beside)
+            return _from_file(module_name, str(file)) if file.is_file() else importlib.import_module(module_name)
+    except ModuleNotFoundError as problem:
+        if not is_absent(module_name, problem):
+            raise ConfigError(f"{name}: importing {module_name} failed: {problem}; install what it needs") from problem
+        raise ConfigError(
+            f"{name}: there is no file {file}, and no module {module_name} is installed; correct the name, or put the "
+            "file beside the rig file"
+        ) from problem
+    except DeviceTimeoutError as problem:
+        raise ConfigError(f"{name}: {problem}") from problem
+    except MarkerseekError:
+        raise
+    # Code of the user: any error in it is reported under its name, and not as one of this program.
+    except (Exception, SystemExit) as problem:
+        raise ConfigError(f"{name}: importing {module_name} failed: {described(problem)}; correct it") from problem
+
+
 @cache
 def _from_file(name: str, path: str) -> Any:
     """Module of a file beside the rig file; an installed one of that name does not take its place."""
-    _find_beside(str(Path(path).parent))
     # A name of its own: another rig file's module may have the same.
     spec = importlib.util.spec_from_file_location(f"markerseek_rig.{abs(hash(path)):x}.{name}", path)
     assert spec is not None  # noqa: S101  a path that ends with .py has a loader
@@ -105,15 +124,12 @@ def _from_file(name: str, path: str) -> Any:
     return module
 
 
-def _installed(name: str, beside: str) -> Any:
-    _find_beside(beside)
-    return importlib.import_module(name)
-
-
 def _find_beside(folder: str) -> None:
     """Let modules of the rig file's folder be found, after all that is installed: none of them can be replaced."""
     if folder not in sys.path:
         sys.path.append(folder)
+    # What lies in __pycache__ there is not what was trusted: Python may run it unseen in the place of the text.
+    sys.pycache_prefix = str(data_folder() / "pycache")
 
 
 def arguments_of(

@@ -30,6 +30,7 @@ _UNSTEADY_COUNTS = 20
 """How far a servo may be ahead of its set point, at any speed: 0.01 deg."""
 _APART_S = 0.015
 """Readings closer together than this give no speed."""
+DISABLED = "its channel is disabled, and its motor gets no current: arming the rig enables it"
 _KEPT = 6
 """Readings that are compared with: a short way back the speed is recent, a long way back it is well known."""
 
@@ -256,7 +257,7 @@ class Move:
                 # Only now has it surely received its target: both may have waited in one place on their way.
                 sent_s, advanced_s = None, reading.answered_s
             if sent_s is None and not settled and not reading.asked_s - advanced_s < rules.begin_s:
-                raise self._stuck(status.position, target, began=farthest != start)
+                raise self._stuck(status, target, began=farthest != start)
             if not now_s < ends_s:
                 raise MoveError(f"the stage has not arrived in {now_s - began_s:.1f} s; it is too slow")
             if now_s - aimed_s >= rules.renew_s - _TICK_S or aim is None:
@@ -350,9 +351,10 @@ class Move:
                 )
         return None
 
-    def _stuck(self, position: int, target: int, *, began: bool) -> MoveError:
+    def _stuck(self, status: apt.Status, target: int, *, began: bool) -> MoveError:
         what = "came to rest" if began else "did not begin to move"
+        cure = "look for an obstacle" if status.enabled else DISABLED
         return MoveError(
-            f"the stage {what} at {position} counts, {abs(target - position) / apt.COUNTS_PER_DEG:.3f} deg from its "
-            "target; look for an obstacle"
+            f"the stage {what} at {status.position} counts, "
+            f"{abs(target - status.position) / apt.COUNTS_PER_DEG:.3f} deg from its target; {cure}"
         )

@@ -10,7 +10,9 @@ from markerseek.core import Interval, LimitError, MoveError, NotConnectedError
 from markerseek.drivers._apt_line import AptLine
 from markerseek.wire import apt
 
-_ValueT = TypeVar("_ValueT", apt.Velocity, apt.Counts, apt.SoftLimits, apt.TriggerPorts, apt.TriggerPositions)
+_ValueT = TypeVar(
+    "_ValueT", apt.Velocity, apt.Counts, apt.SoftLimits, apt.TriggerPorts, apt.TriggerPositions, apt.Channel
+)
 
 _MODELS = ("KDC101", "TDC001")
 TRIGGERING_MODELS = ("KDC101",)
@@ -34,6 +36,8 @@ class Connected:
     """Travel range as it was written, in counts."""
     position: int
     """Present position, in counts."""
+    enabled: bool
+    """Whether its motor gets current."""
 
 
 def set_up(
@@ -88,7 +92,13 @@ def set_up(
     write_velocity(line, velocity)
     _write(line, "backlash", no_backlash, apt.set_backlash(no_backlash.counts) + apt.ask_backlash(), apt.BACKLASH)
     _write(line, "limits", limits, apt.set_limits(limits) + apt.ask_limits(), apt.LIMITS)
-    return Connected(info=info, zero=zero, limits=limits, position=status.position)
+    return Connected(info=info, zero=zero, limits=limits, position=status.position, enabled=status.enabled)
+
+
+def enable(line: AptLine) -> None:
+    """Give the motor current; nothing moves. `MoveError` if the controller does not keep it."""
+    enabled = apt.Channel(enabled=True)
+    _write(line, "channel enabled", enabled, apt.enable_channel() + apt.ask_channel(), apt.CHANNEL_STATE)
 
 
 def write_velocity(line: AptLine, velocity: apt.Velocity) -> None:

@@ -8,6 +8,7 @@ from typing import TypeGuard, TypeVar
 
 from markerseek.core import Clock, DeviceTimeoutError, LaserError, NotConnectedError
 from markerseek.drivers._laserbox_sweep import BoxSweep
+from markerseek.drivers._unread import Unread
 from markerseek.wire import Port
 from markerseek.wire import laserbox as wire
 
@@ -15,6 +16,9 @@ _BEAT_S = 0.02
 """Time between two beats, in seconds: five of them in the longest lease."""
 
 POLL_S = 0.002
+
+_AGAIN_S, _BURST_S = 0.5, 0.1
+"""Time after which HELLO is sent to a deaf board again, and in which it answers those that it kept, in seconds."""
 
 _MIN_LEASE_MS = 50
 """Shortest lease in milliseconds that survives one lost beat."""
@@ -48,9 +52,11 @@ class BoxLine:
         self._step = 0
         self._beaten_s = -math.inf
         self.holds_permit = False
+        self._unread = Unread()
 
     def send(self, command: wire.Command) -> None:
         """Send a command."""
+        self._unread.clear()
         self._port.write(wire.encode(command))
 
     def beat(self) -> None:
@@ -59,27 +65,50 @@ class BoxLine:
         if self.holds_permit and now_s - self._beaten_s >= _BEAT_S:
             self._step += 1
             self._beaten_s = now_s
-            self.send(wire.Beat(step=self._step))
+            self._port.write(wire.encode(wire.Beat(step=self._step)))
 
-    def greet(self) -> wire.Greeting | wire.Refusal:
-        """Send HELLO, and return its answer, after which steps begin at 1 again; or BUSY."""
-        # The line end first: it completes a half line that another program left, which would garble HELLO.
-        self._port.write(b"\n" + wire.encode(wire.Hello()))
-        answer = self._skip_to(_answers_hello, after="HELLO")
+    def greet(self, *, within_s: float = 0.0) -> wire.Greeting | wire.Refusal:
+        """Send HELLO, and return its answer, after which steps begin at 1 again; or BUSY.
+
+        ``within_s``: HELLO is sent again until then: many boards restart when their port is opened, and are deaf for a
+        second or two.
+        """
+        self._unread.clear()
+        ends_s = self._clock.now_s() + max(within_s, self._answer_s)
+        tries = 0
+        while True:
+            tries += 1
+            # The line end first: it completes a half line that another program left, which would garble HELLO.
+            self._port.write(b"\n" + wire.encode(wire.Hello()))
+            left_s = ends_s - self._clock.now_s()
+            try:
+                wait_s = min(left_s, _AGAIN_S) if within_s else left_s
+                answer = self._skip_to(_answers_hello, after="HELLO", within_s=wait_s)
+                break
+            except DeviceTimeoutError:
+                if not self._clock.now_s() < ends_s:
+                    raise
+        if tries > 1:
+            # It may have kept the others, and answers each.
+            self._clock.wait(_BURST_S)
+            self.drop_replies()
         if isinstance(answer, wire.Greeting):
             self._step = 0
         return answer
 
     def await_disarmed(self) -> None:
         """Wait for the answer to DISARM."""
-        self._skip_to(_answers_disarm, after="DISARM")
+        self._skip_to(_answers_disarm, after="DISARM", within_s=self._answer_s)
 
     def next(self, *, within_s: float, after: str) -> wire.Reply:
         """Next reply; the lease is renewed meanwhile. Raises `DeviceTimeoutError` if none comes in time."""
         ends_s = self._clock.now_s() + within_s
         while not self._replies:
             if not self._clock.now_s() <= ends_s:
-                raise DeviceTimeoutError(f"laser box: no answer to {after} in time; check its cable and its power")
+                raise DeviceTimeoutError(
+                    f"laser box: no answer to {after} in time: "
+                    + self._unread.said(cure="check its cable and its power, and that laser.port is its port")
+                )
             self.beat()
             self._clock.wait(POLL_S)
             self._receive()
@@ -98,9 +127,9 @@ class BoxLine:
         for line in self._lines.feed(first + self._port.read(4096, timeout_s=0.0)):
             sweep.hear(wire.decode_reply(line), now_s=now_s)
 
-    def _skip_to(self, wanted: Callable[[wire.Reply], TypeGuard[_Kind]], *, after: str) -> _Kind:
+    def _skip_to(self, wanted: Callable[[wire.Reply], TypeGuard[_Kind]], *, after: str, within_s: float) -> _Kind:
         """Next reply that is wanted; others, and damaged lines, belong to earlier commands and are skipped."""
-        ends_s = self._clock.now_s() + self._answer_s
+        ends_s = self._clock.now_s() + within_s
         while True:
             try:
                 reply = self.next(within_s=ends_s - self._clock.now_s(), after=after)
@@ -110,7 +139,9 @@ class BoxLine:
                 return reply
 
     def _receive(self) -> None:
-        self._replies += self._lines.feed(self._port.read(256, timeout_s=0.0))
+        data = self._port.read(256, timeout_s=0.0)
+        self._unread.add(data)
+        self._replies += self._lines.feed(data)
 
 
 def _answers_hello(reply: wire.Reply) -> TypeGuard[wire.Greeting | wire.Refusal]:

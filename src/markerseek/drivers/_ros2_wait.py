@@ -2,13 +2,35 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 
 from markerseek.core import Clock, NotConnectedError
-from markerseek.ros import RosNode
+from markerseek.ros import RosNode, reach
 
 _SLICE_S = 0.02
 """Longest time between two beats of the clock while a message is awaited, in seconds."""
+
+_PATIENCE_S = 2.0
+"""Time after which it is said that a node is not found yet, in seconds; on one computer it takes 0.3 s."""
+
+
+def require_found(
+    node: RosNode, clock: Clock, found: Callable[[], bool], *, missing: str, cure: str, connect_s: float
+) -> None:
+    """Wait for a node of a rig, and warn early where it is looked for; `NotConnectedError` if it is not found in time.
+
+    ``missing``: what was not found, as "stage: no node takes angles on /goto". ``cure``: what helps.
+    """
+    early_s = min(_PATIENCE_S, connect_s)
+    if wait_until(node, clock, found, timeout_s=early_s):
+        return
+    where = f"it is looked for in {reach()}"
+    if connect_s > early_s:
+        warnings.warn(f"{missing} so far; {where}; waiting up to {connect_s:g} s", stacklevel=2)
+        if wait_until(node, clock, found, timeout_s=connect_s - early_s):
+            return
+    raise NotConnectedError(f"{missing} within {connect_s:g} s; {cure}; {where}")
 
 
 def wait_until(node: RosNode, clock: Clock, arrived: Callable[[], bool], *, timeout_s: float, of: str = "") -> bool:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import socket
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator
+from itertools import islice
 from typing import ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -23,8 +24,12 @@ from markerseek.core import (
 )
 from markerseek.drivers._receivers import acquired_frame, armed_for
 
-_READ_BYTES = 1 << 18
-_MAX_DRAINED_BYTES = 1 << 26
+_READ_BYTES = 1 << 16
+_MAX_TAKEN_BYTES, _MAX_TAKEN = 1 << 24, 500
+"""Most that is taken between two beats of the clock, in bytes and in messages: the lease is renewed in each."""
+
+_FLOOD_PER_S = 5000
+"""More messages in a second than any server or sender has reason to send: a tracker gives some hundred."""
 
 SLICE_S = 0.005
 """Longest wait between two looks at a connection."""
@@ -97,6 +102,8 @@ class TriggeredReceiver(ABC, Generic[SettingsT, MessageT]):
         self._settings, self._dark_triggers = settings, dark_triggers
         self._armed: tuple[Permit, float, float] | None = None
         self._sequence = 0
+        self._decoding: Iterator[MessageT | None] = iter(())
+        self._came, self._since_s = 0, clock.now_s()
         self.emulated = False
         self._begin()
 
@@ -115,8 +122,8 @@ class TriggeredReceiver(ABC, Generic[SettingsT, MessageT]):
         """What to check where too few come."""
 
     @abstractmethod
-    def _decoded(self, data: bytes) -> Iterable[MessageT]:
-        """Messages that are complete with more bytes; a `DeviceError` ends the connection."""
+    def _decoded(self, data: bytes) -> Iterator[MessageT | None]:
+        """Messages that are complete with more bytes, None for one that is not used; a `DeviceError` ends all."""
 
     @abstractmethod
     def _samples(self, messages: list[MessageT], armed_unix_s: float) -> Int16[np.ndarray, "channels samples"]:
@@ -133,7 +140,7 @@ class TriggeredReceiver(ABC, Generic[SettingsT, MessageT]):
         `NotConnectedError` if the connection has ended.
         """
         self._armed = None
-        late = self._until_quiet(most=0)
+        late = self._until_quiet()
         if late:
             raise AcquisitionError(
                 f"{self.driver}: {len(late)} {self._used} came although nothing was triggered; they are not used"
@@ -146,9 +153,11 @@ class TriggeredReceiver(ABC, Generic[SettingsT, MessageT]):
         connection has ended.
         """
         self._armed = None
+        ends_s = self._clock.now_s() + self._settings.timeout_s
         # What waits was sent before: it is of no acquisition that will be asked for.
-        self._received()
-        if self._until_quiet(most=0):
+        while self._take()[1] and self._clock.now_s() <= ends_s:
+            self._clock.wait(0.0)
+        if self._until_quiet():
             raise AcquisitionError(f"{self.driver}: {self._used} come although nothing is triggered; {self.cure}")
         self._armed = permit, self._clock.now_s(), self._unix_s()
 
@@ -182,7 +191,7 @@ class TriggeredReceiver(ABC, Generic[SettingsT, MessageT]):
         messages: list[MessageT] = []
         ends_s = self._clock.now_s() + self._settings.timeout_s
         while len(messages) < count:
-            messages += self._received()
+            messages += self._take()[0]
             if len(messages) < count:
                 if not self._clock.now_s() <= ends_s:
                     raise DeviceTimeoutError(
@@ -190,7 +199,7 @@ class TriggeredReceiver(ABC, Generic[SettingsT, MessageT]):
                         f"{self._settings.timeout_s:g} s; check {self._check}"
                     )
                 self._clock.wait(SLICE_S)
-        messages += self._until_quiet(most=count)
+        messages += self._until_quiet()
         if len(messages) > count:
             raise AcquisitionError(
                 f"{self.driver}: {len(messages)} {self.messages} came for {count} pulses; which are of this "
@@ -198,39 +207,60 @@ class TriggeredReceiver(ABC, Generic[SettingsT, MessageT]):
             )
         return messages
 
-    def _until_quiet(self, *, most: int) -> list[MessageT]:
-        """Messages until none came for a while, or more than are of use."""
-        messages: list[MessageT] = []
+    def _until_quiet(self) -> list[MessageT]:
+        """Messages that come before none came for a while: none, or the first that is too many and those with it."""
         quiet_s = self._clock.now_s() + self._settings.quiet_s
-        while self._clock.now_s() < quiet_s and len(messages) <= most:
-            new = self._received()
-            messages += new
-            if new:
-                quiet_s = self._clock.now_s() + self._settings.quiet_s
+        while self._clock.now_s() < quiet_s:
+            if new := self._take()[0]:
+                return new
             self._clock.wait(SLICE_S)
-        return messages
+        return []
 
-    def _received(self) -> list[MessageT]:
-        """Messages that have come, without waiting; `NotConnectedError` if the connection has ended."""
-        taken = 0
+    def _take(self) -> tuple[list[MessageT], bool]:
+        """Messages that have come, without waiting, and whether there may be more.
+
+        Raises `NotConnectedError` if the connection has ended, or so many come that they cannot be taken.
+        """
         messages: list[MessageT] = []
-        while taken < _MAX_DRAINED_BYTES:
+        room, taken = _MAX_TAKEN, 0
+        while taken < _MAX_TAKEN_BYTES:
+            try:
+                some = list(islice(self._decoding, room))
+            except DeviceError as problem:
+                # No next message begins at a known place.
+                self._connection.close()
+                raise NotConnectedError(f"{self.driver}: {problem}; the connection is closed") from problem
+            messages += [message for message in some if message is not None]
+            self._came += len(some)
+            room -= len(some)
+            if not room:
+                break
             try:
                 data = self._connection.recv(_READ_BYTES)
             except BlockingIOError:
-                break
+                # Nothing waits: what comes next is counted anew.
+                self._came, self._since_s = 0, self._clock.now_s()
+                return messages, False
+            except ConnectionResetError:
+                data = b""
             except OSError as problem:
                 raise NotConnectedError(f"{self.driver}: the connection has ended: {problem.strerror}") from problem
             if not data:
                 raise NotConnectedError(f"{self.driver}: the {self.peer} has closed the connection; start it again")
             taken += len(data)
-            try:
-                messages += self._decoded(data)
-            except DeviceError as problem:
-                # No next message begins at a known place.
-                self._connection.close()
-                raise NotConnectedError(f"{self.driver}: {problem}; the connection is closed") from problem
-        return messages
+            self._decoding = self._decoded(data)
+        self._require_no_flood()
+        return messages, True
+
+    def _require_no_flood(self) -> None:
+        passed_s = self._clock.now_s() - self._since_s
+        if self._came > _FLOOD_PER_S * (1 + passed_s):
+            self._connection.close()
+            raise NotConnectedError(
+                f"{self.driver}: the {self.peer} floods: {self._came} messages came in {passed_s:.2f} s without a "
+                f"pause, at most {_FLOOD_PER_S} a second are taken; the connection is closed; start the {self.peer} "
+                "again, and let it send nothing but what each trigger gives"
+            )
 
 
 def mean_counts(each: list[Int16[np.ndarray, "channels samples"]]) -> Int16[np.ndarray, "channels samples"]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Collection, Iterator
@@ -40,33 +41,34 @@ class DaqFolder:
                     if wire.file_number(entry.name) is None:
                         continue
                     try:
-                        status = entry.stat()
+                        status, is_file = entry.stat(), entry.is_file()
                     except FileNotFoundError:  # replaced between listing and stat
                         continue
-                    if entry.is_file():
+                    if is_file:
                         state[entry.name] = (status.st_mtime_ns, status.st_size, status.st_ino)
         except OSError as error:
             raise self._unreadable(error) from error
         return state
 
-    def is_complete(self, name: str) -> bool:
-        """Whether a file has the size given by its header."""
+    def incomplete(self, name: str) -> str:
+        """Why a file does not have the size given by its header, or cannot be opened yet; empty if it is complete."""
         try:
             # Of any size: one that is too large is complete, and reading it says what is wrong with it.
             with open_input(self._path / name, most_bytes=sys.maxsize) as file:
                 size = os.fstat(file.fileno()).st_size
                 wire.decode_header(file.read(wire.HEADER_BYTES), size=size, name=name)
-        except (RecordError, FileNotFoundError):
-            return False
+        except RecordError as error:
+            return str(error)
         except OSError as error:
-            raise self._unreadable(error) from error
-        return True
+            # On a share with Windows, a file that its writer has open cannot be opened by others.
+            return f"{name} cannot be read ({_reason(error)})"
+        return ""
 
     def read(self, names: Collection[str], *, pulses: int) -> Int16[np.ndarray, "channels samples"]:
         """Samples of all channels by element, averaged over the pulses.
 
         ``pulses``: how many each must hold. Raises `AcquisitionError` if the files are not one acquisition of that many
-        pulses.
+        pulses. Raises `NotConnectedError` if one cannot be read now.
         """
         with self._refused():
             samples, found = wire.averaged(self._files(names))
@@ -101,7 +103,13 @@ class DaqFolder:
             raise self._unreadable(error) from error
 
     def _unreadable(self, error: OSError) -> NotConnectedError:
+        of = "" if error.filename in (None, self._path) else f", {Path(error.filename).name}"
         return NotConnectedError(
-            f"sonixdaq: the folder {self._path} cannot be read ({error.strerror or error}); "
+            f"sonixdaq: the folder {self._path} cannot be read{of} ({_reason(error)}); "
             "check its name, the rights, and the network drive"
         )
+
+
+def _reason(error: OSError) -> str:
+    """Name of an error of the file system, and what it says."""
+    return f"{errno.errorcode.get(error.errno or 0, 'error')}: {error.strerror or error}"

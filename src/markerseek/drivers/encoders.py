@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from markerseek.core import DeviceError, Float64, MoveError, NotConnectedError
-from markerseek.drivers.plus import MAX_IMAGE_BYTES
-from markerseek.ros import RosNode, joint_angle_deg, messages, topics
+from markerseek.drivers.plus import MAX_IMAGE_BYTES, VERSION_CURE, ask_for_metadata
+from markerseek.ros import RosNode, joint_angle_deg, messages, reach, topics
 from markerseek.wire import igtl
 
 AXES = ("x", "y", "z")
@@ -25,8 +25,8 @@ MAX_SHIFT_MM = 2.0
 """Most that a transform may shift the probe besides, in millimetres: its depth is no part of a search."""
 
 _READ_BYTES = 1 << 16
-_MAX_READS = 64
-"""Most reads for one angle: a server that floods must not hold up the control loop."""
+_MAX_READS, _MAX_TAKEN = 64, 2000
+"""Most reads and messages for one angle: a server that floods must not hold up the control loop."""
 
 _MAX_WAITING = 200
 """Most messages of ROS 2 that are handled for one angle."""
@@ -102,8 +102,9 @@ class IgtlEncoder:
     """A TRANSFORM of a PLUS server, or of another server of OpenIGTLink.
 
     Only the newest message counts, and only if it is of now by its own time. ``device``: its name. ``axis``: index of
-    the axis of rotation. ``unix_s``: time of day in seconds since 1970, which the messages carry. ``emulated``: whether
-    the server says that it is an emulator. Raises `NotConnectedError` if no server answers.
+    the axis of rotation. ``states``: whether each must state by its metadata that it is valid. ``unix_s``: time of day
+    in seconds since 1970, which the messages carry. ``emulated``: whether the server says that it is an emulator.
+    Raises `NotConnectedError` if no server answers.
     """
 
     def __init__(
@@ -115,9 +116,10 @@ class IgtlEncoder:
         device: str,
         axis: int,
         age_s: float,
+        states: bool = True,
         unix_s: Callable[[], float] = time.time,  # noqa: TID251  the time of day is part of the protocol
     ) -> None:
-        self._device, self._unix_s = device, unix_s
+        self._device, self._unix_s, self._states = device, unix_s, states
         self._transforms, self._stamps = _Transforms(axis), _Stamps(age_s)
         self._framer = igtl.Framer(most_bytes=MAX_IMAGE_BYTES)
         self._said = ""
@@ -130,6 +132,7 @@ class IgtlEncoder:
                 "host and port"
             ) from problem
         self._connection.setblocking(False)
+        ask_for_metadata(self._connection, what="stage: the connection to its encoder")
 
     def close(self) -> None:
         """Close the connection; allowed twice."""
@@ -149,18 +152,28 @@ class IgtlEncoder:
         newest = self._newest()
         if newest is None:
             return None
-        status = newest.metadata.get("TransformStatus", "OK")
-        self._said = "" if status == "OK" else f"it says that its transform is {status[:20]!r}"
+        self._said = self._objection(newest)
         if self._said or not self._stamps.is_used(newest.time_s, self._unix_s()):
             return None
         assert isinstance(newest.content, igtl.Transform)  # noqa: S101  by the kind in its header
         return self._transforms.angle_deg(newest.content.matrix)
 
+    def _objection(self, transform: igtl.Message) -> str:
+        """Why a transform is not believed; empty if it is: a server sends its last matrix with a status of INVALID."""
+        status = transform.metadata.get("TransformStatus")
+        if status is None and self._states:
+            said = "its transform does not state by TransformStatus in its metadata that it is valid"
+            if transform.version == 1:
+                return f"{said}: it came in header version 1; {VERSION_CURE}, or set stage.require_status = false"
+            return f"{said}; let the server send it, or set stage.require_status = false if it never can"
+        return "" if status in (None, "OK") else f"it says that its transform is {status[:20]!r}"
+
     def _newest(self) -> igtl.Message | None:
         newest: tuple[igtl.Header, bytes] | None = None
-        ended = False
+        ended, reads, taken = False, 0, 0
         try:
-            for _ in range(_MAX_READS):
+            while reads < _MAX_READS and taken < _MAX_TAKEN:
+                reads += 1
                 try:
                     data = self._connection.recv(_READ_BYTES)
                 except BlockingIOError:
@@ -168,11 +181,11 @@ class IgtlEncoder:
                 if ended := not data:
                     break
                 for header, body in self._framer.feed(data):
+                    taken += 1
                     if (header.kind, header.device) == ("TRANSFORM", self._device):
                         newest = header, body
                     elif header.kind == "STATUS":
-                        said = igtl.decode(header, body).content
-                        self.emulated |= isinstance(said, igtl.Status) and said.message == igtl.EMULATOR
+                        self.emulated |= igtl.is_emulated(header, body)
             message = None if newest is None else igtl.decode(*newest)
         except OSError as problem:
             raise NotConnectedError(f"stage: the connection to its encoder has ended: {problem.strerror}") from problem
@@ -192,7 +205,7 @@ class Ros2Encoder:
     """
 
     def __init__(self, *, node: RosNode, topic: str, axis: int | None, age_s: float) -> None:
-        self._node = node
+        self._node, self._topic = node, topic
         self._transforms = None if axis is None else _Transforms(axis)
         self._stamps = _Stamps(age_s)
         self._newest: Any = None
@@ -212,7 +225,9 @@ class Ros2Encoder:
     @property
     def unused(self) -> str:
         """Why the last message is of no use."""
-        return self._stamps.unused
+        if self._node.publishes(self._topic):
+            return self._stamps.unused
+        return f"nobody publishes {self._topic}; its node is looked for in {reach()}"
 
     def read(self) -> float | None:
         """Newest angle since the last call, in degrees; None if there is none; NaN where it is no angle."""

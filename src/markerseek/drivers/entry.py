@@ -144,6 +144,9 @@ class Opening(Protocol):
     def beat_with(self, beat: Callable[[], None]) -> None:
         """Call this in each wait of the clock, too: so the control loop's own steps renew a device's lease."""
 
+    def arm_with(self, enable: Callable[[], None]) -> None:
+        """Call this when a person arms the rig, too."""
+
     def keep(self, opened: AbstractContextManager[OpenedT]) -> OpenedT:
         """Enter a context that is left when the rig is closed."""
 

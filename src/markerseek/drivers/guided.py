@@ -50,6 +50,9 @@ class GuidedStageSettings(
     host: str = "127.0.0.1"
     port: int = 18944
     """``device``, ``host`` and ``port``: name of the TRANSFORM, and where its server is."""
+    require_status: bool = True
+    """Whether a TRANSFORM must state by ``TransformStatus`` in its metadata that it is valid, as those of PLUS do;
+    False for a server that never does, where a tracker that sees nothing looks like a probe at rest."""
     topic: str = topics.MEASURED_JS
     message: Literal["joint_state", "transform"] = "joint_state"
     """``topic`` and ``message``: where the angle is published in ROS 2, and whether as sensor_msgs/JointState, in
@@ -321,6 +324,7 @@ def _open(settings: GuidedStageSettings, opening: Opening) -> Stage:
                     device=settings.device,
                     axis=axis,
                     age_s=settings.age_s,
+                    states=settings.require_status,
                 )
             )
         )

@@ -25,9 +25,10 @@ from markerseek.core import (
 )
 from markerseek.drivers._approach import DOWN, UP, plan_approach, require_room, require_wide
 from markerseek.drivers._apt_line import AptLine
-from markerseek.drivers._kdc101_move import Kdc101Moves, Move, MoveRules, counts_per_s
+from markerseek.drivers._kdc101_move import DISABLED, Kdc101Moves, Move, MoveRules, counts_per_s
 from markerseek.drivers._kdc101_setup import (
     TRIGGERING_MODELS,
+    enable,
     set_up,
     write_trigger_ports,
     write_trigger_row,
@@ -103,6 +104,7 @@ class Kdc101Stage:
     - ``clock``: all waiting is done on it, so that each wait renews a lease.
     - ``settings``: None: those of a controller whose zero is the probe's.
     - ``travel``: angles at which the probe may be; written to the controller as its soft limits.
+    - ``enabled``: whether its motor gets current; if not, `enable` is the word of the person who arms the rig.
     - ``approach_reversed``: whether the last target was approached from the other side, because the travel range ends
       too soon: its angle is off by the backlash of the gears.
 
@@ -145,9 +147,18 @@ class Kdc101Stage:
             serial_number=settings.serial_number,
         )
         self.identity = connected.info
-        self._zero = connected.zero
+        self._zero, self.enabled = connected.zero, connected.enabled
         self._rest: int | None = connected.position
         self._rules = MoveRules.of(moves, limits=connected.limits, velocity=velocity, begin_s=settings.begin_s)
+
+    def enable(self) -> None:
+        """Give its motor current if it has none, as after it was switched on with its channel disabled; nothing moves.
+
+        Raises `MoveError` if the controller stays disabled. Raises `DeviceTimeoutError` as `move_to`.
+        """
+        if not self._line.ask(apt.ask_status(), apt.STATUS, apt.Status).enabled:
+            enable(self._line)
+        self.enabled = True
 
     @property
     def emulated(self) -> bool:
@@ -385,13 +396,20 @@ class Kdc101Stage:
 
 
 def _open(settings: Kdc101Settings, opening: Opening) -> Kdc101Stage:
-    return Kdc101Stage(port=opening.line, clock=opening.clock, settings=settings, travel=opening.limits.travel)
+    stage = Kdc101Stage(port=opening.line, clock=opening.clock, settings=settings, travel=opening.limits.travel)
+    opening.arm_with(stage.enable)
+    return stage
+
+
+def _describe(settings: Kdc101Settings, stage: Kdc101Stage) -> str:
+    said = "" if stage.enabled else f" ({DISABLED})"
+    return f"{stage.identity.model} {stage.identity.serial_number} at {settings.port}{said}"
 
 
 ENTRY: Entry[Kdc101Settings, Kdc101Stage] = Entry(
     settings=Kdc101Settings,
     open=_open,
-    describe=lambda settings, stage: f"{stage.identity.model} {stage.identity.serial_number} at {settings.port}",
+    describe=_describe,
     line=lambda settings: Line(name="stage", path=settings.port, safe_command=apt.stop(), rtscts=True),
     same=("zero_deg", "direction", "approach_from"),
     require_room=lambda settings, limits: require_room(

@@ -36,6 +36,9 @@ _SPARE_S = 0.5
 
 _BUSY_POLL_S = 0.05
 
+_BOOT_S = 3.0
+"""Longest time for which a board that restarts when its port is opened may be deaf, in seconds."""
+
 _LONGEST_TRAIN_S = wire.MAX_EXPIRY_MS / 1e3 + 1
 """Longest time for which a box completes the triggers of an earlier firing, in seconds."""
 
@@ -117,7 +120,7 @@ class LaserBox:
         self._questions = 0
         self.metered = False
         self.light_per_pulse: float | None = None
-        self._settle()
+        self._settle(boot_s=_BOOT_S)
 
     @property
     def emulated(self) -> bool:
@@ -293,19 +296,19 @@ class LaserBox:
         if self._seen != seen:
             raise stray_light(self._seen, seen)
 
-    def _settle(self, *, patience_s: float = _LONGEST_TRAIN_S) -> None:
+    def _settle(self, *, patience_s: float = _LONGEST_TRAIN_S, boot_s: float = 0.0) -> None:
         """Wait until an earlier firing's triggers have ended, and count tokens and light from there."""
-        greeting = self._greet(patience_s=patience_s)
+        greeting = self._greet(patience_s=patience_s, boot_s=boot_s)
         self.identity = greeting.identity
         self.metered = greeting.version == wire.METERED_VERSION
         self._token = greeting.last_token
         self._seen = greeting.seen
         self._settled = True
 
-    def _greet(self, *, patience_s: float) -> wire.Greeting:
+    def _greet(self, *, patience_s: float, boot_s: float) -> wire.Greeting:
         """Answer to HELLO, once the box has ended an earlier train; `NotConnectedError` if it does not fit."""
         ends_s = self._clock.now_s() + patience_s
-        while isinstance(greeting := self._hello(), wire.Refusal):
+        while isinstance(greeting := self._hello(boot_s), wire.Refusal):
             if not self._clock.now_s() <= ends_s:
                 raise NotConnectedError(
                     f"laser box: it still sends the triggers of an earlier firing after {patience_s:g} s; "
@@ -315,14 +318,12 @@ class LaserBox:
         require_known(greeting)
         return greeting
 
-    def _hello(self) -> wire.Greeting | wire.Refusal:
+    def _hello(self, within_s: float) -> wire.Greeting | wire.Refusal:
         """Answer to HELLO, or BUSY."""
         try:
-            return self._line.greet()
+            return self._line.greet(within_s=within_s)
         except DeviceTimeoutError as error:
-            raise NotConnectedError(
-                "laser box: nothing answers HELLO; is the port right, and is the box powered?"
-            ) from error
+            raise NotConnectedError(str(error)) from error
 
     def _fire(self, pulses: int, triggers: int, *, expiry_s: float) -> int:
         self._token += 1

@@ -10,6 +10,7 @@ from __future__ import annotations
 from contextlib import suppress
 
 from markerseek.core import Clock, ConfigError, DeviceTimeoutError, LaserError, NotConnectedError, Permit
+from markerseek.drivers._unread import Unread
 from markerseek.drivers.entry import Entry, LaserSettings, Opening
 from markerseek.files import Line
 from markerseek.wire import Port
@@ -49,7 +50,7 @@ class PicolasLaser:
             self._send("laseroff")
             self._send(f"sreprate {self._rate_hz}")
         except DeviceTimeoutError as error:
-            raise NotConnectedError("picolas: nothing answers; is the port right, and is it powered?") from error
+            raise NotConnectedError(str(error)) from error
 
     def fire(self, permit: Permit) -> int:
         """Fire the permitted pulses, switch off, and return how many were commanded.
@@ -95,7 +96,12 @@ class PicolasLaser:
         answer = b""
         while not answer.endswith(b"\n\n"):
             if not self._clock.now_s() <= ends_s:
-                raise DeviceTimeoutError(f"picolas: no answer to {command!r} in time; check its cable and power")
+                unread = Unread()
+                unread.add(answer)
+                raise DeviceTimeoutError(
+                    f"picolas: no answer to {command!r} in time: "
+                    + unread.said(cure="check its cable and power, and that laser.port is its port")
+                )
             self._clock.wait(_POLL_S)
             answer += self._port.read(_LONGEST, timeout_s=0.0)
             if len(answer) > _LONGEST:

@@ -62,6 +62,18 @@ def connect_plus(settings: PlusSettings) -> socket.socket:
         ) from problem
 
 
+VERSION_CURE = "version 2 was asked for: use a newer PLUS, or another server that answers in it"
+"""What to do where a server goes on in version 1."""
+
+
+def ask_for_metadata(connection: socket.socket, *, what: str) -> None:
+    """Ask a server for header version 2; `NotConnectedError` if the connection has ended."""
+    try:
+        connection.sendall(igtl.asks_for_metadata())
+    except OSError as problem:
+        raise NotConnectedError(f"{what} has ended: {problem.strerror}; start the server again") from problem
+
+
 class PlusReceiver(TriggeredReceiver[PlusSettings, igtl.Message]):
     """Images of a PLUS server as frames, each the mean of the images of one acquisition."""
 
@@ -71,8 +83,10 @@ class PlusReceiver(TriggeredReceiver[PlusSettings, igtl.Message]):
     def _begin(self) -> None:
         self._framer = igtl.Framer(most_bytes=MAX_IMAGE_BYTES)
         self._fields: list[Mapping[str, str]] = []
+        self._version: int = 1
+        ask_for_metadata(self._connection, what="plus: the connection")
         # An emulator says so when a client comes; other servers say nothing, and no image may come before a trigger.
-        self._until_quiet(most=0)
+        self._until_quiet()
 
     @property
     def _used(self) -> str:
@@ -91,6 +105,7 @@ class PlusReceiver(TriggeredReceiver[PlusSettings, igtl.Message]):
             raise NotConnectedError("plus: the server is an emulator, which it did not say in time; connect again")
         samples = _mean(messages)
         self._fields = [image.metadata for image in messages]
+        self._version = min(image.version for image in messages)
         for stamp_s in stamps:
             age_s = armed_unix_s - stamp_s
             if age_s > self._settings.clock_s:
@@ -108,19 +123,22 @@ class PlusReceiver(TriggeredReceiver[PlusSettings, igtl.Message]):
         try:
             values = [float(fields[field]) for fields in self._fields]
         except (KeyError, ValueError) as problem:
+            cure = "correct laser.energy_field, or let the server send it with each image"
+            if self._version == 1:
+                cure = f"it came in header version 1, which has no fields; {VERSION_CURE}"
             raise AcquisitionError(
-                f"plus: an image has no number in its field {field!r}: {problem}; correct laser.energy_field, or let "
-                "the server send it with each image"
+                f"plus: an image has no number in its field {field!r}: {problem}; {cure}"
             ) from problem
         return fmean(values)
 
-    def _decoded(self, data: bytes) -> Iterator[igtl.Message]:
+    def _decoded(self, data: bytes) -> Iterator[igtl.Message | None]:
         for header, body in self._framer.feed(data):
             if (header.kind, header.device) == ("IMAGE", self._settings.device):
                 yield igtl.decode(header, body)
-            elif header.kind == "STATUS":
-                said = igtl.decode(header, body).content
-                self.emulated |= isinstance(said, igtl.Status) and said.message == igtl.EMULATOR
+                continue
+            if header.kind == "STATUS":
+                self.emulated |= igtl.is_emulated(header, body)
+            yield None
 
 
 def _mean(images: list[igtl.Message]) -> Int16[np.ndarray, "channels samples"]:

@@ -22,7 +22,7 @@ from markerseek.core import (
     require_range,
 )
 from markerseek.drivers._receivers import acquired_frame
-from markerseek.drivers._ros2_wait import wait_until
+from markerseek.drivers._ros2_wait import require_found, wait_until
 from markerseek.drivers.entry import Entry, LaserSettings, Opening, ReceiverSettings
 from markerseek.ros import RosNode, messages, topics
 
@@ -85,11 +85,14 @@ class Ros2Acquisition:
                 node.publishes(topic) for topic in (settings.answer_topic, settings.frame_topic)
             )
 
-        if not self._wait_until(found, timeout_s=settings.connect_s):
-            raise NotConnectedError(
-                f"receiver: no acquisition node on {settings.request_topic} within {settings.connect_s:g} s; start "
-                "markerseek ros2 acquire, and compare topics, ROS_DOMAIN_ID and the transport"
-            )
+        require_found(
+            node,
+            clock,
+            found,
+            missing=f"receiver: no acquisition node on {settings.request_topic}",
+            cure="start markerseek ros2 acquire, and compare topics",
+            connect_s=settings.connect_s,
+        )
 
         # A node of another program need not say what it is.
         says = node.publishes(state_topic)

@@ -16,7 +16,7 @@ from markerseek.core import (
     NotConnectedError,
     require_range,
 )
-from markerseek.drivers._ros2_wait import wait_until
+from markerseek.drivers._ros2_wait import require_found, wait_until
 from markerseek.drivers.entry import Entry, Opening, StageSettings
 from markerseek.ros import RosNode, degrees, joint_angle_deg, messages, topics
 
@@ -100,11 +100,14 @@ class Ros2Stage:
             (f"publishes an angle on {settings.reached_topic}", lambda: self._readings > 0),
             (f"publishes its state on {settings.state_topic}", self._finds_state),
         ):
-            if not self._wait_until(found, timeout_s=settings.connect_s):
-                raise NotConnectedError(
-                    f"stage: no node {what} within {settings.connect_s:g} s; start it, and compare topics, message "
-                    "types, ROS_DOMAIN_ID and the transport"
-                )
+            require_found(
+                self._node,
+                self._clock,
+                found,
+                missing=f"stage: no node {what}",
+                cure="start it, and compare topics and message types",
+                connect_s=settings.connect_s,
+            )
 
     def _finds_state(self) -> bool:
         """Whether its state was heard or is not needed; the publisher decides its type."""

@@ -6,6 +6,7 @@ What has no default cannot be guessed: a port, a folder, and the stage's reading
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,9 +15,11 @@ from typing import Any
 import msgspec
 
 from markerseek.core import ConfigError, require_range
+from markerseek.drivers._foreign_class import names_of
 from markerseek.drivers.entry import PARTS, LaserSettings, Part, ReceiverSettings, StageSettings
 from markerseek.drivers.foreign import AnyForeign, Foreign, foreign_line, require_class, split_keys
 from markerseek.drivers.table import default_driver, entry_named, entry_of
+from markerseek.drivers.trust import ForeignModule, module_beside
 from markerseek.files import Line, settings_from
 from markerseek.guard import FiringLimits, Limits
 from markerseek.signals import ProbeKeys, probe_preset
@@ -92,6 +95,16 @@ class BenchSettings:
                 f"laser.driver is {self.laser.driver!r} and receiver.driver is {self.receiver.driver!r}; {name} is of "
                 f"both: name {name} in both, or in neither"
             )
+        lines = self.lines
+        for number, line in enumerate(lines):
+            for other in lines[:number]:
+                # By what their names lead to: those below /dev/serial/by-id are links.
+                if os.path.realpath(line.path) == os.path.realpath(other.path):
+                    raise ConfigError(
+                        f"{other.name} and {line.name} have one serial port, {line.path!r}"
+                        + ("" if line.path == other.path else f" (which is {other.path!r})")
+                        + "; each device has its own: see ls -l /dev/serial/by-id/"
+                    )
         entry_of("stage", self.stage).require_room(self.stage, self.limits)
         if laser.without_supervisor and not self.supervisor.enabled:
             raise ConfigError(f"supervisor: enabled is false, and {laser.without_supervisor}; keep it enabled")
@@ -121,6 +134,24 @@ class BenchSettings:
     def foreign(self) -> dict[Part, AnyForeign]:
         """Settings of the foreign drivers."""
         return {part: getattr(self, part) for part in PARTS if isinstance(getattr(self, part), Foreign)}
+
+    @property
+    def modules_beside(self) -> dict[Part, ForeignModule]:
+        """Modules of foreign drivers that lie beside the rig file: each must be trusted before it is imported.
+
+        Raises `ConfigError` if a driver names none.
+        """
+        found = {
+            part: module_beside(names_of(part, each.driver)[0], Path(each.beside))
+            for part, each in self.foreign.items()
+            if each.beside
+        }
+        return {part: module for part, module in found.items() if module is not None}
+
+    def require_classes(self) -> None:
+        """Import the classes of foreign drivers; `ConfigError` if one is not trusted, or a key does not fit."""
+        for part, each in self.foreign.items():
+            require_class(part, each)
 
     @property
     def foreign_lines(self) -> list[str]:
@@ -163,8 +194,8 @@ class BenchSettings:
 def bench_settings_from(table: Mapping[str, object], *, beside: str = "") -> BenchSettings:
     """Settings of a rig of devices from the tables of a rig file, or from those that a journal holds.
 
-    ``beside``: folder of the rig file, in which the module of a driver may lie; empty for a journal, whose foreign
-    drivers are not imported. Raises `ConfigError` if a key is unknown or missing, or a value does not fit.
+    ``beside``: folder of the rig file, in which the module of a driver may lie; empty for a journal. No driver is
+    imported. Raises `ConfigError` if a key is unknown or missing, or a value does not fit.
     """
     whole, kinds = dict(table), dict[str, type]()
     for part in PARTS:
@@ -181,8 +212,4 @@ def bench_settings_from(table: Mapping[str, object], *, beside: str = "") -> Ben
         # Relative to the file, so that the command works from any current folder.
         paths = {key: str(Path(beside, value)) for key in entry.paths if isinstance(value := given.get(key), str)}
         whole[part] = given | {key: value for key, value in paths.items() if given[key] != "none"}
-    settings = settings_from(whole, BenchSettings, choose=lambda name, _table: kinds.get(name))
-    if beside:
-        for part, each in settings.foreign.items():
-            require_class(part, each)
-    return settings
+    return settings_from(whole, BenchSettings, choose=lambda name, _table: kinds.get(name))

@@ -14,9 +14,9 @@ from __future__ import annotations
 import os
 import subprocess
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, TypeVar
 
 from markerseek.core import (
     AcquisitionError,
@@ -37,6 +37,11 @@ from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
 from markerseek.wire import sonixdaq as wire
 
 _POLL_S, _EXIT_POLL_S = 0.05, 0.02
+
+_HELD_S = 2.0
+"""Longest time for which another program may hold the folder while no files are awaited, in seconds."""
+
+ReadT = TypeVar("ReadT")
 
 
 class SonixDaqSettings(
@@ -106,11 +111,11 @@ class SonixDaqReceiver:
         since. Raises `DeviceTimeoutError` if files keep arriving. Raises `NotConnectedError` if the folder cannot be
         read.
         """
-        before, since_s = self._untouched or (self._folder.state(), self._clock.now_s())
+        before, since_s = self._untouched or (self._state(), self._clock.now_s())
         ends_s = self._clock.now_s() + self._settings.timeout_s + self._settings.readout_s
         seen = before
         while True:
-            state, now_s = self._folder.state(), self._clock.now_s()
+            state, now_s = self._state(), self._clock.now_s()
             if state != seen:
                 seen, since_s = state, now_s
             if now_s - since_s >= self._settings.readout_s:
@@ -138,9 +143,9 @@ class SonixDaqReceiver:
         command takes too long.
         """
         self._armed = self._untouched = None
-        before = self._folder.state()
+        before = self._state()
         self._clock.wait(self._settings.stable_s)
-        if self._folder.state() != before:
+        if self._state() != before:
             raise AcquisitionError(
                 f"sonixdaq: files in {self._settings.folder} change although nothing was triggered; is an earlier "
                 "frame still being written, or does another program write there?"
@@ -152,7 +157,7 @@ class SonixDaqReceiver:
                 clock=self._clock,
             )
         # Noted after the start command, which may itself write or delete files.
-        self._armed = (permit, self._folder.state(), self._clock.now_s())
+        self._armed = (permit, self._state(), self._clock.now_s())
 
     def acquire(self, permit: Permit) -> ChannelFrame:
         """Frame of the files written since `arm`, their pulses averaged.
@@ -164,9 +169,7 @@ class SonixDaqReceiver:
         _, before, started_s = armed_for(permit, self._armed, driver="sonixdaq")
         # Disarmed before reading: a frame that was refused cannot be asked for again.
         self._armed = None
-        names, state = self._await_files(before)
-        samples = self._folder.read(names, pulses=self._triggers(permit))
-        self._require_unchanged(state)
+        samples = self._await_files(before, lambda names: self._folder.read(names, pulses=self._triggers(permit)))
         self._sequence += 1
         return acquired_frame(
             samples,
@@ -200,7 +203,7 @@ class SonixDaqReceiver:
         Raises `AcquisitionError` also if files have arrived since it was connected.
         """
         untouched, self._untouched = self._untouched, None
-        if untouched is not None and self._folder.state() != untouched[0]:
+        if untouched is not None and self._state() != untouched[0]:
             raise AcquisitionError(
                 f"sonixdaq: files have arrived in {self._settings.folder} although nothing was triggered; they belong "
                 "to an earlier acquisition and are not used"
@@ -221,9 +224,7 @@ class SonixDaqReceiver:
             raise AcquisitionError("sonixdaq: it was not armed for a sweep; arm it before firing")
         permit, before, started_s = self._armed
         self._armed = None
-        names, state = self._await_files(before)
-        samples = self._folder.read_singles(names, pulses=permit.pulses)
-        self._require_unchanged(state)
+        samples = self._await_files(before, lambda names: self._folder.read_singles(names, pulses=permit.pulses))
         lit, dark = samples[:pulses], samples[-self._dark_triggers :]
         if len(lit) + len(dark) > len(samples):
             raise AcquisitionError(
@@ -246,32 +247,47 @@ class SonixDaqReceiver:
             )
         return frames
 
-    def _require_unchanged(self, state: FolderState) -> None:
-        if self._folder.state() != state:
-            raise AcquisitionError("sonixdaq: the files changed while they were read; take the frame again")
-
     def _triggers(self, permit: Permit) -> int:
         """Number of triggers that the laser box sends under a permit."""
         return permit.pulses or self._dark_triggers
 
-    def _await_files(self, before: FolderState) -> tuple[list[str], FolderState]:
-        """Names of the new files, once they are complete and unchanged, and the folder's state then."""
+    def _state(self) -> FolderState:
+        """State of the folder, once no other program holds it."""
+        ends_s = self._clock.now_s() + _HELD_S
+        while True:
+            try:
+                return self._folder.state()
+            except NotConnectedError:
+                if not self._clock.now_s() <= ends_s:
+                    raise
+            self._clock.wait(_POLL_S)
+
+    def _await_files(self, before: FolderState, read: Callable[[list[str]], ReadT]) -> ReadT:
+        """What is read of the new files, by their names, once they are complete and unchanged."""
         ends_s = self._clock.now_s() + self._settings.timeout_s
         seen, since_s = before, self._clock.now_s()
         while True:
-            # Polled: change notices of the system (inotify) do not cross a network drive.
-            state, now_s = self._folder.state(), self._clock.now_s()
-            if state != seen:
-                seen, since_s = state, now_s
-            names = _numbered(name for name, file in state.items() if before.get(name) != file)
-            complete = len(names) == wire.CHANNELS and all(map(self._folder.is_complete, names))
-            if complete and now_s - since_s >= self._settings.stable_s:
-                return names, state
-            if not now_s <= ends_s:
+            names: list[str] = []
+            # What cannot be read now may still be held by its writer: it is not complete yet.
+            try:
+                # Polled: change notices of the system (inotify) do not cross a network drive.
+                state, now_s = self._folder.state(), self._clock.now_s()
+                if state != seen:
+                    seen, since_s = state, now_s
+                names = _numbered(name for name, file in state.items() if before.get(name) != file)
+                missing = next(filter(None, map(self._folder.incomplete, names)), "")
+                if len(names) == wire.CHANNELS and not missing and now_s - since_s >= self._settings.stable_s:
+                    samples = read(names)
+                    if self._folder.state() == state:
+                        return samples
+                    raise AcquisitionError("sonixdaq: the files changed while they were read; take the frame again")
+            except NotConnectedError as problem:
+                missing = str(problem)
+            if not self._clock.now_s() <= ends_s:
                 raise DeviceTimeoutError(
                     f"sonixdaq: after {self._settings.timeout_s:g} s {len(names)} of {wire.CHANNELS} channel files in "
-                    f"{self._settings.folder} are new{'' if complete else ' and not all are complete'}; check trigger, "
-                    "folder and free space, or raise timeout_s"
+                    f"{self._settings.folder} are new{f' and not all are complete: {missing}' if missing else ''}; "
+                    "check trigger, folder and free space, or raise timeout_s"
                 )
             self._clock.wait(_POLL_S)
 

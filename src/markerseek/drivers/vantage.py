@@ -113,7 +113,7 @@ class VantageReceiver(TriggeredReceiver[VantageSettings, wire.VantageFrame]):
 
     def _greeting(self) -> wire.VantageFrame:
         ends_s = self._clock.now_s() + _GREETING_S
-        while not (came := self._received()):
+        while not (came := self._take()[0]):
             if not self._clock.now_s() <= ends_s:
                 raise NotConnectedError(
                     f"vantage: what has connected says nothing for {_GREETING_S:g} s; is it markerseek_send.m?"

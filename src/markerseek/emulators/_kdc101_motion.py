@@ -73,7 +73,8 @@ class MotionControl:
 
     ``fault``: returns the fault of that name if it holds now. ``moves``, ``largest_lead_deg``: moves that began at
     rest; largest distance of a target from the motor when it was set, in degrees. ``events``: messages to send unasked;
-    the caller clears them. ``triggers``: the edges at its trigger port.
+    the caller clears them. ``triggers``: the edges at its trigger port. ``enabled``: whether the motor gets current;
+    else it takes moves, and does nothing.
     """
 
     def __init__(self, *, stage: Prm1z8, fault: Callable[[str], Fault | None]) -> None:
@@ -81,6 +82,7 @@ class MotionControl:
         self.largest_lead_deg = 0.0
         self.events: list[int] = []
         self.triggers = TriggerOutput()
+        self.enabled = True
         self._stage = stage
         self._motor = stage.motor
         self._fault = fault
@@ -98,7 +100,7 @@ class MotionControl:
     def bits(self) -> int:
         """Status bits as it reports them."""
         motor = self._motor
-        bits = _CONNECTED | _ENABLED
+        bits = _CONNECTED | (_ENABLED if self.enabled else 0)
         if not motor.at_rest and not self._fault("hides its moves"):
             bits |= _MOVING_UP if motor.target_deg > motor.angle_deg else _MOVING_DOWN
         for flag, bit in ((self._homing, _HOMING), (self._homed, _HOMED), (self._error, _ERROR)):
@@ -159,6 +161,8 @@ class MotionControl:
 
     def go(self, counts: int) -> None:
         """Move to a position in counts: at once if it turns already, after a delay if it is at rest."""
+        if not self.enabled:
+            return
         motor = self._motor
         target_deg = self._stage.angle_of(counts)
         self._commanded = counts
@@ -181,6 +185,8 @@ class MotionControl:
 
     def go_home(self) -> None:
         """Turn down to the home switch; as in the device, soft limits do not apply."""
+        if not self.enabled:
+            return
         self.moves += 1
         # Not homed until it reaches the switch, as the device reports it: a homing that was stopped must show.
         self._homing, self._homed = True, False

@@ -55,6 +55,8 @@ class EmulatedKdc101:
     """Backlash between motor and probe."""
     mirrored: bool = False
     """Whether the probe is mounted the other way round: its angle falls while the stage's own reading grows."""
+    enabled: bool = True
+    """Whether its channel is enabled when it is switched on; a menu of the controller sets it."""
     model: str = "KDC101"
     serial_number: int = 27000001
     """``model`` and ``serial_number``: model and serial number that it reports."""
@@ -183,6 +185,7 @@ class Kdc101Emulator:
             0x0005: self._send_info,
             0x0011: self._set_updates,
             0x0012: self._set_updates,
+            0x0210: self._enable,
             0x0211: self._send_enabled,
             0x040A: self._send_counter,
             0x0410: self._set_counter,
@@ -202,6 +205,7 @@ class Kdc101Emulator:
         self._stored = {**POWER_UP, **NO_TRIGGERS}
         self._motion.triggers.set(self._stored)
         self._motion.wake_up(homed=homed)
+        self._motion.enabled = self._settings.enabled
         self._updates, self._reports_ends = self._settings.talking, True
         self._next_update_s = self._now_s
         self._power_cycled = False
@@ -256,8 +260,11 @@ class Kdc101Emulator:
         notes = apt.EMULATOR.encode("ascii")
         self._send(message.ident + 1, data=struct.pack("<i8sH4B60s3H", number, model, 16, *_FIRMWARE, notes, 1, 0, 1))
 
+    def _enable(self, message: AptMessage) -> None:
+        self._motion.enabled = message.raw[3] == 1
+
     def _send_enabled(self, message: AptMessage) -> None:
-        self._send(message.ident + 1, first=apt.CHANNEL, second=1)
+        self._send(message.ident + 1, first=apt.CHANNEL, second=1 if self._motion.enabled else 2)
 
     def _send_counter(self, message: AptMessage) -> None:
         self._send(message.ident + 1, data=struct.pack("<Hi", apt.CHANNEL, self._motion.position))

@@ -22,6 +22,9 @@ from markerseek.wire import laserbox as wire
 
 _NEVER_US = 1 << 62
 
+_BOOT_TEXT = b"MicroPython v1.22.2 on 2024-02-22; laser box with RP2040\r\n"
+"""What a board prints when it starts."""
+
 LIGHT_COUNTS = 20_000
 """What the light meter reads of a usual pulse, in counts."""
 
@@ -84,6 +87,7 @@ class EmulatedLaserBox:
         self._interlock_closed = True
         self._laser = laser or LaserSettings()
         self._rng = rng
+        self._boots_until_us: int | None = None
         self.edges = edges or (lambda _now_s: ())
         self.moment = moment or float
         self.power_up()
@@ -145,6 +149,12 @@ class EmulatedLaserBox:
 
     def feed(self, data: bytes) -> bytes:
         """Receive bytes from the host at the present time, and return the answer."""
+        if self.faults.boot_s and self._boots_until_us is None:
+            self.power_up()
+            self._boots_until_us = self._now_us + round(1e6 * self.faults.boot_s)
+            return _BOOT_TEXT
+        if self._boots_until_us is not None and self._now_us < self._boots_until_us:
+            return b""
         for line in self._lines.feed(data):
             answer = self._execute(wire.decode_command(line))
             # Fail safe: after any refusal the host's view of the box is wrong, and no permit may remain.

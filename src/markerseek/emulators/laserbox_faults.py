@@ -15,6 +15,8 @@ class LaserBoxFaults:
     """Light comes and is not seen."""
     extra_pulses: int = 0
     """Pulses beyond the permit that a broken counter lets through."""
+    boot_s: float = 0.0
+    """Time for which it is deaf, since it restarts when its port is opened: at the first bytes that it gets."""
     silent: bool = False
     """The box works and answers nothing."""
     light_late_us: int = 0

@@ -1,27 +1,39 @@
 """Files, settings in TOML and serial ports: how the whole package opens, reads and writes them.
 
 `open_input` opens a file that a user names, once its kind and size are checked; `read_text`, `read_json`, `read_toml`
-and `csv_rows` read what is in it; `as_read_error` turns errors of reading into a sentence. `new_file` and
+and `csv_rows` read what is in it; `as_read_error` turns errors of reading into a sentence. `natural`
+sorts names by their numbers, and `angle_in` reads an angle from a name. `new_file` and
 `replace_file` write a file under a temporary name and rename it when it is complete; `create_atomically` is the step
 that `new_file` adds checks to.
 """
 
 from markerseek.files.atomic import create_atomically, new_file, replace_file, require_new, sync_folder
-from markerseek.files.csv_rows import CsvRows, csv_rows
+from markerseek.files.csv_rows import DECIMAL_COMMA, CsvRows, csv_rows
 from markerseek.files.inputs import MIB, as_read_error, open_input, quoted, read_input, require_input
+from markerseek.files.names import NamedAngle, angle_in, in_natural_order, natural
+from markerseek.files.notation import is_number, may_be_number
 from markerseek.files.serial_line import SERIAL_ERRORS, Line, Parity, open_serial
 from markerseek.files.settings import nearest_key, read_toml, require_key, setting_from, settings_from
 from markerseek.files.text import read_json, read_text
+from markerseek.files.user_data import data_folder
 
 __all__ = [
+    "DECIMAL_COMMA",
     "MIB",
     "SERIAL_ERRORS",
     "CsvRows",
     "Line",
+    "NamedAngle",
     "Parity",
+    "angle_in",
     "as_read_error",
     "create_atomically",
     "csv_rows",
+    "data_folder",
+    "in_natural_order",
+    "is_number",
+    "may_be_number",
+    "natural",
     "nearest_key",
     "new_file",
     "open_input",

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import csv
 import io
-import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import takewhile
 from pathlib import Path
 
 from markerseek.core import RecordError
+from markerseek.files.notation import is_number, plain_numbers
 from markerseek.files.text import read_text
 
-_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
+DECIMAL_COMMA = (
+    "a number with a decimal comma, or with parted thousands, needs quotes or columns that semicolons separate"
+)
+"""Cure of a row with more columns than the table has."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,10 +30,15 @@ class CsvRows:
     cells: dict[int, list[str]] = field(repr=False)
     """Cells of each row of data, by the line of the file on which the row ends."""
 
-    def with_point(self, cell: str) -> str:
-        """The text of a cell, with a point for a decimal comma where something else separates the columns."""
-        text = cell.strip()
-        return text.replace(",", ".") if self.separator != "," and "." not in text else text
+    def numbers(
+        self, path: Path, columns: Sequence[int], *, most: Sequence[float | None] | None = None
+    ) -> dict[int, list[str]]:
+        """Cells of these columns by their line, their numbers as Python writes them; see `plain_numbers`."""
+        texts = [{line: "".join(row[each : each + 1]).strip() for line, row in self.cells.items()} for each in columns]
+        # Without names, "-35,5 387" may be -35.5 and 387 as well as -35 and 5387.
+        spaces = bool(self.names) or self.separator != ","
+        read = plain_numbers(path, texts, most=most or [None] * len(columns), spaces=spaces)
+        return {line: [cells[line] for cells in read] for line in self.cells}
 
 
 def csv_rows(path: Path, *, most_bytes: int, what: str, cure: str) -> CsvRows:
@@ -60,7 +69,7 @@ def csv_rows(path: Path, *, most_bytes: int, what: str, cure: str) -> CsvRows:
     comments = [row for _, row in takewhile(lambda each: each[1][0].startswith("#"), table)]
     cells = {line: row for line, row in table if not row[0].startswith("#")}
     first = next(iter(cells), None)
-    numbers = [_is_number(cell) for cell in cells[first]] if first is not None else []
+    numbers = [is_number(cell) for cell in cells[first]] if first is not None else []
     names: tuple[str, ...] = ()
     # Below a comment, which may hold the names, a row with some numbers is one of data that lacks the others.
     if first is not None and not (any(numbers) if comments else all(numbers)):
@@ -69,35 +78,10 @@ def csv_rows(path: Path, *, most_bytes: int, what: str, cure: str) -> CsvRows:
         names = tuple(cell.strip() for cell in comments[-1])
         names = (names[0].removeprefix("#").strip(), *names[1:])
     width = len(names or next(iter(cells.values()), ()))
-    if separator != ",":
-        _refuse_thousands(path, cells)
     return CsvRows(names=names, width=width, separator=separator, cells=cells)
-
-
-def _refuse_thousands(path: Path, cells: dict[int, list[str]]) -> None:
-    """Refuse a column with ambiguous commas, decimal or thousands: each has three digits behind it."""
-    # By lines, because a row may lack columns.
-    for column in range(max(map(len, cells.values()), default=0)):
-        numbers = {line: row[column].strip() for line, row in cells.items() if column < len(row)}
-        with_comma = {line: text for line, text in numbers.items() if "," in text}
-        if 0 < len(with_comma) < len(numbers) and all(map(_THOUSANDS.fullmatch, with_comma.values())):
-            line, text = next(iter(with_comma.items()))
-            whole, parted = text.replace(",", ""), text.replace(",", ".")
-            raise RecordError(
-                f"{path}, line {line}: {text} may be {whole} or {parted}, because other numbers of its column have no "
-                "comma; write it with a point, or without the comma"
-            )
 
 
 def _separator(line: str) -> str:
     # Not csv.Sniffer, which takes the comma for the separator in lines such as "-1,5;2,5". The first line decides:
     # headings have no decimal commas, and a table of numbers with decimal commas has another separator as well.
     return next((each for each in (";", "\t", ",") if each in line), " ")
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.strip().replace(",", "."))
-    except ValueError:
-        return False
-    return True

@@ -5,7 +5,9 @@ from __future__ import annotations
 import errno
 import os
 import termios
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
 from markerseek.core import ConfigError, NotConnectedError, needs_package, require_range
@@ -52,7 +54,7 @@ def open_serial(path: str, *, baud: int, parity: Parity, write_timeout_s: float,
     ``baud``: bits per second. ``write_timeout_s``: longest time that a write may block; 0: never. ``rtscts``: whether
     to use RTS/CTS flow control. Raises `NotConnectedError` if the port cannot be opened, or another program holds it.
     """
-    with needs_package("pyserial", extra="devices", purpose="a serial port"):
+    with needs_package("pyserial", extra="devices", purpose="a serial port", module="serial"):
         import serial  # type: ignore[import-untyped, unused-ignore]
     try:
         return serial.Serial(
@@ -72,7 +74,18 @@ def open_serial(path: str, *, baud: int, parity: Parity, write_timeout_s: float,
         reason = str(error) if number is None else os.strerror(number)
         if number == errno.EAGAIN:
             reason = "another program holds it"
-        raise NotConnectedError(
-            f"serial port {path} cannot be opened ({reason}); plug the device in, switch it on, and close "
-            "other programs that use it"
-        ) from error
+        cure = "plug the device in, switch it on, and close other programs that use it"
+        if number == errno.EACCES:
+            cure = (
+                f"only the group {_group_of(path)} may open it: sudo usermod -aG {_group_of(path)} $USER, then log out "
+                "and in again"
+            )
+        raise NotConnectedError(f"serial port {path} cannot be opened ({reason}); {cure}") from error
+
+
+def _group_of(path: str) -> str:
+    """The group that may open a port: dialout on most systems."""
+    with suppress(OSError, KeyError):
+        if (name := Path(path).group()) != "root":
+            return name
+    return "dialout"

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import MissingExtraError, RecordError, UInt8
-from markerseek.files import MIB, as_read_error, require_input
+from markerseek.files import MIB, as_read_error, in_natural_order, require_input
 from markerseek.records.banks import open_ultrasonix
 from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_images import read_camera_png, read_dicom, read_png
@@ -26,7 +26,7 @@ _MAX_PIXELS = 1 << 30
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ImageSeries:
-    """B-mode images in the order of their names."""
+    """B-mode images in the natural order of their names."""
 
     names: tuple[str, ...]
     """Name of each: its file, with the number of the frame where a file has several."""
@@ -36,8 +36,14 @@ class ImageSeries:
     """Height and width of a pixel; None where the files do not say."""
 
 
-def read_images(path: Path) -> ImageSeries:
-    """Images of a folder, or of one file; more than 8 bits are scaled to 8 with one factor for all."""
+def read_images(
+    path: Path, *, roi: tuple[int, int, int, int] | None = None, pixel_m: tuple[float, float] | None = None
+) -> ImageSeries:
+    """Images of a folder, or of one file; more than 8 bits are scaled to 8 with one factor for all.
+
+    ``roi``: row, column, rows and columns of a rectangle in the region whose scale is asked for. ``pixel_m``: height
+    and width of a pixel, where a person states them; None: as the files say.
+    """
     files = _files(path)
     names: list[str] = []
     found: list[np.ndarray] = []
@@ -45,7 +51,7 @@ def read_images(path: Path) -> ImageSeries:
     pixels = 0
     with Sandbox() as sandbox:
         for file in files:
-            frames, size_m = _frames(file, sandbox)
+            frames, size_m = _frames(file, sandbox, roi, pixel_m)
             sizes.setdefault(size_m, file)
             names += [file.name if len(frames) == 1 else f"{file.name}, frame {n + 1}" for n in range(len(frames))]
             found += list(frames)
@@ -63,8 +69,9 @@ def read_images(path: Path) -> ImageSeries:
 
 
 def read_camera_images(folder: Path) -> list[UInt8[np.ndarray, "rows columns"]]:
-    """Images of a camera from the PNG files of a folder, in the order of their names: the brightest of the colours."""
-    files = sorted(each for each in folder.iterdir() if each.suffix.lower() == ".png") if folder.is_dir() else []
+    """Images of a camera from the PNG files of a folder, in natural order: the brightest of the colours."""
+    held = in_natural_order(folder.iterdir()) if folder.is_dir() else []
+    files = [each for each in held if each.suffix.lower() == ".png"]
     if not 0 < len(files) <= MAX_IMAGES:
         raise RecordError(f"{folder}: {len(files)} PNG files, 1 to {MAX_IMAGES} are read; save the camera's frames so")
     if importlib.util.find_spec("cv2") is None:
@@ -86,18 +93,20 @@ def read_camera_images(folder: Path) -> list[UInt8[np.ndarray, "rows columns"]]:
 def _files(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
-    files = sorted(each for each in path.iterdir() if each.suffix.lower() in IMAGE_SUFFIXES)
+    files = [each for each in in_natural_order(path.iterdir()) if each.suffix.lower() in IMAGE_SUFFIXES]
     if not files:
         raise RecordError(f"{path}: there is no image in this folder; {', '.join(IMAGE_SUFFIXES)} are read")
     return files
 
 
-def _frames(path: Path, sandbox: Sandbox) -> tuple[np.ndarray, tuple[float, float] | None]:
+def _frames(
+    path: Path, sandbox: Sandbox, roi: tuple[int, int, int, int] | None, pixel_m: tuple[float, float] | None
+) -> tuple[np.ndarray, tuple[float, float] | None]:
     """Frames of one file, shape (frames, rows, columns), and the size of a pixel in metres."""
     suffix = path.suffix.lower()
     if suffix == ".b8":
         file = open_ultrasonix(path)
-        return np.stack([file.b_mode(n) for n in range(min(file.header.frames, MAX_IMAGES + 1))]), None
+        return np.stack([file.b_mode(n) for n in range(min(file.header.frames, MAX_IMAGES + 1))]), pixel_m
     if suffix not in IMAGE_SUFFIXES:
         raise RecordError(f"{path}: {', '.join(IMAGE_SUFFIXES)} are read; export the images as one of these")
     module, package = ("cv2", "opencv-python-headless") if suffix == ".png" else ("pydicom", "pydicom")
@@ -112,12 +121,34 @@ def _frames(path: Path, sandbox: Sandbox) -> tuple[np.ndarray, tuple[float, floa
         raise RecordError(
             f"{path}: {frames.dtype} of shape {frames.shape}, which is no grey image; export it as B-mode"
         )
-    size_m = arrays.get("pixel_m")
-    if size_m is None:
-        return frames, None
-    if not (size_m.shape == (2,) and np.all((size_m > 0) & (size_m < 0.01))):
-        raise RecordError(f"{path}: a pixel of {size_m.tolist()} m, 0 to 10 mm are possible; name --pixel-mm instead")
-    return frames, (float(size_m[0]), float(size_m[1]))
+    if pixel_m is not None:
+        return frames, pixel_m
+    size_m = _size_in(path, arrays, roi)
+    if size_m is not None and not all(0 < size < 0.01 for size in size_m):
+        raise RecordError(f"{path}: a pixel of {list(size_m)} m, 0 to 10 mm are possible; name --pixel-mm instead")
+    return frames, size_m
+
+
+def _size_in(
+    path: Path, arrays: dict[str, np.ndarray], roi: tuple[int, int, int, int] | None
+) -> tuple[float, float] | None:
+    """Height and width of a pixel: of the regions that hold the rectangle, else of all, else by its spacing."""
+    regions = arrays.get("regions", np.empty((0, 6)))
+    if roi is not None:
+        row, column, rows, columns = roi
+        first, last = np.array([row, column]), np.array([row + rows - 1, column + columns - 1])
+        within = ((regions[:, :2] <= first) & (last <= regions[:, 2:4])).all(axis=1)
+        regions = regions[within] if within.any() else regions
+    sizes = [(height_m, width_m) for *_, height_m, width_m in regions.tolist()]
+    if sizes and not np.allclose(sizes, sizes[0], rtol=1e-3, atol=0):
+        raise RecordError(
+            f"{path}: it has image regions of several scales, {' and '.join(map(_size, sizes))}; name a rectangle that "
+            "lies in one of them (--roi), or the size of a pixel"
+        )
+    if sizes:
+        return sizes[0]
+    spacing_m = arrays.get("pixel_m")
+    return None if spacing_m is None else (float(spacing_m[0]), float(spacing_m[1]))
 
 
 def _as_8_bits(path: Path, images: list[np.ndarray]) -> tuple[UInt8[np.ndarray, "rows columns"], ...]:

@@ -34,7 +34,7 @@ import msgspec
 import numpy as np
 
 from markerseek._closing import Closing
-from markerseek.core import MissingExtraError, RecordError
+from markerseek.core import ConfigError, MissingExtraError, RecordError, described
 
 Reader: TypeAlias = Callable[[Path], Mapping[str, np.ndarray]]
 """Function of a module, which the child imports by its name."""
@@ -261,14 +261,17 @@ def _answered(reader: Reader, path: Path) -> tuple[_Answer, list[np.ndarray]]:
         return _Answer(error=str(problem)), []
     except (ModuleNotFoundError, MissingExtraError) as problem:
         return _Answer(missing=getattr(problem, "name", None) or "h5py"), []
+    # A library that is there and cannot be loaded, by `needs_package` or its own import.
+    except (ImportError, ConfigError) as problem:
+        return _Answer(error=f"{path}: it cannot be read, because of a library: {described(problem)}"), []
     except MemoryError:
         return _Answer(error=f"{path}: reading it takes far more memory than it has bytes; it is damaged"), []
     # Damaged bytes raise errors of any kind in these libraries.
     except Exception as problem:  # noqa: BLE001
         reason = str(problem).strip("'\"") or type(problem).__name__
         return _Answer(error=f"{path}: it cannot be read: {reason}; it is damaged: fetch or save it again"), []
-    described = tuple(_Array(name=name, dtype=each.dtype.str, shape=each.shape) for name, each in arrays.items())
-    return _Answer(arrays=described), list(arrays.values())
+    listed = tuple(_Array(name=name, dtype=each.dtype.str, shape=each.shape) for name, each in arrays.items())
+    return _Answer(arrays=listed), list(arrays.values())
 
 
 def _confine(path: Path, server: int) -> None:

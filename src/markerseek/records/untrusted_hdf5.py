@@ -16,6 +16,7 @@ import numpy as np
 
 from markerseek._closing import Closing
 from markerseek.core import Float64, RecordError, needs_package
+from markerseek.files import natural
 from markerseek.records.sandbox import MAX_PER_BYTE
 
 if TYPE_CHECKING:
@@ -67,11 +68,11 @@ class UntrustedHdf5(Closing):
         return self._item(name) is not None
 
     def names(self, name: str) -> list[str]:
-        """Sorted names in a group; empty where it is missing or is not a group."""
+        """Names in a group in natural order; empty where it is missing or is not a group."""
         import h5py
 
         item = self._item(name)
-        return sorted(item) if isinstance(item, h5py.Group) else []
+        return sorted(item, key=natural) if isinstance(item, h5py.Group) else []
 
     def dataset(self, name: str) -> h5py.Dataset:
         """Dataset of that name, whose largest chunk fits into memory.

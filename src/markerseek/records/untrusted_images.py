@@ -12,6 +12,9 @@ from markerseek.core import RecordError
 _CENTIMETRE_UNITS = 3
 """Physical units of an ultrasound region that mean centimetres (DICOM PS3.3, C.8.5.5.1.1)."""
 
+_IMAGE_FORMAT = 1
+"""Spatial format of an ultrasound region that is an image, no M-mode, spectrum or graphic."""
+
 
 def read_png(path: Path) -> dict[str, np.ndarray]:
     """``pixels`` of one image, shape (1, rows, columns), of 8 or 16 bits; colours become grey."""
@@ -44,36 +47,48 @@ def _decoded(path: Path, flags: int) -> np.ndarray:
 
 
 def read_dicom(path: Path) -> dict[str, np.ndarray]:
-    """``pixels`` of all frames, shape (frames, rows, columns), and ``pixel_m``, height and width, where it is known."""
+    """``pixels`` of all frames as grey values, shape (frames, rows, columns), and what is known of a pixel's size.
+
+    ``regions``: first row and column, last row and column, and height and width of a pixel in metres of each region
+    that is an image. ``pixel_m``: height and width by ``PixelSpacing``.
+    """
     import pydicom
 
     file = pydicom.dcmread(path)
+    colour = str(file.get("PhotometricInterpretation", ""))
     try:
         pixels = np.asarray(file.pixel_array)
-    except (AttributeError, RuntimeError, NotImplementedError) as problem:
+        if colour == "PALETTE COLOR":
+            # Without the fourth colour of a palette, transparency.
+            pixels = np.asarray(pydicom.pixels.processing.apply_color_lut(pixels, file))[..., :3]
+    except (AttributeError, RuntimeError, NotImplementedError, ValueError) as problem:
         reason = " ".join(str(problem).split())
         raise RecordError(f"{path}: its images cannot be unpacked: {reason}; export it uncompressed") from problem
-    colour = str(file.get("PhotometricInterpretation", ""))
-    if pixels.ndim > 2 and pixels.shape[-1] == 3 and int(file.get("SamplesPerPixel", 1)) == 3:
-        # Grey is the brightness itself in YBR, and the same in all three colours of a B-mode image in RGB.
-        pixels = pixels[..., 0] if colour.startswith("YBR") else pixels.max(axis=-1)
+    if colour == "PALETTE COLOR" or (pixels.shape[-1] == 3 and int(file.get("SamplesPerPixel", 1)) == 3):
+        # Grey is the same in all three colours of a B-mode image; pydicom has made RGB of YBR.
+        pixels = pixels.max(axis=-1)
     if pixels.ndim == 2:
         pixels = pixels[np.newaxis]
     if colour == "MONOCHROME1":
-        pixels = pixels.max() - pixels
-    found = {"pixels": pixels}
-    size_m = _pixel_m(file)
-    if size_m is not None:
-        found["pixel_m"] = np.array(size_m)
+        # About the middle of what the bits can hold, so that the images of a scan can be compared.
+        signed = int(file.get("PixelRepresentation", 0))
+        pixels = (-1 if signed else 2 ** int(file.BitsStored) - 1) - pixels.astype(np.int64)
+    found = {"pixels": pixels, "regions": np.array(_regions(file)).reshape(-1, 6)}
+    if file.get("PixelSpacing"):
+        found["pixel_m"] = np.array([1e-3 * float(file.PixelSpacing[0]), 1e-3 * float(file.PixelSpacing[1])])
     return found
 
 
-def _pixel_m(file: Any) -> tuple[float, float] | None:
-    """Height and width of a pixel in metres."""
-    if "PixelSpacing" in file:
-        return 1e-3 * float(file.PixelSpacing[0]), 1e-3 * float(file.PixelSpacing[1])
-    for region in file.get("SequenceOfUltrasoundRegions", ()):
+def _regions(file: Any) -> list[tuple[float, ...]]:
+    """Rows as in `read_dicom` of the ultrasound regions that are images."""
+    found = []
+    for region in file.get("SequenceOfUltrasoundRegions") or ():
         units = {int(region.get(f"PhysicalUnits{axis}Direction", 0)) for axis in "XY"}
-        if units == {_CENTIMETRE_UNITS}:
-            return 1e-2 * abs(float(region.PhysicalDeltaY)), 1e-2 * abs(float(region.PhysicalDeltaX))
-    return None
+        if units != {_CENTIMETRE_UNITS} or int(region.get("RegionSpatialFormat", _IMAGE_FORMAT)) != _IMAGE_FORMAT:
+            continue
+        places = ("MinY0", "MinX0", "MaxY1", "MaxX1")
+        edges = [float(region.get(f"RegionLocation{place}", -1)) for place in places]
+        if min(edges) < 0:
+            edges = [0, 0, float(file.Rows) - 1, float(file.Columns) - 1]
+        found.append((*edges, *(1e-2 * abs(float(region.get(f"PhysicalDelta{axis}", 0))) for axis in "YX")))
+    return found

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
-from markerseek.core import Float64, Int16, Int64, RecordError
+from markerseek.core import Float64, Int64, RecordError
+from markerseek.files import natural
 from markerseek.records.untrusted_hdf5 import UntrustedHdf5
 
 if TYPE_CHECKING:
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 
 FRAMES = "RcvData"
 """The variable by which a workspace is known."""
+
+NUMBERS, LAST = "buffer frame", "last buffer frame"
+"""Names of the arrays with the number in the buffer of each frame, from 1, and of the last one, where it is stated."""
 
 MAX_ITEMS = 5000
 """Most receives, events or frames that are read; more would take longer than the sandbox waits."""
@@ -40,34 +44,31 @@ def is_workspace(file: UntrustedHdf5) -> bool:
 def vantage_arrays(path: Path, file: UntrustedHdf5) -> dict[str, np.ndarray]:
     """Frames of a workspace and what is known of them, named as `markerseek.records.banks.arrays` reads them.
 
-    The acquisitions of a frame are averaged; the frames are in the order of time, and ``unfilled`` counts those that
-    hold zeros, which are left out.
+    The acquisitions of a frame are averaged; the frames are in the order of the buffer, with their numbers and the
+    number of the last one, as `markerseek.records.banks.ring` needs them.
     """
     workspace = _Workspace(path=path, file=file)
     receives = workspace.receives()
     data = workspace.buffer(receives.buffer)
     columns = workspace.columns(data.shape[-2])
-    taken: list[Int16[np.ndarray, "channels samples"]] = []
-    pulses: list[int] = []
-    order = workspace.order(receives, data)
-    file.require_room(2 * len(order) * len(columns) * receives.samples, name=FRAMES)
-    for number in order:
-        mean = _averaged(data, number, receives, columns)
-        if mean.any():
-            taken.append(np.rint(mean).astype(np.int16))
-            pulses.append(int((receives.frame == number).sum()))
-    if not taken:
+    numbers = workspace.frame_numbers(receives, data)
+    file.require_room(2 * len(numbers) * len(columns) * receives.samples, name=FRAMES)
+    frames = np.stack(
+        [np.rint(_averaged(data, number, receives, columns)).astype(np.int16) for number in numbers.tolist()]
+    )
+    if not frames.any():
         workspace.refuse(f"{FRAMES} holds zeros only", "save the workspace after the acquisition")
     known = {
         "sampling_hz": receives.sampling_hz,
         "first_sample_s": receives.first_sample_s,
         "pitch_m": workspace.pitch_m(),
         "sound_speed_m_s": workspace.number("Resource", "Parameters", "speedOfSound"),
+        LAST: workspace.last_frame(receives.buffer),
     }
     return {
-        "frames": np.stack(taken),
-        "pulses": np.array(pulses),
-        "unfilled": np.array(len(order) - len(taken)),
+        "frames": frames,
+        "pulses": np.array([(receives.frame == number).sum() for number in numbers]),
+        NUMBERS: numbers,
         **{name: np.array(value) for name, value in known.items() if value is not None},
     }
 
@@ -184,8 +185,8 @@ class _Workspace:
             )
         return data
 
-    def order(self, receives: _Receives, data: h5py.Dataset) -> list[int]:
-        """Numbers of the frames in the order of time: a buffer is a ring, whose last frame is stated."""
+    def frame_numbers(self, receives: _Receives, data: h5py.Dataset) -> Int64[np.ndarray, " frames"]:
+        """Numbers of the frames that the receives fill, from 1, rising."""
         frames, rows = data.shape[0] if data.ndim == 3 else 1, data.shape[-1]
         numbers = np.unique(receives.frame)
         if numbers[0] < 1 or numbers[-1] > frames:
@@ -198,11 +199,14 @@ class _Workspace:
                 f"a receive ends at sample {receives.start.max() + receives.samples - 1}, and a frame has {rows}",
                 f"save {FRAMES} and Receive of one run",
             )
+        return numbers
+
+    def last_frame(self, buffer: int) -> float | None:
+        """Number of the frame of a buffer that was filled last; None where it is not stated."""
         last = self._items("Resource", "RcvBuffer", "lastFrame")
-        if last is None or receives.buffer > len(last):
-            return [int(number) for number in numbers]
-        ended = int(self._values(last[receives.buffer - 1], name="Resource.RcvBuffer.lastFrame").flat[0])
-        return [int(number) for number in (*numbers[numbers > ended], *numbers[numbers <= ended])]
+        if last is None or buffer > len(last):
+            return None
+        return float(self._values(last[buffer - 1], name="Resource.RcvBuffer.lastFrame").flat[0])
 
     def columns(self, channels: int) -> Int64[np.ndarray, " elements"]:
         """Channel of each element, counted from 0."""
@@ -337,7 +341,7 @@ class _Workspace:
         value = _octave_value(self.file, item)
         if isinstance(value, h5py.Group):
             # A cell of Octave: its items are _0, _1 …, or _00, _01 … where there are ten.
-            names = sorted((each for each in value if each.startswith("_")), key=lambda each: int(each[1:]))
+            names = sorted((each for each in value if each.startswith("_")), key=natural)
             self._require_few(len(names), name)
             cells = [_octave_value(self.file, self.file.inside(value, each)) for each in names]
             return [self.file.checked(cell, name=name) for cell in cells]

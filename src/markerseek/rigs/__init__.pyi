@@ -1,5 +1,5 @@
 from .bench_rig import bench, bench_part
-from .probe_file import chosen_probe, preset_of, probe_facts, with_probe_facts
+from .probe_file import blanked_samples, chosen_probe, preset_of, probe_facts, read_recording, with_probe_facts
 from .replay import replayed
 from .rig import (
     BenchRecipe,
@@ -30,6 +30,7 @@ __all__ = [
     "TipRecipe",
     "bench",
     "bench_part",
+    "blanked_samples",
     "chosen_probe",
     "draw_scene",
     "fingerprint",
@@ -39,6 +40,7 @@ __all__ = [
     "of_intensities",
     "preset_of",
     "probe_facts",
+    "read_recording",
     "read_rig_file",
     "read_simulated",
     "replayed",

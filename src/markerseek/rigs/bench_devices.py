@@ -57,6 +57,7 @@ class OpenDevices:
         self._node: RosNode | None = None
         self._simulated: SimulatedParts | None = None
         self._opened_stage: Stage | None = None
+        self._enables: list[Callable[[], None]] = []
         self.supervisor: Supervisor | None = None
         self.checks: dict[str, tuple[RuleCheck, ...]] = {}
         lines = [line for line in settings.lines if line.name in parts]
@@ -117,6 +118,10 @@ class OpenDevices:
         """Renew one more lease in `beat`."""
         self._beats.append(beat)
 
+    def arm_with(self, enable: Callable[[], None]) -> None:
+        """Call this in `arm`, too."""
+        self._enables.append(enable)
+
     def port(self, part: Part) -> Port:
         """Line to a device."""
         return self._ports[part]
@@ -139,9 +144,11 @@ class OpenDevices:
         return self._simulated.opened(settings, clock=clock, stage=self._opened_stage)
 
     def arm(self) -> None:
-        """Enable writes, also after the supervisor has blocked them."""
+        """Enable writes, also after the supervisor has blocked them, and what needs a person's word to be enabled."""
         if self.supervisor is not None:
             self.supervisor.arm()
+        for each in self._enables:
+            each()
 
     def close(self) -> None:
         """Close the lines; a supervisor sends each line's safe command first. Allowed twice."""
@@ -174,6 +181,9 @@ class _Opening:
 
     def beat_with(self, beat: Callable[[], None]) -> None:
         self._devices.beat_with(beat)
+
+    def arm_with(self, enable: Callable[[], None]) -> None:
+        self._devices.arm_with(enable)
 
     def keep(self, opened: AbstractContextManager[OpenedT]) -> OpenedT:
         return self._devices.keep(opened)

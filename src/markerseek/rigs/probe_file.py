@@ -10,7 +10,7 @@ import msgspec
 
 from markerseek.core import ConfigError, RecordError
 from markerseek.files import read_toml, settings_from
-from markerseek.records.banks import FrameBank, IntensityBank
+from markerseek.records.banks import DEFAULT_FORMAT, FrameBank, IntensityBank, TableFormat, read_bank
 from markerseek.signals import PRESET_NAMES, ProbeKeys, ProbePreset, is_own, probe_preset
 
 NEEDED = ("elements", "pitch_m", "sampling_hz", "low_hz", "high_hz", "sound_speed_m_s")
@@ -71,6 +71,18 @@ def probe_facts(preset: ProbePreset) -> dict[str, Any]:
     }
 
 
+def read_recording(
+    path: Path, table: TableFormat = DEFAULT_FORMAT, *, probe: str | ProbePreset | None
+) -> IntensityBank | FrameBank:
+    """Bank at a path, read and completed as its probe says; None: the first preset. ``table``: of a CSV."""
+    return with_probe_facts(read_bank(path, table, blanked=blanked_samples(probe)), probe)
+
+
+def blanked_samples(probe: str | ProbePreset | None) -> int:
+    """Samples from the trigger on that are not imaged, of a probe; None: the first preset."""
+    return chosen_probe(PRESET_NAMES[0] if probe is None else probe).pickup_samples
+
+
 def with_probe_facts(bank: IntensityBank | FrameBank, probe: str | ProbePreset | None) -> IntensityBank | FrameBank:
     """The bank with sampling frequency and face radius of a probe of the user's own, where it does not hold them."""
     preset = None if probe is None else chosen_probe(probe)
@@ -88,13 +100,19 @@ def with_probe_facts(bank: IntensityBank | FrameBank, probe: str | ProbePreset |
 
 
 def preset_of(bank: IntensityBank | FrameBank, probe: str | ProbePreset | None) -> ProbePreset:
-    """Preset for imaging a bank's frames.
+    """Preset for imaging a bank's frames; samples that were filled in before its first one are blanked.
 
     A probe of the user's own is used as it is described. In one of our presets, array, sampling and sound speed of the
     bank replace those of the preset.
 
     ``probe``: None: the one that the bank names, else the first of all.
     """
+    preset = _preset_of(bank, probe)
+    filled = round((bank.facts.first_sample_s or 0.0) * preset.sampling_hz)
+    return replace(preset, recorded=True, pickup_samples=max(preset.pickup_samples, filled))
+
+
+def _preset_of(bank: IntensityBank | FrameBank, probe: str | ProbePreset | None) -> ProbePreset:
     facts = bank.facts
     preset = None if probe is None else chosen_probe(probe)
     if preset is not None and is_own(preset):

@@ -11,8 +11,8 @@ import numpy as np
 from markerseek.core import RigFacts, require_range
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
 from markerseek.records import ReplayLaser, ReplayReceiver, ReplayStage
-from markerseek.records.banks import DEFAULT_FORMAT, FrameBank, TableFormat, read_bank
-from markerseek.rigs.probe_file import preset_of, with_probe_facts
+from markerseek.records.banks import DEFAULT_FORMAT, FrameBank, TableFormat
+from markerseek.rigs.probe_file import preset_of, read_recording
 from markerseek.rigs.rig import ReplayedRecipe, Rig, fingerprint, with_probe
 from markerseek.scan import Scanner
 from markerseek.signals import ImageReader, IntensityReader, ProbePreset, is_own
@@ -56,7 +56,7 @@ def replayed(
     reference_deg = None if reference_deg is None else float(reference_deg)
     if reference_deg is not None:
         require_range("reference_deg", reference_deg, low=-360, high=360, unit="deg")
-    bank = with_probe_facts(read_bank(path, table), probe)
+    bank = read_recording(path, table, probe=probe)
     preset = preset_of(bank, probe)
     stage = ReplayStage(bank, between=between)
     laser = ReplayLaser()
@@ -64,6 +64,10 @@ def replayed(
     frames = isinstance(bank, FrameBank)
     if reference_deg is None:
         reference_deg = bank.facts.reference_angle_deg
+    if reference_deg is not None:
+        # The angles of a scan that crosses 360 degrees were unwrapped.
+        turns = (reference_deg, reference_deg - 360, reference_deg + 360)
+        reference_deg = next((each for each in turns if each in bank.range), reference_deg)
     imaging = ImageReader(preset) if frames else None
     interpolated = between == "interpolated" and not frames
     guard = Guard(

@@ -1,6 +1,7 @@
 from . import messages, topics
-from .node import Network, RosNode, local_transport, require_keys
+from .node import Network, RosNode, require_keys
 from .stamps import MAX_AGE_S, MAX_AHEAD_S, StampedCommands, degrees, joint_angle_deg
+from .transport import reach, require_middleware
 
 __all__ = [
     "MAX_AGE_S",
@@ -10,8 +11,9 @@ __all__ = [
     "StampedCommands",
     "degrees",
     "joint_angle_deg",
-    "local_transport",
     "messages",
+    "reach",
     "require_keys",
+    "require_middleware",
     "topics",
 ]

@@ -6,6 +6,7 @@ import array
 import importlib
 import os
 import time
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,8 +14,10 @@ from typing import Any
 import numpy as np
 
 from markerseek._closing import Closing
-from markerseek.core import ConfigError, RecordError, needs_package
+from markerseek.core import ConfigError, MissingExtraError, RecordError, needs_package
+from markerseek.ros.quality import Once, unfit
 from markerseek.ros.topics import in_namespace
+from markerseek.ros.transport import reach, require_middleware
 
 
 class Kinds(Mapping[str, Any]):
@@ -32,8 +35,9 @@ class Kinds(Mapping[str, Any]):
         if name not in self._classes:
             package, folder, member = name.split("/")
             try:
-                self._classes[name] = getattr(importlib.import_module(f"{package}.{folder}"), member)
-            except (ImportError, AttributeError) as problem:
+                with needs_package(package, extra="ros2", purpose=f"a message {name}"):
+                    self._classes[name] = getattr(importlib.import_module(f"{package}.{folder}"), member)
+            except (MissingExtraError, AttributeError) as problem:
                 raise KeyError(name) from problem
         return self._classes[name]
 
@@ -49,32 +53,20 @@ def _native(value: object) -> object:
     return array.array(value.dtype.char, value.tobytes()) if isinstance(value, np.ndarray) else value
 
 
-_TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
-_PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
-
 _LAST_S = 1.0
 """Longest wait for subscribers when a node leaves, in seconds."""
-
-_DEPTH = 10
-"""Messages that wait for a subscriber."""
 
 _FOUND_S = 1.5
 """Time in which nodes on one computer find one another, in seconds."""
 
+_DEPTH = 10
+"""Messages that wait for a subscriber."""
+
+_NAMED_S = 1.0
+"""Time in which the name of a node is known after its topics, in seconds."""
+
 _GONE_S = 2.0
-"""Time after which a process that was killed is forgotten, in seconds; `participant.xml` has less."""
-
-
-def local_transport() -> str:
-    """Choose shared memory, which opens no socket, unless the user chose a transport; returns what is used.
-
-    Where the user has no profiles of the middleware, ours has it notice soon that a process is gone.
-    """
-    ours = str(Path(__file__).with_name("participant.xml"))
-    if all(os.environ.get(name) in (None, ours) for name in _PROFILES):
-        os.environ.setdefault(_TRANSPORTS, "SHM")
-        os.environ[_PROFILES[0]] = ours
-    return os.environ.get(_TRANSPORTS, "that of the profiles file")
+"""Time after which a process that was killed is forgotten, in seconds; our profiles of the middleware have less."""
 
 
 class Network:
@@ -85,7 +77,8 @@ class Network:
     """
 
     def __init__(self, enclave: str | None = None, *, arguments: Sequence[str] = ()) -> None:
-        local_transport()
+        reach()
+        require_middleware()
         with needs_package("rclpy", extra="ros2", purpose="ROS 2"):
             import rclpy
             from rclpy.context import Context
@@ -107,6 +100,8 @@ class Network:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.handled = 0
         self.nodes = 0
+        self.unfit: list[tuple[float, Callable[[], str]]] = []
+        """Warnings of QoS that does not fit, and when they are due: the other node's name arrives a little later."""
 
 
 class RosNode(Closing):
@@ -175,7 +170,7 @@ class RosNode(Closing):
         self.network.executor.add_node(self._node)
         self.network.nodes += 1
         self._publishers: dict[str, Any] = {}
-        self._subscriptions: dict[str, Any] = {}
+        self._subscriptions: dict[str, list[Any]] = {}
         # `rclpy` creates its own publishers for `LifecycleNode.create_lifecycle_publisher`; ours publish in any state.
         self._node.trigger_configure()
         self._node.trigger_activate()
@@ -187,24 +182,79 @@ class RosNode(Closing):
         ``topic``, ``kind``: topic, and name of the message, such as ``std_msgs/msg/String``. ``latched``: whether the
         last message is kept for subscribers that come later.
         """
+        from rclpy.event_handler import PublisherEventCallbacks
+
+        events = PublisherEventCallbacks(
+            incompatible_qos=lambda event: self._say_unfit(topic, event, listens=False), use_default_callbacks=False
+        )
         self._publishers[topic] = self._node.create_publisher(
-            self.kinds.kind(kind), in_namespace(topic), _quality(latched=latched)
+            self.kinds.kind(kind), in_namespace(topic), _quality(latched=latched), event_callbacks=events
         )
 
     def publish(self, topic: str, message: Any) -> None:
         """Publish a message on a topic that was advertised."""
         self._publishers[topic].publish(message)
 
-    def subscribe(self, topic: str, kind: str, callback: Callable[[Any], None], *, latched: bool = False) -> None:
-        """Call a function with each message of a topic, while the node is spun."""
+    def subscribe(
+        self,
+        topic: str,
+        kind: str,
+        callback: Callable[[Any], None],
+        *,
+        latched: bool = False,
+        command: bool = False,
+    ) -> None:
+        """Call a function once with each message of a topic, while the node is spun, whatever QoS its publisher has.
 
-        def count(message: Any) -> None:
+        ``command``: whether the first message of a best-effort publisher counts: a second subscription is there from
+        the start, and not only when such a publisher appears.
+        """
+        from rclpy.event_handler import SubscriptionEventCallbacks
+
+        once = Once()
+        made = self._subscriptions[topic] = []
+
+        def take(message: Any, info: Mapping[str, Any]) -> None:
             self.network.handled += 1
-            callback(message)
+            if once.is_new(info):
+                callback(message)
 
-        self._subscriptions[topic] = self._node.create_subscription(
-            self.kinds.kind(kind), in_namespace(topic), count, _quality(latched=latched)
-        )
+        def add(wanted: Any) -> None:
+            events = SubscriptionEventCallbacks(
+                incompatible_qos=None if made else on_unfit, use_default_callbacks=False
+            )
+            made.append(
+                self._node.create_subscription(
+                    self.kinds.kind(kind), in_namespace(topic), take, wanted, event_callbacks=events
+                )
+            )
+
+        def on_unfit(event: Any) -> None:
+            if len(made) == 1:
+                add(_quality(reliable=False))
+            if command:
+                self._say_unfit(topic, event, listens=True)
+
+        # A best-effort subscription alone would match every publisher, and lose messages of the reliable ones.
+        add(_quality(latched=latched))
+        if command:
+            add(_quality(reliable=False))
+
+    def _say_unfit(self, topic: str, event: Any, *, listens: bool) -> None:
+        """Warn soon of a publisher or subscription of another node whose QoS does not fit that of this node."""
+        from rclpy.qos import qos_policy_name_from_kind
+
+        policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
+
+        def sentence() -> str:
+            resolved = self._resolved(topic)
+            published = self._node.get_publishers_info_by_topic(resolved)
+            subscribed = self._node.get_subscriptions_info_by_topic(resolved)
+            own, theirs = (subscribed, published) if listens else (published, subscribed)
+            ours = next((each for each in own if each.node_name == self._node.get_name()), None)
+            return unfit(resolved, policy, ours=ours, theirs=theirs, listens=listens)
+
+        self.network.unfit.append((time.monotonic() + _NAMED_S, sentence))
 
     def serve(self, service: str, answer: Callable[[], tuple[bool, str]]) -> None:
         """Serve a std_srvs/Trigger.
@@ -238,7 +288,7 @@ class RosNode(Closing):
 
     def publishes(self, topic: str) -> bool:
         """Whether somebody publishes a topic that this node listens to."""
-        return topic in self._subscriptions and bool(self._subscriptions[topic].get_publisher_count() > 0)
+        return any(each.get_publisher_count() > 0 for each in self._subscriptions.get(topic, ()))
 
     def kind_of(self, topic: str) -> str | None:
         """Type of what somebody publishes on a topic; None if nobody does."""
@@ -274,6 +324,8 @@ class RosNode(Closing):
     def spin(self, timeout_s: float) -> None:
         """Carry out what has arrived; waits for it at most so long."""
         self.network.executor.spin_once(timeout_sec=timeout_s)
+        while self.network.unfit and time.monotonic() >= self.network.unfit[0][0]:
+            warnings.warn(self.network.unfit.pop(0)[1](), stacklevel=2)
 
     def drain(self, most: int) -> None:
         """Carry out what has arrived already, at most so many messages, without waiting."""
@@ -325,12 +377,15 @@ def _as_config_error(problem: RuntimeError) -> ConfigError:
     return ConfigError(f"ROS 2 cannot start: {reason}; {cure}")
 
 
-def _quality(*, latched: bool) -> Any:
-    from rclpy.qos import DurabilityPolicy, QoSProfile
+def _quality(*, latched: bool = False, reliable: bool = True) -> Any:
+    """``latched``: the last message is kept for subscriptions that come later."""
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-    if latched:
-        return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    return QoSProfile(depth=_DEPTH)
+    return QoSProfile(
+        depth=1 if latched else _DEPTH,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+    )
 
 
 def require_keys(enclave: str) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import ConfigError, Float64, RecordError
-from markerseek.files import MIB, csv_rows
+from markerseek.files import DECIMAL_COMMA, MIB, csv_rows, in_natural_order, natural
 from markerseek.geometry import Camera, triangulate
 from markerseek.records import read_camera_images
 from markerseek.runs.former_search import read_marker
@@ -67,8 +67,10 @@ def spot_pairs(left: Path, right: Path, *, searches: Sequence[Path], stereo: Ste
     those with the laser off. ``searches``: their journals or results, each with the name of the marker. ``stereo``:
     calibration of the cameras. Raises `RecordError` if images show no spot that can be measured.
     """
-    names = [sorted(each.name for each in folder.iterdir() if each.is_dir()) for folder in _folders(left, right)]
-    journals = sorted(path.stem for path in searches)
+    names = [
+        [each.name for each in in_natural_order(folder.iterdir()) if each.is_dir()] for folder in _folders(left, right)
+    ]
+    journals = sorted((path.stem for path in searches), key=natural)
     if not names[0] == names[1] == journals:
         raise ConfigError(
             f"markers: {left} holds {', '.join(names[0]) or 'none'}; {right} {', '.join(names[1]) or 'none'}; "
@@ -76,7 +78,7 @@ def spot_pairs(left: Path, right: Path, *, searches: Sequence[Path], stereo: Ste
             "on both sides, and a journal of its name"
         )
     pairs = []
-    for path in sorted(searches, key=lambda each: each.stem):
+    for path in sorted(searches, key=lambda each: natural(each.stem)):
         spots = [_spot(folder / path.stem, camera) for folder, camera in ((left, stereo.left), (right, stereo.right))]
         pixels = tuple(number for spot, _ in spots for number in spot)
         numbers = {"pixels": pixels, "spot_sigma_px": (max(sigma_px for _, sigma_px in spots),)}
@@ -186,13 +188,16 @@ def _table(path: Path) -> tuple[Collection[str], list[Row]]:
     _require_known_sigmas(path, heading)
     present = {kind: names for kind, names in COLUMNS.items() if _present(path, heading, names)}
     rows: list[Row] = []
+    indices = [heading.index(name) for names in present.values() for name in names]
+    texts = table.numbers(path, indices)
     for line, cells in table.cells.items():
-        row = dict(zip(heading, cells, strict=False))
         where = f"{path}, line {line}"
+        # A decimal comma in a table that commas separate shifts all columns behind it.
+        if any(cell.strip() for cell in cells[table.width :]):
+            raise RecordError(f"{where}: it has {len(cells)} columns, {table.width} are named; {DECIMAL_COMMA}")
+        row, given = dict(zip(heading, cells, strict=False)), iter(texts[line])
         numbers = {
-            kind: tuple(
-                _number(where, name, table.with_point(row.get(name, "")), positive="sigma" in kind) for name in names
-            )
+            kind: tuple(_number(where, name, next(given), positive="sigma" in kind) for name in names)
             for kind, names in present.items()
         }
         name = row.get("name", "").strip() or str(len(rows) + 1)

@@ -25,6 +25,9 @@ _MAX_BYTES = MIB // 16
 _MAX_SKEW = 1e-3
 """Most that a matrix may differ from a rotation: numbers are often rounded to five digits."""
 
+_MAX_PX = 65_536
+"""Most pixels of a sensor along one axis."""
+
 _BASE_MM = (1.0, 100.0)
 """Distances between the cameras that an endoscope can have, in millimetres."""
 
@@ -234,7 +237,7 @@ _NAMES = {
 
 
 def _read_camera_info(path: Path) -> _CameraInfo:
-    with needs_package("pyyaml", extra="vision", purpose=f"{path}: it"):
+    with needs_package("pyyaml", extra="vision", purpose=f"{path}: it", module="yaml"):
         import yaml
     try:
         # Into texts, lists and tables only: no tag of a file is followed. A message that was printed ends with the line
@@ -255,11 +258,6 @@ def _camera_info(table: Mapping[str, Any]) -> _CameraInfo:
     model = table.get("distortion_model", "plumb_bob")
     if model != "plumb_bob":
         raise ConfigError(f"distortion_model is {_shown(model)}, plumb_bob is understood; calibrate with it")
-    for name in ("binning_x", "binning_y"):
-        if table.get(name, "0") not in ("0", "1"):
-            raise ConfigError(
-                f"{name} is {_shown(table[name])}: pixels are joined; save the camera_info of the full image"
-            )
     matrix = _values(table, "camera_matrix", 9)
     # OpenCV leaves k3 out where it is 0.
     distortion = (*_values(table, "distortion_coefficients", 4, 5), 0.0)[:5]
@@ -268,17 +266,45 @@ def _camera_info(table: Mapping[str, Any]) -> _CameraInfo:
     if not projection[0] > 0:
         raise ConfigError("projection_matrix is not that of a stereo pair; calibrate both cameras together")
     k1, k2, p1, p2, k3 = distortion
-    size = [_whole(name, _number(name, table.get(f"image_{name}", table.get(name)))) for name in ("width", "height")]
+    (left, width, across), (top, height, down) = (
+        _part(table, axis, whole) for axis, whole in (("x", "width"), ("y", "height"))
+    )
     return _CameraInfo(
         camera=Camera(
-            focal_px=(matrix[0], matrix[4]),
-            centre_px=(matrix[2], matrix[5]),
-            size_px=(size[0], size[1]),
+            focal_px=(matrix[0] / across, matrix[4] / down),
+            # The middle of a joined pixel is in the middle of its pixels.
+            centre_px=((matrix[2] - left + 0.5) / across - 0.5, (matrix[5] - top + 0.5) / down - 0.5),
+            size_px=(width // across, height // down),
             distortion=(k1, k2, p1, p2, k3),
         ),
         turn=_rotation("rectification_matrix", _values(table, "rectification_matrix", 9)),
         shift_m=projection[3] / projection[0],
     )
+
+
+def _part(table: Mapping[str, Any], axis: str, whole: str) -> tuple[int, int, int]:
+    """First pixel and number of pixels of the sensor's region along an axis, and how many are joined to one.
+
+    The matrices of a camera_info are those of the whole sensor; a region without size is the whole.
+    """
+
+    def count(name: str, value: object) -> int:
+        number = _whole(name, _number(name, value))
+        if not 0 <= number <= _MAX_PX:
+            raise ConfigError(f"{name} is {number}, it must lie between 0 and {_MAX_PX} pixels")
+        return number
+
+    size = count(whole, table.get(f"image_{whole}", table.get(whole)))
+    joined = count(f"binning_{axis}", table.get(f"binning_{axis}", "0")) or 1
+    roi = table.get("roi", {})
+    if not isinstance(roi, Mapping):
+        raise ConfigError(f"roi is {_shown(roi)}, it must be a table; save the camera_info again")
+    first, length = (count(f"roi: {name}", roi.get(name, "0")) for name in (f"{axis}_offset", whole))
+    if first + length > size or (first > 0 and length == 0):
+        raise ConfigError(
+            f"roi: {whole} is {length} from {first}, the sensor's {whole} is {size}; save the camera_info of the images"
+        )
+    return first, length or size, joined
 
 
 def _of_camera_infos(left: _CameraInfo, right: _CameraInfo, calibration_sigma_px: float | None) -> StereoSettings:

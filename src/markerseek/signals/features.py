@@ -16,6 +16,7 @@ from markerseek.core import Float32, Float64, Int16, Int64
 from markerseek.signals import _kernel as kernel
 from markerseek.signals._kernel import PAD
 from markerseek.signals.beamform import beamform_at, half_aperture_m, path_delay
+from markerseek.signals.clipping import clipped
 from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
 from markerseek.signals.presets import ProbePreset
 
@@ -179,8 +180,8 @@ def at_full_scale(
     half = 2 * window_samples(preset)
     window = np.clip(middle[:, None] + np.arange(-half, half + 1), preset.pickup_samples, samples.shape[1] - 1)
     # As 32 bits, because the magnitude of -32768 does not fit in 16.
-    largest = np.abs(samples[rows[:, None], window].astype(np.int32)).max(axis=1, initial=0)
-    return tuple(rows[largest >= full_scale].tolist())
+    magnitude = np.abs(samples[rows[:, None], window].astype(np.int32))
+    return tuple(rows[clipped(magnitude, full_scale=full_scale, recorded=preset.recorded)].tolist())
 
 
 def dead_channels(signals: Float32[np.ndarray, "samples columns"], *, channels: int) -> tuple[int, ...]:

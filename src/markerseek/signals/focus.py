@@ -81,7 +81,8 @@ def focused_coherence(
         speeds = speed + step * (SPEEDS[1] - SPEEDS[0]) * _FINER
         places_m = place_m + step * (ASIDE_M[1] - ASIDE_M[0]) * _FINER
     # Noise adds its energy to each channel, and as much as that of one channel to the sum over the root of n.
-    inside = signals[::8, PAD : PAD + preset.array.elements : 4]
+    # What is blanked holds none.
+    inside = signals[preset.pickup_samples :: 8, PAD : PAD + preset.array.elements : 4]
     channel_sigma = float(np.median(np.abs(inside))) / _NORMAL_MEDIAN
     in_phase = float(of_sum[best]) - (half + 1) * sigma**2
     whole = float(of_channels[best]) - (half + 1) * int(used[best]) * channel_sigma**2

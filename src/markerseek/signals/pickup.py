@@ -10,17 +10,20 @@ import math
 import numpy as np
 
 from markerseek.core import AcquisitionError, ChannelFrame, ConfigError
+from markerseek.signals.clipping import clipped
 
 REST_SAMPLES = 256
 """Last samples of a frame, which give the zero and the noise of each channel: the deepest have the least signal."""
 
 
-def pickup_amplitude(frame: ChannelFrame, *, window_us: tuple[float, float], full_scale: int) -> float:
+def pickup_amplitude(
+    frame: ChannelFrame, *, window_us: tuple[float, float], full_scale: int, recorded: bool = False
+) -> float:
     """Root mean square of the samples of a window over all channels in counts, less the zero of each and its noise.
 
     ``window_us``: first and last moment after the trigger, in microseconds. ``full_scale``: counts at which the
-    converter clips. Raises `AcquisitionError` if the pick-up is clipped, `ConfigError` if the window is not in the
-    frame.
+    converter clips. ``recorded``: as of `clipped`. Raises `AcquisitionError` if the pick-up is clipped, `ConfigError`
+    if the window is not in the frame.
     """
     first, last = (round(1e-6 * end_us * frame.sampling_hz) for end_us in window_us)
     samples = frame.samples.shape[1]
@@ -30,11 +33,11 @@ def pickup_amplitude(frame: ChannelFrame, *, window_us: tuple[float, float], ful
             f"the last {REST_SAMPLES} of the frame's {samples} samples"
         )
     window = frame.samples[:, first : last + 1].astype(np.float64)
-    largest = float(np.abs(window).max())
-    if largest >= full_scale:
+    magnitude = np.abs(window).astype(np.int32)
+    if clipped(magnitude, full_scale=full_scale, recorded=recorded).any():
         raise AcquisitionError(
-            f"laser: the pick-up reaches {largest:g} counts and the converter clips at {full_scale}, so that it does "
-            "not show the energy; choose a window (pickup_us) in which it does not, or a lower gain"
+            f"laser: the pick-up reaches {magnitude.max()} counts and the converter clips at {full_scale}, so that it "
+            "does not show the energy; choose a window (pickup_us) in which it does not, or a lower gain"
         )
     rest = frame.samples[:, -REST_SAMPLES:].astype(np.float64)
     zero = rest.mean(axis=1, keepdims=True)

@@ -40,6 +40,8 @@ class ProbePreset:
     """Time from the trigger (sample 0) to the middle of the laser's pulse."""
     full_scale: int = 2047
     """Counts at which the converter saturates."""
+    recorded: bool = False
+    """Whether its frames are a recording: numbers beyond ``full_scale`` are then of another converter."""
     face_radius_m: float | None = None
     """Distance of the array's face from the axis of rotation; None if not known. The imaging does not need it, the
     position of a marker does."""

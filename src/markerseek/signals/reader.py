@@ -207,7 +207,7 @@ class ImageReader:
         if samples < least:
             raise AcquisitionError(
                 f"frame of {samples} samples: probe {preset.name} needs at least {least}, for the first "
-                f"{preset.pickup_samples} hold the laser's pick-up; record for longer"
+                f"{preset.pickup_samples} are blanked (the laser's pick-up, or none recorded); record for longer"
             )
 
     def _layout(self, samples: int) -> _Layout:

@@ -12,6 +12,6 @@ def opencv(purpose: str) -> ModuleType:
 
     ``purpose``: what it is needed for, for the message.
     """
-    with needs_package("opencv-python-headless", extra="vision", purpose=purpose):
+    with needs_package("opencv-python-headless", extra="vision", purpose=purpose, module="cv2"):
         import cv2
     return cv2

@@ -28,7 +28,7 @@ EMULATOR = "simulated by markerseek"
 """Notes in the identity of an emulated controller."""
 
 INFO, VELOCITY, BACKLASH, LIMITS, TARGET, STATUS = 0x0006, 0x0415, 0x043C, 0x0425, 0x0452, 0x0491
-TRIGGER_PORTS, TRIGGER_POSITIONS = 0x0525, 0x0528
+TRIGGER_PORTS, TRIGGER_POSITIONS, CHANNEL_STATE = 0x0525, 0x0528, 0x0212
 """Identities of the answers that `decode` knows."""
 
 TRIGGER_OFF, TRIGGER_STEPS_UP, TRIGGER_STEPS_DOWN = 0x00, 0x0D, 0x0E
@@ -43,7 +43,7 @@ TRIGGER_US = 50
 
 _ACTIVE_HIGH = 1
 
-_KNOWN = (INFO, VELOCITY, BACKLASH, LIMITS, TARGET, STATUS, TRIGGER_PORTS, TRIGGER_POSITIONS)
+_KNOWN = (INFO, VELOCITY, BACKLASH, LIMITS, TARGET, STATUS, TRIGGER_PORTS, TRIGGER_POSITIONS, CHANNEL_STATE)
 
 _UNSIGNED = 2**32
 
@@ -110,6 +110,8 @@ class Status:
     """``moving``, ``homing`` and ``homed``: ``moving`` is false for a moment after a move was commanded."""
     faults: tuple[str, ...]
     """Names of the errors that it reports."""
+    enabled: bool = True
+    """Whether the motor of its channel gets current."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,6 +119,13 @@ class Counts:
     """A stored number of counts: a target, or a backlash."""
 
     counts: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Channel:
+    """Whether the channel is enabled: its motor gets current."""
+
+    enabled: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,7 +158,7 @@ class TriggerPositions:
     """How often both rows may be run through."""
 
 
-Answer = Info | Velocity | SoftLimits | Status | Counts | TriggerPorts | TriggerPositions
+Answer = Info | Velocity | SoftLimits | Status | Counts | TriggerPorts | TriggerPositions | Channel
 
 
 def counts_of(angle_deg: float) -> int:
@@ -191,6 +200,16 @@ def ask_info() -> bytes:
 def ask_status() -> bytes:
     """Ask for the status: position, motion, faults."""
     return _packed("mot_req_dcstatusupdate", chan_ident=CHANNEL)
+
+
+def enable_channel() -> bytes:
+    """Give the motor current; nothing moves."""
+    return _packed("mod_set_chanenablestate", chan_ident=CHANNEL, enable_state=1)
+
+
+def ask_channel() -> bytes:
+    """Ask whether the channel is enabled."""
+    return _packed("mod_req_chanenablestate", chan_ident=CHANNEL)
 
 
 def set_velocity(velocity: Velocity) -> bytes:
@@ -322,6 +341,8 @@ def decode(message: AptMessage) -> Answer | None:
         )
     if message.ident == TRIGGER_POSITIONS:
         return _trigger_positions(fields)
+    if message.ident == CHANNEL_STATE:
+        return Channel(enabled=fields["enabled"])
     return Counts(counts=fields["backlash_distance" if message.ident == BACKLASH else "absolute_position"])
 
 
@@ -368,6 +389,7 @@ def _status(fields: dict[str, Any]) -> Status:
         homing=fields["homing"],
         homed=fields["homed"],
         faults=tuple(words for name, words in _FAULTS.items() if fields[name]),
+        enabled=fields["channel_enabled"],
     )
 
 

@@ -58,9 +58,11 @@ __all__ = [
     "Status",
     "Text",
     "Transform",
+    "asks_for_metadata",
     "decode",
     "decode_header",
     "encode",
+    "is_emulated",
 ]
 
 _HEADER = struct.Struct(">H12s20sQQQ")
@@ -127,6 +129,14 @@ def encode(message: Message) -> bytes:
     return head + body
 
 
+def asks_for_metadata() -> bytes:
+    """A message after which a PLUS server sends header version 2, with metadata; it sends version 1 before.
+
+    PlusServer answers each client in the highest version that came from it, and takes a STATUS for a sign of life.
+    """
+    return encode(Message(device="markerseek", content=Status(code=OK)))
+
+
 def decode_header(data: bytes, *, most_bytes: int) -> Header:
     """Header of a message, checked before its body is awaited.
 
@@ -172,6 +182,12 @@ def decode(header: Header, body: bytes) -> Message:
         )
     except (ConfigError, UnicodeDecodeError) as problem:
         raise DeviceError(f"{what}: {problem}") from problem
+
+
+def is_emulated(header: Header, body: bytes) -> bool:
+    """Whether a STATUS says that its server is an emulator; errors as of `decode`."""
+    said = decode(header, body).content
+    return isinstance(said, Status) and said.message == EMULATOR
 
 
 class Framer:

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from markerseek.emulators.stage_faults import STAGE_FAULTS
 
 from .bytes_runs import LASER_AND_DAQ
+from .checker import OFF_DEG
 from .tally import PROMISES, Row, Tally, upper95
 from .vocabulary import FAULTS, Injected
 
@@ -41,8 +42,8 @@ def promises(tally: Tally, *, preventable: Iterable[str], acts: bool = True) -> 
     for words, row in (("under a single observable fault", single), ("without fault", none)):
         limit = upper95(row.off, row.runs)
         lines.append(
-            f"| P10 | found and off by more than 1°, {words} ({row.found:,} found) | {row.off} | {row.runs:,} | "
-            f"{limit:.2g} |"
+            f"| P10 | found and off by more than {OFF_DEG:g}° (twice the tolerance of intensities), {words} "
+            f"({row.found:,} found) | {row.off} | {row.runs:,} | {limit:.2g} |"
         )
     if not acts:
         return lines
@@ -62,7 +63,7 @@ def kinds(tally: Tally) -> list[str]:
         if each.harm == "none":
             groups.setdefault((each.fault.device, each.fault.kind.value), []).append(key_of(each))
     lines = [
-        "| device | kind | runs | acted | reported | found | found and off > 1° | upper 95 % limit |",
+        f"| device | kind | runs | acted | reported | found | found and off > {OFF_DEG:g}° | upper 95 % limit |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for (device, kind), keys in sorted(groups.items()):

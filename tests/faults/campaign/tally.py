@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import msgspec
 from scipy.stats import beta
 
-from .checker import Verdict
+from .checker import OFF_DEG, Verdict
 
 PROMISES = ("P1", "P3", "P6", "P7", "P8")
 
@@ -94,7 +94,7 @@ class Tally(msgspec.Struct, kw_only=True):
             self.broken.append(Broken(promise=promise, run=number, faults=faults, said=said[:300]))
         if verdict.off:
             self.broken.append(
-                Broken(promise="P10", run=number, faults=faults, said="found, and off by more than 1 deg")
+                Broken(promise="P10", run=number, faults=faults, said=f"found, and off by more than {OFF_DEG:g} deg")
             )
 
     def add(self, other: Tally) -> None:

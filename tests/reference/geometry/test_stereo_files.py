@@ -160,7 +160,8 @@ def test_an_ini_file_that_lies_is_refused(tmp_path: Path, change: tuple[str, str
     ("side", "change", "says"),
     [
         ("left", ("plumb_bob", "rational_polynomial"), "plumb_bob is understood"),
-        ("left", ("camera_name", "binning_x: 2\ncamera_name"), "pixels are joined"),
+        ("left", ("camera_name", "binning_x: 2.5\ncamera_name"), "binning_x is 2.5, it must be a whole number"),
+        ("left", ("camera_name", "roi: 7\ncamera_name"), "roi is '7', it must be a table"),
         ("left", ("distortion_coefficients", "coefficients"), "distortion_coefficients is missing"),
         ("left", ("data: [1103.25", "data: [[1, 2], 1103.25"), "not 9 numbers"),
         ("left", ("data: [1103.25", "data: [.inf"), "must be a finite number"),

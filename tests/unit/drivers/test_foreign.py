@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from markerseek.cli.open_rig import trust_modules
 from markerseek.core import ConfigError, DeviceError, Interval, LimitError, NotConnectedError
 from markerseek.drivers import BenchSettings, NamedStage, bench_settings_from
 from markerseek.guard import Limits
@@ -114,6 +115,7 @@ def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
     (tmp_path / "broken_stage.py").write_text("1 / 0\n")
     (tmp_path / "leaving_stage.py").write_text("import sys\nsys.exit(3)\n")
     (tmp_path / "hanging_stage.py").write_text("import time\ntime.sleep(60)\n")
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     monkeypatch.setattr("markerseek.drivers._time_limit.MAX_S", 0.3)
     (tmp_path / "needs_stage.py").write_text("import no_such_library_at_all\n")
 
@@ -128,6 +130,7 @@ def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
 def read(path: Path) -> BenchSettings:
     settings = read_rig_file(path)
     assert isinstance(settings, BenchSettings)
+    trust_modules(settings, path, trust=True)
     return settings
 
 

@@ -83,7 +83,7 @@ def test_a_silent_box_gets_the_command_to_disarm_and_times_out() -> None:
 def test_no_box_at_all_is_not_connected() -> None:
     bench = Bench()
     bench.faults.silent = True
-    with pytest.raises(NotConnectedError, match="nothing answers HELLO"):
+    with pytest.raises(NotConnectedError, match="no answer to HELLO in time: no byte came"):
         bench.driver()
 
 

@@ -68,6 +68,7 @@ def write_workspace(
     *,
     repeats=1,
     last=None,
+    last_saved=True,
     start_depth=0.0,
     mixed=True,
     change=None,
@@ -78,7 +79,8 @@ def write_workspace(
     """A workspace whose photoacoustic frames are these, (frames, elements, samples) of int16.
 
     ``repeats``: acquisitions of each frame, equal but for +1 and -1 that cancel. ``last``: number of the last frame, of
-    a ring that has gone round. ``mixed``: whether each frame begins with an acquisition with a transmit. ``change``:
+    a ring that has gone round; None: the last of the buffer. ``last_saved``: whether the workspace states it.
+    ``mixed``: whether each frame begins with an acquisition with a transmit. ``change``:
     called with the workspace at the end.
     """
     count, elements, samples = frames.shape
@@ -113,8 +115,8 @@ def write_workspace(
             workspace.structures(file, "TX", Apod=[np.ones(elements), np.zeros(elements)])
         resource = file.create_group("Resource")
         workspace.structure(resource, "Parameters", speedOfSound=sound_speed_m_s)
-        if last is not None:
-            workspace.structure(resource, "RcvBuffer", lastFrame=float(last))
+        if last_saved:
+            workspace.structure(resource, "RcvBuffer", lastFrame=float(last or count))
         if change is not None:
             change(workspace)
     with path.open("r+b") as file:

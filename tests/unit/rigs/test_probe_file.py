@@ -105,7 +105,7 @@ VOLTS = 1e-3 * np.random.default_rng(3).standard_normal((4, 5, 60))
 def test_floats_of_a_scan_have_one_scale(tmp_path: Path, kind: type) -> None:
     volts = VOLTS.astype(kind)
     np.save(tmp_path / "scan.npy", volts)
-    with pytest.warns(UserWarning, match="is scaled by .*, its largest number to 2000 counts; saturation cannot"):
+    with pytest.warns(UserWarning, match="is taken off float.*; it is scaled by .*, its loudest sound to 16384 counts"):
         array = read_arrays(tmp_path / "scan.npy", first_and_step_deg=(-3.0, 2.0))
     folder = tmp_path / "scan"
     folder.mkdir()
@@ -113,7 +113,10 @@ def test_floats_of_a_scan_have_one_scale(tmp_path: Path, kind: type) -> None:
         np.save(folder / f"{angle_deg:g}.npy", volts[index])
     with pytest.warns(UserWarning, match="is scaled by"):
         files = read_bank(folder)
-    expected = np.rint(2000 * volts / np.abs(volts).max())
+    sound = volts.astype(float) - np.median(volts.astype(float), axis=2, keepdims=True)
+    # Of five channels the loudest has no say.
+    loudest = np.sort(np.abs(sound).max(axis=2), axis=1)[:, -2].max()
+    expected = np.rint(16384 * sound / loudest)
     for index in range(4):
         for bank in (array, files):
             np.testing.assert_array_equal(bank.frame(index).samples, expected[index])  # type: ignore[union-attr]
@@ -138,5 +141,5 @@ def test_numbers_that_are_no_samples_are_refused(tmp_path: Path) -> None:
     folder.mkdir()
     for angle_deg, values in ((1, np.ones((5, 60), np.int16)), (2, VOLTS[0]), (3, VOLTS[1])):
         np.save(folder / f"{angle_deg}.npy", values)
-    with pytest.raises(RecordError, match="float64 found beside counts of int16; save all frames of a scan alike"):
+    with pytest.raises(RecordError, match="float64 and int16 found side by side; save all frames of a scan alike"):
         read_bank(folder).frame(1)  # type: ignore[union-attr]

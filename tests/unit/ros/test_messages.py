@@ -21,9 +21,10 @@ from markerseek.ros import (
     StampedCommands,
     degrees,
     joint_angle_deg,
-    local_transport,
     messages,
+    reach,
     require_keys,
+    require_middleware,
     topics,
 )
 
@@ -173,16 +174,40 @@ def test_without_ros_the_command_that_installs_it_is_named() -> None:
         pytest.skip("ROS 2 is installed here")
 
 
-def test_shared_memory_is_the_transport_unless_the_user_chose_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("FASTDDS_BUILTIN_TRANSPORTS", "FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"):
+def test_nodes_are_looked_for_on_this_computer_unless_the_user_chose(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    names = "FASTDDS_BUILTIN_TRANSPORTS", "FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"
+    for name in (*names, "RMW_IMPLEMENTATION", "ROS_AUTOMATIC_DISCOVERY_RANGE"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
-    assert local_transport() == "UDPv4"
-    monkeypatch.delenv("FASTDDS_BUILTIN_TRANSPORTS")
-    assert local_transport() == "SHM"
-    monkeypatch.delenv("FASTDDS_BUILTIN_TRANSPORTS")
-    monkeypatch.setenv("FASTDDS_DEFAULT_PROFILES_FILE", "profiles.xml")
-    assert local_transport() == "that of the profiles file"
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    monkeypatch.setenv(names[0], "UDPv4")
+    assert reach() == "ROS 2 domain 7 (ROS_DOMAIN_ID), by FASTDDS_BUILTIN_TRANSPORTS=UDPv4"
+    monkeypatch.setenv(names[0], "SHM")
+    assert "in shared memory only (FASTDDS_BUILTIN_TRANSPORTS=SHM), where nodes of default settings are not" in reach()
+    monkeypatch.delenv(names[0])
+    # What was set for one transport is not taken for a choice of the user.
+    assert "on this computer only (127.0.0.1 and shared memory)" in reach()
+    monkeypatch.setenv(names[1], "profiles.xml")
+    assert reach().endswith("as profiles.xml says (FASTDDS_DEFAULT_PROFILES_FILE)")
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_zenoh_cpp")
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
+    assert reach().endswith(", ROS_AUTOMATIC_DISCOVERY_RANGE=OFF, as rmw_zenoh_cpp is set up (RMW_IMPLEMENTATION)")
+
+
+def test_a_middleware_is_looked_for_where_ros_has_its_packages(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    index = tmp_path / "share" / "ament_index" / "resource_index" / "rmw_typesupport"
+    index.mkdir(parents=True)
+    for name in ("rmw_zenoh_cpp", "rmw_implementation"):
+        (index / name).touch()
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/opt/none:{tmp_path}")
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_zenoh_cpp")
+    require_middleware()
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_implementation")
+    with pytest.raises(
+        ConfigError, match=r"RMW_IMPLEMENTATION is rmw_implementation, which is not installed here \(.*"
+    ):
+        require_middleware()
 
 
 def test_security_that_is_required_and_not_there_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

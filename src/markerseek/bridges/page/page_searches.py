@@ -13,7 +13,7 @@ from pathlib import Path
 
 from markerseek.bridges.page.child_search import ChildSearch, Launch
 from markerseek.bridges.page.settings import PageSettings
-from markerseek.core import Interval, SearchError
+from markerseek.core import Interval, RecordError, SearchError
 from markerseek.drivers import BenchSettings
 from markerseek.records.journal import default_journal, journals_folder, journals_in, make_folder
 from markerseek.sim import SimulatedSettings
@@ -182,8 +182,13 @@ class PageSearches:
 
     def recordings(self) -> dict[str, Path]:
         """Recordings that may be replayed, by name: those named at the start, then the newest journals."""
-        folder = journals_folder()
-        found = journals_in(folder) if folder.is_dir() else []
+        try:
+            folder = journals_folder()
+        except RecordError:
+            # A user without a home folder has no journals there.
+            found = []
+        else:
+            found = journals_in(folder) if folder.is_dir() else []
         recordings: dict[str, Path] = {}
         for path in (*self._named, *reversed(found[-MAX_LISTED:])):
             # Two of one name are told apart by their folders.

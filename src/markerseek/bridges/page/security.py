@@ -34,6 +34,11 @@ REFUSAL_S = 0.25
 TOKEN_PARAMETER = "token"  # noqa: S105  the name of the parameter, not a token
 """Name of the query parameter of the first link that holds the token."""
 
+_TUNNEL = (
+    "through a tunnel (ssh -L, VS Code) start markerseek page with --public-url and the address in the browser, as in "
+    "--public-url http://localhost:9000"
+)
+
 _SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 
 _HEADERS = (
@@ -64,6 +69,8 @@ class Access:
     """``http``, or ``https`` where the page has a certificate."""
     cookie: str
     """Name of the cookie that holds the token; cookies are shared by all ports of a host, so it names the port."""
+    public: str | None = None
+    """Origin under which a browser behind a tunnel sees the page: ``http://localhost:9000``."""
 
     def __post_init__(self) -> None:
         if len(self.token) < 16:
@@ -74,7 +81,11 @@ class Access:
     @property
     def origins(self) -> frozenset[str]:
         """Values of the Origin header that are accepted."""
-        return frozenset(f"{self.scheme}://{host}" for host in self.hosts)
+        return frozenset(f"{self.scheme}://{host}" for host in self.hosts) | ({self.public} if self.public else set())
+
+    def is_host(self, host: str) -> bool:
+        """Whether a value of the Host header is accepted."""
+        return host in self.hosts or (self.public is not None and host == self.public.partition("://")[2])
 
 
 class SecurityLayer:
@@ -135,10 +146,10 @@ class SecurityLayer:
     def _foreign(self, scope: Scope, headers: dict[bytes, list[bytes]]) -> str | None:
         """Why a request does not come from a page of ours; None if it does."""
         hosts, origins = headers.get(b"host", []), headers.get(b"origin", [])
-        if len(hosts) != 1 or hosts[0].decode("latin-1") not in self._access.hosts:
-            return "the Host header is not the address of this page"
+        if len(hosts) != 1 or not self._access.is_host(hosts[0].decode("latin-1")):
+            return f"the Host header is not the address of this page; {_TUNNEL}"
         if any(origin.decode("latin-1") not in self._access.origins for origin in origins):
-            return "the Origin header is not the address of this page"
+            return f"the Origin header is not the address of this page; {_TUNNEL}"
         needs_origin = scope["type"] == "websocket" or scope["method"] not in _SAFE_METHODS
         return "the Origin header is missing" if needs_origin and not origins else None
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from ipaddress import IPv4Address
 from pathlib import Path
 from types import FrameType
+from urllib.parse import urlsplit
 
 from markerseek.bridges.page.listener import AT_ONCE, Listener, Peer
 from markerseek.bridges.page.page_searches import PageSearches
@@ -46,6 +47,8 @@ class Address:
     certificate: Path | None = None
     key: Path | None = None
     """``certificate`` and ``key``: PEM files for TLS; needed for any address that other computers reach."""
+    public_url: str | None = None
+    """Address in a browser at the other end of a tunnel, such as ``http://localhost:9000``."""
     ip: IPv4Address = field(init=False)
 
     def __post_init__(self) -> None:
@@ -70,6 +73,8 @@ class Address:
                 f"host is {self.host}: other computers reach it, which needs TLS; name --tls-certificate "
                 f"and --tls-key, or leave the host out for {LOOPBACK}"
             )
+        # Checked now, not once the page is served.
+        _ = self.public
         if self.certificate is not None and self.key is not None:
             try:
                 ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(self.certificate, self.key)
@@ -77,6 +82,27 @@ class Address:
                 raise ConfigError(
                     f"{self.certificate}, {self.key}: no certificate with its key: {problem}"
                 ) from problem
+
+    @property
+    def public(self) -> str | None:
+        """Origin of ``public_url`` as browsers send it: in small letters, without the usual port of its scheme."""
+        if self.public_url is None:
+            return None
+        wrong = ConfigError(
+            f"public url is {self.public_url!r}: name what stands in the browser, http://localhost:PORT or "
+            "https://NAME, without a path; http is for localhost and 127.0.0.1 only, others would see the token"
+        )
+        try:
+            parts = urlsplit(self.public_url)
+            name, port = parts.hostname, parts.port
+        except ValueError as problem:
+            raise wrong from problem
+        bare = parts.path in ("", "/") and not (parts.query or parts.fragment or "@" in parts.netloc)
+        private = parts.scheme == "https" or (parts.scheme == "http" and name in _LOOPBACK_NAMES)
+        if not name or not bare or not private:
+            raise wrong
+        usual = port in (None, {"http": 80, "https": 443}[parts.scheme])
+        return f"{parts.scheme}://{name}" if usual else f"{parts.scheme}://{name}:{port}"
 
     @property
     def scheme(self) -> str:
@@ -137,6 +163,7 @@ def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str],
             hosts=frozenset(name if usual else f"{name}:{port}" for name in names),
             scheme=address.scheme,
             cookie=f"markerseek_{port}",
+            public=address.public,
         )
         opens_until_s = time.monotonic() + OPENED_S if opened else 0.0
 
@@ -167,5 +194,6 @@ def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str],
         )
         # Ctrl-C is the ordinary end of the page.
         with suppress(KeyboardInterrupt):
-            on_ready(f"{address.scheme}://{address.host}:{port}/?{TOKEN_PARAMETER}={token}")
+            origin = address.public or f"{address.scheme}://{address.host}:{port}"
+            on_ready(f"{origin}/?{TOKEN_PARAMETER}={token}")
             asyncio.run(Server(config).serve(sockets=[listener]))

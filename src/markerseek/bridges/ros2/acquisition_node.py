@@ -40,7 +40,7 @@ class AcquisitionNode(Served):
         self._frames = self._errors = 0
         node.advertise(topics.ACQUIRED, _TEXT)
         node.advertise(topics.CHANNELS, "sensor_msgs/msg/Image")
-        node.subscribe(topics.ACQUIRE, _TEXT, self._on_request)
+        node.subscribe(topics.ACQUIRE, _TEXT, self._on_request, command=True)
         state = messages.text(node.kinds, messages.AcquisitionState(simulated=simulated))
         node.advertise(topics.ACQUISITION_STATE, _TEXT, latched=True)
         node.publish(topics.ACQUISITION_STATE, state)

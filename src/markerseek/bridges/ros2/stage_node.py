@@ -83,19 +83,19 @@ class StageNode(Served):
         node.advertise(topics.SETPOINT_JS, _JOINT, latched=True)
         node.advertise(topics.FRAMES, messages.frames_kind(node.kinds))
         node.advertise(topics.STATE, "std_msgs/msg/String")
-        node.subscribe(topics.MOVE_JP, _JOINT, lambda message: self._on_joint(message, servo=False))
-        node.subscribe(topics.SERVO_JP, _JOINT, lambda message: self._on_joint(message, servo=True))
+        node.subscribe(topics.MOVE_JP, _JOINT, lambda message: self._on_joint(message, servo=False), command=True)
+        node.subscribe(topics.SERVO_JP, _JOINT, lambda message: self._on_joint(message, servo=True), command=True)
         for topic in (topics.STOP, topics.HOLD):
-            node.subscribe(topic, _EMPTY, lambda _message: self.stop())
+            node.subscribe(topic, _EMPTY, lambda _message: self.stop(), command=True)
         self._speaks_crtk = messages.CRTK_STATE in node.kinds
         if self._speaks_crtk:
             node.advertise(topics.OPERATING_STATE, messages.CRTK_STATE)
             for topic in (topics.ERROR, topics.WARNING):
                 node.advertise(topic, messages.CRTK_STRING)
-            node.subscribe(topics.STATE_COMMAND, messages.CRTK_STRING, self._on_state_command)
+            node.subscribe(topics.STATE_COMMAND, messages.CRTK_STRING, self._on_state_command, command=True)
         if plain is not None:
             node.advertise(plain.reached, _NUMBER)
-            node.subscribe(plain.command, _NUMBER, self._on_number)
+            node.subscribe(plain.command, _NUMBER, self._on_number, command=True)
 
     # What messages ask for; these run inside of a device's wait too.
 

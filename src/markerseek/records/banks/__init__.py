@@ -14,6 +14,7 @@ from markerseek.records.banks.bank import (
     IntensityBank,
     record_of,
     require_angles,
+    unwrapped,
 )
 from markerseek.records.banks.frames import MAT_PROBE, FolderBank, load_frame
 from markerseek.records.banks.ipasc import IpascBank, require_new_bank, whole_bank
@@ -49,6 +50,7 @@ __all__ = [
     "require_angles",
     "require_new_bank",
     "require_whole",
+    "unwrapped",
     "whole_bank",
     "write_bank",
 ]

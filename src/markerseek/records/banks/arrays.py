@@ -11,9 +11,8 @@ same names.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import permutations
 from pathlib import Path
 
@@ -21,18 +20,38 @@ import numpy as np
 
 from markerseek.core import Bool, ChannelFrame, Float64, FrameHeader, Int16, RecordError
 from markerseek.files import as_read_error
-from markerseek.records.banks.bank import USUAL_SAMPLING_HZ, BankFacts, FrameBank, IntensityBank, require_angles
-from markerseek.records.banks.frames import as_counts, scale_of
-from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, amplitudes, in_degrees, unit_of, warn_skipped
+from markerseek.records.banks.bank import (
+    USUAL_SAMPLING_HZ,
+    BankFacts,
+    FrameBank,
+    IntensityBank,
+    require_angles,
+    unwrapped,
+)
+from markerseek.records.banks.counts import as_counts, scaling_of
+from markerseek.records.banks.ring import filled, in_scan_order
+from markerseek.records.banks.table import (
+    DEFAULT_FORMAT,
+    TableFormat,
+    amplitudes,
+    decibels,
+    in_degrees,
+    unit_of,
+    warn_skipped,
+)
 from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_arrays import arrays_in, content
+from markerseek.records.untrusted_vantage import NUMBERS
 
 AXES = ("angles", "channels", "samples")
 """Axes of frames, in their order."""
 
+LATEST_FIRST_S = 200e-6
+"""Latest first sample of a record after the trigger in seconds: no sound of these frequencies comes from deeper."""
+
 _LARGEST_BYTES = 1 << 33
 _ANGLES = ("angle_deg", "angles_deg", "trus_angle_deg", "angle_mrad", "angle_rad", "angle")
-_INTENSITIES = ("intensity", "intensities")
+_INTENSITIES = ("intensity", "intensities", "intensity_db", "intensities_db")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -67,17 +86,28 @@ def read_arrays(
     table: TableFormat = DEFAULT_FORMAT,
     *,
     first_and_step_deg: tuple[float, float] | None = None,
+    first_frame: int | None = None,
     axes: tuple[str, ...] = AXES,
+    blanked: int = 0,
 ) -> IntensityBank | ArrayBank:
     """Bank in an ``.npy``, ``.npz`` or ``.mat``.
 
     ``table``: names of the variables of angle, and of intensity or frames; their units; what becomes of angles without
     numbers. ``first_and_step_deg``: angle of the first row and step to the next, where the file holds no angles.
-    ``axes``: order of the axes of the frames, a permutation of `AXES`.
+    ``first_frame``: number in the receive buffer of a Vantage of the frame with the first angle; None: as the file
+    shows. ``axes``: order of the axes of the frames, a permutation of `AXES`. ``blanked``: as of `read_bank`.
     """
     with as_read_error(path), Sandbox() as sandbox:
         arrays = arrays_in(path, sandbox, most_bytes=_LARGEST_BYTES)
-    return bank_of_arrays(path, arrays, table, first_and_step_deg=first_and_step_deg, axes=axes)
+    return bank_of_arrays(
+        path,
+        arrays,
+        table,
+        first_and_step_deg=first_and_step_deg,
+        first_frame=first_frame,
+        axes=axes,
+        blanked=blanked,
+    )
 
 
 def bank_of_arrays(
@@ -86,7 +116,9 @@ def bank_of_arrays(
     table: TableFormat = DEFAULT_FORMAT,
     *,
     first_and_step_deg: tuple[float, float] | None = None,
+    first_frame: int | None = None,
     axes: tuple[str, ...] = AXES,
+    blanked: int = 0,
 ) -> IntensityBank | ArrayBank:
     """Bank of arrays by their names, as `read_arrays`; ``path``: where they are from."""
     arrays = _named(path, dict(found))
@@ -96,9 +128,11 @@ def bank_of_arrays(
             f"{path}: intensity or frames expected, it holds {content(arrays)}; name its variables, --columns "
             "ANGLE,INTENSITY or ANGLE,FRAMES"
         )
+    counted = None if angle is None else arrays[angle].size
+    arrays = in_scan_order(path, arrays, value, angles=counted, first_frame=first_frame)
     values, frames = arrays[value], value == "frames" or arrays[value].ndim == len(AXES)
     if frames:
-        values = _turned(path, values, axes, angles=None if angle is None else arrays[angle].size)
+        values = _turned(path, values, axes, angles=counted)
     elif axes != AXES:
         raise RecordError(f"{path}: --axes is for frames, it holds {content(arrays)}; leave it out")
     if angle is not None and first_and_step_deg is None:
@@ -118,7 +152,10 @@ def bank_of_arrays(
     if not frames:
         values = _intensities(path, values, degrees.size)
     kept = _valid(path, degrees, values, table)
-    degrees, values = degrees[kept], values[kept]
+    if NUMBERS in arrays:
+        # Only now: a frame that was lost has its place in the scan.
+        kept &= filled(path, values, arrays[NUMBERS])
+    degrees, values = unwrapped(path, degrees[kept]), values[kept]
     order = np.argsort(degrees, kind="stable")
     rising = tuple(degrees[order].tolist())
     require_angles(path, rising)
@@ -129,18 +166,19 @@ def bank_of_arrays(
         sound_speed_m_s=_scalar(path, arrays, "sound_speed_m_s"),
     )
     if frames:
+        before = _samples_before(path, arrays, facts.sampling_hz, samples=values.shape[2])
         # One scale for all angles, or their intensities could not be compared.
-        counts = as_counts(path, values, scale=scale_of(path, values))
-        if unfilled := _scalar(path, arrays, "unfilled"):
-            warnings.warn(f"{path}: {unfilled:g} frames hold zeros only, and are left out", stacklevel=2)
+        scaling = scaling_of(path, values, blanked=max(0, blanked - before))
+        counts = np.stack([_from_trigger(as_counts(path, each, scaling), before) for each in values[order]])
         return ArrayBank(
             path=path,
             angles_deg=rising,
-            samples=_from_trigger(path, counts, arrays, facts.sampling_hz)[order],
-            facts=facts,
+            samples=counts,
+            facts=replace(facts, first_sample_s=max(0, before) / (facts.sampling_hz or USUAL_SAMPLING_HZ) or None),
             pulses=tuple(_pulses(path, arrays, kept.size)[kept][order].tolist()),
         )
-    intensity = amplitudes(values, db=table.db, where=lambda index: f"{path}, angle {degrees[index]:g} deg")
+    db = decibels(table.db, value)
+    intensity = amplitudes(values, db=db, where=lambda index: f"{path}, angle {degrees[index]:g} deg")
     return IntensityBank(angles_deg=rising, intensities=tuple(intensity[order].tolist()), facts=facts)
 
 
@@ -206,29 +244,37 @@ def _fits(shape: tuple[int, ...], axes: tuple[str, ...], angles: int | None) -> 
     return angles in (None, by_axis["angles"]) and 0 < by_axis["channels"] <= by_axis["samples"]
 
 
-def _from_trigger(
-    path: Path,
-    counts: Int16[np.ndarray, "angles channels samples"],
-    arrays: Mapping[str, np.ndarray],
-    sampling_hz: float | None,
-) -> Int16[np.ndarray, "angles channels samples"]:
-    """The same frames with sample 0 at the trigger, to the nearest sample: filled with zeros, or cut off, before."""
+def _samples_before(path: Path, arrays: Mapping[str, np.ndarray], sampling_hz: float | None, *, samples: int) -> int:
+    """Samples from the trigger to the first one, to the nearest; negative where the record begins before the trigger.
+
+    ``samples``: length of the record.
+    """
     first_s = _scalar(path, arrays, "first_sample_s")
     if not first_s:
-        return counts
+        return 0
     if sampling_hz is None:
         raise RecordError(f"{path}: first_sample_s is {first_s:g} s, and sampling_hz is missing; add it")
-    length = counts.shape[2]
-    # Compared before it is rounded: a number that lies could have any size.
-    if not abs(first_s * sampling_hz) < length:
+    cure = "correct it, in seconds (Receive.startDepth of a Verasonics, initial_times of zea, first_sample_s)"
+    if first_s > LATEST_FIRST_S:
         raise RecordError(
-            f"{path}: the first sample is {1e6 * first_s:g} µs from the trigger, more than the {length} samples of a "
-            "frame last; correct it (Receive.startDepth of a Verasonics, initial_times of zea, first_sample_s)"
+            f"{path}: the first sample is {1e6 * first_s:g} µs after the trigger, at most {1e6 * LATEST_FIRST_S:g} µs "
+            f"may be, the time of sound from 0.3 m; {cure}"
         )
-    before = round(first_s * sampling_hz)
-    if before < 0:
-        return counts[:, :, -before:]
-    return np.pad(counts, ((0, 0), (0, 0), (before, 0)))
+    # Compared before it is rounded: a number that lies could have any size.
+    if not -first_s * sampling_hz < samples:
+        raise RecordError(
+            f"{path}: the first sample is {-1e6 * first_s:g} µs before the trigger, and the {samples} samples of a "
+            f"frame end before it; {cure}"
+        )
+    return round(first_s * sampling_hz)
+
+
+def _from_trigger(counts: Int16[np.ndarray, "channels samples"], before: int) -> Int16[np.ndarray, "channels samples"]:
+    """The same frame with sample 0 at the trigger: cut off, or filled with each channel's median, before its first."""
+    if before <= 0:
+        return counts[:, -before:]
+    filler = np.rint(np.median(counts, axis=1, keepdims=True)).astype(np.int16)
+    return np.hstack([np.repeat(filler, before, axis=1), counts])
 
 
 def _pulses(path: Path, arrays: Mapping[str, np.ndarray], angles: int) -> np.ndarray:

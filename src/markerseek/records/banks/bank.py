@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from markerseek.core import ChannelFrame, Interval, RecordError, needs_package
+from markerseek.core import ChannelFrame, Float64, Interval, RecordError, needs_package
 from markerseek.records.html import as_html, curve_svg
 
 if TYPE_CHECKING:
@@ -44,6 +45,8 @@ class BankFacts:
     probe_settings: str | None = None
     """Description of that preset as JSON, where it is one of the user's own."""
     sampling_hz: float | None = None
+    first_sample_s: float | None = None
+    """When the record begins, from the trigger, where that is later; what the frames hold before is filled in."""
     sound_speed_m_s: float | None = None
     pitch_m: float | None = None
     """Distance from one element to the next."""
@@ -160,6 +163,44 @@ def record_of(path: Path) -> Path:
     return path.with_name(f"{path.name}.journal")
 
 
+def unwrapped(path: Path, angles_deg: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
+    """Angles without the jump of a scan that crosses 360 or ±180 degrees, and a warning that says so.
+
+    The circle is cut at its largest gap, if that is more than twice as wide as every other gap, so that at least two
+    steps are missing there. A scan of the full circle has no such gap, and keeps its angles.
+
+    ``angles_deg``: in any order; they come back in the same order.
+    """
+    rising = np.unique(angles_deg[np.isfinite(angles_deg)])
+    if rising.size < MIN_ANGLES or np.abs(rising).max() > MAX_DEG:
+        return angles_deg
+    gaps = np.diff(rising, append=rising[0] + MAX_DEG)
+    cut = int(gaps.argmax())
+    inner = cut < rising.size - 1 and gaps[-1] >= 0
+    if not inner or gaps[cut] <= 2 * np.sort(gaps)[-2]:
+        if gaps[-1] <= np.diff(rising).max() + MIN_STEP_DEG:
+            warnings.warn(
+                f"{path}: the angles cover the full circle, and a marker near {rising[0]:g} or {rising[-1]:g} deg is "
+                "seen at both ends; if it is there, leave out angles on the other side, so that a gap remains",
+                stacklevel=3,
+            )
+        return angles_deg
+    last_deg, first_deg = rising[cut], rising[cut + 1]
+    # Of the two ranges, a turn apart, the one that is nearer to 0.
+    lower = first_deg + last_deg - MAX_DEG > -MAX_DEG
+    turn_deg, moved = (-MAX_DEG, angles_deg >= first_deg) if lower else (MAX_DEG, angles_deg <= last_deg)
+    # Rounded, because 359.9 - 360 has more digits than 359.9.
+    turned = np.where(moved, np.round(angles_deg + turn_deg, 9), angles_deg)
+    old, new = angles_deg[moved], turned[moved]
+    warnings.warn(
+        f"{path}: the angles jump by a full turn, so that {old.min():g} to {old.max():g} deg are read as "
+        f"{new.min():g} to {new.max():g} deg; it runs from {np.nanmin(turned):g} to {np.nanmax(turned):g} deg, and "
+        "all angles of the answer count so",
+        stacklevel=3,
+    )
+    return turned
+
+
 def require_angles(path: Path, angles_deg: Sequence[float]) -> None:
     """Refuse angles that a search cannot use.
 
@@ -170,7 +211,8 @@ def require_angles(path: Path, angles_deg: Sequence[float]) -> None:
         if not abs(angle_deg) <= MAX_DEG:
             raise RecordError(
                 f"{path}: an angle is {angle_deg:g} deg, it must be finite and within one turn, -{MAX_DEG:g} to "
-                f"{MAX_DEG:g} deg; leave it out, or write it in degrees (a CSV: --unit mrad or rad)"
+                f"{MAX_DEG:g} deg; leave it out, take a full turn off all angles, or write them in degrees "
+                "(a CSV: --unit mrad or rad)"
             )
     for low_deg, high_deg in pairwise(angles_deg):
         if low_deg == high_deg:

@@ -1,15 +1,14 @@
 """Reads frames of channel data: a folder of SonixDAQ files, an ``.npy``, or a ``.mat`` of the public data set.
 
 A bank is a folder with one of these for each angle. Any file gives a frame or a `RecordError`; reading needs at most
-some tens of times the file's size in memory. Whole numbers become int16 counts exactly, floating-point ones are scaled.
+some tens of times the file's size in memory. How numbers of other types become int16 counts: `counts`.
 """
 
 from __future__ import annotations
 
 import math
 import re
-import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,8 +16,16 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
-from markerseek.files import MIB, as_read_error, quoted, read_input
-from markerseek.records.banks.bank import HDF5_SUFFIXES, USUAL_SAMPLING_HZ, BankFacts, FrameBank, require_angles
+from markerseek.files import MIB, angle_in, as_read_error, in_natural_order, quoted, read_input
+from markerseek.records.banks.bank import (
+    HDF5_SUFFIXES,
+    USUAL_SAMPLING_HZ,
+    BankFacts,
+    FrameBank,
+    require_angles,
+    unwrapped,
+)
+from markerseek.records.banks.counts import EXACT, Scaling, as_counts, scaling_of
 from markerseek.records.journal import is_journal
 from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_arrays import arrays_in, content
@@ -41,7 +48,8 @@ def load_frame(
     sampling_hz: float = 40e6,
     angle_deg: float = 0.0,
     sandbox: Sandbox | None = None,
-    scale: float | None = None,
+    scaling: Scaling | None = None,
+    blanked: int = 0,
 ) -> ChannelFrame:
     """Frame of channel data in a file, or in a folder of SonixDAQ channel files.
 
@@ -50,12 +58,13 @@ def load_frame(
     - ``sampling_hz``: sampling frequency; none of the files holds it.
     - ``angle_deg``: angle of the probe, for the frame's header.
     - ``sandbox``: reads files of NumPy and MATLAB; None: one for this file alone.
-    - ``scale``: counts of one unit of an ``.npy``; None: whole numbers of int16 are counts, any others are scaled, with
-      a warning.
+    - ``scaling``: how numbers of an ``.npy`` become counts; None: as the frame itself says, with a warning where it is
+      scaled.
+    - ``blanked``: samples at the start that are not imaged, and do not count for the scale.
     """
     place = Path(path)
     with as_read_error(place):
-        samples, pulses = _load(place, sandbox, scale)
+        samples, pulses = _load(place, sandbox, scaling, blanked)
     header = FrameHeader(
         sequence=1, token=place.name, pulses=pulses, commanded_deg=angle_deg, started_s=math.nan, ended_s=math.nan
     )
@@ -79,7 +88,7 @@ def npy_samples(path: Path, sandbox: Sandbox) -> np.ndarray:
 
 
 def _load(
-    path: Path, sandbox: Sandbox | None, scale: float | None
+    path: Path, sandbox: Sandbox | None, scaling: Scaling | None, blanked: int
 ) -> tuple[Int16[np.ndarray, "channels samples"], int]:
     if not path.exists():
         raise RecordError(f"{path}: there is no such file or folder; check the name")
@@ -92,7 +101,7 @@ def _load(
         if suffix == ".mat":
             return _mat_frame(path, arrays_in(path, reader, most_bytes=_MAX_FRAME_BYTES)), 1
         samples = npy_samples(path, reader)
-    return as_counts(path, samples, scale=scale_of(path, [samples]) if scale is None else scale), 1
+    return as_counts(path, samples, scaling or scaling_of(path, [samples], blanked=blanked)), 1
 
 
 def _otherwise(path: Path) -> str:
@@ -150,62 +159,7 @@ def _load_daq_folder(folder: Path) -> tuple[Int16[np.ndarray, "channels samples"
     )
 
 
-SCALED_TO = 2000.0
-"""Count of the largest number of scaled data: just below full scale of the presets, 2047."""
-
-EXACT = 1.0
-"""Scale of data that are counts already."""
-
-_COUNTS = np.iinfo(np.int16)
-
-
-def scale_of(path: Path, arrays: Iterable[np.ndarray]) -> float:
-    """Counts of one unit, the same for all arrays: `EXACT` if they are whole numbers of int16; warns if they are not.
-
-    ``path``: where they are from, for the messages. ``arrays``: all frames of a recording; each is looked at once.
-    """
-    exact, largest, kinds = True, 0.0, set()
-    for values in arrays:
-        if values.dtype.kind not in "iuf":
-            raise RecordError(f"{path}: {values.dtype} found, real numbers are expected; convert them")
-        if not np.isfinite(values).all():
-            raise RecordError(f"{path}: a sample is not finite; replace it, or leave its angle out")
-        if values.dtype.newbyteorder("=") == np.int16:
-            continue
-        kinds.add(str(values.dtype))
-        largest = max(largest, float(np.abs(values.astype(np.float64)).max(initial=0.0)))
-        within = values.size == 0 or (values.min() >= _COUNTS.min and values.max() <= _COUNTS.max)
-        exact = exact and within and bool((values == np.rint(values)).all())
-    if exact:
-        return EXACT
-    scale = SCALED_TO / largest
-    warnings.warn(
-        f"{path}: {' and '.join(sorted(kinds))} is scaled by {scale:.4g}, its largest number to {SCALED_TO:g} counts; "
-        "saturation cannot be seen in it",
-        stacklevel=3,
-    )
-    return scale
-
-
-def as_counts(path: Path, values: np.ndarray, *, scale: float) -> Int16[np.ndarray, " ..."]:
-    """The values times the scale as int16, rounded to the nearest."""
-    if values.dtype.newbyteorder("=") == np.int16 and scale == EXACT:
-        return np.ascontiguousarray(values, dtype=np.int16)
-    scaled = values.astype(np.float64) * scale
-    counts = np.rint(scaled)
-    fits = bool(np.isfinite(counts).all()) and float(np.abs(counts).max(initial=0.0)) <= _COUNTS.max
-    if not fits or (scale == EXACT and not np.array_equal(counts, scaled)):
-        raise RecordError(f"{path}: {values.dtype} found beside counts of int16; save all frames of a scan alike")
-    return counts.astype(np.int16)
-
-
 _FRAME_FILES = (".mat", ".npy")
-_NAME = re.compile(
-    r"(?P<word>[a-z_ ]*)(?P<angle>(?<![a-z])[-+](?:\d+(?:\.\d+)?|\.\d+)|\d+(?:\.\d+)?|\.\d+)[_ ]?(?:deg|°)?",
-    re.ASCII | re.IGNORECASE,
-)
-# "neg_12.5" or "m12.5" would be read as +12.5: the sign of an angle is never guessed.
-_SIGN_WORDS = re.compile(r"(?:^|[_ ])(?:m|n|p)$|(?:neg|negative|minus|pos|positive|plus)$")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -216,8 +170,8 @@ class FolderBank(FrameBank):
     """Path of each, in the order of the angles."""
     sandbox: Sandbox = field(repr=False, compare=False, default_factory=Sandbox)
     """Process that reads the files of NumPy and MATLAB."""
-    scale: float = EXACT
-    """Counts of one unit in files of NumPy, the same at all angles."""
+    scaling: Scaling = EXACT
+    """How the numbers of files of NumPy become counts, alike at all angles."""
 
     def frame(self, index: int) -> ChannelFrame:
         """Channel data of one angle, from the disk.
@@ -227,7 +181,11 @@ class FolderBank(FrameBank):
         sampling_hz = self.facts.sampling_hz or USUAL_SAMPLING_HZ
         angle_deg = self.angles_deg[index]
         return load_frame(
-            self.places[index], sampling_hz=sampling_hz, angle_deg=angle_deg, sandbox=self.sandbox, scale=self.scale
+            self.places[index],
+            sampling_hz=sampling_hz,
+            angle_deg=angle_deg,
+            sandbox=self.sandbox,
+            scaling=self.scaling,
         )
 
     def dark_frame(self, index: int) -> ChannelFrame:
@@ -235,15 +193,15 @@ class FolderBank(FrameBank):
         raise RecordError(f"{self.places[0].parent}: there is no dark frame {index + 1}, it holds none")
 
 
-def read_folder(path: Path) -> FolderBank:
+def read_folder(path: Path, *, blanked: int = 0) -> FolderBank:
     """Bank in a folder, from the names of its sub-folders and files of channel data.
 
     A name is the angle in degrees, such as ``-12.5``, optionally with a word before it, the same in the whole folder,
-    and ``deg`` or ``°`` after it: ``angle_-12.5deg``.
+    and ``deg`` or ``°`` after it: ``angle_-12.5deg``. ``blanked``: as of `read_bank`.
     """
     by_angle: dict[float, Path] = {}
     words: dict[str, Path] = {}
-    for place in sorted(path.iterdir()):
+    for place in in_natural_order(path.iterdir()):
         # Hidden files such as .DS_Store, but not an angle such as .5.
         if re.match(r"\.\D", place.name) or not (place.is_dir() or place.suffix.lower() in _FRAME_FILES):
             continue
@@ -265,30 +223,33 @@ def read_folder(path: Path) -> FolderBank:
             f"{path}: there is no scan in this folder; it must hold one folder or file of channel data for each angle, "
             "with the angle in its name, as in 'angle_-12.5deg'"
         )
-    angles = sorted(by_angle)
+    turned = unwrapped(path, np.array([*by_angle]))
+    order = np.argsort(turned, kind="stable").tolist()
+    angles = turned[order].tolist()
     require_angles(path, angles)
-    places = tuple(by_angle[angle] for angle in angles)
+    places = tuple([*by_angle.values()][index] for index in order)
     facts = BankFacts(probe=MAT_PROBE if all(place.suffix.lower() == ".mat" for place in places) else None)
     sandbox = Sandbox()
-    scale = _common_scale(path, [place for place in places if place.suffix.lower() == ".npy"], sandbox)
-    return FolderBank(angles_deg=tuple(angles), places=places, facts=facts, sandbox=sandbox, scale=scale)
+    scaling = _common_scaling(path, [each for each in places if each.suffix.lower() == ".npy"], sandbox, blanked)
+    return FolderBank(angles_deg=tuple(angles), places=places, facts=facts, sandbox=sandbox, scaling=scaling)
 
 
-def _common_scale(path: Path, places: list[Path], sandbox: Sandbox) -> float:
-    """Counts of one unit for all files of NumPy; they are all read only if the first does not hold int16."""
-    if not places or npy_samples(places[0], sandbox).dtype == np.int16:
+def _common_scaling(path: Path, places: list[Path], sandbox: Sandbox, blanked: int) -> Scaling:
+    """How all files of NumPy become counts; they are all read only if the first holds no int16 about zero."""
+    if not places:
         return EXACT
-    return scale_of(path, (npy_samples(place, sandbox) for place in places))
+    first = npy_samples(places[0], sandbox)
+    if first.dtype == np.int16 and first.min() < 0:
+        return EXACT
+    return scaling_of(path, (npy_samples(place, sandbox) for place in places), blanked=blanked)
 
 
 def _named(place: Path) -> tuple[str, float]:
     """Word and angle of a name."""
-    name = place.name if place.is_dir() else place.stem
-    match = _NAME.fullmatch(name)
-    word = match["word"].strip("_ ").lower() if match else ""
-    if match is None or _SIGN_WORDS.search(word):
+    found = angle_in(place.name if place.is_dir() else place.stem)
+    if found is None:
         raise RecordError(
             f"{place}: the angle cannot be read from this name; in the folder of a scan each frame is named by its "
             "angle in degrees, -12.5 or, with a word before it, angle_-12.5deg: digits, a point, a hyphen for minus"
         )
-    return word, float(match["angle"])
+    return found.word, found.angle_deg

@@ -21,12 +21,13 @@ from markerseek.records.untrusted_hdf5 import require_h5py
 _LARGEST_BYTES = 1 << 42
 
 
-def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank | FrameBank:
+def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT, *, blanked: int = 0) -> IntensityBank | FrameBank:
     """Bank at a path, its frames left on disk.
 
     ``path``: an HDF5 file of IPASC or zea (``.hdf5``, ``.h5``); a CSV of ``angle_deg,intensity``; or a folder that
     holds for each angle a sub-folder of SonixDAQ files or a file of channel data (``.npy``, ``.mat``), named by its
-    angle in degrees (``-12.5``, ``angle_-12.5deg``). ``table``: of a CSV.
+    angle in degrees (``-12.5``, ``angle_-12.5deg``). ``table``: of a CSV. ``blanked``: samples from the trigger on that
+    are not imaged (`ProbePreset.pickup_samples`), and do not count for the scale of data that are no counts.
     """
     with as_read_error(path):
         journal = path.is_file() and is_journal(path)
@@ -36,7 +37,7 @@ def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank 
                 f"{path}: it is no CSV, and columns, units and rows to be left out are of a CSV; leave them out"
             )
         if path.is_dir():
-            return read_folder(path)
+            return read_folder(path, blanked=blanked)
         if not path.exists():
             record = record_of(path)
             imported = f"markerseek bank import {quoted(record)} {quoted(path)}"
@@ -50,10 +51,10 @@ def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank 
             )
         if path.suffix.lower() not in HDF5_SUFFIXES:
             return read_table(path, table)
-    return read_hdf5(path)
+    return read_hdf5(path, blanked=blanked)
 
 
-def read_hdf5(path: Path) -> IntensityBank | IpascBank | ArrayBank:
+def read_hdf5(path: Path, *, blanked: int = 0) -> IntensityBank | IpascBank | ArrayBank:
     """Bank in an HDF5 file of IPASC, its frames left on disk (`read_probed`), or of zea, in memory (`zea_arrays`)."""
     with as_read_error(path):
         require_input(path, most_bytes=_LARGEST_BYTES)
@@ -61,7 +62,7 @@ def read_hdf5(path: Path) -> IntensityBank | IpascBank | ArrayBank:
     with Sandbox() as sandbox:
         # Each refuses a file that crashes the library.
         arrays = sandbox.read(zea_arrays, path) or sandbox.read(walk_bank, path)
-    return bank_of_arrays(path, arrays) if arrays else read_probed(path)
+    return bank_of_arrays(path, arrays, blanked=blanked) if arrays else read_probed(path, blanked=blanked)
 
 
 def frame_faults(bank: IntensityBank | FrameBank) -> Iterator[str | None]:

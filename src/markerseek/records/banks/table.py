@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 import shlex
 import warnings
 from collections.abc import Callable, Sequence
@@ -14,8 +15,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from markerseek.core import MAX_INTENSITY, ConfigError, Float64, RecordError
-from markerseek.files import MIB, CsvRows, csv_rows, new_file, quoted, replace_file
-from markerseek.records.banks.bank import MIN_STEP_DEG, IntensityBank, require_angles
+from markerseek.files import DECIMAL_COMMA, MIB, CsvRows, csv_rows, may_be_number, new_file, quoted, replace_file
+from markerseek.records.banks.bank import MAX_DEG, MIN_STEP_DEG, IntensityBank, require_angles, unwrapped
 from markerseek.records.untrusted_arrays import ARRAY_SUFFIXES
 
 COLUMNS = ("angle_deg", "intensity")
@@ -27,7 +28,17 @@ AngleUnit: TypeAlias = Literal["deg", "mrad", "rad"]
 _DEG_OF: dict[AngleUnit, float] = {"deg": 1.0, "mrad": math.degrees(1e-3), "rad": math.degrees(1.0)}
 """Degrees of one unit."""
 
-_UNIT_OF_COLUMN: dict[str, AngleUnit] = {"angle_deg": "deg", "angle_mrad": "mrad", "angle_rad": "rad"}
+_UNIT_OF_WORD: dict[str, AngleUnit] = {
+    **dict.fromkeys(("deg", "degree", "degrees", "°"), "deg"),
+    **dict.fromkeys(("mrad", "milliradian", "milliradians"), "mrad"),
+    **dict.fromkeys(("rad", "radian", "radians"), "rad"),
+}
+
+_DECIBELS = re.compile(r"(?:(?<![A-Za-z])(?i:db)|(?<=[a-z])dB)(?i:[mµμu]?[vw]|m|fs|u|c|pa)?(?![A-Za-z])|(?i:decibels?)")
+"""A unit of decibels in the name of a column: ``intensity_db``, ``amplitude [dB]``, ``level_dBV``."""
+
+_LINEAR = re.compile(r"(?<![A-Za-z])(?:[munkMµμ]?(?:V|W|J|Pa)|(?i:counts?|adc|lsb|linear))(?![A-Za-z])")
+"""A unit in the name of a column that is no decibel."""
 
 _FEW = 2.0
 """Range below which angles may be radians: it is more than half a turn of a probe in radians."""
@@ -44,11 +55,13 @@ class TableFormat:
 
     columns: tuple[str, str] | None = None
     """Names of the columns of angle and intensity, or their numbers, counted from 1; None: ``angle_deg`` (or
-    ``angle_mrad``, ``angle_rad``) and ``intensity``, or the two columns of a table without names."""
+    ``angle_mrad``, ``angle_rad``) and ``intensity`` (or ``intensity_db``), or the two columns of a table without
+    names."""
     unit: AngleUnit | None = None
     """None: as the name of the column says, else degrees."""
     db: bool = False
-    """Whether the intensities are decibels, 20·log10 of the amplitude that a search needs."""
+    """Whether the intensities are decibels, 20·log10 of the amplitude that a search needs; False: as the name of the
+    column says, such as ``intensity_db``."""
     skip_invalid: bool = False
     """Whether a row is left out whose angle or intensity is no finite number, instead of refusing the table."""
 
@@ -92,8 +105,8 @@ def _write_rows(path: Path, angles_deg: Sequence[float], intensities: Sequence[f
 def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank:
     """Bank in a CSV; the rows may be in any order, and the intensities of a repeated angle are averaged.
 
-    Columns are separated by commas, semicolons, tabs or spaces. Where it is not the comma that separates them, a comma
-    in a number is a decimal one. A warning says what was averaged, left out or assumed.
+    Columns are separated by commas, semicolons, tabs or spaces. The numbers themselves tell which sign parts decimals
+    and which thousands. A warning says what was averaged, left out, unwrapped or assumed.
 
     ``table``: which columns are read, their units, and what becomes of rows without numbers.
     """
@@ -109,14 +122,18 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
         cure=f"give a CSV of {','.join(COLUMNS)}, an IPASC HDF5 file (.hdf5, .h5), or a folder of frames",
     )
     columns = _columns(path, rows, table)
-    angle_name = rows.names[columns[0]] if rows.names else ""
-    cells = {line: [_cell(path, rows, line, column, table) for column in columns] for line in rows.cells}
+    angle_name, intensity_name = (rows.names[column] if rows.names else "" for column in columns)
+    db = decibels(table.db, intensity_name)
+    largest = MAX_DEG / _DEG_OF[table.unit or _unit_named(angle_name) or "deg"]
+    # A factor is harmless in amplitudes, and is none in decibels, of which nothing has a thousand.
+    texts = rows.numbers(path, columns, most=(largest, 999.0 if db else None))
+    cells = {line: _row(path, rows, line, columns, texts[line], table) for line in rows.cells}
     kept = [line for line, row in cells.items() if None not in row]
     warn_skipped(path, "line", [str(line) for line in cells if line not in set(kept)])
     values = np.array([cells[line] for line in kept], dtype=np.float64).reshape(-1, 2)
-    read = amplitudes(values[:, 1], db=table.db, where=lambda index: f"{path}, line {kept[index]}")
+    read = amplitudes(values[:, 1], db=db, where=lambda index: f"{path}, line {kept[index]}")
     unit = unit_of(path, table.unit, angle_name, values[:, 0])
-    angles_deg, intensities = _averaged(path, in_degrees(values[:, 0], unit), read)
+    angles_deg, intensities = _averaged(path, unwrapped(path, in_degrees(values[:, 0], unit)), read)
     require_angles(path, angles_deg)
     return IntensityBank(angles_deg=tuple(angles_deg), intensities=tuple(intensities))
 
@@ -133,8 +150,11 @@ def _columns(path: Path, rows: CsvRows, table: TableFormat) -> tuple[int, int]:
             stacklevel=3,
         )
         return 0, 1
-    angle = next((name for name in names if name.lower() in _UNIT_OF_COLUMN), None)
-    intensity = next((name for name in names if name.lower() == "intensity"), None)
+    # "angle [mrad]" is "angle_mrad".
+    plain = {"_".join(re.findall(r"[^\W_]+|°", name.lower())): name for name in reversed(names)}
+    angle = next((plain[each] for each in (f"angle_{unit}" for unit in _UNIT_OF_WORD) if each in plain), None)
+    usual = ("intensity_db", "intensity") if table.db else ("intensity", "intensity_db")
+    intensity = next((plain[each] for each in usual if each in plain), None)
     if angle is None or intensity is None:
         lacking = [name for name, found in zip(COLUMNS, (angle, intensity), strict=True) if found is None]
         missing = f"column {lacking[0]} is" if len(lacking) == 1 else f"columns {' and '.join(lacking)} are"
@@ -215,23 +235,36 @@ def warn_skipped(path: Path, what: str, names: Sequence[str]) -> None:
         )
 
 
-def _cell(path: Path, rows: CsvRows, line: int, column: int, table: TableFormat) -> float | None:
-    """The finite number in a cell; None where there is none, and such rows are left out."""
-    row = rows.cells[line]
-    name = rows.names[column] if rows.names else f"column {column + 1}"
+def _row(
+    path: Path, rows: CsvRows, line: int, columns: Sequence[int], texts: Sequence[str], table: TableFormat
+) -> list[float | None]:
+    """The finite numbers of a row; None where there is none, and such rows are left out."""
     # A comma inside a number, in a table that commas separate, shifts all columns behind it.
-    if len(row) != rows.width:
+    if len(rows.cells[line]) != rows.width:
         raise RecordError(
-            f"{path}, line {line}: it has {len(row)} columns, {rows.width} are expected; a number with a decimal comma "
-            "needs columns that a semicolon or a tab separates"
+            f"{path}, line {line}: it has {len(rows.cells[line])} columns, {rows.width} are expected; {DECIMAL_COMMA}"
         )
+    return [_value(path, rows, line, column, text, table) for column, text in zip(columns, texts, strict=True)]
+
+
+def _value(path: Path, rows: CsvRows, line: int, column: int, text: str, table: TableFormat) -> float | None:
+    """The finite number in a cell; None where there is none, and such rows are left out."""
+    name = rows.names[column] if rows.names else f"column {column + 1}"
     cure = "; leave that row out, or all such rows: --skip-invalid"
     try:
-        value = float(rows.with_point(row[column]))
+        value = float(text)
     except ValueError:
+        cell = rows.cells[line][column]
+        if may_be_number(cell):
+            # The rows that cannot be read may be those of the peak.
+            raise RecordError(
+                f"{path}, line {line}: {name} is {cell!r}, which looks like a number and cannot be read; write it "
+                "without a unit and without thousands separators"
+                + (" (--skip-invalid leaves out only rows without a number)" if table.skip_invalid else "")
+            ) from None
         if table.skip_invalid:
             return None
-        raise RecordError(f"{path}, line {line}: {name} is {row[column]!r}, it must be a number{cure}") from None
+        raise RecordError(f"{path}, line {line}: {name} is {cell!r}, it must be a number{cure}") from None
     if math.isfinite(value):
         return value
     if table.skip_invalid:
@@ -239,11 +272,26 @@ def _cell(path: Path, rows: CsvRows, line: int, column: int, table: TableFormat)
     raise RecordError(f"{path}, line {line}: {name} is {value}, it must be finite{cure}")
 
 
+def decibels(db: bool, column: str) -> bool:
+    """Whether intensities are decibels, by the option or the name of their column; refused where these disagree."""
+    if _DECIBELS.search(column):
+        return True
+    if db and _LINEAR.search(column):
+        raise ConfigError(f"--db is given, and the column {column} names another unit; leave --db out, or rename it")
+    return db
+
+
+def _unit_named(column: str) -> AngleUnit | None:
+    """Unit in the name of a column, such as ``angle_mrad`` or ``Winkel [mrad]``; None where it names none, or two."""
+    units = {_UNIT_OF_WORD[word] for word in re.findall(r"[^\W\d_]+|°", column.lower()) if word in _UNIT_OF_WORD}
+    return units.pop() if len(units) == 1 else None
+
+
 def unit_of(path: Path, unit: AngleUnit | None, column: str, angles: np.ndarray) -> AngleUnit:
     """Unit of the angles; where only their range speaks, a small one is not guessed to be degrees."""
     if unit is not None:
         return unit
-    named = _UNIT_OF_COLUMN.get(column.lower())
+    named = _unit_named(column)
     small = angles.size > 2 and float(np.ptp(angles)) < _FEW
     question = f"the angles run from {angles.min():g} to {angles.max():g}: are these radians?" if small else ""
     if small and named is None:

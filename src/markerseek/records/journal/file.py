@@ -10,10 +10,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from platformdirs import user_data_path
-
 from markerseek.core import RecordError
-from markerseek.files import open_input, quoted, require_input
+from markerseek.files import data_folder, open_input, quoted, require_input
 
 MAX_BYTES = 1 << 36
 """Largest journal that is opened: 100,000 frames of half a megabyte."""
@@ -29,8 +27,8 @@ _PATIENCE_S = 0.5
 
 
 def journals_folder() -> Path:
-    """Default folder of journals, in the user's data folder."""
-    return user_data_path("markerseek", appauthor=False) / "journals"
+    """Default folder of journals, in the user's data folder; `RecordError` where the system knows none."""
+    return data_folder() / "journals"
 
 
 def is_journal(path: Path) -> bool:
@@ -61,7 +59,7 @@ def open_for_reading(path: Path) -> int:
     if not path.exists():
         raise RecordError(
             f"{path}: there is no such journal; check the name ('markerseek journal list' shows those of "
-            f"searches that named none, in {journals_folder()})"
+            "searches that named none)"
         )
     with open_input(path, most_bytes=MAX_BYTES) as file:
         return os.dup(file.fileno())

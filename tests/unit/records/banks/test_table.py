@@ -54,7 +54,9 @@ def test_a_comma_that_may_part_thousands_is_refused(tmp_path: Path, separator: s
     """As 4.1 it would be the weakest of a curve whose strongest it is."""
     rows = [("angle_deg", "intensity"), ("-1", "987"), ("0", "4,100"), ("1", "1,012"), ("2", "310")]
     path = written(tmp_path, "\n".join(map(separator.join, rows)))
-    with pytest.raises(RecordError, match=r"scan\.csv, line 3: 4,100 may be 4100 or 4\.100.*write it with a point"):
+    with pytest.raises(
+        RecordError, match=r"scan\.csv, line 3: 4,100 may be 4100 or 4\.100.*save the table without thousands"
+    ):
         read_bank(path)
 
 

@@ -97,7 +97,7 @@ def test_samples_count_from_the_laser(tmp_path, first, cut):
         ({f"{TRACK}data__raw_data": np.zeros((3, 4, 40, 6, 1), np.int16)}, "one receive without a transmit each"),
         ({f"{TRACK}data__raw_data": np.zeros((3, 1, 40, 6, 2), np.int16)}, "no IQ data"),
         ({f"{TRACK}scan__tx_apodizations": np.ones((1, 6), np.float32)}, "echoes of a transmit"),
-        ({f"{TRACK}scan__initial_times": np.array([1.0], np.float32)}, "more than the 40 samples of a frame last"),
+        ({f"{TRACK}scan__initial_times": np.array([1.0], np.float32)}, "1e\\+06 µs after the trigger, at most 200 µs"),
         ({"tracks__track_1__data": np.zeros(1)}, "it holds 2 tracks"),
         ({"probe__probe_geometry": GEOMETRY[:4].astype(np.float32)}, "no position for each of 6 elements"),
         ({"metadata__probe_pose__rotation": np.eye(3, dtype=np.float32)}, "turns about another axis than x"),

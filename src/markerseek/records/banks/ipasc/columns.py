@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import MAX_INTENSITY, Float64, RecordError
-from markerseek.records.banks.bank import BankFacts, require_angles
+from markerseek.records.banks.bank import BankFacts, require_angles, unwrapped
 from markerseek.records.banks.ipasc import fields
 from markerseek.records.untrusted_hdf5 import UntrustedHdf5
 
@@ -54,6 +54,7 @@ def read_columns(path: Path, file: UntrustedHdf5, *, ours: bool) -> Columns:
             f"{path}: {missing} of {angles.size} angles were never measured: a version under development wrote this "
             "bank, and its scan was killed; scan again"
         )
+    angles = unwrapped(path, angles)
     order = np.argsort(angles, kind="stable")
     require_angles(path, angles[order].tolist())
     # Files of other programs have no rig clock, only timestamps since 1970.
@@ -124,6 +125,7 @@ def read_facts(file: UntrustedHdf5, *, ours: bool, pitch_m: float | None) -> Ban
         probe=file.text(fields.PROBE),
         probe_settings=file.text(fields.PROBE_SETTINGS),
         sampling_hz=_between(file, fields.SAMPLING, 1e5, 1e9),
+        first_sample_s=_between(file, fields.FIRST_SAMPLE, 0.0, 1e-3),
         sound_speed_m_s=_between(file, fields.SOUND_SPEED, 300.0, 7000.0),
         pitch_m=pitch_m,
         wavelength_m=_first(file, fields.WAVELENGTH),

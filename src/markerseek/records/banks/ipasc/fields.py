@@ -27,6 +27,7 @@ FACE_RADIUS, PROBE, DESCRIPTION = "meta_data/trus_face_radius_m", "meta_data/pro
 PROBE_SETTINGS = "meta_data/probe_settings"
 SIMULATED = "meta_data/simulated"
 CONFIGURATION, SEED, MADE_WITH = "meta_data/configuration_fingerprint", "meta_data/seed", "meta_data/made_with"
+FIRST_SAMPLE = "meta_data/first_sample_s"
 SAMPLING, SOUND_SPEED = "meta_data/ad_sampling_rate", "meta_data/speed_of_sound"
 WAVELENGTH, PULSE_ENERGY, SIZES = "meta_data/acquisition_wavelengths", "meta_data/pulse_energy", "meta_data/sizes"
 DEVICE = "meta_data_device"

@@ -12,6 +12,7 @@ import numpy as np
 
 from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
 from markerseek.records.banks.bank import FrameBank, IntensityBank
+from markerseek.records.banks.counts import EXACT, Scaling, as_counts, scaling_of
 from markerseek.records.banks.ipasc import fields
 from markerseek.records.banks.ipasc.columns import Columns, element_row, read_columns, read_facts
 from markerseek.records.untrusted_hdf5 import UntrustedHdf5, as_record_error, require_h5py
@@ -29,11 +30,13 @@ class IpascBank(FrameBank):
     """Whether the elements are in reverse order in the file."""
     checked: bool = False
     """Whether the library compares the frames with checksums in the file."""
+    scaling: Scaling = EXACT
+    """How the numbers of another program become counts."""
 
     def frame(self, index: int) -> ChannelFrame:
         """Channel data of one angle, from the disk.
 
-        Raises `RecordError` if they cannot be read, or are not ADC counts.
+        Raises `RecordError` if they cannot be read.
         """
         angle_deg, row = self.angles_deg[index], self.columns.rows[index]
         samples = self._samples(fields.FRAMES, row, what=f"frame at {angle_deg:g} deg")
@@ -57,7 +60,7 @@ class IpascBank(FrameBank):
     def _samples(self, name: str, row: int, *, what: str) -> Int16[np.ndarray, "channels samples"]:
         with as_bank_error(self.path):
             try:
-                samples = _counts(self.file, name, row)
+                samples = as_counts(self.path, _numbers(self.file, name, row), self.scaling)
             except OSError as problem:
                 # HDF5 has no error of its own for a checksum: only its text says that the filter found it.
                 if not self.checked or not re.search("(?i)filter returned failure|fletcher32 checksum", str(problem)):
@@ -92,21 +95,21 @@ class IpascBank(FrameBank):
         return ChannelFrame(header=header, samples=samples, sampling_hz=self.facts.sampling_hz)
 
 
-def read_probed(path: Path) -> IntensityBank | IpascBank:
+def read_probed(path: Path, *, blanked: int = 0) -> IntensityBank | IpascBank:
     """Bank in an IPASC HDF5 file that holds ``trus_angle_deg``; its frames stay on disk.
 
-    A file without ``markerseek_bank_version`` was written by another
-    program, and is read if it has the angles. The file has been read in a child before (`walk_bank`).
+    A file without ``markerseek_bank_version`` was written by another program, and is read if it has the angles. The
+    file has been read in a child before (`walk_bank`). ``blanked``: as of `read_bank`.
     """
     with as_bank_error(path), ExitStack() as closing:
-        bank = _bank_of(path, closing.enter_context(UntrustedHdf5(path)))
+        bank = _bank_of(path, closing.enter_context(UntrustedHdf5(path)), blanked)
         # A bank of intensities is in memory by now; one of frames reads them from the open file.
         if isinstance(bank, IpascBank):
             closing.pop_all()
         return bank
 
 
-def _bank_of(path: Path, file: UntrustedHdf5) -> IntensityBank | IpascBank:
+def _bank_of(path: Path, file: UntrustedHdf5, blanked: int) -> IntensityBank | IpascBank:
     ours = _is_ours(path, file)
     if not file.has(fields.ANGLES):
         raise RecordError(f"{path}: {fields.ANGLES} is missing; without the angles it is no bank of a scan")
@@ -130,6 +133,7 @@ def _bank_of(path: Path, file: UntrustedHdf5) -> IntensityBank | IpascBank:
         columns=columns,
         falling=array.falling,
         checked=bool(file.dataset(fields.FRAMES).fletcher32),
+        scaling=_scaling(path, file, len(columns.rows), blanked),
     )
 
 
@@ -188,18 +192,19 @@ def _dark_frames(file: UntrustedHdf5, frames: tuple[int, int]) -> int:
     return 1 if len(shape) == 2 else shape[2]
 
 
-def _counts(file: UntrustedHdf5, name: str, row: int) -> Int16[np.ndarray, "channels samples"]:
-    """One frame as ADC counts."""
+def _scaling(path: Path, file: UntrustedHdf5, count: int, blanked: int) -> Scaling:
+    """How the frames become counts; all of them are read only if they are not int16."""
+    if file.dataset(fields.FRAMES).dtype.newbyteorder("=") == np.int16:
+        return EXACT
+    return scaling_of(path, (_numbers(file, fields.FRAMES, row) for row in range(count)), blanked=blanked)
+
+
+def _numbers(file: UntrustedHdf5, name: str, row: int) -> np.ndarray:
+    """One frame in the type that it has, (channels, samples)."""
     data = file.dataset(name)
     elements, samples = data.shape[:2]
     if data.dtype.kind not in "iuf" or data.dtype.itemsize > 8:
-        raise ValueError(f"{name} is {data.dtype}, ADC counts are expected")
+        raise ValueError(f"{name} is {data.dtype}, real numbers are expected")
     file.require_room(elements * samples * data.dtype.itemsize, name=name)
     place = {2: np.s_[:, :], 3: np.s_[:, :, row], 4: np.s_[:, :, 0, row]}[data.ndim]
-    values = np.asarray(data[place])
-    with np.errstate(invalid="ignore"):
-        counts = values.astype(np.int16)
-    # Other programs store floats; only those that are exact counts can be imaged as counts.
-    if not np.array_equal(counts, values):
-        raise ValueError(f"{name} holds numbers that are no int16 counts")
-    return counts
+    return np.asarray(data[place])

@@ -207,6 +207,7 @@ class BankWriter:
             "meta_data/photoacoustic_imaging_device_reference": device,
             fields.SIZES: np.array([*shape, 1, len(angles_deg)]),
             fields.SAMPLING: facts.sampling_hz if first is None else first.sampling_hz,
+            fields.FIRST_SAMPLE: facts.first_sample_s,
             fields.SOUND_SPEED: facts.sound_speed_m_s,
             # PATATO does not open a file without this field: NaN where it is not known.
             fields.WAVELENGTH: np.array([math.nan if facts.wavelength_m is None else facts.wavelength_m]),

@@ -1,0 +1,151 @@
+"""Makes int16 counts of channel data in any type of numbers.
+
+Whole numbers stay as they are, less the middle of an offset binary code. What is no count, or does not fit, is scaled:
+by what a channel in twenty does not exceed outside of the blanked samples, so that neither the laser's pick-up nor a
+glitch in one channel sets the scale.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from markerseek.core import Float64, Int16, RecordError
+
+SCALED_TO = 16384.0
+"""Count of the largest sound in scaled data: half of int16, since the channels that are passed over may be louder."""
+
+_PASSED_OVER = 0.05
+"""Share of a frame's channels that may hold glitches: as many as may be dead or saturated in a search."""
+
+_SIGMA_OF_MEDIAN = 1.4826
+"""Standard deviation of Gaussian noise over the median of its magnitude."""
+
+_COUNTS = np.iinfo(np.int16)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scaling:
+    """How numbers become counts, alike at all angles of a scan."""
+
+    factor: float = 1.0
+    """Counts of one unit."""
+    zero: float | None = 0.0
+    """Number of no sound; None: the median of each channel, and what then lies beyond int16 is clipped."""
+
+
+EXACT = Scaling()
+"""Of data that are counts already."""
+
+
+def scaling_of(path: Path, frames: Iterable[np.ndarray], *, blanked: int = 0) -> Scaling:
+    """How the numbers of a recording become counts; warns where they are scaled or clipped.
+
+    ``path``: where they are from, for the messages. ``frames``: all of them, (channels, samples) each; each is looked
+    at once. ``blanked``: samples at the start that are not imaged, and so have no say.
+    """
+    seen = [_seen(path, frame, blanked) for frame in frames]
+    kinds = sorted({each.kind for each in seen})
+    whole = all(each.whole for each in seen)
+    if "int16" in kinds and not whole:
+        raise RecordError(f"{path}: {' and '.join(kinds)} found side by side; save all frames of a scan alike")
+    low, high = min(each.low for each in seen), max(each.high for each in seen)
+    zero = 0.0 if low < 0 else _middle(float(np.median([each.median for each in seen])), high)
+    if whole and low - zero >= _COUNTS.min and high - zero <= _COUNTS.max:
+        return Scaling(zero=zero)
+    loudest = max(each.loud for each in seen)
+    fitting = whole and max(each.loudest for each in seen) <= _COUNTS.max
+    factor = 1.0 if fitting or loudest == 0 else SCALED_TO / loudest
+    beyond = sum(int((each.glitches * factor > _COUNTS.max).sum()) for each in seen)
+    said = [f"the median of each channel is taken off {' and '.join(kinds)}"]
+    if factor != 1:
+        said.append(f"it is scaled by {factor:.4g}, its loudest sound to {SCALED_TO:g} counts")
+    if beyond:
+        share = beyond / sum(each.size for each in seen)
+        said.append(f"{beyond} samples ({100 * share:.2g} %) lie beyond int16 and are clipped")
+    sigma = factor * float(np.median([each.sigma for each in seen]))
+    if 0 < sigma < 1:
+        said.append(
+            f"its noise is {sigma:.2g} counts only, and what is weaker than a count is lost: leave out what is "
+            "loud and no sound, or blank it (pickup_samples of --probe FILE.toml)"
+        )
+    warnings.warn(f"{path}: {'; '.join(said)}", stacklevel=3)
+    return Scaling(factor=factor, zero=None)
+
+
+def as_counts(path: Path, values: np.ndarray, scaling: Scaling) -> Int16[np.ndarray, "channels samples"]:
+    """One frame as counts, rounded to the nearest."""
+    if values.dtype.newbyteorder("=") == np.int16 and scaling == EXACT:
+        return np.ascontiguousarray(values, dtype=np.int16)
+    numbers = values.astype(np.float64)
+    if scaling.zero is None:
+        return np.rint(_without_offset(numbers) * scaling.factor).clip(_COUNTS.min, _COUNTS.max).astype(np.int16)
+    counts = numbers - scaling.zero
+    if not ((counts == np.rint(counts)) & (counts >= _COUNTS.min) & (counts <= _COUNTS.max)).all():
+        raise RecordError(f"{path}: {values.dtype} found beside counts of int16; save all frames of a scan alike")
+    return counts.astype(np.int16)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Seen:
+    """What one frame says about the scale."""
+
+    kind: str
+    whole: bool
+    """Whether all numbers are whole ones."""
+    size: int
+    low: float
+    high: float
+    median: float
+    loud: float
+    """Largest magnitude in the channels that are not passed over, outside of the blanked samples."""
+    loudest: float
+    """Largest magnitude of all."""
+    glitches: Float64[np.ndarray, " samples"]
+    """Magnitudes beyond ``loud``."""
+    sigma: float
+    """Standard deviation of the noise."""
+
+
+def _seen(path: Path, frame: np.ndarray, blanked: int) -> _Seen:
+    if frame.dtype.kind not in "iuf":
+        raise RecordError(f"{path}: {frame.dtype} found, real numbers are expected; convert them")
+    if not np.isfinite(frame).all():
+        raise RecordError(f"{path}: a sample is not finite; replace it, or leave its angle out")
+    numbers = frame.astype(np.float64)
+    magnitude = np.abs(_without_offset(numbers))
+    imaged = magnitude[:, blanked:] if blanked < frame.shape[1] else magnitude
+    channels = np.sort(imaged.max(axis=1))
+    loud = float(channels[len(channels) - 1 - min(len(channels) - 1, math.ceil(_PASSED_OVER * len(channels)))])
+    return _Seen(
+        kind=str(frame.dtype.newbyteorder("=")),
+        whole=frame.dtype.kind != "f" or bool((numbers == np.rint(numbers)).all()),
+        size=frame.size,
+        low=float(numbers.min()),
+        high=float(numbers.max()),
+        median=float(np.median(numbers)),
+        loud=loud,
+        loudest=float(magnitude.max()),
+        glitches=magnitude[magnitude > loud],
+        sigma=_SIGMA_OF_MEDIAN * float(np.median(imaged)),
+    )
+
+
+def _without_offset(numbers: Float64[np.ndarray, "channels samples"]) -> Float64[np.ndarray, "channels samples"]:
+    """The numbers less the median of their channel."""
+    return np.asarray(numbers - np.median(numbers, axis=1, keepdims=True))
+
+
+def _middle(median: float, high: float) -> float:
+    """Middle of an offset binary code, about which numbers that are never negative lie; 0 where they lie about none."""
+    for bits in range(8, 17):
+        middle = 2.0 ** (bits - 1)
+        # A converter's own offset is a few per cent of its range at most.
+        if abs(median - middle) <= middle / 16 and high < 2 * middle:
+            return middle
+    return 0.0

@@ -1,0 +1,312 @@
+"""What the field reports of ROS 2: QoS that does not fit, nodes that do not see one another, no middleware.
+
+The peers are plain rclpy in processes of their own, with the settings that ROS 2 has by default.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.ros2.ros_processes import MARKERSEEK, Start, answer_of, sockets_of
+
+pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
+
+from markerseek import rigs
+from markerseek.core import Interval
+from markerseek.drivers import Ros2Stage, Ros2StageSettings, SystemClock
+from markerseek.ros import RosNode, reach, require_middleware, topics
+from markerseek.ros.quality import Once
+from tests.ros2.simulated_acquisition import acquisition_of, armed_guard
+from tests.ros2.stage_bench import Bench
+
+HERE = Path(__file__).parent
+RELIABILITIES = ("BEST_EFFORT", "RELIABLE")
+CONNECTED_RIG = """
+kind = "bench"
+
+[stage]
+driver = "ros2"
+connect_s = 3.0
+
+[laser]
+driver = "ros2"
+
+[receiver]
+driver = "ros2"
+"""
+
+
+def plain_environment(chosen: Mapping[str, str]) -> dict[str, str]:
+    """The environment of a lab's own node: nothing that this program has set."""
+    ours = ("FASTDDS_BUILTIN_TRANSPORTS", "FASTDDS_DEFAULT_PROFILES_FILE")
+    return {key: value for key, value in os.environ.items() if key not in ours} | dict(chosen)
+
+
+@pytest.fixture
+def bench(capfd: pytest.CaptureFixture[str]) -> Iterator[Bench]:
+    made = Bench()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def peer() -> Iterator[Any]:
+    """Starts a program of a lab; each is ended with the test."""
+    made: list[subprocess.Popen[str]] = []
+
+    def begin(program: str, *words: object, **chosen: str) -> subprocess.Popen[str]:
+        command = [sys.executable, HERE / program, *map(str, words)]
+        made.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=plain_environment(chosen)))
+        return made[-1]
+
+    yield begin
+    for each in made:
+        each.kill()
+        each.communicate()
+
+
+def heard_until(process: subprocess.Popen[str], *wanted: str, most_s: float = 20.0) -> str:
+    """Output of a process until it has said something."""
+    said, ends_s = "", time.monotonic() + most_s
+    while not all(each in " ".join(said.split()) for each in wanted):
+        assert time.monotonic() < ends_s, said
+        if select.select([process.stdout], [], [], 0.2)[0]:
+            said += os.read(process.stdout.fileno(), 1 << 16).decode()
+    return " ".join(said.split())
+
+
+@pytest.mark.real_time
+@pytest.mark.filterwarnings("ignore:.*can be lost:UserWarning")
+@pytest.mark.parametrize("topic", [topics.STOP, topics.HOLD])
+@pytest.mark.parametrize("reliability", RELIABILITIES)
+def test_b1_a_stop_is_heard_from_every_publisher(bench: Bench, peer: Any, reliability: str, topic: str) -> None:
+    console = peer("console.py", reliability, "stop", topic)
+    bench.until(lambda: console.poll() is not None)
+    said = json.loads(console.stdout.read())
+    assert bench.stage.asked == [pytest.approx(30.0)]
+    assert bench.stage.stops == 1
+    # 0.3 s at 20 degrees a second are 6 degrees; a busy computer takes longer. The way takes 1.5 s.
+    assert said["rest_deg"] == pytest.approx(bench.stage.angle_deg)
+    assert 0.0 < bench.stage.angle_deg < 29.0
+    assert bench.dropped() == {}
+
+
+@pytest.mark.filterwarnings("ignore:.*can be lost:UserWarning")
+@pytest.mark.parametrize("reliability", RELIABILITIES)
+def test_b1_a_number_moves_the_stage_once(bench: Bench, peer: Any, reliability: str) -> None:
+    # A number carries no stamp by which a second one could be told from the first.
+    console = peer("console.py", reliability, "numbers", 1, 0.5, 1, 1)
+    bench.until(lambda: console.poll() is not None)
+    assert bench.stage.asked == [1.0, 0.5, 1.0, 1.0]
+    assert bench.dropped() == {}
+
+
+@pytest.mark.filterwarnings("ignore:.*can be lost:UserWarning")
+@pytest.mark.parametrize("reliability", RELIABILITIES)
+def test_b1_an_acquisition_is_asked_for_once_by_every_publisher(peer: Any, reliability: str) -> None:
+    world = rigs.simulated(seed=1)
+    with RosNode("trus_acquisition") as node:
+        served = acquisition_of(world, node=node, guard=armed_guard(world))
+        console = peer("console.py", reliability, "acquire", 4, 3)
+        ends_s = time.monotonic() + 20.0
+        while console.poll() is None and time.monotonic() < ends_s:
+            node.spin(0.02)
+            served.step()
+    answers = json.loads(console.stdout.read())["answers"]
+    assert answers == [[number, step, ""] for number in "01" for step in ("fired", "frame")]
+
+
+@pytest.mark.filterwarnings("ignore:.*so far:UserWarning")
+@pytest.mark.parametrize("state_topic", ["/arm/state", None])
+def test_b1_a_stage_with_the_qos_of_sensors_is_driven(peer: Any, state_topic: str | None) -> None:
+    assert peer("sensor_stage.py").stdout.readline() == "ready\n"
+    settings = Ros2StageSettings(
+        command_topic="/arm/move_jp", reached_topic="/arm/measured_js", state_topic=state_topic
+    )
+    with RosNode("markerseek_rig") as node:
+        clock = SystemClock(beat=lambda: beats.append(None))
+        beats: list[None] = []
+        stage = Ros2Stage(node=node, clock=clock, settings=settings, travel=Interval(low_deg=-36.5, high_deg=36.5))
+        assert stage.move_to(2.0) == pytest.approx(2.0, abs=0.05)
+        assert stage.angle_deg == pytest.approx(2.0, abs=0.05)
+        if state_topic is None:
+            return
+        # Its stop is reliable, and ours is heard there: it stands on its way to 30 degrees.
+        began_s = clock.now_s()
+
+        def give_up() -> None:
+            if clock.now_s() - began_s > 0.5:
+                raise KeyboardInterrupt
+
+        clock._beat = give_up
+        with pytest.raises(KeyboardInterrupt):
+            stage.move_to(30.0)
+        clock._beat = lambda: None
+        stage.stop()
+        ends_s = clock.now_s() + 10.0
+        while stage._busy and clock.now_s() < ends_s:
+            node.spin(0.02)
+        assert not stage._busy
+        assert 2.0 < stage.angle_deg < 25.0
+
+
+def test_b1_a_latched_topic_is_heard_from_a_publisher_that_keeps_nothing(peer: Any) -> None:
+    assert peer("sensor_stage.py").stdout.readline() == "ready\n"
+    heard: list[Any] = []
+    with RosNode("client") as node:
+        node.subscribe("/arm/state", "std_msgs/msg/String", heard.append, latched=True)
+        ends_s = time.monotonic() + 10.0
+        while not heard and time.monotonic() < ends_s:
+            node.spin(0.05)
+        assert heard
+        assert node.publishes("/arm/state")
+
+
+VIEWER = """
+import rclpy
+from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Empty, String
+rclpy.init()
+node = rclpy.create_node("viewer")
+kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+node.create_subscription(JointState, "/TRUS/measured_js", print, kept)
+node.create_subscription(String, "/TRUS/state", print, QoSProfile(depth=1, deadline=Duration(seconds=0.5)))
+node.create_publisher(Empty, "/TRUS/stop", QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))
+rclpy.spin(node)
+"""
+
+
+def test_b1_qos_that_does_not_fit_is_said_by_name(start: Start, peer: Any, tmp_path: Path) -> None:
+    nodes = start(*MARKERSEEK, "ros2", "sim")
+    (tmp_path / "viewer.py").write_text(VIEWER)
+    peer(tmp_path / "viewer.py")
+    heard_until(
+        nodes,
+        "warning: /TRUS/measured_js: the durability that a subscription asks for does not fit: the node viewer "
+        "(transient_local); it hears nothing from here; subscribe with durability volatile",
+        "warning: /TRUS/state: the deadline that a subscription asks for does not fit: the node viewer (0.5 s); "
+        "it hears nothing from here; subscribe with deadline none",
+        "warning: /TRUS/stop: the reliability of its publisher does not fit: the node viewer (best_effort); it is "
+        "heard, but a message can be lost; publish with reliability reliable",
+    )
+
+
+def info(publisher: bytes | None, number: int | None, stamp_ns: int = 0) -> dict[str, Any]:
+    gid = None if publisher is None else {"data": publisher}
+    return {"publisher_gid": gid, "publication_sequence_number": number, "source_timestamp": stamp_ns}
+
+
+def test_b1_the_copies_of_a_message_are_one_message() -> None:
+    once = Once()
+    assert [once.is_new(info(b"a", number)) for number in (1, 1, 2, 3, 2, 3, 4)] == [
+        *(True, False, True, True),
+        *(False, False, True),
+    ]
+    # The next publisher counts from the beginning.
+    assert once.is_new(info(b"b", 1))
+    # A move that was lost and sent again does not come after the stop that followed it.
+    assert [once.is_new(info(b"c", number)) for number in (2, 1)] == [True, False]
+
+
+@pytest.mark.parametrize("number", [None, 1])
+def test_b1_copies_are_told_apart_where_rclpy_names_no_publisher(number: int | None) -> None:
+    once = Once()
+    # Two clocks: what is stamped earlier is not what was sent earlier.
+    stamps_ns = (5, 5, 3, 4, 3)
+    assert [once.is_new(info(None, number, each)) for each in stamps_ns] == [True, False, True, True, False]
+
+
+def test_b6_a_node_of_default_settings_and_ours_see_one_another(start: Start, peer: Any) -> None:
+    nodes = start(*MARKERSEEK, "ros2", "sim", "--pace", 1)
+    console = peer("console.py", "RELIABLE", "stop", topics.STOP)
+    said = json.loads(console.communicate(timeout=30)[0])
+    assert said["rest_deg"] < 29.0, said
+    # Local addresses as the system lists them: 127.0.0.1, and nothing else.
+    listening = [each.split()[2] for each in sockets_of(nodes.pid)]
+    assert listening
+    assert {each.partition(":")[0] for each in listening} == {"0100007F"}
+
+
+@pytest.mark.filterwarnings("ignore:.*so far:UserWarning")
+@pytest.mark.parametrize(
+    ("first", "chosen"),
+    [
+        ("theirs", {}),
+        ("ours", {}),
+        ("theirs", {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}),
+        ("theirs", {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}),
+    ],
+)
+def test_b6_a_stage_on_this_computer_is_driven_whoever_is_first(peer: Any, first: str, chosen: dict[str, str]) -> None:
+    if first == "theirs":
+        assert peer("number_stage.py", **chosen).stdout.readline() == "ready\n"
+    settings = Ros2StageSettings(
+        command_topic="/goto", reached_topic="/angle", state_topic=None, message="float64", unit="deg", connect_s=20
+    )
+    with RosNode("markerseek_rig") as node:
+        if first == "ours":
+            peer("number_stage.py", **chosen)
+        travel = Interval(low_deg=-36.5, high_deg=36.5)
+        stage = Ros2Stage(node=node, clock=SystemClock(), settings=settings, travel=travel)
+        assert stage.move_to(5.0) == pytest.approx(5.0, abs=0.05)
+
+
+HERE_ONLY = "on this computer only (127.0.0.1 and shared memory); FASTDDS_BUILTIN_TRANSPORTS=DEFAULT opens the network"
+MEMORY_ONLY = (
+    "in shared memory only (FASTDDS_BUILTIN_TRANSPORTS=SHM), where nodes of default settings are not; unset it"
+)
+
+
+@pytest.mark.parametrize(("chosen", "said"), [({}, HERE_ONLY), ({"FASTDDS_BUILTIN_TRANSPORTS": "SHM"}, MEMORY_ONLY)])
+def test_b6_both_commands_say_where_nodes_are_looked_for(
+    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chosen: dict[str, str], said: str
+) -> None:
+    for name, value in chosen.items():
+        monkeypatch.setenv(name, value)
+    where = f"ROS 2 domain {os.environ['ROS_DOMAIN_ID']} (ROS_DOMAIN_ID), {said}"
+    (tmp_path / "rig.toml").write_text(CONNECTED_RIG)
+    nodes = start(*MARKERSEEK, "ros2", "search", wait=False)
+    words = [*MARKERSEEK, "search", "--rig", tmp_path / "rig.toml", "--arm", "--json", "--no-journal"]
+    search = subprocess.run([*map(str, words)], check=False, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    assert search.returncode == 1
+    missing = "stage: no node takes angles on /TRUS/move_jp"
+    warned = f"warning: {missing} so far; it is looked for in {where}; waiting up to 3 s"
+    assert warned in " ".join(search.stderr.split())
+    assert json.loads(search.stdout)["error"] == (
+        f"{missing} within 3 s; start it, and compare topics and message types; it is looked for in {where}"
+    )
+    heard_until(nodes, where)
+
+
+def test_b6_a_middleware_that_is_not_installed_is_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
+    (tmp_path / "rig.toml").write_text(CONNECTED_RIG)
+    said = (
+        "RMW_IMPLEMENTATION is rmw_cyclonedds_cpp, which is not installed here (rmw_fastrtps_cpp is); unset "
+        "RMW_IMPLEMENTATION, or install that package"
+    )
+    code, answer = answer_of("search", "--rig", tmp_path / "rig.toml", "--arm", "--json", "--no-journal")
+    assert (code, answer["error"]) == (2, said)
+    words = [*MARKERSEEK, "ros2", "sim"]
+    sim = subprocess.run(words, check=False, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    assert (sim.returncode, sim.stdout) == (2, "")
+    assert " ".join(sim.stderr.split()) == f"error: {said}"
+
+
+@pytest.mark.parametrize("name", ["rmw_fastrtps_cpp", ""])
+def test_b6_the_middleware_that_is_installed_may_be_named(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.setenv("RMW_IMPLEMENTATION", name)
+    require_middleware()
+    assert reach().endswith(HERE_ONLY)
