@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -127,8 +127,8 @@ ZEROS_DEG = 0.6
 class Beliefs:
     """What a policy believes whenever it asks."""
 
-    def __init__(self, policy: AnyPolicy, plan: SearchPlan, intensities: list[float]) -> None:
-        self._asked, self._plan, self._intensities = policy, plan, intensities
+    def __init__(self, policy: AnyPolicy, plan: SearchPlan, intensities: Sequence[float] = ()) -> None:
+        self._asked, self._plan, self._intensities = policy, plan, list(intensities)
 
     def added(self, event: Event) -> Event:
         """The event, with the belief of the policy if it asks or has finished."""
