@@ -67,7 +67,7 @@ def test_files_in_the_current_folder_are_not_imported(tmp_path: Path, program: s
 def test_a_library_that_the_sandbox_lacks_is_an_error_that_names_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "h5py.py").write_text("raise ImportError('not installed')\n")
+    (tmp_path / "h5py.py").write_text("raise ModuleNotFoundError(name='h5py')\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     with Sandbox() as sandbox, pytest.raises(MissingExtraError, match="needs the package h5py, which is not installed"):
         sandbox.read(walk_bank, BANK)

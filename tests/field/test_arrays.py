@@ -182,6 +182,12 @@ TYPES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     ).astype(np.int32),
     "int32, 24 bits offset binary": lambda counts: (counts * 9000 + 2**23).astype(np.int32),
     "uint16, offset binary": lambda counts: (counts + 32768).astype(np.uint16),
+    "uint16, with a glitch at full scale": lambda counts: np.where(
+        np.arange(counts[0].size).reshape(counts[0].shape) == 77_777, 65_535, counts + 32768
+    ).astype(np.uint16),
+    "int16 with a glitch at full scale": lambda counts: np.where(
+        np.arange(counts[0].size).reshape(counts[0].shape) == 99_999, -32768, counts
+    ).astype(np.int16),
     "uint16, 16 bits offset binary": lambda counts: (counts * 40 + 32768).astype(np.uint16),
     "uint16, another offset": lambda counts: (counts + 41_000).astype(np.uint16),
     "uint16, 12 bits offset binary": lambda counts: (counts + 2048).astype(np.uint16),

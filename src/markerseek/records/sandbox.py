@@ -257,12 +257,12 @@ def _answered(reader: Reader, path: Path) -> tuple[_Answer, list[np.ndarray]]:
     try:
         _limit(path.stat().st_size)
         arrays = {name: np.ascontiguousarray(each) for name, each in reader(path).items()}
-    except RecordError as problem:
-        return _Answer(error=str(problem)), []
     except (ModuleNotFoundError, MissingExtraError) as problem:
         return _Answer(missing=getattr(problem, "name", None) or "h5py"), []
-    # A library that is there and cannot be loaded, by `needs_package` or its own import.
-    except (ImportError, ConfigError) as problem:
+    except (RecordError, ConfigError) as problem:
+        return _Answer(error=str(problem)), []
+    # A library that is there and cannot be loaded.
+    except ImportError as problem:
         return _Answer(error=f"{path}: it cannot be read, because of a library: {described(problem)}"), []
     except MemoryError:
         return _Answer(error=f"{path}: reading it takes far more memory than it has bytes; it is damaged"), []

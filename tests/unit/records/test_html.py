@@ -117,7 +117,7 @@ def test_a_missing_package_is_answered_by_the_command_that_installs_it(
 
     def without(name: str, *args: object, **named: object) -> object:
         if name == package:
-            raise ImportError(name)
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
         return real(name, *args, **named)
 
     monkeypatch.setattr(builtins, "__import__", without)

@@ -1,8 +1,8 @@
 """Makes int16 counts of channel data in any type of numbers.
 
-Whole numbers stay as they are, less the middle of an offset binary code. What is no count, or does not fit, is scaled:
-by what a channel in twenty does not exceed outside of the blanked samples, so that neither the laser's pick-up nor a
-glitch in one channel sets the scale.
+Whole numbers stay as they are, less the middle of an offset binary code. What is no count, does not fit or has glitches
+is scaled: by the loudest sound of all but a twentieth of the channels, outside of the blanked samples, so that neither
+the laser's pick-up nor a glitch in one channel sets the scale.
 """
 
 from __future__ import annotations
@@ -56,11 +56,13 @@ def scaling_of(path: Path, frames: Iterable[np.ndarray], *, blanked: int = 0) ->
         raise RecordError(f"{path}: {' and '.join(kinds)} found side by side; save all frames of a scan alike")
     low, high = min(each.low for each in seen), max(each.high for each in seen)
     zero = 0.0 if low < 0 else _middle(float(np.median([each.median for each in seen])), high)
-    if whole and low - zero >= _COUNTS.min and high - zero <= _COUNTS.max:
-        return Scaling(zero=zero)
     loudest = max(each.loud for each in seen)
-    fitting = whole and max(each.loudest for each in seen) <= _COUNTS.max
-    factor = 1.0 if fitting or loudest == 0 else SCALED_TO / loudest
+    # Neighbours of an element hear a source nearly as loud as it does: what a few channels alone have is no sound.
+    room = 2 * loudest or math.inf
+    exact = whole and max(each.largest for each in seen) <= room
+    if exact and low - zero >= _COUNTS.min and high - zero <= _COUNTS.max:
+        return Scaling(zero=zero)
+    factor = 1.0 if (exact and room <= _COUNTS.max) or loudest == 0 else SCALED_TO / loudest
     beyond = sum(int((each.glitches * factor > _COUNTS.max).sum()) for each in seen)
     said = [f"the median of each channel is taken off {' and '.join(kinds)}"]
     if factor != 1:
@@ -104,8 +106,8 @@ class _Seen:
     median: float
     loud: float
     """Largest magnitude in the channels that are not passed over, outside of the blanked samples."""
-    loudest: float
-    """Largest magnitude of all."""
+    largest: float
+    """Largest magnitude in all channels, outside of the blanked samples."""
     glitches: Float64[np.ndarray, " samples"]
     """Magnitudes beyond ``loud``."""
     sigma: float
@@ -130,7 +132,7 @@ def _seen(path: Path, frame: np.ndarray, blanked: int) -> _Seen:
         high=float(numbers.max()),
         median=float(np.median(numbers)),
         loud=loud,
-        loudest=float(magnitude.max()),
+        largest=float(imaged.max()),
         glitches=magnitude[magnitude > loud],
         sigma=_SIGMA_OF_MEDIAN * float(np.median(imaged)),
     )
