@@ -150,7 +150,7 @@ def test_of_a_published_form_nothing_is_claimed_and_a_kill_is_named() -> None:
 
 
 def test_an_error_is_one_sentence(tmp_path: Path) -> None:
-    with ChildRun(["search", "--rig", str(tmp_path / "none.toml")]) as child:
+    with ChildRun(["search", "--no-journal", "--rig", str(tmp_path / "none.toml")]) as child:
         assert list(child.items()) == []
         outcome = child.outcome()
     assert outcome.exit_code == 2
