@@ -159,11 +159,10 @@ def _read(
 EXPORT_EXAMPLES = (
     "Examples:\n\n"
     "  markerseek bank export scan.hdf5 scan.igs.mha\n\n"
-    "  markerseek bank export scan.hdf5 scan.mcap\n\n"
     "  markerseek bank export scan.hdf5 scan.zea.hdf5\n\n"
     "  markerseek bank export scan.hdf5 scan.csv"
 )
-SUFFIXES = (".igs.mha", ".mcap", ".zea.hdf5", ".csv")
+SUFFIXES = (".igs.mha", ".zea.hdf5", ".csv")
 
 Item = TypeVar("Item")
 
@@ -171,7 +170,7 @@ Item = TypeVar("Item")
 @with_values
 def export_bank(
     source: Annotated[Path, typer.Argument(help="Bank: IPASC HDF5, folder of frames, or CSV.", metavar="FROM")],
-    to: Annotated[Path, typer.Argument(help="New file: .igs.mha, .mcap, .zea.hdf5 or .csv.", metavar="TO")],
+    to: Annotated[Path, typer.Argument(help="New file: .igs.mha, .zea.hdf5 or .csv.", metavar="TO")],
     table: TableOptions,
     probe: ProbeName = None,
     face_radius_mm: Annotated[
@@ -191,7 +190,7 @@ def export_bank(
     if face_radius_mm is not None and not 0 <= face_radius_mm < 1000:
         raise ConfigError(f"--face-radius-mm is {face_radius_mm:g}, it must lie between 0 and 1000 mm")
     if face_radius_mm is not None and kind == ".csv":
-        raise ConfigError(f"--face-radius-mm is for .igs.mha and .mcap, and {to} has no place for it; leave it out")
+        raise ConfigError(f"--face-radius-mm is for .igs.mha and .zea.hdf5, and {to} has no place for it; leave it out")
     bank = rigs.with_probe_facts(read_bank(source, table.format()), probe)
     require_new(to)
     require_frames(bank, source, probe=probe, face_radius_mm=face_radius_mm)
@@ -202,38 +201,18 @@ def export_bank(
         write_intensities(
             to, angles_deg=bank.angles_deg, intensities=runs.bank_curve(bank, probe=probe).intensity.tolist()
         )
-    elif kind == ".mcap":
-        _write_log(to, bank, probe=probe, face_radius_mm=face_radius_mm)
     elif not isinstance(bank, FrameBank):
-        raise ConfigError(f"{source}: it holds intensities and no frames; export it as .mcap or .csv")
+        raise ConfigError(f"{source}: it holds intensities and no frames; export it as .csv")
     elif kind == ".zea.hdf5":
         _write_channels(to, bank, probe=probe, face_radius_mm=face_radius_mm)
     else:
         _write_sequence(to, bank, probe=probe, face_radius_mm=face_radius_mm)
     count = len(bank.angles_deg)
     report = Report(
-        values=with_version(
-            path=str(to), angles=count, images=isinstance(bank, FrameBank) and kind in (".igs.mha", ".mcap")
-        ),
+        values=with_version(path=str(to), angles=count, images=kind == ".igs.mha"),
         shown=[f"{count} angles in {escape(str(to))}"],
     )
     Output(as_json=as_json).show(report)
-
-
-def _write_log(to: Path, bank: IntensityBank | FrameBank, *, probe: str | None, face_radius_mm: float | None) -> None:
-    from markerseek.records.banks import FrameBank
-    from markerseek.records.exports import series_of, write_mcap
-
-    intensities = runs.bank_curve(bank, probe=probe).intensity.tolist()
-    series = series_of(bank, facts=_facts(bank, probe, face_radius_mm), intensities=tuple(intensities))
-    if not isinstance(bank, FrameBank):
-        write_mcap(to, None, series=series)
-        return
-    # One scale for all images, so that their brightness can be compared between angles.
-    strongest = runs.bank_image(bank, intensities.index(max(intensities)), probe=probe)
-    images = _with_progress(runs.bank_images(bank, probe=probe, order=series.order), len(series.order))
-    # An image of zeros is black with any scale.
-    write_mcap(to, images, series=series, brightest=float(strongest.envelope.max()) or 1.0)
 
 
 def _write_sequence(to: Path, bank: FrameBank, *, probe: str | None, face_radius_mm: float | None) -> None:
