@@ -13,7 +13,16 @@ from rich.markup import escape
 
 from markerseek import rigs, runs
 from markerseek.cli.bank_scan import BModeNote
-from markerseek.cli.options import AsJson, ProbeName, TableOptions, require_frames, with_values
+from markerseek.cli.options import (
+    AngleField,
+    AngleTransform,
+    AsJson,
+    ProbeName,
+    TableOptions,
+    require_frames,
+    require_sequence,
+    with_values,
+)
 from markerseek.cli.report import Output, Report, with_version
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, stderr
 from markerseek.core import ConfigError
@@ -37,7 +46,7 @@ def import_bank(
         Path,
         typer.Argument(
             help="Folder with a SonixDAQ folder (or .npy, .mat) per angle; CSV; .npy, .npz or .mat, also a Verasonics "
-            "workspace; HDF5 of IPASC or zea; journal of a search.",
+            "workspace; HDF5 of IPASC or zea; sequence of PLUS (.igs.mha, .nrrd); journal of a search.",
             metavar="FROM",
         ),
     ],
@@ -59,6 +68,8 @@ def import_bank(
         str | None,
         typer.Option(help="Order of the axes of its frames.", show_default="angles,channels,samples"),
     ] = None,
+    angle_field: AngleField = None,
+    angle_transform: AngleTransform = None,
     sampling_mhz: Annotated[
         float | None, typer.Option(help="Sampling frequency, where the recording does not hold it; usually 40.")
     ] = None,
@@ -71,7 +82,7 @@ def import_bank(
     as_json: AsJson = False,
 ) -> None:
     """Convert a recording into a bank, with the intensity of each frame."""
-    from markerseek.records.banks import FrameBank
+    from markerseek.records.banks import FrameBank, read_sequence
     from markerseek.records.banks.ipasc import require_new_bank, whole_bank
 
     given: dict[str, Any] = {
@@ -84,7 +95,13 @@ def import_bank(
     if reference_deg is not None and not -360 <= reference_deg <= 360:
         raise ConfigError(f"--reference-deg is {reference_deg:g} deg, it must lie within one turn")
     require_new_bank(to)
-    bank = _read(source, table.format(), first_deg=first_deg, step_deg=step_deg, first_frame=first_frame, axes=axes)
+    require_sequence(source, angle_field=angle_field, angle_transform=angle_transform)
+    if angle_field is not None or angle_transform is not None:
+        bank: IntensityBank | FrameBank = read_sequence(
+            source, angle_field=angle_field, angle_transform=angle_transform
+        )
+    else:
+        bank = _read(source, table.format(), first_deg=first_deg, step_deg=step_deg, first_frame=first_frame, axes=axes)
     require_frames(bank, source, probe=probe)
     held_hz = bank.facts.sampling_hz
     # A contradiction is an error, because a wrong rate scales every depth.

@@ -1,0 +1,463 @@
+"""Reads sequences of images with fields for each: MetaImage (``.igs.mha``, ``.mha``, ``.mhd``) and NRRD, as of PLUS.
+
+An `ImageSequence` is the header; frames are read one at a time, so that memory is needed for one only. The angle of a
+frame is in a field in degrees, or in a transform, whose twist about one axis of its coordinates is taken: the axis that
+moves least. For ``ProbeToProbeHome`` this is y, and the angle is that of `markerseek.records.exports.sequence`; for
+``ProbeToStepperHome`` of PLUS it is z.
+
+The intensity of an image is its largest pixel, that of radio-frequency lines the largest value of their envelope. A
+machine has beamformed such lines: they are not channel data, so that their bank holds intensities.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import warnings
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+import msgspec
+import numpy as np
+
+from markerseek.core import Float64, RecordError
+from markerseek.files import MIB, as_read_error, open_input, quoted
+from markerseek.records.banks.bank import BankFacts, IntensityBank, require_angles
+from markerseek.records.banks.table import amplitudes, averaged
+
+SEQUENCE_SUFFIXES = (".mha", ".mhd", ".nrrd", ".nhdr")
+"""Suffixes of sequences; those of PLUS end in ``.igs.mha`` or ``.igs.nrrd``."""
+
+ANGLE_FIELDS = ("ProbeRotation", "trus_angle_deg", "angle_deg")
+"""Fields with an angle in degrees, in the order in which they are looked for."""
+
+ANGLE_TRANSFORMS = ("ProbeToProbeHome", "ProbeHomeToProbe", "ProbeToStepperHome")
+"""Transforms that turn with the probe, looked for where a sequence has none of the fields."""
+
+_STEPPER = {"ProbeRotation": "ProbeToStepperHomeTransformStatus", "angle_deg": "ProbeToProbeHomeTransformStatus"}
+"""Status of the device that a field was read from; the field itself has none, and keeps its last value."""
+
+_TYPES = {
+    "u1": "MET_UCHAR, uchar, unsigned char, uint8, uint8_t",
+    "i1": "MET_CHAR, signed char, int8, int8_t",
+    "u2": "MET_USHORT, ushort, unsigned short, unsigned short int, uint16, uint16_t",
+    "i2": "MET_SHORT, short, short int, signed short, signed short int, int16, int16_t",
+    "u4": "MET_UINT, uint, unsigned int, uint32, uint32_t",
+    "i4": "MET_INT, int, signed int, int32, int32_t",
+    "f4": "MET_FLOAT, float",
+    "f8": "MET_DOUBLE, double",
+}
+_TYPE_OF = {name: code for code, names in _TYPES.items() for name in names.split(", ")}
+
+_LARGEST_BYTES = 1 << 42
+_HEADER_BYTES, _LINE_BYTES = 64 * MIB, 64 * 1024
+_MOST_FRAME_BYTES = 256 * MIB
+_MOST_FRAMES = 100_000
+_MOST_PER_BYTE = 1032
+"""DEFLATE cannot make more of a byte."""
+
+_MOST_TILT_DEG = 1.0
+"""Most by which a turn may tilt its axis; an axis beside the true one by so much changes an angle of 35° by 0.02°."""
+
+_FRAME_FIELD = re.compile(r"Seq_Frame(\d{1,6})_(.+)", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageSequence:
+    """Header of a sequence, checked against the size of its data."""
+
+    path: Path
+    fields: Mapping[str, str] = field(repr=False)
+    """Fields of the whole file."""
+    frame_fields: Sequence[Mapping[str, str]] = field(repr=False)
+    """Fields of each frame."""
+    dtype: str
+    shape: tuple[int, int, int]
+    """Rows, columns and components of a frame, as they lie in the file."""
+    spacing: tuple[float, ...]
+    """Distance between columns and between rows, in millimetres or pixels."""
+    data: Path
+    start: int
+    """Where in ``data`` the pixels begin."""
+    packed: bool
+
+    @property
+    def kind(self) -> str:
+        """``RF_REAL``, ``RF_IQ_LINE``, ``RF_I_LINE_Q_LINE``, ``BRIGHTNESS`` (B-mode), or ``ENVELOPE``."""
+        kind = self.fields.get("UltrasoundImageType", "").upper()
+        if kind.startswith("RF_"):
+            return kind
+        if self.dtype[-2] == "f":
+            return "ENVELOPE"
+        # PLUS keeps lines of radio frequency with the depth along the columns.
+        lines = not kind and self.dtype[-2:] == "i2" and self.orientation[0] in "FN"
+        return "RF_REAL" if lines else "BRIGHTNESS"
+
+    @property
+    def orientation(self) -> str:
+        """Where columns and rows run, in PLUS's letters: M or U across, F or N in depth."""
+        named = self.fields.get("UltrasoundImageOrientation", "").upper()[:2]
+        return named if re.fullmatch("[MU][FN]|[FN][MU]", named) else "MF"
+
+    def valid_image(self, number: int) -> bool:
+        """Whether a frame, counted from 0, has an image; as in PLUS, one without a status has."""
+        return self.frame_fields[number].get("ImageStatus", "OK").upper() == "OK"
+
+    @property
+    def pixel_m(self) -> tuple[float, float] | None:
+        """Height and width of a pixel by ImageToProbe or the spacing; None where both only count pixels."""
+        sizes = self.spacing
+        matrices = (
+            _matrix(value)
+            for fields in self.frame_fields
+            for name, value in fields.items()
+            if name.startswith("ImageTo") and name.endswith("Transform") and fields.get(f"{name}Status") == "OK"
+        )
+        matrix = next((each for each in matrices if each is not None), None)
+        if matrix is not None:
+            across, down = np.linalg.norm(matrix[:3, :2], axis=0).tolist()
+            sizes = (sizes[0] * across, sizes[1] * down)
+        if sizes == (1.0, 1.0):
+            return None
+        width_m, height_m = (1e-3 * size for size in sizes)
+        return (width_m, height_m) if self.orientation[0] in "FN" else (height_m, width_m)
+
+    def frames(self) -> Iterator[np.ndarray]:
+        """Each frame with depth along its rows and the marked side at its last column; the brightest of colours."""
+        size = math.prod(self.shape) * np.dtype(self.dtype).itemsize
+        with as_read_error(self.data), open_input(self.data, most_bytes=_LARGEST_BYTES) as file:
+            file.seek(self.start)
+            for piece in _unpacked(self.path, file, size, len(self.frame_fields), packed=self.packed):
+                pixels = np.frombuffer(piece, self.dtype).reshape(self.shape)
+                frame = pixels.astype(pixels.dtype.newbyteorder("=")).max(axis=-1)
+                columns, rows = self.orientation
+                frame = frame[:, ::-1] if columns in "UN" else frame
+                frame = frame[::-1] if rows in "UN" else frame
+                yield frame.T if columns in "FN" else frame
+
+
+def is_sequence(path: Path) -> bool:
+    """Whether a file is named as a sequence."""
+    return path.suffix.lower() in SEQUENCE_SUFFIXES and not path.is_dir()
+
+
+def open_sequence(path: Path) -> ImageSequence:
+    """Header of a sequence; `RecordError` if it is none, or its data have another size."""
+    with as_read_error(path), open_input(path, most_bytes=_LARGEST_BYTES) as file:
+        nrrd = path.suffix.lower() in (".nrrd", ".nhdr")
+        held = _lines(path, file, nrrd=nrrd)
+        start = file.tell()
+    said = {name: value for name, value in held.items() if not _FRAME_FIELD.fullmatch(name)}
+    layout = _nrrd_layout(path, said) if nrrd else _meta_layout(path, said)
+    columns, rows, frames, components = _sizes(path, layout)
+    per_frame: list[dict[str, str]] = [{} for _ in range(frames)]
+    for name, value in held.items():
+        match = _FRAME_FIELD.fullmatch(name)
+        if match and int(match[1]) < frames:
+            per_frame[int(match[1])][match[2]] = value
+    local = layout["data"] in ("", "LOCAL")
+    if Path(layout["data"]).name != layout["data"] or layout["data"].startswith("LIST"):
+        raise _unread(path, f"its pixels are in {layout['data']!r}", "keep them in one file beside it")
+    sequence = ImageSequence(
+        path=path,
+        fields=said,
+        frame_fields=per_frame,
+        dtype=(">" if layout["big"] == "true" else "<") + _TYPE_OF[layout["type"]],
+        shape=(rows, columns, components),
+        spacing=_spacing(layout["spacing"]),
+        data=path if local else path.with_name(layout["data"]),
+        start=start if local else 0,
+        packed=layout["packed"] == "true",
+    )
+    with as_read_error(sequence.data), open_input(sequence.data, most_bytes=_LARGEST_BYTES) as file:
+        held_bytes = os.fstat(file.fileno()).st_size - sequence.start
+    stated = frames * math.prod(sequence.shape) * np.dtype(sequence.dtype).itemsize
+    if held_bytes * _MOST_PER_BYTE < stated if sequence.packed else held_bytes != stated:
+        raise RecordError(
+            f"{path}: {frames} frames of {columns} × {rows} have {stated} bytes, and the file holds {held_bytes}"
+            f"{' packed ones' if sequence.packed else ''}; it is cut off or damaged: fetch or save it again"
+        )
+    return sequence
+
+
+def angles_of(
+    sequence: ImageSequence, *, angle_field: str | None = None, angle_transform: str | None = None
+) -> dict[int, float]:
+    """Angle in degrees of each frame with a valid image and angle, by its number; a warning names the others.
+
+    ``angle_field``, ``angle_transform``: name of the field or transform, one of them at most; None: the first of
+    `ANGLE_FIELDS` and `ANGLE_TRANSFORMS` that the sequence has.
+    """
+    path, frames = sequence.path, sequence.frame_fields
+    names = {name for fields in frames for name in fields}
+    if angle_field is not None:
+        wanted: tuple[str, ...] = (angle_field,)
+    elif angle_transform is not None:
+        wanted = (f"{angle_transform.removesuffix('Transform')}Transform",)
+    else:
+        wanted = (*ANGLE_FIELDS, *(f"{name}Transform" for name in ANGLE_TRANSFORMS))
+    chosen = next((name for name in wanted if name in names), None)
+    if chosen is None:
+        held = ", ".join(sorted(each for each in names if not each.endswith("Status"))[:8]) or "none"
+        raise RecordError(
+            f"{path}: no frame has {' or '.join(wanted)}; its fields are {held}; name the one with the angle: "
+            "--angle-field or --angle-transform of 'markerseek bank import' and 'markerseek tooltip'"
+        )
+    turns = chosen.endswith("Transform")
+    status = f"{chosen}Status" if turns else _STEPPER.get(chosen, f"{chosen}Status")
+    usual = "missing" if turns or status in names else "OK"
+    kept: dict[int, str] = {}
+    left_out: list[str] = []
+    for number, each in enumerate(frames):
+        said = each.get(status, usual)
+        if not sequence.valid_image(number):
+            left_out.append(f"Seq_Frame{number:04d} (ImageStatus {each['ImageStatus']})")
+        elif said.upper() != "OK":
+            left_out.append(f"Seq_Frame{number:04d} ({status} {said})")
+        elif chosen not in each:
+            left_out.append(f"Seq_Frame{number:04d} ({chosen} missing)")
+        else:
+            kept[number] = each[chosen]
+    if left_out:
+        named = ", ".join(left_out[:5]) + (" …" if len(left_out) > 5 else "")
+        warnings.warn(f"{path}: {len(left_out)} of {len(frames)} frames are left out: {named}", stacklevel=2)
+    angles_deg = _twists(path, chosen, kept) if turns else _numbers(path, chosen, kept)
+    return dict(zip(kept, angles_deg, strict=True))
+
+
+def read_sequence(path: Path, *, angle_field: str | None = None, angle_transform: str | None = None) -> IntensityBank:
+    """Bank of the intensities of a sequence, with the times of its frames; arguments as of `angles_of`.
+
+    Images of one angle are averaged, with a warning. B-mode images are refused.
+    """
+    sequence = open_sequence(path)
+    if sequence.kind == "BRIGHTNESS":
+        rows, columns, _ = sequence.shape
+        raise RecordError(
+            f"{path}: it holds {len(sequence.frame_fields)} B-mode images of {columns} × {rows} pixels: these are "
+            f"echoes, and show no photoacoustic marker; find an instrument's tip: 'markerseek tooltip {quoted(path)}'"
+        )
+    angles = angles_of(sequence, angle_field=angle_field, angle_transform=angle_transform)
+    frames = enumerate(sequence.frames())
+    found = {number: _intensity(frame, sequence.kind) for number, frame in frames if number in angles}
+    dark = [number for number, value in found.items() if not math.isfinite(value)]
+    if dark:
+        named = ", ".join(f"Seq_Frame{number:04d}" for number in dark[:5])
+        raise RecordError(
+            f"{path}: the pixels of {named} are no finite numbers; write ImageStatus = INVALID for such frames"
+        )
+    numbers = list(angles)
+    read = np.array([found[number] for number in numbers])
+    values = amplitudes(read, db=False, where=lambda index: f"{path}, Seq_Frame{numbers[index]:04d}")
+    facts, first_s = _facts(path, sequence.fields)
+    times_s = [first_s + _number(sequence.frame_fields[number].get("Timestamp", "nan")) for number in numbers]
+    angles_deg, held = averaged(path, np.array(list(angles.values())), np.column_stack([values, times_s]))
+    require_angles(path, angles_deg.tolist())
+    intensities, started_s = held.T.tolist()
+    known = any(map(math.isfinite, started_s))
+    return IntensityBank(
+        angles_deg=tuple(angles_deg.tolist()),
+        intensities=tuple(intensities),
+        started_s=tuple(started_s) if known else (),
+        facts=facts,
+    )
+
+
+def _unread(path: Path, found: str, cure: str) -> RecordError:
+    return RecordError(f"{path}: {found}, which is not read; {cure}")
+
+
+def _lines(path: Path, file: BinaryIO, *, nrrd: bool) -> dict[str, str]:
+    """Fields of a header by name; the file is left where the pixels begin."""
+    kind = "a NRRD" if nrrd else "a MetaImage"
+    held: dict[str, str] = {}
+    if nrrd and not file.readline(_LINE_BYTES).startswith(b"NRRD"):
+        raise RecordError(f"{path}: it does not begin as {kind} does; save it again, or correct its suffix")
+    while file.tell() < _HEADER_BYTES:
+        line = file.readline(_LINE_BYTES)
+        text = line.decode("latin-1").strip()
+        if nrrd and not text and (line or held.get("data file") or held.get("datafile")):
+            return held
+        name, mark, value = text.partition(":" if nrrd else "=")
+        if nrrd and text.startswith("#"):
+            continue
+        if not line.endswith(b"\n") or not mark or "\0" in text:
+            break
+        held[name.strip()] = value.removeprefix("=").strip() if nrrd else value.strip()
+        if name.strip() == "ElementDataFile":
+            return held
+    raise RecordError(f"{path}: its header, of {kind}, is cut off or damaged: fetch or save it again")
+
+
+def _meta_layout(path: Path, said: Mapping[str, str]) -> dict[str, str]:
+    """Layout of a MetaImage."""
+    if said.get("BinaryData", "True").lower() != "true" or said.get("HeaderSize", "0") != "0":
+        raise _unread(path, "its pixels are text, or have a header of their own", "save it as binary")
+    kinds = said.get("Kinds", "").split()
+    return {
+        "sizes": said.get("DimSize", ""),
+        "kinds": " ".join(kinds or ["domain"] * (len(said.get("DimSize", "").split()) - 1) + ["list"]),
+        "components": said.get("ElementNumberOfChannels", "1"),
+        "type": said.get("ElementType", ""),
+        "spacing": said.get("ElementSpacing", "1 1"),
+        "packed": said.get("CompressedData", "False").lower(),
+        "big": said.get("BinaryDataByteOrderMSB", said.get("ElementByteOrderMSB", "False")).lower(),
+        "data": said.get("ElementDataFile", ""),
+    }
+
+
+def _nrrd_layout(path: Path, said: Mapping[str, str]) -> dict[str, str]:
+    """Layout of a NRRD."""
+    encoding = said.get("encoding", "").lower()
+    if encoding not in ("raw", "gzip", "gz") or {"line skip", "lineskip", "byte skip", "byteskip"} & set(said):
+        raise _unread(path, f"its encoding is {encoding!r}, or bytes are to be skipped", "save it as raw or gzip")
+    sizes, kinds = said.get("sizes", "").split(), said.get("kinds", "").split()
+    colours = bool(kinds) and kinds[0] in ("vector", "RGB-color", "RGBA-color")
+    return {
+        "sizes": " ".join(sizes[colours:]),
+        "kinds": " ".join(kinds[colours:] or ["domain"] * (len(sizes) - 1) + ["list"]),
+        "components": sizes[0] if colours and sizes else "1",
+        "type": said.get("type", ""),
+        "spacing": " ".join(said.get("spacings", "1 1").split()[colours:]),
+        "packed": str(encoding != "raw").lower(),
+        "big": str(said.get("endian", "little").lower() == "big").lower(),
+        "data": said.get("data file", said.get("datafile", "")),
+    }
+
+
+def _sizes(path: Path, layout: Mapping[str, str]) -> tuple[int, int, int, int]:
+    """Columns, rows, frames and components, refused where they are no images in a row."""
+    kinds = layout["kinds"].lower().split()
+    words = [*layout["sizes"].split(), layout["components"]]
+    sizes = [int(word) if word.isdecimal() and len(word) < 12 else 0 for word in words]
+    fits = len(sizes) - 1 == len(kinds) in (3, 4) and kinds[-1] in ("list", "time", "domain")
+    if not fits or min(sizes) < 1 or any(each != 1 for each in sizes[2:-2]) or layout["type"] not in _TYPE_OF:
+        found = f"{layout['type'] or 'no type'} of size {layout['sizes'][:60] or 'nothing'} ({layout['kinds'][:60]})"
+        raise RecordError(
+            f"{path}: it holds {found}; numbers with columns, rows and frames in this order (domain domain list) are "
+            "expected: save it again"
+        )
+    columns, rows, frames, components = sizes[0], sizes[1], sizes[-2], sizes[-1]
+    stated = columns * rows * components * np.dtype(_TYPE_OF[layout["type"]]).itemsize
+    if stated > _MOST_FRAME_BYTES or frames > _MOST_FRAMES or components > 4:
+        raise RecordError(
+            f"{path}: {frames} frames of {stated} bytes, at most {_MOST_FRAMES} of {_MOST_FRAME_BYTES} are read; its "
+            "header is damaged: save it again"
+        )
+    return columns, rows, frames, components
+
+
+def _spacing(text: str) -> tuple[float, float]:
+    values = [_number(word) for word in text.split()[:2]]
+    return (values[0], values[1]) if len(values) == 2 and all(0 < each < math.inf for each in values) else (1.0, 1.0)
+
+
+def _unpacked(path: Path, file: BinaryIO, size: int, count: int, *, packed: bool) -> Iterator[bytes]:
+    """So many pieces of one size; `RecordError` where there are fewer, or where packed ones hold more."""
+    # 47: zlib, as in a MetaImage, or gzip, as in a NRRD.
+    inflate = zlib.decompressobj(wbits=47)
+    try:
+        for _ in range(count):
+            piece = bytearray() if packed else bytearray(file.read(size))
+            while packed and len(piece) < size:
+                piece += inflate.decompress(inflate.unconsumed_tail, size - len(piece))
+                if len(piece) < size and not inflate.unconsumed_tail:
+                    more = file.read(MIB)
+                    if not more or inflate.eof:
+                        break
+                    piece += inflate.decompress(more, size - len(piece))
+            if len(piece) != size:
+                raise RecordError(f"{path}: its pixels end too early; it is cut off: fetch or save it again")
+            yield bytes(piece)
+        more = inflate.unconsumed_tail or file.read(MIB) if packed else b""
+        if packed and inflate.decompress(more, 1):
+            raise RecordError(f"{path}: it unpacks to more than its header says; it is damaged: save it again")
+    except zlib.error as problem:
+        raise RecordError(f"{path}: its pixels cannot be unpacked: {problem}; fetch or save it again") from problem
+
+
+def _matrix(text: str) -> Float64[np.ndarray, "4 4"] | None:
+    """The 16 numbers of a transform; None if they are none."""
+    values = np.array([_number(word) for word in text.split()[:17]])
+    return values.reshape(4, 4) if values.size == 16 and np.isfinite(values).all() else None
+
+
+def _number(text: str) -> float:
+    """A number, NaN where there is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
+def _numbers(path: Path, name: str, said: Mapping[int, str]) -> list[float]:
+    values = [_number(text) for text in said.values()]
+    wrong = [number for number, value in zip(said, values, strict=True) if not math.isfinite(value)]
+    if wrong:
+        raise RecordError(
+            f"{path}: {name} of Seq_Frame{wrong[0]:04d} is {said[wrong[0]][:40]!r}, an angle in degrees is expected; "
+            "name another field: --angle-field"
+        )
+    return values
+
+
+def _twists(path: Path, name: str, said: Mapping[int, str]) -> list[float]:
+    """Turn of each transform about the axis that all of them leave in its place."""
+    matrices = [_matrix(text) for text in said.values()]
+    turns = [np.full((3, 3), np.nan) if each is None else each[:3, :3] for each in matrices]
+    for number, turn in zip(said, turns, strict=True):
+        # Six digits are usual. Written so that NaN fails the test, too.
+        if not (np.abs(turn @ turn.T - np.eye(3)) < 1e-3).all() or not np.linalg.det(turn) > 0:
+            raise RecordError(
+                f"{path}: {name} of Seq_Frame{number:04d} is no rotation; name another: --angle-transform"
+            )
+    if not turns:
+        return []
+    stacked = np.stack(turns)
+    third = int(np.argmax(np.min(stacked.diagonal(axis1=1, axis2=2), axis=0)))
+    tilt_deg = np.degrees(np.arccos(np.clip(stacked[:, third, third].min(), -1, 1)))
+    if tilt_deg > _MOST_TILT_DEG:
+        raise RecordError(
+            f"{path}: {name} tilts the axis {'xyz'[third]} by up to {tilt_deg:.3g} deg, at most {_MOST_TILT_DEG:g} deg "
+            "are expected of a probe that turns about its axis; name a transform to the probe's frame at 0 deg: "
+            "--angle-transform ProbeToProbeHome"
+        )
+    first, second = (third + 1) % 3, (third + 2) % 3
+    sine = stacked[:, second, first] - stacked[:, first, second]
+    degrees = np.degrees(np.arctan2(sine, stacked[:, first, first] + stacked[:, second, second]))
+    # ProbeHomeToProbe is the inverse of ProbeToProbeHome.
+    source, _, target = name.removesuffix("Transform").partition("To")
+    inverse = source.endswith("Home") and not target.endswith("Home")
+    return (-degrees if inverse else degrees).tolist()
+
+
+def _intensity(frame: np.ndarray, kind: str) -> float:
+    """Largest value of the envelope."""
+    if kind == "ENVELOPE":
+        return float(frame.max())
+    lines = frame.T.astype(np.float64)
+    if kind == "RF_IQ_LINE":
+        lines = lines[:, : lines.shape[1] // 2 * 2]
+        return float(np.hypot(lines[:, ::2], lines[:, 1::2]).max(initial=0))
+    if kind == "RF_I_LINE_Q_LINE":
+        lines = lines[: len(lines) // 2 * 2]
+        return float(np.hypot(lines[::2], lines[1::2]).max(initial=0))
+    spectrum = np.fft.rfft(lines - lines.mean(axis=1, keepdims=True))
+    return float(np.abs(np.fft.ifft(2 * spectrum, n=lines.shape[1])).max())
+
+
+def _facts(path: Path, said: Mapping[str, str]) -> tuple[BankFacts, float]:
+    """Facts of a sequence that markerseek has exported, and the time of its first frame on the clock of its rig."""
+    known = {name.removeprefix("markerseek_"): value for name, value in said.items() if name.startswith("markerseek_")}
+    try:
+        facts = msgspec.convert(known, BankFacts, strict=False)
+    except msgspec.ValidationError as problem:
+        raise RecordError(f"{path}: its fields markerseek_… cannot be read: {problem}; export it again") from problem
+    first_s = _number(known.get("first_time_s", "0"))
+    # NaN, where the frames were only numbered.
+    first_s = math.nan if known.get("times", "").startswith("not known") else first_s
+    return facts, first_s - (facts.clock_zero_unix_s or 0.0)
