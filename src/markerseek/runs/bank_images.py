@@ -40,8 +40,8 @@ def bank_samples(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | 
         times_s = bank.started_s or (math.nan,) * len(bank.angles_deg)
         for angle_deg, intensity, time_s in zip(bank.angles_deg, bank.intensities, times_s, strict=True):
             header = replace(NO_HEADER, commanded_deg=angle_deg, started_s=time_s, ended_s=time_s)
-            frame = ReadingFrame(header=header, intensity=intensity)
-            yield Sample(angle_deg=angle_deg, reading=Reading(intensity=intensity), frame=frame)
+            row = ReadingFrame(header=header, intensity=intensity)
+            yield Sample(angle_deg=angle_deg, reading=Reading(intensity=intensity), frame=row)
         return
     known = bank.intensities if intensities_stored(bank, probe=probe) else ()
     imaging = None if known else ImageReader(preset_of(bank, probe))

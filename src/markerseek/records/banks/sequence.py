@@ -334,7 +334,7 @@ def _sizes(path: Path, layout: Mapping[str, str]) -> tuple[int, int, int, int]:
     kinds = layout["kinds"].lower().split()
     words = [*layout["sizes"].split(), layout["components"]]
     sizes = [int(word) if word.isdecimal() and len(word) < 12 else 0 for word in words]
-    fits = len(sizes) - 1 == len(kinds) in (3, 4) and kinds[-1] in ("list", "time", "domain")
+    fits = len(sizes) - 1 == len(kinds) in (3, 4) and not {"list", "time"} & set(kinds[:-1])
     if not fits or min(sizes) < 1 or any(each != 1 for each in sizes[2:-2]) or layout["type"] not in _TYPE_OF:
         found = f"{layout['type'] or 'no type'} of size {layout['sizes'][:60] or 'nothing'} ({layout['kinds'][:60]})"
         raise RecordError(
@@ -376,6 +376,8 @@ def _unpacked(path: Path, file: BinaryIO, size: int, count: int, *, packed: bool
         more = inflate.unconsumed_tail or file.read(MIB) if packed else b""
         if packed and inflate.decompress(more, 1):
             raise RecordError(f"{path}: it unpacks to more than its header says; it is damaged: save it again")
+        if packed and not inflate.eof:
+            raise RecordError(f"{path}: its pixels have no end; it is cut off: fetch or save it again")
     except zlib.error as problem:
         raise RecordError(f"{path}: its pixels cannot be unpacked: {problem}; fetch or save it again") from problem
 
