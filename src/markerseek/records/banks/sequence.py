@@ -19,7 +19,7 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import msgspec
 import numpy as np
@@ -55,13 +55,16 @@ _TYPE_OF = {name: code for code, names in _TYPES.items() for name in names.split
 
 _LARGEST_BYTES = 1 << 42
 _HEADER_BYTES, _LINE_BYTES = 64 * MIB, 64 * 1024
-_MOST_FRAME_BYTES = 256 * MIB
+_MOST_FRAME_BYTES = 64 * MIB
 _MOST_FRAMES = 100_000
 _MOST_PER_BYTE = 1032
 """DEFLATE cannot make more of a byte."""
 
 _MOST_TILT_DEG = 1.0
 """Most by which a turn may tilt its axis; an axis beside the true one by so much changes an angle of 35° by 0.02°."""
+
+_LINES = ("RF_REAL", "RF_IQ_LINE", "RF_I_LINE_Q_LINE")
+"""Types of images that are lines of radio frequency: real, I and Q in turn in a line, lines of I and of Q in turn."""
 
 _FRAME_FIELD = re.compile(r"Seq_Frame(\d{1,6})_(.+)", re.ASCII)
 
@@ -87,9 +90,9 @@ class ImageSequence:
 
     @property
     def kind(self) -> str:
-        """``RF_REAL``, ``RF_IQ_LINE``, ``RF_I_LINE_Q_LINE``, ``BRIGHTNESS`` (B-mode), or ``ENVELOPE``."""
+        """One of `_LINES`, ``BRIGHTNESS`` (B-mode), or ``ENVELOPE``."""
         kind = self.fields.get("UltrasoundImageType", "").upper()
-        if kind.startswith("RF_"):
+        if kind in _LINES:
             return kind
         if self.dtype[-2] == "f":
             return "ENVELOPE"
@@ -101,7 +104,8 @@ class ImageSequence:
     def orientation(self) -> str:
         """Where columns and rows run, in PLUS's letters: M or U across, F or N in depth."""
         named = self.fields.get("UltrasoundImageOrientation", "").upper()[:2]
-        return named if re.fullmatch("[MU][FN]|[FN][MU]", named) else "MF"
+        usual = "FM" if self.fields.get("UltrasoundImageType", "").upper() in _LINES else "MF"
+        return named if re.fullmatch("[MU][FN]|[FN][MU]", named) else usual
 
     def valid_image(self, number: int) -> bool:
         """Whether a frame, counted from 0, has an image; as in PLUS, one without a status has."""
@@ -128,13 +132,13 @@ class ImageSequence:
 
     def frames(self) -> Iterator[np.ndarray]:
         """Each frame with depth along its rows and the marked side at its last column; the brightest of colours."""
+        columns, rows = self.orientation[:1], self.orientation[1:]
         size = math.prod(self.shape) * np.dtype(self.dtype).itemsize
         with as_read_error(self.data), open_input(self.data, most_bytes=_LARGEST_BYTES) as file:
             file.seek(self.start)
             for piece in _unpacked(self.path, file, size, len(self.frame_fields), packed=self.packed):
                 pixels = np.frombuffer(piece, self.dtype).reshape(self.shape)
                 frame = pixels.astype(pixels.dtype.newbyteorder("=")).max(axis=-1)
-                columns, rows = self.orientation
                 frame = frame[:, ::-1] if columns in "UN" else frame
                 frame = frame[::-1] if rows in "UN" else frame
                 yield frame.T if columns in "FN" else frame
@@ -153,25 +157,24 @@ def open_sequence(path: Path) -> ImageSequence:
         start = file.tell()
     said = {name: value for name, value in held.items() if not _FRAME_FIELD.fullmatch(name)}
     layout = _nrrd_layout(path, said) if nrrd else _meta_layout(path, said)
-    columns, rows, frames, components = _sizes(path, layout)
+    columns, rows, components, frames = layout.checked(path)
     per_frame: list[dict[str, str]] = [{} for _ in range(frames)]
     for name, value in held.items():
         match = _FRAME_FIELD.fullmatch(name)
         if match and int(match[1]) < frames:
             per_frame[int(match[1])][match[2]] = value
-    local = layout["data"] in ("", "LOCAL")
-    if Path(layout["data"]).name != layout["data"] or layout["data"].startswith("LIST"):
-        raise _unread(path, f"its pixels are in {layout['data']!r}", "keep them in one file beside it")
+    if Path(layout.data).name != layout.data or layout.data.startswith("LIST"):
+        raise RecordError(f"{path}: its pixels are in {layout.data[:80]!r}; keep them in one file beside it")
     sequence = ImageSequence(
         path=path,
         fields=said,
         frame_fields=per_frame,
-        dtype=(">" if layout["big"] == "true" else "<") + _TYPE_OF[layout["type"]],
+        dtype=(">" if layout.big_endian else "<") + _TYPE_OF[layout.type],
         shape=(rows, columns, components),
-        spacing=_spacing(layout["spacing"]),
-        data=path if local else path.with_name(layout["data"]),
-        start=start if local else 0,
-        packed=layout["packed"] == "true",
+        spacing=_spacing(layout.spacing),
+        data=path.with_name(layout.data) if layout.data else path,
+        start=0 if layout.data else start,
+        packed=layout.packed,
     )
     with as_read_error(sequence.data), open_input(sequence.data, most_bytes=_LARGEST_BYTES) as file:
         held_bytes = os.fstat(file.fileno()).st_size - sequence.start
@@ -267,10 +270,6 @@ def read_sequence(path: Path, *, angle_field: str | None = None, angle_transform
     )
 
 
-def _unread(path: Path, found: str, cure: str) -> RecordError:
-    return RecordError(f"{path}: {found}, which is not read; {cure}")
-
-
 def _lines(path: Path, file: BinaryIO, *, nrrd: bool) -> dict[str, str]:
     """Fields of a header by name; the file is left where the pixels begin."""
     kind = "a NRRD" if nrrd else "a MetaImage"
@@ -293,66 +292,77 @@ def _lines(path: Path, file: BinaryIO, *, nrrd: bool) -> dict[str, str]:
     raise RecordError(f"{path}: its header, of {kind}, is cut off or damaged: fetch or save it again")
 
 
-def _meta_layout(path: Path, said: Mapping[str, str]) -> dict[str, str]:
+class _Layout(NamedTuple):
+    """How pixels lie in a file, in the words of its header."""
+
+    sizes: list[str]
+    kinds: list[str]
+    components: str
+    type: str
+    spacing: list[str]
+    packed: bool
+    big_endian: bool
+    data: str
+
+    def checked(self, path: Path) -> tuple[int, int, int, int]:
+        """Columns, rows, components and frames, refused where they are no images in a row."""
+        words = [*self.sizes, self.components]
+        numbers = [int(word) if word.isdecimal() and len(word) < 12 else 0 for word in words]
+        kinds = [kind.lower() for kind in self.kinds] or ["domain"] * (len(self.sizes) - 1) + ["list"]
+        fits = len(self.sizes) == len(kinds) in (3, 4) and not {"list", "time"} & set(kinds[:-1])
+        if not fits or min(numbers) < 1 or any(each != 1 for each in numbers[2:-2]) or self.type not in _TYPE_OF:
+            size, kind = " ".join(self.sizes)[:60] or "nothing", " ".join(kinds)[:60]
+            raise RecordError(
+                f"{path}: it holds {self.type[:40] or 'no type'} of size {size} ({kind}); numbers with columns, rows and "
+                "frames in this order (domain domain list) are expected: save it again"
+            )
+        columns, rows, frames, components = *numbers[:2], *numbers[-2:]
+        stated = columns * rows * components * np.dtype(_TYPE_OF[self.type]).itemsize
+        if stated > _MOST_FRAME_BYTES or frames > _MOST_FRAMES:
+            raise RecordError(
+                f"{path}: {frames} frames of {stated} bytes, at most {_MOST_FRAMES} of {_MOST_FRAME_BYTES} are read; "
+                "its header is damaged: save it again"
+            )
+        return columns, rows, components, frames
+
+
+def _meta_layout(path: Path, said: Mapping[str, str]) -> _Layout:
     """Layout of a MetaImage."""
     if said.get("BinaryData", "True").lower() != "true" or said.get("HeaderSize", "0") != "0":
-        raise _unread(path, "its pixels are text, or have a header of their own", "save it as binary")
-    kinds = said.get("Kinds", "").split()
-    return {
-        "sizes": said.get("DimSize", ""),
-        "kinds": " ".join(kinds or ["domain"] * (len(said.get("DimSize", "").split()) - 1) + ["list"]),
-        "components": said.get("ElementNumberOfChannels", "1"),
-        "type": said.get("ElementType", ""),
-        "spacing": said.get("ElementSpacing", "1 1"),
-        "packed": said.get("CompressedData", "False").lower(),
-        "big": said.get("BinaryDataByteOrderMSB", said.get("ElementByteOrderMSB", "False")).lower(),
-        "data": said.get("ElementDataFile", ""),
-    }
+        raise RecordError(f"{path}: its pixels are text, or have a header of their own; save it as binary")
+    return _Layout(
+        sizes=said.get("DimSize", "").split(),
+        kinds=said.get("Kinds", "").split(),
+        components=said.get("ElementNumberOfChannels", "1"),
+        type=said.get("ElementType", ""),
+        spacing=said.get("ElementSpacing", "").split(),
+        packed=said.get("CompressedData", "").lower() == "true",
+        big_endian=said.get("BinaryDataByteOrderMSB", said.get("ElementByteOrderMSB", "")).lower() == "true",
+        data=said["ElementDataFile"] if said["ElementDataFile"].upper() != "LOCAL" else "",
+    )
 
 
-def _nrrd_layout(path: Path, said: Mapping[str, str]) -> dict[str, str]:
+def _nrrd_layout(path: Path, said: Mapping[str, str]) -> _Layout:
     """Layout of a NRRD."""
     encoding = said.get("encoding", "").lower()
     if encoding not in ("raw", "gzip", "gz") or {"line skip", "lineskip", "byte skip", "byteskip"} & set(said):
-        raise _unread(path, f"its encoding is {encoding!r}, or bytes are to be skipped", "save it as raw or gzip")
+        raise RecordError(f"{path}: its encoding is {encoding!r}, or bytes are to be skipped; save it as raw or gzip")
     sizes, kinds = said.get("sizes", "").split(), said.get("kinds", "").split()
-    colours = bool(kinds) and kinds[0] in ("vector", "RGB-color", "RGBA-color")
-    return {
-        "sizes": " ".join(sizes[colours:]),
-        "kinds": " ".join(kinds[colours:] or ["domain"] * (len(sizes) - 1) + ["list"]),
-        "components": sizes[0] if colours and sizes else "1",
-        "type": said.get("type", ""),
-        "spacing": " ".join(said.get("spacings", "1 1").split()[colours:]),
-        "packed": str(encoding != "raw").lower(),
-        "big": str(said.get("endian", "little").lower() == "big").lower(),
-        "data": said.get("data file", said.get("datafile", "")),
-    }
+    first = int(len(kinds) == len(sizes) > 3 and kinds[0] in ("vector", "RGB-color", "RGBA-color"))
+    return _Layout(
+        sizes=sizes[first:],
+        kinds=kinds[first:],
+        components=sizes[0] if first else "1",
+        type=said.get("type", ""),
+        spacing=said.get("spacings", "").split()[first:],
+        packed=encoding != "raw",
+        big_endian=said.get("endian", "").lower() == "big",
+        data=said.get("data file", said.get("datafile", "")),
+    )
 
 
-def _sizes(path: Path, layout: Mapping[str, str]) -> tuple[int, int, int, int]:
-    """Columns, rows, frames and components, refused where they are no images in a row."""
-    kinds = layout["kinds"].lower().split()
-    words = [*layout["sizes"].split(), layout["components"]]
-    sizes = [int(word) if word.isdecimal() and len(word) < 12 else 0 for word in words]
-    fits = len(sizes) - 1 == len(kinds) in (3, 4) and not {"list", "time"} & set(kinds[:-1])
-    if not fits or min(sizes) < 1 or any(each != 1 for each in sizes[2:-2]) or layout["type"] not in _TYPE_OF:
-        found = f"{layout['type'] or 'no type'} of size {layout['sizes'][:60] or 'nothing'} ({layout['kinds'][:60]})"
-        raise RecordError(
-            f"{path}: it holds {found}; numbers with columns, rows and frames in this order (domain domain list) are "
-            "expected: save it again"
-        )
-    columns, rows, frames, components = sizes[0], sizes[1], sizes[-2], sizes[-1]
-    stated = columns * rows * components * np.dtype(_TYPE_OF[layout["type"]]).itemsize
-    if stated > _MOST_FRAME_BYTES or frames > _MOST_FRAMES or components > 4:
-        raise RecordError(
-            f"{path}: {frames} frames of {stated} bytes, at most {_MOST_FRAMES} of {_MOST_FRAME_BYTES} are read; its "
-            "header is damaged: save it again"
-        )
-    return columns, rows, frames, components
-
-
-def _spacing(text: str) -> tuple[float, float]:
-    values = [_number(word) for word in text.split()[:2]]
+def _spacing(words: list[str]) -> tuple[float, float]:
+    values = [_number(word) for word in words[:2]]
     return (values[0], values[1]) if len(values) == 2 and all(0 < each < math.inf for each in values) else (1.0, 1.0)
 
 
@@ -430,11 +440,11 @@ def _twists(path: Path, name: str, said: Mapping[int, str]) -> list[float]:
         )
     first, second = (third + 1) % 3, (third + 2) % 3
     sine = stacked[:, second, first] - stacked[:, first, second]
-    degrees = np.degrees(np.arctan2(sine, stacked[:, first, first] + stacked[:, second, second]))
+    degrees = np.degrees(np.arctan2(sine, stacked[:, first, first] + stacked[:, second, second])).tolist()
     # ProbeHomeToProbe is the inverse of ProbeToProbeHome.
     source, _, target = name.removesuffix("Transform").partition("To")
     inverse = source.endswith("Home") and not target.endswith("Home")
-    return (-degrees if inverse else degrees).tolist()
+    return [-each if inverse else each for each in degrees]
 
 
 def _intensity(frame: np.ndarray, kind: str) -> float:

@@ -161,6 +161,7 @@ def test_colours_and_a_third_domain_of_one_plane_are_read(tmp_path):
         ("FM", lambda frame: frame.T),
         ("FU", lambda frame: frame[::-1].T),
         ("NM", lambda frame: frame[:, ::-1].T),
+        ("XX", lambda frame: frame),
     ],
 )
 def test_images_have_depth_along_their_rows_whatever_their_orientation(tmp_path, orientation, turned):
