@@ -313,8 +313,8 @@ class _Layout(NamedTuple):
         if not fits or min(numbers) < 1 or any(each != 1 for each in numbers[2:-2]) or self.type not in _TYPE_OF:
             size, kind = " ".join(self.sizes)[:60] or "nothing", " ".join(kinds)[:60]
             raise RecordError(
-                f"{path}: it holds {self.type[:40] or 'no type'} of size {size} ({kind}); numbers with columns, rows and "
-                "frames in this order (domain domain list) are expected: save it again"
+                f"{path}: it holds {self.type[:40] or 'no type'} of size {size} ({kind}); columns, rows and "
+                "frames in this order (domain domain list), of numbers, are expected: save it again"
             )
         columns, rows, frames, components = *numbers[:2], *numbers[-2:]
         stated = columns * rows * components * np.dtype(_TYPE_OF[self.type]).itemsize
