@@ -19,7 +19,7 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 import msgspec
 import numpy as np
@@ -116,14 +116,14 @@ class ImageSequence:
         """Height and width of a pixel by ImageToProbe or the spacing; None where both only count pixels."""
         sizes = self.spacing
         matrices = (
-            _matrix(value)
+            _numbers(value, 16)
             for fields in self.frame_fields
             for name, value in fields.items()
             if name.startswith("ImageTo") and name.endswith("Transform") and fields.get(f"{name}Status") == "OK"
         )
         matrix = next((each for each in matrices if each is not None), None)
         if matrix is not None:
-            across, down = np.linalg.norm(matrix[:3, :2], axis=0).tolist()
+            across, down = np.linalg.norm(matrix.reshape(4, 4)[:3, :2], axis=0).tolist()
             sizes = (sizes[0] * across, sizes[1] * down)
         if sizes == (1.0, 1.0):
             return None
@@ -156,25 +156,31 @@ def open_sequence(path: Path) -> ImageSequence:
         held = _lines(path, file, nrrd=nrrd)
         start = file.tell()
     said = {name: value for name, value in held.items() if not _FRAME_FIELD.fullmatch(name)}
-    layout = _nrrd_layout(path, said) if nrrd else _meta_layout(path, said)
-    columns, rows, components, frames = layout.checked(path)
+    if nrrd:
+        said = _as_meta(path, said)
+    if said.get("BinaryData", "True").lower() != "true" or said.get("HeaderSize", "0") != "0":
+        raise RecordError(f"{path}: its pixels are text, or have a header of their own; save it as binary")
+    columns, rows, components, frames = _sizes(path, said)
     per_frame: list[dict[str, str]] = [{} for _ in range(frames)]
     for name, value in held.items():
         match = _FRAME_FIELD.fullmatch(name)
         if match and int(match[1]) < frames:
             per_frame[int(match[1])][match[2]] = value
-    if Path(layout.data).name != layout.data or layout.data.startswith("LIST"):
-        raise RecordError(f"{path}: its pixels are in {layout.data[:80]!r}; keep them in one file beside it")
+    place = said.get("ElementDataFile", "LOCAL")
+    local = place.upper() == "LOCAL"
+    if Path(place).name != place or place.startswith("LIST"):
+        raise RecordError(f"{path}: its pixels are in {place[:80]!r}; keep them in one file beside it")
+    order = said.get("BinaryDataByteOrderMSB", said.get("ElementByteOrderMSB", ""))
     sequence = ImageSequence(
         path=path,
         fields=said,
         frame_fields=per_frame,
-        dtype=(">" if layout.big_endian else "<") + _TYPE_OF[layout.type],
+        dtype=(">" if order.lower() == "true" else "<") + _TYPE_OF[said["ElementType"]],
         shape=(rows, columns, components),
-        spacing=_spacing(layout.spacing),
-        data=path.with_name(layout.data) if layout.data else path,
-        start=0 if layout.data else start,
-        packed=layout.packed,
+        spacing=_spacing(said.get("ElementSpacing", "").split()),
+        data=path if local else path.with_name(place),
+        start=start if local else 0,
+        packed=said.get("CompressedData", "").lower() == "true",
     )
     with as_read_error(sequence.data), open_input(sequence.data, most_bytes=_LARGEST_BYTES) as file:
         held_bytes = os.fstat(file.fileno()).st_size - sequence.start
@@ -213,22 +219,25 @@ def angles_of(
     turns = chosen.endswith("Transform")
     status = f"{chosen}Status" if turns else _STEPPER.get(chosen, f"{chosen}Status")
     usual = "missing" if turns or status in names else "OK"
-    kept: dict[int, str] = {}
+    kept: dict[int, np.ndarray] = {}
     left_out: list[str] = []
     for number, each in enumerate(frames):
-        said = each.get(status, usual)
+        said, values = each.get(status, usual), _numbers(each.get(chosen, ""), 16 if turns else 1)
         if not sequence.valid_image(number):
             left_out.append(f"Seq_Frame{number:04d} (ImageStatus {each['ImageStatus']})")
         elif said.upper() != "OK":
             left_out.append(f"Seq_Frame{number:04d} ({status} {said})")
-        elif chosen not in each:
-            left_out.append(f"Seq_Frame{number:04d} ({chosen} missing)")
+        elif values is None:
+            left_out.append(f"Seq_Frame{number:04d} ({chosen} {each.get(chosen, 'missing')[:40]})")
         else:
-            kept[number] = each[chosen]
+            kept[number] = values
     if left_out:
         named = ", ".join(left_out[:5]) + (" …" if len(left_out) > 5 else "")
         warnings.warn(f"{path}: {len(left_out)} of {len(frames)} frames are left out: {named}", stacklevel=2)
-    angles_deg = _twists(path, chosen, kept) if turns else _numbers(path, chosen, kept)
+    if not kept:
+        raise RecordError(f"{path}: no frame has a valid image and angle; name the field with the angle: --angle-field")
+    stacked = np.stack(list(kept.values()))
+    angles_deg = _twists(path, chosen, stacked.reshape(-1, 4, 4)[:, :3, :3]) if turns else stacked[:, 0].tolist()
     return dict(zip(kept, angles_deg, strict=True))
 
 
@@ -292,73 +301,52 @@ def _lines(path: Path, file: BinaryIO, *, nrrd: bool) -> dict[str, str]:
     raise RecordError(f"{path}: its header, of {kind}, is cut off or damaged: fetch or save it again")
 
 
-class _Layout(NamedTuple):
-    """How pixels lie in a file, in the words of its header."""
-
-    sizes: list[str]
-    kinds: list[str]
-    components: str
-    type: str
-    spacing: list[str]
-    packed: bool
-    big_endian: bool
-    data: str
-
-    def checked(self, path: Path) -> tuple[int, int, int, int]:
-        """Columns, rows, components and frames, refused where they are no images in a row."""
-        words = [*self.sizes, self.components]
-        numbers = [int(word) if word.isdecimal() and len(word) < 12 else 0 for word in words]
-        kinds = [kind.lower() for kind in self.kinds] or ["domain"] * (len(self.sizes) - 1) + ["list"]
-        fits = len(self.sizes) == len(kinds) in (3, 4) and not {"list", "time"} & set(kinds[:-1])
-        if not fits or min(numbers) < 1 or any(each != 1 for each in numbers[2:-2]) or self.type not in _TYPE_OF:
-            size, kind = " ".join(self.sizes)[:60] or "nothing", " ".join(kinds)[:60]
-            raise RecordError(
-                f"{path}: it holds {self.type[:40] or 'no type'} of size {size} ({kind}); columns, rows and "
-                "frames in this order (domain domain list), of numbers, are expected: save it again"
-            )
-        columns, rows, frames, components = *numbers[:2], *numbers[-2:]
-        stated = columns * rows * components * np.dtype(_TYPE_OF[self.type]).itemsize
-        if stated > _MOST_FRAME_BYTES or frames > _MOST_FRAMES:
-            raise RecordError(
-                f"{path}: {frames} frames of {stated} bytes, at most {_MOST_FRAMES} of {_MOST_FRAME_BYTES} are read; "
-                "its header is damaged: save it again"
-            )
-        return columns, rows, components, frames
+_META_NAMES = {
+    "sizes": "DimSize",
+    "kinds": "Kinds",
+    "type": "ElementType",
+    "spacings": "ElementSpacing",
+    "data file": "ElementDataFile",
+    "datafile": "ElementDataFile",
+}
+"""Names of a MetaImage for those of a NRRD."""
 
 
-def _meta_layout(path: Path, said: Mapping[str, str]) -> _Layout:
-    """Layout of a MetaImage."""
-    if said.get("BinaryData", "True").lower() != "true" or said.get("HeaderSize", "0") != "0":
-        raise RecordError(f"{path}: its pixels are text, or have a header of their own; save it as binary")
-    return _Layout(
-        sizes=said.get("DimSize", "").split(),
-        kinds=said.get("Kinds", "").split(),
-        components=said.get("ElementNumberOfChannels", "1"),
-        type=said.get("ElementType", ""),
-        spacing=said.get("ElementSpacing", "").split(),
-        packed=said.get("CompressedData", "").lower() == "true",
-        big_endian=said.get("BinaryDataByteOrderMSB", said.get("ElementByteOrderMSB", "")).lower() == "true",
-        data=said["ElementDataFile"] if said["ElementDataFile"].upper() != "LOCAL" else "",
-    )
-
-
-def _nrrd_layout(path: Path, said: Mapping[str, str]) -> _Layout:
-    """Layout of a NRRD."""
-    encoding = said.get("encoding", "").lower()
+def _as_meta(path: Path, said: Mapping[str, str]) -> dict[str, str]:
+    """Fields of a NRRD as those of a MetaImage."""
+    meta = {_META_NAMES.get(name, name): value for name, value in said.items()}
+    encoding = meta.get("encoding", "").lower()
     if encoding not in ("raw", "gzip", "gz") or {"line skip", "lineskip", "byte skip", "byteskip"} & set(said):
         raise RecordError(f"{path}: its encoding is {encoding!r}, or bytes are to be skipped; save it as raw or gzip")
-    sizes, kinds = said.get("sizes", "").split(), said.get("kinds", "").split()
-    first = int(len(kinds) == len(sizes) > 3 and kinds[0] in ("vector", "RGB-color", "RGBA-color"))
-    return _Layout(
-        sizes=sizes[first:],
-        kinds=kinds[first:],
-        components=sizes[0] if first else "1",
-        type=said.get("type", ""),
-        spacing=said.get("spacings", "").split()[first:],
-        packed=encoding != "raw",
-        big_endian=said.get("endian", "").lower() == "big",
-        data=said.get("data file", said.get("datafile", "")),
-    )
+    meta |= {"CompressedData": str(encoding != "raw"), "BinaryDataByteOrderMSB": str(meta.get("endian") == "big")}
+    if meta.get("Kinds", "").split()[:1] in (["vector"], ["RGB-color"], ["RGBA-color"]):
+        for name in ("DimSize", "Kinds", "ElementSpacing"):
+            first, _, meta[name] = meta.get(name, "").partition(" ")
+            meta |= {"ElementNumberOfChannels": first} if name == "DimSize" else {}
+    return meta
+
+
+def _sizes(path: Path, said: Mapping[str, str]) -> tuple[int, int, int, int]:
+    """Columns, rows, components and frames, refused where they are no images in a row."""
+    sizes, kind = said.get("DimSize", "").split(), said.get("ElementType", "")
+    kinds = said.get("Kinds", "").lower().split() or ["domain"] * (len(sizes) - 1) + ["list"]
+    words = [*sizes, said.get("ElementNumberOfChannels", "1")]
+    numbers = [int(word) if word.isdecimal() and len(word) < 12 else 0 for word in words]
+    fits = len(sizes) == len(kinds) in (3, 4) and not {"list", "time"} & set(kinds[:-1])
+    if not fits or min(numbers) < 1 or any(each != 1 for each in numbers[2:-2]) or kind not in _TYPE_OF:
+        size, axes = " ".join(sizes)[:60] or "nothing", " ".join(kinds)[:60]
+        raise RecordError(
+            f"{path}: it holds {kind[:40] or 'no type'} of {size} ({axes}); numbers with columns, rows and frames "
+            "in this order (domain domain list) are expected: save it again"
+        )
+    columns, rows, frames, components = *numbers[:2], *numbers[-2:]
+    stated = columns * rows * components * np.dtype(_TYPE_OF[kind]).itemsize
+    if stated > _MOST_FRAME_BYTES or frames > _MOST_FRAMES:
+        raise RecordError(
+            f"{path}: {frames} frames of {stated} bytes, at most {_MOST_FRAMES} of {_MOST_FRAME_BYTES} are read; its "
+            "header is damaged: save it again"
+        )
+    return columns, rows, components, frames
 
 
 def _spacing(words: list[str]) -> tuple[float, float]:
@@ -392,12 +380,6 @@ def _unpacked(path: Path, file: BinaryIO, size: int, count: int, *, packed: bool
         raise RecordError(f"{path}: its pixels cannot be unpacked: {problem}; fetch or save it again") from problem
 
 
-def _matrix(text: str) -> Float64[np.ndarray, "4 4"] | None:
-    """The 16 numbers of a transform; None if they are none."""
-    values = np.array([_number(word) for word in text.split()[:17]])
-    return values.reshape(4, 4) if values.size == 16 and np.isfinite(values).all() else None
-
-
 def _number(text: str) -> float:
     """A number, NaN where there is none."""
     try:
@@ -406,30 +388,18 @@ def _number(text: str) -> float:
         return math.nan
 
 
-def _numbers(path: Path, name: str, said: Mapping[int, str]) -> list[float]:
-    values = [_number(text) for text in said.values()]
-    wrong = [number for number, value in zip(said, values, strict=True) if not math.isfinite(value)]
-    if wrong:
-        raise RecordError(
-            f"{path}: {name} of Seq_Frame{wrong[0]:04d} is {said[wrong[0]][:40]!r}, an angle in degrees is expected; "
-            "name another field: --angle-field"
-        )
-    return values
+def _numbers(text: str, count: int) -> Float64[np.ndarray, " numbers"] | None:
+    """So many finite numbers; None if they are others."""
+    values = np.array([_number(word) for word in text.split()[: count + 1]])
+    return values if values.size == count and np.isfinite(values).all() else None
 
 
-def _twists(path: Path, name: str, said: Mapping[int, str]) -> list[float]:
+def _twists(path: Path, name: str, stacked: Float64[np.ndarray, "frames 3 3"]) -> list[float]:
     """Turn of each transform about the axis that all of them leave in its place."""
-    matrices = [_matrix(text) for text in said.values()]
-    turns = [np.full((3, 3), np.nan) if each is None else each[:3, :3] for each in matrices]
-    for number, turn in zip(said, turns, strict=True):
-        # Six digits are usual. Written so that NaN fails the test, too.
-        if not (np.abs(turn @ turn.T - np.eye(3)) < 1e-3).all() or not np.linalg.det(turn) > 0:
-            raise RecordError(
-                f"{path}: {name} of Seq_Frame{number:04d} is no rotation; name another: --angle-transform"
-            )
-    if not turns:
-        return []
-    stacked = np.stack(turns)
+    off = np.abs(stacked @ stacked.transpose(0, 2, 1) - np.eye(3)).max()
+    # Six digits are usual.
+    if off > 1e-3 or np.linalg.det(stacked).min() < 0:
+        raise RecordError(f"{path}: {name} is no rotation in each frame; name another: --angle-transform")
     third = int(np.argmax(np.min(stacked.diagonal(axis1=1, axis2=2), axis=0)))
     tilt_deg = np.degrees(np.arccos(np.clip(stacked[:, third, third].min(), -1, 1)))
     if tilt_deg > _MOST_TILT_DEG:
@@ -452,12 +422,10 @@ def _intensity(frame: np.ndarray, kind: str) -> float:
     if kind == "ENVELOPE":
         return float(frame.max())
     lines = frame.T.astype(np.float64)
-    if kind == "RF_IQ_LINE":
-        lines = lines[:, : lines.shape[1] // 2 * 2]
-        return float(np.hypot(lines[:, ::2], lines[:, 1::2]).max(initial=0))
-    if kind == "RF_I_LINE_Q_LINE":
-        lines = lines[: len(lines) // 2 * 2]
-        return float(np.hypot(lines[::2], lines[1::2]).max(initial=0))
+    if kind != "RF_REAL":
+        # I and Q of a pair are beside one another along a line, or in neighbouring lines.
+        pairs = lines if kind == "RF_IQ_LINE" else lines.T
+        return float(np.hypot(pairs[:, :-1:2], pairs[:, 1::2]).max(initial=0))
     spectrum = np.fft.rfft(lines - lines.mean(axis=1, keepdims=True))
     return float(np.abs(np.fft.ifft(2 * spectrum, n=lines.shape[1])).max())
 

@@ -223,6 +223,7 @@ def test_a_transform_into_another_frame_than_the_probes_at_rest_is_refused(tmp_p
             "Seq_Frame0001 (ProbeToStepperHomeTransformStatus missing)",
         ),
         ({"ProbeRotation": ["-10", None, "0", "7.25", "20"]}, "Seq_Frame0001 (ProbeRotation missing)"),
+        ({"ProbeRotation": ["-10", "NA", "0", "7.25", "20"]}, "Seq_Frame0001 (ProbeRotation NA)"),
     ],
 )
 def test_a_frame_without_a_valid_angle_or_image_is_left_out_and_named(tmp_path, changed, named):
@@ -375,13 +376,18 @@ def test_no_bytes_break_the_reader(tmp_path, suffix):
     assert read > 10
 
 
-def test_angles_that_are_no_numbers_are_refused(tmp_path):
-    path = write_mha(tmp_path / "a.mha", rf()[0], fields(ProbeRotation=["1", "2", "x", "4", "nan"]), **RF)
-    with pytest.raises(RecordError, match="ProbeRotation of Seq_Frame0002 is 'x', an angle in degrees is expected"):
+def test_where_no_frame_has_an_angle_or_rotation_it_is_refused(tmp_path):
+    path = write_mha(tmp_path / "a.mha", rf()[0], fields(ProbeRotation=["x", "nan", "", "1 2", "inf"]), **RF)
+    with (
+        pytest.warns(UserWarning, match=r"5 of 5 frames are left out: Seq_Frame0000 \(ProbeRotation x\)"),
+        pytest.raises(RecordError, match="no frame has a valid image and angle"),
+    ):
         read_bank(path)
-    path = write_mha(tmp_path / "a.mha", rf()[0], fields(ProbeToStepperHomeTransform=["1 2 3"] * 5), **RF)
-    with pytest.raises(RecordError, match="ProbeToStepperHomeTransform of Seq_Frame0000 is no rotation"):
-        read_sequence(path, angle_transform="ProbeToStepperHome")
+    mirrored = ["-1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"] * 5
+    for wrong in (mirrored, [" ".join(["2"] * 16)] * 5):
+        path = write_mha(tmp_path / "a.mha", rf()[0], fields(ProbeToStepperHomeTransform=wrong), **RF)
+        with pytest.raises(RecordError, match="ProbeToStepperHomeTransform is no rotation in each frame"):
+            read_sequence(path, angle_transform="ProbeToStepperHome")
 
 
 REAL = Path(__file__).parents[4] / "../shared/data/plus/USTC_3NWires_ProbeRotation.igs.mha"
