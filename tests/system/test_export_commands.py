@@ -8,8 +8,6 @@ import h5py
 import numpy as np
 import pytest
 import SimpleITK as sitk  # noqa: N813 - the name that its users give it
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 
 from markerseek import rigs
 from markerseek.core import ChannelFrame, Measured
@@ -36,72 +34,31 @@ def folder(scan):
     return place
 
 
-def decoded(path):
-    with path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        return [(channel.topic, message) for _, channel, _, message in reader.iter_decoded_messages()]
-
-
 def exported(shell, source, to, *words):
     code, _, err = shell("bank", "export", source, to, *words)
     assert code == 0, err
     return err
 
 
-def test_intensities_are_computed_for_a_log_as_for_a_table(shell, folder, tmp_path):
-    exported(shell, folder, tmp_path / "a.mcap")
-    exported(shell, folder, tmp_path / "a.csv")
-    table = read_bank(tmp_path / "a.csv")
-    samples = [json.loads(each.data) for topic, each in decoded(tmp_path / "a.mcap") if topic == "/pa_search/sample"]
-    assert [each["angle_deg"] for each in samples] == list(table.angles_deg)
-    assert [each["intensity"] for each in samples] == list(table.intensities)
-    assert max(table.intensities) > 0
-
-
-def test_the_strongest_image_reaches_white(shell, scan, tmp_path):
-    exported(shell, scan, tmp_path / "a.mcap")
-    pictures = [
-        np.frombuffer(bytes(each.data), np.uint8) for topic, each in decoded(tmp_path / "a.mcap") if "image" in topic
-    ]
-    bank = read_bank(scan)
-    assert isinstance(bank, FrameBank)
-    assert [each.max() == 255 for each in pictures] == [each == max(bank.intensities) for each in bank.intensities]
-
-
 def test_the_rigs_times_are_those_of_the_bank(shell, scan, tmp_path):
-    exported(shell, scan, tmp_path / "a.mcap")
     exported(shell, scan, tmp_path / "a.igs.mha")
     bank = read_bank(scan)
     assert isinstance(bank, FrameBank)
     zero_s = bank.facts.clock_zero_unix_s or 0.0
     expected = [zero_s + bank.frame(index).header.started_s for index in range(5)]
-    samples = [
-        json.loads(each.data)["time_s"] for topic, each in decoded(tmp_path / "a.mcap") if topic == "/pa_search/sample"
-    ]
-    assert samples == expected
     image = sitk.ReadImage(str(tmp_path / "a.igs.mha"))
     stamps = [float(image.GetMetaData(f"Seq_Frame{number:04d}_Timestamp")) for number in range(5)]
     np.testing.assert_allclose(stamps, np.subtract(expected, expected[0]), atol=1e-6)
 
 
-@pytest.mark.parametrize("kind", ["igs.mha", "mcap"])
-def test_the_face_radius_places_the_images_or_is_reported_missing(shell, folder, tmp_path, kind):
-    err = exported(shell, folder, tmp_path / f"a.{kind}")
+def test_the_face_radius_places_the_images_or_is_reported_missing(shell, folder, tmp_path):
+    err = exported(shell, folder, tmp_path / "a.igs.mha")
     assert "give --face-radius-mm" in " ".join(err.split())
-    err = exported(shell, folder, tmp_path / f"b.{kind}", "--face-radius-mm", 10)
+    err = exported(shell, folder, tmp_path / "b.igs.mha", "--face-radius-mm", 10)
     assert "face-radius" not in err
-    if kind == "mcap":
-        links = [
-            [link.child_frame_id for link in each.transforms]
-            for name in "ab"
-            for topic, each in decoded(tmp_path / f"{name}.mcap")
-            if topic == "/tf"
-        ]
-        assert links == [["trus_probe"]] * 5 + [["trus_probe", "trus_image"]] * 5
-    else:
-        key = "Seq_Frame0004_ImageToProbeTransform"
-        assert not sitk.ReadImage(str(tmp_path / "a.igs.mha")).HasMetaDataKey(key)
-        assert sitk.ReadImage(str(tmp_path / "b.igs.mha")).HasMetaDataKey(key)
+    key = "Seq_Frame0004_ImageToProbeTransform"
+    assert not sitk.ReadImage(str(tmp_path / "a.igs.mha")).HasMetaDataKey(key)
+    assert sitk.ReadImage(str(tmp_path / "b.igs.mha")).HasMetaDataKey(key)
 
 
 def require_zea(path, *, frames, samples, elements):

@@ -49,7 +49,7 @@ NUMBERS: tuple[tuple[tuple[object, ...], tuple[str, ...]], ...] = (
     (("bank", "scan", "new.hdf5"), ("--step-deg", "--seed", "--wavelength-nm", "--pulse-energy-mj")),
     (("bank", "import", SCAN, "new.hdf5"), ("--first-deg", "--step-deg", "--sampling-mhz", "--face-radius-mm")),
     (("bank", "import", SCAN, "new.hdf5"), ("--reference-deg", "--wavelength-nm", "--pulse-energy-mj")),
-    (("bank", "export", SCAN, "new.mcap"), ("--face-radius-mm",)),
+    (("bank", "export", SCAN, "new.igs.mha"), ("--face-radius-mm",)),
     (("frame", "frame.npy"), ("--number", "--min-depth-mm", "--max-depth-mm")),
     (("calibrate", SCAN), ("--source-deg",)),
     (("journal", "list"), ("--last",)),

@@ -124,9 +124,7 @@ def _largest_step_deg(bank: IntensityBank | FrameBank) -> float:
 
 def _began_unix_s(bank: IntensityBank | FrameBank) -> float | None:
     """When the first acquisition with light began, in seconds since 1970; None where that is not known."""
-    from markerseek.records.banks import FrameBank
-
-    known = [each for each in bank.started_s if math.isfinite(each)] if isinstance(bank, FrameBank) else []
+    known = [each for each in bank.started_s if math.isfinite(each)]
     zero_s = bank.facts.clock_zero_unix_s
     return zero_s + min(known) if known and zero_s is not None else None
 

@@ -13,7 +13,16 @@ from rich.markup import escape
 
 from markerseek import rigs, runs
 from markerseek.cli.bank_scan import BModeNote
-from markerseek.cli.options import AsJson, ProbeName, TableOptions, require_frames, with_values
+from markerseek.cli.options import (
+    AngleField,
+    AngleTransform,
+    AsJson,
+    ProbeName,
+    TableOptions,
+    require_frames,
+    require_sequence,
+    with_values,
+)
 from markerseek.cli.report import Output, Report, with_version
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, stderr
 from markerseek.core import ConfigError
@@ -37,7 +46,7 @@ def import_bank(
         Path,
         typer.Argument(
             help="Folder with a SonixDAQ folder (or .npy, .mat) per angle; CSV; .npy, .npz or .mat, also a Verasonics "
-            "workspace; HDF5 of IPASC or zea; journal of a search.",
+            "workspace; HDF5 of IPASC or zea; sequence of PLUS (.igs.mha, .nrrd); journal of a search.",
             metavar="FROM",
         ),
     ],
@@ -59,6 +68,8 @@ def import_bank(
         str | None,
         typer.Option(help="Order of the axes of its frames.", show_default="angles,channels,samples"),
     ] = None,
+    angle_field: AngleField = None,
+    angle_transform: AngleTransform = None,
     sampling_mhz: Annotated[
         float | None, typer.Option(help="Sampling frequency, where the recording does not hold it; usually 40.")
     ] = None,
@@ -71,7 +82,7 @@ def import_bank(
     as_json: AsJson = False,
 ) -> None:
     """Convert a recording into a bank, with the intensity of each frame."""
-    from markerseek.records.banks import FrameBank
+    from markerseek.records.banks import FrameBank, read_sequence
     from markerseek.records.banks.ipasc import require_new_bank, whole_bank
 
     given: dict[str, Any] = {
@@ -84,16 +95,21 @@ def import_bank(
     if reference_deg is not None and not -360 <= reference_deg <= 360:
         raise ConfigError(f"--reference-deg is {reference_deg:g} deg, it must lie within one turn")
     require_new_bank(to)
-    blanked = rigs.blanked_samples(probe)
-    bank = _read(
-        source,
-        table.format(),
-        first_deg=first_deg,
-        step_deg=step_deg,
-        first_frame=first_frame,
-        axes=axes,
-        blanked=blanked,
-    )
+    require_sequence(source, angle_field=angle_field, angle_transform=angle_transform)
+    if angle_field is not None or angle_transform is not None:
+        bank: IntensityBank | FrameBank = read_sequence(
+            source, angle_field=angle_field, angle_transform=angle_transform
+        )
+    else:
+        bank = _read(
+            source,
+            table.format(),
+            first_deg=first_deg,
+            step_deg=step_deg,
+            first_frame=first_frame,
+            axes=axes,
+            blanked=rigs.blanked_samples(probe),
+        )
     require_frames(bank, source, probe=probe)
     held_hz = bank.facts.sampling_hz
     # A contradiction is an error, because a wrong rate scales every depth.
@@ -172,11 +188,10 @@ def _read(
 EXPORT_EXAMPLES = (
     "Examples:\n\n"
     "  markerseek bank export scan.hdf5 scan.igs.mha\n\n"
-    "  markerseek bank export scan.hdf5 scan.mcap\n\n"
     "  markerseek bank export scan.hdf5 scan.zea.hdf5\n\n"
     "  markerseek bank export scan.hdf5 scan.csv"
 )
-SUFFIXES = (".igs.mha", ".mcap", ".zea.hdf5", ".csv")
+SUFFIXES = (".igs.mha", ".zea.hdf5", ".csv")
 
 Item = TypeVar("Item")
 
@@ -184,7 +199,7 @@ Item = TypeVar("Item")
 @with_values
 def export_bank(
     source: Annotated[Path, typer.Argument(help="Bank: IPASC HDF5, folder of frames, or CSV.", metavar="FROM")],
-    to: Annotated[Path, typer.Argument(help="New file: .igs.mha, .mcap, .zea.hdf5 or .csv.", metavar="TO")],
+    to: Annotated[Path, typer.Argument(help="New file: .igs.mha, .zea.hdf5 or .csv.", metavar="TO")],
     table: TableOptions,
     probe: ProbeName = None,
     face_radius_mm: Annotated[
@@ -204,7 +219,7 @@ def export_bank(
     if face_radius_mm is not None and not 0 <= face_radius_mm < 1000:
         raise ConfigError(f"--face-radius-mm is {face_radius_mm:g}, it must lie between 0 and 1000 mm")
     if face_radius_mm is not None and kind == ".csv":
-        raise ConfigError(f"--face-radius-mm is for .igs.mha and .mcap, and {to} has no place for it; leave it out")
+        raise ConfigError(f"--face-radius-mm is for .igs.mha and .zea.hdf5, and {to} has no place for it; leave it out")
     bank = rigs.read_recording(source, table.format(), probe=probe)
     require_new(to)
     require_frames(bank, source, probe=probe, face_radius_mm=face_radius_mm)
@@ -215,38 +230,18 @@ def export_bank(
         write_intensities(
             to, angles_deg=bank.angles_deg, intensities=runs.bank_curve(bank, probe=probe).intensity.tolist()
         )
-    elif kind == ".mcap":
-        _write_log(to, bank, probe=probe, face_radius_mm=face_radius_mm)
     elif not isinstance(bank, FrameBank):
-        raise ConfigError(f"{source}: it holds intensities and no frames; export it as .mcap or .csv")
+        raise ConfigError(f"{source}: it holds intensities and no frames; export it as .csv")
     elif kind == ".zea.hdf5":
         _write_channels(to, bank, probe=probe, face_radius_mm=face_radius_mm)
     else:
         _write_sequence(to, bank, probe=probe, face_radius_mm=face_radius_mm)
     count = len(bank.angles_deg)
     report = Report(
-        values=with_version(
-            path=str(to), angles=count, images=isinstance(bank, FrameBank) and kind in (".igs.mha", ".mcap")
-        ),
+        values=with_version(path=str(to), angles=count, images=kind == ".igs.mha"),
         shown=[f"{count} angles in {escape(str(to))}"],
     )
     Output(as_json=as_json).show(report)
-
-
-def _write_log(to: Path, bank: IntensityBank | FrameBank, *, probe: str | None, face_radius_mm: float | None) -> None:
-    from markerseek.records.banks import FrameBank
-    from markerseek.records.exports import series_of, write_mcap
-
-    intensities = runs.bank_curve(bank, probe=probe).intensity.tolist()
-    series = series_of(bank, facts=_facts(bank, probe, face_radius_mm), intensities=tuple(intensities))
-    if not isinstance(bank, FrameBank):
-        write_mcap(to, None, series=series)
-        return
-    # One scale for all images, so that their brightness can be compared between angles.
-    strongest = runs.bank_image(bank, intensities.index(max(intensities)), probe=probe)
-    images = _with_progress(runs.bank_images(bank, probe=probe, order=series.order), len(series.order))
-    # An image of zeros is black with any scale.
-    write_mcap(to, images, series=series, brightest=float(strongest.envelope.max()) or 1.0)
 
 
 def _write_sequence(to: Path, bank: FrameBank, *, probe: str | None, face_radius_mm: float | None) -> None:

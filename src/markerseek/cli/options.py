@@ -180,6 +180,36 @@ def tolerance_of(mm: float | None, deg: float | None) -> Tolerance:
     return Tolerance(mm=usual.mm if mm is None else mm, deg=usual.deg if deg is None else deg)
 
 
+AngleField: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Field of a sequence (.igs.mha, .nrrd) with the angle of each frame in degrees.",
+        show_default="ProbeRotation, trus_angle_deg or angle_deg",
+    ),
+]
+AngleTransform: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Transform of a sequence that turns with the probe.",
+        show_default="without such a field ProbeToProbeHome, ProbeHomeToProbe or ProbeToStepperHome",
+    ),
+]
+
+
+def require_sequence(path: Path, *, angle_field: str | None, angle_transform: str | None) -> None:
+    """Refuse the options of a sequence's angles for another file, and both at once."""
+    from markerseek.records.banks import is_sequence
+
+    given = [f"--angle-field {angle_field}"] * (angle_field is not None)
+    given += [f"--angle-transform {angle_transform}"] * (angle_transform is not None)
+    if len(given) > 1:
+        raise ConfigError(f"{' and '.join(given)}: both name the angles; give one of them")
+    if given and not is_sequence(path):
+        raise ConfigError(f"{given[0]}: {path} is no sequence (.mha, .mhd, .nrrd, .nhdr); leave the option out")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableOptions:
     """Options of a table of angles and intensities; see `markerseek.records.banks.TableFormat`."""

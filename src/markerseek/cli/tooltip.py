@@ -16,7 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import vision
-from markerseek.cli.options import AsJson, Out
+from markerseek.cli.options import AngleField, AngleTransform, AsJson, Out, require_sequence
 from markerseek.cli.report import Output, Report, drawn, table, with_version
 from markerseek.core import ConfigError, RecordError, require_range
 from markerseek.files import DECIMAL_COMMA, MIB, angle_in, csv_rows, is_number
@@ -31,7 +31,8 @@ EXAMPLES = (
     "Examples:\n\n"
     "  markerseek tooltip scan --step-deg 1 --plot\n\n"
     "  markerseek tooltip scan --angles angles.csv --roi 120,80,60,70 --json\n\n"
-    "  markerseek tooltip scan.b8 --pixel-mm 0.12"
+    "  markerseek tooltip scan.b8 --pixel-mm 0.12\n\n"
+    "  markerseek tooltip scan.igs.mha --angle-field ProbeRotation"
 )
 
 _PIXEL_MM = 0.1
@@ -40,7 +41,11 @@ _PIXEL_MM = 0.1
 
 def command(
     images: Annotated[
-        Path, typer.Argument(help="A folder of B-mode images (.png, .dcm, .b8), or a .dcm or .b8 of several frames.")
+        Path,
+        typer.Argument(
+            help="A folder of B-mode images (.png, .dcm, .b8), a .dcm or .b8 of several frames, or a sequence of PLUS "
+            "(.igs.mha, .nrrd) with its angles."
+        ),
     ],
     angles: Annotated[
         Path | None,
@@ -54,6 +59,8 @@ def command(
         ),
     ] = None,
     first_deg: Annotated[float | None, typer.Option(help="Angle of the first image.", show_default="0")] = None,
+    angle_field: AngleField = None,
+    angle_transform: AngleTransform = None,
     roi: Annotated[
         str | None,
         typer.Option(help="Rectangle around the tip where it is brightest, in pixels: row,column,rows,columns."),
@@ -68,8 +75,8 @@ def command(
     """Find the tip of an instrument in B-mode images, and the range of angles in which it is seen."""
     import numpy as np
 
-    from markerseek.records import read_images
-    from markerseek.records.banks import unwrapped
+    from markerseek.records import read_image_sequence, read_images
+    from markerseek.records.banks import is_sequence, unwrapped
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     rectangle = None if roi is None else _rectangle(roi)
@@ -77,15 +84,19 @@ def command(
         require_range("--pixel-mm", pixel_mm, low=1e-3, high=10, unit="mm")
     if angles is not None and (step_deg, first_deg) != (None, None):
         raise ConfigError(f"--angles {angles} names each angle; leave --step-deg and --first-deg out")
-    series = read_images(
-        images,
-        roi=None if rectangle is None else (rectangle.row, rectangle.column, rectangle.rows, rectangle.columns),
-        pixel_m=None if pixel_mm is None else (pixel_mm / 1e3, pixel_mm / 1e3),
-    )
-    if angles is None:
-        angles_deg = _named_angles(series.names, first_deg, step_deg)
+    require_sequence(images, angle_field=angle_field, angle_transform=angle_transform)
+    pixel_m = None if pixel_mm is None else (pixel_mm / 1e3, pixel_mm / 1e3)
+    if is_sequence(images) and (angles, step_deg, first_deg) == (None, None, None):
+        series = read_image_sequence(images, angle_field=angle_field, angle_transform=angle_transform, pixel_m=pixel_m)
+    elif angle_field is not None or angle_transform is not None:
+        raise ConfigError("--angle-field and --angle-transform name the angles; leave --angles and --step-deg out")
     else:
+        part = None if rectangle is None else (rectangle.row, rectangle.column, rectangle.rows, rectangle.columns)
+        series = read_images(images, roi=part, pixel_m=pixel_m)
+    if angles is not None:
         angles_deg = unwrapped(angles, np.array(_angles(angles, series))).tolist()
+    else:
+        angles_deg = list(series.angles_deg) or _named_angles(series.names, first_deg, step_deg)
     size_m, source = _pixel_size(series, pixel_mm)
     measured = vision.sensitive_range(angles_deg, series.images, pixel_m=size_m, rectangle=rectangle)
     names = dict(zip(angles_deg, series.names, strict=True))

@@ -1,4 +1,4 @@
-from .images import ImageSeries, read_camera_images, read_images
+from .images import ImageSeries, read_camera_images, read_image_sequence, read_images
 from .replay import ReplayLaser, ReplayReceiver, ReplayStage
 from .result import Answer, Recorder, ReplayedSearch, SampleRow, SearchResult, answer_name, answer_reason
 
@@ -15,5 +15,6 @@ __all__ = [
     "answer_name",
     "answer_reason",
     "read_camera_images",
+    "read_image_sequence",
     "read_images",
 ]

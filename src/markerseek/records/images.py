@@ -1,8 +1,9 @@
-"""Reads series of B-mode images: a folder of PNG, DICOM or Ultrasonix ``.b8``, or one file with several frames."""
+"""Reads series of B-mode images: a folder of PNG, DICOM or Ultrasonix ``.b8``, a file with several, or a sequence."""
 
 from __future__ import annotations
 
 import importlib.util
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 from markerseek.core import MissingExtraError, RecordError, UInt8
 from markerseek.files import MIB, as_read_error, in_natural_order, require_input
 from markerseek.records.banks import open_ultrasonix
+from markerseek.records.banks.sequence import SEQUENCE_SUFFIXES, angles_of, is_sequence, open_sequence
 from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_images import read_camera_png, read_dicom, read_png
 
@@ -34,6 +36,8 @@ class ImageSeries:
     """Grey values of 8 bits, each."""
     pixel_m: tuple[float, float] | None
     """Height and width of a pixel; None where the files do not say."""
+    angles_deg: tuple[float, ...] = ()
+    """Angle of each, of a sequence; empty where they are not asked for, or the files do not say."""
 
 
 def read_images(
@@ -44,6 +48,8 @@ def read_images(
     ``roi``: row, column, rows and columns of a rectangle in the region whose scale is asked for. ``pixel_m``: height
     and width of a pixel, where a person states them; None: as the files say.
     """
+    if is_sequence(path):
+        return read_image_sequence(path, angles=False, pixel_m=pixel_m)
     files = _files(path)
     names: list[str] = []
     found: list[np.ndarray] = []
@@ -66,6 +72,47 @@ def read_images(
             f"{path}: a pixel of {one.name} is {_size(first)}, of {other.name} {_size(second)}; keep to one scan"
         )
     return ImageSeries(names=tuple(names), images=_as_8_bits(path, found), pixel_m=next(iter(sizes)))
+
+
+def read_image_sequence(
+    path: Path,
+    *,
+    angles: bool = True,
+    angle_field: str | None = None,
+    angle_transform: str | None = None,
+    pixel_m: tuple[float, float] | None = None,
+) -> ImageSeries:
+    """B-mode images of a sequence, the first at each angle; a warning names those that are left out.
+
+    ``angles``: whether an angle is needed; otherwise all valid images. ``angle_field``, ``angle_transform``: as of
+    `markerseek.records.banks.sequence.angles_of`. ``pixel_m``: as of `read_images`.
+    """
+    sequence = open_sequence(path)
+    count, (rows, columns, _) = len(sequence.frame_fields), sequence.shape
+    if sequence.kind != "BRIGHTNESS":
+        raise RecordError(f"{path}: it holds {sequence.kind} and no B-mode images; see 'markerseek bank info'")
+    if count > MAX_IMAGES or count * rows * columns > _MAX_PIXELS:
+        raise RecordError(
+            f"{path}: {count} images of {columns} × {rows}, at most {MAX_IMAGES} images or {_MAX_PIXELS} pixels are "
+            "read; give the images of one scan"
+        )
+    placed = angles_of(sequence, angle_field=angle_field, angle_transform=angle_transform) if angles else {}
+    firsts = {angle_deg: number for number, angle_deg in reversed(placed.items())}
+    if len(firsts) < len(placed):
+        warnings.warn(
+            f"{path}: {len(placed) - len(firsts)} images repeat an angle; the first at each angle is taken",
+            stacklevel=2,
+        )
+    numbers = set(firsts.values()) if angles else set(filter(sequence.valid_image, range(count)))
+    found = {number: image for number, image in enumerate(sequence.frames()) if number in numbers}
+    if not found:
+        raise RecordError(f"{path}: none of its {count} frames has a valid image; record it again")
+    return ImageSeries(
+        names=tuple(f"{path.name}, Seq_Frame{number:04d}" for number in found),
+        images=_as_8_bits(path, list(found.values())),
+        pixel_m=sequence.pixel_m if pixel_m is None else pixel_m,
+        angles_deg=tuple(placed[number] for number in found) if angles else (),
+    )
 
 
 def read_camera_images(folder: Path) -> list[UInt8[np.ndarray, "rows columns"]]:
@@ -108,7 +155,8 @@ def _frames(
         file = open_ultrasonix(path)
         return np.stack([file.b_mode(n) for n in range(min(file.header.frames, MAX_IMAGES + 1))]), pixel_m
     if suffix not in IMAGE_SUFFIXES:
-        raise RecordError(f"{path}: {', '.join(IMAGE_SUFFIXES)} are read; export the images as one of these")
+        read = ", ".join((*IMAGE_SUFFIXES, *SEQUENCE_SUFFIXES))
+        raise RecordError(f"{path}: {read} are read; export the images as one of these")
     module, package = ("cv2", "opencv-python-headless") if suffix == ".png" else ("pydicom", "pydicom")
     if importlib.util.find_spec(module) is None:
         raise MissingExtraError(package=package, extra="vision", purpose=f"{path}: it")

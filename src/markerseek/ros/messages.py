@@ -1,7 +1,4 @@
-"""ROS 2 messages of a rig and of one acquisition, for running nodes and for logs.
-
-The classes are passed in: those of rosbags for a log, those of rclpy for a node (`markerseek.ros.node.Kinds`).
-"""
+"""ROS 2 messages of a rig and of one acquisition; the classes are passed in (`markerseek.ros.node.Kinds`)."""
 
 from __future__ import annotations
 
@@ -114,7 +111,7 @@ def sample(
     pulses: int | None,
     images: Mapping[str, ScanGeometry],
 ) -> dict[str, Any]:
-    """One acquisition for programs, on a running node and in a log."""
+    """One acquisition for programs."""
     return {
         "index": index,
         "role": role,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from markerseek.core import AcquisitionError, PaImage, Reading, RecordError, Sample
+from markerseek.core import NO_HEADER, AcquisitionError, PaImage, Reading, ReadingFrame, RecordError, Sample
 from markerseek.records.banks import BankFacts, FrameBank, IntensityBank
 from markerseek.rigs import preset_of, probe_facts
 from markerseek.search import Curve, curve_of
@@ -36,8 +37,11 @@ def bank_samples(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | 
     ``probe``: if given, the intensities are computed again.
     """
     if isinstance(bank, IntensityBank):
-        for angle_deg, intensity in zip(bank.angles_deg, bank.intensities, strict=True):
-            yield Sample(angle_deg=angle_deg, reading=Reading(intensity=intensity))
+        times_s = bank.started_s or (math.nan,) * len(bank.angles_deg)
+        for angle_deg, intensity, time_s in zip(bank.angles_deg, bank.intensities, times_s, strict=True):
+            header = replace(NO_HEADER, commanded_deg=angle_deg, started_s=time_s, ended_s=time_s)
+            row = ReadingFrame(header=header, intensity=intensity)
+            yield Sample(angle_deg=angle_deg, reading=Reading(intensity=intensity), frame=row)
         return
     known = bank.intensities if intensities_stored(bank, probe=probe) else ()
     imaging = None if known else ImageReader(preset_of(bank, probe))

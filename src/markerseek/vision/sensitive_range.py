@@ -78,7 +78,14 @@ def sensitive_range(
     start = int(np.argmax([top for _, top in blobs]))
     first = rectangle or blobs[start][0]
     tips: dict[int, Tip] = {start: find_tip(images[order[start]], first, pixel_m=pixel_m)}
-    if not tips[start].visible:
+    # A wall or bone that the image shows in part can be brighter than any tip; what a person names is taken.
+    cut_off = rectangle is None and tips[start].cut_off
+    if cut_off or not tips[start].visible:
+        reason = (
+            "the region reaches the edge of the image; name a rectangle around the tip"
+            if cut_off
+            else tips[start].reason
+        )
         return SensitiveRange(
             frames=tuple(TipFrame(angle_deg=angle, tip=tips.get(k)) for k, angle in enumerate(angles)),
             reference_deg=None,
@@ -86,7 +93,7 @@ def sensitive_range(
             above_deg=None,
             open_below=False,
             open_above=False,
-            remark=f"no tip in the brightest image, at {angles[start]:g} deg: {tips[start].reason}",
+            remark=f"no tip in the brightest image, at {angles[start]:g} deg: {reason}",
         )
     for side in (range(start + 1, len(order)), range(start - 1, -1, -1)):
         tips |= _followed(images, order, side, tips[start], first, pixel_m)

@@ -66,6 +66,8 @@ class Tip:
     """Other bright regions in the rectangle."""
     rectangle: Rectangle
     """Where it was looked for."""
+    cut_off: bool = False
+    """Whether its region reaches the edge of the image, so that its centroid is that of a part."""
 
     @property
     def level(self) -> float:
@@ -147,6 +149,8 @@ def find_tip(image: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle, *, 
     rivals = int(np.sum((sums >= RIVAL_SHARE * sums.max()) & (boxes[1:, cv2.CC_STAT_AREA] >= MIN_PX))) - 1
     column, row = float(centroids[best][0]) + around.column, float(centroids[best][1]) + around.row
     upper, height = int(boxes[best][cv2.CC_STAT_TOP]) + around.row, int(boxes[best][cv2.CC_STAT_HEIGHT])
+    left, width = int(boxes[best][cv2.CC_STAT_LEFT]) + around.column, int(boxes[best][cv2.CC_STAT_WIDTH])
+    inside = min(upper, left) > 0 and upper + height < image.shape[0] and left + width < image.shape[1]
     area = int(boxes[best][cv2.CC_STAT_AREA])
     mean, deviation = _tissue(image, rectangle, around, upper, height)
     intensity = float(image[round(row), round(column)])
@@ -168,6 +172,7 @@ def find_tip(image: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle, *, 
         tissue_sd=deviation,
         rivals=max(0, rivals),
         rectangle=rectangle,
+        cut_off=not inside,
     )
 
 

@@ -146,6 +146,17 @@ def test_of_two_tips_the_larger_is_taken_and_the_other_is_named():
     assert alone.remark == ""
 
 
+@pytest.mark.parametrize("edge", [(80.0, 0.0), (80.0, 199.0), (159.0, 100.0), (0.0, 100.0)])
+def test_a_bright_wall_that_reaches_the_edge_is_no_tip_unless_a_person_names_it(edge):
+    images = [drawn(np.random.default_rng(k), (*edge, 14.0, 190.0 + k)) for k in range(3)]
+    walls = sensitive_range((0.0, 1.0, 2.0), images, pixel_m=PIXEL_M)
+    assert walls.reference_deg is None
+    assert "reaches the edge of the image; name a rectangle around the tip" in walls.remark
+    row, column = (int(max(0, each - 30)) for each in edge)
+    named = Rectangle(row=row, column=column, rows=60, columns=60)
+    assert sensitive_range((0.0, 1.0, 2.0), images, pixel_m=PIXEL_M, rectangle=named).reference_deg == 2.0
+
+
 def test_an_even_image_and_one_of_two_grey_values_have_no_tip():
     rectangle = Rectangle(row=40, column=40, rows=30, columns=30)
     for image in (np.zeros((120, 120), np.uint8), np.full((120, 120), 255, np.uint8)):

@@ -1,4 +1,4 @@
-"""Banks, that is scans of many angles: IPASC HDF5, a folder of frames, arrays of NumPy or MATLAB, or a CSV table.
+"""Banks, that is scans of many angles: IPASC HDF5, a folder of frames, arrays, a sequence of PLUS, or a CSV table.
 
 `read_bank` reads a bank, `read_arrays` arrays that can be made one, `load_frame` and `open_ultrasonix` single frames.
 Foreign files are read in a child process (`markerseek.records.sandbox`).
@@ -19,6 +19,7 @@ from markerseek.records.banks.bank import (
 from markerseek.records.banks.frames import MAT_PROBE, FolderBank, load_frame
 from markerseek.records.banks.ipasc import IpascBank, require_new_bank, whole_bank
 from markerseek.records.banks.reading import frame_faults, has_checksums, read_bank, require_whole
+from markerseek.records.banks.sequence import is_sequence, read_sequence
 from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, write_bank
 from markerseek.records.banks.ultrasonix import ULTRASONIX_SUFFIXES, UltrasonixFile, open_ultrasonix
 from markerseek.records.untrusted_arrays import ARRAY_SUFFIXES
@@ -42,10 +43,12 @@ __all__ = [
     "UltrasonixFile",
     "frame_faults",
     "has_checksums",
+    "is_sequence",
     "load_frame",
     "open_ultrasonix",
     "read_arrays",
     "read_bank",
+    "read_sequence",
     "record_of",
     "require_angles",
     "require_new_bank",

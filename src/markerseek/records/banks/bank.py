@@ -58,7 +58,7 @@ class BankFacts:
     reference_angle_deg: float | None = None
     """Angle of the marker known from another measurement."""
     clock_zero_unix_s: float | None = None
-    """When the clock of `FrameBank.started_s` read 0, in seconds since 1970."""
+    """When the clock of `Bank.started_s` read 0, in seconds since 1970."""
     simulated: bool | None = None
     """Whether the data were simulated."""
     configuration: str | None = None
@@ -78,6 +78,9 @@ class Bank:
     facts: BankFacts = field(default_factory=BankFacts)
     intensities: tuple[float, ...] = field(repr=False, default=())
     """Peak of the photoacoustic image at each angle, NaN where it is not known; empty where none is."""
+    started_s: tuple[float, ...] = field(repr=False, default=())
+    """When the acquisition at each angle began, in seconds on a clock that read 0 at `BankFacts.clock_zero_unix_s`; NaN
+    where it is not known, empty where none is."""
 
     def to_xarray(self) -> xr.Dataset:
         """The bank as a data set of xarray: ``intensity`` over ``angle_deg`` where it is known, and the facts.
@@ -133,9 +136,6 @@ class FrameBank(Bank, ABC):
 
     dark_frames: int = 0
     """Number of frames that were taken without laser."""
-    started_s: tuple[float, ...] = field(repr=False, default=())
-    """When the acquisition at each angle began, in seconds on a clock that read 0 at `BankFacts.clock_zero_unix_s`; NaN
-    where it is not known, empty where none is."""
     pulses: tuple[int, ...] = field(repr=False, default=())
     """Laser pulses averaged at each angle; empty where it is not known."""
 

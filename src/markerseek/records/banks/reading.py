@@ -11,6 +11,7 @@ from markerseek.records.banks.arrays import ArrayBank, bank_of_arrays
 from markerseek.records.banks.bank import HDF5_SUFFIXES, FrameBank, IntensityBank, record_of
 from markerseek.records.banks.frames import read_folder
 from markerseek.records.banks.ipasc.reading import IpascBank, read_probed, walk_bank
+from markerseek.records.banks.sequence import is_sequence, read_sequence
 from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, read_table
 from markerseek.records.banks.zea import zea_arrays
 from markerseek.records.journal import is_journal
@@ -24,14 +25,15 @@ _LARGEST_BYTES = 1 << 42
 def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT, *, blanked: int = 0) -> IntensityBank | FrameBank:
     """Bank at a path, its frames left on disk.
 
-    ``path``: an HDF5 file of IPASC or zea (``.hdf5``, ``.h5``); a CSV of ``angle_deg,intensity``; or a folder that
+    ``path``: an HDF5 file of IPASC or zea (``.hdf5``, ``.h5``); a sequence of PLUS (``.mha``,
+    ``.nrrd``); a CSV of ``angle_deg,intensity``; or a folder that
     holds for each angle a sub-folder of SonixDAQ files or a file of channel data (``.npy``, ``.mat``), named by its
     angle in degrees (``-12.5``, ``angle_-12.5deg``). ``table``: of a CSV. ``blanked``: samples from the trigger on that
     are not imaged (`ProbePreset.pickup_samples`), and do not count for the scale of data that are no counts.
     """
     with as_read_error(path):
         journal = path.is_file() and is_journal(path)
-        is_table = path.is_file() and not journal and path.suffix.lower() not in HDF5_SUFFIXES
+        is_table = path.is_file() and not (journal or is_sequence(path) or path.suffix.lower() in HDF5_SUFFIXES)
         if table != DEFAULT_FORMAT and path.exists() and not is_table:
             raise ConfigError(
                 f"{path}: it is no CSV, and columns, units and rows to be left out are of a CSV; leave them out"
@@ -49,6 +51,8 @@ def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT, *, blanked: int =
                 f"'markerseek journal replay {quoted(path)}', and its frames become a bank by "
                 f"'markerseek bank import {quoted(path)} frames.hdf5'"
             )
+        if is_sequence(path):
+            return read_sequence(path)
         if path.suffix.lower() not in HDF5_SUFFIXES:
             return read_table(path, table)
     return read_hdf5(path, blanked=blanked)

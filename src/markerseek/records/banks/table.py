@@ -133,9 +133,10 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
     values = np.array([cells[line] for line in kept], dtype=np.float64).reshape(-1, 2)
     read = amplitudes(values[:, 1], db=db, where=lambda index: f"{path}, line {kept[index]}")
     unit = unit_of(path, table.unit, angle_name, values[:, 0])
-    angles_deg, intensities = _averaged(path, unwrapped(path, in_degrees(values[:, 0], unit)), read)
-    require_angles(path, angles_deg)
-    return IntensityBank(angles_deg=tuple(angles_deg), intensities=tuple(intensities))
+    turned = unwrapped(path, in_degrees(values[:, 0], unit))
+    angles_deg, intensities = averaged(path, turned, read[:, None])
+    require_angles(path, angles_deg.tolist())
+    return IntensityBank(angles_deg=tuple(angles_deg.tolist()), intensities=tuple(intensities[:, 0].tolist()))
 
 
 def _columns(path: Path, rows: CsvRows, table: TableFormat) -> tuple[int, int]:
@@ -301,17 +302,18 @@ def unit_of(path: Path, unit: AngleUnit | None, column: str, angles: np.ndarray)
     return named or "deg"
 
 
-def _averaged(path: Path, angles_deg: np.ndarray, intensities: np.ndarray) -> tuple[list[float], list[float]]:
-    """Angles in rising order, each once, with the mean of its intensities."""
+def averaged(
+    path: Path, angles_deg: Float64[np.ndarray, " n"], values: Float64[np.ndarray, "n columns"]
+) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, "angles columns"]]:
+    """Angles in rising order, each once, with the mean of its rows, intensities first; a warning says it."""
     order = np.argsort(angles_deg, kind="stable")
-    angles_deg, intensities = angles_deg[order], intensities[order]
+    angles_deg, values = angles_deg[order], values[order]
     first = np.flatnonzero(np.diff(angles_deg, prepend=-np.inf) >= MIN_STEP_DEG)
     if first.size == angles_deg.size:
-        return angles_deg.tolist(), intensities.tolist()
+        return angles_deg, values
     counts = np.diff(first, append=angles_deg.size)
     warnings.warn(
         f"{path}: {int((counts > 1).sum())} angles appear more than once; the intensities of each are averaged",
         stacklevel=3,
     )
-    mean = np.add.reduceat(intensities, first) / counts
-    return angles_deg[first].tolist(), mean.tolist()
+    return angles_deg[first], np.add.reduceat(values, first, axis=0) / counts[:, None]

@@ -104,7 +104,7 @@ def one_for_each(path: Path, images: Iterator[PaImage], count: int) -> Iterator[
 
 def _times(bank: IntensityBank | FrameBank) -> tuple[tuple[float, ...], Clock]:
     count = len(bank.angles_deg)
-    started_s = bank.started_s if isinstance(bank, FrameBank) else ()
+    started_s = bank.started_s
     first_s = min(started_s, default=0.0)
     different = len({f"{each - first_s:g}" for each in started_s}) == len(started_s) == count
     if not different or not all(0 <= each < math.inf for each in started_s):

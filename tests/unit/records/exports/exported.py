@@ -6,8 +6,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 
 from markerseek.core import PaImage
 from markerseek.records.banks import BankFacts
@@ -35,17 +33,3 @@ def place_mm(number, column, row):
     """The position of a pixel by conventions.md: (ρ sin θ, y, ρ cos θ)."""
     radius_mm, angle = 10.0 + 1e3 * DEPTH[row], math.radians(ANGLES[number])
     return radius_mm * math.sin(angle), 1e3 * LATERAL[column], radius_mm * math.cos(angle)
-
-
-def messages(path):
-    """Topic, kind, time and message, in the order of the file."""
-    with path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        return [
-            (channel.topic, schema.name, message.log_time, each)
-            for schema, channel, message, each in reader.iter_decoded_messages(log_time_order=False)
-        ]
-
-
-def on_topic(decoded, topic):
-    return [each for name, _, _, each in decoded if name == topic]

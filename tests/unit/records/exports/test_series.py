@@ -10,8 +10,8 @@ import SimpleITK as sitk  # noqa: N813 - the name that its users give it
 
 from markerseek.core import ConfigError, PaImage, RecordError
 from markerseek.records.banks import FrameBank, read_bank
-from markerseek.records.exports import series_of, write_intensities, write_mcap, write_sequence
-from tests.unit.records.exports.exported import ANGLES, DEPTH, FACTS, LATERAL, SERIES, images, messages, on_topic
+from markerseek.records.exports import series_of, write_intensities, write_sequence
+from tests.unit.records.exports.exported import ANGLES, DEPTH, FACTS, LATERAL, SERIES, images
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,17 +40,10 @@ def test_where_the_clock_began_gives_the_time_of_day(tmp_path):
     series = series_of(frames((30.5, 10.0, 20.0), facts=replace(FACTS, clock_zero_unix_s=1.7e9)))
     assert (series.times_s, series.clock) == ((1.7e9 + 10, 1.7e9 + 20, 1.7e9 + 30.5), "unix")
     write_sequence(tmp_path / "a.igs.mha", iter(images()), series=series)
-    write_mcap(tmp_path / "a.mcap", iter(images()), series=series, brightest=1.0)
     image = sitk.ReadImage(str(tmp_path / "a.igs.mha"))
     assert [float(image.GetMetaData(f"Seq_Frame{number:04d}_Timestamp")) for number in range(3)] == [0, 10, 20.5]
     assert float(image.GetMetaData("markerseek_first_time_s")) == 1.7e9 + 10
     assert image.GetMetaData("markerseek_times").startswith("seconds since 1970-01-01")
-    stamps = [each.header.stamp for each in on_topic(messages(tmp_path / "a.mcap"), "/TRUS/measured_js")]
-    assert [(each.sec, each.nanosec) for each in stamps] == [
-        (1_700_000_010, 0),
-        (1_700_000_020, 0),
-        (1_700_000_030, 500_000_000),
-    ]
 
 
 @pytest.mark.parametrize(
@@ -96,12 +89,8 @@ def test_nothing_is_left_of_an_export_that_fails(tmp_path):
         given = (images() * 2)[:count]
         with pytest.raises(RecordError, match=r"3 angles and (0|2|more) images"):
             write_sequence(tmp_path / "a.igs.mha", iter(given), series=SERIES)
-        with pytest.raises(RecordError, match=r"3 angles and (0|2|more) images"):
-            write_mcap(tmp_path / "a.mcap", iter(given), series=SERIES, brightest=1.0)
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "file").write_text("")
     for place in ("file", "file/inside"):
         with pytest.raises(RecordError, match=r"there is a file already|cannot be written"):
             write_sequence(tmp_path / place, iter(images()), series=SERIES)
-        with pytest.raises(RecordError, match=r"there is a file already|cannot be written"):
-            write_mcap(tmp_path / place, iter(images()), series=SERIES, brightest=1.0)

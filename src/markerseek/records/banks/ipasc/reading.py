@@ -119,7 +119,10 @@ def _bank_of(path: Path, file: UntrustedHdf5, blanked: int) -> IntensityBank | I
         if not all(map(math.isfinite, columns.intensities)):
             raise RecordError(f"{path}: it holds neither frames nor an intensity for each angle")
         facts = read_facts(file, ours=ours, pitch_m=None)
-        return IntensityBank(angles_deg=columns.angles_deg, intensities=columns.intensities, facts=facts)
+        started_s = columns.started_s if any(map(math.isfinite, columns.started_s)) else ()
+        return IntensityBank(
+            angles_deg=columns.angles_deg, intensities=columns.intensities, started_s=started_s, facts=facts
+        )
     array = element_row(path, file, elements=frames[0])
     return IpascBank(
         angles_deg=columns.angles_deg,
