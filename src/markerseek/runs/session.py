@@ -6,6 +6,7 @@ import sys
 from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, cast
 
 from markerseek.core import (
     MAX_ACQUISITIONS,
@@ -25,6 +26,9 @@ from markerseek.runs.rebuild import rebuild_policy
 from markerseek.runs.resume import resumed
 from markerseek.scan import run
 from markerseek.search import build, build_sweeping, method_named, most_acquisitions
+
+if TYPE_CHECKING:
+    from markerseek.search.posterior import Posterior
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -183,9 +187,8 @@ def answer_from_all(rig: Rig, plan: PolicyPlan) -> Estimate | None:
         return None
     asked = plan if plan.method == "posterior" else PolicyPlan(method="posterior", tolerance=plan.tolerance)
     asked = replace(asked, acquisitions=len(rig.angles_deg), early_end=False, angles_deg=rig.angles_deg)
-    policy = build(asked, limits=rig.limits.search)
+    policy = cast("Posterior", build(asked, limits=rig.limits.search))
     for _ in range(rig.dark_frames):
         policy.tell(rig.scanner.measure_dark())
-    while (angle_deg := policy.ask()) is not None:
-        policy.tell(rig.scanner.measure(angle_deg))
+    policy.tell_all([rig.scanner.measure(angle_deg) for angle_deg in rig.angles_deg])
     return policy.estimate()

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from markerseek.core import Interval, MarkerCurve, OtherSource, Sample
+from markerseek.core import MAX_ARRIVALS, Interval, MarkerCurve, OtherSource, Sample
 from markerseek.search.evidence import FLAT_SHARE, why_not_detected
 from markerseek.search.floor import SearchNoise, noise_factor
 from markerseek.search.posterior.angle_posterior import AnglePosterior
@@ -17,15 +17,23 @@ from markerseek.search.posterior.humps import dip_deg
 from markerseek.search.posterior.inference import Inference
 from markerseek.search.posterior.shapes import Shapes
 from markerseek.search.posterior.sources import Source, as_upper_limit, samples_at, sources_of
+from markerseek.search.tolerance import KNOWN_SIGMA_DEG
 
-MAX_OTHERS = 3
-"""Most sources beside the loudest that get a posterior of their own, the strongest first."""
+MAX_OTHERS = MAX_ARRIVALS - 1
+"""Most sources beside the loudest that get a posterior of their own, the strongest first: as many as a frame lists."""
 
 RIVAL_DB = 6.0
 """A source that is weaker by no more than this may be the marker as well, in dB."""
 
+MEASURED_SHARE = 0.5
+"""Distance of a sample from a source, over the full width of its curve, up to which the source has been measured: there
+the curve has half of its height."""
+
 BESIDE_DEG = 1.0
 """Distance at which the narrowest curve still has half of its height, in degrees."""
+
+KNOWN_LOG_SIGMA = 0.25
+"""Standard deviation of ln A from which the loudness of a source is known, 2 dB: a third of `RIVAL_DB`."""
 
 LOUDER_SIGMAS = 2.0
 """Standard deviations of the ratio of two loudnesses by which one must exceed the other to be the louder."""
@@ -66,6 +74,16 @@ class Candidate:
     posterior: AnglePosterior
     seen: int
     """Number of samples in which it exceeds the noise."""
+    measured: bool
+    """Whether a sample was taken at its angle, or at the end of the range beyond which it lies."""
+    beyond: bool = False
+    """Whether it lies beyond an end of the range."""
+
+    @property
+    def known(self) -> bool:
+        """Whether it was measured at its angle, and so often that its angle and its loudness are known."""
+        vague = float(np.std(self.posterior.log_snr)) > KNOWN_LOG_SIGMA
+        return self.measured and not vague and self.posterior.centre_sigma_deg <= KNOWN_SIGMA_DEG
 
     @property
     def log_snr(self) -> float:
@@ -206,11 +224,11 @@ class Candidates:
         for group in groups:
             # A background that is the same at all angles may be louder than the marker.
             if why_not_detected([*group.samples, *group.bounds], dark=dark, noise=noise) is None:
-                return _candidate(group, None, self._first, noise, particles)
+                return self._candidate(group, None, self._first, noise, particles)
         # Before a source exceeds the noise, and where there are no positions, all samples count together.
         everything = SourceSamples(source=None, side="both", samples=lit)
         missing = why_not_detected(lit, dark=dark, noise=noise)
-        return _candidate(everything, missing, self._first, noise, particles)
+        return self._candidate(everything, missing, self._first, noise, particles)
 
     def others(
         self,
@@ -237,7 +255,7 @@ class Candidates:
             if missing is None and _seen(group.samples, noise) < 2:
                 missing = "it was seen in one acquisition only"
             # Of a new inference each: what an answer computes of the others must not change what comes later.
-            found.append(_candidate(group, missing, self._new(), noise, particles))
+            found.append(self._candidate(group, missing, self._new(), noise, particles))
             if len(found) == MAX_OTHERS:
                 break
         return found
@@ -263,18 +281,22 @@ class Candidates:
     def _new(self) -> Inference:
         return Inference(limits=self._limits, shapes=self._shapes, cues=self._cues, prior=self._prior)
 
-
-def _candidate(
-    group: SourceSamples, missing: str | None, inference: Inference, noise: SearchNoise, particles: int
-) -> Candidate:
-    return Candidate(
-        source=group.source,
-        side=group.side,
-        samples=group.samples,
-        missing=missing,
-        posterior=inference.posterior([*group.samples, *group.bounds], noise, particles=particles),
-        seen=_seen(group.samples, noise),
-    )
+    def _candidate(
+        self, group: SourceSamples, missing: str | None, inference: Inference, noise: SearchNoise, particles: int
+    ) -> Candidate:
+        posterior = inference.posterior(group.samples, noise, particles=particles, bounds=group.bounds)
+        here_deg = self._limits.nearest(posterior.mean_deg)
+        nearest_deg = min(abs(each.angle_deg - here_deg) for each in (*group.samples, *group.bounds))
+        return Candidate(
+            source=group.source,
+            side=group.side,
+            samples=group.samples,
+            missing=missing,
+            posterior=posterior,
+            seen=_seen(group.samples, noise),
+            beyond=here_deg != posterior.mean_deg,
+            measured=nearest_deg <= MEASURED_SHARE * posterior.fwhm_deg,
+        )
 
 
 def _strongest(at: Sequence[Sample]) -> float:
