@@ -276,8 +276,7 @@ def other_probability(state: SearchState, *, others: float) -> float:
     first, *seen = state.sources
     none = 1.0 - (others if state.survey is None else hidden_probability(state.survey, others=others))
     for each in seen:
-        if each.missing is None and each.apart_from(first):
-            none *= 1.0 - each.louder_probability(first)
+        none *= 1.0 - _louder_probability(each, first)
     if state.unresolved_rival is not None:
         # One of which too little is known is as loud as any other that nobody has seen.
         none *= 1.0 - max(others, state.unresolved_rival[0].louder_probability(first))
@@ -293,12 +292,23 @@ def _unmeasured(source: Candidate, modes: Sequence[float], measured_deg: Sequenc
     return f"the marker may be near {' or '.join(f'{each:.1f}' for each in left_deg)} deg, not measured so far; {more}"
 
 
+def _louder_probability(source: Candidate, first: Candidate) -> float:
+    """Probability that a source that was seen is the louder one of two, and another one at all."""
+    if source.missing is not None or not source.apart_from(first):
+        return 0.0
+    return source.louder_probability(first) if _may_be_as_loud(source, first, by_db=-RIVAL_DB) else 0.0
+
+
 def _other(state: SearchState, probability: float, *, more: str) -> str:
     """Why another source may be the marker, and what to do about it."""
     said = f"another source is the marker with a probability of {100 * probability:.2g} %"
     cure = more
     if state.unresolved_rival is not None:
         return f"{said}: one near {state.unresolved_rival[0].posterior.mean_deg:.0f} deg may be as loud; {cure}"
+    first, *seen = state.sources
+    louder = max(seen, key=lambda each: _louder_probability(each, first), default=first)
+    if _louder_probability(louder, first) > probability / 2:
+        return f"{said}: the one at {louder.posterior.mean_deg:.1f} deg may be the louder; {cure}"
     if state.survey is None:
         return f"{said}: the range has not been surveyed; {cure}"
     return (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -45,8 +45,8 @@ SUSPECT_SHARE = 0.05
 PLACE_SHARE = 0.01
 """Probability with which noise at the place of a source passes for it in one frame, when it is looked at again."""
 
-Side: TypeAlias = Literal["both", "low", "high"]
-"""Samples of one source: all at a place, or those on one side of a dip."""
+Side: TypeAlias = tuple[Literal["low", "high"], ...]
+"""Samples of one source: all at a place, or those on one side of each dip."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,7 +66,7 @@ class Candidate:
     source: Source | None
     """None where the samples have no positions: then all of them are of one source."""
     side: Side
-    """Which of two humps at that place it is, "both" where there is one."""
+    """Which of several humps at that place it is, empty where there is one."""
     samples: Sequence[Sample]
     """The samples with the laser on, as they are at its place."""
     missing: str | None
@@ -78,17 +78,20 @@ class Candidate:
     """Whether a sample was taken at its angle, or at the end of the range beyond which it lies."""
     beyond: bool = False
     """Whether it lies beyond an end of the range."""
+    log_most: float = math.inf
+    """Ln of the most that its intensity over σ can be by what was measured at its angle; infinite where nothing was."""
 
     @property
     def known(self) -> bool:
         """Whether it was measured at its angle, and so often that its angle and its loudness are known."""
         vague = float(np.std(self.posterior.log_snr)) > KNOWN_LOG_SIGMA
+        vague = vague or float(np.mean(self.posterior.log_snr)) > self.log_most
         return self.measured and not vague and self.posterior.centre_sigma_deg <= KNOWN_SIGMA_DEG
 
     @property
     def log_snr(self) -> float:
         """Ln of the intensity with the probe on it, over σ."""
-        return float(np.mean(self.posterior.log_snr))
+        return min(float(np.mean(self.posterior.log_snr)), self.log_most)
 
     @property
     def has_positions(self) -> bool:
@@ -200,11 +203,9 @@ class Candidates:
             for source in sources:
                 own, bounds = samples_at(lit, sources, source)
                 if not _is_burst(own, bounds, source, noise):
-                    groups += self._divided(
-                        SourceSamples(source=source, side="both", samples=own, bounds=bounds), noise
-                    )
+                    groups += self._divided(SourceSamples(source=source, side=(), samples=own, bounds=bounds), noise)
         if not groups:
-            groups = self._divided(SourceSamples(source=None, side="both", samples=lit), noise)
+            groups = self._divided(SourceSamples(source=None, side=(), samples=lit), noise)
         return sorted(groups, key=lambda group: -_strongest(group.samples))
 
     def first(
@@ -226,7 +227,7 @@ class Candidates:
             if why_not_detected([*group.samples, *group.bounds], dark=dark, noise=noise) is None:
                 return self._candidate(group, None, self._first, noise, particles)
         # Before a source exceeds the noise, and where there are no positions, all samples count together.
-        everything = SourceSamples(source=None, side="both", samples=lit)
+        everything = SourceSamples(source=None, side=(), samples=lit)
         missing = why_not_detected(lit, dark=dark, noise=noise)
         return self._candidate(everything, missing, self._first, noise, particles)
 
@@ -261,11 +262,9 @@ class Candidates:
         return found
 
     def _divided(self, group: SourceSamples, noise: SearchNoise) -> list[SourceSamples]:
-        """The group, or its two halves where a dip lies between two humps."""
-        if self._single:
-            return [group]
+        """The group, or its humps where dips lie between them."""
         sigma = noise.sigma or min(sample.reading.intensity for sample in group.samples) / 4
-        dip = dip_deg(group.samples, sigma=sigma, level=noise.level_or_zero)
+        dip = dip_deg(group.samples, sigma=sigma, level=noise.level_or_zero, deep=self._single)
         if dip is None:
             return [group]
         low = [sample for sample in group.samples if sample.angle_deg < dip]
@@ -273,9 +272,17 @@ class Candidates:
         middle = [as_upper_limit(sample) for sample in group.samples if sample.angle_deg == dip]
         # Beyond the dip a curve is no higher than what was measured of both.
         middle += group.bounds
+        halves: list[tuple[Literal["low", "high"], list[Sample], list[Sample]]] = [
+            ("low", low, high),
+            ("high", high, low),
+        ]
         return [
-            SourceSamples(source=group.source, side="low", samples=low, bounds=[*middle, *map(as_upper_limit, high)]),
-            SourceSamples(source=group.source, side="high", samples=high, bounds=[*middle, *map(as_upper_limit, low)]),
+            part
+            for side, own, other in halves
+            for part in self._divided(
+                replace(group, side=(*group.side, side), samples=own, bounds=[*middle, *map(as_upper_limit, other)]),
+                noise,
+            )
         ]
 
     def _new(self) -> Inference:
@@ -286,7 +293,9 @@ class Candidates:
     ) -> Candidate:
         posterior = inference.posterior(group.samples, noise, particles=particles, bounds=group.bounds)
         here_deg = self._limits.nearest(posterior.mean_deg)
-        nearest_deg = min(abs(each.angle_deg - here_deg) for each in (*group.samples, *group.bounds))
+        nearest = min((*group.samples, *group.bounds), key=lambda each: abs(each.angle_deg - here_deg))
+        measured = abs(nearest.angle_deg - here_deg) <= MEASURED_SHARE * posterior.fwhm_deg
+        beyond, height = here_deg != posterior.mean_deg, nearest.reading.intensity / posterior.sigma
         return Candidate(
             source=group.source,
             side=group.side,
@@ -294,8 +303,10 @@ class Candidates:
             missing=missing,
             posterior=posterior,
             seen=_seen(group.samples, noise),
-            beyond=here_deg != posterior.mean_deg,
-            measured=nearest_deg <= MEASURED_SHARE * posterior.fwhm_deg,
+            beyond=beyond,
+            measured=measured,
+            # There the curve has half of its height at least.
+            log_most=math.log(2 * height) if measured and not beyond and height > 0 else math.inf,
         )
 
 

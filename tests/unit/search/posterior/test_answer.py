@@ -48,7 +48,7 @@ def source(angle_deg, snr, *, log_sigma=0.02, samples=()):
     )
     at = [Sample(angle_deg=place, reading=Reading(intensity=height, noise_sigma=1.0)) for place, height in samples]
     return Candidate(
-        source=None, side="both", samples=at, missing=None, posterior=posterior, seen=len(at), measured=True
+        source=None, side=(), samples=at, missing=None, posterior=posterior, seen=len(at), measured=True
     )
 
 
