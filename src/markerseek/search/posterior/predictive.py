@@ -84,7 +84,7 @@ def discrepant_sample(
     """Return the sample that fits the curve of a source worst; None if the curve explains all samples.
 
     ``sigmas``: standard deviations of the prediction that are allowed. ``closed``: whether a second source as loud
-    has no room beside a sample: it may then be weaker, for a dip would show, and, where it is weak, stronger.
+    has no room beside a sample: then it may be weaker, for a dip would show, or stronger by what a weak one adds.
     """
     height, spread = _prediction(source.posterior, shapes, source.samples)
     measured = np.array([height_of(sample, source.posterior) for sample in source.samples])
@@ -94,11 +94,12 @@ def discrepant_sample(
     swept = sum(sample.sweep is not None for sample in source.samples)
     # Of the many samples of a sweep some are farther by chance: all together no more often than of so many at rest.
     allowed = float(ndtri(1 - (1 - ndtr(sigmas)) * min(1.0, USUAL_SAMPLES / max(swept, 1))))
-    weak = measured < height.max() * 10 ** (-RIVAL_DB / 20)
+    # What another source adds to the curve there, at most.
+    weak = measured - height < height.max() * 10 ** (-RIVAL_DB / 20)
     for k in np.argsort(-away).tolist():
         if away[k] <= allowed:
             break
-        if not ((weak[k] or measured[k] < height[k]) and closed(source.samples[k])):
+        if not (weak[k] and closed(source.samples[k])):
             return source.samples[k]
     return None
 
