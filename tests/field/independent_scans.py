@@ -59,19 +59,23 @@ def scan_of(seed: int, *, clutter: int | None = None) -> Scan:
     noise, peak = rng.uniform(0.7, 3.0), rng.uniform(800.0, 1900.0)
 
     element_m = (np.arange(ELEMENTS) - (ELEMENTS - 1) / 2) * PITCH_M
-    time_s = np.arange(SAMPLES) / SAMPLING_HZ
-    sound = np.zeros((ANGLES_DEG.size, ELEMENTS, SAMPLES))
+    # Twice as long as is kept, so that no pulse ends beyond it.
+    sound = np.zeros((ANGLES_DEG.size, ELEMENTS, 2 * SAMPLES))
     for k in range(count + 1):
         away = np.radians(ANGLES_DEG - angle_deg[k])
         from_axis_m = FACE_RADIUS_M + depth_m[k]
         in_plane_m2 = FACE_RADIUS_M**2 + from_axis_m**2 - 2 * FACE_RADIUS_M * from_axis_m * np.cos(away)
         range_m = np.sqrt(in_plane_m2[:, None] + (element_m - lateral_m[k]) ** 2)
         weight = height[k] * elevation(np.degrees(away), fwhm_deg=width_deg[k], lorentzian=bool(lorentzian[k]))
-        late_s = time_s - (range_m / SPEED_M_S)[:, :, None]
+        # The pulse is over some 7 standard deviations from its middle.
+        at = np.rint(range_m / SPEED_M_S * SAMPLING_HZ).astype(np.int64)[:, :, None] + np.arange(-40, 41)
+        late_s = at / SAMPLING_HZ - (range_m / SPEED_M_S)[:, :, None]
         pulse = np.cos(2 * np.pi * centre_hz * late_s) * np.exp(-0.5 * (late_s * centre_hz / (cycles / 2.355)) ** 2)
-        sound += (weight[:, None] * depth_m[k] / range_m)[:, :, None] * pulse
+        pulse *= (weight[:, None] * depth_m[k] / range_m)[:, :, None]
+        held = np.take_along_axis(sound, at, axis=2)
+        np.put_along_axis(sound, at, held + pulse, axis=2)
     # The marker alone fills the converter to its peak; energy of the laser and electronic noise are of each frame.
-    sound *= peak * rng.normal(1.0, 0.01, ANGLES_DEG.size)[:, None, None]
+    sound = sound[:, :, :SAMPLES] * peak * rng.normal(1.0, 0.01, ANGLES_DEG.size)[:, None, None]
     sound += noise * rng.normal(size=sound.shape)
     counts = np.clip(np.rint(sound), -FULL_SCALE - 1, FULL_SCALE).astype(np.int16)
     return Scan(marker_deg=float(marker_deg), clutter_deg=tuple(float(each) for each in angle_deg[1:]), frames=counts)

@@ -212,9 +212,10 @@ def answer_of(
         )
     at_rivals = (mean_deg, *(limits.nearest(each.posterior.mean_deg) for each in rivals))
     modes = at_rivals if rivals else modes_deg(posterior, limits=limits)
-    places = modes if len(modes) > 1 else (mean_deg,)
+    # A rival has been measured.
+    places = (mean_deg,) if rivals or len(modes) < 2 else modes
     unmeasured = _unmeasured(first, places, [sample.angle_deg for sample in lit], more=more)
-    if rivals or (len(modes) > 1 and others and unmeasured is None):
+    if unmeasured is None and (rivals or (len(modes) > 1 and others)):
         return Ambiguous(
             mean_deg=modes[0],
             modes_deg=modes,

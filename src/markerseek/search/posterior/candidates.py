@@ -264,7 +264,7 @@ class Candidates:
     def _divided(self, group: SourceSamples, noise: SearchNoise) -> list[SourceSamples]:
         """The group, or its humps where dips lie between them."""
         sigma = noise.sigma or min(sample.reading.intensity for sample in group.samples) / 4
-        dip = dip_deg(group.samples, sigma=sigma, level=noise.level_or_zero, deep=self._single)
+        dip = dip_deg(group.samples, sigma=sigma, level=noise.level_or_zero, single=self._single)
         if dip is None:
             return [group]
         low = [sample for sample in group.samples if sample.angle_deg < dip]

@@ -96,7 +96,7 @@ def discrepant_sample(
     allowed = float(ndtri(1 - (1 - ndtr(sigmas)) * min(1.0, USUAL_SAMPLES / max(swept, 1))))
     # What another source adds to the curve there, at most.
     weak = measured - height < height.max() * 10 ** (-RIVAL_DB / 20)
-    for k in np.argsort(-away).tolist():
+    for k in map(int, np.argsort(-away)):
         if away[k] <= allowed:
             break
         if not (weak[k] and closed(source.samples[k])):
