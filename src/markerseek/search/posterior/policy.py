@@ -386,7 +386,9 @@ class Posterior(SearchPolicy):
         # A confirmation changes the amplitude by a little; it does not begin the survey again.
         worth = 0.0 if self._confirmation_taken or self._range_swept else self._others * survey.gain
         if self._range_swept or self._asked >= SURVEY_UNTIL:
-            return probability > STATED or worth > max(WORTH, LATE_WORTH * probability)
+            # Frames show another source from afar, by its place; intensities only where it is the louder of the two.
+            gap = not self._analysis.state.sources[0].has_positions and worth > max(WORTH, LATE_WORTH * probability)
+            return probability > STATED or gap
         return probability > SURE or worth > WORTH
 
     def _another_look_deg(self, source: Candidate, hidden_deg: float | None) -> float:
