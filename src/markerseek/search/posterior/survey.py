@@ -43,7 +43,7 @@ WORTH = 0.00025
 """Least amount by which an acquisition must lower that probability to be made."""
 
 LATE_WORTH = 0.25
-"""The same of a file of intensities after `SURVEY_UNTIL`, over that probability: it is so much where one gap is left."""
+"""The same of a file of intensities after `SURVEY_UNTIL`, over that probability: so much is in one gap that is left."""
 
 HIDDEN_STEPS = (1, -2, 2, -9, 0, 4, -1, 9, -4, 1, 0, -1)
 """Steps of `WIDTHS_DEG`, by a tenth each, by which the curves of the hidden sources are wider than that of the one
