@@ -83,7 +83,7 @@ def _may_be_as_loud(source: Candidate, first: Candidate, *, by_db: float, sigmas
     """
     if source.beyond:
         seen = max(sample.reading.intensity for sample in source.samples) / source.posterior.sigma
-        return math.log(seen) - first.log_snr > by_db * math.log(10) / 20
+        return seen > math.exp(first.log_snr) * 10 ** (by_db / 20)
     return source.may_be_stronger_than(first, by_db=by_db, sigmas=sigmas)
 
 

@@ -293,9 +293,9 @@ class Candidates:
     ) -> Candidate:
         posterior = inference.posterior(group.samples, noise, particles=particles, bounds=group.bounds)
         here_deg = self._limits.nearest(posterior.mean_deg)
-        nearest = min((*group.samples, *group.bounds), key=lambda each: abs(each.angle_deg - here_deg))
-        measured = abs(nearest.angle_deg - here_deg) <= MEASURED_SHARE * posterior.fwhm_deg
-        beyond, height = here_deg != posterior.mean_deg, nearest.reading.intensity / posterior.sigma
+        near_deg, at = MEASURED_SHARE * posterior.fwhm_deg, (*group.samples, *group.bounds)
+        there = [each.reading.intensity for each in at if abs(each.angle_deg - here_deg) <= near_deg]
+        beyond, height = here_deg != posterior.mean_deg, max(there, default=0.0) / posterior.sigma
         return Candidate(
             source=group.source,
             side=group.side,
@@ -304,9 +304,9 @@ class Candidates:
             posterior=posterior,
             seen=_seen(group.samples, noise),
             beyond=beyond,
-            measured=measured,
+            measured=bool(there),
             # There the curve has half of its height at least.
-            log_most=math.log(2 * height) if measured and not beyond and height > 0 else math.inf,
+            log_most=math.log(2 * height) if height > 0 and not beyond else math.inf,
         )
 
 

@@ -396,6 +396,8 @@ class Posterior(SearchPolicy):
         loudest_deg = max(source.samples, key=lambda sample: sample.reading.intensity).angle_deg
         beside = sum(abs(angle_deg - loudest_deg) <= BESIDE_DEG for angle_deg in self._analysis.measured_deg)
         if beside > 1 or (source.source is not None and source.seen > 1):
+            if hidden_deg is None and not source.measured and source.posterior.centre_sigma_deg <= KNOWN_SIGMA_DEG:
+                return self._limits.nearest(source.posterior.mean_deg)
             return self._informative_deg(source) if hidden_deg is None else hidden_deg
         # Seen once it may be a burst: beside that angle it is seen again, or is none.
         inwards = 1 if loudest_deg < self._limits.centre_deg else -1
