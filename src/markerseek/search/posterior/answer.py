@@ -69,10 +69,10 @@ def ranked(sources: Sequence[Candidate]) -> list[Candidate]:
 def rivals_of(sources: Sequence[Candidate]) -> list[Candidate]:
     """Return the sources that may be the marker as well as the loudest: about as loud, and at another angle.
 
-    Only those that have been measured there: how loud another one is, is not known.
+    Only those of which that is known; another one is unresolved.
     """
     first, *others = sources
-    present = [each for each in others if each.missing is None and each.measured and each.apart_from(first)]
+    present = [each for each in others if each.missing is None and each.loudness_known and each.apart_from(first)]
     return [each for each in present if _may_be_as_loud(each, first, by_db=-RIVAL_DB, sigmas=RIVAL_SIGMAS)]
 
 
@@ -191,12 +191,13 @@ def answer_of(
     if first.missing is not None:
         reason = first.missing + missed_marker(lit, state.noise, limits)
         return NotFound(mean_deg=mean_deg, reason=reason, floor=floor)
-    beside = [each.as_other_source(first) for each in state.sources[1:] if each.missing is None and each.measured]
+    beside = [each.as_other_source(first) for each in state.sources[1:] if each.missing is None and each.loudness_known]
     further = tuple(sorted(beside, key=lambda each: -each.relative_db))
     surveyed = None if state.survey is None else state.survey.surveyed
     probability = other_probability(state, others=others)
-    # Of a single source the loudest is the marker.
-    rivals = rivals_of(state.sources) if others else []
+    # Of a single source the loudest is the marker; and one of which too little is known may be louder than all.
+    settled = first.loudness_known and (spent or state.unresolved_rival is None)
+    rivals = rivals_of(state.sources) if others and settled else []
     side = _side(posterior, limits)
     # How loud a source beyond an end is cannot be measured: one inside may as well be the marker.
     if side is not None and not rivals:

@@ -82,11 +82,16 @@ class Candidate:
     """Ln of the most that its intensity over σ can be by what was measured at its angle; infinite where nothing was."""
 
     @property
-    def known(self) -> bool:
-        """Whether it was measured at its angle, and so often that its angle and its loudness are known."""
+    def loudness_known(self) -> bool:
+        """Whether it was measured at its angle, and so often that its loudness is known, as far as it can be."""
         vague = float(np.std(self.posterior.log_snr)) > KNOWN_LOG_SIGMA
         vague = vague or float(np.mean(self.posterior.log_snr)) > self.log_most
-        return self.measured and not vague and self.posterior.centre_sigma_deg <= KNOWN_SIGMA_DEG
+        return self.measured and (self.beyond or not vague)
+
+    @property
+    def known(self) -> bool:
+        """Whether its loudness is known, and its angle."""
+        return self.loudness_known and self.posterior.centre_sigma_deg <= KNOWN_SIGMA_DEG
 
     @property
     def log_snr(self) -> float:
