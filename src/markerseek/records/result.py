@@ -383,7 +383,20 @@ def answer_reason(estimate: Estimate) -> str | None:
             return None
         case NotFound(reason=reason) | Unsure(reason=reason):
             return reason
-        case Ambiguous(modes_deg=modes):
-            return f"markers at {', '.join(f'{mode:.2f}' for mode in modes)} deg explain what was seen equally well"
+        case Ambiguous():
+            return _which_of(estimate)
         case AtBound(side=side):
             return f"the intensity still rises at the {side} end of the range; shift the range towards it"
+
+
+def _which_of(estimate: Ambiguous) -> str:
+    """Between which places an answer does not decide, and how loud they are."""
+    named = {each.angle_deg: each for each in estimate.others if each.angle_deg in estimate.modes_deg}
+    places = [
+        f"{mode:.2f} deg" + (f" ({named[mode].relative_db:+.1f} dB)" if mode in named else "")
+        for mode in estimate.modes_deg
+    ]
+    listed = f"{', '.join(places[:-1])} and {places[-1]}"
+    if not named:
+        return f"the samples fit a marker at each of {listed}"
+    return f"sources at {listed} may each be the marker: they are within 6 dB, as far as that is known"

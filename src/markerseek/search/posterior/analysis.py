@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, partial
 
 from markerseek.core import Interval, Sample
 from markerseek.search.evidence import UNKNOWN_RATIO
 from markerseek.search.floor import SearchNoise, noise_of
-from markerseek.search.posterior.answer import SearchState, ranked, unresolved_rival
-from markerseek.search.posterior.candidates import BESIDE_DEG, Candidate, Candidates, SourceSamples
+from markerseek.search.posterior.answer import SearchState, ranked, top_beside_deg, unresolved_rival
+from markerseek.search.posterior.candidates import BESIDE_DEG, RIVAL_DB, Candidate, Candidates, SourceSamples
 from markerseek.search.posterior.humps import asymmetric_sample, gap_angle_deg
 from markerseek.search.posterior.predictive import DOUBT_SIGMAS, discrepant_sample, predictive_check
 from markerseek.search.posterior.shapes import Shapes
@@ -76,12 +76,14 @@ class Analysis:
         if self.detected:
             others = self._candidates.others(self.first, self._groups, self._dark, self.noise, particles=PARTICLES)
             sources = ranked([self.first, *others])
-        rival = None if self._single else unresolved_rival(sources, self.measured_deg, limits=self._limits)
+        # Of a single source the loudest is the marker.
+        by_db = 0.0 if self._single else -RIVAL_DB
+        rival = unresolved_rival(sources, self.measured_deg, limits=self._limits, by_db=by_db)
         return SearchState(
             noise=self.noise,
             sources=sources,
             survey=self._survey(sources[0]),
-            misfit=predictive_check(sources[0], self._shapes),
+            misfit=predictive_check(sources[0], self._shapes, closed=partial(self._closed, sources[0])),
             unresolved_rival=rival,
         )
 
@@ -91,15 +93,26 @@ class Analysis:
             return None
         return survey_of(source, self._shapes, self._lit, self.noise, limits=self._limits)
 
+    def _closed(self, source: Candidate, sample: Sample) -> bool:
+        """Whether the top of a second source as loud has no room beside a sample."""
+        return self._top_beside_deg(source, sample) is None
+
+    def _top_beside_deg(self, source: Candidate, sample: Sample) -> float | None:
+        return top_beside_deg(source, source, [sample], self.measured_deg, limits=self._limits)
+
     def doubtful_deg(self, source: Candidate) -> float | None:
         """Next angle to test the curve of a source, in degrees; None if none is left."""
         centre_deg = source.posterior.mean_deg
-        doubtful = discrepant_sample(source, self._shapes, sigmas=DOUBT_SIGMAS)
+        doubtful = discrepant_sample(source, self._shapes, sigmas=DOUBT_SIGMAS, closed=partial(self._closed, source))
         if doubtful is not None:
             # Between a second hump and the first lies a dip.
             between_deg = (doubtful.angle_deg + centre_deg) / 2
             if between_deg in self._limits and min(abs(each - between_deg) for each in self.measured_deg) > BESIDE_DEG:
                 return between_deg
+            # Beside it, where the top of a source as loud has room.
+            top_deg = self._top_beside_deg(source, doubtful)
+            if top_deg is not None:
+                return top_deg
         if source.has_positions:
             return None
         hump = asymmetric_sample(

@@ -26,7 +26,7 @@ from markerseek.core import (
 )
 from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.angle_posterior import AnglePosterior, modes_deg
-from markerseek.search.posterior.candidates import BESIDE_DEG, RIVAL_DB, Candidate
+from markerseek.search.posterior.candidates import BESIDE_DEG, LOUDER_SIGMAS, MEASURED_SHARE, RIVAL_DB, Candidate
 from markerseek.search.posterior.detectability import NARROW_DEG, USUAL_KNEE, USUAL_TAIL, missed_marker
 from markerseek.search.posterior.shapes import log_curve
 from markerseek.search.posterior.survey import STATED, SURE, Survey, hidden_probability
@@ -63,54 +63,87 @@ class SearchState:
 def ranked(sources: Sequence[Candidate]) -> list[Candidate]:
     """Return the sources, the loudest first; those whose angle or existence is not known come last."""
     # While a source is seen from far only, its loudness may come out as anything.
-    return sorted(
-        sources,
-        key=lambda each: (each.missing is not None, each.posterior.centre_sigma_deg > KNOWN_SIGMA_DEG, -each.log_snr),
-    )
+    return sorted(sources, key=lambda each: (each.missing is not None, not each.known, -each.log_snr))
 
 
 def rivals_of(sources: Sequence[Candidate]) -> list[Candidate]:
-    """Return the sources that may be the marker as well as the loudest: about as loud, and at another angle."""
+    """Return the sources that may be the marker as well as the loudest: about as loud, and at another angle.
+
+    Only those of which that is known; another one is unresolved.
+    """
     first, *others = sources
-    present = [each for each in others if each.missing is None and each.apart_from(first)]
-    return [each for each in present if each.may_be_stronger_than(first, by_db=-RIVAL_DB, sigmas=RIVAL_SIGMAS)]
+    present = [each for each in others if each.missing is None and each.loudness_known and each.apart_from(first)]
+    return [each for each in present if _may_be_as_loud(each, first, by_db=-RIVAL_DB, sigmas=RIVAL_SIGMAS)]
+
+
+def _may_be_as_loud(source: Candidate, first: Candidate, *, by_db: float, sigmas: float = LOUDER_SIGMAS) -> bool:
+    """Whether a source may be the marker beside the loudest.
+
+    One beyond an end of the range is as loud as it was seen: the marker is in the range.
+    """
+    if source.beyond:
+        seen = max(sample.reading.intensity for sample in source.samples) / source.posterior.sigma
+        return seen > math.exp(first.log_snr) * 10 ** (by_db / 20)
+    return source.may_be_stronger_than(first, by_db=by_db, sigmas=sigmas)
 
 
 def unresolved_rival(
-    sources: Sequence[Candidate], measured_deg: Sequence[float], *, limits: Interval
+    sources: Sequence[Candidate], measured_deg: Sequence[float], *, limits: Interval, by_db: float = -RIVAL_DB
 ) -> tuple[Candidate, float | None] | None:
     """Return a source that may still be the marker, because too little is known of it; None without one.
 
     With it comes the angle at which its top may have been missed, in degrees; None where that is not known.
 
-    ``sources``: the sources, the loudest first. ``measured_deg``: angles measured so far.
+    ``sources``: the sources, the loudest first. ``measured_deg``: angles measured so far. ``by_db``: loudness over the
+    loudest from which one is a rival, in dB.
     """
     first, *others = sources
     for each in others:
-        top_deg = missed_peak_deg(first, each, measured_deg, limits=limits)
-        strong = each.may_be_stronger_than(first, by_db=-RIVAL_DB)
-        unknown = strong and each.posterior.centre_sigma_deg > KNOWN_SIGMA_DEG
-        if unknown or top_deg is not None:
+        # At the angle of the loudest it does not matter which of the two is the marker.
+        if each.measured and not each.apart_from(first):
+            continue
+        top_deg = missed_peak_deg(first, each, measured_deg, limits=limits, by_db=by_db)
+        if top_deg is not None or (not each.known and _may_be_as_loud(each, first, by_db=by_db)):
             return each, top_deg
     return None
 
 
 def missed_peak_deg(
-    first: Candidate, other: Candidate, measured_deg: Sequence[float], *, limits: Interval
+    first: Candidate, other: Candidate, measured_deg: Sequence[float], *, limits: Interval, by_db: float = -RIVAL_DB
 ) -> float | None:
     """Return an angle at which a narrow top of another source may have been missed, in degrees; None without one.
 
     Its strong samples may lie on the flank of a narrow curve, or on the shoulders of it, and its top in a gap beside
-    them. The curve posited there is as narrow as any, no weaker than `RIVAL_DB` below the loudest, and no stronger at
-    either end of the gap than what was measured of the source there.
+    them.
 
-    ``first``, ``other``: the loudest source, and another. ``measured_deg``: angles measured so far.
+    ``first``, ``other``: the loudest source, and another. ``measured_deg``: angles measured so far. ``by_db``: least
+    loudness of that top over the loudest, in dB.
     """
     strongest = max(sample.reading.intensity for sample in other.samples)
     strong = [sample for sample in other.samples if sample.reading.intensity >= SHOULDER_SHARE * strongest]
-    log_least = first.log_snr - RIVAL_DB * math.log(10) / 20
+    strong.sort(key=lambda sample: -sample.reading.intensity)
+    return top_beside_deg(first, other, strong, measured_deg, limits=limits, by_db=by_db)
+
+
+def top_beside_deg(
+    first: Candidate,
+    other: Candidate,
+    beside: Sequence[Sample],
+    measured_deg: Sequence[float],
+    *,
+    limits: Interval,
+    by_db: float = -RIVAL_DB,
+) -> float | None:
+    """Return an angle in a gap beside some samples at which a top may have been missed, in degrees; None without one.
+
+    The curve posited there is as narrow as any, no weaker than ``by_db`` over the loudest, and no stronger at either
+    end of the gap than what was measured of the source there.
+
+    ``beside``: samples of ``other``.
+    """
+    log_least = first.log_snr + by_db * math.log(10) / 20
     ends_deg = {1: limits.high_deg, -1: limits.low_deg}
-    for edge, side in product(sorted(strong, key=lambda sample: -sample.reading.intensity), ends_deg):
+    for edge, side in product(beside, ends_deg):
         beyond = [each for each in measured_deg if side * (each - edge.angle_deg) > 0]
         neighbour_deg = min(beyond, key=lambda each: abs(each - edge.angle_deg), default=ends_deg[side])
         gap_deg = abs(neighbour_deg - edge.angle_deg)
@@ -158,11 +191,13 @@ def answer_of(
     if first.missing is not None:
         reason = first.missing + missed_marker(lit, state.noise, limits)
         return NotFound(mean_deg=mean_deg, reason=reason, floor=floor)
-    beside = [each.as_other_source(first) for each in state.sources[1:] if each.missing is None]
+    beside = [each.as_other_source(first) for each in state.sources[1:] if each.missing is None and each.loudness_known]
     further = tuple(sorted(beside, key=lambda each: -each.relative_db))
     surveyed = None if state.survey is None else state.survey.surveyed
     probability = other_probability(state, others=others)
-    rivals = rivals_of(state.sources)
+    # Of a single source the loudest is the marker; and one of which too little is known may be louder than all.
+    settled = first.loudness_known and (spent or state.unresolved_rival is None)
+    rivals = rivals_of(state.sources) if others and settled else []
     side = _side(posterior, limits)
     # How loud a source beyond an end is cannot be measured: one inside may as well be the marker.
     if side is not None and not rivals:
@@ -178,7 +213,10 @@ def answer_of(
         )
     at_rivals = (mean_deg, *(limits.nearest(each.posterior.mean_deg) for each in rivals))
     modes = at_rivals if rivals else modes_deg(posterior, limits=limits)
-    if len(modes) > 1:
+    # A rival has been measured.
+    places = (mean_deg,) if rivals or len(modes) < 2 else modes
+    unmeasured = _unmeasured(first, places, [sample.angle_deg for sample in lit], more=more)
+    if unmeasured is None and (rivals or (len(modes) > 1 and others)):
         return Ambiguous(
             mean_deg=modes[0],
             modes_deg=modes,
@@ -203,9 +241,11 @@ def answer_of(
     )
     found = with_half_width(found, radius_m=radius_m)
     # An answer that is unsure for its width alone is of the marker: registration takes it.
-    other = weaker_than_predicted or state.misfit
+    other = weaker_than_predicted or unmeasured or state.misfit
     if other is None and probability > (STATED if spent else SURE):
-        other = _other(state, probability, more=more)
+        other = _other(
+            state, probability, more=f"{more}{', or state that there is a single source (--single)' if others else ''}"
+        )
     if other is not None:
         return found.as_unsure("source", other)
     too_wide = beyond_tolerance(found, tolerance, radius_m=radius_m)
@@ -235,25 +275,42 @@ def other_probability(state: SearchState, *, others: float) -> float:
 
     ``others``: prior probability that there is another source as loud.
     """
-    if others == 0:
-        return 0.0
     first, *seen = state.sources
     none = 1.0 - (others if state.survey is None else hidden_probability(state.survey, others=others))
     for each in seen:
-        if each.missing is None and each.apart_from(first):
-            none *= 1.0 - each.louder_probability(first)
+        none *= 1.0 - _louder_probability(each, first)
     if state.unresolved_rival is not None:
         # One of which too little is known is as loud as any other that nobody has seen.
         none *= 1.0 - max(others, state.unresolved_rival[0].louder_probability(first))
     return 1.0 - none
 
 
+def _unmeasured(source: Candidate, modes: Sequence[float], measured_deg: Sequence[float], *, more: str) -> str | None:
+    """Where the marker may be and was not measured, and what to do about it; None if it was measured everywhere."""
+    near_deg = MEASURED_SHARE * source.posterior.fwhm_deg
+    left_deg = [each for each in modes if min(abs(each - at) for at in measured_deg) > near_deg]
+    if not left_deg:
+        return None
+    return f"the marker may be near {' or '.join(f'{each:.1f}' for each in left_deg)} deg, not measured so far; {more}"
+
+
+def _louder_probability(source: Candidate, first: Candidate) -> float:
+    """Probability that a source that was seen is the louder one of two, and another one at all."""
+    if source.missing is not None or not source.apart_from(first):
+        return 0.0
+    return source.louder_probability(first) if _may_be_as_loud(source, first, by_db=-RIVAL_DB) else 0.0
+
+
 def _other(state: SearchState, probability: float, *, more: str) -> str:
     """Why another source may be the marker, and what to do about it."""
     said = f"another source is the marker with a probability of {100 * probability:.2g} %"
-    cure = f"{more}, or state that there is a single source (--single)"
+    cure = more
     if state.unresolved_rival is not None:
         return f"{said}: one near {state.unresolved_rival[0].posterior.mean_deg:.0f} deg may be as loud; {cure}"
+    first, *seen = state.sources
+    louder = max(seen, key=lambda each: _louder_probability(each, first), default=first)
+    if _louder_probability(louder, first) > probability / 2:
+        return f"{said}: the one at {louder.posterior.mean_deg:.1f} deg may be the louder; {cure}"
     if state.survey is None:
         return f"{said}: the range has not been surveyed; {cure}"
     return (

@@ -55,6 +55,10 @@ independent they outvote the intensities, by degrees, in one search of some hund
 SAME_PLACE_M = 3e-3
 """Largest lateral distance between peaks of one marker, in metres."""
 
+MOST_COUNTED = 12
+"""Samples at rest of which more say no more, for the same reason: a scan has a hundred, and the sound of weaker sources
+is in the moments of those that are far out."""
+
 _ITERATIONS = 3
 
 
@@ -67,6 +71,8 @@ class ArrivalMoments:
     """Centroid and standard deviation of the energy in time."""
     snr: Float64[np.ndarray, " samples"]
     """Intensities over σ."""
+    at_rest: int
+    """How many of them are of a probe at rest."""
 
     def log_likelihood(
         self, angles_deg: Float64[np.ndarray, " angles"], *, knots: int
@@ -75,7 +81,7 @@ class ArrivalMoments:
         # It bends little over a degree, and costs more than the interpolation.
         at_deg = np.linspace(angles_deg[0], angles_deg[-1], knots)
         log = log_likelihood(at_deg, self.measured_deg, self.moments_s, self.snr)
-        return np.asarray(np.interp(angles_deg, at_deg, log))
+        return np.asarray(np.interp(angles_deg, at_deg, min(1.0, MOST_COUNTED / max(self.at_rest, 1)) * log))
 
 
 def moments_of(lit: Sequence[Sample], scale: Scale) -> ArrivalMoments | None:
@@ -85,7 +91,7 @@ def moments_of(lit: Sequence[Sample], scale: Scale) -> ArrivalMoments | None:
     """
     sigma, marker_m = scale.sigma, scale.marker_m
     rows = [
-        (sample.angle_deg, reading.centroid_s, reading.spread_s, reading.intensity / sigma)
+        (sample.angle_deg, reading.centroid_s, reading.spread_s, reading.intensity / sigma, sample.sweep is None)
         for sample in lit
         if (reading := sample.reading).centroid_s is not None
         and reading.spread_s is not None
@@ -95,7 +101,9 @@ def moments_of(lit: Sequence[Sample], scale: Scale) -> ArrivalMoments | None:
     if len(rows) < 2:
         return None
     table = np.array(rows, dtype=np.float64)
-    return ArrivalMoments(measured_deg=table[:, 0], moments_s=table[:, 1:3], snr=table[:, 3])
+    return ArrivalMoments(
+        measured_deg=table[:, 0], moments_s=table[:, 1:3], snr=table[:, 3], at_rest=int(table[:, 4].sum())
+    )
 
 
 @compiled

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
 
-from markerseek.core import Interval, MarkerCurve, OtherSource, Sample
+from markerseek.core import MAX_ARRIVALS, Interval, MarkerCurve, OtherSource, Sample
 from markerseek.search.evidence import FLAT_SHARE, why_not_detected
 from markerseek.search.floor import SearchNoise, noise_factor
 from markerseek.search.posterior.angle_posterior import AnglePosterior
@@ -17,15 +17,23 @@ from markerseek.search.posterior.humps import dip_deg
 from markerseek.search.posterior.inference import Inference
 from markerseek.search.posterior.shapes import Shapes
 from markerseek.search.posterior.sources import Source, as_upper_limit, samples_at, sources_of
+from markerseek.search.tolerance import KNOWN_SIGMA_DEG
 
-MAX_OTHERS = 3
-"""Most sources beside the loudest that get a posterior of their own, the strongest first."""
+MAX_OTHERS = MAX_ARRIVALS - 1
+"""Most sources beside the loudest that get a posterior of their own, the strongest first: as many as a frame lists."""
 
 RIVAL_DB = 6.0
 """A source that is weaker by no more than this may be the marker as well, in dB."""
 
+MEASURED_SHARE = 0.5
+"""Distance of a sample from a source, over the full width of its curve, up to which the source has been measured: there
+the curve has half of its height."""
+
 BESIDE_DEG = 1.0
 """Distance at which the narrowest curve still has half of its height, in degrees."""
+
+KNOWN_LOG_SIGMA = 0.25
+"""Standard deviation of ln A from which the loudness of a source is known, 2 dB: a third of `RIVAL_DB`."""
 
 LOUDER_SIGMAS = 2.0
 """Standard deviations of the ratio of two loudnesses by which one must exceed the other to be the louder."""
@@ -37,8 +45,8 @@ SUSPECT_SHARE = 0.05
 PLACE_SHARE = 0.01
 """Probability with which noise at the place of a source passes for it in one frame, when it is looked at again."""
 
-Side: TypeAlias = Literal["both", "low", "high"]
-"""Samples of one source: all at a place, or those on one side of a dip."""
+Side: TypeAlias = tuple[Literal["low", "high"], ...]
+"""Samples of one source: all at a place, or those on one side of each dip."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,7 +66,7 @@ class Candidate:
     source: Source | None
     """None where the samples have no positions: then all of them are of one source."""
     side: Side
-    """Which of two humps at that place it is, "both" where there is one."""
+    """Which of several humps at that place it is, empty where there is one."""
     samples: Sequence[Sample]
     """The samples with the laser on, as they are at its place."""
     missing: str | None
@@ -66,11 +74,29 @@ class Candidate:
     posterior: AnglePosterior
     seen: int
     """Number of samples in which it exceeds the noise."""
+    measured: bool
+    """Whether a sample was taken at its angle, or at the end of the range beyond which it lies."""
+    beyond: bool = False
+    """Whether it lies beyond an end of the range."""
+    log_most: float = math.inf
+    """Ln of the most that its intensity over σ can be by what was measured at its angle; infinite where nothing was."""
+
+    @property
+    def loudness_known(self) -> bool:
+        """Whether it was measured at its angle, and so often that its loudness is known, as far as it can be."""
+        vague = float(np.std(self.posterior.log_snr)) > KNOWN_LOG_SIGMA
+        vague = vague or float(np.mean(self.posterior.log_snr)) > self.log_most
+        return self.measured and (self.beyond or not vague)
+
+    @property
+    def known(self) -> bool:
+        """Whether its loudness is known, and its angle."""
+        return self.loudness_known and self.posterior.centre_sigma_deg <= KNOWN_SIGMA_DEG
 
     @property
     def log_snr(self) -> float:
         """Ln of the intensity with the probe on it, over σ."""
-        return float(np.mean(self.posterior.log_snr))
+        return min(float(np.mean(self.posterior.log_snr)), self.log_most)
 
     @property
     def has_positions(self) -> bool:
@@ -182,11 +208,9 @@ class Candidates:
             for source in sources:
                 own, bounds = samples_at(lit, sources, source)
                 if not _is_burst(own, bounds, source, noise):
-                    groups += self._divided(
-                        SourceSamples(source=source, side="both", samples=own, bounds=bounds), noise
-                    )
+                    groups += self._divided(SourceSamples(source=source, side=(), samples=own, bounds=bounds), noise)
         if not groups:
-            groups = self._divided(SourceSamples(source=None, side="both", samples=lit), noise)
+            groups = self._divided(SourceSamples(source=None, side=(), samples=lit), noise)
         return sorted(groups, key=lambda group: -_strongest(group.samples))
 
     def first(
@@ -206,11 +230,11 @@ class Candidates:
         for group in groups:
             # A background that is the same at all angles may be louder than the marker.
             if why_not_detected([*group.samples, *group.bounds], dark=dark, noise=noise) is None:
-                return _candidate(group, None, self._first, noise, particles)
+                return self._candidate(group, None, self._first, noise, particles)
         # Before a source exceeds the noise, and where there are no positions, all samples count together.
-        everything = SourceSamples(source=None, side="both", samples=lit)
+        everything = SourceSamples(source=None, side=(), samples=lit)
         missing = why_not_detected(lit, dark=dark, noise=noise)
-        return _candidate(everything, missing, self._first, noise, particles)
+        return self._candidate(everything, missing, self._first, noise, particles)
 
     def others(
         self,
@@ -237,17 +261,15 @@ class Candidates:
             if missing is None and _seen(group.samples, noise) < 2:
                 missing = "it was seen in one acquisition only"
             # Of a new inference each: what an answer computes of the others must not change what comes later.
-            found.append(_candidate(group, missing, self._new(), noise, particles))
+            found.append(self._candidate(group, missing, self._new(), noise, particles))
             if len(found) == MAX_OTHERS:
                 break
         return found
 
     def _divided(self, group: SourceSamples, noise: SearchNoise) -> list[SourceSamples]:
-        """The group, or its two halves where a dip lies between two humps."""
-        if self._single:
-            return [group]
+        """The group, or its humps where dips lie between them."""
         sigma = noise.sigma or min(sample.reading.intensity for sample in group.samples) / 4
-        dip = dip_deg(group.samples, sigma=sigma, level=noise.level_or_zero)
+        dip = dip_deg(group.samples, sigma=sigma, level=noise.level_or_zero, single=self._single)
         if dip is None:
             return [group]
         low = [sample for sample in group.samples if sample.angle_deg < dip]
@@ -255,26 +277,42 @@ class Candidates:
         middle = [as_upper_limit(sample) for sample in group.samples if sample.angle_deg == dip]
         # Beyond the dip a curve is no higher than what was measured of both.
         middle += group.bounds
+        halves: list[tuple[Literal["low", "high"], list[Sample], list[Sample]]] = [
+            ("low", low, high),
+            ("high", high, low),
+        ]
         return [
-            SourceSamples(source=group.source, side="low", samples=low, bounds=[*middle, *map(as_upper_limit, high)]),
-            SourceSamples(source=group.source, side="high", samples=high, bounds=[*middle, *map(as_upper_limit, low)]),
+            part
+            for side, own, other in halves
+            for part in self._divided(
+                replace(group, side=(*group.side, side), samples=own, bounds=[*middle, *map(as_upper_limit, other)]),
+                noise,
+            )
         ]
 
     def _new(self) -> Inference:
         return Inference(limits=self._limits, shapes=self._shapes, cues=self._cues, prior=self._prior)
 
-
-def _candidate(
-    group: SourceSamples, missing: str | None, inference: Inference, noise: SearchNoise, particles: int
-) -> Candidate:
-    return Candidate(
-        source=group.source,
-        side=group.side,
-        samples=group.samples,
-        missing=missing,
-        posterior=inference.posterior([*group.samples, *group.bounds], noise, particles=particles),
-        seen=_seen(group.samples, noise),
-    )
+    def _candidate(
+        self, group: SourceSamples, missing: str | None, inference: Inference, noise: SearchNoise, particles: int
+    ) -> Candidate:
+        posterior = inference.posterior(group.samples, noise, particles=particles, bounds=group.bounds)
+        here_deg = self._limits.nearest(posterior.mean_deg)
+        near_deg, at = MEASURED_SHARE * posterior.fwhm_deg, (*group.samples, *group.bounds)
+        there = [each.reading.intensity for each in at if abs(each.angle_deg - here_deg) <= near_deg]
+        beyond, height = here_deg != posterior.mean_deg, max(there, default=0.0) / posterior.sigma
+        return Candidate(
+            source=group.source,
+            side=group.side,
+            samples=group.samples,
+            missing=missing,
+            posterior=posterior,
+            seen=_seen(group.samples, noise),
+            beyond=beyond,
+            measured=bool(there),
+            # There the curve has half of its height at least.
+            log_most=math.log(2 * height) if height > 0 and not beyond else math.inf,
+        )
 
 
 def _strongest(at: Sequence[Sample]) -> float:

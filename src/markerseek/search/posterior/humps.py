@@ -44,11 +44,11 @@ TOP_REACH = 0.25
 """Distance from such an angle, over the same width, at which a sample serves as well."""
 
 
-def dip_deg(at: Sequence[Sample], *, sigma: float, level: float) -> float | None:
+def dip_deg(at: Sequence[Sample], *, sigma: float, level: float, single: bool = False) -> float | None:
     """Return the angle of the deepest dip between two humps, in degrees; None without one.
 
     ``sigma``: noise of one intensity, in its unit. ``level``: largest intensity that noise reaches; both humps must be
-    above it.
+    above it. ``single``: whether intensities alone need a dip as deep as frames do.
     """
     if len(at) < 3:
         return None
@@ -59,7 +59,8 @@ def dip_deg(at: Sequence[Sample], *, sigma: float, level: float) -> float | None
     lower = np.minimum(np.maximum.accumulate(hump)[:-2], np.maximum.accumulate(hump[::-1])[::-1][2:])
     drop = lower - bottom[1:-1]
     least = np.maximum(
-        DIP_SIGMAS * np.hypot(1.5 * sigma, SAMPLE_ERROR * lower), (NEAR_FIELD_DIP if has_positions else MIN_DIP) * lower
+        DIP_SIGMAS * np.hypot(1.5 * sigma, SAMPLE_ERROR * lower),
+        (NEAR_FIELD_DIP if has_positions or single else MIN_DIP) * lower,
     )
     # Where the humps are that a sample lies between.
     inner = np.arange(1, len(order) - 1)

@@ -132,15 +132,18 @@ class Inference:
         self._added: list[tuple[float, float, int | None]] = []
         self._swept = False
 
-    def posterior(self, lit: Sequence[Sample], noise: SearchNoise, *, particles: int) -> AnglePosterior:
+    def posterior(
+        self, lit: Sequence[Sample], noise: SearchNoise, *, particles: int, bounds: Sequence[Sample] = ()
+    ) -> AnglePosterior:
         """Return the posterior of all samples; only the new ones are added to the coarse grid.
 
         The grid is computed again where an earlier sample reads otherwise than before, for it was taken of a place that
         is known better now.
 
-        ``lit``: samples with the laser on, at least one. ``particles``: markers to draw.
+        ``lit``: samples with the laser on, at least one. ``particles``: markers to draw. ``bounds``: samples that say
+        only how loud the source is at most (`as_upper_limit`).
         """
-        coarse = self._coarse(lit, noise)
+        coarse = self._coarse(lit, bounds, noise)
         moments = moments_of(lit, self._scale) if "arrival" in self._cues else None
         prior = partial(self._log_prior_and_moments, moments=moments, knots=self._coarse_deg.size // 2 + 1)
         known = coarse.marginals(prior(self._coarse_deg), particles=particles)
@@ -170,9 +173,11 @@ class Inference:
             centre_sigma_deg=mean_and_sigma(centre.angles_deg, centre.probability)[1],
         )
 
-    def _coarse(self, lit: Sequence[Sample], noise: SearchNoise) -> Grid:
+    def _coarse(self, lit: Sequence[Sample], bounds: Sequence[Sample], noise: SearchNoise) -> Grid:
         """The coarse grid with all samples; computed again when their scale has changed."""
+        # Not of the bounds, which may be of a source far louder: the amplitudes of the grid begin at half of the unit.
         scale = scale_of(lit, noise)
+        lit = [*lit, *bounds]
         stated = all(sample.reading.noise_sigma is not None and sample.reading.cells is not None for sample in lit)
         known = [(sample.angle_deg, sample.reading.intensity, sample.reading.cells) for sample in lit]
         same = known[: len(self._added)] == self._added

@@ -38,6 +38,7 @@ from markerseek.search.posterior.next_angle import (
 )
 from markerseek.search.posterior.predictive import weaker_than_predicted
 from markerseek.search.posterior.survey import (
+    LATE_WORTH,
     STATED,
     SURE,
     SURVEY_UNTIL,
@@ -334,17 +335,22 @@ class Posterior(SearchPolicy):
         first = state.sources[0]
         target_deg = self._needed_sigma_deg(first)
         imprecise = first.posterior.centre_sigma_deg > target_deg
-        if not self._single:
-            angle_deg = self._other_source_deg(state, imprecise=imprecise)
-            if angle_deg is not None:
-                return angle_deg
+        angle_deg = self._other_source_deg(state, imprecise=imprecise)
+        if angle_deg is not None:
+            return angle_deg
+        if not first.measured:
+            return self._limits.nearest(first.posterior.mean_deg)
         if imprecise:
             return self._informative_deg(first)
         answer = self.estimate()
         # More samples cannot help where the centre is known far better than the marker beside it.
         done = isinstance(answer, Found) or (isinstance(answer, Ambiguous) and bool(rivals_of(state.sources)))
-        narrow = isinstance(answer, Unsure) and first.posterior.centre_sigma_deg <= target_deg / 2
-        if done or (narrow and self._confirmation_failure is None):
+        narrow = (
+            isinstance(answer, Unsure)
+            and answer.doubt == "width"
+            and first.posterior.centre_sigma_deg <= target_deg / 2
+        )
+        if done or narrow:
             return None
         return self._informative_deg(first)
 
@@ -358,6 +364,8 @@ class Posterior(SearchPolicy):
         first, measured_deg = state.sources[0], self._analysis.measured_deg
         if state.unresolved_rival is not None:
             return self._another_look_deg(*state.unresolved_rival)
+        if self._single:
+            return None
         doubtful_deg = self._analysis.doubtful_deg(first)
         # Another source comes before more precision, for it may be the marker. The survey comes after it, for the
         # amplitude and width that it assumes are known better then.
@@ -374,18 +382,21 @@ class Posterior(SearchPolicy):
     def _is_surveyed_further(self, survey: Survey) -> bool:
         """Whether another source may still be the marker, and an acquisition would say enough of it."""
         probability = hidden_probability(survey, others=self._others)
-        if self._range_swept or self._asked >= SURVEY_UNTIL:
-            return probability > STATED
-        if probability > SURE:
-            return True
         # A confirmation changes the amplitude by a little; it does not begin the survey again.
-        return not self._confirmation_taken and self._others * survey.gain > WORTH
+        worth = 0.0 if self._confirmation_taken or self._range_swept else self._others * survey.gain
+        if self._range_swept or self._asked >= SURVEY_UNTIL:
+            # Frames show another source from afar, by its place; intensities only where it is the louder of the two.
+            gap = not self._analysis.state.sources[0].has_positions and worth > max(WORTH, LATE_WORTH * probability)
+            return probability > STATED or gap
+        return probability > SURE or worth > WORTH
 
     def _another_look_deg(self, source: Candidate, hidden_deg: float | None) -> float:
         """Next angle for a source other than the loudest, in degrees; its top may be hidden."""
         loudest_deg = max(source.samples, key=lambda sample: sample.reading.intensity).angle_deg
         beside = sum(abs(angle_deg - loudest_deg) <= BESIDE_DEG for angle_deg in self._analysis.measured_deg)
         if beside > 1 or (source.source is not None and source.seen > 1):
+            if hidden_deg is None and not source.measured and source.posterior.centre_sigma_deg <= KNOWN_SIGMA_DEG:
+                return self._limits.nearest(source.posterior.mean_deg)
             return self._informative_deg(source) if hidden_deg is None else hidden_deg
         # Seen once it may be a burst: beside that angle it is seen again, or is none.
         inwards = 1 if loudest_deg < self._limits.centre_deg else -1

@@ -7,7 +7,7 @@ is theirs, the error of the curve (`symmetry.TEMPLATE_SIGMAS`), the laser's, and
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.special import ndtr, ndtri
@@ -15,7 +15,7 @@ from scipy.special import ndtr, ndtri
 from markerseek.core import Float64, Sample
 from markerseek.search.floor import MAX_CELLS
 from markerseek.search.posterior.angle_posterior import AnglePosterior
-from markerseek.search.posterior.candidates import Candidate
+from markerseek.search.posterior.candidates import RIVAL_DB, Candidate
 from markerseek.search.posterior.likelihood import DEEP, DEEP_ERROR
 from markerseek.search.posterior.shapes import STEP_DEG, Shapes
 from markerseek.search.posterior.sources import samples_at
@@ -74,28 +74,44 @@ def weaker_than_predicted(source: Candidate, confirmation: Sample, shapes: Shape
     )
 
 
-def discrepant_sample(source: Candidate, shapes: Shapes, *, sigmas: float) -> Sample | None:
+def _open(_sample: Sample) -> bool:
+    return False
+
+
+def discrepant_sample(
+    source: Candidate, shapes: Shapes, *, sigmas: float, closed: Callable[[Sample], bool] = _open
+) -> Sample | None:
     """Return the sample that fits the curve of a source worst; None if the curve explains all samples.
 
-    ``sigmas``: standard deviations of the prediction that are allowed.
+    ``sigmas``: standard deviations of the prediction that are allowed. ``closed``: whether a second source as loud
+    has no room beside a sample: then it may be weaker, for a dip would show, or stronger by what a weak one adds.
     """
     height, spread = _prediction(source.posterior, shapes, source.samples)
     measured = np.array([height_of(sample, source.posterior) for sample in source.samples])
     away = np.abs(measured - height) / spread
     # The family has no nulls, but the tails of a real curve do: what is missing there is no second hump.
     away[(measured < height) & (height < TAIL_SHARE * height.max())] = 0.0
-    worst = int(np.argmax(away))
     swept = sum(sample.sweep is not None for sample in source.samples)
     # Of the many samples of a sweep some are farther by chance: all together no more often than of so many at rest.
     allowed = float(ndtri(1 - (1 - ndtr(sigmas)) * min(1.0, USUAL_SAMPLES / max(swept, 1))))
-    return source.samples[worst] if away[worst] > allowed else None
+    # What another source adds to the curve there, at most.
+    weak = measured - height < height.max() * 10 ** (-RIVAL_DB / 20)
+    for k in map(int, np.argsort(-away)):
+        if away[k] <= allowed:
+            break
+        if not (weak[k] and closed(source.samples[k])):
+            return source.samples[k]
+    return None
 
 
-def predictive_check(source: Candidate, shapes: Shapes) -> str | None:
-    """Return why the curve of a source does not explain its samples, in words; None if it does."""
+def predictive_check(source: Candidate, shapes: Shapes, *, closed: Callable[[Sample], bool] = _open) -> str | None:
+    """Return why the curve of a source does not explain its samples, in words; None if it does.
+
+    ``closed``: as in `discrepant_sample`.
+    """
     # The worst of many is farther off than that of a few, also where the curve is right.
     tail = ndtr(-MISFIT_SIGMAS) * USUAL_SAMPLES / max(USUAL_SAMPLES, len(source.samples))
-    sample = discrepant_sample(source, shapes, sigmas=-float(ndtri(tail)))
+    sample = discrepant_sample(source, shapes, sigmas=-float(ndtri(tail)), closed=closed)
     if sample is None:
         return None
     height, spread = _prediction(source.posterior, shapes, [sample])

@@ -42,6 +42,9 @@ the noise is high, each further one lowers it by a twentieth to a tenth, and the
 WORTH = 0.00025
 """Least amount by which an acquisition must lower that probability to be made."""
 
+LATE_WORTH = 0.25
+"""The same of a file of intensities after `SURVEY_UNTIL`, over that probability: so much is in one gap that is left."""
+
 HIDDEN_STEPS = (1, -2, 2, -9, 0, 4, -1, 9, -4, 1, 0, -1)
 """Steps of `WIDTHS_DEG`, by a tenth each, by which the curves of the hidden sources are wider than that of the one
 answered: quantiles of the widths of 120 pairs of sources on one probe with everything drawn, whose ratio was 0.86 to

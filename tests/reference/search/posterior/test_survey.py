@@ -27,7 +27,10 @@ def candidate(angles_deg, *, peak=50.0, fwhm_deg=6.0, marker_deg=0.0):
     ]
     inference = Inference(limits=PAPER_RANGE, shapes=SHAPES, cues=frozenset({"intensity"}))
     posterior = inference.posterior(lit, NOISE, particles=48)
-    return Candidate(source=None, side="both", samples=lit, missing=None, posterior=posterior, seen=len(lit)), lit
+    candidate = Candidate(
+        source=None, side=(), samples=lit, missing=None, posterior=posterior, seen=len(lit), measured=True
+    )
+    return candidate, lit
 
 
 def test_the_probability_of_staying_undetected_is_that_of_drawn_samples():

@@ -381,7 +381,7 @@ def test_a_narrow_mode_beside_a_wide_one_is_not_stepped_over():
         for angle_deg, intensity in measured
     ]
     inference = Inference(limits=PAPER_RANGE, shapes=SHAPES, cues=frozenset({"intensity"}))
-    coarse = inference._coarse(lit, SearchNoise(floor=Floor(level=6.4, source="dark frames"), sigma=1.0))
+    coarse = inference._coarse(lit, [], SearchNoise(floor=Floor(level=6.4, source="dark frames"), sigma=1.0))
     angles_deg = np.arange(30.0, 46.0, 0.02)
     hypotheses = hypotheses_of(SHAPES, np.arange(SHAPES.fwhm_deg.size))
     samples = grouped(inference._observations, fwhm_deg=10.0)

@@ -304,7 +304,7 @@ def test_only_angles_that_are_claimed_are_named(estimate, angle, others_deg):
     if isinstance(estimate, Ambiguous):
         verdict = verdict_of(replace(snapshot, phase="finished"))
         assert (verdict.word, verdict.interval) == ("AMBIGUOUS", "")
-        assert verdict.reason == "markers at −24.90, 0.80 deg explain what was seen equally well"
+        assert verdict.reason == "the samples fit a marker at each of −24.90 deg and 0.80 deg"
     facts = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE)
     fan = fan_model(snapshot, facts.search, duration_s=0.0, known_deg=None)
     assert fan["others"] == others_deg

@@ -47,7 +47,7 @@ def source(angle_deg, snr, *, log_sigma=0.02, samples=()):
         centre_sigma_deg=0.1,
     )
     at = [Sample(angle_deg=place, reading=Reading(intensity=height, noise_sigma=1.0)) for place, height in samples]
-    return Candidate(source=None, side="both", samples=at, missing=None, posterior=posterior, seen=len(at))
+    return Candidate(source=None, side=(), samples=at, missing=None, posterior=posterior, seen=len(at), measured=True)
 
 
 @pytest.mark.parametrize(("snr", "log_sigma", "rival"), [(60, 0.02, True), (47, 0.02, False), (47, 0.1, True)])
