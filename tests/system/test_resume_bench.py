@@ -17,7 +17,7 @@ from markerseek import rigs
 from markerseek.core import ConfigError, Interval, RigFacts, SearchPlan
 from markerseek.drivers import BenchSettings, Kdc101Settings, LaserBoxSettings, SonixDaqSettings
 from markerseek.guard import FiringLimits, Limits
-from markerseek.records.journal import Configuration, Journal
+from markerseek.records.journal import Configuration, Journal, RecordedRun
 from markerseek.rigs import BenchRecipe, SimulatedRecipe, fingerprint
 from markerseek.runs import rebuild_rig, require_same_measurement
 from markerseek.runs.rebuild import differences_of_benches
@@ -155,6 +155,10 @@ def test_a_search_range_wider_than_the_rig_file_s_is_refused(tmp_path: Path) -> 
         require_same_measurement(wide, settings, settings)
 
 
+def recorded(configuration: Configuration) -> RecordedRun:
+    return RecordedRun(path=Path("run.journal"), configuration=configuration, entries=())
+
+
 @pytest.mark.parametrize(("was", "now"), [((), ("stage", "laser")), (("laser",), ("stage",)), (("laser",), ())])
 def test_emulated_devices_do_not_continue_a_search_of_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, was: tuple[str, ...], now: tuple[str, ...]
@@ -168,9 +172,9 @@ def test_emulated_devices_do_not_continue_a_search_of_others(
     monkeypatch.setattr("markerseek.rigs.bench", lambda _: rig)
     said = f"the emulated devices of the journal are: {', '.join(was) or 'none'}; those of the rig file are: "
     with pytest.raises(ConfigError, match=said):
-        rebuild_rig(held, bench_settings=settings)
+        rebuild_rig(recorded(held), bench_settings=settings)
     assert closed == [True]
-    assert rebuild_rig(changed(held, emulated=now), bench_settings=settings) is rig
+    assert rebuild_rig(recorded(changed(held, emulated=now)), bench_settings=settings) is rig
 
 
 def test_equal_settings_differ_in_nothing(tmp_path: Path) -> None:
@@ -236,4 +240,4 @@ def test_the_numbers_of_a_simulated_journal_are_checked_like_any_settings(shell:
 
 def test_from_python_too_a_journal_does_not_bring_its_own_rig(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="is not taken from a journal"):
-        rebuild_rig(begun_with(hostile(tmp_path)))
+        rebuild_rig(recorded(begun_with(hostile(tmp_path))))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -95,16 +96,15 @@ class BenchSettings:
                 f"laser.driver is {self.laser.driver!r} and receiver.driver is {self.receiver.driver!r}; {name} is of "
                 f"both: name {name} in both, or in neither"
             )
-        lines = self.lines
-        for number, line in enumerate(lines):
-            for other in lines[:number]:
-                # By what their names lead to: those below /dev/serial/by-id are links.
-                if os.path.realpath(line.path) == os.path.realpath(other.path):
-                    raise ConfigError(
-                        f"{other.name} and {line.name} have one serial port, {line.path!r}"
-                        + ("" if line.path == other.path else f" (which is {other.path!r})")
-                        + "; each device has its own: see ls -l /dev/serial/by-id/"
-                    )
+        ports = {part: port for part in ("laser", "stage", "receiver") if (port := _serial_port(getattr(self, part)))}
+        for (other, its), (name, port) in combinations(ports.items(), 2):
+            # By what their names lead to: those below /dev/serial/by-id are links.
+            if os.path.realpath(port) == os.path.realpath(its):
+                raise ConfigError(
+                    f"{other} and {name} have one serial port, {port!r}"
+                    + ("" if port == its else f" (which is {its!r})")
+                    + "; each device has its own: see ls -l /dev/serial/by-id/"
+                )
         entry_of("stage", self.stage).require_room(self.stage, self.limits)
         if laser.without_supervisor and not self.supervisor.enabled:
             raise ConfigError(f"supervisor: enabled is false, and {laser.without_supervisor}; keep it enabled")
@@ -189,6 +189,12 @@ class BenchSettings:
             del table[part]["beside"]
             table[part] |= keys
         return table
+
+
+def _serial_port(settings: object) -> str | None:
+    """Serial port in the settings of a device, whose class need not be imported for it; None where it has none."""
+    port = settings.keys.get("port") if isinstance(settings, Foreign) else getattr(settings, "port", None)
+    return port if isinstance(port, str) else None
 
 
 def bench_settings_from(table: Mapping[str, object], *, beside: str = "") -> BenchSettings:
