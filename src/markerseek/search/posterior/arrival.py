@@ -55,9 +55,10 @@ independent they outvote the intensities, by degrees, in one search of some hund
 SAME_PLACE_M = 3e-3
 """Largest lateral distance between peaks of one marker, in metres."""
 
-MOST_COUNTED = 12
+MOST_COUNTED = 24
 """Samples at rest of which more say no more, for the same reason: a scan has a hundred, and the sound of weaker sources
-is in the moments of those that are far out."""
+is in the moments of those that are far out. A search has fewer: with 12, two of 60 markers within 0.6° of an end of the
+range were no longer told from markers beyond it."""
 
 _ITERATIONS = 3
 
