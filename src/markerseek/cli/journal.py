@@ -126,7 +126,7 @@ def follow(journal: _File) -> None:
 
 @app.command(epilog="Example:\n\n  markerseek journal verify run.journal")
 def verify(journal: _File, as_json: AsJson = False) -> None:
-    """Check the checksums and the order of all entries; exit code 1 if anything is wrong."""
+    """Check that all entries can be read and agree with their checksums; exit code 1 if anything is wrong."""
     from markerseek.records.journal import verify as verify_journal
 
     finding = verify_journal(journal)
