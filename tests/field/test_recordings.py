@@ -41,9 +41,9 @@ def humps(path: Path, *places: tuple[float, float], seed: int = 1, angles: int =
     return table(path, angles_deg, 1000 * (curve + noise))
 
 
-def coarse(path: Path) -> Path:
-    """A table of eleven angles that do not exclude another source."""
-    angles_deg = np.arange(-40, 40.1, 8)
+def coarse(path: Path, *, step_deg: float = 8.0) -> Path:
+    """A table of few angles, over a curve that is 10° wide."""
+    angles_deg = np.arange(-40, 40.1, step_deg)
     rng = np.random.default_rng(0)
     curve = 100 * np.exp(-4 * np.log(2) * ((angles_deg - 7.3) / 10) ** 2) * (1 + 0.1 * rng.normal(size=angles_deg.size))
     return table(path, angles_deg, curve + np.abs(rng.normal(size=angles_deg.size)))
@@ -54,7 +54,8 @@ RECORDINGS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "nothing": (humps, "not found"),
     "two humps": (lambda path: humps(path, (-5.0, 1.0), (3.0, 0.9)), "ambiguous"),
     "end": (lambda path: humps(path, (36.0, 1.0)), "at bound"),
-    "coarse": (coarse, "unsure"),
+    "coarse": (coarse, "found"),
+    "too coarse": (lambda path: coarse(path, step_deg=16.0), "unsure"),
 }
 """Makers of a recording of each kind, and the answer from all its angles."""
 

@@ -443,7 +443,7 @@ def test_a12_other_scans_keep_their_angles(tmp_path: Path, angles: np.ndarray, s
             assert read(path)[0] == angles.tolist()
 
 
-@pytest.mark.filterwarnings("default")
+@pytest.mark.filterwarnings("always")
 def test_a12_a_series_of_images_is_unwrapped_and_its_angles_may_be_german(shell: Shell, tmp_path: Path) -> None:
     from PIL import Image
 

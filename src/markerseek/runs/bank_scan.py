@@ -27,7 +27,16 @@ from markerseek.core import (
 from markerseek.files import quoted
 from markerseek.records.banks import MIN_ANGLES, BankFacts, FrameBank, IntensityBank, record_of, require_angles
 from markerseek.records.banks.ipasc import require_new_bank, require_room, whole_bank
-from markerseek.records.journal import Configuration, Entry, Journal, JournalEvent, RecordedRun, read_journal, salvage
+from markerseek.records.journal import (
+    Configuration,
+    Entry,
+    Journal,
+    JournalEvent,
+    RecordedRun,
+    read_journal,
+    run_state,
+    salvage,
+)
 from markerseek.rigs import Rig
 from markerseek.runs.journalled import configuration_of, journalled, limits_of
 from markerseek.runs.resume import resumed
@@ -155,9 +164,12 @@ def scan_bank(
         journal, recorded = Journal.reopen(record_of(path))
         _require_same_scan(recorded, configuration)
         facts = _scan_facts(recorded) or facts
-        events = resumed(
-            policy, rig, journal, recorded, by=by, anew=lambda: policy, reset_fault=True, check=False, limits=limits
-        )
+        # One that was killed while its bank was made has all its angles.
+        events: Generator[JournalEvent, None, None] = (each for each in ())
+        if run_state(recorded.entries).state != "finished":
+            events = resumed(
+                policy, rig, journal, recorded, by=by, anew=lambda: policy, reset_fault=True, check=False, limits=limits
+            )
     else:
         journal = Journal.create(record_of(path), configuration)
         events = journalled(policy, rig, journal, limits=limits)

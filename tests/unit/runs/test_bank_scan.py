@@ -170,3 +170,17 @@ def test_the_record_of_a_scan_by_hand_says_so() -> None:
     """It is resumed by that: a hand comes to rest beside the angle of before, and drifts."""
     rig = replace(rigs.simulated(seed=1), by_hand=ByHand())
     assert scan_configuration(rig, step_deg=5.0).plan.by_hand == rig.by_hand
+
+
+def test_a_scan_that_died_while_its_bank_was_made_needs_no_more_angles(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.hdf5"
+    with monkeypatch.context() as patched:
+        patched.setattr("markerseek.runs.bank_scan._export", lambda *_: None)
+        scanned(path)
+    assert list(tmp_path.iterdir()) == [record_of(path)]
+    rig = rigs.simulated(seed=3, resumed_after=9)
+    assert list(scan_bank(rig, path, step_deg=10.0, goes_on=True, by="a person")) == []
+    assert len(read_bank(path).angles_deg) == 8
+    assert list(tmp_path.iterdir()) == [path]
