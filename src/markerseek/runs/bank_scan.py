@@ -165,7 +165,7 @@ def scan_bank(
         _require_same_scan(recorded, configuration)
         facts = _scan_facts(recorded) or facts
         # One that was killed while its bank was made has all its angles.
-        events: Generator[JournalEvent, None, None] = (each for each in ())
+        events = _nothing()
         if run_state(recorded.entries).state != "finished":
             events = resumed(
                 policy, rig, journal, recorded, by=by, anew=lambda: policy, reset_fault=True, check=False, limits=limits
@@ -190,6 +190,10 @@ def scan_bank(
         # Nothing is kept of a scan that would never fit.
         record_of(path).unlink(missing_ok=True)
         raise no_room
+
+
+def _nothing() -> Generator[JournalEvent, None, None]:
+    yield from ()
 
 
 def _require_same_scan(recorded: RecordedRun, now: Configuration) -> None:
