@@ -125,6 +125,8 @@ def command(
             kept = next((path for path in (out, record_of(out)) if path.exists()), None)
             end_stopped(stopped, as_json=as_json, kept=kept)
     facts = assembled.facts
+    # Of a scan that went on, with the acquisitions of before.
+    taken, dark = _held(out) if goes_on else (taken, dark)
     values = with_version(
         path=str(out),
         rig=facts.description,
@@ -147,6 +149,14 @@ def _followed(rig: rigs.Rig, watch: WatchOptions, *, step_deg: float) -> Abstrac
     if watch.events is None:
         return nullcontext()
     return Journal.create(watch.events, runs.scan_configuration(rig, step_deg=step_deg), kept=False)
+
+
+def _held(path: Path) -> tuple[int, int]:
+    """Angles and dark frames of a bank."""
+    from markerseek.records.banks import FrameBank, read_bank
+
+    bank = read_bank(path)
+    return len(bank.angles_deg), bank.dark_frames if isinstance(bank, FrameBank) else 0
 
 
 def _print_what_is_left(path: Path, *, planned: int) -> None:

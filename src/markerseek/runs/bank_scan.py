@@ -38,7 +38,7 @@ from markerseek.records.journal import (
     salvage,
 )
 from markerseek.rigs import Rig
-from markerseek.runs.journalled import configuration_of, journalled, limits_of
+from markerseek.runs.journalled import configuration_of, is_scan, journalled, limits_of
 from markerseek.runs.resume import resumed
 from markerseek.search import Exhaustive
 
@@ -109,10 +109,15 @@ def require_new_scan(path: Path, *, goes_on: bool = False) -> None:
 
     ``goes_on``: whether that scan is to be continued, and must be there.
     """
-    require_new_bank(path)
     record = record_of(path)
-    if goes_on and not record.exists():
-        raise RecordError(f"{record}: there is no scan to go on with; leave --continue out, or check the name")
+    if goes_on and not record.is_file():
+        raise RecordError(
+            f"{path}: it is a bank already, also where its scan was stopped early; only a scan that was killed goes on: "
+            "scan into a new file"
+            if path.exists()
+            else f"{record}: there is no scan to go on with; leave --continue out, or check the name"
+        )
+    require_new_bank(path)
     if record.exists() and not goes_on:
         raise RecordError(
             f"{record}: it holds a scan that was killed; go on with it: 'markerseek bank scan --continue "
@@ -199,6 +204,8 @@ def _nothing() -> Generator[JournalEvent, None, None]:
 def _require_same_scan(recorded: RecordedRun, now: Configuration) -> None:
     """Refuse to go on with a scan of another rig, or with other steps."""
     was = recorded.configuration
+    if not is_scan(was):
+        raise ConfigError(f"{recorded.path}: it is the journal of a search; go on with: markerseek resume FILE")
     if (was.plan.acquisitions, was.facts.fingerprint, was.facts.seed) != (
         now.plan.acquisitions,
         now.facts.fingerprint,

@@ -136,7 +136,10 @@ def _recipe(configuration: Configuration) -> Recipe | None:
 def rebuild_policy(configuration: Configuration) -> AnyPolicy:
     """The policy of a journal in its state before the run."""
     if is_scan(configuration):
-        raise RecordError("the journal is of a scan, not of a search; go on with: markerseek bank scan --continue BANK")
+        raise RecordError(
+            "the journal is of a scan, not of a search; go on with it: markerseek bank scan --continue BANK, or make a "
+            "bank of it: markerseek bank import JOURNAL BANK"
+        )
     return build_sweeping(configuration.plan, limits=configuration.facts.search)
 
 
