@@ -112,7 +112,7 @@ def require_new_scan(path: Path, *, goes_on: bool = False) -> None:
     record = record_of(path)
     if goes_on and not record.is_file():
         raise RecordError(
-            f"{path}: it is a bank already, also where its scan was stopped early; only a scan that was killed goes on: "
+            f"{path}: it is a bank already, also where its scan was stopped early; only a killed scan goes on: "
             "scan into a new file"
             if path.exists()
             else f"{record}: there is no scan to go on with; leave --continue out, or check the name"
