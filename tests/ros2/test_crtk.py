@@ -43,7 +43,7 @@ def without_messages(patched: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Hide the messages of CRTK from processes that are started."""
     folder = tmp_path / "hidden"
     folder.mkdir(exist_ok=True)
-    (folder / "crtk_msgs.py").write_text("raise ImportError('hidden')\n")
+    (folder / "crtk_msgs.py").write_text("raise ModuleNotFoundError('hidden', name='crtk_msgs')\n")
     patched.setenv("PYTHONPATH", str(folder))
 
 
