@@ -151,7 +151,7 @@ def main() -> None:
             traceback.print_exc()
             sys.stderr.write(f"run {number} of seed {options.seed}\n")
     sys.stdout.write(
-        f"{options.kills} runs killed, {wrong} of them unreadable to the last acknowledged event or stuck\n"
+        f"{options.kills} runs killed, {wrong} of them not readable to the last acknowledged event, or not resumed\n"
     )
     sys.exit(wrong > 0)
 
