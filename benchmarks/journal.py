@@ -90,7 +90,7 @@ class Times:
 def commit_many(commits: int, *, folder: Path | None) -> tuple[list[Times], list[str]]:
     """Times of commits of frames, of commands, and of bare writes, and what else there is to say of them."""
     samples = np.random.default_rng(1).integers(-2048, 2048, SHAPE).astype(np.int16)
-    checkpoint, configuration = begun_with()
+    configuration = begun_with()
     spans: dict[str, list[tuple[float, float]]] = {FRAME: [], COMMAND: [], BARE: []}
     with tempfile.TemporaryDirectory(dir=folder) as name:
         path = Path(name) / "journal"
@@ -99,15 +99,13 @@ def commit_many(commits: int, *, folder: Path | None) -> tuple[list[Times], list
             for index in range(1, commits + 1):
                 asked, measured = Asked(role="search", index=index, angle_deg=1.0), measured_event(index, samples)
                 spans[COMMAND].append(_once_ms(lambda event=asked: journal.commit(event, clock_s=1.0)))
-                spans[FRAME].append(
-                    _once_ms(lambda event=measured: journal.commit(event, clock_s=1.0, checkpoint=checkpoint))
-                )
+                spans[FRAME].append(_once_ms(lambda event=measured: journal.commit(event, clock_s=1.0)))
                 spans[BARE].append(_once_ms(lambda: (bare.write(samples.data), os.fsync(bare.fileno()))))
         journal.close()
         file_mb = size_bytes_of(path) / 1e6
         reading_ms, _ = _once_ms(lambda: read_journal(path, frames=False))
     body = len(msgspec.json.encode(measured_event(1, samples).sample.reading))
-    held = f"{samples.nbytes} bytes of samples, {body} of reading, {len(checkpoint)} of checkpoint"
+    held = f"{samples.nbytes} bytes of samples, {body} of reading"
     end = f"read and checked within {reading_ms:.0f} ms"
     remarks = [f"journal: {held}", f"journal: {file_mb:.0f} MB after {commits} frames, {end}"]
     return [Times(work=work, clock_ms=clock, processor_ms=busy) for work, (clock, busy) in _columns(spans)], remarks
@@ -123,15 +121,13 @@ def _once_ms(work: Callable[[], object]) -> tuple[float, float]:
     return 1e3 * (time.perf_counter() - clock), 1e3 * (time.process_time() - processor)
 
 
-def begun_with() -> tuple[bytes, Configuration]:
-    """State of a simulated world, and the configuration of its search."""
+def begun_with() -> Configuration:
+    """Configuration of a search."""
     rig = rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)
-    assert rig.world is not None
-    configuration = configuration_of(
+    return configuration_of(
         rig,
         SearchPlan(method="ternary", acquisitions=None, as_published=False, start_deg=0.0, dark_frames=0, stay=False),
     )
-    return rig.world.checkpoint(), configuration
 
 
 def measured_event(index: int, samples: np.ndarray) -> Measured:

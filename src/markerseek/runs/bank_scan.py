@@ -18,6 +18,7 @@ from markerseek.core import (
     MAX_ACQUISITIONS,
     ChannelFrame,
     ConfigError,
+    DeviceError,
     Measured,
     RecordError,
     RigFacts,
@@ -172,9 +173,7 @@ def scan_bank(
         # One that was killed while its bank was made has all its angles.
         events = _nothing()
         if run_state(recorded.entries).state != "finished":
-            events = resumed(
-                policy, rig, journal, recorded, by=by, anew=lambda: policy, reset_fault=True, check=False, limits=limits
-            )
+            events = resumed(policy, rig, journal, recorded, by=by, anew=lambda: policy, check=False, limits=limits)
     else:
         journal = Journal.create(record_of(path), configuration)
         events = journalled(policy, rig, journal, limits=limits)
@@ -204,6 +203,13 @@ def _nothing() -> Generator[JournalEvent, None, None]:
 def _require_same_scan(recorded: RecordedRun, now: Configuration) -> None:
     """Refuse to go on with a scan of another rig, or with other steps."""
     was = recorded.configuration
+    state = run_state(recorded.entries)
+    if state.state == "fault":
+        # Only a person's reset leaves a fault, and a record of so few angles is soon made again.
+        raise DeviceError(
+            f"{recorded.path}: the scan ended with a fault: {state.fault}; look at the rig, delete this file, "
+            "and scan again"
+        )
     if not is_scan(was):
         raise ConfigError(f"{recorded.path}: it is the journal of a search; go on with: markerseek resume FILE")
     if (was.plan.acquisitions, was.facts.fingerprint, was.facts.seed) != (

@@ -85,6 +85,8 @@ def resumed(
     tell_recorded(policy, entries)
     # The budget of pulses is that of the tissue, not of a process.
     rig.scanner.guard.charge(pulses_before(recorded.entries, pulses=rig.scanner.pulses, attempts=limits.attempts))
+    # A scan was armed before it got here, and the guard takes frames over only while it is disarmed.
+    rig.scanner.guard.disarm()
     _recall(rig, entries)
     strongest = strongest_of(entries) if check else None
     journal.commit(

@@ -184,3 +184,35 @@ def test_a_scan_that_died_while_its_bank_was_made_needs_no_more_angles(
     assert list(scan_bank(rig, path, step_deg=10.0, goes_on=True, by="a person")) == []
     assert len(read_bank(path).angles_deg) == 8
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_scan_goes_on_with_a_rig_that_a_person_has_armed(tmp_path: Path) -> None:
+    path = tmp_path / "a.hdf5"
+    scanned(path, stop_after=4)
+    rig = rigs.simulated(seed=3, resumed_after=9)
+    rig.arm(by="a person")
+    events = list(scan_bank(rig, path, step_deg=10.0, goes_on=True, by="a person"))
+    assert sum(isinstance(event, Measured) for event in events) == 7
+    assert len(read_bank(path).angles_deg) == 8
+
+
+def test_a_scan_that_ended_with_a_fault_does_not_go_on_by_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.hdf5"
+    rig = rigs.simulated(seed=3)
+    measure, calls = rig.scanner.measure, iter(range(99))
+
+    def failing(angle_deg: float) -> Sample:
+        if next(calls) == 1:
+            raise DeviceError("the stage is stuck")
+        return measure(angle_deg)
+
+    monkeypatch.setattr(rig.scanner, "measure", failing)
+    with pytest.raises(DeviceError, match="the stage is stuck"):
+        list(scan_bank(rig, path, step_deg=10.0))
+    before = record_of(path).read_bytes()
+    again = rigs.simulated(seed=3, resumed_after=9)
+    with pytest.raises(DeviceError, match=r"ended with a fault: the stage is stuck; look at the rig, delete this file"):
+        list(scan_bank(again, path, step_deg=10.0, goes_on=True, by="a person"))
+    assert record_of(path).read_bytes() == before
