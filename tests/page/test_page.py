@@ -191,6 +191,8 @@ def test_angle_is_copied(opened):
     # The browser writes it when it comes to it.
     watched.tab.wait_for_function("navigator.clipboard.readText().then(text => text !== '')")
     copied = watched.tab.evaluate("navigator.clipboard.readText()")
+    # On a slow machine the buttons are there before the angle is.
+    watched.wait_for(".ms-angle", r"\d")
     shown = watched.text(".ms-angle").rstrip("°").replace("−", "-")
     # Both are rounded, the copy to four digits.
     assert float(shown) == pytest.approx(float(copied), abs=0.51 * 10.0 ** -len(shown.partition(".")[2]))
