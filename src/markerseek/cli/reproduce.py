@@ -110,10 +110,7 @@ _TYPICAL_S = {
     "fig5": (26.0, 0.2),
     "fig6": (23.0, 0.07),
     "table2": (22.0, 0.12),
-    "tissues": (55.0, 0.35),
     "fig9": (10.0, 0.01),
-    "consistency": (11.0, 0.06),
-    "failures": (3.0, 0.4),
 }
 """Seconds of a core that a section takes, about, and those of each marker of the study; the others take one or two."""
 

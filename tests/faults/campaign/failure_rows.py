@@ -15,18 +15,10 @@ import numpy as np
 from rich.progress import Progress
 
 from markerseek.studies.paper import RunOptions
-from markerseek.studies.paper.failures import (
-    CASES,
-    METHODS,
-    MOVED_AFTER,
-    FaultRun,
-    draw_runs,
-    outcomes_of,
-    share_off,
-)
-from markerseek.studies.paper.methods import AnyMethod
+from markerseek.studies.paper.methods import ALL_METHODS, AnyMethod
 
 from .commit import commit_made_from
+from .failure_cases import CASES, MOVED_AFTER, FaultRun, draw_runs, outcomes_of, share_off
 from .tally import upper95
 
 OFF_DEG = 1.0
@@ -47,7 +39,7 @@ def _head(count: int, seed: int) -> str:
         f"- A marker that moves does so after {MOVED_AFTER} acquisitions, and its last place counts as true: a search "
         "that ended before the move is off by it.\n\n"
         f"Made from commit {commit_made_from()} by `python -m tests.faults.campaign.failure_rows --count {count} "
-        f"--seed {seed}`. The paper's rules without a guard, on the same faults: `markerseek reproduce failures`.\n\n"
+        f"--seed {seed}`.\n\n"
         "| fault | in the data | method | searches | found and off | upper 95 % limit | no angle |\n"
         "|---|---|---|---|---|---|---|\n"
     )
@@ -63,7 +55,7 @@ def row(words: str, observable: bool | None, method: AnyMethod, errors_deg: Sequ
 def runs_of_ours(name: str, methods: tuple[AnyMethod, ...], *, count: int, seed: int) -> list[FaultRun]:
     """Runs of some methods with our rules; each case has a seed of its own, so that any of them can be made alone."""
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 10, list(CASES).index(name)])))
-    return draw_runs(name, count, rng, searches=tuple(("ours", method) for method in methods))
+    return draw_runs(name, count, rng, methods=methods)
 
 
 def main() -> None:
@@ -83,7 +75,7 @@ def main() -> None:
             case = CASES[name]
             if f"| {case.words} |" in page:
                 continue
-            methods: tuple[AnyMethod, ...] = ("posterior",) if case.frames else METHODS["ours"]
+            methods: tuple[AnyMethod, ...] = ("posterior",) if case.frames else ALL_METHODS
             bar = progress.add_task(case.words)
             options = RunOptions(
                 seed=words.seed,
@@ -92,7 +84,7 @@ def main() -> None:
             )
             outcomes = outcomes_of(runs_of_ours(name, methods, count=words.count, seed=words.seed), options)
             for method in methods:
-                page += row(case.words, case.observable, method, outcomes[name, "ours", method])
+                page += row(case.words, case.observable, method, outcomes[name, method])
             words.out.write_text(page)
 
 

@@ -10,7 +10,6 @@ import pytest
 
 from markerseek.core import AcquisitionError, ChannelFrame, Frame, FrameHeader, Permit, ReadingFrame
 from markerseek.sim import RECEIVER_FAULTS, FaultyReceiver
-from markerseek.studies.paper.failures import CASES
 
 PERMIT = Permit(token="t", angle_deg=0.0, pulses=16, expires_s=math.inf)
 HEADER = FrameHeader(sequence=1, token="t", pulses=16, commanded_deg=0.0, started_s=0.0, ended_s=0.1)
@@ -63,8 +62,3 @@ def test_channel_data_has_no_intensity_to_change() -> None:
 
     with pytest.raises(AcquisitionError, match="a ChannelFrame has none"):
         FaultyReceiver(Channels(), RECEIVER_FAULTS["dead"]).acquire(PERMIT)
-
-
-def test_the_table_of_failures_uses_each_fault() -> None:
-    used = {case.receiver.name for case in CASES.values() if case.receiver is not None}
-    assert used == set(RECEIVER_FAULTS)

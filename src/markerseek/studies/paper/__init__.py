@@ -1,4 +1,4 @@
-"""The paper, reproduced: Fig. 5 to 9, Tables 1 and 2, tissues online, rotation travel, and the table of failures.
+"""The paper, reproduced: Fig. 5 to 9, Tables 1 and 2, and the rotation travel.
 
 The paper's numbers are in `printed.csv`, with the reason where one cannot be reproduced; no setting was chosen to match
 them except the condition `markerseek.studies.paper.fig5.FITTED`, which is marked as such.

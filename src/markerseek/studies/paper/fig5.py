@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 FITTED = Condition(source_radius_m=0.35e-3, peak_snr_db=80.0)
 """The combination of width and noise with the Fig. 5 nearest to the paper's: not chosen by hand, but the result of
-`reproduce consistency` with its usual seed and number of markers, which also prints it."""
+`docs/explanation/measure_consistency.py`."""
 
 POSTERIOR_SHARE = 0.2
 """Share of the markers that the posterior searches for: it computes a hundred times as long as TS."""

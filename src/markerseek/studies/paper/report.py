@@ -15,8 +15,6 @@ from markerseek._version import __version__
 from markerseek.core import ConfigError
 from markerseek.pictures import new_picture, png_data_uri, save_figure, write_page
 from markerseek.studies.paper.banks import OfflineBank, as_intensities, simulated_banks
-from markerseek.studies.paper.consistency import consistency
-from markerseek.studies.paper.failures import failures
 from markerseek.studies.paper.fig5 import fig5
 from markerseek.studies.paper.fig9 import fig9
 from markerseek.studies.paper.offline import OfflineSearch, fig6, offline_searches, table1
@@ -24,7 +22,6 @@ from markerseek.studies.paper.online import OnlineSearch, fig7, fig8, online_sea
 from markerseek.studies.paper.options import PAPER_MARKERS, RunOptions
 from markerseek.studies.paper.printed import PAPER_NUMBERS, PaperNumber
 from markerseek.studies.paper.section import Cell, Section, Table, make_table
-from markerseek.studies.paper.tissues import tissues
 from markerseek.studies.paper.travel import travel
 
 OFFLINE = ("fig6", "table1")
@@ -63,13 +60,10 @@ class Reproduction:
             "fig6": lambda: fig6(self._offline),
             "table1": lambda: table1(self._offline),
             "table2": lambda: table2(self._online),
-            "tissues": lambda: tissues(self._options),
             "fig7": lambda: fig7(self._online),
             "fig8": lambda: fig8(self._online),
             "fig9": lambda: fig9(self._options),
             "travel": lambda: travel(self._options),
-            "consistency": lambda: consistency(self._options),
-            "failures": lambda: failures(self._options),
         }
 
     def sections(self, names: Sequence[str]) -> Iterator[Section]:

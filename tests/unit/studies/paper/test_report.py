@@ -24,7 +24,6 @@ from markerseek.studies.paper import (
     write_section,
 )
 from markerseek.studies.paper.banks import grid
-from markerseek.studies.paper.consistency import is_consistent
 from markerseek.studies.paper.printed import MATERIALS
 from markerseek.studies.paper.section import compared, errors_of, make_table
 from markerseek.studies.paper.travel import travel
@@ -89,16 +88,6 @@ def test_the_grid_is_that_of_the_paper_but_rough() -> None:
     assert len({place.angle_deg for place in places}) == 9
 
 
-def test_a_number_is_consistent_if_resampled_means_reach_it() -> None:
-    rng = np.random.default_rng(1)
-    errors = np.abs(np.random.default_rng(2).normal(0.0, 1.0, 200))
-    half_of_a_mean_of_nine = 2 * 0.6 / 3
-    assert is_consistent(float(errors.mean()), errors, searches=9, rng=rng)
-    assert is_consistent(float(errors.mean()) + 0.5 * half_of_a_mean_of_nine, errors, searches=9, rng=rng)
-    assert not is_consistent(float(errors.mean()) + 2 * half_of_a_mean_of_nine, errors, searches=9, rng=rng)
-    assert not is_consistent(float(errors.mean()) + 0.5 * half_of_a_mean_of_nine, errors, searches=1000, rng=rng)
-
-
 @pytest.mark.parametrize(
     ("cell", "text"), [(None, ""), (0.01234, "0.0123"), (122.34, "122"), (3, "3"), ("a<b", "a<b"), (-0.5, "-0.5")]
 )
@@ -129,7 +118,7 @@ def test_the_page_holds_the_numbers_of_the_csv_and_loads_nothing(tmp_path: Path)
             for on_page, in_csv in zip(page, rows, strict=True):
                 for seen, exact in zip(on_page, in_csv, strict=True):
                     assert _same(seen, exact), (path.name, seen, exact)
-    assert {path.suffix for path in paths} == {".csv", ".png", ".svg"}
+    assert {path.suffix for path in paths} == {".csv"}
     assert "Fig. 9" in text
     assert "made with 20 markers instead of 1000" in text.lower()
 

@@ -100,7 +100,7 @@ def test_requested_angles_lie_on_encoder_counts_and_inside_the_bank() -> None:
 def test_the_section_lists_what_cannot_be_reproduced() -> None:
     section = travel(RunOptions(markers=60))
     by_condition = {each.condition: each for each in section.comparisons}
-    printed = by_condition["TS, as printed, from the first angle"]
+    printed = by_condition["TS"]
     assert printed.paper.value == 36
     assert printed.difference == pytest.approx(printed.ours - 36)
     assert printed.ours == pytest.approx(122, abs=10)

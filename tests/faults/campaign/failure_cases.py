@@ -1,40 +1,25 @@
-"""How searches fail, as a table: share of runs with an error above 4.33°, and share that claim no angle.
-
-The policies of this package refuse invalid samples. In a program without checks they enter the rules as they are: a
-comparison with NaN is false, so that the right part is kept; a weighted average with one NaN is NaN.
-"""
+"""Searches under faults that are no lines of devices: what is wrong with the intensities, and how the searches end."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from markerseek import rigs
 from markerseek.acoustics import Bursts
-from markerseek.core import PAPER_RANGE, Found, MarkerseekError, Permit, PolicyPlan, ReadingError, Receiver
-from markerseek.guard import Admission, FiringLimits, Guard, Permits
+from markerseek.core import Found, MarkerseekError, PolicyPlan, Receiver
+from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.scan import Scanner
-from markerseek.search import GOLDEN, TERNARY, THRESHOLD, build, equal_steps
+from markerseek.search import build
 from markerseek.signals import IntensityReader
 from markerseek.sim import RECEIVER_FAULTS, Fault, FaultyReceiver, IntensityCurve, SimulatedSettings
 from markerseek.studies.paper.curve_runs import USUAL, Condition
-from markerseek.studies.paper.methods import (
-    ALL_METHODS,
-    BRACKET_ACQUISITIONS,
-    BUILT,
-    ONLINE_STEPS,
-    PAPER_METHODS,
-    AnyMethod,
-    PaperMethod,
-)
-from markerseek.studies.paper.options import PAPER_MARKERS, RunOptions
-from markerseek.studies.paper.printed import SENSITIVE_DEG
-from markerseek.studies.paper.section import Cell, Section, Table, make_section, make_table
-from markerseek.studies.statistics import Share, clopper_pearson
+from markerseek.studies.paper.methods import ALL_METHODS, BUILT, AnyMethod
+from markerseek.studies.paper.options import RunOptions
+from markerseek.studies.statistics import Share
 from markerseek.studies.study import CurveSettings
 from markerseek.studies.trial import searched
 from markerseek.studies.worlds import intensity_curve
@@ -54,24 +39,8 @@ FADING = 0.97
 MARKERS_DEG = 30.0
 """Largest angle of a marker from the middle, in degrees: no failure comes from the ends of the range."""
 
-RUNS, FRAMED_RUNS = 120, 30
-"""Markers of each case, and of one from frames, for as many markers as the paper has."""
-
-CLOSE_DEG = 1.0
-"""Error up to which an angle is close, in degrees: about 1 mm at the marker."""
-
-Rules: TypeAlias = Literal["the paper's", "ours"]
-
-METHODS: dict[Rules, tuple[AnyMethod, ...]] = {"the paper's": PAPER_METHODS, "ours": ALL_METHODS}
-"""Methods by rules."""
-
-Search: TypeAlias = tuple[Rules, AnyMethod]
-"""A method by some rules."""
-
-SEARCHES: tuple[Search, ...] = tuple((rules, method) for rules, methods in METHODS.items() for method in methods)
-
-Outcomes: TypeAlias = dict[tuple[str, Rules, AnyMethod], list[float | None]]
-"""Angle of each answer minus the marker's in degrees, by case, rules and method; None where no angle was claimed."""
+Outcomes: TypeAlias = dict[tuple[str, AnyMethod], list[float | None]]
+"""Angle of each answer minus the marker's in degrees, by case and method; None where no angle was claimed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,21 +130,21 @@ class FaultRun:
     """One marker, searched for under one fault."""
 
     case: str
-    searches: tuple[Search, ...]
+    methods: tuple[AnyMethod, ...]
     marker_deg: float
     number: int
     seed: int
 
 
 def draw_runs(
-    case: str, count: int, rng: np.random.Generator, *, searches: tuple[Search, ...] = SEARCHES
+    case: str, count: int, rng: np.random.Generator, *, methods: tuple[AnyMethod, ...] = ALL_METHODS
 ) -> list[FaultRun]:
     """Draw the runs of a case."""
     markers_deg = rng.uniform(-MARKERS_DEG, MARKERS_DEG, count)
     return [
         FaultRun(
             case=case,
-            searches=searches,
+            methods=methods,
             marker_deg=float(marker_deg),
             number=number,
             seed=int(rng.integers(2**31)),
@@ -189,76 +158,16 @@ def outcomes_of(runs: Sequence[FaultRun], options: RunOptions) -> Outcomes:
     outcomes: Outcomes = {}
     # A few runs a job: one from frames takes seconds, and no process should wait long for another at the end.
     for run, errors_deg in zip(runs, options.each(_errors_deg, runs, stage="failures", part=3), strict=True):
-        for (rules, method), error_deg in zip(run.searches, errors_deg, strict=True):
-            outcomes.setdefault((run.case, rules, method), []).append(error_deg)
+        for method, error_deg in zip(run.methods, errors_deg, strict=True):
+            outcomes.setdefault((run.case, method), []).append(error_deg)
     return outcomes
 
 
 def _errors_deg(run: FaultRun) -> list[float | None]:
     # The last place of the marker: a search is used after it has ended.
     truth_deg = run.marker_deg + CASES[run.case].shift_deg
-    angles_deg = (
-        _guarded(run, method) if rules == "ours" or method == "posterior" else _unguarded(run, method)
-        for rules, method in run.searches
-    )
+    angles_deg = (_guarded(run, method) for method in run.methods)
     return [None if angle_deg is None else angle_deg - truth_deg for angle_deg in angles_deg]
-
-
-def _unguarded(run: FaultRun, method: PaperMethod) -> float | None:
-    """Answer of a program without checks: it moves, fires and reads, and every value counts as an intensity."""
-    rig, receiver, settings = _rig(run)
-    reader = rig.imaging or IntensityReader()
-    permits, pulses = Permits(FiringLimits()), settings.laser.pulses
-
-    def acquire(angle_deg: float) -> float:
-        rig.stage.move_to(angle_deg)
-        issued = permits.issue(angle_deg=angle_deg, pulses=pulses, now_s=0.0)
-        # A permit without an end: the simulated laser has a clock, and this program does not look at it.
-        permit = Permit(token=issued.token, angle_deg=angle_deg, pulses=pulses, expires_s=math.inf)
-        receiver.arm(permit)
-        rig.laser.fire(permit)
-        try:
-            return reader.read(receiver.acquire(permit)).intensity
-        except ReadingError:
-            # Only ours refuses what is no number; a program without checks goes on with it.
-            return math.nan
-
-    # A program without checks does not see NumPy's warnings about NaN.
-    with np.errstate(invalid="ignore"):
-        angle_deg = _average(acquire) if method == "WA" else _bracketed(method, acquire)
-    return None if math.isnan(angle_deg) else angle_deg
-
-
-def _bracketed(method: PaperMethod, acquire: Callable[[float], float]) -> float:
-    """Answer of TS or GSS after 28 acquisitions, two new ones in each iteration, as section 2.3 prints it."""
-    ratio = TERNARY if method == "TS" else GOLDEN
-    low_deg, high_deg = PAPER_RANGE.low_deg, PAPER_RANGE.high_deg
-    for _ in range(max(BRACKET_ACQUISITIONS) // 2):
-        left_deg = ratio * low_deg + (1 - ratio) * high_deg
-        right_deg = (1 - ratio) * low_deg + ratio * high_deg
-        at_left, at_right = acquire(left_deg), acquire(right_deg)
-        # False with NaN on either side: the right part is kept.
-        if at_left >= at_right:
-            high_deg = right_deg
-        else:
-            low_deg = left_deg
-    return (low_deg + high_deg) / 2
-
-
-def _average(acquire: Callable[[float], float]) -> float:
-    """Answer of WA in 5° steps; NaN where it has none."""
-    measured: list[float] = []
-    angles = equal_steps(PAPER_RANGE, acquisitions=ONLINE_STEPS)
-    for angle_deg in angles:
-        measured.append(acquire(float(angle_deg)))
-        # The early end of the online analysis: two samples in a row are below the threshold.
-        if len(measured) > 2 and max(measured[-2:]) < THRESHOLD * max(measured):
-            break
-    intensity = np.array(measured)
-    weight = np.where(intensity < THRESHOLD * np.max(intensity), 0.0, intensity)
-    # NaN is not equal to 0, and makes the average NaN: no angle.
-    total = float(weight.sum())
-    return float(weight @ angles[: len(measured)]) / total if total != 0 else math.nan
 
 
 def _guarded(run: FaultRun, method: AnyMethod) -> float | None:
@@ -311,63 +220,7 @@ def _rig(run: FaultRun) -> tuple[rigs.Rig, Receiver, SimulatedSettings]:
     return rig, receiver, settings
 
 
-def failures(options: RunOptions) -> Section:
-    """Table of failures: share of runs with an error above 4.33°, and share that claim no angle."""
-    rng = np.random.Generator(np.random.PCG64([options.seed, 9]))
-    runs = []
-    for name, case in CASES.items():
-        # Fewer from frames: such a search takes some fifty times as long as one from curves.
-        count = max(1, round((FRAMED_RUNS if case.frames else RUNS) * options.markers / PAPER_MARKERS))
-        runs += draw_runs(name, count, rng)
-    outcomes = outcomes_of(runs, options)
-    # Of the worst method: a mean over the methods would hide one that fails.
-    worst = {
-        rules: {
-            case: max((share_off(outcomes[case, rules, method]) for method in methods), key=lambda off: off.share or 0)
-            for case in CASES
-        }
-        for rules, methods in METHODS.items()
-    }
-    counts = sorted({off.count for off in worst["ours"].values()})
-    return make_section(
-        "failures",
-        tables=(_table(outcomes),),
-        markers=MARKERS_DEG,
-        wide=WIDE.words,
-        narrow=USUAL.words,
-        sensitive=SENSITIVE_DEG,
-        wrong={
-            rules: ", ".join(f"{CASES[case].words} ({off.hits} of {off.count})" for case, off in by.items() if off.hits)
-            or "none"
-            for rules, by in worst.items()
-        },
-        limits=", ".join(f"{clopper_pearson(0, count)[1]:.2g} for {count}" for count in counts),
-    )
-
-
-def _table(outcomes: Outcomes) -> Table:
-    rows: list[tuple[Cell, ...]] = []
-    for (case, rules, method), errors_deg in outcomes.items():
-        claimed_deg = [error_deg for error_deg in errors_deg if error_deg is not None]
-        off, close = share_off(errors_deg), share_off(errors_deg, limit_deg=CLOSE_DEG)
-        unclaimed = 1 - len(claimed_deg) / len(errors_deg)
-        rows.append(
-            (
-                CASES[case].words, method, rules, len(errors_deg), off.share, *(off.interval95 or (None, None)),
-                close.share, (close.interval95 or (None, None))[1], unclaimed,
-                float(np.mean(claimed_deg)) if claimed_deg else None,
-            )
-        )  # fmt: skip
-    return make_table(
-        "failures",
-        "Share of runs off by more than 4.33° with its 95 % interval (Clopper-Pearson), share off by more than 1° with "
-        "its upper limit, share that claim no angle, and mean of the signed error",
-        "fault method rules runs off low95 high95 off_by_1_deg off_by_1_deg_high95 no_angle mean_signed_error_deg",
-        rows,
-    )
-
-
-def share_off(errors_deg: Sequence[float | None], *, limit_deg: float = SENSITIVE_DEG) -> Share:
+def share_off(errors_deg: Sequence[float | None], *, limit_deg: float) -> Share:
     """Return the share of runs that claim an angle with an error above the limit.
 
     ``errors_deg``: None where no angle was claimed. ``limit_deg``: largest error that does not count.
