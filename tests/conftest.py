@@ -136,19 +136,10 @@ def handlers_restored() -> Iterator[None]:
             signal.signal(each, handler)
 
 
-@pytest.fixture(scope="session")
-def shared_sandbox() -> Iterator[object]:
-    """One child process for the foreign files of many tests: a child for each file takes 0.4 s."""
-    from markerseek.records.sandbox import Sandbox
-
-    with Sandbox() as shared:
-        yield shared
-
-
 @pytest.fixture(scope="module")
-def one_sandbox(shared_sandbox: object) -> Iterator[None]:
-    """Every reader of the package that begins a sandbox gets the one that is shared; it restarts after a crash."""
+def no_child() -> Iterator[None]:
+    """Files are read without being tried in a child before, which takes 0.4 s each; `faults` tests that."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(type(shared_sandbox), "__enter__", lambda _: shared_sandbox)
-        patched.setattr(type(shared_sandbox), "__exit__", lambda *_: None)
+        for module in ("records.named_arrays", "records.banks.reading"):
+            patched.setattr(f"markerseek.{module}.try_files", lambda *_: None)
         yield

@@ -25,7 +25,7 @@ from markerseek.records.banks import (
     whole_bank,
 )
 from markerseek.records.banks.ipasc.reading import read_probed, walk_bank
-from markerseek.records.untrusted_arrays import read_mat73
+from markerseek.records.named_arrays import read_mat73
 from markerseek.wire import sonixdaq
 
 _FRAME = np.arange(2 * 6, dtype=np.int16).reshape(2, 6)

@@ -9,10 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from markerseek.core import MissingExtraError
-from markerseek.records.banks.ipasc.reading import walk_bank
-from markerseek.records.sandbox import Sandbox
-
 pytest.importorskip("serial", reason="needs the extra devices")
 pytest.importorskip("h5py", reason="needs the extra records")
 
@@ -44,7 +40,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize("program", [SUPERVISOR, BANKS, WORKERS], ids=["supervisor", "sandbox", "workers"])
+@pytest.mark.parametrize("program", [SUPERVISOR, BANKS, WORKERS], ids=["supervisor", "banks", "workers"])
 @pytest.mark.parametrize("where", ["folder", "python path"])
 def test_files_in_the_current_folder_are_not_imported(tmp_path: Path, program: str, where: str) -> None:
     lab, elsewhere = tmp_path / "lab", tmp_path / "elsewhere"
@@ -62,12 +58,3 @@ def test_files_in_the_current_folder_are_not_imported(tmp_path: Path, program: s
     )  # fmt: skip
     assert sorted(path.name for path in tmp_path.glob("imported-*")) == [], done.stderr
     assert done.stdout == "done\n", done.stderr
-
-
-def test_a_library_that_the_sandbox_lacks_is_an_error_that_names_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "h5py.py").write_text("raise ModuleNotFoundError(name='h5py')\n")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    with Sandbox() as sandbox, pytest.raises(MissingExtraError, match="needs the package h5py, which is not installed"):
-        sandbox.read(walk_bank, BANK)

@@ -6,14 +6,10 @@ this, by the name of the decoder; ``tests/faults/fuzz.py`` searches for more.
 
 from __future__ import annotations
 
-import gc
 import importlib
 import os
 import sys
 import tracemalloc
-import warnings
-import zlib
-from functools import partial
 from pathlib import Path
 
 import h5py
@@ -22,17 +18,15 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from markerseek.core import MissingExtraError, RecordError
+from markerseek.core import RecordError
 from markerseek.records.banks import read_bank
 from markerseek.records.banks.ipasc.reading import read_probed
-from markerseek.records.sandbox import Sandbox
-from markerseek.records.untrusted_arrays import arrays_in
+from markerseek.records.child import try_files
 from tests.faults.decoders import DECODERS, IN_THIS_PROCESS, outcome, zip_bomb
 
 CORPUS = Path(__file__).parent / "corpus"
 HDF5 = ("hdf5", "mat73")
-SANDBOXED = ("hdf5", "mat", "mat73", "mat-frame", "npy", "npz")
-IN_PROCESS = sorted(set(DECODERS) - set(SANDBOXED))
+IN_PROCESS = sorted(set(DECODERS) - set(HDF5))
 ROOM_BYTES = 3_000_000
 
 
@@ -76,30 +70,6 @@ def test_any_table_is_read_or_refused(tmp_path, text):
     assert outcome(read, tmp_path / name, data) in ("read", "refused")
 
 
-@pytest.fixture(scope="module")
-def sandbox():
-    with Sandbox() as one:
-        yield one
-
-
-@settings(
-    max_examples=200,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-    derandomize=True,
-)
-@given(data=st.data(), decoder=st.sampled_from(("mat", "mat73", "mat-frame", "npy", "npz")))
-def test_damaged_arrays_are_read_or_refused_by_one_child(tmp_path, sandbox, data, decoder):
-    """It continues after any of them, or is started again."""
-    name, whole, _ = DECODERS[decoder]
-    damaged = bytearray(whole())
-    for _ in range(data.draw(st.integers(1, 8))):
-        damaged[data.draw(st.integers(0, len(damaged) - 1))] = data.draw(st.integers(0, 255))
-    length = data.draw(st.just(len(damaged)) | st.integers(0, len(damaged)))
-    read = partial(arrays_in, sandbox=sandbox, most_bytes=1 << 20)
-    assert outcome(read, tmp_path / name, bytes(damaged[:length])) in ("read", "refused")
-
-
 @pytest.fixture
 def readers(tmp_path, monkeypatch):
     """Readers that go out of bounds, as the libraries do on damaged files; the child finds them on its path."""
@@ -126,43 +96,51 @@ def computes_for_ever(path):
     while True:
         pass
 
-def says_too_much(path):
+def fails(path):
+    raise ValueError("not this")
+
+def dies_of_some(path):
+    with open(path.with_name("seen"), "a") as seen:
+        seen.write(path.stem + " ")
+    if path.read_bytes() == b"deadly":
+        os.abort()
+
+def prints(path):
     os.write(1, b"x" * 100)
-    print("not an answer")
-    return {"": np.arange(3)}
-
-def sends_other_kinds(path):
-    return {"": np.array(["text"])}
-
-def needs_a_library(path):
-    import no_such_library
 """
 
 
 @pytest.mark.parametrize(
-    ("reader", "error", "said"),
+    ("reader", "said"),
     [
-        ("dies", RecordError, "breaks down"),
-        ("fills_the_memory", RecordError, "far more memory than it has bytes"),
-        ("computes_for_ever", RecordError, "breaks down"),
-        ("sends_other_kinds", RecordError, "breaks down"),
-        ("needs_a_library", MissingExtraError, r"needs the package no_such_library.*pip install"),
+        ("dies", "breaks down"),
+        ("fills_the_memory", "far more memory than it has bytes"),
+        ("computes_for_ever", "breaks down"),
     ],
 )
-def test_a_reader_that_goes_out_of_bounds_is_a_refusal_and_the_next_file_is_read(
-    tmp_path, readers, reader, error, said
-):
-    (tmp_path / "a.npy").write_bytes(DECODERS["npy"][1]())
-    with Sandbox() as sandbox:
-        with pytest.raises(error, match=said):
-            sandbox.read(getattr(readers, reader), tmp_path / "a.npy")
-        assert arrays_in(tmp_path / "a.npy", sandbox, most_bytes=1 << 20)[""].shape == (2, 6)
+def test_a_reader_that_goes_out_of_bounds_is_a_refusal_of_its_file(tmp_path, readers, reader, said):
+    (tmp_path / "a.npy").write_bytes(b"a")
+    with pytest.raises(RecordError, match=f"a.npy.*{said}"):
+        try_files(getattr(readers, reader), [tmp_path / "a.npy"])
 
 
-def test_output_printed_by_a_library_is_not_read_as_an_answer(tmp_path, readers):
-    (tmp_path / "a.npy").write_bytes(DECODERS["npy"][1]())
-    with Sandbox() as sandbox:
-        np.testing.assert_array_equal(sandbox.read(readers.says_too_much, tmp_path / "a.npy")[""], [0, 1, 2])
+@pytest.mark.parametrize("reader", ["fails", "prints"])
+def test_what_a_reader_raises_or_prints_is_no_refusal(tmp_path, readers, reader):
+    (tmp_path / "a.npy").write_bytes(b"a")
+    try_files(getattr(readers, reader), [tmp_path / "a.npy"])
+
+
+def test_one_child_tries_many_files_and_names_the_one_that_it_dies_of(tmp_path, readers):
+    paths = [tmp_path / f"{number}.npy" for number in range(4)]
+    for path in paths:
+        path.write_bytes(b"a")
+    paths[2].write_bytes(b"deadly")
+    with pytest.raises(RecordError, match=r"2\.npy.*breaks down"):
+        try_files(readers.dies_of_some, paths)
+    # Those before it are not tried again.
+    paths[2].write_bytes(b"harmless")
+    try_files(readers.dies_of_some, paths)
+    assert (tmp_path / "seen").read_text() == "0 1 2 2 3 "
 
 
 def test_nothing_is_imported_from_the_current_folder(tmp_path, monkeypatch):
@@ -170,49 +148,10 @@ def test_nothing_is_imported_from_the_current_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("h5py.py", "numpy.py", "scipy.py", "markerseek.py"):
         (tmp_path / name).write_text(f"open({str(tmp_path / 'imported')!r}, 'w').close()")
-    for decoder in SANDBOXED:
+    for decoder in (*HDF5, "mat", "npy", "npz"):
         name, whole, read = DECODERS[decoder]
         assert outcome(read, tmp_path / name, whole()) == "read"
     assert not (tmp_path / "imported").exists()
-
-
-def test_a_sandbox_serves_many_files_by_one_child(tmp_path):
-    (tmp_path / "a.npy").write_bytes(DECODERS["npy"][1]())
-    with Sandbox() as sandbox:
-        children = set()
-        for _ in range(3):
-            arrays_in(tmp_path / "a.npy", sandbox, most_bytes=1 << 20)
-            children.add(sandbox._child.pid)
-        assert len(children) == 1
-        child = sandbox._child
-    assert child.poll() is not None
-
-
-def test_a_sandbox_that_is_garbage_collected_ends_its_child(tmp_path):
-    (tmp_path / "a.npy").write_bytes(DECODERS["npy"][1]())
-    sandbox = Sandbox()
-    arrays_in(tmp_path / "a.npy", sandbox, most_bytes=1 << 20)
-    child = sandbox._child
-    del sandbox
-    assert child.poll() is not None
-
-
-def test_a_sandbox_in_a_garbage_cycle_ends_its_child_before_python_deletes_it(tmp_path):
-    (tmp_path / "a.npy").write_bytes(DECODERS["npy"][1]())
-    sandbox = Sandbox()
-    arrays_in(tmp_path / "a.npy", sandbox, most_bytes=1 << 20)
-    cycle = {"child": sandbox._child, "sandbox": sandbox}
-    cycle["cycle"] = cycle
-    child_id = sandbox._child.pid
-    del sandbox
-    gc.collect()  # changes the order in which the next collection deletes them
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        del cycle
-        gc.collect()
-    assert [str(each.message) for each in caught] == []
-    with pytest.raises(ChildProcessError):
-        os.waitpid(child_id, os.WNOHANG)
 
 
 def corpus():
@@ -236,7 +175,6 @@ def test_inputs_that_once_did_harm_are_refused(tmp_path, path):
             b"\x93NUMPY\x01\0\x76\0{'descr': '<i2', 'fortran_order': False, 'shape': (9, 99999999999999), }".ljust(128),
         ),
         ("npy", b"\x93NUMPY\x02\0\xff\xff\xff\x7f{'descr'" + bytes(90)),
-        ("mat", b"MATLAB".ljust(124) + b"\0\1IM" + b"\x0f\0\0\0\xff\xff\xff\xff" + zlib.compress(bytes(30_000_000))),
         ("csv", b"angle_deg,intensity\n" + b"1" * 200_000),
         ("csv", b'angle_deg,intensity\n"' + b"\n" * 200_000),
     ],
@@ -381,24 +319,21 @@ def test_damaged_hdf5_is_read_or_refused(tmp_path, seed, decoder):
     assert outcome(read, tmp_path / name, damaged.tobytes()) in ("read", "refused")
 
 
-@pytest.mark.parametrize("decoder", SANDBOXED)
-def test_nothing_is_read_outside_the_child(tmp_path, monkeypatch, decoder):
+@pytest.mark.parametrize("decoder", HDF5)
+def test_no_hdf5_is_read_untried(tmp_path, monkeypatch, decoder):
     name, whole, read = DECODERS[decoder]
-    monkeypatch.setattr("markerseek.records.sandbox.sys.executable", "/bin/false")
+    monkeypatch.setattr("markerseek.records.child.sys.executable", "/bin/false")
     (tmp_path / name).write_bytes(whole())
     with pytest.raises(RecordError, match="breaks down"):
         read(tmp_path / name)
 
 
-@pytest.mark.parametrize("decoder", SANDBOXED)
-def test_a_child_that_takes_too_long_is_a_refusal(tmp_path, monkeypatch, decoder):
-    name, whole, read = DECODERS[decoder]
-    path = tmp_path / name
-    path.write_bytes(whole())
-    read(path)
-    monkeypatch.setattr("markerseek.records.sandbox.LIMIT_S", 0.01)
+def test_a_child_that_takes_too_long_is_a_refusal(tmp_path, monkeypatch):
+    name, whole, read = DECODERS["hdf5"]
+    (tmp_path / name).write_bytes(whole())
+    monkeypatch.setattr("markerseek.records.child.LIMIT_S", 0.01)
     with pytest.raises(RecordError, match="takes more than"):
-        read(path)
+        read(tmp_path / name)
 
 
 @pytest.mark.parametrize("name", ["a.hdf5", "a.csv", "a.h5"])
@@ -415,36 +350,3 @@ def test_a_folder_that_may_not_be_read_is_a_refusal(tmp_path, monkeypatch):
     monkeypatch.setattr(Path, "iterdir", forbidden)
     with pytest.raises(RecordError, match="Permission denied"):
         read_bank(tmp_path)
-
-
-def test_the_files_of_a_folder_are_read_by_one_child(tmp_path):
-    for angle_deg in (-1, 0, 2):
-        (tmp_path / f"{angle_deg}.npy").write_bytes(DECODERS["npy"][1]())
-    bank = read_bank(tmp_path)
-    children = set()
-    for index in range(3):
-        assert bank.frame(index).samples.shape == (2, 6)
-        children.add(bank.sandbox._child.pid)
-    assert len(children) == 1
-    bank.sandbox.close()
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-def test_after_a_fork_each_process_has_a_child_of_its_own(tmp_path):
-    path = tmp_path / "a.npy"
-    path.write_bytes(DECODERS["npy"][1]())
-    with Sandbox() as sandbox:
-        arrays_in(path, sandbox, most_bytes=1 << 20)
-        forked = os.fork()
-        if forked == 0:
-            code = 1
-            try:
-                shared = sandbox._child.pid
-                arrays_in(path, sandbox, most_bytes=1 << 20)
-                code = 0 if sandbox._child.pid != shared else 2
-                sandbox.close()
-            finally:
-                os._exit(code)
-        _, status = os.waitpid(forked, 0)
-        assert os.waitstatus_to_exitcode(status) == 0
-        assert arrays_in(path, sandbox, most_bytes=1 << 20)[""].shape == (2, 6)

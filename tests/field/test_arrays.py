@@ -16,7 +16,7 @@ from tests.field.base_scan import MARKER_DEG, SAMPLING_HZ, base_scan
 from tests.unit.records.vantage_workspaces import write_workspace
 
 Shell = Callable[..., tuple[int, str, str]]
-pytestmark = [pytest.mark.usefixtures("one_sandbox"), pytest.mark.filterwarnings("always")]
+pytestmark = [pytest.mark.usefixtures("no_child"), pytest.mark.filterwarnings("always")]
 
 PA_FRAMES = Path("/work/shared/data/pa-point-source")
 STRONGEST = 7

@@ -24,7 +24,7 @@ from markerseek.records import read_images
 from markerseek.records.banks import FrameBank, read_bank
 from markerseek.sim import BModeSettings, BModeWorld
 
-pytestmark = pytest.mark.usefixtures("one_sandbox")
+pytestmark = pytest.mark.usefixtures("no_child")
 
 Shell = Callable[..., tuple[int, str, str]]
 Grey = npt.NDArray[np.uint8]

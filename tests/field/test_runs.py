@@ -23,9 +23,8 @@ from markerseek.bridges.page.security import Access
 from markerseek.bridges.page.server import Address
 from markerseek.cli import doctor
 from markerseek.core import ConfigError, MissingExtraError, RecordError, needs_package
+from markerseek.records.image_files import read_png
 from markerseek.records.journal import Entry, Interrupted, read_journal
-from markerseek.records.sandbox import Sandbox
-from markerseek.records.untrusted_images import read_png
 from tests.emulated import markerseek
 from tests.faults.campaign.checker import OFF_DEG
 from tests.faults.campaign.report import kinds, promises
@@ -311,12 +310,12 @@ def test_c_an_image_whose_library_is_broken_is_not_called_damaged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "cv2.py").write_text("raise ImportError('libGL.so.1: cannot open shared object file')\n")
-    # The child that reads the file finds it first.
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "cv2", raising=False)
     image = tmp_path / "tip.png"
     image.write_bytes(b"\x89PNG\r\n\x1a\n")
-    with Sandbox() as sandbox, pytest.raises(RecordError, match="because of a library: ImportError: libGL") as raised:
-        sandbox.read(read_png, image)
+    with pytest.raises(RecordError, match="because of a library: ImportError: libGL") as raised:
+        read_png(image)
     assert "damaged" not in str(raised.value)
 
 

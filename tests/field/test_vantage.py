@@ -15,7 +15,7 @@ from markerseek.records.banks.arrays import ArrayBank, read_arrays
 from tests.field.base_scan import MARKER_DEG, base_scan
 from tests.unit.records.vantage_workspaces import write_workspace
 
-pytestmark = pytest.mark.usefixtures("one_sandbox")
+pytestmark = pytest.mark.usefixtures("no_child")
 
 Shell = Callable[..., tuple[int, str, str]]
 

@@ -1,4 +1,4 @@
-"""The data folder of the system tests, and the one sandbox that they share."""
+"""The data folder of the system tests, and files that no child tries first."""
 
 from __future__ import annotations
 
@@ -14,5 +14,5 @@ def _own_data_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 @pytest.fixture(autouse=True, scope="module")
-def _one_sandbox(one_sandbox: None) -> None:
-    """Sandboxes themselves are tested in `faults`, each with a child of its own."""
+def _no_child(no_child: None) -> None:
+    """Whole files need none."""

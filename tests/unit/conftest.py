@@ -1,4 +1,4 @@
-"""What the tests of several packages share: one sandbox, and a journal."""
+"""What the tests of several packages share: files that no child tries first, and a journal."""
 
 from __future__ import annotations
 
@@ -18,5 +18,5 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(autouse=True, scope="module")
-def _one_sandbox(one_sandbox: None) -> None:
-    """Sandboxes themselves are tested in `faults`, each with a child of its own."""
+def _no_child(no_child: None) -> None:
+    """Whole files need none."""

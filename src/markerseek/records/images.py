@@ -13,8 +13,7 @@ from markerseek.core import MissingExtraError, RecordError, UInt8
 from markerseek.files import MIB, as_read_error, in_natural_order, require_input
 from markerseek.records.banks import open_ultrasonix
 from markerseek.records.banks.sequence import SEQUENCE_SUFFIXES, angles_of, is_sequence, open_sequence
-from markerseek.records.sandbox import Sandbox
-from markerseek.records.untrusted_images import read_camera_png, read_dicom, read_png
+from markerseek.records.image_files import MAX_PIXELS, read_camera_png, read_dicom, read_png
 
 IMAGE_SUFFIXES = (".png", ".dcm", ".b8")
 """Suffixes of files with B-mode images; DICOM files without a suffix need one."""
@@ -23,7 +22,6 @@ MAX_IMAGES = 2000
 """Most images of a series."""
 
 _MAX_BYTES = 512 * MIB
-_MAX_PIXELS = 1 << 30
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,17 +53,16 @@ def read_images(
     found: list[np.ndarray] = []
     sizes: dict[tuple[float, float] | None, Path] = {}
     pixels = 0
-    with Sandbox() as sandbox:
-        for file in files:
-            frames, size_m = _frames(file, sandbox, roi, pixel_m)
-            sizes.setdefault(size_m, file)
-            names += [file.name if len(frames) == 1 else f"{file.name}, frame {n + 1}" for n in range(len(frames))]
-            found += list(frames)
-            pixels += frames.size
-            if len(found) > MAX_IMAGES or pixels > _MAX_PIXELS:
-                raise RecordError(
-                    f"{path}: more than {MAX_IMAGES} images or {_MAX_PIXELS} pixels; give the images of one scan"
-                )
+    for file in files:
+        frames, size_m = _frames(file, roi, pixel_m)
+        sizes.setdefault(size_m, file)
+        names += [file.name if len(frames) == 1 else f"{file.name}, frame {n + 1}" for n in range(len(frames))]
+        found += list(frames)
+        pixels += frames.size
+        if len(found) > MAX_IMAGES or pixels > MAX_PIXELS:
+            raise RecordError(
+                f"{path}: more than {MAX_IMAGES} images or {MAX_PIXELS} pixels; give the images of one scan"
+            )
     if len(sizes) > 1:
         (first, one), (second, other), *_ = sizes.items()
         raise RecordError(
@@ -91,9 +88,9 @@ def read_image_sequence(
     count, (rows, columns, _) = len(sequence.frame_fields), sequence.shape
     if sequence.kind != "BRIGHTNESS":
         raise RecordError(f"{path}: it holds {sequence.kind} and no B-mode images; see 'markerseek bank info'")
-    if count > MAX_IMAGES or count * rows * columns > _MAX_PIXELS:
+    if count > MAX_IMAGES or count * rows * columns > MAX_PIXELS:
         raise RecordError(
-            f"{path}: {count} images of {columns} × {rows}, at most {MAX_IMAGES} images or {_MAX_PIXELS} pixels are "
+            f"{path}: {count} images of {columns} × {rows}, at most {MAX_IMAGES} images or {MAX_PIXELS} pixels are "
             "read; give the images of one scan"
         )
     placed = angles_of(sequence, angle_field=angle_field, angle_transform=angle_transform) if angles else {}
@@ -124,16 +121,15 @@ def read_camera_images(folder: Path) -> list[UInt8[np.ndarray, "rows columns"]]:
     if importlib.util.find_spec("cv2") is None:
         raise MissingExtraError(package="opencv-python-headless", extra="vision", purpose=f"{folder}: it")
     found: list[np.ndarray] = []
-    with Sandbox() as sandbox:
-        for file in files:
-            with as_read_error(file):
-                require_input(file, most_bytes=_MAX_BYTES)
-            pixels = sandbox.read(read_camera_png, file)["pixels"]
-            if pixels.dtype != np.uint8 or pixels.ndim != 3:
-                raise RecordError(f"{file}: {pixels.dtype} of shape {pixels.shape}; save camera images with 8 bits")
-            found += list(pixels)
-            if sum(each.size for each in found) > _MAX_PIXELS:
-                raise RecordError(f"{folder}: more than {_MAX_PIXELS} pixels; 25 frames are usual")
+    for file in files:
+        with as_read_error(file):
+            require_input(file, most_bytes=_MAX_BYTES)
+        pixels = read_camera_png(file)
+        if pixels.dtype != np.uint8 or pixels.ndim != 2:
+            raise RecordError(f"{file}: {pixels.dtype} of shape {pixels.shape}; save camera images with 8 bits")
+        found.append(pixels)
+        if sum(each.size for each in found) > MAX_PIXELS:
+            raise RecordError(f"{folder}: more than {MAX_PIXELS} pixels; 25 frames are usual")
     return found
 
 
@@ -147,7 +143,7 @@ def _files(path: Path) -> list[Path]:
 
 
 def _frames(
-    path: Path, sandbox: Sandbox, roi: tuple[int, int, int, int] | None, pixel_m: tuple[float, float] | None
+    path: Path, roi: tuple[int, int, int, int] | None, pixel_m: tuple[float, float] | None
 ) -> tuple[np.ndarray, tuple[float, float] | None]:
     """Frames of one file, shape (frames, rows, columns), and the size of a pixel in metres."""
     suffix = path.suffix.lower()
@@ -161,9 +157,9 @@ def _frames(
     if importlib.util.find_spec(module) is None:
         raise MissingExtraError(package=package, extra="vision", purpose=f"{path}: it")
     with as_read_error(path):
-        # Before the sandbox: only regular files, and none that is too large.
+        # Only regular files, and none that is too large.
         require_input(path, most_bytes=_MAX_BYTES)
-    arrays = sandbox.read(read_png if suffix == ".png" else read_dicom, path)
+    arrays = {"pixels": read_png(path)[np.newaxis]} if suffix == ".png" else read_dicom(path)
     frames = arrays["pixels"]
     if frames.ndim != 3 or frames.dtype.kind not in "ui":
         raise RecordError(

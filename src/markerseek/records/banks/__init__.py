@@ -1,7 +1,7 @@
 """Banks, that is scans of many angles: IPASC HDF5, a folder of frames, arrays, a sequence of PLUS, or a CSV table.
 
 `read_bank` reads a bank, `read_arrays` arrays that can be made one, `load_frame` and `open_ultrasonix` single frames.
-Foreign files are read in a child process (`markerseek.records.sandbox`).
+A child process tries HDF5 first (`markerseek.records.child`).
 """
 
 from markerseek.records.banks.arrays import AXES, ArrayBank, read_arrays
@@ -22,7 +22,7 @@ from markerseek.records.banks.reading import frame_faults, has_checksums, read_b
 from markerseek.records.banks.sequence import is_sequence, read_sequence
 from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, write_bank
 from markerseek.records.banks.ultrasonix import ULTRASONIX_SUFFIXES, UltrasonixFile, open_ultrasonix
-from markerseek.records.untrusted_arrays import ARRAY_SUFFIXES
+from markerseek.records.named_arrays import ARRAY_SUFFIXES
 
 __all__ = [
     "ARRAY_SUFFIXES",

@@ -39,9 +39,8 @@ from markerseek.records.banks.table import (
     unit_of,
     warn_skipped,
 )
-from markerseek.records.sandbox import Sandbox
-from markerseek.records.untrusted_arrays import arrays_in, content
-from markerseek.records.untrusted_vantage import NUMBERS
+from markerseek.records.named_arrays import arrays_in, content
+from markerseek.records.vantage import NUMBERS
 
 AXES = ("angles", "channels", "samples")
 """Axes of frames, in their order."""
@@ -97,8 +96,8 @@ def read_arrays(
     ``first_frame``: number in the receive buffer of a Vantage of the frame with the first angle; None: as the file
     shows. ``axes``: order of the axes of the frames, a permutation of `AXES`. ``blanked``: as of `read_bank`.
     """
-    with as_read_error(path), Sandbox() as sandbox:
-        arrays = arrays_in(path, sandbox, most_bytes=_LARGEST_BYTES)
+    with as_read_error(path):
+        arrays = arrays_in(path, most_bytes=_LARGEST_BYTES)
     return bank_of_arrays(
         path,
         arrays,

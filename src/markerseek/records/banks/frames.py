@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -27,8 +26,7 @@ from markerseek.records.banks.bank import (
 )
 from markerseek.records.banks.counts import EXACT, Scaling, as_counts, scaling_of
 from markerseek.records.journal import is_journal
-from markerseek.records.sandbox import Sandbox
-from markerseek.records.untrusted_arrays import arrays_in, content
+from markerseek.records.named_arrays import arrays_in, content, try_arrays
 from markerseek.wire import sonixdaq
 
 MAT_PROBE = "L3-8"
@@ -47,7 +45,6 @@ def load_frame(
     *,
     sampling_hz: float = 40e6,
     angle_deg: float = 0.0,
-    sandbox: Sandbox | None = None,
     scaling: Scaling | None = None,
     blanked: int = 0,
 ) -> ChannelFrame:
@@ -57,26 +54,25 @@ def load_frame(
       a ``.mat`` with ``AdcData_frame000`` and ``SampleNum``.
     - ``sampling_hz``: sampling frequency; none of the files holds it.
     - ``angle_deg``: angle of the probe, for the frame's header.
-    - ``sandbox``: reads files of NumPy and MATLAB; None: one for this file alone.
     - ``scaling``: how numbers of an ``.npy`` become counts; None: as the frame itself says, with a warning where it is
       scaled.
     - ``blanked``: samples at the start that are not imaged, and do not count for the scale.
     """
     place = Path(path)
     with as_read_error(place):
-        samples, pulses = _load(place, sandbox, scaling, blanked)
+        samples, pulses = _load(place, scaling, blanked)
     header = FrameHeader(
         sequence=1, token=place.name, pulses=pulses, commanded_deg=angle_deg, started_s=math.nan, ended_s=math.nan
     )
     return ChannelFrame(header=header, samples=samples, sampling_hz=sampling_hz)
 
 
-def npy_samples(path: Path, sandbox: Sandbox) -> np.ndarray:
+def npy_samples(path: Path) -> np.ndarray:
     """Channel data of an ``.npy`` in the type that it has, shape (channels, samples).
 
     Raises `OSError` if it cannot be opened.
     """
-    samples = arrays_in(path, sandbox, most_bytes=_MAX_FRAME_BYTES)[""]
+    samples = arrays_in(path, most_bytes=_MAX_FRAME_BYTES)[""]
     # More channels than samples is a transposed array.
     if samples.ndim != 2 or not 1 <= samples.shape[0] <= samples.shape[1]:
         raise RecordError(
@@ -87,9 +83,7 @@ def npy_samples(path: Path, sandbox: Sandbox) -> np.ndarray:
     return samples
 
 
-def _load(
-    path: Path, sandbox: Sandbox | None, scaling: Scaling | None, blanked: int
-) -> tuple[Int16[np.ndarray, "channels samples"], int]:
+def _load(path: Path, scaling: Scaling | None, blanked: int) -> tuple[Int16[np.ndarray, "channels samples"], int]:
     if not path.exists():
         raise RecordError(f"{path}: there is no such file or folder; check the name")
     if path.is_dir():
@@ -97,10 +91,9 @@ def _load(
     suffix = path.suffix.lower()
     if suffix not in (".mat", ".npy"):
         raise RecordError(f"{path}: {_otherwise(path)}")
-    with Sandbox() if sandbox is None else nullcontext(sandbox) as reader:
-        if suffix == ".mat":
-            return _mat_frame(path, arrays_in(path, reader, most_bytes=_MAX_FRAME_BYTES)), 1
-        samples = npy_samples(path, reader)
+    if suffix == ".mat":
+        return _mat_frame(path, arrays_in(path, most_bytes=_MAX_FRAME_BYTES)), 1
+    samples = npy_samples(path)
     return as_counts(path, samples, scaling or scaling_of(path, [samples], blanked=blanked)), 1
 
 
@@ -168,8 +161,6 @@ class FolderBank(FrameBank):
 
     places: tuple[Path, ...] = field(repr=False)
     """Path of each, in the order of the angles."""
-    sandbox: Sandbox = field(repr=False, compare=False, default_factory=Sandbox)
-    """Process that reads the files of NumPy and MATLAB."""
     scaling: Scaling = EXACT
     """How the numbers of files of NumPy become counts, alike at all angles."""
 
@@ -184,7 +175,6 @@ class FolderBank(FrameBank):
             self.places[index],
             sampling_hz=sampling_hz,
             angle_deg=angle_deg,
-            sandbox=self.sandbox,
             scaling=self.scaling,
         )
 
@@ -229,19 +219,19 @@ def read_folder(path: Path, *, blanked: int = 0) -> FolderBank:
     require_angles(path, angles)
     places = tuple([*by_angle.values()][index] for index in order)
     facts = BankFacts(probe=MAT_PROBE if all(place.suffix.lower() == ".mat" for place in places) else None)
-    sandbox = Sandbox()
-    scaling = _common_scaling(path, [each for each in places if each.suffix.lower() == ".npy"], sandbox, blanked)
-    return FolderBank(angles_deg=tuple(angles), places=places, facts=facts, sandbox=sandbox, scaling=scaling)
+    try_arrays((place for place in places if place.is_file()), most_bytes=_MAX_FRAME_BYTES)
+    scaling = _common_scaling(path, [each for each in places if each.suffix.lower() == ".npy"], blanked)
+    return FolderBank(angles_deg=tuple(angles), places=places, facts=facts, scaling=scaling)
 
 
-def _common_scaling(path: Path, places: list[Path], sandbox: Sandbox, blanked: int) -> Scaling:
+def _common_scaling(path: Path, places: list[Path], blanked: int) -> Scaling:
     """How all files of NumPy become counts; they are all read only if the first holds no int16 about zero."""
     if not places:
         return EXACT
-    first = npy_samples(places[0], sandbox)
+    first = npy_samples(places[0])
     if first.dtype == np.int16 and first.min() < 0:
         return EXACT
-    return scaling_of(path, (npy_samples(place, sandbox) for place in places), blanked=blanked)
+    return scaling_of(path, (npy_samples(place) for place in places), blanked=blanked)
 
 
 def _named(place: Path) -> tuple[str, float]:

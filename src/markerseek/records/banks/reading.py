@@ -14,9 +14,9 @@ from markerseek.records.banks.ipasc.reading import IpascBank, read_probed, walk_
 from markerseek.records.banks.sequence import is_sequence, read_sequence
 from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, read_table
 from markerseek.records.banks.zea import zea_arrays
+from markerseek.records.child import try_files
+from markerseek.records.hdf5 import require_h5py
 from markerseek.records.journal import is_journal
-from markerseek.records.sandbox import Sandbox
-from markerseek.records.untrusted_hdf5 import require_h5py
 
 # 4 TiB: frames are read one at a time, so that the size of the file is harmless.
 _LARGEST_BYTES = 1 << 42
@@ -63,10 +63,16 @@ def read_hdf5(path: Path, *, blanked: int = 0) -> IntensityBank | IpascBank | Ar
     with as_read_error(path):
         require_input(path, most_bytes=_LARGEST_BYTES)
     require_h5py()
-    with Sandbox() as sandbox:
-        # Each refuses a file that crashes the library.
-        arrays = sandbox.read(zea_arrays, path) or sandbox.read(walk_bank, path)
+    with as_read_error(path):
+        try_files(walk_hdf5, [path])
+    arrays = zea_arrays(path)
     return bank_of_arrays(path, arrays, blanked=blanked) if arrays else read_probed(path, blanked=blanked)
+
+
+def walk_hdf5(path: Path) -> None:
+    """Read as much of an HDF5 file as a bank of it needs."""
+    if not zea_arrays(path):
+        walk_bank(path)
 
 
 def frame_faults(bank: IntensityBank | FrameBank) -> Iterator[str | None]:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import Bool, ConfigError, RecordError
-from markerseek.records.untrusted_vantage import LAST, NUMBERS
+from markerseek.records.vantage import LAST, NUMBERS
 
 
 def in_scan_order(

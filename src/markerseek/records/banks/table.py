@@ -17,7 +17,7 @@ import numpy as np
 from markerseek.core import MAX_INTENSITY, ConfigError, Float64, RecordError
 from markerseek.files import DECIMAL_COMMA, MIB, CsvRows, csv_rows, may_be_number, new_file, quoted, replace_file
 from markerseek.records.banks.bank import MAX_DEG, MIN_STEP_DEG, IntensityBank, require_angles, unwrapped
-from markerseek.records.untrusted_arrays import ARRAY_SUFFIXES
+from markerseek.records.named_arrays import ARRAY_SUFFIXES
 
 COLUMNS = ("angle_deg", "intensity")
 """Columns of the tables that we write."""

@@ -1,6 +1,6 @@
 """Reads the photoacoustic frames of a zea HDF5 file (OpenH-RF): raw channel data with one receive each, and the pose.
 
-`zea_arrays` runs in the sandbox's child. In a pose x is along the array, y elevation and z depth; the probe turns about
+In a pose x is along the array, y elevation and z depth; the probe turns about
 x, so that the angle of a frame is its rotation about x. Numbers of a zea file are float32: angles are rounded to 1e-5°.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 from markerseek.core import Float64, RecordError
 from markerseek.records.banks.ipasc.columns import row_of
 from markerseek.records.banks.ipasc.reading import as_bank_error
-from markerseek.records.untrusted_hdf5 import UntrustedHdf5, require_h5py
+from markerseek.records.hdf5 import CheckedHdf5, require_h5py
 
 RAW, POSE = "data/raw_data", "metadata/probe_pose"
 """Channel data within a track, and the poses of the probe."""
@@ -33,12 +33,12 @@ def zea_arrays(path: Path) -> dict[str, np.ndarray]:
     """Frames of a file of zea, named as `markerseek.records.banks.arrays` reads them; nothing for any other HDF5."""
     # A missing library must not be reported as damage of the file.
     require_h5py()
-    with as_bank_error(path), UntrustedHdf5(path) as file:
+    with as_bank_error(path), CheckedHdf5(path) as file:
         track = next((place for place in (f"{TRACK}/", "") if file.has(f"{place}{RAW}")), None)
         return {} if track is None else _arrays(path, file, track)
 
 
-def _arrays(path: Path, file: UntrustedHdf5, track: str) -> dict[str, np.ndarray]:
+def _arrays(path: Path, file: CheckedHdf5, track: str) -> dict[str, np.ndarray]:
     tracks = len(file.names("tracks"))
     if tracks > 1:
         raise RecordError(f"{path}: it holds {tracks} tracks, one is expected; save the photoacoustic one alone")
@@ -68,7 +68,7 @@ def _arrays(path: Path, file: UntrustedHdf5, track: str) -> dict[str, np.ndarray
     return {"frames": frames, **found, **({} if angles_deg is None else {"angle_deg": angles_deg})}
 
 
-def _frames(path: Path, file: UntrustedHdf5, track: str) -> np.ndarray:
+def _frames(path: Path, file: CheckedHdf5, track: str) -> np.ndarray:
     """Channel data, (frames, elements, samples)."""
     try:
         data = file.dataset(f"{track}{RAW}")
@@ -88,7 +88,7 @@ def _frames(path: Path, file: UntrustedHdf5, track: str) -> np.ndarray:
     return values[:, 0, :, :, 0].transpose(0, 2, 1)
 
 
-def _angles_deg(path: Path, file: UntrustedHdf5, frames: int) -> Float64[np.ndarray, " frames"] | None:
+def _angles_deg(path: Path, file: CheckedHdf5, frames: int) -> Float64[np.ndarray, " frames"] | None:
     """Angle of each frame in degrees; None where the file has no poses."""
     name = f"{POSE}/rotation"
     if not file.has(name):

@@ -19,7 +19,7 @@ from markerseek.core import ChannelFrame, Float64, LinearArray, RecordError
 from markerseek.files import new_file
 from markerseek.records.banks.zea import POSE, RAW, TRACK
 from markerseek.records.exports.series import Series
-from markerseek.records.untrusted_hdf5 import require_h5py
+from markerseek.records.hdf5 import require_h5py
 
 if TYPE_CHECKING:
     import h5py

@@ -16,7 +16,6 @@ from scipy.io import loadmat, savemat
 
 from markerseek.core import RecordError
 from markerseek.records.banks.frames import load_frame
-from markerseek.records.sandbox import Sandbox
 from markerseek.wire import sonixdaq
 
 SAMPLES = 160
@@ -314,17 +313,11 @@ def test_pipes_are_refused_and_not_waited_for(tmp_path):
         load_frame(tmp_path / "a.npy")
 
 
-@pytest.fixture(scope="module")
-def sandbox():
-    with Sandbox() as one:
-        yield one
-
-
 # A damaged byte may be a glitch.
 @pytest.mark.filterwarnings("ignore:.*is taken off int16")
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), kind=st.sampled_from(["npy", "mat", "zip.mat"]))
-def test_damaged_bytes_are_a_frame_or_a_record_error(tmp_path, sandbox, data, kind):
+def test_damaged_bytes_are_a_frame_or_a_record_error(tmp_path, data, kind):
     if kind == "npy":
         stream = io.BytesIO()
         np.save(stream, pulses_of()[0])
@@ -337,8 +330,7 @@ def test_damaged_bytes_are_a_frame_or_a_record_error(tmp_path, sandbox, data, ki
     path = tmp_path / f"a.{kind}"
     path.write_bytes(bytes(damaged[: data.draw(st.integers(0, len(whole)) | st.just(len(whole)))]))
     try:
-        # One child for all of them: starting one for each took most of the time of this test.
-        frame = load_frame(path, sandbox=sandbox)
+        frame = load_frame(path)
     except RecordError as error:
         assert path.name in str(error)  # noqa: PT017
     else:

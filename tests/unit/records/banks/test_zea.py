@@ -10,8 +10,6 @@ from markerseek.core import RecordError
 from markerseek.records.banks import read_bank
 from markerseek.records.banks.arrays import ArrayBank
 
-pytestmark = pytest.mark.usefixtures("one_sandbox")
-
 ANGLES = np.array([20.0, -10.0, 5.5])
 FRAMES = np.random.default_rng(8).integers(-2000, 2000, (3, 6, 40)).astype(np.int16)
 GEOMETRY = np.column_stack([np.arange(6) * 0.3e-3, np.zeros((6, 2))])

@@ -14,7 +14,7 @@ import numpy as np
 from markerseek.core import MAX_INTENSITY, Float64, RecordError
 from markerseek.records.banks.bank import BankFacts, require_angles, unwrapped
 from markerseek.records.banks.ipasc import fields
-from markerseek.records.untrusted_hdf5 import UntrustedHdf5
+from markerseek.records.hdf5 import CheckedHdf5
 
 TOLERANCE = 0.01
 """Largest distance of an element from its place in the row, in pitches."""
@@ -40,7 +40,7 @@ class Columns:
     """Energy of the pulses over the usual one; NaN where it was not measured."""
 
 
-def read_columns(path: Path, file: UntrustedHdf5, *, ours: bool) -> Columns:
+def read_columns(path: Path, file: CheckedHdf5, *, ours: bool) -> Columns:
     """Columns of a bank that has ``trus_angle_deg``.
 
     Raises `ValueError` if a field does not hold what it should.
@@ -70,7 +70,7 @@ def read_columns(path: Path, file: UntrustedHdf5, *, ours: bool) -> Columns:
     )
 
 
-def _energies(file: UntrustedHdf5, count: int, *, ours: bool) -> Float64[np.ndarray, " angles"]:
+def _energies(file: CheckedHdf5, count: int, *, ours: bool) -> Float64[np.ndarray, " angles"]:
     """Energy of each measurement's pulses over the usual one; NaN where it was not measured.
 
     Another program's file has joules: over their mean, where they differ from one measurement to the next.
@@ -84,7 +84,7 @@ def _energies(file: UntrustedHdf5, count: int, *, ours: bool) -> Float64[np.ndar
     return joules / float(known.mean())
 
 
-def _joules(file: UntrustedHdf5) -> Float64[np.ndarray, " values"]:
+def _joules(file: CheckedHdf5) -> Float64[np.ndarray, " values"]:
     """The pulse energies of a file, NaN where they are none; empty where it has none, or the text ``None``."""
     if not file.has(fields.PULSE_ENERGY) or file.text(fields.PULSE_ENERGY) is not None:
         return np.empty(0)
@@ -92,7 +92,7 @@ def _joules(file: UntrustedHdf5) -> Float64[np.ndarray, " values"]:
     return np.where(np.isfinite(joules) & (joules > 0), joules, np.nan)
 
 
-def _intensities(path: Path, file: UntrustedHdf5, count: int) -> Float64[np.ndarray, " angles"]:
+def _intensities(path: Path, file: CheckedHdf5, count: int) -> Float64[np.ndarray, " angles"]:
     if not file.has(fields.INTENSITIES):
         return np.full(count, np.nan)
     values = file.numbers(fields.INTENSITIES)
@@ -106,7 +106,7 @@ def _intensities(path: Path, file: UntrustedHdf5, count: int) -> Float64[np.ndar
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _one_each(file: UntrustedHdf5, name: str, count: int, *, otherwise: float) -> Float64[np.ndarray, " angles"]:
+def _one_each(file: CheckedHdf5, name: str, count: int, *, otherwise: float) -> Float64[np.ndarray, " angles"]:
     """One number for each measurement, missing ones replaced by `otherwise`."""
     values = file.numbers(name) if file.has(name) and file.text(name) is None else np.empty(0)
     if values.size not in (0, count):
@@ -115,7 +115,7 @@ def _one_each(file: UntrustedHdf5, name: str, count: int, *, otherwise: float) -
     return np.where(np.isfinite(values), values, otherwise)
 
 
-def read_facts(file: UntrustedHdf5, *, ours: bool, pitch_m: float | None) -> BankFacts:
+def read_facts(file: CheckedHdf5, *, ours: bool, pitch_m: float | None) -> BankFacts:
     """Metadata of a bank; times of a bank of another program count from 1970.
 
     Raises `ValueError` if a field does not hold what it should.
@@ -140,7 +140,7 @@ def read_facts(file: UntrustedHdf5, *, ours: bool, pitch_m: float | None) -> Ban
     )
 
 
-def _clock_zero_unix_s(file: UntrustedHdf5, *, ours: bool) -> float | None:
+def _clock_zero_unix_s(file: CheckedHdf5, *, ours: bool) -> float | None:
     if not ours:
         return 0.0 if file.has(fields.TIMES) and file.text(fields.TIMES) is None else None
     return file.number(fields.CLOCK_ZERO)
@@ -154,7 +154,7 @@ def _seed(text: str | None) -> int | None:
     return int(text) if text is not None and text.isdecimal() and len(text) <= _LONGEST_SEED else None
 
 
-def _between(file: UntrustedHdf5, name: str, low: float, high: float) -> float | None:
+def _between(file: CheckedHdf5, name: str, low: float, high: float) -> float | None:
     """A number in SI units within its physical range; None where it is missing."""
     value = file.number(name)
     if value is not None and not low <= value <= high:
@@ -163,7 +163,7 @@ def _between(file: UntrustedHdf5, name: str, low: float, high: float) -> float |
     return value
 
 
-def _usual_energy_j(file: UntrustedHdf5, *, ours: bool) -> float | None:
+def _usual_energy_j(file: CheckedHdf5, *, ours: bool) -> float | None:
     """Energy of a usual pulse in joules: of our files the first, without what it had more or less; else the mean."""
     joules = _joules(file)
     if joules.size == 0 or math.isnan(joules[0]):
@@ -175,7 +175,7 @@ def _usual_energy_j(file: UntrustedHdf5, *, ours: bool) -> float | None:
     return float(joules[0] if np.ptp(known) == 0 else known.mean())
 
 
-def _first(file: UntrustedHdf5, name: str) -> float | None:
+def _first(file: CheckedHdf5, name: str) -> float | None:
     """The first number of a dataset; None where it is empty, or the text ``None`` that pacfish writes."""
     if not file.has(name) or file.text(name) == "None":
         return None
@@ -193,7 +193,7 @@ class ElementRow:
     """Whether the x1 coordinate falls from the first element in the file to the last."""
 
 
-def element_row(path: Path, file: UntrustedHdf5, *, elements: int) -> ElementRow:
+def element_row(path: Path, file: CheckedHdf5, *, elements: int) -> ElementRow:
     """Pitch and direction of the array, from the positions of all its elements."""
     names = [f"{fields.DETECTORS}/{each}/detector_position" for each in file.names(fields.DETECTORS)]
     present = [file.has(name) for name in names]

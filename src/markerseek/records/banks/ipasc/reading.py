@@ -15,7 +15,7 @@ from markerseek.records.banks.bank import FrameBank, IntensityBank
 from markerseek.records.banks.counts import EXACT, Scaling, as_counts, scaling_of
 from markerseek.records.banks.ipasc import fields
 from markerseek.records.banks.ipasc.columns import Columns, element_row, read_columns, read_facts
-from markerseek.records.untrusted_hdf5 import UntrustedHdf5, as_record_error, require_h5py
+from markerseek.records.hdf5 import CheckedHdf5, as_record_error, require_h5py
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,7 +23,7 @@ class IpascBank(FrameBank):
     """Frames in an IPASC HDF5 file."""
 
     path: Path
-    file: UntrustedHdf5 = field(repr=False, compare=False)
+    file: CheckedHdf5 = field(repr=False, compare=False)
     columns: Columns = field(repr=False)
     """What the file says of each angle, with its row; ``pulses`` are 1 where it does not."""
     falling: bool = False
@@ -99,17 +99,17 @@ def read_probed(path: Path, *, blanked: int = 0) -> IntensityBank | IpascBank:
     """Bank in an IPASC HDF5 file that holds ``trus_angle_deg``; its frames stay on disk.
 
     A file without ``markerseek_bank_version`` was written by another program, and is read if it has the angles. The
-    file has been read in a child before (`walk_bank`). ``blanked``: as of `read_bank`.
+    file has been tried in a child before (`walk_bank`). ``blanked``: as of `read_bank`.
     """
     with as_bank_error(path), ExitStack() as closing:
-        bank = _bank_of(path, closing.enter_context(UntrustedHdf5(path)), blanked)
+        bank = _bank_of(path, closing.enter_context(CheckedHdf5(path)), blanked)
         # A bank of intensities is in memory by now; one of frames reads them from the open file.
         if isinstance(bank, IpascBank):
             closing.pop_all()
         return bank
 
 
-def _bank_of(path: Path, file: UntrustedHdf5, blanked: int) -> IntensityBank | IpascBank:
+def _bank_of(path: Path, file: CheckedHdf5, blanked: int) -> IntensityBank | IpascBank:
     ours = _is_ours(path, file)
     if not file.has(fields.ANGLES):
         raise RecordError(f"{path}: {fields.ANGLES} is missing; without the angles it is no bank of a scan")
@@ -140,8 +140,8 @@ def _bank_of(path: Path, file: UntrustedHdf5, blanked: int) -> IntensityBank | I
     )
 
 
-def walk_bank(path: Path) -> dict[str, np.ndarray]:
-    """Read a bank's metadata, the index of its chunks and its first frame; returns nothing. Runs in the sandbox."""
+def walk_bank(path: Path) -> None:
+    """Read a bank's metadata, the index of its chunks and its first frame."""
     # A missing library must not be reported as damage of the file.
     require_h5py()
     bank = read_probed(path)
@@ -152,16 +152,15 @@ def walk_bank(path: Path) -> dict[str, np.ndarray]:
                 if data.chunks is not None:
                     data.id.chunk_iter(lambda _place: None)
         bank.frame(0)
-    return {}
 
 
 def as_bank_error(path: Path) -> AbstractContextManager[None]:
     """Errors of the library as those of a bank."""
-    cure = "it has changed since it was written, or is of another kind: take it from a backup or scan again"
+    cure = "it is damaged, or of another kind: take it from a backup or scan again"
     return as_record_error(path, what="bank in HDF5", cure=cure)
 
 
-def _is_ours(path: Path, file: UntrustedHdf5) -> bool:
+def _is_ours(path: Path, file: CheckedHdf5) -> bool:
     """Whether markerseek wrote the file; refuses a newer version."""
     version = file.number(fields.VERSION)
     if version is not None and version != fields.BANK_VERSION:
@@ -172,7 +171,7 @@ def _is_ours(path: Path, file: UntrustedHdf5) -> bool:
     return version is not None
 
 
-def _frame_shape(path: Path, file: UntrustedHdf5, count: int) -> tuple[int, int] | None:
+def _frame_shape(path: Path, file: CheckedHdf5, count: int) -> tuple[int, int] | None:
     """Elements and samples of the frames; None where there are none."""
     if not file.has(fields.FRAMES):
         return None
@@ -185,7 +184,7 @@ def _frame_shape(path: Path, file: UntrustedHdf5, count: int) -> tuple[int, int]
     return None if 0 in shape else (shape[0], shape[1])
 
 
-def _dark_frames(file: UntrustedHdf5, frames: tuple[int, int]) -> int:
+def _dark_frames(file: CheckedHdf5, frames: tuple[int, int]) -> int:
     """Number of dark frames that can be read."""
     if not file.has(fields.DARK_FRAMES):
         return 0
@@ -195,14 +194,14 @@ def _dark_frames(file: UntrustedHdf5, frames: tuple[int, int]) -> int:
     return 1 if len(shape) == 2 else shape[2]
 
 
-def _scaling(path: Path, file: UntrustedHdf5, count: int, blanked: int) -> Scaling:
+def _scaling(path: Path, file: CheckedHdf5, count: int, blanked: int) -> Scaling:
     """How the frames become counts; all of them are read only if they are not int16."""
     if file.dataset(fields.FRAMES).dtype.newbyteorder("=") == np.int16:
         return EXACT
     return scaling_of(path, (_numbers(file, fields.FRAMES, row) for row in range(count)), blanked=blanked)
 
 
-def _numbers(file: UntrustedHdf5, name: str, row: int) -> np.ndarray:
+def _numbers(file: CheckedHdf5, name: str, row: int) -> np.ndarray:
     """One frame in the type that it has, (channels, samples)."""
     data = file.dataset(name)
     elements, samples = data.shape[:2]

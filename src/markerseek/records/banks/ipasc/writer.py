@@ -31,7 +31,7 @@ from markerseek.core import (
 from markerseek.files import create_atomically, require_new
 from markerseek.records.banks.bank import HDF5_SUFFIXES, MAX_DEG, BankFacts
 from markerseek.records.banks.ipasc import fields
-from markerseek.records.untrusted_hdf5 import require_h5py
+from markerseek.records.hdf5 import require_h5py
 
 if TYPE_CHECKING:
     import h5py

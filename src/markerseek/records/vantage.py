@@ -1,6 +1,6 @@
 """Reads the photoacoustic frames of a Verasonics Vantage workspace: ``RcvData``, ``Receive``, ``Trans`` in a ``.mat``.
 
-`vantage_arrays` runs in the sandbox's child. The file is HDF5: MATLAB (``-v7.3``) stores cells, and the fields of an
+The file is HDF5: MATLAB (``-v7.3``) stores cells, and the fields of an
 array of structures, as references to datasets; Octave (``-hdf5``) stores each value as a group of ``type`` and
 ``value``. References are followed once, to numbers or a text, so that one that leads in a circle is refused.
 
@@ -18,7 +18,7 @@ import numpy as np
 
 from markerseek.core import Float64, Int64, RecordError
 from markerseek.files import natural
-from markerseek.records.untrusted_hdf5 import UntrustedHdf5
+from markerseek.records.hdf5 import CheckedHdf5
 
 if TYPE_CHECKING:
     import h5py
@@ -30,18 +30,18 @@ NUMBERS, LAST = "buffer frame", "last buffer frame"
 """Names of the arrays with the number in the buffer of each frame, from 1, and of the last one, where it is stated."""
 
 MAX_ITEMS = 5000
-"""Most receives, events or frames that are read; more would take longer than the sandbox waits."""
+"""Most receives, events or frames that are read; more would take minutes."""
 
 _SAMPLED = ("NS200BW", "NS200BWI", "custom")
 """Sample modes whose samples are equally spaced; the others (BS100BW …) take them in pairs, a quarter period apart."""
 
 
-def is_workspace(file: UntrustedHdf5) -> bool:
+def is_workspace(file: CheckedHdf5) -> bool:
     """Whether a file holds the receive data of a Vantage."""
     return FRAMES in file.opened
 
 
-def vantage_arrays(path: Path, file: UntrustedHdf5) -> dict[str, np.ndarray]:
+def vantage_arrays(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
     """Frames of a workspace and what is known of them, named as `markerseek.records.banks.arrays` reads them.
 
     The acquisitions of a frame are averaged; the frames are in the order of the buffer, with their numbers and the
@@ -105,7 +105,7 @@ class _Workspace:
     """The variables of a workspace, as numbers."""
 
     path: Path
-    file: UntrustedHdf5 = field(repr=False)
+    file: CheckedHdf5 = field(repr=False)
 
     def refuse(self, problem: str, cure: str) -> NoReturn:
         raise RecordError(f"{self.path}: {problem}; {cure}")
@@ -356,7 +356,7 @@ class _Workspace:
             self.refuse(f"{name} has {count} items, at most {MAX_ITEMS} are read", "save fewer frames in a file")
 
 
-def _octave_value(file: UntrustedHdf5, item: object) -> object:
+def _octave_value(file: CheckedHdf5, item: object) -> object:
     """What a value of Octave holds; a value of MATLAB itself."""
     import h5py
 

@@ -14,8 +14,6 @@ from markerseek.core import RecordError
 from markerseek.records.banks.arrays import read_arrays
 from tests.unit.records.vantage_workspaces import CONNECTOR, ELEMENTS, write_workspace
 
-pytestmark = pytest.mark.usefixtures("one_sandbox")
-
 FRAMES = np.random.default_rng(31).integers(-2000, 2000, (5, ELEMENTS, 60)).astype(np.int16)
 STEPS = (-10.0, 5.0)
 

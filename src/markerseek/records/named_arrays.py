@@ -1,32 +1,34 @@
 """Reads arrays by name from files of NumPy and MATLAB: ``.npy``, ``.npz``, and ``.mat`` of versions 4 to 7.3.
 
-`arrays_in` asks a `Sandbox`; the readers below it run in the sandbox's child. A ``.mat`` of version 7.3 is HDF5 behind
-512 bytes of MATLAB's own. MATLAB stores the first axis contiguously and HDF5 the last, so the axes of each array are
-reversed. Cells, structures, texts, logical, sparse and complex arrays are left out, but for those of a Verasonics
-workspace (`markerseek.records.untrusted_vantage`).
+A ``.mat`` of version 7.3 is HDF5 behind 512 bytes of MATLAB's own. MATLAB stores the first axis contiguously and HDF5
+the last, so that the axes of each array are reversed. Cells, structures, texts, logical, sparse and complex arrays are
+left out, but for those of a Verasonics workspace (`markerseek.records.vantage`).
 """
 
 from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from markerseek.core import RecordError
-from markerseek.files import open_input
-from markerseek.records.sandbox import MAX_PER_BYTE, Reader, Sandbox
-from markerseek.records.untrusted_hdf5 import UntrustedHdf5, as_record_error, require_h5py
-from markerseek.records.untrusted_vantage import FRAMES, is_workspace, vantage_arrays
+from markerseek.files import require_input
+from markerseek.records.child import MAX_PER_BYTE, try_files
+from markerseek.records.hdf5 import CheckedHdf5, as_record_error, require_h5py
+from markerseek.records.vantage import FRAMES, is_workspace, vantage_arrays
 
 if TYPE_CHECKING:
     import h5py
 
 ARRAY_SUFFIXES = (".npy", ".npz", ".mat")
 """Suffixes of files that this module reads."""
+
+_LONGEST_HEADER = 10_000
+"""Of an ``.npy``, in bytes; NumPy refuses longer ones, once they are read."""
 
 _HEAD_BYTES = 520
 _HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -40,19 +42,23 @@ _MATLAB_TYPES: dict[str, np.dtype[Any]] = {
 """Types of numbers by their class in MATLAB."""
 
 
-def arrays_in(path: Path, sandbox: Sandbox, *, most_bytes: int) -> dict[str, np.ndarray]:
+def arrays_in(path: Path, *, most_bytes: int) -> dict[str, np.ndarray]:
     """Real numeric arrays in a file, by name; the array of an ``.npy`` has none.
 
     ``most_bytes``: largest file that is read. Raises `OSError` if it cannot be opened.
     """
-    with open_input(path, most_bytes=most_bytes) as file:
-        head = file.read(_HEAD_BYTES)
-    readers: dict[str, Reader] = {".npy": read_npy, ".npz": read_npz, ".mat": read_mat}
-    reader = readers[path.suffix.lower()]
-    if reader is read_mat and any(head[start:].startswith(_HDF5_SIGNATURE) for start in _HDF5_STARTS):
-        require_h5py(purpose="a .mat of version 7.3")
-        reader = read_mat73
-    return sandbox.read(reader, path)
+    try_arrays([path], most_bytes=most_bytes)
+    return {".npy": read_npy, ".npz": read_npz, ".mat": read_mat}[path.suffix.lower()](path)
+
+
+def try_arrays(paths: Iterable[Path], *, most_bytes: int) -> None:
+    """Try many files at once that `arrays_in` will read one by one: a child for each would take 0.4 s."""
+    found = []
+    for path in paths:
+        require_input(path, most_bytes=most_bytes)
+        if path.suffix.lower() == ".mat":
+            found.append(path)
+    try_files(read_mat, found)
 
 
 def content(arrays: Mapping[str, np.ndarray]) -> str:
@@ -63,22 +69,33 @@ def content(arrays: Mapping[str, np.ndarray]) -> str:
 def read_npy(path: Path) -> dict[str, np.ndarray]:
     """The array of an ``.npy``, under an empty name."""
     try:
-        with path.open("rb") as file:
-            # Unpickling would run code of the file.
-            array = np.load(file, allow_pickle=False)
-            more = file.read(1)
+        array, ends = _npy_array(path)
     # The header is a Python literal; a hostile one raises errors of many kinds in NumPy's parser.
     except Exception as problem:
         # NumPy's own sentence advises to unpickle it, and the parser's names objects of Python.
-        known = {"pickle": "it holds Python objects, or another format", " object at 0x": "its header makes no sense"}
+        pickled, senseless = "it holds Python objects, or another format", "its header makes no sense"
+        known = {"pickle": pickled, "Python objects": pickled, " object at 0x": senseless}
         reason = next((said for word, said in known.items() if word in str(problem)), problem)
         raise RecordError(f"{path}: it is no .npy, or cut off: {reason}; save it again with numpy.save") from problem
-    if not isinstance(array, np.ndarray):
-        raise RecordError(f"{path}: it holds several arrays, one is expected; name it .npz")
-    if more:
+    if ends < path.stat().st_size:
         raise RecordError(f"{path}: there are bytes behind the array; the file is damaged: save it again")
     _require_numbers(path, array)
     return {"": array}
+
+
+def _npy_array(path: Path) -> tuple[np.ndarray, int]:
+    """The array, and the byte at which it ends."""
+    with path.open("rb") as file:
+        head = file.read(12)
+    # NumPy reads a header, and takes memory for it, before it looks at its length.
+    if head[6:7] > b"\x01" and int.from_bytes(head[8:12], "little") > _LONGEST_HEADER:
+        raise ValueError("its header makes no sense")
+    # Mapped, so that a shape beyond the file takes no memory; unpickling would run code of the file.
+    mapped = np.load(path, mmap_mode="r", allow_pickle=False)
+    if not isinstance(mapped, np.memmap):
+        mapped.close()
+        raise TypeError("it holds several arrays, one is expected; name it .npz")
+    return np.array(mapped), mapped.offset + mapped.nbytes
 
 
 def read_npz(path: Path) -> dict[str, np.ndarray]:
@@ -107,7 +124,12 @@ def _require_numbers(path: Path, array: object) -> None:
 
 
 def read_mat(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of a ``.mat`` of versions 4 to 7, read by SciPy, in the types that they had in MATLAB."""
+    """The arrays of a ``.mat``, in the types that they had in MATLAB: of version 7.3 by h5py, else by SciPy."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    if any(head[start:].startswith(_HDF5_SIGNATURE) for start in _HDF5_STARTS):
+        require_h5py(purpose="a .mat of version 7.3")
+        return read_mat73(path)
     from scipy.io import loadmat, whosmat
 
     with as_record_error(path, what="MATLAB file", cure="it is cut off or damaged: fetch or save it again"):
@@ -132,7 +154,7 @@ def read_mat73(path: Path) -> dict[str, np.ndarray]:
     """The arrays of a ``.mat`` of version 7.3, read by h5py."""
     with (
         as_record_error(path, what="MATLAB file of version 7.3", cure="it is damaged: fetch or save it again"),
-        UntrustedHdf5(path) as file,
+        CheckedHdf5(path) as file,
     ):
         arrays: dict[str, np.ndarray] = {}
         unpacked_bytes = 0

@@ -1,7 +1,7 @@
-"""Reads untrusted HDF5 files: no links to other files, no unusual filters, no huge allocations.
+"""Reads HDF5 files with checks: no links to other files, no unusual filters, no huge allocations.
 
 The library itself follows links to other files, loads filter plugins, and allocates what a header declares. Damaged
-bytes can also make it crash or hang, so `sandbox` reads a file in a child process first.
+bytes can also make it crash or hang, so that `markerseek.records.child` tries a file first.
 """
 
 from __future__ import annotations
@@ -17,13 +17,15 @@ import numpy as np
 from markerseek._closing import Closing
 from markerseek.core import Float64, RecordError, needs_package
 from markerseek.files import natural
-from markerseek.records.sandbox import MAX_PER_BYTE
+from markerseek.records.child import MAX_PER_BYTE
 
 if TYPE_CHECKING:
     import h5py
 
-# Any other filter would make the library load a plugin, that is, run code from a search path.
-_FILTERS = frozenset({"gzip", "lzf", None})
+_FILTERS = frozenset({1, 2, 3, 32000})
+"""Numbers of gzip, shuffle, Fletcher-32 and lzf; any other would make the library load a plugin, that is, run code from
+a search path."""
+
 _MAX_TEXT = 10_000
 
 
@@ -33,7 +35,7 @@ def require_h5py(*, purpose: str = "a bank in HDF5") -> None:
         import h5py  # noqa: F401
 
 
-class UntrustedHdf5(Closing):
+class CheckedHdf5(Closing):
     """An HDF5 file opened for reading, whose methods return harmless parts only.
 
     A context manager that closes it; garbage collection closes it too.
@@ -44,7 +46,15 @@ class UntrustedHdf5(Closing):
 
         self._path = path
         self._most = MAX_PER_BYTE * path.stat().st_size
-        self.opened: h5py.File = h5py.File(path, "r")
+        try:
+            self.opened: h5py.File = h5py.File(path, "r")
+        except OSError as problem:
+            # A lock of HDF5's own has no error of its own.
+            if "unable to lock file" not in str(problem):
+                raise
+            raise RecordError(
+                f"{path}: another program has it open for writing, and holds a lock; close it there, or copy the file"
+            ) from problem
 
     def close(self) -> None:
         """Close the file; allowed twice."""
@@ -122,7 +132,8 @@ class UntrustedHdf5(Closing):
         # Virtual and external datasets read other files, without any link.
         if item.is_virtual or item.external:
             raise ValueError(f"{name} lies in another file")
-        if item.compression not in _FILTERS or item.scaleoffset is not None:
+        plan = item.id.get_create_plist()
+        if not {plan.get_filter(number)[0] for number in range(plan.get_nfilters())} <= _FILTERS:
             raise ValueError(f"{name} is compressed by a filter other than gzip and lzf")
         # The library unpacks a whole chunk for a single number of it.
         chunk = math.prod(item.chunks or (1,)) * item.dtype.itemsize

@@ -15,8 +15,7 @@ from scipy.io import savemat
 from markerseek.core import MissingExtraError, RecordError
 from markerseek.records.banks.arrays import read_arrays
 from markerseek.records.banks.frames import load_frame
-from markerseek.records.sandbox import Sandbox
-from markerseek.records.untrusted_arrays import arrays_in
+from markerseek.records.named_arrays import arrays_in
 
 DATA = Path(__file__).parents[2] / "data"
 MATLABS = Path(scipy.io.__file__).parent / "matlab/tests/data"
@@ -24,12 +23,11 @@ COUNTS = np.random.default_rng(73).integers(-2048, 2048, (4, 8, 30)).astype(np.i
 FRAME = np.random.default_rng(74).integers(-2048, 2048, (32, 20, 4)).astype(np.int16)
 
 
-SANDBOX = Sandbox()
 """One child for all files: starting one for each took most of the time of these tests."""
 
 
 def mat_arrays(path):
-    return arrays_in(path, SANDBOX, most_bytes=1 << 24)
+    return arrays_in(path, most_bytes=1 << 24)
 
 
 def write_73(path, variables, *, block=512, classes=True, **options):
@@ -182,7 +180,7 @@ def test_a_cut_off_7_3_is_refused(tmp_path):
     for length in (4, 100, 512, 600, 1500, len(data) - 1000):
         (tmp_path / "a.mat").write_bytes(data[:length])
         with pytest.raises(RecordError, match="fetch or save it again"):
-            load_frame(tmp_path / "a.mat", sandbox=SANDBOX)
+            load_frame(tmp_path / "a.mat")
 
 
 def test_without_h5py_the_extra_is_named(tmp_path, monkeypatch):
