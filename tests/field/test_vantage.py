@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from markerseek.core import ConfigError, RecordError
-from markerseek.records.banks import IntensityBank, TableFormat
+from markerseek.records.banks import IntensityBank, Layout, TableFormat
 from markerseek.records.banks.arrays import ArrayBank, read_arrays
 from tests.field.base_scan import MARKER_DEG, base_scan
 from tests.unit.records.vantage_workspaces import write_workspace
@@ -43,7 +43,7 @@ def require_true_angles(bank: ArrayBank, places: list[int]) -> None:
 
 
 def read(path: Path, **options: int) -> ArrayBank:
-    bank = read_arrays(path, first_and_step_deg=(FIRST_DEG, STEP_DEG), **options)
+    bank = read_arrays(path, layout=Layout(first_and_step_deg=(FIRST_DEG, STEP_DEG), **options))
     assert isinstance(bank, ArrayBank)
     return bank
 
@@ -79,7 +79,9 @@ def test_a1_a_frame_that_is_not_in_the_ring_is_no_first_one(tmp_path: Path) -> N
 def test_a1_the_axes_of_a_workspace_are_not_exchanged(tmp_path: Path) -> None:
     path = write_workspace(tmp_path / "run.mat", FRAMES)
     with pytest.raises(ConfigError, match="leave --axes out"):
-        read_arrays(path, first_and_step_deg=(FIRST_DEG, STEP_DEG), axes=("channels", "angles", "samples"))
+        read_arrays(
+            path, layout=Layout(first_and_step_deg=(FIRST_DEG, STEP_DEG), axes=("channels", "angles", "samples"))
+        )
 
 
 def test_a1_angles_for_each_frame_of_the_buffer_are_taken_so_and_that_is_said(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ from markerseek.core import ConfigError
 from markerseek.files import as_read_error
 
 if TYPE_CHECKING:
-    from markerseek.records.banks import BankFacts, FrameBank, IntensityBank, TableFormat
+    from markerseek.records.banks import BankFacts, FrameBank, IntensityBank, Layout, TableFormat
 
 IMPORT_EXAMPLES = (
     "Examples:\n\n"
@@ -54,9 +54,12 @@ def import_bank(
     table: TableOptions,
     probe: ProbeName = None,
     first_deg: Annotated[
-        float | None, typer.Option(help="First angle of an .npy, .npz or .mat without angles.")
+        float | None, typer.Option(help="Angle of the first frame, where the recording has no angles.")
     ] = None,
     step_deg: Annotated[float | None, typer.Option(help="Step from one of its angles to the next.")] = None,
+    angles: Annotated[
+        Path | None, typer.Option(help="Text file with the angle of each frame in degrees, one a line.")
+    ] = None,
     first_frame: Annotated[
         int | None,
         typer.Option(
@@ -67,6 +70,10 @@ def import_bank(
     axes: Annotated[
         str | None,
         typer.Option(help="Order of the axes of its frames.", show_default="angles,channels,samples"),
+    ] = None,
+    without_channel: Annotated[
+        list[int] | None,
+        typer.Option(help="Channel that is left out, counted from 1; may be given several times."),
     ] = None,
     angle_field: AngleField = None,
     angle_transform: AngleTransform = None,
@@ -82,7 +89,7 @@ def import_bank(
     as_json: AsJson = False,
 ) -> None:
     """Convert a recording into a bank, with the intensity of each frame."""
-    from markerseek.records.banks import FrameBank, read_sequence
+    from markerseek.records.banks import FrameBank, Layout, angles_in, read_sequence
     from markerseek.records.banks.ipasc import require_new_bank, whole_bank
 
     given: dict[str, Any] = {
@@ -94,6 +101,15 @@ def import_bank(
     }
     if reference_deg is not None and not -360 <= reference_deg <= 360:
         raise ConfigError(f"--reference-deg is {reference_deg:g} deg, it must lie within one turn")
+    if (first_deg is None) != (step_deg is None):
+        raise ConfigError("--first-deg and --step-deg go together; give both")
+    layout = Layout(
+        first_and_step_deg=None if first_deg is None or step_deg is None else (first_deg, step_deg),
+        angles_deg=None if angles is None else angles_in(angles),
+        axes=None if axes is None else tuple(each.strip() for each in axes.split(",")),
+        first_frame=first_frame,
+        without_channels=tuple(without_channel or ()),
+    )
     require_new_bank(to)
     require_sequence(source, angle_field=angle_field, angle_transform=angle_transform)
     if angle_field is not None or angle_transform is not None:
@@ -101,15 +117,7 @@ def import_bank(
             source, angle_field=angle_field, angle_transform=angle_transform
         )
     else:
-        bank = _read(
-            source,
-            table.format(),
-            first_deg=first_deg,
-            step_deg=step_deg,
-            first_frame=first_frame,
-            axes=axes,
-            blanked=rigs.blanked_samples(probe),
-        )
+        bank = _read(source, table.format(), layout, blanked=rigs.blanked_samples(probe))
     require_frames(bank, source, probe=probe)
     held_hz = bank.facts.sampling_hz
     # A contradiction is an error, because a wrong rate scales every depth.
@@ -145,44 +153,16 @@ def import_bank(
     Output(as_json=as_json).show(report)
 
 
-def _read(
-    source: Path,
-    table: TableFormat,
-    *,
-    first_deg: float | None,
-    step_deg: float | None,
-    first_frame: int | None,
-    axes: str | None,
-    blanked: int,
-) -> IntensityBank | FrameBank:
-    from markerseek.records.banks import ARRAY_SUFFIXES, AXES, DEFAULT_FORMAT, read_arrays, read_bank
+def _read(source: Path, table: TableFormat, layout: Layout, *, blanked: int) -> IntensityBank | FrameBank:
+    from markerseek.records.banks import DEFAULT_FORMAT, USUAL_LAYOUT, read_bank
     from markerseek.records.journal import is_journal
 
-    given = (first_deg is not None, step_deg is not None)
-    if source.suffix.lower() not in ARRAY_SUFFIXES or source.is_dir():
-        if any(given) or axes is not None or first_frame is not None:
-            raise ConfigError(
-                "--first-deg, --step-deg, --first-frame and --axes are for an .npy, .npz or .mat; this recording has "
-                "its angles"
-            )
+    if source.is_file() and (table, layout) == (DEFAULT_FORMAT, USUAL_LAYOUT):
         with as_read_error(source):
-            journal = source.is_file() and is_journal(source)
-        if journal and table == DEFAULT_FORMAT:
+            journal = is_journal(source)
+        if journal:
             return runs.journal_bank(source)
-        return read_bank(source, table, blanked=blanked)
-    order = AXES if axes is None else tuple(each.strip() for each in axes.split(","))
-    if sorted(order) != sorted(AXES):
-        raise ConfigError(f"--axes is {axes!r}; write the three in their order: {','.join(AXES)}")
-    if first_deg is None or step_deg is None:
-        if any(given):
-            raise ConfigError("--first-deg and --step-deg go together; give both")
-        return read_arrays(source, table, first_frame=first_frame, axes=order, blanked=blanked)
-    if not (math.isfinite(first_deg) and 0 < abs(step_deg) < math.inf):
-        raise ConfigError(
-            f"--first-deg {first_deg:g}, --step-deg {step_deg:g}: finite numbers are needed, a step not 0"
-        )
-    steps = (first_deg, step_deg)
-    return read_arrays(source, table, first_and_step_deg=steps, first_frame=first_frame, axes=order, blanked=blanked)
+    return read_bank(source, table, layout, blanked=blanked)
 
 
 EXPORT_EXAMPLES = (

@@ -73,15 +73,21 @@ class CheckedHdf5(Closing):
         hard = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
         return [name for name in hard if file.get(name, getclass=True) is h5py.Dataset]
 
+    def is_within(self, name: str) -> bool:
+        """Whether a name at the top level is no link to another place."""
+        import h5py
+
+        return isinstance(self.opened.get(name, getlink=True), h5py.HardLink)
+
     def has(self, name: str) -> bool:
         """Whether the name exists; `TypeError` where it is a link to another place."""
         return self._item(name) is not None
 
     def names(self, name: str) -> list[str]:
-        """Names in a group in natural order; empty where it is missing or is not a group."""
+        """Names in a group in natural order, of the whole file for an empty name; empty where it is no group."""
         import h5py
 
-        item = self._item(name)
+        item = self._item(name) if name else self.opened
         return sorted(item, key=natural) if isinstance(item, h5py.Group) else []
 
     def dataset(self, name: str) -> h5py.Dataset:

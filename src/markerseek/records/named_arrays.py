@@ -1,15 +1,15 @@
 """Reads arrays by name from files of NumPy and MATLAB: ``.npy``, ``.npz``, and ``.mat`` of versions 4 to 7.3.
 
 A ``.mat`` of version 7.3 is HDF5 behind 512 bytes of MATLAB's own. MATLAB stores the first axis contiguously and HDF5
-the last, so that the axes of each array are reversed. Cells, structures, texts, logical, sparse and complex arrays are
-left out, but for those of a Verasonics workspace (`markerseek.records.vantage`).
+the last, so that the axes of each array are reversed. Cells, structures, texts, logical and sparse arrays are left out,
+but for those of a Verasonics workspace (`markerseek.records.vantage`).
 """
 
 from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -61,9 +61,21 @@ def try_arrays(paths: Iterable[Path], *, most_bytes: int) -> None:
     try_files(read_mat, found)
 
 
+class NamedArrays(dict[str, np.ndarray]):
+    """Arrays by their names, and what a file holds beside them."""
+
+    left_out: tuple[str, ...] = ()
+    """Name and kind of each variable that is no array of numbers."""
+
+
 def content(arrays: Mapping[str, np.ndarray]) -> str:
-    """The first of some arrays in words, for messages: name, type and shape of each."""
-    return ", ".join(f"{name[:40]} {each.dtype} {each.shape}" for name, each in sorted(arrays.items())[:8]) or "nothing"
+    """The first of some arrays in words, for messages: name, type and shape of each; and what was left out."""
+    held = (
+        ", ".join(f"{name[:40]} {each.dtype} {each.shape}".strip() for name, each in sorted(arrays.items())[:8])
+        or "nothing"
+    )
+    left_out = arrays.left_out if isinstance(arrays, NamedArrays) else ()
+    return f"{held}, and what cannot be read: {', '.join(left_out[:8])}" if left_out else held
 
 
 def read_npy(path: Path) -> dict[str, np.ndarray]:
@@ -118,7 +130,7 @@ def _require_small(path: Path, unpacked_bytes: int, *, cure: str) -> None:
 
 
 def _require_numbers(path: Path, array: object) -> None:
-    if not isinstance(array, np.ndarray) or array.dtype.kind not in "biuf" or array.dtype.itemsize > 8:
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in "biufc" or array.dtype.itemsize > 16:
         found = f"{array.dtype} of shape {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
         raise RecordError(f"{path}: {found} found, plain numbers expected; convert it")
 
@@ -143,11 +155,13 @@ def read_mat(path: Path) -> dict[str, np.ndarray]:
         loaded = loadmat(path, appendmat=False, variable_names=names)
         # MATLAB stores small numbers in fewer bytes than their class has. SciPy's mat_dtype would restore the class,
         # but silently drop imaginary parts.
-        return {
-            name: loaded[name].astype(_MATLAB_TYPES[kind], copy=False)
+        arrays = NamedArrays(
+            (name, loaded[name] if loaded[name].dtype.kind == "c" else loaded[name].astype(_MATLAB_TYPES[kind]))
             for name, _, kind in found
-            if name in loaded and loaded[name].dtype.kind in "iuf"
-        }
+            if name in loaded and loaded[name].dtype.kind in "iufc"
+        )
+        arrays.left_out = tuple(f"{name} ({kind})" for name, _, kind in held if name not in arrays)
+        return arrays
 
 
 def read_mat73(path: Path) -> dict[str, np.ndarray]:
@@ -156,23 +170,50 @@ def read_mat73(path: Path) -> dict[str, np.ndarray]:
         as_record_error(path, what="MATLAB file of version 7.3", cure="it is damaged: fetch or save it again"),
         CheckedHdf5(path) as file,
     ):
-        arrays: dict[str, np.ndarray] = {}
-        unpacked_bytes = 0
-        for name in file.datasets():
-            item = file.opened[name]
-            if _is_numeric(item):
-                # All arrays together, because all of them come back at once.
-                unpacked_bytes += math.prod(item.shape) * item.dtype.itemsize
-                _require_small(path, unpacked_bytes, cure="save it with '-v7.3', '-nocompression'")
-                arrays[name] = _matlab_values(file.dataset(name))
-        return arrays | vantage_arrays(path, file) if is_workspace(file) else arrays
+        arrays = NamedArrays()
+        for name, item in _numeric(path, file, cure="save it with '-v7.3', '-nocompression'"):
+            arrays[name] = _matlab_values(item)
+        if is_workspace(file):
+            return arrays | vantage_arrays(path, file)
+        arrays.left_out = tuple(
+            f"{name} ({_kind_of(file, name)})" for name in file.names("") if name not in arrays and name[0] != "#"
+        )
+        return arrays
+
+
+def plain_arrays(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
+    """The arrays at the top level of an HDF5 file that is of no known format."""
+    cure = "save it without compression"
+    return {name: np.asarray(item[()], item.dtype.newbyteorder("=")) for name, item in _numeric(path, file, cure=cure)}
+
+
+def _numeric(path: Path, file: CheckedHdf5, *, cure: str) -> Iterator[tuple[str, h5py.Dataset]]:
+    """The datasets at the top level that hold numbers."""
+    unpacked_bytes = 0
+    for name in file.datasets():
+        if _is_numeric(item := file.opened[name]):
+            # All arrays together, because all of them come back at once.
+            unpacked_bytes += math.prod(item.shape) * item.dtype.itemsize
+            _require_small(path, unpacked_bytes, cure=cure)
+            yield name, file.dataset(name)
+
+
+def _kind_of(file: CheckedHdf5, name: str) -> str:
+    """Kind of a variable that is no array of numbers, as MATLAB calls it."""
+    if not file.is_within(name):
+        return "link"
+    kind = file.opened[name].attrs.get("MATLAB_class", b"struct")
+    return kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)
 
 
 def _is_numeric(item: h5py.Dataset) -> bool:
-    """Whether a dataset holds real numbers, also by the class that it had in MATLAB."""
+    """Whether a dataset holds numbers, real or complex, also by the class that it had in MATLAB."""
     kind = item.attrs.get("MATLAB_class", b"double")
     word = kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)
-    return word in _MATLAB_TYPES and item.shape is not None and item.dtype.kind in "iuf" and item.dtype.itemsize <= 8
+    complex_of_matlab = item.dtype.names == ("real", "imag")
+    real = item.dtype.kind in "iuf" and item.dtype.itemsize <= 8
+    number = real or complex_of_matlab or (item.dtype.kind == "c" and item.dtype.itemsize <= 16)
+    return word in _MATLAB_TYPES and item.shape is not None and number
 
 
 def _matlab_values(item: h5py.Dataset) -> np.ndarray:
@@ -180,4 +221,7 @@ def _matlab_values(item: h5py.Dataset) -> np.ndarray:
     # Of an empty array the dataset holds the shape, not values.
     if "MATLAB_empty" in item.attrs:
         return np.empty(0)
+    if item.dtype.names == ("real", "imag"):
+        pairs = item[()]
+        return np.asarray(pairs["real"] + 1j * pairs["imag"]).T
     return np.asarray(item[()], dtype=item.dtype.newbyteorder("=")).T

@@ -32,6 +32,9 @@ NUMBERS, LAST = "buffer frame", "last buffer frame"
 MAX_ITEMS = 5000
 """Most receives, events or frames that are read; more would take minutes."""
 
+_THICKEST_LENS = 100
+"""Of the lens of a probe, in wavelengths; those of Verasonics have up to 8."""
+
 _SAMPLED = ("NS200BW", "NS200BWI", "custom")
 """Sample modes whose samples are equally spaced; the others (BS100BW …) take them in pairs, a quarter period apart."""
 
@@ -130,11 +133,20 @@ class _Workspace:
                 )
         frequency_mhz = self.number("Trans", "frequency")
         first_depth = self._same("Receive.startDepth", depth[chosen])
-        if first_depth and not (frequency_mhz and frequency_mhz > 0):
-            self.refuse("Trans.frequency is missing, and Receive.startDepth counts its wavelengths", "save Trans too")
+        if (first_depth or self.number("Trans", "lensCorrection")) and not (frequency_mhz and frequency_mhz > 0):
+            self.refuse(
+                "Trans.frequency is missing, and Receive.startDepth and Trans.lensCorrection count its wavelengths",
+                "save Trans too",
+            )
         sampling_hz = 1e6 * self._same("Receive.decimSampleRate", rate_mhz[chosen])
-        # Depths count wavelengths to and fro, also of a receive that had no transmit.
-        first_sample_s = 2e-6 * first_depth / (frequency_mhz or 1.0)
+        lens = self.number("Trans", "lensCorrection") or 0.0
+        if not 0 <= lens < _THICKEST_LENS:
+            self.refuse(
+                f"Trans.lensCorrection is {lens:g} wavelengths, 0 to {_THICKEST_LENS} are possible", "correct it"
+            )
+        # Depths count wavelengths to and fro, also of a receive that had no transmit. Sound crosses the lens once, and
+        # comes later by that.
+        first_sample_s = (2e-6 * first_depth - 1e-6 * lens) / (frequency_mhz or 1.0)
         common = int(self._same("Receive.endSample - Receive.startSample", samples[chosen]))
         if common < 1 or start.min() < 1:
             self.refuse(f"a receive begins at sample {start.min()} and has {common}", "save the workspace again")

@@ -172,7 +172,9 @@ def test_anything_but_arrays_of_numbers_is_skipped(tmp_path):
         file["shape_of_none"] = np.array([0, 3], np.uint64)
         file["shape_of_none"].attrs.update(MATLAB_class=np.bytes_("double"), MATLAB_empty=np.uint8(1))
     arrays = mat_arrays(path)
-    assert {name: each.shape for name, each in arrays.items()} == {"frames": COUNTS.shape, "shape_of_none": (0,)}
+    shapes = {"frames": COUNTS.shape, "complex": (2, 1), "shape_of_none": (0,)}
+    assert {name: each.shape for name, each in arrays.items()} == shapes
+    assert arrays["complex"].dtype == complex
 
 
 def test_a_cut_off_7_3_is_refused(tmp_path):

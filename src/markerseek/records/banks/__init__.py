@@ -4,7 +4,7 @@
 A child process tries HDF5 first (`markerseek.records.child`).
 """
 
-from markerseek.records.banks.arrays import AXES, ArrayBank, read_arrays
+from markerseek.records.banks.arrays import ArrayBank, read_arrays
 from markerseek.records.banks.bank import (
     HDF5_SUFFIXES,
     MIN_ANGLES,
@@ -18,6 +18,7 @@ from markerseek.records.banks.bank import (
 )
 from markerseek.records.banks.frames import MAT_PROBE, FolderBank, load_frame
 from markerseek.records.banks.ipasc import IpascBank, require_new_bank, whole_bank
+from markerseek.records.banks.layout import AXES, USUAL_LAYOUT, Layout, angles_in
 from markerseek.records.banks.reading import frame_faults, has_checksums, read_bank, require_whole
 from markerseek.records.banks.sequence import is_sequence, read_sequence
 from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, write_bank
@@ -32,6 +33,7 @@ __all__ = [
     "MAT_PROBE",
     "MIN_ANGLES",
     "ULTRASONIX_SUFFIXES",
+    "USUAL_LAYOUT",
     "ArrayBank",
     "Bank",
     "BankFacts",
@@ -39,8 +41,10 @@ __all__ = [
     "FrameBank",
     "IntensityBank",
     "IpascBank",
+    "Layout",
     "TableFormat",
     "UltrasonixFile",
+    "angles_in",
     "frame_faults",
     "has_checksums",
     "is_sequence",

@@ -4,22 +4,22 @@
 ``frames`` (angles × channels × samples, counts, or floating-point numbers, which are scaled); and optionally
 ``sampling_hz``, ``reference_angle_deg``, ``pitch_m``, ``sound_speed_m_s``, ``first_sample_s`` (when the first sample
 was taken, from the trigger) and ``pulses``. A `TableFormat` names others. ``.npy`` holds two columns, angle and
-intensity, or intensities or frames alone. The frames of a Verasonics workspace, and of a file of zea, come with the
-same names.
+intensity, or intensities or frames alone. The frames of a Verasonics workspace, of a file of zea, and of other HDF5
+files come with the same names.
 """
 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from itertools import permutations
 from pathlib import Path
 
 import numpy as np
 
-from markerseek.core import Bool, ChannelFrame, Float64, FrameHeader, Int16, RecordError
-from markerseek.files import as_read_error
+from markerseek.core import Bool, ChannelFrame, ConfigError, Float64, FrameHeader, Int16, RecordError
+from markerseek.files import as_read_error, quoted
 from markerseek.records.banks.bank import (
     USUAL_SAMPLING_HZ,
     BankFacts,
@@ -29,6 +29,7 @@ from markerseek.records.banks.bank import (
     unwrapped,
 )
 from markerseek.records.banks.counts import as_counts, scaling_of
+from markerseek.records.banks.layout import AXES, USUAL_LAYOUT, Layout, turned, without_channels_of
 from markerseek.records.banks.ring import filled, in_scan_order
 from markerseek.records.banks.table import (
     DEFAULT_FORMAT,
@@ -41,9 +42,6 @@ from markerseek.records.banks.table import (
 )
 from markerseek.records.named_arrays import arrays_in, content
 from markerseek.records.vantage import NUMBERS
-
-AXES = ("angles", "channels", "samples")
-"""Axes of frames, in their order."""
 
 LATEST_FIRST_S = 200e-6
 """Latest first sample of a record after the trigger in seconds: no sound of these frequencies comes from deeper."""
@@ -81,75 +79,66 @@ class ArrayBank(FrameBank):
 
 
 def read_arrays(
-    path: Path,
-    table: TableFormat = DEFAULT_FORMAT,
-    *,
-    first_and_step_deg: tuple[float, float] | None = None,
-    first_frame: int | None = None,
-    axes: tuple[str, ...] = AXES,
-    blanked: int = 0,
+    path: Path, table: TableFormat = DEFAULT_FORMAT, layout: Layout = USUAL_LAYOUT, *, blanked: int = 0
 ) -> IntensityBank | ArrayBank:
     """Bank in an ``.npy``, ``.npz`` or ``.mat``.
 
     ``table``: names of the variables of angle, and of intensity or frames; their units; what becomes of angles without
-    numbers. ``first_and_step_deg``: angle of the first row and step to the next, where the file holds no angles.
-    ``first_frame``: number in the receive buffer of a Vantage of the frame with the first angle; None: as the file
-    shows. ``axes``: order of the axes of the frames, a permutation of `AXES`. ``blanked``: as of `read_bank`.
+    numbers. ``layout``: what the file does not say of its frames. ``blanked``: as of `read_bank`.
     """
     with as_read_error(path):
         arrays = arrays_in(path, most_bytes=_LARGEST_BYTES)
-    return bank_of_arrays(
-        path,
-        arrays,
-        table,
-        first_and_step_deg=first_and_step_deg,
-        first_frame=first_frame,
-        axes=axes,
-        blanked=blanked,
-    )
+    return bank_of_arrays(path, arrays, table, layout, ordered=NUMBERS in arrays, blanked=blanked)
 
 
 def bank_of_arrays(
     path: Path,
     found: Mapping[str, np.ndarray],
     table: TableFormat = DEFAULT_FORMAT,
+    layout: Layout = USUAL_LAYOUT,
     *,
-    first_and_step_deg: tuple[float, float] | None = None,
-    first_frame: int | None = None,
-    axes: tuple[str, ...] = AXES,
+    ordered: bool = False,
     blanked: int = 0,
 ) -> IntensityBank | ArrayBank:
-    """Bank of arrays by their names, as `read_arrays`; ``path``: where they are from."""
+    """Bank of arrays by their names, as `read_arrays`.
+
+    ``path``: where they are from. ``ordered``: whether their format says that the axes have the order of `AXES`.
+    """
+    held = content(found)
+    if ordered and layout.axes is not None:
+        raise ConfigError(f"{path}: the axes of this format are known; leave --axes out")
     arrays = _named(path, dict(found))
     angle, value = _picked(path, arrays, table)
     if value is None:
         raise RecordError(
-            f"{path}: intensity or frames expected, it holds {content(arrays)}; name its variables, --columns "
-            "ANGLE,INTENSITY or ANGLE,FRAMES"
+            f"{path}: intensity or frames expected, it holds {held}; name its variables, --columns ANGLE,INTENSITY or "
+            "ANGLE,FRAMES"
         )
-    counted = None if angle is None else arrays[angle].size
-    arrays = in_scan_order(path, arrays, value, angles=counted, first_frame=first_frame)
+    counted = arrays[angle].size if angle is not None else len(layout.angles_deg or ()) or None
+    arrays = in_scan_order(path, arrays, value, angles=counted, first_frame=layout.first_frame)
     values, frames = arrays[value], value == "frames" or arrays[value].ndim == len(AXES)
     if frames:
-        values = _turned(path, values, axes, angles=counted)
-    elif axes != AXES:
-        raise RecordError(f"{path}: --axes is for frames, it holds {content(arrays)}; leave it out")
-    if angle is not None and first_and_step_deg is None:
+        values = turned(path, values, AXES if ordered else layout.axes, angles=counted)
+    elif layout.axes is not None or layout.without_channels:
+        option = "--axes" if layout.axes is not None else "--without-channel"
+        raise RecordError(f"{path}: {option} is for frames, it holds {held}; leave it out")
+    count = len(values) if frames else values.size
+    if angle is None:
+        degrees = _stated_degrees(path, layout, count, held=held)
+    elif layout.first_and_step_deg is None and layout.angles_deg is None:
         degrees = _degrees(path, arrays[angle], angle, table)
-    elif angle is None and first_and_step_deg is not None:
-        first_deg, step_deg = first_and_step_deg
-        degrees = first_deg + step_deg * np.arange(len(values) if frames else values.size, dtype=np.float64)
-    elif angle is None:
-        raise RecordError(
-            f"{path}: angle_deg is missing, it holds {content(arrays)}; name its variables, --columns ANGLE,INTENSITY "
-            "or ANGLE,FRAMES, or give the first angle and the step: --first-deg -35 --step-deg 0.5"
-        )
     else:
         raise RecordError(
-            f"{path}: a first angle and a step are for frames or intensities without angles, it holds {content(arrays)}"
+            f"{path}: a first angle and a step, or a file of angles, are for frames or intensities without angles, it "
+            f"holds {held}"
         )
-    if not frames:
-        values = _intensities(path, values, degrees.size)
+    if frames and values.dtype.kind == "c":
+        values, frames = _of_iq(path, values), False
+    values = (
+        without_channels_of(path, values, layout.without_channels)
+        if frames
+        else _intensities(path, values, degrees.size)
+    )
     kept = _valid(path, degrees, values, table)
     if NUMBERS in arrays:
         # Only now: a frame that was lost has its place in the scan.
@@ -163,22 +152,68 @@ def bank_of_arrays(
         reference_angle_deg=_scalar(path, arrays, "reference_angle_deg"),
         pitch_m=_scalar(path, arrays, "pitch_m"),
         sound_speed_m_s=_scalar(path, arrays, "sound_speed_m_s"),
+        wavelength_m=_scalar(path, arrays, "wavelength_m"),
     )
     if frames:
+        pulses = tuple(_pulses(path, arrays, kept.size)[kept][order].tolist())
         before = _samples_before(path, arrays, facts.sampling_hz, samples=values.shape[2])
-        # One scale for all angles, or their intensities could not be compared.
-        scaling = scaling_of(path, values, blanked=max(0, blanked - before))
-        counts = np.stack([_from_trigger(as_counts(path, each, scaling), before) for each in values[order]])
-        return ArrayBank(
-            path=path,
-            angles_deg=rising,
-            samples=counts,
-            facts=replace(facts, first_sample_s=max(0, before) / (facts.sampling_hz or USUAL_SAMPLING_HZ) or None),
-            pulses=tuple(_pulses(path, arrays, kept.size)[kept][order].tolist()),
-        )
+        return _frame_bank(path, rising, values[order], pulses, facts, before=before, blanked=blanked)
     db = decibels(table.db, value)
     intensity = amplitudes(values, db=db, where=lambda index: f"{path}, angle {degrees[index]:g} deg")
     return IntensityBank(angles_deg=rising, intensities=tuple(intensity[order].tolist()), facts=facts)
+
+
+def _stated_degrees(path: Path, layout: Layout, count: int, *, held: str) -> Float64[np.ndarray, " angles"]:
+    """Angles of a file that holds none."""
+    if layout.first_and_step_deg is not None:
+        first_deg, step_deg = layout.first_and_step_deg
+        return first_deg + step_deg * np.arange(count, dtype=np.float64)
+    if layout.angles_deg is None:
+        raise RecordError(
+            f"{path}: angle_deg is missing, it holds {held}; import it with the first angle and the step, 'markerseek "
+            f"bank import {quoted(path)} scan.hdf5 --first-deg -35 --step-deg 0.5', or with a file of angles, --angles "
+            "FILE, or name its variables, --columns ANGLE,INTENSITY or ANGLE,FRAMES"
+        )
+    if len(layout.angles_deg) != count:
+        raise RecordError(f"{path}: {len(layout.angles_deg)} angles are given for {count} frames; correct them")
+    return np.array(layout.angles_deg, dtype=np.float64)
+
+
+def _frame_bank(
+    path: Path,
+    angles_deg: tuple[float, ...],
+    frames: np.ndarray,
+    pulses: tuple[int, ...],
+    facts: BankFacts,
+    *,
+    before: int,
+    blanked: int,
+) -> ArrayBank:
+    """Bank of frames in the order of the angles; ``before``: samples from the trigger to the first one."""
+    # One scale for all angles, or their intensities could not be compared.
+    scaling = scaling_of(path, frames, blanked=max(0, blanked - before))
+    return ArrayBank(
+        path=path,
+        angles_deg=angles_deg,
+        samples=np.stack([_from_trigger(as_counts(path, each, scaling), before) for each in frames]),
+        facts=replace(facts, first_sample_s=max(0, before) / (facts.sampling_hz or USUAL_SAMPLING_HZ) or None),
+        pulses=pulses,
+    )
+
+
+def _of_iq(path: Path, frames: np.ndarray) -> np.ndarray:
+    """Intensities of IQ data, whose carrier is not known: the mean over the channels of their largest magnitudes."""
+    warnings.warn(
+        f"{path}: its frames are IQ data, without the carrier that imaging would need; the intensity at an angle is "
+        "the mean over the channels of the envelope's peak, and there is no image",
+        stacklevel=3,
+    )
+    return np.asarray(np.abs(frames).max(axis=2).mean(axis=1), dtype=np.float64)
+
+
+def holds_scan(arrays: Mapping[str, np.ndarray]) -> bool:
+    """Whether some arrays have the names of frames or intensities."""
+    return any(name in arrays for name in ("frames", *_INTENSITIES))
 
 
 def _named(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -219,28 +254,6 @@ def _degrees(path: Path, angles: np.ndarray, name: str, table: TableFormat) -> F
         values, unit_of(path, table.unit, name, values[np.isfinite(values)])
     )
     return degrees
-
-
-def _turned(path: Path, frames: np.ndarray, axes: tuple[str, ...], *, angles: int | None) -> np.ndarray:
-    """Frames with their axes in our order; a message names the orders that would fit.
-
-    ``angles``: how many there are; None where the file does not say.
-    """
-    expected = f"({', '.join(axes)}) expected"
-    if frames.ndim != len(AXES):
-        raise RecordError(f"{path}: frames is {frames.dtype} of shape {frames.shape}, {expected}")
-    if not _fits(frames.shape, axes, angles):
-        fitting = [",".join(order) for order in permutations(AXES) if _fits(frames.shape, order, angles)]
-        offer = f"; is it transposed? Say so: --axes {' or '.join(fitting)}" if fitting else ""
-        given = "" if angles is None else f" for {angles} angles"
-        raise RecordError(f"{path}: frames has the shape {frames.shape}{given}; {expected}{offer}")
-    return np.transpose(frames, [axes.index(each) for each in AXES])
-
-
-def _fits(shape: tuple[int, ...], axes: tuple[str, ...], angles: int | None) -> bool:
-    """Whether the axes may have this order: a frame has more samples than channels."""
-    by_axis = dict(zip(axes, shape, strict=True))
-    return angles in (None, by_axis["angles"]) and 0 < by_axis["channels"] <= by_axis["samples"]
 
 
 def _samples_before(path: Path, arrays: Mapping[str, np.ndarray], sampling_hz: float | None, *, samples: int) -> int:

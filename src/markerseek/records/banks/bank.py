@@ -5,14 +5,14 @@ from __future__ import annotations
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from markerseek.core import ChannelFrame, Float64, Interval, RecordError, needs_package
+from markerseek.core import ChannelFrame, ConfigError, Float64, Interval, RecordError, needs_package
 from markerseek.records.html import as_html, curve_svg
 
 if TYPE_CHECKING:
@@ -156,6 +156,42 @@ class FrameBank(Bank, ABC):
     @abstractmethod
     def dark_frame(self, index: int) -> ChannelFrame:
         """One frame without laser, counted from 0; `RecordError` where it cannot be read."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _SilencedBank(FrameBank):
+    """A bank some of whose channels are left out: their samples are 0."""
+
+    inner: FrameBank
+    channels: tuple[int, ...]
+    """Counted from 1."""
+
+    def frame(self, index: int) -> ChannelFrame:
+        return self._silenced(self.inner.frame(index))
+
+    def dark_frame(self, index: int) -> ChannelFrame:
+        return self._silenced(self.inner.dark_frame(index))
+
+    def _silenced(self, frame: ChannelFrame) -> ChannelFrame:
+        left_out = np.isin(np.arange(1, len(frame.samples) + 1), self.channels)
+        return replace(frame, samples=np.where(left_out[:, None], np.int16(0), frame.samples))
+
+
+def without_channels(
+    bank: IntensityBank | FrameBank, path: Path, channels: tuple[int, ...]
+) -> IntensityBank | FrameBank:
+    """The bank with zeros in some channels, counted from 1; `ConfigError` where there is no such channel."""
+    if not channels:
+        return bank
+    if isinstance(bank, IntensityBank):
+        raise ConfigError(f"{path}: --without-channel is for frames, and it holds intensities; leave it out")
+    count = len(bank.frame(0).samples)
+    for channel in channels:
+        if not 1 <= channel <= count:
+            raise ConfigError(f"{path}: --without-channel is {channel}, the channels are 1 to {count}")
+    known = {each.name: getattr(bank, each.name) for each in fields(FrameBank)}
+    # What the frames without these channels show is computed again.
+    return _SilencedBank(**{**known, "intensities": ()}, inner=bank, channels=channels)
 
 
 def record_of(path: Path) -> Path:

@@ -2,76 +2,123 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from markerseek.core import ConfigError, RecordError
 from markerseek.files import as_read_error, quoted, require_input
-from markerseek.records.banks.arrays import ArrayBank, bank_of_arrays
-from markerseek.records.banks.bank import HDF5_SUFFIXES, FrameBank, IntensityBank, record_of
+from markerseek.records.banks.arrays import bank_of_arrays, holds_scan, read_arrays
+from markerseek.records.banks.bank import HDF5_SUFFIXES, FrameBank, IntensityBank, record_of, without_channels
 from markerseek.records.banks.frames import read_folder
-from markerseek.records.banks.ipasc.reading import IpascBank, read_probed, walk_bank
+from markerseek.records.banks.ipasc.fields import ANGLES, FRAMES
+from markerseek.records.banks.ipasc.reading import (
+    IpascBank,
+    arrays_without_angles,
+    as_bank_error,
+    read_probed,
+    walk_bank,
+)
+from markerseek.records.banks.layout import USUAL_LAYOUT, Layout
 from markerseek.records.banks.sequence import is_sequence, read_sequence
 from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, read_table
 from markerseek.records.banks.zea import zea_arrays
 from markerseek.records.child import try_files
-from markerseek.records.hdf5 import require_h5py
+from markerseek.records.hdf5 import CheckedHdf5, require_h5py
 from markerseek.records.journal import is_journal
+from markerseek.records.named_arrays import ARRAY_SUFFIXES, plain_arrays
 
 # 4 TiB: frames are read one at a time, so that the size of the file is harmless.
 _LARGEST_BYTES = 1 << 42
 
 
-def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT, *, blanked: int = 0) -> IntensityBank | FrameBank:
-    """Bank at a path, its frames left on disk.
+def read_bank(
+    path: Path, table: TableFormat = DEFAULT_FORMAT, layout: Layout = USUAL_LAYOUT, *, blanked: int = 0
+) -> IntensityBank | FrameBank:
+    """Bank at a path, its frames left on disk where their format allows that.
 
-    ``path``: an HDF5 file of IPASC or zea (``.hdf5``, ``.h5``); a sequence of PLUS (``.mha``,
-    ``.nrrd``); a CSV of ``angle_deg,intensity``; or a folder that
-    holds for each angle a sub-folder of SonixDAQ files or a file of channel data (``.npy``, ``.mat``), named by its
-    angle in degrees (``-12.5``, ``angle_-12.5deg``). ``table``: of a CSV. ``blanked``: samples from the trigger on that
-    are not imaged (`ProbePreset.pickup_samples`), and do not count for the scale of data that are no counts.
+    ``path``: an HDF5 file (``.hdf5``, ``.h5``; `read_hdf5`); arrays of NumPy or MATLAB (``.npy``, ``.npz``, ``.mat``;
+    `read_arrays`); a sequence of PLUS (``.mha``, ``.nrrd``); a CSV of ``angle_deg,intensity``; or a folder that holds
+    for each angle a sub-folder of SonixDAQ files or a file of channel data (``.npy``, ``.mat``), named by its angle in
+    degrees (``-12.5``, ``angle_-12.5deg``). ``table``: of a CSV or arrays. ``layout``: of frames whose file does not
+    say it. ``blanked``: samples from the trigger on that are not imaged (`ProbePreset.pickup_samples`), and do not
+    count for the scale of data that are no counts.
     """
     with as_read_error(path):
-        journal = path.is_file() and is_journal(path)
-        is_table = path.is_file() and not (journal or is_sequence(path) or path.suffix.lower() in HDF5_SUFFIXES)
-        if table != DEFAULT_FORMAT and path.exists() and not is_table:
-            raise ConfigError(
-                f"{path}: it is no CSV, and columns, units and rows to be left out are of a CSV; leave them out"
-            )
-        if path.is_dir():
-            return read_folder(path, blanked=blanked)
         if not path.exists():
             record = record_of(path)
             imported = f"markerseek bank import {quoted(record)} {quoted(path)}"
             kept = f"; its scan did not become a bank, and is kept: '{imported}'"
             raise RecordError(f"{path}: there is no such file or folder{kept if record.exists() else ''}")
-        if journal:
+        suffix, arranged = path.suffix.lower(), replace(layout, without_channels=())
+        if path.is_file() and is_journal(path):
             raise RecordError(
                 f"{path}: it is the journal of a run and no bank; its run is computed again by "
                 f"'markerseek journal replay {quoted(path)}', and its frames become a bank by "
                 f"'markerseek bank import {quoted(path)} frames.hdf5'"
             )
-        if is_sequence(path):
-            return read_sequence(path)
-        if path.suffix.lower() not in HDF5_SUFFIXES:
+        if path.is_file() and suffix in ARRAY_SUFFIXES:
+            return read_arrays(path, table, layout, blanked=blanked)
+        is_hdf5 = path.is_file() and suffix in HDF5_SUFFIXES
+        is_table = not (is_hdf5 or path.is_dir() or is_sequence(path))
+        if table != DEFAULT_FORMAT and not is_table:
+            raise ConfigError(
+                f"{path}: it is no CSV, and columns, units and rows to be left out are of a CSV; leave them out"
+            )
+        if is_hdf5:
+            return read_hdf5(path, layout, blanked=blanked)
+        if arranged != USUAL_LAYOUT:
+            raise ConfigError(
+                f"{path}: {_ARRANGED} are for arrays and HDF5; this recording has its angles; leave them out"
+            )
+        if is_table and layout != USUAL_LAYOUT:
+            raise ConfigError(f"{path}: --without-channel is for frames, and a CSV holds intensities; leave it out")
+        if is_table:
             return read_table(path, table)
-    return read_hdf5(path, blanked=blanked)
+        bank = read_folder(path, blanked=blanked) if path.is_dir() else read_sequence(path)
+    return without_channels(bank, path, layout.without_channels)
 
 
-def read_hdf5(path: Path, *, blanked: int = 0) -> IntensityBank | IpascBank | ArrayBank:
-    """Bank in an HDF5 file of IPASC, its frames left on disk (`read_probed`), or of zea, in memory (`zea_arrays`)."""
+_ARRANGED = "--first-deg, --step-deg, --angles, --axes and --first-frame"
+
+
+def read_hdf5(path: Path, layout: Layout = USUAL_LAYOUT, *, blanked: int = 0) -> IntensityBank | FrameBank:
+    """Bank in an HDF5 file.
+
+    One of IPASC with angles keeps its frames on disk (`read_probed`). One of IPASC without angles, one of zea, and one
+    with ``frames`` or ``intensity`` at its top level is read into memory. ``layout``: as of `read_arrays`.
+    """
     with as_read_error(path):
         require_input(path, most_bytes=_LARGEST_BYTES)
     require_h5py()
     with as_read_error(path):
         try_files(walk_hdf5, [path])
-    arrays = zea_arrays(path)
-    return bank_of_arrays(path, arrays, blanked=blanked) if arrays else read_probed(path, blanked=blanked)
+    arrays, ordered = _arrays(path)
+    if arrays:
+        return bank_of_arrays(path, arrays, layout=layout, ordered=ordered, blanked=blanked)
+    if replace(layout, without_channels=()) != USUAL_LAYOUT:
+        raise ConfigError(
+            f"{path}: {_ARRANGED} are for frames without angles; this recording has its angles; leave them out"
+        )
+    return without_channels(read_probed(path, blanked=blanked), path, layout.without_channels)
+
+
+def _arrays(path: Path) -> tuple[Mapping[str, np.ndarray], bool]:
+    """Arrays of a file that is no bank of IPASC with angles, and whether their axes have our order."""
+    if arrays := zea_arrays(path):
+        return arrays, True
+    with as_bank_error(path), CheckedHdf5(path) as file:
+        if arrays := arrays_without_angles(path, file):
+            return arrays, True
+        named = {} if file.has(FRAMES) or file.has(ANGLES) else plain_arrays(path, file)
+        return (named if holds_scan(named) else {}), False
 
 
 def walk_hdf5(path: Path) -> None:
     """Read as much of an HDF5 file as a bank of it needs."""
-    if not zea_arrays(path):
+    if not _arrays(path)[0]:
         walk_bank(path)
 
 

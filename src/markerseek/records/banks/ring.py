@@ -60,8 +60,6 @@ def in_scan_order(
 
 def filled(path: Path, frames: np.ndarray, numbers: np.ndarray) -> Bool[np.ndarray, " frames"]:
     """Which frames of a buffer hold anything but zeros; warns of the others."""
-    if len(frames) != len(numbers):
-        raise ConfigError(f"{path}: the axes of a Verasonics workspace are known; leave --axes out")
     held = _held(frames)
     if not held.all():
         names = [str(number) for number in np.sort(numbers[~held])]

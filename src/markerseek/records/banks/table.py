@@ -15,9 +15,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from markerseek.core import MAX_INTENSITY, ConfigError, Float64, RecordError
-from markerseek.files import DECIMAL_COMMA, MIB, CsvRows, csv_rows, may_be_number, new_file, quoted, replace_file
+from markerseek.files import DECIMAL_COMMA, MIB, CsvRows, csv_rows, may_be_number, new_file, replace_file
 from markerseek.records.banks.bank import MAX_DEG, MIN_STEP_DEG, IntensityBank, require_angles, unwrapped
-from markerseek.records.named_arrays import ARRAY_SUFFIXES
 
 COLUMNS = ("angle_deg", "intensity")
 """Columns of the tables that we write."""
@@ -110,11 +109,6 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
 
     ``table``: which columns are read, their units, and what becomes of rows without numbers.
     """
-    if path.suffix.lower() in ARRAY_SUFFIXES:
-        raise RecordError(
-            f"{path}: a scan that NumPy or MATLAB saved becomes a bank by "
-            f"'markerseek bank import {quoted(path)} scan.hdf5'"
-        )
     rows = csv_rows(
         path,
         most_bytes=_LARGEST_BYTES,

@@ -76,16 +76,18 @@ def _frames(path: Path, file: CheckedHdf5, track: str) -> np.ndarray:
         raise RecordError(
             f"{path}: {problem}; zea's own compression is not read: save it by File.create(..., compression='gzip')"
         ) from problem
-    if data.ndim != 5 or data.shape[1] != 1 or data.shape[4] != 1 or 0 in data.shape or data.shape[0] > _MAX_FRAMES:
+    of_iq = data.ndim == 5 and data.shape[4] == 2
+    if data.ndim != 5 or data.shape[1] != 1 or data.shape[4] > 2 or 0 in data.shape or data.shape[0] > _MAX_FRAMES:
         raise RecordError(
-            f"{path}: {track}{RAW} has the shape {data.shape}, (frames, 1, samples, elements, 1) is expected: one "
-            "receive without a transmit each, and no IQ data; save the photoacoustic receives alone"
+            f"{path}: {track}{RAW} has the shape {data.shape}, (frames, 1, samples, elements, 1), or 2 of IQ data, is "
+            "expected: one receive without a transmit each; save the photoacoustic receives alone"
         )
     if data.dtype.kind not in "iuf" or data.dtype.itemsize > 8:
         raise RecordError(f"{path}: {track}{RAW} is {data.dtype}, counts or floating-point numbers are expected")
     file.require_room(math.prod(data.shape) * data.dtype.itemsize, name=f"{track}{RAW}")
     values = np.asarray(data[()], dtype=data.dtype.newbyteorder("="))
-    return values[:, 0, :, :, 0].transpose(0, 2, 1)
+    pairs = values[:, 0].transpose(0, 2, 1, 3)
+    return pairs[..., 0] + 1j * pairs[..., 1] if of_iq else pairs[..., 0]
 
 
 def _angles_deg(path: Path, file: CheckedHdf5, frames: int) -> Float64[np.ndarray, " frames"] | None:

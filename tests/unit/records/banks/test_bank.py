@@ -96,15 +96,6 @@ def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
         read_bank(path)
 
 
-@pytest.mark.parametrize("name", ["a.npy", "a.npz", "a.MAT"])
-def test_arrays_name_the_command_that_makes_a_bank_of_them(tmp_path: Path, name: str) -> None:
-    folder = tmp_path / "my data"
-    folder.mkdir()
-    (folder / name).touch()
-    with pytest.raises(RecordError, match=f"becomes a bank by 'markerseek bank import '.*my data/{name}' scan.hdf5'"):
-        read_bank(folder / name)
-
-
 def test_missing_data_are_reported(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="there is no such file or folder"):
         read_bank(tmp_path / "nothing")

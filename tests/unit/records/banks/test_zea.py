@@ -93,7 +93,7 @@ def test_samples_count_from_the_laser(tmp_path, first, cut):
     ("changes", "message"),
     [
         ({f"{TRACK}data__raw_data": np.zeros((3, 4, 40, 6, 1), np.int16)}, "one receive without a transmit each"),
-        ({f"{TRACK}data__raw_data": np.zeros((3, 1, 40, 6, 2), np.int16)}, "no IQ data"),
+        ({f"{TRACK}data__raw_data": np.zeros((3, 1, 40, 6, 3), np.int16)}, "or 2 of IQ data, is"),
         ({f"{TRACK}scan__tx_apodizations": np.ones((1, 6), np.float32)}, "echoes of a transmit"),
         ({f"{TRACK}scan__initial_times": np.array([1.0], np.float32)}, "1e\\+06 µs after the trigger, at most 200 µs"),
         ({"tracks__track_1__data": np.zeros(1)}, "it holds 2 tracks"),

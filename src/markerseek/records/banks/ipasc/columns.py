@@ -128,7 +128,7 @@ def read_facts(file: CheckedHdf5, *, ours: bool, pitch_m: float | None) -> BankF
         first_sample_s=_between(file, fields.FIRST_SAMPLE, 0.0, 1e-3),
         sound_speed_m_s=_between(file, fields.SOUND_SPEED, 300.0, 7000.0),
         pitch_m=pitch_m,
-        wavelength_m=_first(file, fields.WAVELENGTH),
+        wavelength_m=_wavelength_m(file),
         pulse_energy_j=_usual_energy_j(file, ours=ours),
         face_radius_m=_between(file, fields.FACE_RADIUS, 0.0, 1.0),
         reference_angle_deg=file.number(fields.REFERENCE),
@@ -138,6 +138,12 @@ def read_facts(file: CheckedHdf5, *, ours: bool, pitch_m: float | None) -> BankF
         seed=_seed(file.text(fields.SEED)),
         made_with=file.text(fields.MADE_WITH),
     )
+
+
+def _wavelength_m(file: CheckedHdf5) -> float | None:
+    """The first wavelength in metres; some programs write nanometres."""
+    written = _first(file, fields.WAVELENGTH)
+    return None if written is None else written * 1e-9 if written >= 1.0 else written
 
 
 def _clock_zero_unix_s(file: CheckedHdf5, *, ours: bool) -> float | None:

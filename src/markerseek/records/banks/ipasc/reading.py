@@ -140,6 +140,37 @@ def _bank_of(path: Path, file: CheckedHdf5, blanked: int) -> IntensityBank | Ipa
     )
 
 
+def arrays_without_angles(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
+    """Frames of another program's file without the angles, named as `markerseek.records.banks.arrays` reads them.
+
+    Nothing for a file that has the angles, or no frames.
+    """
+    if file.has(fields.ANGLES) or not file.has(fields.FRAMES):
+        return {}
+    data = file.dataset(fields.FRAMES)
+    # Pacfish drops the last axes where they have the length 1.
+    shape = (*data.shape, 1, 1)[: max(4, data.ndim)]
+    if len(shape) != 4 or shape[2] != 1 or 0 in shape:
+        raise RecordError(
+            f"{path}: {fields.FRAMES} has the shape {data.shape}, (elements, samples, 1, measurements) is expected; "
+            "save the measurements of one wavelength alone"
+        )
+    file.require_room(math.prod(shape) * data.dtype.itemsize, name=fields.FRAMES)
+    array = element_row(path, file, elements=shape[0])
+    frames = np.asarray(data[()]).reshape(shape)[:, :, 0, :].transpose(2, 0, 1)
+    facts = read_facts(file, ours=False, pitch_m=array.pitch_m)
+    known = {
+        "sampling_hz": facts.sampling_hz,
+        "sound_speed_m_s": facts.sound_speed_m_s,
+        "pitch_m": facts.pitch_m,
+        "wavelength_m": facts.wavelength_m,
+    }
+    return {
+        "frames": frames[:, ::-1] if array.falling else frames,
+        **{name: np.array(value) for name, value in known.items() if value is not None},
+    }
+
+
 def walk_bank(path: Path) -> None:
     """Read a bank's metadata, the index of its chunks and its first frame."""
     # A missing library must not be reported as damage of the file.

@@ -1,0 +1,157 @@
+"""How the frames of a recording are arranged: their angles, the order of their axes, the channels that are left out."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import permutations
+from pathlib import Path
+
+import numpy as np
+
+from markerseek.core import Bool, ConfigError, RecordError
+from markerseek.files import MIB, as_read_error, require_input
+
+AXES = ("angles", "channels", "samples")
+"""Axes of frames, in their order."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """How the frames of a recording are arranged, where its file does not say."""
+
+    first_and_step_deg: tuple[float, float] | None = None
+    """Angle of the first frame and step to the next, in degrees."""
+    angles_deg: tuple[float, ...] | None = None
+    """Angle of each frame in degrees."""
+    axes: tuple[str, ...] | None = None
+    """Order of the axes of the frames, a permutation of `AXES`; None: that of `AXES`, refused where axes of equal
+    length leave it open."""
+    first_frame: int | None = None
+    """Number in the receive buffer of a Vantage of the frame with the first angle; None: as the file shows."""
+    without_channels: tuple[int, ...] = ()
+    """Channels that are left out, counted from 1."""
+
+    def __post_init__(self) -> None:
+        if self.first_and_step_deg is not None and self.angles_deg is not None:
+            raise ConfigError("--angles and --first-deg with --step-deg both give the angles; leave one out")
+        if self.first_and_step_deg is not None:
+            first_deg, step_deg = self.first_and_step_deg
+            if not (math.isfinite(first_deg) and 0 < abs(step_deg) < math.inf):
+                raise ConfigError(
+                    f"--first-deg {first_deg:g}, --step-deg {step_deg:g}: finite numbers are needed, a step not 0"
+                )
+        if self.axes is not None and sorted(self.axes) != sorted(AXES):
+            raise ConfigError(f"--axes is {','.join(self.axes)!r}; write the three in their order: {','.join(AXES)}")
+
+
+USUAL_LAYOUT = Layout()
+"""The layout of files that say all of it."""
+
+
+def angles_in(path: Path) -> tuple[float, ...]:
+    """Angles in degrees of a text file with one on each line, below a name or not; `RecordError` if it is none."""
+    with as_read_error(path):
+        require_input(path, most_bytes=MIB)
+        lines = path.read_text(encoding="utf-8-sig", errors="replace").split("\n")
+    # A comma can only be the sign of the decimals.
+    texts = [line.strip().replace(",", ".").replace("\u2212", "-") for line in lines if line.strip()]
+    try:
+        return tuple(float(text) for text in texts[1 if texts and not _is_number(texts[0]) else 0 :])
+    except ValueError as problem:
+        raise RecordError(f"{path}: {problem}; write one angle in degrees on each line") from problem
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def turned(path: Path, frames: np.ndarray, stated: tuple[str, ...] | None, *, angles: int | None) -> np.ndarray:
+    """Frames with their axes in our order; a message names the orders that would fit.
+
+    ``stated``: their order, where a person or the format states it. ``angles``: how many there are; None where the file
+    does not say.
+    """
+    axes = AXES if stated is None else stated
+    expected = f"({', '.join(axes)}) expected"
+    if frames.ndim != len(AXES):
+        raise RecordError(f"{path}: frames is {frames.dtype} of shape {frames.shape}, {expected}")
+    orders = [order for order in permutations(AXES) if _fits(frames.shape, order, angles)]
+    by_axis = dict(zip(axes, frames.shape, strict=True))
+    if angles not in (None, by_axis["angles"]) or 0 in frames.shape:
+        offer = f"; state their order: --axes {_choice(orders)}" if orders else ""
+        given = "" if angles is None else f" for {angles} angles"
+        raise RecordError(f"{path}: frames has the shape {frames.shape}{given}; {expected}{offer}")
+    if stated is None and axes not in orders:
+        raise RecordError(
+            f"{path}: frames has the shape {frames.shape}, so that {by_axis['channels']} channels would have "
+            f"{by_axis['samples']} samples each: if the record is so short, state it, --axes {','.join(axes)}"
+            + (f"; else state the order of the axes, --axes {_choice(orders)}" if orders else "")
+        )
+    alike = [order for order in orders if dict(zip(order, frames.shape, strict=True)) == by_axis]
+    if stated is None and len(alike) > 1:
+        raise RecordError(
+            f"{path}: frames has the shape {frames.shape}, and axes of equal length do not show which is which; state "
+            f"their order: --axes {_choice(alike)}"
+        )
+    return np.transpose(frames, [axes.index(each) for each in AXES])
+
+
+def _choice(orders: Sequence[tuple[str, ...]]) -> str:
+    return " or ".join(",".join(order) for order in orders)
+
+
+def _fits(shape: tuple[int, ...], axes: tuple[str, ...], angles: int | None) -> bool:
+    """Whether the axes may have this order: a frame has more samples than channels."""
+    by_axis = dict(zip(axes, shape, strict=True))
+    return angles in (None, by_axis["angles"]) and 0 < by_axis["channels"] <= by_axis["samples"]
+
+
+_FEW_CHANNELS, _NOISE_RATIO, _LOOKED_AT = 0.05, 5.0, 16
+"""Largest share of channels that are left out unasked; noise of one over the usual; frames that are looked at."""
+
+
+def without_channels_of(path: Path, frames: np.ndarray, stated: tuple[int, ...]) -> np.ndarray:
+    """The frames with zeros in the channels that are stated, or that hold NaN or nothing but noise."""
+    channels = frames.shape[1]
+    if stated and not 1 <= min(stated) <= max(stated) <= channels:
+        wrong = next(each for each in stated if not 1 <= each <= channels)
+        raise ConfigError(f"{path}: --without-channel is {wrong}, the channels are 1 to {channels}")
+    left_out = np.isin(np.arange(1, channels + 1), stated)
+    said = [f"channel {number} is left out, as asked" for number in sorted(set(stated))]
+    few = max(1, int(_FEW_CHANNELS * channels))
+    if frames.dtype.kind == "f":
+        broken = ~np.isfinite(frames).all(axis=2)
+        # A frame without a single number is no matter of its channels.
+        somewhere = broken[~broken.all(axis=1)].any(axis=0) & ~left_out
+        if 0 < somewhere.sum() <= few:
+            left_out |= somewhere
+            said += [f"channel {number} holds NaN or infinity, and is left out" for number in _numbers_of(somewhere)]
+    looked_at = frames[:: max(1, len(frames) // _LOOKED_AT)].astype(np.float64)
+    with warnings.catch_warnings():
+        # Of a channel, or frame, of NaN alone.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        centred = np.abs(looked_at - np.nanmedian(looked_at, axis=2, keepdims=True))
+        noise = np.nanmedian(np.nanmedian(centred, axis=2), axis=0)
+        noisy = (noise > _NOISE_RATIO * np.nanmedian(noise)) & (np.nanmedian(noise) > 0) & ~left_out
+    if 0 < noisy.sum() <= few:
+        left_out |= noisy
+        ratio = noise / np.nanmedian(noise)
+        said += [
+            f"channel {number} has {ratio[number - 1]:.3g} times the noise of the others, and is left out"
+            for number in _numbers_of(noisy)
+        ]
+    if not left_out.any():
+        return frames
+    warnings.warn(f"{path}: {'; '.join(said)}", stacklevel=3)
+    return np.where(left_out[:, None], frames.dtype.type(0), frames)
+
+
+def _numbers_of(chosen: Bool[np.ndarray, " channels"]) -> list[int]:
+    return [index + 1 for index in np.flatnonzero(chosen).tolist()]
