@@ -99,8 +99,9 @@ def command(
     cameras: Annotated[
         list[Path] | None,
         typer.Option(
-            help="Calibration of the stereo endoscope: TOML, StereoCalibrationDVRK.ini of a dVRK, or given twice for "
-            "the YAML files of ROS, left and right; the CSV then has left_x_px, left_y_px, right_x_px, right_y_px in "
+            help="Calibration of the stereo endoscope: TOML, StereoCalibrationDVRK.ini of a dVRK, YAML, XML or JSON of "
+            "OpenCV (given twice where it is in two files), or twice for the YAML files of ROS, left and right; "
+            "the CSV then has left_x_px, left_y_px, right_x_px, right_y_px in "
             "place of the camera columns, and optionally spot_sigma_px."
         ),
     ] = None,

@@ -1,6 +1,6 @@
-"""Calibrations of a stereo endoscope: our TOML, the ``StereoCalibrationDVRK.ini`` of a dVRK, a pair of ROS camera_info.
+"""Calibrations of a stereo endoscope: our TOML, OpenCV's own, the INI of a dVRK, a pair of ROS camera_info.
 
-All three are in the conventions of OpenCV's ``stereoCalibrate``. The last two do not say how good the calibration is.
+All are in the conventions of OpenCV's ``stereoCalibrate``. Only ours says how good the calibration is.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from markerseek.core import ConfigError, Float64, RecordError, is_finite, needs_package, require_range
 from markerseek.files import MIB, read_text, read_toml, settings_from
 from markerseek.geometry import Camera, RigidTransform, StereoCameras
+from markerseek.runs.stereo_opencv import SUFFIXES, is_of_opencv, numbers_of, read_opencv
 
 _MAX_BYTES = MIB // 16
 """Largest calibration; one has 2 KB."""
@@ -78,17 +79,23 @@ class StereoSettings:
 def read_stereo(paths: Sequence[Path], *, calibration_sigma_px: float | None = None) -> StereoSettings:
     """Calibration of a stereo endoscope.
 
-    ``paths``: a TOML file (``examples/stereo.toml`` shows all keys), an INI file of a dVRK, or the YAML files of the
-    left and of the right camera. ``calibration_sigma_px``: error of the calibration, which only a TOML file states.
+    ``paths``: a TOML file (``examples/stereo.toml`` shows all keys), an INI file of a dVRK, one or two files of OpenCV
+    (``cv2.FileStorage``: YAML, XML or JSON), or the YAML files of ROS of the left and of the right camera.
+    ``calibration_sigma_px``: error of the calibration, which only a TOML file states.
     """
     suffixes = [path.suffix.lower() for path in paths]
+    if len(paths) in {1, 2} and set(suffixes) <= SUFFIXES:
+        texts = [_text(path) for path in paths]
+        if all(map(is_of_opencv, paths, texts)):
+            found = read_opencv(paths, texts)
+            return _settings(_named(paths), lambda: _of_opencv(found, calibration_sigma_px))
     if len(paths) == 2 and set(suffixes) <= {".yaml", ".yml"}:
         left, right = (_read_camera_info(path) for path in paths)
         return _settings(_named(paths), lambda: _of_camera_infos(left, right, calibration_sigma_px))
     if len(paths) != 1 or suffixes[0] in {".yaml", ".yml"}:
         raise ConfigError(
-            f"{_named(paths)}: a calibration is one .toml or .ini file, or two .yaml files of ROS, the left camera's "
-            "first; name it so"
+            f"{_named(paths)}: a calibration is one .toml or .ini file, one or two of OpenCV (.yml, .xml, .json), "
+            "or two .yaml files of ROS, the left camera's first; name it so"
         )
     (path,) = paths
     if suffixes[0] == ".ini":
@@ -155,6 +162,54 @@ def _rotation(name: str, values: Sequence[float]) -> Float64[np.ndarray, "3 3"]:
         raise ConfigError(f"{name} is no rotation: {list(values)}; calibrate again, or correct the file")
     first, _, second = np.linalg.svd(matrix)
     return np.asarray(first @ second)
+
+
+def _of_opencv(found: dict[str, Float64[np.ndarray, " numbers"]], calibration_sigma_px: float | None) -> StereoSettings:
+    """Settings of the numbers of OpenCV's files, whose lengths have the unit of the calibration target."""
+    if "size of the images" not in found:
+        raise ConfigError(
+            "the size of the images is missing; add two lines to the file, image_width: 1280 and image_height: 1024, "
+            "in its own notation"
+        )
+    width, height = (
+        numbers_of(found, "size of the images", 2)
+        if found["size of the images"].size > 1
+        else (found["size of the images"][0], numbers_of(found, "height of the images", 1)[0])
+    )
+
+    def camera(side: str) -> Camera:
+        fx, skew, cx, _, fy, cy, *_ = numbers_of(found, f"{side} camera matrix", 9).tolist()
+        _require_square(f"{side} camera matrix: skew", skew)
+        name = f"{side} distortion"
+        return Camera(
+            focal_px=(fx, fy),
+            centre_px=(cx, cy),
+            size_px=(_whole("image width", float(width)), _whole("image height", float(height))),
+            distortion=_five(name, numbers_of(found, name, 4, 5, 8, 12, 14).tolist()),
+        )
+
+    shift = numbers_of(found, "translation", 3)
+    base = float(np.linalg.norm(shift))
+    unit_m = 1e-3 if _BASE_MM[0] <= base <= _BASE_MM[1] else 1.0
+    if not _BASE_MM[0] <= 1e3 * unit_m * base <= _BASE_MM[1]:
+        raise ConfigError(
+            f"the translation (T) has the length {base:g}, which is no distance of an endoscope's cameras in "
+            f"millimetres or metres, {_BASE_MM[0]:g} to {_BASE_MM[1]:g} mm: was the size of "
+            "the target's squares given? Scale T"
+        )
+    turn = _rotation("rotation (R)", numbers_of(found, "rotation", 9).tolist())
+    return _of(camera("left"), camera("right"), turn, (unit_m * shift).tolist(), _stated(calibration_sigma_px))
+
+
+def _five(name: str, coefficients: Sequence[float]) -> tuple[float, float, float, float, float]:
+    """Coefficients k1, k2, p1, p2, k3; OpenCV leaves k3 out where it is 0, and others write zeros behind it."""
+    k1, k2, p1, p2, k3, *more = (*coefficients, 0.0)
+    if any(more):
+        raise ConfigError(
+            f"{name} has {len(coefficients)} coefficients, five are understood (k1, k2, p1, p2, k3), and those behind "
+            "them must be 0; calibrate without the rational model"
+        )
+    return k1, k2, p1, p2, k3
 
 
 def _read_ini(path: Path) -> configparser.ConfigParser:
@@ -256,16 +311,13 @@ def _read_camera_info(path: Path) -> _CameraInfo:
 
 def _camera_info(table: Mapping[str, Any]) -> _CameraInfo:
     model = table.get("distortion_model", "plumb_bob")
-    if model != "plumb_bob":
+    if model not in {"plumb_bob", "rational_polynomial"}:
         raise ConfigError(f"distortion_model is {_shown(model)}, plumb_bob is understood; calibrate with it")
     matrix = _values(table, "camera_matrix", 9)
-    # OpenCV leaves k3 out where it is 0.
-    distortion = (*_values(table, "distortion_coefficients", 4, 5), 0.0)[:5]
     projection = _values(table, "projection_matrix", 12)
     _require_square("camera_matrix: skew", matrix[1])
     if not projection[0] > 0:
         raise ConfigError("projection_matrix is not that of a stereo pair; calibrate both cameras together")
-    k1, k2, p1, p2, k3 = distortion
     (left, width, across), (top, height, down) = (
         _part(table, axis, whole) for axis, whole in (("x", "width"), ("y", "height"))
     )
@@ -275,7 +327,7 @@ def _camera_info(table: Mapping[str, Any]) -> _CameraInfo:
             # The middle of a joined pixel is in the middle of its pixels.
             centre_px=((matrix[2] - left + 0.5) / across - 0.5, (matrix[5] - top + 0.5) / down - 0.5),
             size_px=(width // across, height // down),
-            distortion=(k1, k2, p1, p2, k3),
+            distortion=_five("distortion_coefficients", _values(table, "distortion_coefficients", 4, 5, 8, 12, 14)),
         ),
         turn=_rotation("rectification_matrix", _values(table, "rectification_matrix", 9)),
         shift_m=projection[3] / projection[0],
