@@ -19,10 +19,10 @@ BENCH ?=
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo page test check bench faults failures kills mutants peers ros2 setup docs figures dist wheel release lock clean
+.PHONY: help demo page test test-long check bench faults failures kills mutants peers ros2 setup docs figures dist wheel release lock clean
 
 help:  ## list these commands
-	@awk -F ':.*## ' '/^[a-z0-9]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 # While the first search compiles its kernels, what the other commands need is installed on the other core.
 demo: .venv/demo  ## find a marker on the simulated rig, and draw the search
@@ -34,6 +34,9 @@ demo: .venv/demo  ## find a marker on the simulated rig, and draw the search
 page: .venv/compiled  ## open the live page: searches on the simulated rig in the browser
 	$(BIN)/markerseek page
 
+# A file that is named is run whole.
+SHORT := $(if $(ALL), and not long)
+
 # Each of two processes has half of the files, and at the end a share of what the other has left.
 IN_TWO := -n 2 --dist worksteal
 
@@ -42,12 +45,16 @@ IN_MEMORY = $(shell awk '$$2 == "/dev/shm" && $$4 !~ /noexec/' /proc/mounts 2>/d
 	df -Pk /dev/shm | awk 'NR == 2 && $$4 > 2e6 {print $$6}')
 
 # Two processes have both cores: threads of the linear algebra would only wait for one another.
-test: export OPENBLAS_NUM_THREADS := 1
-test: export TMPDIR := $(or $(IN_MEMORY),$(TMPDIR),/tmp)
-test: .venv/dev .venv/compiled  ## run every test
-	$(BIN)/python -m pytest $(IN_TWO) -m "not real_time" $(TESTS) || test $$? -eq 5
-	$(if $(WATCHED),$(BIN)/python -m pytest -n 2 --dist load --maxschedchunk 1 -m real_time $(WATCHED))
-	$(BIN)/python -m pytest -m real_time $(filter-out $(WATCHED),$(REAL_TIME)) || test $$? -eq 5
+test test-long: export OPENBLAS_NUM_THREADS := 1
+test test-long: export TMPDIR := $(or $(IN_MEMORY),$(TMPDIR),/tmp)
+test: .venv/dev .venv/compiled  ## run the tests that every change needs
+	$(BIN)/python -m pytest $(IN_TWO) -m "not real_time$(SHORT)" $(TESTS) || test $$? -eq 5
+	$(if $(WATCHED),$(BIN)/python -m pytest -n 2 --dist load --maxschedchunk 1 -m "real_time$(SHORT)" $(WATCHED))
+	$(BIN)/python -m pytest -m "real_time$(SHORT)" $(filter-out $(WATCHED),$(REAL_TIME)) || test $$? -eq 5
+
+test-long: export MARKERSEEK_TESTS := long
+test-long:  ## run every test, with more examples and with types and shapes checked: before a release
+	$(MAKE) test SHORT=
 
 check: .venv/dev  ## look for faults without running: lint, format, types, import contracts, habits of scientific Python
 	$(BIN)/ruff check
@@ -114,7 +121,7 @@ dist: .venv/dev  ## make wheel and source distribution in out/dist
 wheel: dist  ## make them, and try the wheel alone on each Python that is here
 	$(BIN)/python release/try_wheel.py out/dist
 
-CHECKS ?= check test docs wheel
+CHECKS ?= check test-long docs wheel
 release: .venv/dev  ## make the release VERSION in out/release: checks, tests, wheel, bill of materials, notes, commit, tag
 	$(BIN)/python release/release.py "$(VERSION)" --checks "$(CHECKS)"
 

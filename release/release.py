@@ -28,7 +28,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("version", help="such as 0.2.0")
     parser.add_argument(
-        "--checks", default="check test docs wheel", help="targets of make that must succeed; wheel last"
+        "--checks", default="check test-long docs wheel", help="targets of make that must succeed; wheel last"
     )
     asked = parser.parse_args()
     version = require_release(asked.version)

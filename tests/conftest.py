@@ -1,4 +1,4 @@
-"""Types and shapes of the public functions of pure packages are checked in tests; the shell in which commands run."""
+"""The shell in which commands run; in the long run, the check of types and shapes of the pure packages."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ import hypothesis
 import jaxtyping
 import pytest
 
+from tests.sizes import LONG, examples
+
 PURE = ("core", "search", "signals", "acoustics", "calibration", "geometry", "vision")
 
 # A program started with signals ignored (by nohup, or in the background) would hand that on to those that tests strike.
@@ -26,7 +28,7 @@ for each in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
         signal.signal(each, signal.default_int_handler if each is signal.SIGINT else signal.SIG_DFL)
 
 # No test is timed: a busy machine is no fault.
-hypothesis.settings.register_profile("untimed", deadline=None)
+hypothesis.settings.register_profile("untimed", deadline=None, max_examples=examples(100))
 hypothesis.settings.load_profile("untimed")
 
 
@@ -87,11 +89,14 @@ def _checked(decorated: object = None, *, typechecker: Callable[..., object]) ->
     return _jaxtyped(decorated, typechecker=typechecker)
 
 
-_jaxtyped, jaxtyping.jaxtyped = jaxtyping.jaxtyped, _checked
+_jaxtyped = jaxtyping.jaxtyped
 # It holds nothing itself: each entry begins bindings of its own.
 _BINDINGS = _jaxtyped("context")
-# An int is a float, as for mypy (PEP 484).
-jaxtyping.install_import_hook(_pure_modules(), "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
+if LONG:
+    jaxtyping.jaxtyped = _checked
+    # An int is a float, as for mypy (PEP 484).
+    conf = "beartype.BeartypeConf(is_pep484_tower=True)"
+    jaxtyping.install_import_hook(_pure_modules(), f"beartype.beartype(conf={conf})")
 
 
 @pytest.fixture

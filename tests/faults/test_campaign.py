@@ -30,6 +30,7 @@ from tests.faults.unchecked import unchecked  # type: ignore[import-not-found, u
 RUNS, FRAMES = 1400, 36
 
 
+@pytest.mark.long
 def test_no_promise_is_broken_and_every_fault_that_acts_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     tally = unchecked(readings, 2, 0, RUNS)
     with capsys.disabled():
@@ -44,6 +45,7 @@ def test_no_promise_is_broken_and_every_fault_that_acts_is_reported(capsys: pyte
     assert single.found > 100
 
 
+@pytest.mark.long
 def test_no_promise_is_broken_over_real_drivers_and_emulated_devices(capsys: pytest.CaptureFixture[str]) -> None:
     tally = unchecked(frames, 2, 0, FRAMES)
     with capsys.disabled():
@@ -55,6 +57,7 @@ def test_no_promise_is_broken_over_real_drivers_and_emulated_devices(capsys: pyt
     assert {"fault", "finished"} <= tally.outcomes.keys()
 
 
+@pytest.mark.long
 def test_the_long_campaign_runs_on_two_processes_and_continues_where_it_stopped(tmp_path: Path) -> None:
     root, state = Path(__file__).parents[2], tmp_path / "state.json"
     command = [sys.executable, "-m", "tests.faults.campaign", "--runs", "4", "--frames", "2", "--state", str(state)]
@@ -66,6 +69,7 @@ def test_the_long_campaign_runs_on_two_processes_and_continues_where_it_stopped(
     assert "| P1 | the probe never leaves its limits, in truth | 0 | 4 |" in pages[0]
 
 
+@pytest.mark.long
 def test_the_rows_of_the_table_of_failures_are_added_as_they_are_done(tmp_path: Path) -> None:
     root = Path(__file__).parents[2]
     page = tmp_path / "failures.md"

@@ -14,11 +14,13 @@ from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, multip
 
 from markerseek.core import SWEEP_READING_S, ConfigError, DeviceError, Permit, SweepPermit
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
+from tests.sizes import examples
 
 TRACES = int(os.environ.get("MARKERSEEK_TRACES", "200"))
 FIRING = FiringLimits(
     pulses_per_permit=8, pulses_per_sweep=30, pulses_per_second=20, pulses_per_session=60, lifetime_s=2.0
 )
+
 ARRIVAL_DEG = 0.1
 
 ANGLES = st.sampled_from([-36.6, -35.0, 0.0, 0.05, 10.0, 35.0, 35.1, math.nan, math.inf]) | st.floats(-37, 37)
@@ -234,7 +236,7 @@ class Traces(RuleBasedStateMachine):
 
 TestTraces = Traces.TestCase
 TestTraces.settings = settings(
-    max_examples=TRACES,
+    max_examples=examples(TRACES),
     stateful_step_count=40,
     deadline=None,
     derandomize=True,

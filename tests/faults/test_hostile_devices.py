@@ -26,6 +26,7 @@ from markerseek.wire import apt, laserbox
 from markerseek.wire import sonixdaq as daq
 from tests.faults.hostile_folders import STEP
 from tests.faults.wire_decoders import WIRES, ScriptedPort, wire_outcome
+from tests.sizes import examples
 
 CORPUS = Path(__file__).parent / "corpus"
 ON_LINES = sorted(set(WIRES) - {"sonixdaq"})
@@ -39,7 +40,7 @@ def test_a_sound_device_is_understood(decoder: str) -> None:
     assert wire_outcome(decode, whole()) == "read"
 
 
-@settings(max_examples=150, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(150), deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data(), decoder=st.sampled_from(ON_LINES))
 def test_damaged_answers_are_understood_or_refused(data: st.DataObject, decoder: str) -> None:
     whole, decode = WIRES[decoder]
@@ -50,13 +51,13 @@ def test_damaged_answers_are_understood_or_refused(data: st.DataObject, decoder:
     assert wire_outcome(decode, bytes(damaged[:length])) in ("read", "refused")
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=examples(60), deadline=None, derandomize=True)
 @given(data=st.binary(max_size=300), decoder=st.sampled_from(ON_LINES))
 def test_any_answers_are_understood_or_refused(data: bytes, decoder: str) -> None:
     assert wire_outcome(WIRES[decoder][1], data) in ("read", "refused")
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=examples(30), deadline=None, derandomize=True)
 @given(
     steps=st.lists(
         st.tuples(

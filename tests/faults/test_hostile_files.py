@@ -23,6 +23,7 @@ from markerseek.records.banks import read_bank
 from markerseek.records.banks.ipasc.reading import read_probed
 from markerseek.records.child import try_files
 from tests.faults.decoders import DECODERS, IN_THIS_PROCESS, outcome, zip_bomb
+from tests.sizes import examples
 
 CORPUS = Path(__file__).parent / "corpus"
 HDF5 = ("hdf5", "mat73")
@@ -38,7 +39,7 @@ def test_a_whole_file_is_read(tmp_path, decoder):
 
 
 @settings(
-    max_examples=150,
+    max_examples=examples(150),
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
     derandomize=True,
@@ -54,7 +55,7 @@ def test_damaged_bytes_are_read_or_refused(tmp_path, data, decoder):
     assert outcome(read, tmp_path / name, bytes(damaged[:length]) + more) in ("read", "refused")
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(100), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.binary(max_size=300), decoder=st.sampled_from(IN_PROCESS))
 @example(data=b"", decoder="csv")
 def test_any_bytes_are_read_or_refused(tmp_path, data, decoder):
@@ -62,7 +63,7 @@ def test_any_bytes_are_read_or_refused(tmp_path, data, decoder):
     assert outcome(read, tmp_path / name, data) in ("read", "refused")
 
 
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(200), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(text=st.text(alphabet=",.\n\r\"'-+0123456789einfa_dgtsy \x00\ufeff", max_size=200))
 def test_any_table_is_read_or_refused(tmp_path, text):
     name, _, read = DECODERS["csv"]

@@ -18,6 +18,7 @@ from markerseek.records.journal import Journal, read_journal, salvage, verify
 from tests.faults.decoders import outcome
 from tests.faults.journal_decoders import JOURNALS
 from tests.faults.journal_runs import RANGE, commit, configuration, measured
+from tests.sizes import examples
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +58,7 @@ def looked_at(path: Path) -> int:
     return len(held.entries)
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=examples(120), deadline=None)
 @given(places=st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 7)), min_size=1, max_size=3))
 def test_flipped_bits_never_change_what_is_read(
     places: list[tuple[float, int]], closed: Path, tmp_path_factory: pytest.TempPathFactory
@@ -70,7 +71,7 @@ def test_flipped_bits_never_change_what_is_read(
     assert 0 <= looked_at(path) <= 25
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(rubbish=st.binary(min_size=1, max_size=300), share=st.floats(0, 1, exclude_max=True))
 def test_rubbish_in_a_journal_is_one_kind_of_error(
     rubbish: bytes, share: float, closed: Path, tmp_path_factory: pytest.TempPathFactory

@@ -59,6 +59,7 @@ def move_there(
     return len(targets_deg)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", [0.02, 0.1, 0.3])
 def test_no_sound_move_is_refused_whatever_holds_it_up(share: float) -> None:
     assert sum(move_there(number, share=share) for number in range(20)) == 40

@@ -22,6 +22,7 @@ from tests.faults.campaign.restarts import DEATHS  # type: ignore[import-not-fou
 from tests.faults.unchecked import unchecked  # type: ignore[import-not-found, unused-ignore]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("death", DEATHS)
 @pytest.mark.parametrize("daq", DAQS)
 def test_no_wrong_angle_is_found_after_a_restart(
@@ -37,12 +38,14 @@ def test_no_wrong_angle_is_found_after_a_restart(
         assert "fault" not in counts.answers  # the search continues
 
 
+@pytest.mark.long
 def test_without_decision_20_frames_of_other_triggers_are_accepted(tmp_path: Path) -> None:
     """The judge can see it: else it would prove nothing."""
     counts = unchecked(restarts, "late files", "Ctrl-C", seed=1, count=2, folder=tmp_path, bare=True)
     assert counts.accepted > 0
 
 
+@pytest.mark.long
 def test_without_decision_75_bursts_of_the_search_that_died_are_believed(tmp_path: Path) -> None:
     counts = unchecked(restarts, BURSTS, "kill", seed=1, count=1, folder=tmp_path, first=1, bare=True)
     assert counts.accepted > 0

@@ -16,6 +16,7 @@ from tests.field.independent_scans import ANGLES_DEG, HUMPS_ANGLES_DEG, humps_of
 from tests.field.whole_scans import bank_of, counted_humps, counted_scans, whole
 
 
+@pytest.mark.long
 def test_d_one_marker_among_clutter_is_found_from_all_angles_also_as_a_single_source(tmp_path: Path) -> None:
     usual, single = counted_scans(range(5), tmp_path)
     for count in (usual, single):
@@ -82,6 +83,7 @@ def _require_measured(taken: list[float], answer: Estimate) -> None:
         assert answer.reason
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("others", [0.0, None])
 @pytest.mark.parametrize("seed", [2, 5, 43])
 def test_d_a_search_among_clutter_names_what_it_has_measured_and_finds_the_loudest(

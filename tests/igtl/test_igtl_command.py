@@ -152,6 +152,7 @@ def test_a_bridge_for_other_computers_names_those_that_may(options: tuple[str, .
     assert said in " ".join(ended.stderr.split())
 
 
+@pytest.mark.long
 def test_a_bridge_that_is_killed_in_mid_search_takes_the_search_with_it(tmp_path: Path) -> None:
     with bridge("--pace", "0.5") as running, IgtlClient(running.port) as client:
         client.ask(START)

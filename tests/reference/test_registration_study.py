@@ -11,6 +11,8 @@ from benchmarks.registration.marker_errors import kept_errors, search_errors
 from benchmarks.registration.trials import Conditions, registrations
 from markerseek.core import ConfigError
 
+pytestmark = pytest.mark.long
+
 KNOWN = Conditions(shared_assumed=False)
 """Nothing that all points share is wrong, and the registration knows that."""
 

@@ -177,6 +177,7 @@ def test_an_export_has_one_image_for_each_angle(shell, scan, tmp_path):
     assert (code, "there is a file already" in err) == (2, True)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("number", "by"), [(signal.SIGINT, "the user"), (signal.SIGTERM, "another program (SIGTERM)")])
 def test_an_interrupted_scan_stays_readable(tmp_path, number, by):
     path = tmp_path / "a.hdf5"

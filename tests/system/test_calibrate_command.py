@@ -60,6 +60,7 @@ def test_a_pick_up_that_is_nowhere_in_a_frame_is_refused(shell: Shell, scan: Pat
     assert (code, "it must be a first and a later moment of 0 to 1000 us" in " ".join(err.split())) == (2, True)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("direction", "zero_deg"), [("forward", 10 + SOURCE_DEG - 2), ("reverse", 10 - SOURCE_DEG + 2)]
 )

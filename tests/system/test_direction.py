@@ -88,6 +88,7 @@ def emulated_rig(folder: Path, *, mirrored: bool, **stage: Any) -> Rig:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("mirrored", "direction", "code", "said"),
     [

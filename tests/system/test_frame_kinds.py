@@ -46,6 +46,7 @@ def test_a_marker_is_found_in_rf_lines_by_spare():
     assert "SPARE, from post-beamformed RF, dynamic receive focus" in rig.facts.description
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("method", "limit_deg"), [("posterior", 0.3), ("weighted-average", 0.3), ("ternary", 0.7)])
 def test_the_tip_is_found_by_the_same_methods(method, limit_deg):
     # There is one tip: no other is looked for.
@@ -57,6 +58,7 @@ def test_the_tip_is_found_by_the_same_methods(method, limit_deg):
     assert rig.dark_frames == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["posterior", "weighted-average"])
 def test_without_a_tip_none_is_found(method):
     _, events = finished(replace(TIP, marker=replace(TIP.marker, present=False)), method=method, seed=3)

@@ -99,6 +99,7 @@ def test_an_imported_bank_keeps_its_probe(shell: Shell, recorded: Recorded, tmp_
     assert shell("resume", journal)[0] in (0, 3)
 
 
+@pytest.mark.long
 def test_calibration_finds_the_geometry_of_that_probe(shell: Shell, recorded: Recorded) -> None:
     code, out, err = shell("calibrate", recorded.folder, "--probe", recorded.probe, "--json")
     assert code == 0, err

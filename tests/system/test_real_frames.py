@@ -88,6 +88,7 @@ def test_saturation_is_reported_in_the_phantom_and_nowhere_else(name):
     assert findings.dead_channels == ()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FIRST_MM)
 def test_with_channels_permuted_and_signs_flipped_there_is_no_source(name):
     """100 seeds a frame, 1,000 in all, and not one is found: the rate is below 3 in 1,000 (95 %)."""

@@ -151,6 +151,7 @@ def test_each_section_says_how_long_it_took(shell: Shell, tmp_path: Path) -> Non
     assert "Made in " in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_fig_5_agrees_between_curves_and_frames(shell: Shell, tmp_path: Path) -> None:
     code, out, _ = shell("reproduce", "fig5", "--markers", 16, "--workers", 1, "--out", tmp_path, "--json")
@@ -173,6 +174,7 @@ def test_fig_5_agrees_between_curves_and_frames(shell: Shell, tmp_path: Path) ->
     assert {row["share_without_a_claim"] for row in rows if row["method"] != "posterior"} == {"0.0"}
 
 
+@pytest.mark.long
 def test_fig_9_stands_beside_the_paper_with_strip_and_curve(shell: Shell, tmp_path: Path) -> None:
     code, out, _ = shell("reproduce", "fig9", "--markers", 10, "--workers", 1, "--out", tmp_path, "--json")
     assert code == 0

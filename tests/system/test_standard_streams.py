@@ -108,6 +108,7 @@ LAB = ("typer", "rich", "msgspec", "numpy", "h5py", "json", "struct", "socket", 
 """What is imported once the command has begun: what Python itself imports first is beyond it."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", ["{elsewhere}:", ":{elsewhere}", "{elsewhere}::{elsewhere}"])
 def test_an_empty_element_of_the_python_path_runs_nothing_of_the_current_folder(path: str, tmp_path: Path) -> None:
     lab, elsewhere = tmp_path / "lab", tmp_path / "elsewhere"

@@ -121,6 +121,7 @@ def test_wrong_usage_ends_with_2_and_the_cure(
     assert message in " ".join(err.split())
 
 
+@pytest.mark.long
 def test_a_killed_study_is_continued_and_leaves_the_files_of_one_that_was_not(
     study: Path, tmp_path: Path, shell: Shell
 ) -> None:

@@ -25,6 +25,7 @@ def test_a_marker_is_followed_and_drawn(shell, tmp_path):
     assert (tmp_path / "track.png").stat().st_size > 10_000
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("rig", "most_hz"), [("prm1z8-limits.toml", 20), ("prm1z8-100-hz.toml", 100)])
 def test_a_marker_is_followed_while_the_probe_turns(shell, tmp_path, rig, most_hz):
     words = ("track", "--sweep", "--rig", RIGS / rig, "--speed-deg-per-s", 1, "--duration-s", 3)

@@ -15,6 +15,8 @@ from markerseek.core import Interval
 from markerseek.search import weighted_average
 from markerseek.search.floor import noise_factor
 
+pytestmark = pytest.mark.long
+
 
 def test_an_array_of_the_wrong_shape_is_refused():
     with pytest.raises(BeartypeCallHintViolation, match="intensity"):

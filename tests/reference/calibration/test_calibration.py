@@ -143,6 +143,7 @@ def test_a_scan_that_calibrates_nothing_is_refused_by_its_intensities(samples: l
         require_peak(samples, saturated_limit=0.05)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("noise", [2.0, 20.0])
 def test_frames_without_the_delays_off_the_plane_are_refused(noise: float) -> None:
     """One frame, scaled with the angle: the fit alone would return a face radius of 3 to 6 mm for a true one of 10."""
@@ -160,6 +161,7 @@ def test_frames_without_the_delays_off_the_plane_are_refused(noise: float) -> No
         calibrate(copied, PRESET)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("face_m", [4e-3, 6e-3])
 def test_a_probe_near_its_axis_still_calibrates(face_m: float) -> None:
     samples = scan(speed=1500.0, face_m=face_m, height_m=5e-3, late_s=0.3e-6, source_deg=0.4, seed=4)

@@ -93,6 +93,7 @@ def test_equal_errors_give_fitzpatrick_s_closed_form_and_surgerycore_s_squares()
     assert found.errors.tre_m(TARGET_M) ** 2 == pytest.approx(fle_squared / 9 * (1 + sum(terms) / 3), rel=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("refined", "count"), [(False, 9), (True, 3), (True, 9)])
 def test_predicted_errors_are_those_of_many_registrations(refined: bool, count: int) -> None:
     """FRE and TRE within 3 %, for errors that differ in direction and from point to point."""
@@ -158,6 +159,7 @@ def shared_errors(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("refined", [False, True])
 def test_predicted_errors_hold_where_all_points_share_errors(refined: bool) -> None:
     """FRE and TRE are those of many registrations that draw these errors from their priors; 95 % are covered."""

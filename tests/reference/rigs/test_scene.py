@@ -28,6 +28,7 @@ def radio_frequency(imaging: ImageReader, frame: object) -> np.ndarray:
     return beamform(band_pass(frame.samples, taps, blanked=preset.pickup_samples), grid)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("peak_snr_db", [30.0, 40.0])
 @pytest.mark.parametrize("coloured", [0.0, 0.5, 1.0])
 def test_the_peak_over_the_noise_of_the_beamformed_signal_is_as_set(peak_snr_db: float, coloured: float) -> None:

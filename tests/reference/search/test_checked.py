@@ -62,6 +62,7 @@ def campaign(name, *, sigma, searches, seed, acquisitions=None):
     ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sigma", [0.01, 10**-1.5], ids=["40 dB", "30 dB"])
 @pytest.mark.parametrize(
     ("name", "acquisitions"),
@@ -85,6 +86,7 @@ def test_intervals_cover(name, acquisitions, sigma):
     assert covered > 0.93
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["weighted-average", "golden-section", "ternary", "exhaustive", "manual"])
 def test_found_is_not_far_off(name):
     """Of 1,000 searches at 30 dB none is found and off by more than twice the tolerance (bound at 95 %: 3e-3)."""
@@ -127,6 +129,7 @@ def test_guarded_methods_say_not_found_in_noise(name):
     assert answers["NotFound"] >= 299
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("cells", [100, 1_000, 12_800])
 @pytest.mark.parametrize("source", ["dark frames", "lower quartile"])
 def test_false_finds_where_no_frame_states_its_noise(source, cells):

@@ -56,6 +56,7 @@ def test_floor_is_unbiased_under_a_source(name, snr_db, depth_m):
     assert abs(20 * np.log10(np.mean(floors) / sigma)) < 0.3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", PRESET_NAMES)
 def test_noise_alone_is_found_no_more_often_than_promised(name):
     """At p = 0.1, where it can be counted, the level is exceeded less often, and not so rarely that it is useless.

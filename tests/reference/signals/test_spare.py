@@ -100,6 +100,7 @@ def test_lines_may_be_denser_than_elements():
     assert abs(found.depth_m - 45e-3) < 0.05e-3
 
 
+@pytest.mark.long
 def test_noise_alone_is_no_source():
     rng = np.random.default_rng(5)
     for _ in range(3):

@@ -83,6 +83,7 @@ def test_pixels_of_a_cell_are_those_by_which_white_noise_scatters(name: str) -> 
     assert np.var(sums) / (4 * 52 * 19) == pytest.approx(cell_pixels(preset), rel=0.35)
 
 
+@pytest.mark.long
 def test_the_energy_of_a_stained_spot_is_steadier_than_its_peak_and_nearer_to_it() -> None:
     away_mm: dict[str, list[float]] = {"peak": [], "energy": [], "lateral peak": [], "lateral energy": []}
     rough: dict[str, list[float]] = {"peak": [], "energy": []}

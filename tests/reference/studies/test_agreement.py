@@ -12,7 +12,7 @@ from markerseek.rigs import draw_scene
 from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 from markerseek.studies import Axis, CurveSettings, PolicySettings, Study, cells, intensity_curve, run_trial, summarise
 
-pytestmark = pytest.mark.usefixtures("unchecked_shapes")
+pytestmark = [pytest.mark.long, pytest.mark.usefixtures("unchecked_shapes")]
 
 FRAMES = 30
 

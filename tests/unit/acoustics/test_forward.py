@@ -23,6 +23,7 @@ from markerseek.acoustics import (
     Reverberation,
 )
 from markerseek.core import ConfigError, Interval, LinearArray
+from tests.sizes import examples
 
 MODEL = AcousticModel()
 MARKER = Absorber(radius_m=60e-3)
@@ -34,10 +35,11 @@ places = st.builds(
     lateral_m=st.floats(-40e-3, 40e-3),
     strength=st.floats(-10.0, 10.0),
 )
+
 angles = st.floats(-35.0, 35.0)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(absorber=places, angle_deg=angles)
 def test_channel_data_are_finite_and_of_the_right_shape(absorber: Absorber, angle_deg: float) -> None:
     received = MODEL.channel_data([absorber], angle_deg=angle_deg)
@@ -46,7 +48,7 @@ def test_channel_data_are_finite_and_of_the_right_shape(absorber: Absorber, angl
     assert np.isfinite(received).all()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(radius_m=st.floats(20e-3, 70e-3), lateral_m=st.floats(-25e-3, 25e-3), off_deg=st.floats(0.0, 35.0))
 def test_world_and_its_mirror_image_sound_alike(radius_m: float, lateral_m: float, off_deg: float) -> None:
     here = MODEL.channel_data([Absorber(radius_m=radius_m, lateral_m=lateral_m)], angle_deg=off_deg)
@@ -57,7 +59,7 @@ def test_world_and_its_mirror_image_sound_alike(radius_m: float, lateral_m: floa
     np.testing.assert_allclose(along[::-1], here, atol=atol)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(off_deg=st.floats(1.0, 35.0))
 def test_nowhere_is_the_sum_of_energies_larger_than_in_the_plane(off_deg: float) -> None:
     on = MODEL.channel_data([MARKER], angle_deg=0.0)

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from markerseek.core import Arrival, ConfigError, LocalMaxima
+from tests.sizes import examples
 
 ROWS, COLUMNS = 7, 5
 HEIGHTS = np.random.default_rng(3).uniform(1, 9, (ROWS, COLUMNS)).astype("<f4")
@@ -25,7 +26,7 @@ MAXIMA = LocalMaxima(
 )
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(lateral_mm=st.floats(-9, 9), low_mm=st.floats(0, 30), deep_mm=st.floats(0, 12), within_mm=st.floats(0.0, 4.0))
 def test_the_window_touches_the_blocks_that_overlap_it(
     lateral_mm: float, low_mm: float, deep_mm: float, within_mm: float

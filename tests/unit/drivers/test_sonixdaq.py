@@ -32,6 +32,7 @@ from markerseek.emulators.sonixdaq import EmulatedSonixDaq
 from markerseek.records.banks.frames import load_frame
 from markerseek.sim import World
 from markerseek.wire import sonixdaq as wire
+from tests.sizes import examples
 
 
 class Bench:
@@ -200,7 +201,7 @@ def test_a_folder_that_is_not_there_is_not_connected(tmp_path: Path) -> None:
         max_size=6,
     )
 )
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40, deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=examples(40), deadline=None)
 def test_hostile_files_are_a_device_error_or_a_frame(tmp_path: Path, hostile: dict[int, bytes]) -> None:
     sound = wire.encode_file(np.zeros((4, 8), np.int16), number=None)
     for number in range(wire.CHANNELS):

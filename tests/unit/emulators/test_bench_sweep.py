@@ -30,6 +30,7 @@ from markerseek.scan import Scanner, run
 from tests.sweep_on_a_bench import SETTINGS, Bench, sweeping
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("readout_s", "waits_deg"), [(0.3, 35.0), (6.0, 0.0)])
 def test_a_search_over_the_bytes_answers_as_the_simulated_rig_does(
     tmp_path: Path, readout_s: float, waits_deg: float
@@ -89,6 +90,7 @@ def killed(_: Bench) -> None:
     raise Killed
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("late_s", [0.0, 4.0, 7.0, 10.0])
 def test_the_burst_of_a_program_that_was_killed_is_not_taken_for_that_of_the_next(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late_s: float

@@ -15,6 +15,7 @@ from markerseek.emulators._prm1z8 import Motor
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import StageMotion
 from markerseek.wire import AptFramer, AptMessage, apt
+from tests.sizes import examples
 
 HOME = bytes.fromhex("43 04 01 00 50 01")
 
@@ -65,7 +66,7 @@ def test_a_move_takes_the_time_of_a_trapezoid(distance: float, speed: float, acc
     assert motor.angle_deg == 3.0 + distance
 
 
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 @given(
     targets=st.lists(st.tuples(st.floats(-40, 40), st.floats(0.0, 3.0)), min_size=1, max_size=6),
     slices=st.integers(1, 40),

@@ -116,6 +116,7 @@ def test_a_scale_that_is_none_is_refused_before_anything_is_announced(shell, sca
     )
 
 
+@pytest.mark.long
 def test_an_optimiser_of_another_package_is_scored_if_it_is_asked_for(two_worlds, tmp_path):
     pytest.importorskip("skopt", reason="scikit-optimize is not installed")
     results = run_benchmark(tmp_path, optimisers=["scikit-optimize"], scale=0.02, workers=1)
@@ -124,6 +125,7 @@ def test_an_optimiser_of_another_package_is_scored_if_it_is_asked_for(two_worlds
         run_benchmark(tmp_path, optimisers=["nope"])
 
 
+@pytest.mark.long
 @pytest.mark.skipif(find_spec("botorch") is not None, reason="BoTorch is installed")
 def test_a_package_that_is_missing_is_named_by_worker_processes_too(two_worlds, tmp_path):
     with pytest.raises(MissingExtraError, match=r"the method botorch needs the package botorch.*markerseek\[botorch\]"):

@@ -76,6 +76,7 @@ def test_some_settings_are_the_posteriors(setting: dict[str, object], label: str
         dataclasses.replace(TERNARY, **setting)  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 def test_a_prior_is_the_curve_of_another_marker_on_the_same_rig() -> None:
     # A tolerance that the curve of the former marker helps to reach.
     policy = PolicySettings(method="posterior", others=0.0, tolerance_mm=0.2)

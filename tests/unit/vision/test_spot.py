@@ -85,6 +85,7 @@ def spot_on(kind: str, seed: int, *, dark: bool) -> tuple[LaserSpot | NoSpot | T
     return find_spot(frames, dark=[seen(light) for _ in range(10)] if dark else ()), place
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "dark", "most_px"),
     [

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from markerseek.core import ConfigError, DeviceError
 from markerseek.wire import igtl
+from tests.sizes import examples
 
 MAX_BYTES = 1 << 24
 
@@ -160,7 +161,7 @@ def test_a_message_is_read_as_it_was_written(content: igtl.Content, metadata: di
         assert message.content == content
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(CONTENTS, st.sampled_from([1, 2]), st.data())
 def test_damaged_bytes_are_refused_with_a_sentence(content: igtl.Content, version: int, data: st.DataObject) -> None:
     whole = bytearray(igtl.encode(igtl.Message(device="a", content=content, version=version)))
@@ -172,7 +173,7 @@ def test_damaged_bytes_are_refused_with_a_sentence(content: igtl.Content, versio
     assert in_stamp_or_names if said is None else said.startswith("OpenIGTLink: ")
 
 
-@settings(max_examples=500)
+@settings(max_examples=examples(500))
 @given(st.sampled_from(igtl.KINDS), st.binary(max_size=200), st.sampled_from([1, 2]))
 def test_any_body_with_the_right_checksum_is_read_or_refused(kind: str, body: bytes, version: int) -> None:
     header = igtl.Header(

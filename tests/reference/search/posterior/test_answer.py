@@ -88,6 +88,7 @@ def search(world, **options):
     return policy
 
 
+@pytest.mark.long
 def test_two_sources_are_both_named_and_the_weaker_is_never_the_marker():
     rng = np.random.default_rng(2)
     named = 0

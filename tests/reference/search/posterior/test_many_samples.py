@@ -76,6 +76,7 @@ def search_errors_deg(number: int, counts: list[int], *, snr_db: float) -> list[
     return errors_deg
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("snr_db", "least_deg"), [(80.0, 0.02), (40.0, 0.05), (25.0, 0.3)])
 def test_a_sweep_of_more_angles_is_more_exact(snr_db, least_deg):
     mean_deg = [
@@ -85,6 +86,7 @@ def test_a_sweep_of_more_angles_is_more_exact(snr_db, least_deg):
     assert mean_deg[1] < least_deg
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("snr_db", "least_deg"), [(80.0, 0.01), (40.0, 0.02)])
 def test_a_longer_search_is_more_exact(snr_db, least_deg):
     counts = [10, 20, 40, 80]

@@ -21,6 +21,7 @@ from markerseek.search.posterior.next_angle import (
     step_near_deg,
 )
 from markerseek.search.posterior.shapes import STEP_DEG, family
+from tests.sizes import examples
 
 SHAPES = family()
 LIMITS = Interval(low_deg=-35.0, high_deg=35.0)
@@ -71,7 +72,7 @@ def test_the_angle_has_the_largest_probability_of_detection():
     assert found == pytest.approx(best)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=examples(50), deadline=None)
 @given(
     measured_deg=st.lists(st.floats(-35, 35), min_size=1, max_size=30),
     middle_deg=st.floats(-37, 37),

@@ -74,6 +74,7 @@ def test_eight_acquisitions_at_40_db():
     assert np.mean([truth in answer.interval95_deg for truth, answer in sure]) > 0.88
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("outlier", [None, 1, 4])
 def test_found_is_right_with_a_outlier_frame_and_without(outlier):
     answers = campaign(20, seed=2, sigma=10**-1.5, acquisitions=12, outlier=outlier, others=0.0)

@@ -44,6 +44,7 @@ from markerseek.search.posterior.symmetry import (
     shift_sigmas_deg,
     symmetric_log_likelihood,
 )
+from tests.sizes import examples
 
 SHAPES = family()
 MEMBERS = np.array([10, 40])
@@ -245,7 +246,7 @@ def test_weak_samples_beside_one_another_in_a_sweep_count_as_one():
     np.testing.assert_allclose(twice, 2 * (log_likelihood([at_rest]) - log_likelihood([])), rtol=0, atol=1e-6)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(
     angle_deg=st.floats(-20, 20),
     offsets=st.lists(st.floats(0.5, 6.0), min_size=3, max_size=6, unique=True),

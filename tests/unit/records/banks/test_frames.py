@@ -17,6 +17,7 @@ from scipy.io import loadmat, savemat
 from markerseek.core import RecordError
 from markerseek.records.banks.frames import load_frame
 from markerseek.wire import sonixdaq
+from tests.sizes import examples
 
 SAMPLES = 160
 JOURNAL = Path(__file__).parents[3] / "data/format-2.journal"
@@ -315,7 +316,7 @@ def test_pipes_are_refused_and_not_waited_for(tmp_path):
 
 # A damaged byte may be a glitch.
 @pytest.mark.filterwarnings("ignore:.*is taken off int16")
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(300), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), kind=st.sampled_from(["npy", "mat", "zip.mat"]))
 def test_damaged_bytes_are_a_frame_or_a_record_error(tmp_path, data, kind):
     if kind == "npy":

@@ -13,6 +13,7 @@ from markerseek.core import Ambiguous, Found, LocalMaxima, Reading, Sample, Swee
 from markerseek.search.posterior import Posterior
 from markerseek.search.posterior.humps import asymmetric_sample, dip_deg, gap_angle_deg
 from markerseek.search.posterior.shapes import log_curve, log_humps
+from tests.sizes import examples
 
 BLOCKS = LocalMaxima(
     first_lateral_m=0.0,
@@ -73,14 +74,14 @@ def test_an_angle_measured_twice_at_the_end_is_no_dip():
     assert dip_deg(samples([-angle_deg for angle_deg in angles_deg], intensities), sigma=1.0, level=6.7) is None
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(at=st.lists(st.tuples(st.sampled_from([0.0, 6.0, 12.0]), st.sampled_from([9.0, 40.0, 99.0])), min_size=3))
 def test_a_dip_has_samples_on_both_sides(at):
     dip = dip_deg(samples(*zip(*at, strict=True)), sigma=1.0, level=6.0)
     assert dip is None or {angle_deg < dip for angle_deg, _ in at if angle_deg != dip} == {True, False}
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(
     middle_deg=st.floats(-20, 20),
     fwhm_deg=st.floats(2.5, 20),

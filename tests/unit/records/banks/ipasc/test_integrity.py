@@ -19,6 +19,7 @@ from markerseek.records.banks import BankFacts, FrameBank, read_bank
 from markerseek.records.banks.ipasc import whole_bank
 from markerseek.records.banks.ipasc.reading import read_probed
 from markerseek.records.banks.ipasc.writer import probe_poses
+from tests.sizes import examples
 from tests.unit.records.banks.synthetic_banks import ANGLES, FACTS, counts, sample, write
 
 
@@ -30,7 +31,7 @@ def every_frame(bank):
             bank.dark_frame(index)
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(seed=st.sampled_from((0, 1, 2, 3, 8, 9)), first=st.integers(0, 795), flips=st.binary(min_size=1, max_size=2))
 def test_no_changed_byte_of_a_frame_goes_unnoticed(tmp_path_factory, seed, first, flips):
     path = write(tmp_path_factory.mktemp("a") / "a.hdf5")
@@ -53,6 +54,7 @@ def test_no_changed_byte_of_a_frame_goes_unnoticed(tmp_path_factory, seed, first
         every_frame(bank)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["trus_angle_deg", "intensity", "pulses", "rig_clock_s", "energy_over_usual"])
 @pytest.mark.parametrize("bit", range(8))
 def test_no_changed_number_goes_unnoticed(tmp_path, name, bit):
