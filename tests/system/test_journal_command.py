@@ -279,6 +279,6 @@ def test_a_running_search_is_read_but_not_resumed(shell: Shell, tmp_path: Path) 
     other, _ = Journal.reopen(path)
     with other:
         code, _, err = shell("resume", path, "--arm")
-        assert (code, "another markerseek has it open" in err.replace("\n", " ")) == (2, True)
+        assert (code, "another markerseek writes this journal" in err.replace("\n", " ")) == (2, True)
         code, out, _ = shell("journal", "show", path)
         assert (code, "measured: dark 1" in out) == (0, True)

@@ -56,6 +56,7 @@ def test_a_recording_is_imported_with_the_angles_and_times_that_are_named(shell,
     [
         (("--angle-field", "encoder_deg", "--angle-transform", "ProbeToStepperHome"), "give one of them"),
         (("--angle-field", "none"), "no frame has none; its fields are"),
+        (("--angle-field", "Timestamp"), "Timestamp counts time or frames, and is no angle"),
         (("--columns", "a,b"), "it is no CSV"),
     ],
 )

@@ -6,7 +6,7 @@ import math
 import time
 import warnings
 from collections.abc import Generator, Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
@@ -168,7 +168,10 @@ def scan_bank(
     require_new_scan(path, goes_on=goes_on)
     if goes_on:
         journal, recorded = Journal.reopen(record_of(path))
-        _require_same_scan(recorded, configuration)
+        with ExitStack() as undo:
+            undo.callback(journal.close)
+            _require_same_scan(recorded, configuration)
+            undo.pop_all()
         facts = _scan_facts(recorded) or facts
         # One that was killed while its bank was made has all its angles.
         events = _nothing()

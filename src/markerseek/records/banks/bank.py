@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from markerseek.core import ChannelFrame, ConfigError, Float64, Interval, RecordError, needs_package
+from markerseek.core import ChannelFrame, ConfigError, Float64, Interval, RecordError, counted, needs_package
 from markerseek.records.html import as_html, curve_svg
 
 if TYPE_CHECKING:
@@ -261,4 +261,6 @@ def require_angles(path: Path, angles_deg: Sequence[float]) -> None:
         if not low_deg < high_deg:
             raise RecordError(f"{path}: the angle {high_deg:g} deg follows {low_deg:g} deg; sort them in rising order")
     if len(angles_deg) < MIN_ANGLES:
-        raise RecordError(f"{path}: it holds {len(angles_deg)} angles, at least {MIN_ANGLES} are needed for a search")
+        raise RecordError(
+            f"{path}: it holds {counted(len(angles_deg), 'angle')}, at least {MIN_ANGLES} are needed for a search"
+        )

@@ -35,6 +35,9 @@ SEQUENCE_SUFFIXES = (".mha", ".mhd", ".nrrd", ".nhdr")
 ANGLE_FIELDS = ("ProbeRotation", "trus_angle_deg", "angle_deg")
 """Fields with an angle in degrees, in the order in which they are looked for."""
 
+_NO_ANGLES = frozenset({"Timestamp", "UnfilteredTimestamp", "FrameNumber"})
+"""Fields of each frame that PLUS writes beside its transforms."""
+
 ANGLE_TRANSFORMS = ("ProbeToProbeHome", "ProbeHomeToProbe", "ProbeToStepperHome")
 """Transforms that turn with the probe, looked for where a sequence has none of the fields."""
 
@@ -203,6 +206,11 @@ def angles_of(
     """
     path, frames = sequence.path, sequence.frame_fields
     names = {name for fields in frames for name in fields}
+    if angle_field in _NO_ANGLES:
+        raise RecordError(
+            f"{path}: {angle_field} counts time or frames, and is no angle; name another field, or a transform: "
+            "--angle-transform"
+        )
     if angle_field is not None:
         wanted: tuple[str, ...] = (angle_field,)
     elif angle_transform is not None:

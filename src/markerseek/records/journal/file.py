@@ -118,6 +118,8 @@ def as_record_error(path: Path, *, verb: str) -> Iterator[None]:
     """
     try:
         yield
+    except BlockingIOError as problem:
+        raise RecordError(f"{path}: another markerseek writes this journal; wait until that is over") from problem
     except OSError as problem:
         reason = problem.strerror or problem
         raise RecordError(f"{path}: the journal cannot be {verb}: {reason}; {_cure(problem, path)}") from problem
@@ -125,8 +127,6 @@ def as_record_error(path: Path, *, verb: str) -> Iterator[None]:
 
 def _cure(problem: OSError, path: Path) -> str:
     match problem.errno:
-        case errno.EWOULDBLOCK:
-            return "another markerseek has it open; wait until that is over"
         case errno.ENOENT:
             return f"there is no folder {path.parent}; make it, or name another place"
         case errno.ENOTDIR:

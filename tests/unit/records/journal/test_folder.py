@@ -49,7 +49,7 @@ def test_two_programs_do_not_drive_one_run_and_any_number_read_it(tmp_path: Path
     with Journal.create(path, configuration()) as journal:
         journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.0)
         before = path.read_bytes()
-        with pytest.raises(RecordError, match="another markerseek has it open; wait until that is over"):
+        with pytest.raises(RecordError, match="another markerseek writes this journal; wait until that is over"):
             Journal.reopen(path)
         assert path.read_bytes() == before
         assert len(read_journal(path).entries) == 1
