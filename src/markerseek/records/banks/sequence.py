@@ -206,24 +206,7 @@ def angles_of(
     """
     path, frames = sequence.path, sequence.frame_fields
     names = {name for fields in frames for name in fields}
-    if angle_field in _NO_ANGLES:
-        raise RecordError(
-            f"{path}: {angle_field} counts time or frames, and is no angle; name another field, or a transform: "
-            "--angle-transform"
-        )
-    if angle_field is not None:
-        wanted: tuple[str, ...] = (angle_field,)
-    elif angle_transform is not None:
-        wanted = (f"{angle_transform.removesuffix('Transform')}Transform",)
-    else:
-        wanted = (*ANGLE_FIELDS, *(f"{name}Transform" for name in ANGLE_TRANSFORMS))
-    chosen = next((name for name in wanted if name in names), None)
-    if chosen is None:
-        held = ", ".join(sorted(each for each in names if not each.endswith("Status"))[:8]) or "none"
-        raise RecordError(
-            f"{path}: no frame has {' or '.join(wanted)}; its fields are {held}; name the one with the angle: "
-            "--angle-field or --angle-transform of 'markerseek bank import' and 'markerseek tooltip'"
-        )
+    chosen = _field_of_angles(path, names, angle_field, angle_transform)
     turns = chosen.endswith("Transform")
     status = f"{chosen}Status" if turns else _STEPPER.get(chosen, f"{chosen}Status")
     usual = "missing" if turns or status in names else "OK"
@@ -247,6 +230,29 @@ def angles_of(
     stacked = np.stack(list(kept.values()))
     angles_deg = _twists(path, chosen, stacked.reshape(-1, 4, 4)[:, :3, :3]) if turns else stacked[:, 0].tolist()
     return dict(zip(kept, unwrapped(path, np.array(angles_deg)).tolist(), strict=True))
+
+
+def _field_of_angles(path: Path, names: set[str], angle_field: str | None, angle_transform: str | None) -> str:
+    """Name of the field that has the angles."""
+    if angle_field in _NO_ANGLES:
+        raise RecordError(
+            f"{path}: {angle_field} counts time or frames, and is no angle; name another field, or a transform: "
+            "--angle-transform"
+        )
+    if angle_field is not None:
+        wanted: tuple[str, ...] = (angle_field,)
+    elif angle_transform is not None:
+        wanted = (f"{angle_transform.removesuffix('Transform')}Transform",)
+    else:
+        wanted = (*ANGLE_FIELDS, *(f"{name}Transform" for name in ANGLE_TRANSFORMS))
+    chosen = next((name for name in wanted if name in names), None)
+    if chosen is None:
+        held = ", ".join(sorted(each for each in names if not each.endswith("Status"))[:8]) or "none"
+        raise RecordError(
+            f"{path}: no frame has {' or '.join(wanted)}; its fields are {held}; name the one with the angle: "
+            "--angle-field or --angle-transform of 'markerseek bank import' and 'markerseek tooltip'"
+        )
+    return chosen
 
 
 def read_sequence(path: Path, *, angle_field: str | None = None, angle_transform: str | None = None) -> IntensityBank:

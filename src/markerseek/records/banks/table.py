@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from markerseek.core import MAX_INTENSITY, ConfigError, Float64, RecordError
+from markerseek.core import MAX_INTENSITY, ConfigError, Float64, RecordError, counted
 from markerseek.files import DECIMAL_COMMA, MIB, CsvRows, csv_rows, may_be_number, new_file, replace_file
 from markerseek.records.banks.bank import MAX_DEG, MIN_STEP_DEG, IntensityBank, require_angles, unwrapped
 
@@ -307,7 +307,7 @@ def averaged(
         return angles_deg, values
     counts = np.diff(first, append=angles_deg.size)
     warnings.warn(
-        f"{path}: {int((counts > 1).sum())} angles appear more than once; the intensities of each are averaged",
+        f"{path}: {counted(int((counts > 1).sum()), 'repeated angle')}; the intensities of each are averaged",
         stacklevel=3,
     )
     return angles_deg[first], np.add.reduceat(values, first, axis=0) / counts[:, None]

@@ -248,7 +248,7 @@ def test_a_field_of_another_name_is_named_by_the_user(tmp_path):
 def test_angles_in_any_order_and_repeated_ones_are_averaged_with_a_word(tmp_path):
     lines, peaks = rf()
     path = write_mha(tmp_path / "a.mha", lines, fields((5, -5, 0, 5, 9)), kind="RF_REAL", orientation="FM")
-    with pytest.warns(UserWarning, match="1 angles appear more than once"):
+    with pytest.warns(UserWarning, match="1 repeated angle"):
         bank = read_bank(path)
     assert bank.angles_deg == (-5, 0, 5, 9)
     np.testing.assert_allclose(bank.intensities, [peaks[1], peaks[2], (peaks[0] + peaks[3]) / 2, peaks[4]], rtol=0.02)

@@ -135,7 +135,7 @@ def test_any_order_and_repeated_angles_averaged_with_a_word(tmp_path: Path) -> N
     angles = rng.permutation(np.repeat(np.arange(-20.0, 21.0, 4.0), 3))
     values = rng.uniform(0, 100, angles.size)
     rows = "".join(f"{angle!r},{value!r}\n" for angle, value in zip(angles.tolist(), values.tolist(), strict=True))
-    with pytest.warns(UserWarning, match="11 angles appear more than once; the intensities of each are averaged"):
+    with pytest.warns(UserWarning, match="11 repeated angles; the intensities of each are averaged"):
         bank = read_bank(written(tmp_path, "angle_deg,intensity\n" + rows))
     assert isinstance(bank, IntensityBank)
     # NumPy's own histogram as the second opinion.
