@@ -328,7 +328,7 @@ def wrapped_table(folder: Path, angles: np.ndarray, marker_deg: float) -> Path:
 
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("name", WRAPPED)
-@pytest.mark.filterwarnings("ignore:.*angles appear more than once")
+@pytest.mark.filterwarnings("ignore:.*repeated angle")
 def test_a12_a_scan_across_a_turn_is_unwrapped(tmp_path: Path, name: str, order: str) -> None:
     recorded, marker_deg, (low_deg, high_deg), found_deg = WRAPPED[name]
     path = wrapped_table(tmp_path, ORDERS[order](recorded), marker_deg)

@@ -143,7 +143,7 @@ def test_any_order_and_repeated_angles_averaged_with_a_word(tmp_path: Path) -> N
     mean = np.histogram(angles, edges, weights=values)[0] / np.histogram(angles, edges)[0]
     assert bank.angles_deg == tuple(np.arange(-20.0, 21.0, 4.0).tolist())
     assert bank.intensities == pytest.approx(mean.tolist(), rel=1e-12)
-    with pytest.warns(UserWarning, match="1 angles appear"):
+    with pytest.warns(UserWarning, match="1 repeated angle;"):
         assert len(read_bank(written(tmp_path, "angle_deg,intensity\n0,1\n1e-300,3\n2,3\n5,1\n")).angles_deg) == 3
 
 
