@@ -15,8 +15,6 @@ from markerseek.core import RecordError, described
 MAX_PIXELS, _LARGEST = 1 << 30, 1 << 28
 """Most pixels of a series, and of one image."""
 
-_PNG = b"\x89PNG\r\n\x1a\n"
-
 _CENTIMETRE_UNITS = 3
 """Physical units of an ultrasound region that mean centimetres (DICOM PS3.3, C.8.5.5.1.1)."""
 
@@ -65,18 +63,14 @@ def _decoded(path: Path, flags: int) -> np.ndarray:
     data = np.fromfile(path, np.uint8)
     # Width and height stand first in every PNG; memory is taken for what they say.
     width, height = (int.from_bytes(data[start : start + 4].tobytes(), "big") for start in (16, 20))
+    too_large = data[12:16].tobytes() == b"IHDR" and width * height > _LARGEST
     try:
-        image = None if width * height > _LARGEST else cv2.imdecode(data, flags)
+        image = None if too_large else cv2.imdecode(data, flags)
     except cv2.error:
         image = None
     if image is None:
-        reason = (
-            "it is empty"
-            if data.size == 0
-            else "it is far larger than its file, or damaged"
-            if data[:8].tobytes() == _PNG
-            else "it is damaged, or of another kind"
-        )
+        other = "it is far larger than its file, or damaged" if too_large else "it is damaged, or of another kind"
+        reason = "it is empty" if data.size == 0 else other
         raise RecordError(f"{path}: it cannot be read as an image: {reason}; export it again")
     return np.asarray(image)
 

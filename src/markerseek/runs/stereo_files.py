@@ -311,7 +311,7 @@ def _read_camera_info(path: Path) -> _CameraInfo:
 
 def _camera_info(table: Mapping[str, Any]) -> _CameraInfo:
     model = table.get("distortion_model", "plumb_bob")
-    if model not in {"plumb_bob", "rational_polynomial"}:
+    if model != "plumb_bob":
         raise ConfigError(f"distortion_model is {_shown(model)}, plumb_bob is understood; calibrate with it")
     matrix = _values(table, "camera_matrix", 9)
     projection = _values(table, "projection_matrix", 12)
