@@ -85,6 +85,7 @@ def test_a_child_that_is_stopped_while_python_starts_is_no_fault_and_prints_no_t
     assert capfd.readouterr().err == "error: stopped by the user\n"
 
 
+@pytest.mark.long
 @pytest.mark.real_time
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "hung"])
 def test_26_7_a_child_whose_bridge_is_killed_or_hangs_stops_the_search_within_5_s(tmp_path: Path, how: int) -> None:

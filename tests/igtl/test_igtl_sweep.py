@@ -25,6 +25,7 @@ def said_by(message: igtl.Message) -> dict[str, object]:
     return json.loads(message.content.text) if is_said else {}
 
 
+@pytest.mark.long
 def test_a_sweep_is_stopped_by_a_command(tmp_path) -> None:
     far, near = os.openpty()
     with emulation(tmp_path, seed=3, text=WORLD + "[receiver]\nsingle_pulses = true\n") as devices:

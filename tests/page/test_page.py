@@ -84,6 +84,7 @@ def test_both_images_are_drawn_where_their_edges_say(browser):
         assert level[half].max() > 240
 
 
+@pytest.mark.long
 def test_everything_is_on_the_first_screen(opened):
     watched = opened(query="&pace=0")
     watched.search()
@@ -93,6 +94,7 @@ def test_everything_is_on_the_first_screen(opened):
     assert watched.tab.evaluate("document.documentElement.scrollWidth") <= 1280
 
 
+@pytest.mark.long
 def test_stop_in_mid_move(opened, page):
     watched = opened(query="&seed=5&pace=1&readout_s=0.1")
     watched.start()
@@ -112,6 +114,7 @@ def assert_as_good(result, whole, *, kept):
     assert len(result["samples"]) == result["acquisitions"]
 
 
+@pytest.mark.long
 def test_pause_and_go_on_gives_a_result_as_good(opened, command_result):
     watched = opened(query="&seed=4&pace=0.02")
     watched.start()
@@ -125,6 +128,7 @@ def test_pause_and_go_on_gives_a_result_as_good(opened, command_result):
     watched.wait_for_colours(".ms-panel-image canvas", more_than=100)
 
 
+@pytest.mark.long
 def test_killed_child_is_said_and_can_go_on(opened, page, command_result):
     watched = opened(query="&seed=6&pace=0.02")
     watched.start()
@@ -139,6 +143,7 @@ def test_killed_child_is_said_and_can_go_on(opened, page, command_result):
     assert_as_good(json.loads(downloaded(watched, "report JSON")), command_result("--seed", "6"), kept=2)
 
 
+@pytest.mark.long
 def test_link_holds_the_settings(opened, command_result):
     watched = opened(query="&method=ternary&seed=7&snr_db=30&pace=0&tissue=liver")
     watched.tab.get_by_label("seed").fill("8")
@@ -183,6 +188,7 @@ def test_escape_stops(opened, page):
     assert page.children() == []
 
 
+@pytest.mark.long
 def test_angle_is_copied(opened):
     watched = opened(query="&seed=3&pace=0", permissions=["clipboard-read", "clipboard-write"])
     watched.search()
@@ -198,6 +204,7 @@ def test_angle_is_copied(opened):
     assert float(shown) == pytest.approx(float(copied), abs=0.51 * 10.0 ** -len(shown.partition(".")[2]))
 
 
+@pytest.mark.long
 def test_tablet_in_the_dark(opened):
     watched = opened(
         query="&seed=3&pace=0",
@@ -213,6 +220,7 @@ def test_tablet_in_the_dark(opened):
     watched.wait_for_colours(".ms-panel-fan canvas", more_than=10)
 
 
+@pytest.mark.long
 def test_slider_goes_back_and_forth(opened):
     watched = opened(query="&seed=3&pace=0")
     watched.search()
@@ -225,6 +233,7 @@ def test_slider_goes_back_and_forth(opened):
     watched.wait_for(ANGLE, "±")
 
 
+@pytest.mark.long
 def test_three_viewers_see_the_same(opened, command_result):
     expected = command_result("--seed", "9")
     one, two, three = (opened(query="&seed=9&pace=0") for _ in range(3))
@@ -234,6 +243,7 @@ def test_three_viewers_see_the_same(opened, command_result):
         each.wait_for(ANGLE, angle_of(expected))
 
 
+@pytest.mark.long
 def test_report_is_drawn(opened):
     watched = opened(query="&seed=3&pace=0")
     watched.search()

@@ -8,7 +8,7 @@ from tests.page.page_browser import needs_browser, sync_api
 
 axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
 
-pytestmark = [pytest.mark.real_time, needs_browser]
+pytestmark = [pytest.mark.long, pytest.mark.real_time, needs_browser]
 
 AA = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"], "resultTypes": ["violations"]}
 

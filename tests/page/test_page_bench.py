@@ -21,6 +21,7 @@ STATUS = ".ms-status"
 VIEWER = Path(__file__).with_name("page_viewer.py")
 
 
+@pytest.mark.long
 def test_nobody_at_the_terminal_is_not_armed(browser, tmp_path):
     with fixed_bench(tmp_path, seed=3) as devices:
         with served(tmp_path, "--rig", str(devices.rig)) as page:

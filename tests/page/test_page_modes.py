@@ -35,6 +35,7 @@ def test_race_on_the_same_scene(opened, command_result):
     sync_api.expect(watched.tab.locator(".ms-panel-clock svg text", has_text="ternary, seed 2")).to_have_count(1)
 
 
+@pytest.mark.long
 def test_your_turn_by_keys(opened):
     watched = opened("/turn")
     watched.tab.locator("body").click(position={"x": 4, "y": 790})
@@ -123,6 +124,7 @@ def test_replay_of_a_journal(opened, journal, shell):
     sync_api.expect(log).to_have_text("")
 
 
+@pytest.mark.long
 def test_replay_of_a_bank_is_a_search_on_it(opened, shell):
     watched = opened("/replay")
     watched.tab.get_by_label("recording").click()

@@ -136,6 +136,7 @@ def test_killed_page_stops_the_search_and_it_can_be_resumed(browser, tmp_path):
     assert abs(result["angle_deg"] - whole["angle_deg"]) < 3 * max(result["sigma_deg"], whole["sigma_deg"])
 
 
+@pytest.mark.long
 @needs_browser
 def test_search_that_nobody_watches_is_stopped(opened, page):
     watched = opened("/", "&seed=4&pace=1")
@@ -151,6 +152,7 @@ def test_search_that_nobody_watches_is_stopped(opened, page):
     assert isinstance(read_journal(page.journals()[-1]).entries[-1].event, Interrupted)
 
 
+@pytest.mark.long
 @needs_browser
 def test_ctrl_c_in_the_terminal_ends_page_and_search(browser, tmp_path):
     with served(tmp_path) as page:
@@ -167,6 +169,7 @@ def test_ctrl_c_in_the_terminal_ends_page_and_search(browser, tmp_path):
     assert isinstance(read_journal(page.journals()[-1]).entries[-1].event, Interrupted)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("times", [1, 2])
 def test_26_16_ctrl_c_leaves_no_trace_though_an_answer_is_under_way(tmp_path, times):
     with served(tmp_path) as page, socket.socket() as reader, socket.socket() as idle:
@@ -212,6 +215,7 @@ LINE = ".ms-silent"
 """The red line at the top of the page."""
 
 
+@pytest.mark.long
 @needs_browser
 def test_26_7_hung_page_says_that_stop_was_not_delivered_and_its_search_ends_within_5_s(browser, tmp_path):
     with served(tmp_path) as page:
@@ -238,6 +242,7 @@ def test_26_7_hung_page_says_that_stop_was_not_delivered_and_its_search_ends_wit
     assert isinstance(read_journal(page.journals()[-1]).entries[-1].event, Interrupted)
 
 
+@pytest.mark.long
 @needs_browser
 def test_26_7_search_of_a_page_whose_event_loop_hangs_ends_within_5_s(browser, tmp_path):
     hangs = "from markerseek.bridges.page import turn_page; turn_page.build_turn_page = lambda _: time.sleep(12)"

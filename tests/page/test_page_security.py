@@ -148,6 +148,7 @@ def strangers(page, sent):
     resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "sent", [b"", b"POST /stop HTTP/1.1\r\nHost: ", b"\x16\x03\x01\x02"], ids=["idle", "header", "TLS handshake"]
 )
@@ -174,6 +175,7 @@ def test_26_8_kernels_whose_loading_would_hold_up_stop_are_loaded_before_the_por
         assert (tmp_path / "page.stderr").read_text().split() == ["loaded", "open"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "sent",
     [b"GET / HTTP/1.1\r\nX: ", b"POST / HTTP/1.1\r\nHost: elsewhere\r\nContent-Length: 1000\r\n\r\n"],
@@ -190,6 +192,7 @@ def test_26_8_whoever_shows_no_token_is_ended_within_6_s_though_bytes_drip(page,
                 connection.sendall(b"x")
 
 
+@pytest.mark.long
 def test_26_8_whoever_shows_the_token_stays(page):
     host = urlsplit(page.address).netloc
     request = f"HEAD / HTTP/1.1\r\nHost: {host}\r\nCookie: {cookie(page)}\r\n\r\n".encode()

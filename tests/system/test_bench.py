@@ -64,6 +64,7 @@ def test_a_search_over_emulated_devices_measures_and_finds_what_the_simulation_d
     assert json.loads(shell("resume", journal, "--json")[1]) == over_bytes
 
 
+@pytest.mark.long
 def test_a_search_over_emulated_devices_is_resumed_after_kill_9(shell: Shell, tmp_path: Path) -> None:
     """The devices live on, as real ones do: what was measured is kept, one angle is checked, the rest is measured."""
     journal = tmp_path / "run.journal"
@@ -156,6 +157,7 @@ def test_the_laser_box_can_be_emulated_alone(tmp_path: Path) -> None:
     assert not (tmp_path / "bench" / "laser").is_symlink()
 
 
+@pytest.mark.long
 def test_the_doctor_looks_at_a_rig_s_devices_and_moves_nothing(
     shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

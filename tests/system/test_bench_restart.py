@@ -19,6 +19,7 @@ pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
 SEARCH = ("--method", "posterior", "--single", "--json", "--no-journal", "--arm")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_a_search_after_a_death_in_mid_acquisition_names_stale_files_and_finds_the_marker(
     tmp_path: Path, number: signal.Signals

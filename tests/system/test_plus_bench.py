@@ -17,6 +17,7 @@ for needed in ("serial", "thorlabs_apt_protocol", "pyigtl"):
 Shell = Callable[..., tuple[int, str, str]]
 
 
+@pytest.mark.long
 def test_a_search_finds_the_marker_and_says_that_the_receiver_is_emulated(shell: Shell, tmp_path: Path) -> None:
     search = ("--method", "weighted-average", "--as-published", "--acquisitions", "8", "--no-journal")
     with emulation(tmp_path, "--receiver", "plus", seed=3, pace=1) as devices:

@@ -23,6 +23,7 @@ Shell = Callable[..., tuple[int, str, str]]
 SEARCH = ("--method", "weighted-average", "--as-published", "--acquisitions", "8", "--no-journal", "--json")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "by_octave",
     [False, pytest.param(True, marks=pytest.mark.skipif(not has_octave_sockets(), reason=NO_OCTAVE))],
