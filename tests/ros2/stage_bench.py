@@ -53,7 +53,7 @@ class Bench:
         self.stage = SlowStage(self.clock)
         self.guard = Guard(limits=Limits(), firing=FiringLimits(), admission=Admission())
         self.guard.arm(by="a test")
-        self.node = RosNode("trus_stage", on_active=self._set_active)
+        self.node = RosNode("trus_stage")
         self.client = RosNode("client", network=self.node.network)
         self.heard: dict[str, list[Any]] = {}
         for topic, kind in (
@@ -65,8 +65,7 @@ class Bench:
         ):
             self.heard[topic] = []
             self.client.subscribe(topic, kind, self.heard[topic].append)
-        for topic in (topics.MOVE_JP, topics.SERVO_JP):
-            self.client.advertise(topic, JOINT)
+        self.client.advertise(topics.MOVE_JP, JOINT)
         self.client.advertise(topics.STOP, "std_msgs/msg/Empty")
         self.client.advertise("/goto", NUMBER)
         self.served = StageNode(
@@ -78,12 +77,8 @@ class Bench:
         )
         self.beat.served = [self.served]
         self.during: Callable[[], None] | None = None
-        self.until(lambda: self.client.matched(topics.MOVE_JP) and self.client.matched(topics.SERVO_JP))
+        self.until(lambda: self.client.matched(topics.MOVE_JP))
         self.until(lambda: self.client.matched(topics.STOP) and bool(self.heard[topics.MEASURED_JS] and self.states))
-
-    def _set_active(self, active: bool) -> None:
-        if self.beat.served:
-            self.served.set_active(active)
 
     def until(self, ended: Callable[[], bool], *, most_s: float = 20.0) -> None:
         ends_s = self.clock.now_s() + most_s

@@ -114,19 +114,15 @@ class Ros2Stage:
         topic, node = self._settings.state_topic, self._node
         if topic is None or self._states > 0:
             return True
-        # A node of ours says there what CRTK's message has no place for: that it is simulated, and what it refused. It
-        # makes that topic before the one of CRTK, so that whoever finds the second has found the first.
-        fuller = topics.beside(topic, topics.STATE)
-        heard = next((each for each in (fuller, topic) if node.kind_of(each) is not None), None)
-        if heard is not None and not self._listens:
-            kind = node.kind_of(heard)
+        kind = node.kind_of(topic)
+        if kind is not None and not self._listens:
             if kind not in (_TEXT, messages.CRTK_STATE) or kind not in node.kinds:
                 raise NotConnectedError(
-                    f"stage: {heard} is a {kind}, and {_TEXT} or {messages.CRTK_STATE} is understood; name another "
+                    f"stage: {topic} is a {kind}, and {_TEXT} or {messages.CRTK_STATE} is understood; name another "
                     "state_topic, or install crtk_msgs"
                 )
             self._listens = True
-            node.subscribe(heard, kind, self._on_state)
+            node.subscribe(topic, kind, self._on_state)
         return False
 
     def _on_number(self, message: Any) -> None:

@@ -191,7 +191,7 @@ class AcquisitionState(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class OperatingState(msgspec.Struct, frozen=True, kw_only=True):
-    """State of a stage node: what crtk_msgs/OperatingState has, and what has no place there.
+    """State of a stage node: the fields of crtk_msgs/OperatingState, and those that it has no place for.
 
     ``angle_deg`` is the angle at rest as the stage gave it: on its way over radians it would be rounded, and a search
     can then decide otherwise.
@@ -226,18 +226,8 @@ def frames_kind(kinds: Kinds) -> str:
     return FRAMES_KIND if FRAMES_KIND in kinds else "geometry_msgs/msg/TransformStamped"
 
 
-CRTK_STATE, CRTK_STRING = "crtk_msgs/msg/OperatingState", "crtk_msgs/msg/StringStamped"
-
-
-def crtk_state(kinds: Kinds, held: OperatingState) -> Any:
-    """As much of the state of a stage node as CRTK's message has."""
-    stamp = header(kinds, time_s=held.stamp_ns * 1e-9, frame=HOME)
-    return kinds[CRTK_STATE](header=stamp, state=held.state, is_homed=held.is_homed, is_busy=held.is_busy)
-
-
-def crtk_string(kinds: Kinds, sentence: str, *, time_s: float) -> Any:
-    """A sentence with a stamp."""
-    return kinds[CRTK_STRING](header=header(kinds, time_s=time_s, frame=HOME), string=sentence)
+CRTK_STATE = "crtk_msgs/msg/OperatingState"
+"""State of a stage node of another program, which our driver reads."""
 
 
 def state_of(message: Any) -> OperatingState | None:

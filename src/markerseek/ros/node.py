@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import array
 import importlib
-import os
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -72,11 +70,10 @@ _GONE_S = 2.0
 class Network:
     """What the nodes of one process share: connection, executor, and the number of messages received.
 
-    ``enclave``: name of its keys, where security is enforced. ``arguments``: those of the user after ``--ros-args``: a
-    namespace, other names.
+    ``arguments``: those of the user after ``--ros-args``: a namespace, other names.
     """
 
-    def __init__(self, enclave: str | None = None, *, arguments: Sequence[str] = ()) -> None:
+    def __init__(self, *, arguments: Sequence[str] = ()) -> None:
         reach()
         require_middleware()
         with needs_package("rclpy", extra="ros2", purpose="ROS 2"):
@@ -85,8 +82,6 @@ class Network:
             from rclpy.executors import SingleThreadedExecutor
             from rclpy.signals import SignalHandlerOptions
         ours = ["--disable-rosout-logs", "--log-level", "error"]
-        if enclave is not None:
-            ours += ["--enclave", enclave]
         self.context = Context()
         try:
             # Signals stay with the command: it stops the rig first.
@@ -105,14 +100,13 @@ class Network:
 
 
 class RosNode(Closing):
-    """A lifecycle node, active as soon as it is made; use it as a context manager.
+    """A node; use it as a context manager.
 
     Everything happens in the thread that calls `spin`; only `wake` may be called by others.
 
     ``name``: its name, without a namespace. ``parameters``: read-only parameters, such as limits; None for a node that
-    only asks others, which has no services of its own. ``on_active``: called with True and False when somebody
-    activates or deactivates it. ``enclave``: name of its keys, where security is enforced. ``network``: that of another
-    node of this process, which is then spun for both; None for one of its own.
+    only asks others, which has no services of its own. ``network``: that of another node of this process, which is
+    then spun for both; None for one of its own.
     """
 
     def __init__(
@@ -120,42 +114,20 @@ class RosNode(Closing):
         name: str,
         *,
         parameters: Mapping[str, float | str | int | bool] | None = None,
-        on_active: Callable[[bool], None] | None = None,
-        enclave: str | None = None,
         network: Network | None = None,
     ) -> None:
-        self.network = network or Network(enclave)
+        self.network = network or Network()
         self.kinds = Kinds()
         self.name = name
         from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
-        from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
-
-        notify = on_active or (lambda _active: None)
-
-        class _Node(LifecycleNode):  # type: ignore[misc,unused-ignore]
-            def on_activate(self, state: Any) -> Any:
-                notify(True)
-                return super().on_activate(state)
-
-            def on_deactivate(self, state: Any) -> Any:
-                notify(False)
-                return super().on_deactivate(state)
-
-            def on_cleanup(self, _state: Any) -> Any:
-                return TransitionCallbackReturn.SUCCESS
-
-            def on_shutdown(self, _state: Any) -> Any:
-                notify(False)
-                return TransitionCallbackReturn.SUCCESS
+        from rclpy.node import Node
 
         try:
             # Each service costs in every wait, and who has no parameters serves nobody.
-            serves = parameters is not None
-            self._node = _Node(
+            self._node = Node(
                 name,
                 context=self.network.context,
-                enable_communication_interface=serves,
-                start_parameter_services=serves,
+                start_parameter_services=parameters is not None,
                 enable_rosout=False,
             )
         except RuntimeError as problem:
@@ -171,9 +143,6 @@ class RosNode(Closing):
         self.network.nodes += 1
         self._publishers: dict[str, Any] = {}
         self._subscriptions: dict[str, list[Any]] = {}
-        # `rclpy` creates its own publishers for `LifecycleNode.create_lifecycle_publisher`; ours publish in any state.
-        self._node.trigger_configure()
-        self._node.trigger_activate()
         self._open = True
 
     def advertise(self, topic: str, kind: str, *, latched: bool = False) -> None:
@@ -386,28 +355,3 @@ def _quality(*, latched: bool = False, reliable: bool = True) -> Any:
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
     )
-
-
-def require_keys(enclave: str) -> None:
-    """Refuse to start unless ROS 2 enforces security, by the environment of this process, and has the keys of a node.
-
-    ``enclave``: name of the keys of this node, such as ``/markerseek/stage``.
-    """
-    enabled = os.environ.get("ROS_SECURITY_ENABLE", "").lower() == "true"
-    if not (enabled and os.environ.get("ROS_SECURITY_STRATEGY", "").lower() == "enforce"):
-        raise ConfigError(
-            "--require-security: ROS 2 would start without keys; set ROS_SECURITY_ENABLE=true, "
-            "ROS_SECURITY_STRATEGY=Enforce and ROS_SECURITY_KEYSTORE"
-        )
-    keystore = os.environ.get("ROS_SECURITY_KEYSTORE")
-    folder = None if keystore is None else Path(keystore) / "enclaves" / enclave.strip("/")
-    missing = [
-        name
-        for name in ("cert.pem", "key.pem", "governance.p7s", "permissions.p7s")
-        if folder is None or not (folder / name).is_file()
-    ]
-    if missing:
-        raise ConfigError(
-            f"--require-security: there are no keys for {enclave} in {folder}: {', '.join(missing)} missing; "
-            "make them with: ros2 security create_enclave KEYSTORE ENCLAVE"
-        )

@@ -1,5 +1,4 @@
 from .acquisition_node import AcquisitionNode
-from .player import play
 from .sample_topics import publish_registration
 from .search_node import SearchNode
 from .serving import MessagePump, Served, StepEnded, serve
@@ -13,7 +12,6 @@ __all__ = [
     "Served",
     "StageNode",
     "StepEnded",
-    "play",
     "publish_registration",
     "serve",
 ]

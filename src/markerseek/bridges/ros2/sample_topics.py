@@ -1,4 +1,4 @@
-"""Publishes acquisitions: angle, transforms, image, intensity, on the topics that an exported log has."""
+"""Publishes acquisitions: angle, transforms, images, intensity."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _TEXT, _JOINT = "std_msgs/msg/String", "sensor_msgs/msg/JointState"
 
 
 class SampleTopics:
-    """The topics of the acquisitions of one rig or recording.
+    """The topics of the acquisitions of one rig.
 
     ``publishes_angle``: whether the angle of the probe is published, too, and its transform.
     """
@@ -39,8 +39,8 @@ class SampleTopics:
         ):
             node.advertise(topic, kind)
 
-    def begin(self, configuration: Configuration, **facts: object) -> None:
-        """Begin a run or a recording.
+    def begin(self, configuration: Configuration) -> None:
+        """Begin a run.
 
         ``configuration``: published as JSON, and kept for subscribers that come later.
         """
@@ -50,19 +50,19 @@ class SampleTopics:
         known = configuration.flat()
         # Settings of a rig hold ports and programs of this computer, which nobody on a network needs.
         known.pop("recipe")
-        message = messages.text(self._node.kinds, {**known, **facts, "picture_range_db": messages.RANGE_DB})
+        message = messages.text(self._node.kinds, {**known, "picture_range_db": messages.RANGE_DB})
         self._node.publish(topics.BANK, message)
 
-    def publish(self, event: Measured, *, clock_s: float | None = None, **facts: object) -> None:
+    def publish(self, event: Measured, *, clock_s: float) -> None:
         """Publish one acquisition, stamped now; a pulse of a sweep on a bench with the moment of its light.
 
         ``event``: the acquisition; an image is made of its frame where it has one. ``clock_s``: time of the event on
-        the rig's clock; None: a recording is played. ``facts``: more for the JSON of the sample.
+        the rig's clock.
         """
         sample = event.sample
         angle_deg, intensity, frame = sample.angle_deg, sample.reading.intensity, sample.frame
         node, kinds, time_s = self._node, self._node.kinds, self._node.now_s()
-        if clock_s is not None and self._on_bench and sample.sweep is not None and frame is not None:
+        if self._on_bench and sample.sweep is not None and frame is not None:
             # Pulses of a sweep come in bundles, and the probe turns meanwhile.
             time_s -= max(0.0, clock_s - frame.header.started_s)
         image = None
@@ -99,7 +99,7 @@ class SampleTopics:
             pulses=None if frame is None else frame.header.pulses,
             images=images,
         )
-        node.publish(topics.SAMPLE, messages.text(kinds, said | facts))
+        node.publish(topics.SAMPLE, messages.text(kinds, said))
         if not sample.dark:  # a dark frame has no intensity to be plotted
             node.publish(topics.INTENSITY, messages.number(kinds, intensity))
 

@@ -53,7 +53,6 @@ class Served(ABC):
         self._guard, self._by, self._watchdog, self._simulated = guard, by, watchdog, simulated
         self._commands = StampedCommands()
         self._diagnostics = Diagnostics(node)
-        self._active = True
 
     @abstractmethod
     def beat(self) -> None:
@@ -70,13 +69,6 @@ class Served(ABC):
     @abstractmethod
     def _make_safe(self) -> None:
         """Stop the device, or switch it off; an error is a fault of the guard."""
-
-    def set_active(self, active: bool) -> None:
-        """Follow the lifecycle: a node that is deactivated stops, and is disarmed until a person starts it again."""
-        if not active:
-            self._active = False
-            self.stop()
-            self._guard.disarm()
 
     def close(self) -> None:
         """Disarm, and make the device safe."""
@@ -96,9 +88,8 @@ class Served(ABC):
     def _end_interrupted(self) -> None:
         self._make_safe()
         self._guard.disarm()
-        if self._active:
-            # In the name of the same person: a stop ends what the device does, not the session that was armed.
-            self._guard.arm(by=self._by)
+        # In the name of the same person: a stop ends what the device does, not the session that was armed.
+        self._guard.arm(by=self._by)
 
     def _fail(self, error: MarkerseekError) -> None:
         self._guard.fail(f"{type(error).__name__}: {error}")

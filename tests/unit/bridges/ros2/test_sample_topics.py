@@ -51,7 +51,7 @@ def published(rig, event, *, publishes_angle=True):
     node = Node()
     shown = SampleTopics(node=node, publishes_angle=publishes_angle)
     shown.begin(configuration_of(rig, SearchPlan(method="ternary")))
-    shown.publish(event)
+    shown.publish(event, clock_s=0.0)
     return node.sent
 
 
