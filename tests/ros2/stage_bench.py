@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from markerseek.bridges.ros2 import MessagePump, PlainTopics, StageNode
+from markerseek.bridges.ros2 import MessagePump, PlainTopics, Serving, StageNode
 from markerseek.core import Interval, MoveError
 from markerseek.drivers import SystemClock
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
@@ -69,10 +69,8 @@ class Bench:
         self.client.advertise(topics.STOP, "std_msgs/msg/Empty")
         self.client.advertise("/goto", NUMBER)
         self.served = StageNode(
-            node=self.node,
+            Serving(node=self.node, guard=self.guard, by="a test"),
             stage=self.stage,
-            guard=self.guard,
-            by="a test",
             plain=PlainTopics(command="/goto", reached="/angle", unit="deg"),
         )
         self.beat.served = [self.served]
@@ -93,7 +91,7 @@ class Bench:
 
     def send(self, topic: str, angle_deg: float, *, stamp_s: float | None = None) -> None:
         time_s = self.client.now_s() if stamp_s is None else stamp_s
-        self.client.publish(topic, messages.joint_state(self.client.kinds, time_s=time_s, angle_deg=angle_deg))
+        self.client.publish(topic, messages.joint_state(time_s=time_s, angle_deg=angle_deg))
 
     @property
     def states(self) -> list[dict[str, Any]]:

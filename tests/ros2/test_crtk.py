@@ -81,9 +81,9 @@ def test_a_stage_that_publishes_the_operating_state_of_crtk_is_driven(node: RosN
             time_s, busy = arm.now_s(), bool(wanted)
             if busy:
                 angle_deg = math.degrees(wanted.pop().position[0])
-            header = messages.header(arm.kinds, time_s=time_s)
-            held = arm.kinds[state](header=header, state="ENABLED", is_homed=True, is_busy=busy)
-            arm.publish("/arm/measured_js", messages.joint_state(arm.kinds, time_s=time_s, angle_deg=angle_deg))
+            header = messages.header(time_s=time_s)
+            held = messages.made(state, header=header, state="ENABLED", is_homed=True, is_busy=busy)
+            arm.publish("/arm/measured_js", messages.joint_state(time_s=time_s, angle_deg=angle_deg))
             arm.publish("/arm/operating_state", held)
 
         settings = Ros2StageSettings(

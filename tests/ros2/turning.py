@@ -45,7 +45,7 @@ class Client:
 
     def send(self, topic: str, angle_deg: float) -> None:
         time_s = self.node.now_s() + self.clock_ahead_s
-        self.node.publish(topic, messages.joint_state(self.node.kinds, time_s=time_s, angle_deg=angle_deg))
+        self.node.publish(topic, messages.joint_state(time_s=time_s, angle_deg=angle_deg))
 
     def go(self, angle_deg: float) -> None:
         """Have it go to an angle; on a busy computer a command can be too old when it comes, and is sent again."""

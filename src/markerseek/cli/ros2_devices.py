@@ -144,21 +144,13 @@ def _serve_part(
         name, publishes = _STAGE if part == "stage" else _ACQUISITION
         node = opened.enter_context(ros_node(name, parameters, publishes=publishes, arguments=arguments))
         held.arm(by=person())
-        by, watchdog = person(), held.devices.supervisor
+        serving = ros2.Serving(node=node, guard=held.guard, by=person(), watchdog=held.devices.supervisor)
         served: ros2.Served
         if isinstance(held.part, tuple):
             laser, receiver = held.part
-            served = ros2.AcquisitionNode(
-                node=node,
-                laser=laser,
-                receiver=receiver,
-                guard=held.guard,
-                clock=held.clock,
-                by=by,
-                watchdog=watchdog,
-            )
+            served = ros2.AcquisitionNode(serving, laser=laser, receiver=receiver, clock=held.clock)
         else:
-            served = ros2.StageNode(node=node, stage=held.part, guard=held.guard, by=by, plain=plain, watchdog=watchdog)
+            served = ros2.StageNode(serving, stage=held.part, plain=plain)
         _serve_until_stopped(pump, served, ready=f"the {part} is armed and served; Ctrl-C ends it")
 
 
@@ -198,27 +190,22 @@ def sim(
     if write_rig is not None:
         write_rig_file(write_rig, _rig_text(settings))
     parameters = _angles(settings.limits) | {"simulated": True}
-    # Nothing here emits light or turns, so that no person is needed.
-    by = "a simulated rig"
+    served: list[ros2.Serving] = []
     with ExitStack() as opened:
-        guards = [Guard(limits=settings.limits, firing=FiringLimits(), admission=Admission()) for _ in range(2)]
-        nodes: list[ros.RosNode] = []
-        for guard, (name, topic) in zip(guards, (_STAGE, _ACQUISITION), strict=True):
-            guard.arm(by=by)
-            network = nodes[0].network if nodes else None
+        for name, topic in (_STAGE, _ACQUISITION):
+            network = served[0].node.network if served else None
             made = ros_node(name, parameters, publishes=topic, arguments=ctx.obj, network=network)
-            nodes.append(opened.enter_context(made))
+            # Nothing here emits light or turns, so that no person is needed.
+            guard = Guard(limits=settings.limits, firing=FiringLimits(), admission=Admission())
+            guard.arm(by="a simulated rig")
+            node = opened.enter_context(made)
+            served.append(ros2.Serving(node=node, guard=guard, by="a simulated rig", simulated=True))
+        stage_serving, acquisition_serving = served
         _serve_until_stopped(
             pump,
-            ros2.StageNode(node=nodes[0], stage=world.stage, guard=guards[0], by=by, plain=plain, simulated=True),
+            ros2.StageNode(stage_serving, stage=world.stage, plain=plain),
             ros2.AcquisitionNode(
-                node=nodes[1],
-                laser=world.laser,
-                receiver=world.receiver,
-                guard=guards[1],
-                clock=world.scanner.clock,
-                by=by,
-                simulated=True,
+                acquisition_serving, laser=world.laser, receiver=world.receiver, clock=world.scanner.clock
             ),
             ready="simulated stage and acquisition are ready; nothing turns, and no light; Ctrl-C ends it",
         )

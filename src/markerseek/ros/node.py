@@ -2,54 +2,17 @@
 
 from __future__ import annotations
 
-import array
-import importlib
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from markerseek._closing import Closing
-from markerseek.core import ConfigError, MissingExtraError, RecordError, needs_package
+from markerseek.core import ConfigError, needs_package
+from markerseek.ros import messages
 from markerseek.ros.quality import Once, unfit
 from markerseek.ros.topics import in_namespace
 from markerseek.ros.transport import reach, require_middleware
-
-
-class Kinds(Mapping[str, Any]):
-    """Classes of messages by name, imported when they are asked for; NumPy arrays become those of the message."""
-
-    def __init__(self) -> None:
-        self._classes: dict[str, Any] = {}
-
-    def __getitem__(self, name: str) -> Any:
-        kind = self.kind(name)
-        return lambda **fields: kind(**{key: _native(value) for key, value in fields.items()})
-
-    def kind(self, name: str) -> Any:
-        """The class itself; `KeyError` if its package is not installed."""
-        if name not in self._classes:
-            package, folder, member = name.split("/")
-            try:
-                with needs_package(package, extra="ros2", purpose=f"a message {name}"):
-                    self._classes[name] = getattr(importlib.import_module(f"{package}.{folder}"), member)
-            except (MissingExtraError, AttributeError) as problem:
-                raise KeyError(name) from problem
-        return self._classes[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._classes)
-
-    def __len__(self) -> int:
-        return len(self._classes)
-
-
-def _native(value: object) -> object:
-    # An image as an array of NumPy costs rclpy 100 ms, which takes each pixel for itself; as an array of bytes nothing.
-    return array.array(value.dtype.char, value.tobytes()) if isinstance(value, np.ndarray) else value
-
 
 _LAST_S = 1.0
 """Longest wait for subscribers when a node leaves, in seconds."""
@@ -117,7 +80,6 @@ class RosNode(Closing):
         network: Network | None = None,
     ) -> None:
         self.network = network or Network()
-        self.kinds = Kinds()
         self.name = name
         from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
         from rclpy.node import Node
@@ -157,7 +119,7 @@ class RosNode(Closing):
             incompatible_qos=lambda event: self._say_unfit(topic, event, listens=False), use_default_callbacks=False
         )
         self._publishers[topic] = self._node.create_publisher(
-            self.kinds.kind(kind), in_namespace(topic), _quality(latched=latched), event_callbacks=events
+            messages.kind(kind), in_namespace(topic), _quality(latched=latched), event_callbacks=events
         )
 
     def publish(self, topic: str, message: Any) -> None:
@@ -194,7 +156,7 @@ class RosNode(Closing):
             )
             made.append(
                 self._node.create_subscription(
-                    self.kinds.kind(kind), in_namespace(topic), take, wanted, event_callbacks=events
+                    messages.kind(kind), in_namespace(topic), take, wanted, event_callbacks=events
                 )
             )
 
@@ -235,21 +197,7 @@ class RosNode(Closing):
             response.success, response.message = answer()
             return response
 
-        self._node.create_service(self.kinds.kind("std_srvs/srv/Trigger"), in_namespace(service), reply)
-
-    def call(self, service: str, *, timeout_s: float) -> tuple[bool, str]:
-        """Call a std_srvs/Trigger of another node."""
-        client = self._node.create_client(self.kinds.kind("std_srvs/srv/Trigger"), in_namespace(service))
-        try:
-            future = client.call_async(client.srv_type.Request()) if client.wait_for_service(timeout_s) else None
-            if future is not None:
-                self.network.executor.spin_until_future_complete(future, timeout_sec=timeout_s)
-            if future is None or not future.done():
-                raise RecordError(f"nobody answers on {service} within {timeout_s:g} s; start the node first")
-            answer: Any = future.result()
-            return bool(answer.success), str(answer.message)
-        finally:
-            self._node.destroy_client(client)
+        self._node.create_service(messages.kind("std_srvs/srv/Trigger"), in_namespace(service), reply)
 
     def matched(self, topic: str) -> bool:
         """Whether somebody listens to a topic that this node publishes."""

@@ -1,7 +1,7 @@
 from .acquisition_node import AcquisitionNode
 from .sample_topics import publish_registration
 from .search_node import SearchNode
-from .serving import MessagePump, Served, StepEnded, serve
+from .serving import MessagePump, Served, Serving, StepEnded, serve
 from .stage_node import PlainTopics, StageNode
 
 __all__ = [
@@ -10,6 +10,7 @@ __all__ = [
     "PlainTopics",
     "SearchNode",
     "Served",
+    "Serving",
     "StageNode",
     "StepEnded",
     "publish_registration",

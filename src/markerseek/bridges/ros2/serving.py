@@ -7,6 +7,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 from markerseek.core import MarkerseekError
 from markerseek.guard import Guard
@@ -36,23 +37,34 @@ class Diagnostics:
         """Publish them if they are due."""
         if time.monotonic() >= self._due_s:
             self._due_s = time.monotonic() + _DIAGNOSE_S
-            kinds, name, time_s = self._node.kinds, self._node.name, self._node.now_s()
-            message = messages.diagnostics(kinds, time_s=time_s, name=name, fault=fault, facts=facts)
+            name, time_s = self._node.name, self._node.now_s()
+            message = messages.diagnostics(time_s=time_s, name=name, fault=fault, facts=facts)
             self._node.publish(topics.DIAGNOSTICS, message)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Serving:
+    """How a device is served."""
+
+    node: RosNode
+    """Messages are handled while it is spun."""
+    guard: Guard
+    """Its own; armed already."""
+    by: str
+    """Who has armed the guard."""
+    watchdog: Watchdog | None = None
+    """Lease of the device, which is held while the device works."""
+    simulated: bool = False
+
+
 class Served(ABC):
-    """A node of a device under a guard of its own.
+    """A node of a device under a guard of its own."""
 
-    ``node``: messages are handled while it is spun. ``by``: who has armed the guard. ``watchdog``: lease of the device,
-    to be held while it works.
-    """
-
-    def __init__(self, *, node: RosNode, guard: Guard, by: str, watchdog: Watchdog | None, simulated: bool) -> None:
-        self.node = node
-        self._guard, self._by, self._watchdog, self._simulated = guard, by, watchdog, simulated
+    def __init__(self, serving: Serving) -> None:
+        self.node, self._guard, self._simulated = serving.node, serving.guard, serving.simulated
+        self._by, self._watchdog = serving.by, serving.watchdog
         self._commands = StampedCommands()
-        self._diagnostics = Diagnostics(node)
+        self._diagnostics = Diagnostics(self.node)
 
     @abstractmethod
     def beat(self) -> None:

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from typing import Any, Literal, Protocol, runtime_checkable
 
 from markerseek.bridges.ros2.sample_topics import publish_frames
-from markerseek.bridges.ros2.serving import Served, StepEnded
+from markerseek.bridges.ros2.serving import Served, Serving, StepEnded
 from markerseek.core import LimitError, MarkerseekError, Stage
-from markerseek.guard import Guard, State
-from markerseek.ros import RosNode, degrees, joint_angle_deg, messages, topics
-from markerseek.scan import Watchdog
+from markerseek.guard import State
+from markerseek.ros import degrees, joint_angle_deg, messages, topics
 
 _JOINT, _NUMBER, _EMPTY = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64", "std_msgs/msg/Empty"
 _PUBLISH_S, _TURNING_S = 0.1, 0.02
@@ -44,23 +43,11 @@ class _SeenOnItsWay(Protocol):
 
 
 class StageNode(Served):
-    """Serves a stage.
+    """Serves a stage; the lease is held during a move."""
 
-    ``node``, ``guard``, ``by``, ``watchdog``, ``simulated``: the lease is held during a move.
-    """
-
-    def __init__(
-        self,
-        *,
-        node: RosNode,
-        stage: Stage,
-        guard: Guard,
-        by: str,
-        plain: PlainTopics | None = None,
-        watchdog: Watchdog | None = None,
-        simulated: bool = False,
-    ) -> None:
-        super().__init__(node=node, guard=guard, by=by, watchdog=watchdog, simulated=simulated)
+    def __init__(self, serving: Serving, *, stage: Stage, plain: PlainTopics | None = None) -> None:
+        super().__init__(serving)
+        node = self.node
         self._stage, self._plain = stage, plain
         self._wanted_deg: float | None = None
         self._moving = self._stopped = False
@@ -71,7 +58,7 @@ class StageNode(Served):
         node.advertise(topics.MEASURED_JS, _JOINT)
         node.advertise(topics.MEASURED_CP, "geometry_msgs/msg/PoseStamped")
         node.advertise(topics.SETPOINT_JS, _JOINT, latched=True)
-        node.advertise(topics.FRAMES, messages.frames_kind(node.kinds))
+        node.advertise(topics.FRAMES, messages.frames_kind())
         node.advertise(topics.STATE, "std_msgs/msg/String")
         node.subscribe(topics.MOVE_JP, _JOINT, self._on_joint, command=True)
         for topic in (topics.STOP, topics.HOLD):
@@ -173,7 +160,7 @@ class StageNode(Served):
         self._publish_angle()
         if self._plain is not None:
             value = self._angle_deg if self._plain.unit == "deg" else math.radians(self._angle_deg)
-            self.node.publish(self._plain.reached, messages.number(self.node.kinds, value))
+            self.node.publish(self._plain.reached, messages.number(value))
 
     def _make_safe(self) -> None:
         # Not interrupted a second time: the stop itself waits for the stage.
@@ -199,15 +186,15 @@ class StageNode(Served):
         self._publish_state(is_busy=False, stamp_ns=messages.time_ns(now_s))
 
     def _publish_seen(self, angle_deg: float, *, time_s: float) -> None:
-        node, kinds = self.node, self.node.kinds
-        node.publish(topics.MEASURED_JS, messages.joint_state(kinds, time_s=time_s, angle_deg=angle_deg))
-        node.publish(topics.MEASURED_CP, messages.pose(kinds, time_s=time_s, angle_deg=angle_deg))
-        turned = messages.transforms(kinds, time_s=time_s, angle_deg=angle_deg, images={}, face_radius_m=None)
+        node = self.node
+        node.publish(topics.MEASURED_JS, messages.joint_state(time_s=time_s, angle_deg=angle_deg))
+        node.publish(topics.MEASURED_CP, messages.pose(time_s=time_s, angle_deg=angle_deg))
+        turned = messages.transforms(time_s=time_s, angle_deg=angle_deg, images={}, face_radius_m=None)
         publish_frames(node, topics.FRAMES, turned)
 
     def _publish_setpoint(self, angle_deg: float) -> None:
         self._setpoint_deg = angle_deg
-        message = messages.joint_state(self.node.kinds, time_s=self.node.now_s(), angle_deg=angle_deg)
+        message = messages.joint_state(time_s=self.node.now_s(), angle_deg=angle_deg)
         self.node.publish(topics.SETPOINT_JS, message)
 
     def _publish_state(self, *, is_busy: bool, stamp_ns: int | None = None) -> None:
@@ -223,4 +210,4 @@ class StageNode(Served):
             refused=self._refused[0],
             refused_ns=self._refused[1],
         )
-        self.node.publish(topics.STATE, messages.text(self.node.kinds, held))
+        self.node.publish(topics.STATE, messages.text(held))
