@@ -129,17 +129,17 @@ def over_igtl(seed: int, case: Case) -> int:
 
 def over_ros(seed: int, case: Case) -> int:
     """A search of the ROS 2 node; returns how often it was asked for another."""
-    from markerseek.core import RecordError
-    from markerseek.ros import RosNode, topics
+    from markerseek.ros import RosNode, messages, topics
 
     _, count, stopped, flooded = case
     with clients(count, ROS_CLIENT, stopped=stopped), RosNode("flood") as node:
+        trigger = messages.kind("std_srvs/srv/Trigger")
+        client = node._node.create_client(trigger, topics.RUN)  # noqa: SLF001  nodes of ours call no services
 
         def once() -> None:
-            try:
-                node.call(topics.RUN, timeout_s=5.0)
-            except RecordError:
-                time.sleep(0.1)
+            if client.wait_for_service(0.1):
+                asked = client.call_async(trigger.Request())
+                node.network.executor.spin_until_future_complete(asked, timeout_sec=5.0)
 
         search = [*MARKERSEEK, "ros2", "search", "--once", "--seed", str(seed), "--pace", str(PACE), *SEARCH]
         with flooding(once, wanted=flooded) as times, subprocess.Popen(search, stderr=subprocess.DEVNULL):

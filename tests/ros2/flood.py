@@ -12,10 +12,10 @@ from std_msgs.msg import Float64, String
 def main():
     rclpy.init()
     node = rclpy.create_node("flood")
-    joints = [node.create_publisher(JointState, topic, 10) for topic in ("/TRUS/move_jp", "/TRUS/servo_jp")]
+    joints = node.create_publisher(JointState, "/TRUS/move_jp", 10)
     numbers = node.create_publisher(Float64, "/goto", 10)
     texts = node.create_publisher(String, "/TRUS/pa/acquire", 10)
-    while joints[0].get_subscription_count() == 0:
+    while joints.get_subscription_count() == 0:
         time.sleep(0.01)
     sys.stdout.write("ready\n")
     sys.stdout.flush()
@@ -26,8 +26,7 @@ def main():
     ]
     while True:
         for message in bad:
-            for publisher in joints:
-                publisher.publish(message)
+            joints.publish(message)
         numbers.publish(Float64(data=math.inf))
         texts.publish(String(data="{" * 1000))
         time.sleep(0.002)

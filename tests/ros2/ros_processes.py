@@ -7,7 +7,10 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from markerseek.ros import RosNode
 
 MARKERSEEK = (sys.executable, "-P", "-m", "markerseek")
 
@@ -31,3 +34,18 @@ def sockets_of(pid: int) -> list[str]:
         for line in Path(f"/proc/{pid}/net/{name}").read_text().splitlines()[1:]
         if line.split()[9] in inodes
     ]
+
+
+def call(node: RosNode, service: str, *, timeout_s: float) -> tuple[bool, str]:
+    """Call a std_srvs/Trigger of another node."""
+    from markerseek.ros import messages
+
+    client = node._node.create_client(messages.kind("std_srvs/srv/Trigger"), service)
+    try:
+        assert client.wait_for_service(timeout_s), service
+        future = client.call_async(client.srv_type.Request())
+        node.network.executor.spin_until_future_complete(future, timeout_sec=timeout_s)
+        assert future.done(), service
+        return future.result().success, future.result().message
+    finally:
+        node._node.destroy_client(client)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from markerseek import rigs
-from markerseek.bridges.ros2 import AcquisitionNode
+from markerseek.bridges.ros2 import AcquisitionNode, Serving
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.ros import RosNode
 
@@ -16,11 +16,8 @@ def armed_guard(world: rigs.Rig) -> Guard:
 
 def acquisition_of(world: rigs.Rig, *, node: RosNode, guard: Guard) -> AcquisitionNode:
     return AcquisitionNode(
-        node=node,
+        Serving(node=node, guard=guard, by="a test", simulated=True),
         laser=world.laser,
         receiver=world.receiver,
-        guard=guard,
         clock=world.scanner.clock,
-        by="a test",
-        simulated=True,
     )

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from markerseek.bridges.ros2 import MessagePump, PlainTopics, StageNode
+from markerseek.bridges.ros2 import MessagePump, PlainTopics, Serving, StageNode
 from markerseek.core import Interval, MoveError
 from markerseek.drivers import SystemClock
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
@@ -53,7 +53,7 @@ class Bench:
         self.stage = SlowStage(self.clock)
         self.guard = Guard(limits=Limits(), firing=FiringLimits(), admission=Admission())
         self.guard.arm(by="a test")
-        self.node = RosNode("trus_stage", on_active=self._set_active)
+        self.node = RosNode("trus_stage")
         self.client = RosNode("client", network=self.node.network)
         self.heard: dict[str, list[Any]] = {}
         for topic, kind in (
@@ -65,25 +65,18 @@ class Bench:
         ):
             self.heard[topic] = []
             self.client.subscribe(topic, kind, self.heard[topic].append)
-        for topic in (topics.MOVE_JP, topics.SERVO_JP):
-            self.client.advertise(topic, JOINT)
+        self.client.advertise(topics.MOVE_JP, JOINT)
         self.client.advertise(topics.STOP, "std_msgs/msg/Empty")
         self.client.advertise("/goto", NUMBER)
         self.served = StageNode(
-            node=self.node,
+            Serving(node=self.node, guard=self.guard, by="a test"),
             stage=self.stage,
-            guard=self.guard,
-            by="a test",
             plain=PlainTopics(command="/goto", reached="/angle", unit="deg"),
         )
         self.beat.served = [self.served]
         self.during: Callable[[], None] | None = None
-        self.until(lambda: self.client.matched(topics.MOVE_JP) and self.client.matched(topics.SERVO_JP))
+        self.until(lambda: self.client.matched(topics.MOVE_JP))
         self.until(lambda: self.client.matched(topics.STOP) and bool(self.heard[topics.MEASURED_JS] and self.states))
-
-    def _set_active(self, active: bool) -> None:
-        if self.beat.served:
-            self.served.set_active(active)
 
     def until(self, ended: Callable[[], bool], *, most_s: float = 20.0) -> None:
         ends_s = self.clock.now_s() + most_s
@@ -98,7 +91,7 @@ class Bench:
 
     def send(self, topic: str, angle_deg: float, *, stamp_s: float | None = None) -> None:
         time_s = self.client.now_s() if stamp_s is None else stamp_s
-        self.client.publish(topic, messages.joint_state(self.client.kinds, time_s=time_s, angle_deg=angle_deg))
+        self.client.publish(topic, messages.joint_state(time_s=time_s, angle_deg=angle_deg))
 
     @property
     def states(self) -> list[dict[str, Any]]:

@@ -16,7 +16,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 import rclpy
 
 from markerseek import rigs
-from markerseek.bridges.ros2 import StageNode
+from markerseek.bridges.ros2 import Serving, StageNode
 from markerseek.core import Laser, Receiver, Stage
 from markerseek.drivers import Ros2Acquisition, Ros2Stage, Ros2StageSettings, RosReceiver, SystemClock
 from markerseek.ros import RosNode, topics
@@ -45,13 +45,8 @@ class TestStageNode(_OverRos, StageContract):
     def make(self) -> Stage:
         world = rigs.simulated(seed=1)
         server, node = self.nodes()
-        served = StageNode(
-            node=server,
-            stage=world.stage,
-            guard=armed_guard(world),
-            by="a test",
-            simulated=True,
-        )
+        serving = Serving(node=server, guard=armed_guard(world), by="a test", simulated=True)
+        served = StageNode(serving, stage=world.stage)
         # A stage node serves the angles that may be searched: those of its travel beyond them, it refuses.
         stage = Ros2Stage(
             node=node, clock=self.clock(served.step), settings=Ros2StageSettings(), travel=world.limits.search
@@ -65,7 +60,8 @@ class TestStopRightAfterACommand(_OverRos):
         world = rigs.simulated(seed=1)
         server, node = self.nodes()
         listener = self.opened.enter_context(RosNode("listener", network=server.network))
-        served = StageNode(node=server, stage=world.stage, guard=armed_guard(world), by="a test", simulated=True)
+        serving = Serving(node=server, guard=armed_guard(world), by="a test", simulated=True)
+        served = StageNode(serving, stage=world.stage)
         heard: list[object] = []
         listener.subscribe(topics.STOP, "std_msgs/msg/Empty", heard.append)
         pressed = False

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from tests.ros2.ros_processes import MARKERSEEK, Start, answer_of
+from tests.ros2.ros_processes import MARKERSEEK, Start, answer_of, call
 
 pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 
@@ -72,7 +72,7 @@ class Listener:
         self.wait_for("idle")
         for _ in range(10):
             self.heard[topics.RESULT].clear()
-            assert self.node.call(topics.RUN, timeout_s=10)[0]
+            assert call(self.node, topics.RUN, timeout_s=10)[0]
             self.wait_for("ended")
             if all(self.heard.values()):
                 break
@@ -91,10 +91,10 @@ def test_a_search_that_is_asked_for_gives_the_answer_of_the_command(start: Start
     listener.match()
     # What the searches before have sent can still come, up to a heartbeat of the middleware later.
     began_s = listener.node.now_s()
-    accepted, sentence = listener.node.call(topics.RUN, timeout_s=10)
+    accepted, sentence = call(listener.node, topics.RUN, timeout_s=10)
     assert accepted
     assert topics.RESULT in sentence
-    refused, sentence = listener.node.call(topics.RUN, timeout_s=10)
+    refused, sentence = call(listener.node, topics.RUN, timeout_s=10)
     assert not refused
     assert sentence == "a search is running; cancel it, or wait for its result"
     ended = listener.wait_for("ended")
@@ -132,16 +132,16 @@ def test_a_search_that_is_asked_for_gives_the_answer_of_the_command(start: Start
 def test_a_search_is_cancelled_and_the_next_may_begin(start: Start, listener: Listener) -> None:
     start(*MARKERSEEK, "ros2", "search", *SEARCH, "--pace", "0.1")
     listener.wait_for("idle")
-    assert listener.node.call(topics.CANCEL, timeout_s=10) == (False, "no search is running")
-    listener.node.call(topics.RUN, timeout_s=10)
+    assert call(listener.node, topics.CANCEL, timeout_s=10) == (False, "no search is running")
+    call(listener.node, topics.RUN, timeout_s=10)
     while not listener.heard[topics.SAMPLE]:
         listener.node.spin(0.05)
-    assert listener.node.call(topics.CANCEL, timeout_s=10) == (True, "the search is being stopped")
+    assert call(listener.node, topics.CANCEL, timeout_s=10) == (True, "the search is being stopped")
     ended = listener.wait_for("ended")
     # SIGTERM comes after two seconds where SIGINT is ignored, as in what a script starts in the background.
     assert ended["exit_code"] in (130, 143)
     assert ended["message"].startswith("stopped by ")
-    assert listener.node.call(topics.RUN, timeout_s=10)[0]
+    assert call(listener.node, topics.RUN, timeout_s=10)[0]
 
 
 def test_nobody_at_the_terminal_of_the_search_node_means_not_armed(
@@ -151,7 +151,7 @@ def test_nobody_at_the_terminal_of_the_search_node_means_not_armed(
     start(*MARKERSEEK, "ros2", "sim", "--write-rig", rig)
     start(*MARKERSEEK, "ros2", "search", "--rig", rig)
     listener.wait_for("idle")
-    listener.node.call(topics.RUN, timeout_s=10)
+    call(listener.node, topics.RUN, timeout_s=10)
     ended = listener.wait_for("ended")
     assert ended["exit_code"] == 4
     assert ended["message"].startswith("not armed: nothing moved and nothing was fired")
@@ -161,7 +161,7 @@ def test_nobody_at_the_terminal_of_the_search_node_means_not_armed(
 def test_a_search_node_that_is_killed_takes_its_search_along(start: Start, listener: Listener) -> None:
     node = start(*MARKERSEEK, "ros2", "search", *SEARCH, "--pace", "0.2")
     listener.wait_for("idle")
-    listener.node.call(topics.RUN, timeout_s=10)
+    call(listener.node, topics.RUN, timeout_s=10)
     child = os.pidfd_open(listener.wait_for("running")["process_id"])
     while not listener.heard[topics.SAMPLE]:
         listener.node.spin(0.05)
@@ -173,7 +173,7 @@ def test_a_search_node_that_is_killed_takes_its_search_along(start: Start, liste
 def test_diagnostics_count_searches_and_acquisitions(start: Start, listener: Listener) -> None:
     start(*MARKERSEEK, "ros2", "search", *SEARCH)
     listener.wait_for("idle")
-    listener.node.call(topics.RUN, timeout_s=10)
+    call(listener.node, topics.RUN, timeout_s=10)
     result = listener.wait_for("ended")["result"]
     for _ in range(1000):
         listener.node.spin(0.05)

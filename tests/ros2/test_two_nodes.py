@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tests.ros2.ros_processes import MARKERSEEK, Start
+from tests.ros2.ros_processes import MARKERSEEK, Start, call
 
 pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 
@@ -77,7 +77,7 @@ def test_item_6_a_node_takes_the_arguments_of_ros(start: Start, node: RosNode) -
         return [json.loads(each.data)["state"] for each in heard[topic]]
 
     ends_s = time.monotonic() + 60
-    assert node.call("/left/pa_search/run", timeout_s=20)[0]
+    assert call(node, "/left/pa_search/run", timeout_s=20)[0]
     while "ended" not in states("/left/pa_search/result") or not heard["/left/brightness"]:
         assert time.monotonic() < ends_s, heard
         node.spin(0.05)

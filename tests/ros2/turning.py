@@ -21,11 +21,10 @@ class Client:
         self.clock_ahead_s = 0.0
         self.angles: list[tuple[float, float]] = []
         self.states: list[dict[str, Any]] = []
-        node.advertise(topics.SERVO_JP, JOINT)
         node.advertise(topics.MOVE_JP, JOINT)
         node.subscribe(topics.MEASURED_JS, JOINT, self._on_angle)
         node.subscribe(topics.STATE, TEXT, lambda message: self.states.append(json.loads(message.data)))
-        self.until(lambda: node.matched(topics.SERVO_JP) and bool(self.angles and self.states))
+        self.until(lambda: node.matched(topics.MOVE_JP) and bool(self.angles and self.states))
 
     def _on_angle(self, message: Any) -> None:
         self.angles.append((time.monotonic(), math.degrees(message.position[0])))
@@ -46,7 +45,7 @@ class Client:
 
     def send(self, topic: str, angle_deg: float) -> None:
         time_s = self.node.now_s() + self.clock_ahead_s
-        self.node.publish(topic, messages.joint_state(self.node.kinds, time_s=time_s, angle_deg=angle_deg))
+        self.node.publish(topic, messages.joint_state(time_s=time_s, angle_deg=angle_deg))
 
     def go(self, angle_deg: float) -> None:
         """Have it go to an angle; on a busy computer a command can be too old when it comes, and is sent again."""
@@ -56,12 +55,6 @@ class Client:
             if not self.states[-1]["is_busy"]:
                 self.send(topics.MOVE_JP, angle_deg)
             self.wait(0.2)
-
-    def servo(self, angle_deg: float, *, duration_s: float, every_s: float = 0.1) -> None:
-        ends_s = time.monotonic() + duration_s
-        while time.monotonic() < ends_s:
-            self.send(topics.SERVO_JP, angle_deg)
-            self.wait(every_s)
 
     def rest(self) -> None:
         """Wait until the stage says that it rests, twice: the first may be from before a command."""

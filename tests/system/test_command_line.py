@@ -212,7 +212,6 @@ def test_a_damaged_acquisition_is_an_error_that_names_the_file(
         (("search", "--method", "ternery"), "did you mean ternary"),
         (("search", "--tissue", "beef"), "the simulated ones are"),
         (("search", "--rig", "nowhere.toml"), "nowhere.toml"),
-        (("ros2", "search", "--play", "a.journal", "--rig", "a.toml"), "a recording has no rig file"),
         (("ros2", "sim", "--write-rig", "/none/a.toml"), "/none/a.toml: the rig file cannot be written: No such file"),
         (("ros2", "sim", "--plain-command", "/a", "--plain-reached", "/b", "--plain-unit", "grad"), "'rad', 'deg'"),
         (("search", "--seed", -1), "--seed"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,10 +13,9 @@ from markerseek.bridges import ros2
 from markerseek.cli import ros2_devices
 from markerseek.cli.open_rig import read_rig
 from markerseek.cli.options import Acquisitions, MethodName, RigFile, Stay, Sweeps, ToleranceMm, Trust
-from markerseek.cli.ros2_devices import RequireSecurity, ros_node
+from markerseek.cli.ros2_devices import ros_node
 from markerseek.cli.signals import noted_signals
-from markerseek.cli.terminal import announce_compilation, print_json, stderr, stdout
-from markerseek.core import ConfigError, counted
+from markerseek.cli.terminal import print_json, stderr
 from markerseek.ros import topics
 
 _SEARCH_EXAMPLES = "Examples:\n\n  markerseek ros2 search\n\n  markerseek ros2 search --once --rig ros2-rig.toml --json"
@@ -31,13 +29,7 @@ def search(
     acquisitions: Acquisitions = None,
     tolerance_mm: ToleranceMm = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of a simulated rig.")] = None,
-    pace: Annotated[
-        float | None,
-        typer.Option(help="Real seconds per virtual second of a simulated rig (0), or per recorded second (1)."),
-    ] = None,
-    play: Annotated[
-        Path | None, typer.Option(help="Search nothing: play a bank or the journal of a finished run, once.")
-    ] = None,
+    pace: Annotated[float, typer.Option(help="Real seconds per virtual second of a simulated rig.")] = 0,
     registration: Annotated[
         Path | None,
         typer.Option(help="Also publish the transform of the da Vinci camera: JSON of `markerseek register --json`."),
@@ -47,7 +39,6 @@ def search(
     once: Annotated[
         bool, typer.Option("--once", help="Search at once, then end with the exit code of the search.")
     ] = False,
-    require_security: RequireSecurity = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON object, with --once.")] = False,
 ) -> None:
     """Search when /pa_search/run is called, and publish each acquisition and the answer.
@@ -56,27 +47,19 @@ def search(
     armed, each time; no message arms it.
     """
     known = None if registration is None else runs.read_registration(registration)
-    if play is not None:
-        if rig is not None:
-            raise ConfigError("--play shows a recording, and a recording has no rig file; leave out --rig or --play")
-        pace = 1.0 if pace is None else pace
-        _play(play, known, pace=pace, arguments=ctx.obj, require_security=require_security)
-        return
     request = bridges.SearchRequest(
         method=method, acquisitions=acquisitions, stay=stay, sweep=sweep, tolerance_mm=tolerance_mm, seed=seed
     )
     if rig is not None:
         # Asked now, not when a node calls.
         read_rig(rig, trust=trust)
-    searches = bridges.Searches(bridges.SearchOptions(rig=rig, pace=pace or 0.0))
+    searches = bridges.Searches(bridges.SearchOptions(rig=rig, pace=pace))
     parameters: dict[str, str | int] = {
         "method": method,
         "acquisitions": acquisitions or 0,
         "rig": "simulated" if rig is None else str(rig),
     }
-    made = ros_node(
-        "pa_search", parameters, publishes=topics.RESULT, arguments=ctx.obj, require_security=require_security
-    )
+    made = ros_node("pa_search", parameters, publishes=topics.RESULT, arguments=ctx.obj)
     with made as node, noted_signals() as stopped:
         if known is not None:
             ros2.publish_registration(node, known)
@@ -97,31 +80,6 @@ def search(
             print_json(outcome.answer)
         stderr.print(outcome.message, markup=False)
         raise typer.Exit(outcome.exit_code)
-    raise typer.Exit(128 + stopped[0] if stopped else 0)
-
-
-def _play(
-    path: Path,
-    registration: runs.KnownRegistration | None,
-    *,
-    pace: float,
-    arguments: list[str],
-    require_security: bool,
-) -> None:
-    """Play a recording to the topics of a search."""
-    announce_compilation()
-    recording = bridges.open_recording(path)
-    parameters = {"plays": str(path)}
-    made = ros_node(
-        "pa_search", parameters, publishes=topics.RESULT, arguments=arguments, require_security=require_security
-    )
-    with made as node, noted_signals() as stopped:
-        if registration is not None:
-            ros2.publish_registration(node, registration)
-        stdout.print(f"playing {recording.name}; ready", markup=False)
-        sys.stdout.flush()
-        played = ros2.play(recording, node, pace=pace, until=lambda: bool(stopped))
-        stdout.print(f"{counted(played, 'acquisition was', 'acquisitions were')} played")
     raise typer.Exit(128 + stopped[0] if stopped else 0)
 
 

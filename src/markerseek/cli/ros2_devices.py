@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
@@ -23,12 +23,9 @@ from markerseek.files import quoted
 from markerseek.ros import topics
 
 if TYPE_CHECKING:
-    from markerseek.ros import RosNode
+    from markerseek.guard import Limits
     from markerseek.sim import SimulatedSettings
 
-RequireSecurity = Annotated[
-    bool, typer.Option("--require-security", help="End with exit code 2 unless ROS 2 is run with keys (SROS 2).")
-]
 PlainCommand = Annotated[
     str | None,
     typer.Option("--plain-command", help="Also take angles from this topic, std_msgs/Float64 without a stamp."),
@@ -39,11 +36,37 @@ PlainReached = Annotated[
 Unit: TypeAlias = Literal["rad", "deg"]
 PlainUnit = Annotated[Unit, typer.Option("--plain-unit", help="Unit of the two plain topics.")]
 
+_STAGE, _ACQUISITION = ("trus_stage", topics.STATE), ("trus_acquisition", topics.ACQUIRED)
+"""Names of the two nodes, and a topic that only nodes of their kind publish."""
 
-def serve_until_stopped(pump: ros2.MessagePump) -> None:
+
+@contextmanager
+def ros_node(
+    name: str,
+    parameters: Mapping[str, float | str | int | bool],
+    *,
+    publishes: str,
+    arguments: Sequence[str],
+    network: ros.Network | None = None,
+) -> Iterator[ros.RosNode]:
+    """A node as of `markerseek.ros.RosNode`, if there is no second one that does the same work.
+
+    ``publishes``: topic that only nodes of this kind publish. ``arguments``: those of the user after ``--ros-args``.
+    """
+    if network is None:
+        network = ros.Network(arguments=arguments)
+        stderr.print(ros.reach(), markup=False)
+    with ros.RosNode(name, parameters=parameters, network=network) as node:
+        node.require_alone(publishes)
+        yield node
+
+
+def _serve_until_stopped(pump: ros2.MessagePump, *served: ros2.Served, ready: str) -> None:
     """Serve the devices until a signal comes, then make them safe."""
+    pump.served = list(served)
+    stdout.print(ready)
+    sys.stdout.flush()
     with noted_signals() as stopped:
-        served = list(pump.served)
         try:
             ros2.serve(served, until=lambda: bool(stopped))
         except ros2.StepEnded:
@@ -55,44 +78,7 @@ def serve_until_stopped(pump: ros2.MessagePump) -> None:
                 each.close()
 
 
-@contextmanager
-def ros_node(
-    name: str,
-    parameters: Mapping[str, float | str | int | bool],
-    *,
-    publishes: str,
-    arguments: Sequence[str],
-    require_security: bool,
-    on_active: Callable[[bool], None] | None = None,
-    network: ros.Network | None = None,
-) -> Iterator[ros.RosNode]:
-    """A node as of `markerseek.ros.RosNode`, with its keys checked where that is wanted.
-
-    ``publishes``: what only nodes of this kind publish: there must be no second one. ``arguments``: those of the user
-    after ``--ros-args``.
-    """
-    enclave = f"/markerseek/{name}"
-    if require_security:
-        ros.require_keys(enclave)
-    if network is None:
-        network = ros.Network(enclave, arguments=arguments)
-        stderr.print(ros.reach(), markup=False)
-    with ros.RosNode(name, parameters=parameters, on_active=on_active, network=network) as node:
-        node.require_alone(publishes)
-        yield node
-
-
-def follow_lifecycle(pump: ros2.MessagePump, index: int) -> Callable[[bool], None]:
-    """Apply a node's change of state to its device; without a device nothing happens."""
-
-    def set_active(active: bool) -> None:
-        if pump.served:
-            pump.served[index].set_active(active)
-
-    return set_active
-
-
-def plain_topics(command: str | None, reached: str | None, unit: Unit) -> ros2.PlainTopics | None:
+def _plain_topics(command: str | None, reached: str | None, unit: Unit) -> ros2.PlainTopics | None:
     """The topics of plain numbers, if both are named."""
     if command is None and reached is None:
         return None
@@ -113,22 +99,15 @@ def stage(
     plain_command: PlainCommand = None,
     plain_reached: PlainReached = None,
     plain_unit: PlainUnit = "rad",
-    require_security: RequireSecurity = False,
 ) -> None:
     """Serve the stage of a rig to any client, under limits and a guard of its own."""
-    plain = plain_topics(plain_command, plain_reached, plain_unit)
-    _serve_part("stage", rig, trust=trust, arm=arm, plain=plain, arguments=ctx.obj, keys=require_security)
+    plain = _plain_topics(plain_command, plain_reached, plain_unit)
+    _serve_part("stage", rig, trust=trust, arm=arm, plain=plain, arguments=ctx.obj)
 
 
-def acquire(
-    ctx: typer.Context,
-    rig: _Bench,
-    trust: Trust = False,
-    arm: _Arm = False,
-    require_security: RequireSecurity = False,
-) -> None:
+def acquire(ctx: typer.Context, rig: _Bench, trust: Trust = False, arm: _Arm = False) -> None:
     """Serve laser and receiver of a rig: fire and record when asked, under budgets and a guard of its own."""
-    _serve_part("acquisition", rig, trust=trust, arm=arm, plain=None, arguments=ctx.obj, keys=require_security)
+    _serve_part("acquisition", rig, trust=trust, arm=arm, plain=None, arguments=ctx.obj)
 
 
 def _serve_part(
@@ -139,7 +118,6 @@ def _serve_part(
     arm: bool,
     plain: ros2.PlainTopics | None,
     arguments: list[str],
-    keys: bool,
 ) -> None:
     """Connect to one part of a bench, have it armed by a person here, and serve it until stopped."""
     settings = read_rig(rig, trust=trust)
@@ -154,55 +132,33 @@ def _serve_part(
         # No message arms anything.
         if not arm and not confirmed(f"Arm the {part} and let programs on this network use it?", name=rig.name):
             raise typer.Exit(NOT_ARMED)
-        made = ros_node(
-            f"trus_{part}",
-            _limits(settings),
-            publishes=topics.STATE if part == "stage" else topics.ACQUIRED,
-            arguments=arguments,
-            require_security=keys,
-            on_active=follow_lifecycle(pump, 0),
-        )
-        node = opened.enter_context(made)
+        limits, firing = settings.limits, settings.firing
+        parameters = _angles(limits) | {
+            "simulated": False,
+            "travel_low_rad": math.radians(limits.travel.low_deg),
+            "travel_high_rad": math.radians(limits.travel.high_deg),
+            "pulses_per_permit": firing.pulses_per_permit,
+            "pulses_per_second": firing.pulses_per_second,
+            "pulses_per_session": firing.pulses_per_session,
+        }
+        name, publishes = _STAGE if part == "stage" else _ACQUISITION
+        node = opened.enter_context(ros_node(name, parameters, publishes=publishes, arguments=arguments))
         held.arm(by=person())
+        serving = ros2.Serving(node=node, guard=held.guard, by=person(), watchdog=held.devices.supervisor)
         served: ros2.Served
         if isinstance(held.part, tuple):
             laser, receiver = held.part
-            served = ros2.AcquisitionNode(
-                node=node,
-                laser=laser,
-                receiver=receiver,
-                guard=held.guard,
-                clock=held.clock,
-                by=person(),
-                watchdog=held.devices.supervisor,
-            )
+            served = ros2.AcquisitionNode(serving, laser=laser, receiver=receiver, clock=held.clock)
         else:
-            served = ros2.StageNode(
-                node=node,
-                stage=held.part,
-                guard=held.guard,
-                by=person(),
-                plain=plain,
-                watchdog=held.devices.supervisor,
-            )
-        pump.served = [served]
-        stdout.print(f"the {part} is armed and served; Ctrl-C ends it")
-        sys.stdout.flush()
-        serve_until_stopped(pump)
+            served = ros2.StageNode(serving, stage=held.part, plain=plain)
+        _serve_until_stopped(pump, served, ready=f"the {part} is armed and served; Ctrl-C ends it")
 
 
-def _limits(settings: drivers.BenchSettings) -> dict[str, float | str | int | bool]:
-    """Limits of a rig as read-only parameters."""
-    limits, firing = settings.limits, settings.firing
+def _angles(limits: Limits) -> dict[str, float | str | int | bool]:
+    """The angles that may be searched, as read-only parameters."""
     return {
-        "simulated": False,
         "search_low_rad": math.radians(limits.search.low_deg),
         "search_high_rad": math.radians(limits.search.high_deg),
-        "travel_low_rad": math.radians(limits.travel.low_deg),
-        "travel_high_rad": math.radians(limits.travel.high_deg),
-        "pulses_per_permit": firing.pulses_per_permit,
-        "pulses_per_second": firing.pulses_per_second,
-        "pulses_per_session": firing.pulses_per_session,
     }
 
 
@@ -222,59 +178,37 @@ def sim(
     plain_command: PlainCommand = None,
     plain_reached: PlainReached = None,
     plain_unit: PlainUnit = "rad",
-    require_security: RequireSecurity = False,
 ) -> None:
     """Serve a simulated stage and acquisition in one simulated world, until Ctrl-C; nothing turns, and no light."""
     from markerseek.guard import Admission, FiringLimits, Guard
 
     cure = "serve it with: markerseek ros2 stage, markerseek ros2 acquire"
     settings = rigs.read_simulated(rig, cure=cure)
-    plain = plain_topics(plain_command, plain_reached, plain_unit)
+    plain = _plain_topics(plain_command, plain_reached, plain_unit)
     pump = ros2.MessagePump()
     world = rigs.simulated(seed=seed, settings=settings, pace=pace, beat=pump)
-    limits, clock = settings.limits, world.scanner.clock
     if write_rig is not None:
         write_rig_file(write_rig, _rig_text(settings))
-    parameters = {
-        "simulated": True,
-        "search_low_rad": math.radians(limits.search.low_deg),
-        "search_high_rad": math.radians(limits.search.high_deg),
-    }
-    # Nothing here emits light or turns, so that no person is needed.
-    by = "a simulated rig"
+    parameters = _angles(settings.limits) | {"simulated": True}
+    served: list[ros2.Serving] = []
     with ExitStack() as opened:
-        guards = [Guard(limits=limits, firing=FiringLimits(), admission=Admission()) for _ in range(2)]
-        for guard in guards:
-            guard.arm(by=by)
-        nodes: list[RosNode] = []
-        parts = ("trus_stage", topics.STATE), ("trus_acquisition", topics.ACQUIRED)
-        for index, (name, topic) in enumerate(parts):
-            network = nodes[0].network if nodes else None
-            made = ros_node(
-                name,
-                parameters,
-                publishes=topic,
-                arguments=ctx.obj,
-                require_security=require_security,
-                on_active=follow_lifecycle(pump, index),
-                network=network,
-            )
-            nodes.append(opened.enter_context(made))
-        pump.served = [
-            ros2.StageNode(node=nodes[0], stage=world.stage, guard=guards[0], by=by, plain=plain, simulated=True),
+        for name, topic in (_STAGE, _ACQUISITION):
+            network = served[0].node.network if served else None
+            made = ros_node(name, parameters, publishes=topic, arguments=ctx.obj, network=network)
+            # Nothing here emits light or turns, so that no person is needed.
+            guard = Guard(limits=settings.limits, firing=FiringLimits(), admission=Admission())
+            guard.arm(by="a simulated rig")
+            node = opened.enter_context(made)
+            served.append(ros2.Serving(node=node, guard=guard, by="a simulated rig", simulated=True))
+        stage_serving, acquisition_serving = served
+        _serve_until_stopped(
+            pump,
+            ros2.StageNode(stage_serving, stage=world.stage, plain=plain),
             ros2.AcquisitionNode(
-                node=nodes[1],
-                laser=world.laser,
-                receiver=world.receiver,
-                guard=guards[1],
-                clock=clock,
-                by=by,
-                simulated=True,
+                acquisition_serving, laser=world.laser, receiver=world.receiver, clock=world.scanner.clock
             ),
-        ]
-        stdout.print("simulated stage and acquisition are ready; nothing turns, and no light; Ctrl-C ends it")
-        sys.stdout.flush()
-        serve_until_stopped(pump)
+            ready="simulated stage and acquisition are ready; nothing turns, and no light; Ctrl-C ends it",
+        )
     stderr.print(true_marker(world.facts.truth_deg))
 
 

@@ -138,7 +138,7 @@ class Ros2Acquisition:
             angle_rad=math.radians(permit.angle_deg),
             stamp_ns=messages.time_ns(self._node.now_s()),
         )
-        self._node.publish(self._settings.request_topic, messages.text(self._node.kinds, request))
+        self._node.publish(self._settings.request_topic, messages.text(request))
         answer = self._answered(permit, "fired", what="laser")
         if answer.error:
             raise LaserError(f"laser: the acquisition node refuses: {answer.error}")
@@ -166,7 +166,7 @@ class Ros2Acquisition:
         """Ask the node to end what it does; allowed at any time, also twice."""
         self._armed = self._fired = None
         cancel = messages.AcquireRequest(id=f"{self._session}.cancel", pulses=-1, angle_rad=0.0, stamp_ns=0)
-        self._node.publish(self._settings.request_topic, messages.text(self._node.kinds, cancel))
+        self._node.publish(self._settings.request_topic, messages.text(cancel))
 
     def settle(self) -> None:
         """Nothing to wait for: a frame names the request that it answers."""

@@ -114,19 +114,15 @@ class Ros2Stage:
         topic, node = self._settings.state_topic, self._node
         if topic is None or self._states > 0:
             return True
-        # A node of ours says there what CRTK's message has no place for: that it is simulated, and what it refused. It
-        # makes that topic before the one of CRTK, so that whoever finds the second has found the first.
-        fuller = topics.beside(topic, topics.STATE)
-        heard = next((each for each in (fuller, topic) if node.kind_of(each) is not None), None)
-        if heard is not None and not self._listens:
-            kind = node.kind_of(heard)
-            if kind not in (_TEXT, messages.CRTK_STATE) or kind not in node.kinds:
+        kind = node.kind_of(topic)
+        if kind is not None and not self._listens:
+            if kind not in (_TEXT, messages.CRTK_STATE) or not messages.is_installed(kind):
                 raise NotConnectedError(
-                    f"stage: {heard} is a {kind}, and {_TEXT} or {messages.CRTK_STATE} is understood; name another "
+                    f"stage: {topic} is a {kind}, and {_TEXT} or {messages.CRTK_STATE} is understood; name another "
                     "state_topic, or install crtk_msgs"
                 )
             self._listens = True
-            node.subscribe(heard, kind, self._on_state)
+            node.subscribe(topic, kind, self._on_state)
         return False
 
     def _on_number(self, message: Any) -> None:
@@ -218,9 +214,9 @@ class Ros2Stage:
         """Publish a command; returns its stamp in nanoseconds, 0 if it has none."""
         if self._settings.message == "float64":
             value = angle_deg if self._settings.unit == "deg" else math.radians(angle_deg)
-            self._node.publish(self._settings.command_topic, messages.number(self._node.kinds, value))
+            self._node.publish(self._settings.command_topic, messages.number(value))
             return 0
-        message = messages.joint_state(self._node.kinds, time_s=self._node.now_s(), angle_deg=angle_deg)
+        message = messages.joint_state(time_s=self._node.now_s(), angle_deg=angle_deg)
         self._node.publish(self._settings.command_topic, message)
         return messages.stamp_ns(message)
 
@@ -228,7 +224,7 @@ class Ros2Stage:
         """Ask the node to stop, if it publishes its state; a plain node ends its move by itself."""
         # A command that was sent a moment ago moves the stage before its node says that it is busy.
         if self._settings.state_topic is not None and (self._busy or self._commanded):
-            self._node.publish(self._stop_topic, messages.empty(self._node.kinds))
+            self._node.publish(self._stop_topic, messages.empty())
 
 
 def _open(settings: Ros2StageSettings, opening: Opening) -> Ros2Stage:

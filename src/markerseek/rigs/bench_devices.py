@@ -130,7 +130,7 @@ class OpenDevices:
     def node(self) -> RosNode:
         """The rig's ROS 2 node, made for its first device."""
         if self._node is None:
-            self._node = self._stack.enter_context(RosNode("markerseek_rig", enclave="/markerseek/rig"))
+            self._node = self._stack.enter_context(RosNode("markerseek_rig"))
         return self._node
 
     def keep(self, opened: AbstractContextManager[OpenedT]) -> OpenedT:

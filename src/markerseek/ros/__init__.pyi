@@ -1,5 +1,5 @@
 from . import messages, topics
-from .node import Network, RosNode, require_keys
+from .node import Network, RosNode
 from .stamps import MAX_AGE_S, MAX_AHEAD_S, StampedCommands, degrees, joint_angle_deg
 from .transport import reach, require_middleware
 
@@ -13,7 +13,6 @@ __all__ = [
     "joint_angle_deg",
     "messages",
     "reach",
-    "require_keys",
     "require_middleware",
     "topics",
 ]

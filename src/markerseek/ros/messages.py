@@ -1,19 +1,28 @@
-"""ROS 2 messages of a rig and of one acquisition; the classes are passed in (`markerseek.ros.node.Kinds`)."""
+"""ROS 2 messages of a rig and of one acquisition, made and read."""
 
 from __future__ import annotations
 
+import array
+import importlib
 import math
 from collections.abc import Mapping
-from typing import Any, Literal, TypeAlias, TypeVar
+from functools import cache
+from typing import Any, Literal, TypeVar
 
 import msgspec
 import numpy as np
 
-from markerseek.core import BModeImage, Float32, Int16, PaImage, ScanGeometry, UInt8
+from markerseek.core import (
+    BModeImage,
+    Float32,
+    Int16,
+    MissingExtraError,
+    PaImage,
+    ScanGeometry,
+    UInt8,
+    needs_package,
+)
 from markerseek.geometry import RigidTransform
-
-Kinds: TypeAlias = Mapping[str, Any]
-"""Classes of messages by name."""
 
 JOINT = "trus_roll"
 """Name of the joint."""
@@ -32,24 +41,53 @@ _TRANSDUCER_QUATERNION = (0.5, 0.5, 0.5, 0.5)
 """The rotation of `markerseek.records.exports.sequence.TRANSDUCER_AXES` as x, y, z, w."""
 
 
+@cache
+def kind(name: str) -> Any:
+    """Class of a message or service, such as ``std_msgs/msg/String``; `MissingExtraError` if it is not installed."""
+    package, folder, member = name.split("/")
+    with needs_package(package, extra="ros2", purpose=f"a message {name}"):
+        return getattr(importlib.import_module(f"{package}.{folder}"), member)
+
+
+@cache
+def is_installed(name: str) -> bool:
+    """Whether the package of a message is installed."""
+    try:
+        kind(name)
+    except (MissingExtraError, AttributeError):
+        return False
+    return True
+
+
+def made(what: str, /, **fields: Any) -> Any:
+    """A message of a kind, with these fields."""
+    return kind(what)(**{key: _native(value) for key, value in fields.items()})
+
+
+def _native(value: object) -> object:
+    # An image as an array of NumPy costs rclpy 100 ms, which takes each pixel for itself; as an array of bytes nothing.
+    return array.array(value.dtype.char, value.tobytes()) if isinstance(value, np.ndarray) else value
+
+
 def time_ns(time_s: float) -> int:
     """A time in whole nanoseconds."""
     # A double holds seconds since 1970 to about 0.2 µs, which is enough for acquisitions.
     return round(time_s * 1e9)
 
 
-def header(kinds: Kinds, *, time_s: float, frame: str = "") -> Any:
+def header(*, time_s: float, frame: str = "") -> Any:
     """Header of a message; an empty frame where the message has no coordinates."""
     sec, nanosec = divmod(time_ns(time_s), 1_000_000_000)
-    stamp = kinds["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
-    return kinds["std_msgs/msg/Header"](stamp=stamp, frame_id=frame)
+    stamp = made("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+    return made("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
 
-def joint_state(kinds: Kinds, *, time_s: float, angle_deg: float) -> Any:
+def joint_state(*, time_s: float, angle_deg: float) -> Any:
     """Angle of the probe, in radians."""
     nothing = np.empty(0, np.float64)
-    return kinds["sensor_msgs/msg/JointState"](
-        header=header(kinds, time_s=time_s, frame=HOME),
+    return made(
+        "sensor_msgs/msg/JointState",
+        header=header(time_s=time_s, frame=HOME),
         name=[JOINT],
         position=np.array([math.radians(angle_deg)]),
         velocity=nothing,
@@ -58,7 +96,6 @@ def joint_state(kinds: Kinds, *, time_s: float, angle_deg: float) -> Any:
 
 
 def transforms(
-    kinds: Kinds,
     *,
     time_s: float,
     angle_deg: float,
@@ -69,7 +106,7 @@ def transforms(
 
     A list of geometry_msgs/TransformStamped; ``images`` names the frame of each image.
     """
-    turned = _transform(kinds, time_s, (HOME, PROBE), quaternion=_turned(angle_deg), place_m=(0.0, 0.0, 0.0))
+    turned = _transform(time_s, (HOME, PROBE), quaternion=_turned(angle_deg), place_m=(0.0, 0.0, 0.0))
     if face_radius_m is None:
         return [turned]
     places_m = {
@@ -77,20 +114,22 @@ def transforms(
         for frame, geometry in images.items()
     }
     mounted = [
-        _transform(kinds, time_s, (PROBE, frame), quaternion=_TRANSDUCER_QUATERNION, place_m=place_m)
+        _transform(time_s, (PROBE, frame), quaternion=_TRANSDUCER_QUATERNION, place_m=place_m)
         for frame, place_m in places_m.items()
     ]
     return [turned, *mounted]
 
 
-def pose(kinds: Kinds, *, time_s: float, angle_deg: float) -> Any:
+def pose(*, time_s: float, angle_deg: float) -> Any:
     """Pose of the probe in its home frame, as a geometry_msgs/PoseStamped."""
     quaternion = dict(zip("xyzw", _turned(angle_deg), strict=True))
-    return kinds["geometry_msgs/msg/PoseStamped"](
-        header=header(kinds, time_s=time_s, frame=HOME),
-        pose=kinds["geometry_msgs/msg/Pose"](
-            position=kinds["geometry_msgs/msg/Point"](x=0.0, y=0.0, z=0.0),
-            orientation=kinds["geometry_msgs/msg/Quaternion"](**quaternion),
+    return made(
+        "geometry_msgs/msg/PoseStamped",
+        header=header(time_s=time_s, frame=HOME),
+        pose=made(
+            "geometry_msgs/msg/Pose",
+            position=made("geometry_msgs/msg/Point", x=0.0, y=0.0, z=0.0),
+            orientation=made("geometry_msgs/msg/Quaternion", **quaternion),
         ),
     )
 
@@ -101,57 +140,34 @@ def _turned(angle_deg: float) -> tuple[float, float, float, float]:
     return 0.0, math.sin(half), 0.0, math.cos(half)
 
 
-def sample(
-    *,
-    index: int,
-    role: str,
-    angle_deg: float,
-    intensity: float,
-    time_s: float,
-    pulses: int | None,
-    images: Mapping[str, ScanGeometry],
-) -> dict[str, Any]:
-    """One acquisition for programs."""
-    return {
-        "index": index,
-        "role": role,
-        "angle_deg": angle_deg,
-        "intensity": intensity,
-        "time_s": time_s,
-        "pulses": pulses,
-        # sensor_msgs/Image has no place for it, and a transform none for the distances.
-        "images": {frame: geometry.grid for frame, geometry in images.items()},
-    }
-
-
-def registered(kinds: Kinds, davinci_to_trus: RigidTransform, *, time_s: float, simulated: bool) -> Any:
+def registered(davinci_to_trus: RigidTransform, *, time_s: float, simulated: bool) -> Any:
     """The camera of the da Vinci system in the home frame of the probe, as a geometry_msgs/TransformStamped."""
     from scipy.spatial.transform import Rotation
 
     x, y, z, w = map(float, Rotation.from_matrix(davinci_to_trus.rotation).as_quat())
     place_x_m, place_y_m, place_z_m = map(float, davinci_to_trus.translation_m)
     frames = HOME, SIMULATED_CAMERA if simulated else CAMERA
-    return _transform(kinds, time_s, frames, quaternion=(x, y, z, w), place_m=(place_x_m, place_y_m, place_z_m))
+    return _transform(time_s, frames, quaternion=(x, y, z, w), place_m=(place_x_m, place_y_m, place_z_m))
 
 
-def text(kinds: Kinds, content: Any) -> Any:
+def text(content: Any) -> Any:
     """A value as JSON in a std_msgs/String; numbers that are not finite become null."""
-    return kinds["std_msgs/msg/String"](data=msgspec.json.encode(content).decode("utf-8"))
+    return made("std_msgs/msg/String", data=msgspec.json.encode(content).decode("utf-8"))
 
 
-def number(kinds: Kinds, value: float) -> Any:
+def number(value: float) -> Any:
     """A std_msgs/Float64."""
-    return kinds["std_msgs/msg/Float64"](data=float(value))
+    return made("std_msgs/msg/Float64", data=float(value))
 
 
-def channels(kinds: Kinds, samples: Int16[np.ndarray, "channels samples"], *, time_s: float) -> Any:
+def channels(samples: Int16[np.ndarray, "channels samples"], *, time_s: float) -> Any:
     """Image message of channel data: a row per channel, 16SC1, ADC counts."""
-    return _image(kinds, samples.astype("<i2", copy=False), encoding="16SC1", time_s=time_s, frame=PROBE)
+    return _image(samples.astype("<i2", copy=False), encoding="16SC1", time_s=time_s, frame=PROBE)
 
 
-def empty(kinds: Kinds) -> Any:
+def empty() -> Any:
     """A std_msgs/Empty."""
-    return kinds["std_msgs/msg/Empty"]()
+    return made("std_msgs/msg/Empty")
 
 
 class AcquireRequest(msgspec.Struct, frozen=True, kw_only=True):
@@ -191,7 +207,7 @@ class AcquisitionState(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class OperatingState(msgspec.Struct, frozen=True, kw_only=True):
-    """State of a stage node: what crtk_msgs/OperatingState has, and what has no place there.
+    """State of a stage node: the fields of crtk_msgs/OperatingState, and those that it has no place for.
 
     ``angle_deg`` is the angle at rest as the stage gave it: on its way over radians it would be rounded, and a search
     can then decide otherwise.
@@ -221,23 +237,13 @@ def decoded(data: str, kind: type[_Held]) -> _Held | None:
 FRAMES_KIND = "tf2_msgs/msg/TFMessage"
 
 
-def frames_kind(kinds: Kinds) -> str:
+def frames_kind() -> str:
     """Name of the message with transforms: that of tf2 where it is installed."""
-    return FRAMES_KIND if FRAMES_KIND in kinds else "geometry_msgs/msg/TransformStamped"
+    return FRAMES_KIND if is_installed(FRAMES_KIND) else "geometry_msgs/msg/TransformStamped"
 
 
-CRTK_STATE, CRTK_STRING = "crtk_msgs/msg/OperatingState", "crtk_msgs/msg/StringStamped"
-
-
-def crtk_state(kinds: Kinds, held: OperatingState) -> Any:
-    """As much of the state of a stage node as CRTK's message has."""
-    stamp = header(kinds, time_s=held.stamp_ns * 1e-9, frame=HOME)
-    return kinds[CRTK_STATE](header=stamp, state=held.state, is_homed=held.is_homed, is_busy=held.is_busy)
-
-
-def crtk_string(kinds: Kinds, sentence: str, *, time_s: float) -> Any:
-    """A sentence with a stamp."""
-    return kinds[CRTK_STRING](header=header(kinds, time_s=time_s, frame=HOME), string=sentence)
+CRTK_STATE = "crtk_msgs/msg/OperatingState"
+"""State of a stage node of another program, which our driver reads."""
 
 
 def state_of(message: Any) -> OperatingState | None:
@@ -249,13 +255,14 @@ def state_of(message: Any) -> OperatingState | None:
     )
 
 
-def diagnostics(kinds: Kinds, *, time_s: float, name: str, fault: str | None, facts: Mapping[str, object]) -> Any:
+def diagnostics(*, time_s: float, name: str, fault: str | None, facts: Mapping[str, object]) -> Any:
     """A DiagnosticArray of one node: an error with its sentence, or all is well, and facts as text."""
     values = [
-        kinds["diagnostic_msgs/msg/KeyValue"](key=key, value="" if value is None else str(value))
+        made("diagnostic_msgs/msg/KeyValue", key=key, value="" if value is None else str(value))
         for key, value in facts.items()
     ]
-    status = kinds["diagnostic_msgs/msg/DiagnosticStatus"](
+    status = made(
+        "diagnostic_msgs/msg/DiagnosticStatus",
         # A byte in ROS 2: 0 is well, 2 an error.
         level=b"\x02" if fault else b"\x00",
         name=name,
@@ -263,7 +270,7 @@ def diagnostics(kinds: Kinds, *, time_s: float, name: str, fault: str | None, fa
         hardware_id="",
         values=values,
     )
-    return kinds["diagnostic_msgs/msg/DiagnosticArray"](header=header(kinds, time_s=time_s), status=[status])
+    return made("diagnostic_msgs/msg/DiagnosticArray", header=header(time_s=time_s), status=[status])
 
 
 def counts_of(message: Any) -> Int16[np.ndarray, "channels samples"] | None:
@@ -281,19 +288,19 @@ def stamp_ns(message: Any) -> int:
     return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
 
 
-def envelope(kinds: Kinds, image: PaImage, *, time_s: float) -> Any:
+def envelope(image: PaImage, *, time_s: float) -> Any:
     """Image message of the envelope, 32FC1, in ADC counts."""
-    return _image(kinds, image.envelope.astype("<f4"), encoding="32FC1", time_s=time_s)
+    return _image(image.envelope.astype("<f4"), encoding="32FC1", time_s=time_s)
 
 
-def picture(kinds: Kinds, image: PaImage, *, time_s: float, brightest: float) -> Any:
+def picture(image: PaImage, *, time_s: float, brightest: float) -> Any:
     """Image message of the envelope in decibels, mono8: `RANGE_DB` below the brightest value is black."""
-    return _image(kinds, grey(image.envelope, brightest=brightest), encoding="mono8", time_s=time_s)
+    return _image(grey(image.envelope, brightest=brightest), encoding="mono8", time_s=time_s)
 
 
-def b_mode(kinds: Kinds, image: BModeImage, *, time_s: float) -> Any:
+def b_mode(image: BModeImage, *, time_s: float) -> Any:
     """Image message of a B-mode image, mono8, as the machine shows it."""
-    return _image(kinds, image.pixels, encoding="mono8", time_s=time_s, frame=BMODE)
+    return _image(image.pixels, encoding="mono8", time_s=time_s, frame=BMODE)
 
 
 def grey(
@@ -305,10 +312,11 @@ def grey(
     return np.rint(255 * (1 + 20 * np.log10(share) / range_db)).astype(np.uint8)
 
 
-def _image(kinds: Kinds, pixels: np.ndarray[Any, Any], *, encoding: str, time_s: float, frame: str = IMAGE) -> Any:
+def _image(pixels: np.ndarray[Any, Any], *, encoding: str, time_s: float, frame: str = IMAGE) -> Any:
     rows, columns = pixels.shape
-    return kinds["sensor_msgs/msg/Image"](
-        header=header(kinds, time_s=time_s, frame=frame),
+    return made(
+        "sensor_msgs/msg/Image",
+        header=header(time_s=time_s, frame=frame),
         height=rows,
         width=columns,
         encoding=encoding,
@@ -319,7 +327,6 @@ def _image(kinds: Kinds, pixels: np.ndarray[Any, Any], *, encoding: str, time_s:
 
 
 def _transform(
-    kinds: Kinds,
     time_s: float,
     frames: tuple[str, str],
     *,
@@ -327,10 +334,11 @@ def _transform(
     place_m: tuple[float, float, float],
 ) -> Any:
     parent, child = frames
-    place = kinds["geometry_msgs/msg/Vector3"](**dict(zip("xyz", place_m, strict=True)))
-    rotation = kinds["geometry_msgs/msg/Quaternion"](**dict(zip("xyzw", quaternion, strict=True)))
-    return kinds["geometry_msgs/msg/TransformStamped"](
-        header=header(kinds, time_s=time_s, frame=parent),
+    place = made("geometry_msgs/msg/Vector3", **dict(zip("xyz", place_m, strict=True)))
+    rotation = made("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", quaternion, strict=True)))
+    return made(
+        "geometry_msgs/msg/TransformStamped",
+        header=header(time_s=time_s, frame=parent),
         child_frame_id=child,
-        transform=kinds["geometry_msgs/msg/Transform"](translation=place, rotation=rotation),
+        transform=made("geometry_msgs/msg/Transform", translation=place, rotation=rotation),
     )

@@ -2,56 +2,17 @@
 
 from __future__ import annotations
 
-import array
-import importlib
-import os
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from markerseek._closing import Closing
-from markerseek.core import ConfigError, MissingExtraError, RecordError, needs_package
+from markerseek.core import ConfigError, needs_package
+from markerseek.ros import messages
 from markerseek.ros.quality import Once, unfit
 from markerseek.ros.topics import in_namespace
 from markerseek.ros.transport import reach, require_middleware
-
-
-class Kinds(Mapping[str, Any]):
-    """Classes of messages by name, imported when they are asked for; NumPy arrays become those of the message."""
-
-    def __init__(self) -> None:
-        self._classes: dict[str, Any] = {}
-
-    def __getitem__(self, name: str) -> Any:
-        kind = self.kind(name)
-        return lambda **fields: kind(**{key: _native(value) for key, value in fields.items()})
-
-    def kind(self, name: str) -> Any:
-        """The class itself; `KeyError` if its package is not installed."""
-        if name not in self._classes:
-            package, folder, member = name.split("/")
-            try:
-                with needs_package(package, extra="ros2", purpose=f"a message {name}"):
-                    self._classes[name] = getattr(importlib.import_module(f"{package}.{folder}"), member)
-            except (MissingExtraError, AttributeError) as problem:
-                raise KeyError(name) from problem
-        return self._classes[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._classes)
-
-    def __len__(self) -> int:
-        return len(self._classes)
-
-
-def _native(value: object) -> object:
-    # An image as an array of NumPy costs rclpy 100 ms, which takes each pixel for itself; as an array of bytes nothing.
-    return array.array(value.dtype.char, value.tobytes()) if isinstance(value, np.ndarray) else value
-
 
 _LAST_S = 1.0
 """Longest wait for subscribers when a node leaves, in seconds."""
@@ -72,11 +33,10 @@ _GONE_S = 2.0
 class Network:
     """What the nodes of one process share: connection, executor, and the number of messages received.
 
-    ``enclave``: name of its keys, where security is enforced. ``arguments``: those of the user after ``--ros-args``: a
-    namespace, other names.
+    ``arguments``: those of the user after ``--ros-args``: a namespace, other names.
     """
 
-    def __init__(self, enclave: str | None = None, *, arguments: Sequence[str] = ()) -> None:
+    def __init__(self, *, arguments: Sequence[str] = ()) -> None:
         reach()
         require_middleware()
         with needs_package("rclpy", extra="ros2", purpose="ROS 2"):
@@ -85,8 +45,6 @@ class Network:
             from rclpy.executors import SingleThreadedExecutor
             from rclpy.signals import SignalHandlerOptions
         ours = ["--disable-rosout-logs", "--log-level", "error"]
-        if enclave is not None:
-            ours += ["--enclave", enclave]
         self.context = Context()
         try:
             # Signals stay with the command: it stops the rig first.
@@ -105,14 +63,13 @@ class Network:
 
 
 class RosNode(Closing):
-    """A lifecycle node, active as soon as it is made; use it as a context manager.
+    """A node; use it as a context manager.
 
     Everything happens in the thread that calls `spin`; only `wake` may be called by others.
 
     ``name``: its name, without a namespace. ``parameters``: read-only parameters, such as limits; None for a node that
-    only asks others, which has no services of its own. ``on_active``: called with True and False when somebody
-    activates or deactivates it. ``enclave``: name of its keys, where security is enforced. ``network``: that of another
-    node of this process, which is then spun for both; None for one of its own.
+    only asks others, which has no services of its own. ``network``: that of another node of this process, which is
+    then spun for both; None for one of its own.
     """
 
     def __init__(
@@ -120,42 +77,19 @@ class RosNode(Closing):
         name: str,
         *,
         parameters: Mapping[str, float | str | int | bool] | None = None,
-        on_active: Callable[[bool], None] | None = None,
-        enclave: str | None = None,
         network: Network | None = None,
     ) -> None:
-        self.network = network or Network(enclave)
-        self.kinds = Kinds()
+        self.network = network or Network()
         self.name = name
         from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
-        from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
-
-        notify = on_active or (lambda _active: None)
-
-        class _Node(LifecycleNode):  # type: ignore[misc,unused-ignore]
-            def on_activate(self, state: Any) -> Any:
-                notify(True)
-                return super().on_activate(state)
-
-            def on_deactivate(self, state: Any) -> Any:
-                notify(False)
-                return super().on_deactivate(state)
-
-            def on_cleanup(self, _state: Any) -> Any:
-                return TransitionCallbackReturn.SUCCESS
-
-            def on_shutdown(self, _state: Any) -> Any:
-                notify(False)
-                return TransitionCallbackReturn.SUCCESS
+        from rclpy.node import Node
 
         try:
             # Each service costs in every wait, and who has no parameters serves nobody.
-            serves = parameters is not None
-            self._node = _Node(
+            self._node = Node(
                 name,
                 context=self.network.context,
-                enable_communication_interface=serves,
-                start_parameter_services=serves,
+                start_parameter_services=parameters is not None,
                 enable_rosout=False,
             )
         except RuntimeError as problem:
@@ -171,9 +105,6 @@ class RosNode(Closing):
         self.network.nodes += 1
         self._publishers: dict[str, Any] = {}
         self._subscriptions: dict[str, list[Any]] = {}
-        # `rclpy` creates its own publishers for `LifecycleNode.create_lifecycle_publisher`; ours publish in any state.
-        self._node.trigger_configure()
-        self._node.trigger_activate()
         self._open = True
 
     def advertise(self, topic: str, kind: str, *, latched: bool = False) -> None:
@@ -188,7 +119,7 @@ class RosNode(Closing):
             incompatible_qos=lambda event: self._say_unfit(topic, event, listens=False), use_default_callbacks=False
         )
         self._publishers[topic] = self._node.create_publisher(
-            self.kinds.kind(kind), in_namespace(topic), _quality(latched=latched), event_callbacks=events
+            messages.kind(kind), in_namespace(topic), _quality(latched=latched), event_callbacks=events
         )
 
     def publish(self, topic: str, message: Any) -> None:
@@ -225,7 +156,7 @@ class RosNode(Closing):
             )
             made.append(
                 self._node.create_subscription(
-                    self.kinds.kind(kind), in_namespace(topic), take, wanted, event_callbacks=events
+                    messages.kind(kind), in_namespace(topic), take, wanted, event_callbacks=events
                 )
             )
 
@@ -266,21 +197,7 @@ class RosNode(Closing):
             response.success, response.message = answer()
             return response
 
-        self._node.create_service(self.kinds.kind("std_srvs/srv/Trigger"), in_namespace(service), reply)
-
-    def call(self, service: str, *, timeout_s: float) -> tuple[bool, str]:
-        """Call a std_srvs/Trigger of another node."""
-        client = self._node.create_client(self.kinds.kind("std_srvs/srv/Trigger"), in_namespace(service))
-        try:
-            future = client.call_async(client.srv_type.Request()) if client.wait_for_service(timeout_s) else None
-            if future is not None:
-                self.network.executor.spin_until_future_complete(future, timeout_sec=timeout_s)
-            if future is None or not future.done():
-                raise RecordError(f"nobody answers on {service} within {timeout_s:g} s; start the node first")
-            answer: Any = future.result()
-            return bool(answer.success), str(answer.message)
-        finally:
-            self._node.destroy_client(client)
+        self._node.create_service(messages.kind("std_srvs/srv/Trigger"), in_namespace(service), reply)
 
     def matched(self, topic: str) -> bool:
         """Whether somebody listens to a topic that this node publishes."""
@@ -386,28 +303,3 @@ def _quality(*, latched: bool = False, reliable: bool = True) -> Any:
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
     )
-
-
-def require_keys(enclave: str) -> None:
-    """Refuse to start unless ROS 2 enforces security, by the environment of this process, and has the keys of a node.
-
-    ``enclave``: name of the keys of this node, such as ``/markerseek/stage``.
-    """
-    enabled = os.environ.get("ROS_SECURITY_ENABLE", "").lower() == "true"
-    if not (enabled and os.environ.get("ROS_SECURITY_STRATEGY", "").lower() == "enforce"):
-        raise ConfigError(
-            "--require-security: ROS 2 would start without keys; set ROS_SECURITY_ENABLE=true, "
-            "ROS_SECURITY_STRATEGY=Enforce and ROS_SECURITY_KEYSTORE"
-        )
-    keystore = os.environ.get("ROS_SECURITY_KEYSTORE")
-    folder = None if keystore is None else Path(keystore) / "enclaves" / enclave.strip("/")
-    missing = [
-        name
-        for name in ("cert.pem", "key.pem", "governance.p7s", "permissions.p7s")
-        if folder is None or not (folder / name).is_file()
-    ]
-    if missing:
-        raise ConfigError(
-            f"--require-security: there are no keys for {enclave} in {folder}: {', '.join(missing)} missing; "
-            "make them with: ros2 security create_enclave KEYSTORE ENCLAVE"
-        )

@@ -16,8 +16,8 @@ def beside(name: str, neighbour: str) -> str:
 MEASURED_JS, SETPOINT_JS = "/TRUS/measured_js", "/TRUS/setpoint_js"
 """Angle read back, and angle asked for: sensor_msgs/JointState, joint ``trus_roll``."""
 
-MOVE_JP, SERVO_JP = "/TRUS/move_jp", "/TRUS/servo_jp"
-"""Commands to a stage node: go there and rest; go there as long as the command is renewed. sensor_msgs/JointState."""
+MOVE_JP = "/TRUS/move_jp"
+"""Command to a stage node: go to an angle and rest there. sensor_msgs/JointState."""
 
 MEASURED_CP = "/TRUS/measured_cp"
 """The same angle as the pose of the probe in its home frame: geometry_msgs/PoseStamped."""
@@ -26,16 +26,7 @@ STOP, HOLD = "/TRUS/stop", "/TRUS/hold"
 """Stop now, by our name and by that of CRTK: std_msgs/Empty, to a stage node; without a stamp: it is never too late."""
 
 STATE = "/TRUS/state"
-"""State of a stage node: std_msgs/String with `messages.OperatingState` as JSON, also where crtk_msgs is installed."""
-
-OPERATING_STATE, STATE_COMMAND = "/TRUS/operating_state", "/TRUS/state_command"
-"""As much of the state as crtk_msgs/OperatingState has, and what is asked of it: crtk_msgs/StringStamped.
-
-Only where crtk_msgs is installed, as `ERROR` and `WARNING` are: a topic has one type.
-"""
-
-ERROR, WARNING = "/TRUS/error", "/TRUS/warning"
-"""Why a stage node is in FAULT, and why a command was refused: crtk_msgs/StringStamped."""
+"""State of a stage node: std_msgs/String with `messages.OperatingState` as JSON."""
 
 ACQUIRE, ACQUIRED, CHANNELS = "/TRUS/pa/acquire", "/TRUS/pa/acquired", "/TRUS/pa/channels"
 """Request to an acquisition node and its answers: std_msgs/String with JSON; channel data: sensor_msgs/Image, 16SC1."""

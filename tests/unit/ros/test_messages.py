@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from pathlib import Path
 from types import SimpleNamespace
-from xml.etree import ElementTree as ET
 
 import msgspec
 import numpy as np
@@ -23,9 +22,7 @@ from markerseek.ros import (
     joint_angle_deg,
     messages,
     reach,
-    require_keys,
     require_middleware,
-    topics,
 )
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -127,6 +124,13 @@ def test_a_text_that_is_no_request_is_none(data: str) -> None:
     assert messages.decoded(data, messages.AcquireRequest) is None
 
 
+def test_the_operating_state_of_crtk_is_understood() -> None:
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=2, nanosec=5))
+    message = SimpleNamespace(header=header, state="ENABLED", is_homed=True, is_busy=True)
+    expected = messages.OperatingState(state="ENABLED", is_homed=True, is_busy=True, stamp_ns=2_000_000_005)
+    assert messages.state_of(message) == expected
+
+
 def test_a_rig_file_names_nodes_without_port_and_zero(tmp_path: Path) -> None:
     settings = read_rig_file(written(tmp_path, RIG))
     assert isinstance(settings, BenchSettings)
@@ -208,35 +212,6 @@ def test_a_middleware_is_looked_for_where_ros_has_its_packages(monkeypatch: pyte
         ConfigError, match=r"RMW_IMPLEMENTATION is rmw_implementation, which is not installed here \(.*"
     ):
         require_middleware()
-
-
-def test_security_that_is_required_and_not_there_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    for name in ("ROS_SECURITY_ENABLE", "ROS_SECURITY_STRATEGY", "ROS_SECURITY_KEYSTORE"):
-        monkeypatch.delenv(name, raising=False)
-    with pytest.raises(ConfigError, match="set ROS_SECURITY_ENABLE=true, ROS_SECURITY_STRATEGY=Enforce"):
-        require_keys("/markerseek/trus_stage")
-    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
-    monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Permissive")
-    monkeypatch.setenv("ROS_SECURITY_KEYSTORE", str(tmp_path))
-    with pytest.raises(ConfigError, match="ROS 2 would start without keys"):
-        require_keys("/markerseek/trus_stage")
-    monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
-    with pytest.raises(ConfigError, match=r"there are no keys for /markerseek/trus_stage in .*: cert\.pem, key\.pem"):
-        require_keys("/markerseek/trus_stage")
-    folder = tmp_path / "enclaves" / "markerseek" / "trus_stage"
-    folder.mkdir(parents=True)
-    for name in ("cert.pem", "key.pem", "governance.p7s", "permissions.p7s"):
-        (folder / name).touch()
-    require_keys("/markerseek/trus_stage")
-
-
-def test_the_security_policy_names_every_topic_of_the_nodes() -> None:
-    names = {
-        f"/{each.text}" for kind in ("topic", "service") for each in ET.parse(EXAMPLES / "ros2-policy.xml").iter(kind)
-    }
-    # Every ROS node has services under its own name, and announces its parameters.
-    of_any_node = {name for name in names if name.startswith("/~")} | {"/parameter_events"}
-    assert names - of_any_node == {value for name, value in vars(topics).items() if name.isupper()}
 
 
 def test_the_example_of_a_ros_rig_has_the_defaults_and_names_every_key(tmp_path: Path) -> None:

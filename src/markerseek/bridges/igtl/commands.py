@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import html
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 from xml.sax.saxutils import quoteattr
+
+import msgspec
 
 from markerseek.bridges.searches import SearchRequest
 from markerseek.core import ConfigError
@@ -93,34 +95,24 @@ def search_request(values: Mapping[str, str]) -> SearchRequest:
             f"StartSearch has no {unknown[0]}; it has {', '.join(_VALUES)}. A rig is named, and armed, where the "
             "bridge runs"
         )
-    return SearchRequest(**{_VALUES[name][0]: _VALUES[name][1](name, text) for name, text in values.items()})
+    return SearchRequest(**{_VALUES[name][0]: _value(name, text) for name, text in values.items()})
 
 
-def _whole(name: str, text: str) -> int:
-    if not re.fullmatch(r"-?\d{1,20}", text, re.ASCII):
-        raise ConfigError(f"{name} is {text[:40]!r}, it must be a whole number")
-    return int(text)
+def _value(name: str, text: str) -> Any:
+    _, kind, what = _VALUES[name]
+    try:
+        return msgspec.convert(text[:80], kind, strict=False)
+    except msgspec.ValidationError:
+        raise ConfigError(f"{name} is {text[:40]!r}, it must be {what}") from None
 
 
-def _number(name: str, text: str) -> float:
-    if not re.fullmatch(r"\d{1,9}(\.\d{1,9})?", text, re.ASCII):
-        raise ConfigError(f"{name} is {text[:40]!r}, it must be a positive number, such as 1.5")
-    return float(text)
-
-
-def _truth(name: str, text: str) -> bool:
-    if text.lower() not in ("true", "false"):
-        raise ConfigError(f"{name} is {text[:40]!r}, it must be true or false")
-    return text.lower() == "true"
-
-
-_VALUES: dict[str, tuple[str, Callable[[str, str], Any]]] = {
-    "Method": ("method", lambda _name, text: text[:80]),
-    "Acquisitions": ("acquisitions", _whole),
-    "ToleranceMm": ("tolerance_mm", _number),
-    "Seed": ("seed", _whole),
-    "Stay": ("stay", _truth),
-    "AsPublished": ("as_published", _truth),
-    "Sweep": ("sweep", _truth),
+_VALUES: dict[str, tuple[str, type, str]] = {
+    "Method": ("method", str, "the name of a method"),
+    "Acquisitions": ("acquisitions", int, "a whole number"),
+    "ToleranceMm": ("tolerance_mm", float, "a positive number, such as 1.5"),
+    "Seed": ("seed", int, "a whole number"),
+    "Stay": ("stay", bool, "true or false"),
+    "AsPublished": ("as_published", bool, "true or false"),
+    "Sweep": ("sweep", bool, "true or false"),
 }
-"""Field of a `SearchRequest`, and how its text is read, by the name in a command."""
+"""Field of a `SearchRequest`, type, and what its text must be, by the name in a command."""

@@ -11,13 +11,10 @@ from markerseek.core import DeviceError
 from markerseek.wire import igtl
 
 SLOW_S = 2.0
-"""Longest time for which a client may leave what is sent to it, or a message of its own, incomplete, in seconds."""
+"""Longest time for which a client may leave a message that it is sent incomplete, in seconds."""
 
 MAX_BODY_BYTES = 1 << 17
 """Largest body that is taken: the longest command has half of it."""
-
-_MAX_ANSWERS = 64
-"""Most answers that wait for a client."""
 
 _SEND_BYTES = 1 << 18
 """Buffer of the operating system for one client: what is in it is old when the client comes to read it."""
@@ -60,7 +57,6 @@ class Peer(asyncio.Protocol):
         self._framer = igtl.Framer(most_bytes=MAX_BODY_BYTES)
         self._full = False
         self._sending: asyncio.TimerHandle | None = None
-        self._receiving: asyncio.TimerHandle | None = None
         self._answers = 0
         self._reason = "it closed the connection"
         self._open = False
@@ -96,11 +92,8 @@ class Peer(asyncio.Protocol):
             self._transport.write(data)
 
     def answer(self, data: bytes) -> None:
-        """Send an answer, which no other replaces; a client that reads none is dropped."""
+        """Send an answer, which no other replaces."""
         self._answers += 1
-        if sum(key[2] > 0 for key in self._waiting) >= _MAX_ANSWERS:
-            self.drop(f"it does not read the answers to its commands; {_MAX_ANSWERS} wait")
-            return
         self.put(("", "", self._answers), data)
 
     def drop(self, reason: str) -> None:
@@ -118,52 +111,37 @@ class Peer(asyncio.Protocol):
     def resume_writing(self) -> None:
         """Send what waits."""
         self._full = False
-        _cancel(self._sending)
+        if self._sending is not None:
+            self._sending.cancel()
         while self._waiting and not self._full:
             self._transport.write(self._waiting.pop(next(iter(self._waiting))))
 
     def data_received(self, data: bytes) -> None:
-        """Take bytes; whatever is no message ends the connection."""
-        complete = False
+        """Take bytes; if they are no message, the connection is ended with a STATUS that has the reason."""
         try:
             for header, body in self._framer.feed(data):
-                complete = True
                 self._on_message(self, igtl.decode(header, body))
                 if not self._open:
                     return
         except DeviceError as problem:
-            self._refuse(str(problem))
-            return
-        # From the first byte of a message to its last: more bytes of the same one give no more time.
-        if complete:
-            _cancel(self._receiving)
-            self._receiving = None
-        if self._open and self._framer.incomplete and self._receiving is None:
-            self._receiving = asyncio.get_running_loop().call_later(
-                SLOW_S, self.drop, f"its message was not complete within {SLOW_S:g} s"
-            )
+            # After damaged bytes no message begins at a known place.
+            self.refuse(str(problem))
+            self._transport.close()
+            self._open = False
 
-    def _refuse(self, sentence: str) -> None:
-        """Say why, if it listens, and end the connection: after damaged bytes no message begins at a known place."""
+    def refuse(self, sentence: str) -> None:
+        """Send a STATUS with the reason why the client is not served."""
         status = igtl.Status(code=igtl.UNKNOWN_ERROR, name="REFUSED", message=sentence[:1000])
         if not self._full:
             self._transport.write(igtl.encode(igtl.Message(device="PaSearch", content=status, version=1)))
         self._reason = sentence
-        self._transport.close()
-        # What it sends meanwhile is not read.
-        self._open = False
 
     def connection_lost(self, error: Exception | None) -> None:
         """Forget it."""
         if isinstance(error, TimeoutError):
             self._reason = _TOO_SLOW
         self._open = False
-        _cancel(self._sending)
-        _cancel(self._receiving)
+        if self._sending is not None:
+            self._sending.cancel()
         self._waiting.clear()
         self._on_close(self, self._reason)
-
-
-def _cancel(timer: asyncio.TimerHandle | None) -> None:
-    if timer is not None:
-        timer.cancel()

@@ -1,4 +1,4 @@
-"""Serves OpenIGTLink clients: who may connect and who goes first, the searches they ask for, what they are sent."""
+"""Serves OpenIGTLink clients: who may connect, the searches they ask for, what they are sent."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import errno
 import os
 import socket
 import time
-from collections import Counter
 from collections.abc import AsyncIterator, Callable, Collection, Iterable, Iterator, Mapping
 from typing import Literal, TypeVar
 
@@ -20,7 +19,7 @@ from markerseek.bridges.igtl.commands import (
     read_request,
     search_request,
 )
-from markerseek.bridges.igtl.peer import LOOPBACK, IPAddress, Peer, plain_address
+from markerseek.bridges.igtl.peer import LOOPBACK, SLOW_S, IPAddress, Peer, plain_address
 from markerseek.bridges.igtl.streams import Stream, Streams
 from markerseek.bridges.recordings import Recording
 from markerseek.bridges.searches import Searches
@@ -159,11 +158,10 @@ async def _each(items: Iterator[_Item]) -> AsyncIterator[_Item]:
         yield item
 
 
-MAX_CLIENTS = 64
-"""Most connections. One more ends that which has been silent longest, of the address that holds most of them."""
+MAX_CLIENTS = 16
+"""Most clients that are served. Of one more only StopSearch is taken, and its connection ends after `SLOW_S`."""
 
-_ACCEPTED_AT_ONCE = 8
-"""Connections that are accepted between two readings of all: what a client sends is read before 64 others have come."""
+_FULL = f"{MAX_CLIENTS} clients are served, and no more; end one of them (StopSearch is taken from any client)"
 
 
 class IgtlServer:
@@ -188,11 +186,9 @@ class IgtlServer:
     ) -> None:
         self._on_request, self._version, self._on_note = on_request, version, on_note
         self._allowed = frozenset(allowed)
-        # In the order in which they were last heard.
-        self._peers: dict[Peer, None] = {}
-        # All whose connection has not ended, accepted or refused.
+        self._peers: set[Peer] = set()
+        # All whose connection has not ended, served or refused.
         self._connected: set[Peer] = set()
-        self._ending = False
         self._newest: dict[tuple[str, str], bytes] = {}
         self._sequences: dict[tuple[str, str], int] = {}
         self._server: asyncio.Server | None = None
@@ -202,9 +198,7 @@ class IgtlServer:
         loop = asyncio.get_running_loop()
         try:
             listening = self._listening(host, port)
-            self._server = await loop.create_server(self._peer, sock=listening, backlog=_ACCEPTED_AT_ONCE)
-            # asyncio has one number for both. With so short a queue of the system, clients would wait a second for it.
-            listening.listen(socket.SOMAXCONN)
+            self._server = await loop.create_server(self._peer, sock=listening)
         except OSError as problem:
             if problem.errno == errno.EADDRINUSE:
                 raise ConfigError(
@@ -230,16 +224,10 @@ class IgtlServer:
         return socket.create_server(place, family=family)
 
     async def close(self) -> None:
-        """End all connections, those that are just being accepted too, and return when none is left."""
-        self._ending = True
+        """End all connections, and return when none is left."""
         if self._server is not None:
-            # What was accepted has its peer in the loop's next turn; a server closed before that loses it, open
-            # (Python issue 109564).
-            for listening in self._server.sockets:
-                asyncio.get_running_loop().remove_reader(listening.fileno())
-            await asyncio.sleep(0)
             self._server.close()
-        for peer in tuple(self._peers):
+        for peer in tuple(self._connected):
             peer.drop("the bridge ends")
         while self._connected:
             await asyncio.sleep(0)
@@ -267,50 +255,38 @@ class IgtlServer:
             peer.put((*key, 0), data)
 
     def _peer(self) -> Peer:
-        peer = Peer(on_open=self._opened, on_message=self._received, on_close=self._lost)
-        self._connected.add(peer)
-        return peer
+        return Peer(on_open=self._opened, on_message=self._received, on_close=self._lost)
 
     def _opened(self, peer: Peer) -> None:
-        if self._ending:
-            peer.drop("the bridge ends")
-            return
+        self._connected.add(peer)
         if peer.address != LOOPBACK and peer.address not in self._allowed:
             self._on_note(f"{peer.name}: refused, --allow does not name it")
             peer.drop("--allow does not name it")
             return
         if len(self._peers) >= MAX_CLIENTS:
-            self._make_room()
-        self._peers[peer] = None
+            self._on_note(f"{peer.name}: refused: {_FULL}")
+            peer.refuse(_FULL)
+            asyncio.get_running_loop().call_later(SLOW_S, peer.drop, _FULL)
+            return
+        self._peers.add(peer)
         self._on_note(f"{peer.name}: connected")
         for key, data in self._newest.items():
             peer.put((*key, 0), data)
 
-    def _make_room(self) -> None:
-        """End the longest silent connection of the busiest address, so that one computer cannot crowd out others."""
-        held = Counter(peer.address for peer in self._peers)
-        silent = next(peer for peer in self._peers if held[peer.address] == max(held.values()))
-        self._closed(silent, f"it was silent longest of {MAX_CLIENTS} clients when one more came")
-        silent.drop("")
-
     def _lost(self, peer: Peer, reason: str) -> None:
         self._connected.discard(peer)
-        self._closed(peer, reason)
-
-    def _closed(self, peer: Peer, reason: str) -> None:
         if peer in self._peers:
-            del self._peers[peer]
+            self._peers.discard(peer)
             self._on_note(f"{peer.name}: gone: {reason}")
 
     def _received(self, peer: Peer, message: igtl.Message) -> None:
-        del self._peers[peer]
-        self._peers[peer] = None
         if not is_command(message):
             # Slicer and PLUS also send what nobody asked for.
             return
         try:
             request = read_request(message, client=peer.name)
-            answer = self._on_request(request)
+            taken = peer in self._peers or request.name == "StopSearch"
+            answer = self._on_request(request) if taken else CommandAnswer(done=False, sentence=_FULL)
         except ConfigError as refusal:
             answer = CommandAnswer(done=False, sentence=str(refusal))
         now_s = time.time()  # noqa: TID251

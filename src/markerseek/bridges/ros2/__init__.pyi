@@ -1,8 +1,7 @@
 from .acquisition_node import AcquisitionNode
-from .player import play
 from .sample_topics import publish_registration
 from .search_node import SearchNode
-from .serving import MessagePump, Served, StepEnded, serve
+from .serving import MessagePump, Served, Serving, StepEnded, serve
 from .stage_node import PlainTopics, StageNode
 
 __all__ = [
@@ -11,9 +10,9 @@ __all__ = [
     "PlainTopics",
     "SearchNode",
     "Served",
+    "Serving",
     "StageNode",
     "StepEnded",
-    "play",
     "publish_registration",
     "serve",
 ]

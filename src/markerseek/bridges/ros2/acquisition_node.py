@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from markerseek.bridges.ros2.serving import Served, StepEnded
+from markerseek.bridges.ros2.serving import Served, Serving, StepEnded
 from markerseek.core import AcquisitionError, ChannelFrame, Clock, Laser, LimitError, MarkerseekError, Receiver
-from markerseek.guard import Guard
-from markerseek.ros import RosNode, degrees, messages, topics
-from markerseek.scan import Watchdog
+from markerseek.ros import degrees, messages, topics
 
 _TEXT = "std_msgs/msg/String"
 
@@ -16,22 +14,12 @@ _TEXT = "std_msgs/msg/String"
 class AcquisitionNode(Served):
     """Serves a laser and its receiver: one request fires at most the pulses of a permit of the guard here, and records.
 
-    ``node``, ``guard``, ``by``, ``watchdog``, ``simulated``: the lease is held while the laser fires.
+    The lease is held while the laser fires.
     """
 
-    def __init__(
-        self,
-        *,
-        node: RosNode,
-        laser: Laser,
-        receiver: Receiver,
-        guard: Guard,
-        clock: Clock,
-        by: str,
-        watchdog: Watchdog | None = None,
-        simulated: bool = False,
-    ) -> None:
-        super().__init__(node=node, guard=guard, by=by, watchdog=watchdog, simulated=simulated)
+    def __init__(self, serving: Serving, *, laser: Laser, receiver: Receiver, clock: Clock) -> None:
+        super().__init__(serving)
+        node = self.node
         self._laser, self._receiver, self._clock = laser, receiver, clock
         self._wanted: messages.AcquireRequest | None = None
         self._acquiring = False
@@ -41,7 +29,7 @@ class AcquisitionNode(Served):
         node.advertise(topics.ACQUIRED, _TEXT)
         node.advertise(topics.CHANNELS, "sensor_msgs/msg/Image")
         node.subscribe(topics.ACQUIRE, _TEXT, self._on_request, command=True)
-        state = messages.text(node.kinds, messages.AcquisitionState(simulated=simulated))
+        state = messages.text(messages.AcquisitionState(simulated=self._simulated))
         node.advertise(topics.ACQUISITION_STATE, _TEXT, latched=True)
         node.publish(topics.ACQUISITION_STATE, state)
 
@@ -122,7 +110,7 @@ class AcquisitionNode(Served):
         self._settled = True
         self._frames += 1
         now_s = self.node.now_s()
-        image = messages.channels(self.node.kinds, frame.samples, time_s=now_s)
+        image = messages.channels(frame.samples, time_s=now_s)
         self.node.publish(topics.CHANNELS, image)
         self._answer(
             request,
@@ -137,7 +125,7 @@ class AcquisitionNode(Served):
     def _answer(self, request: messages.AcquireRequest, *, error: str = "", step: Any = "error", **facts: Any) -> None:
         self._errors += step == "error"
         answer = messages.Acquired(id=request.id, step=step, error=error, simulated=self._simulated, **facts)
-        self.node.publish(topics.ACQUIRED, messages.text(self.node.kinds, answer))
+        self.node.publish(topics.ACQUIRED, messages.text(answer))
 
     def _make_safe(self) -> None:
         self._acquiring = False

@@ -1,4 +1,4 @@
-"""Publishes acquisitions: angle, transforms, image, intensity, on the topics that an exported log has."""
+"""Publishes acquisitions: angle, transforms, images, intensity."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _TEXT, _JOINT = "std_msgs/msg/String", "sensor_msgs/msg/JointState"
 
 
 class SampleTopics:
-    """The topics of the acquisitions of one rig or recording.
+    """The topics of the acquisitions of one rig.
 
     ``publishes_angle``: whether the angle of the probe is published, too, and its transform.
     """
@@ -31,7 +31,7 @@ class SampleTopics:
             node.advertise(topics.MEASURED_JS, _JOINT)
         for topic, kind in (
             (topics.SAMPLE, _TEXT),
-            (topics.FRAMES, messages.frames_kind(node.kinds)),
+            (topics.FRAMES, messages.frames_kind()),
             (topics.INTENSITY, "std_msgs/msg/Float64"),
             (topics.ENVELOPE, "sensor_msgs/msg/Image"),
             (topics.PICTURE, "sensor_msgs/msg/Image"),
@@ -39,8 +39,8 @@ class SampleTopics:
         ):
             node.advertise(topic, kind)
 
-    def begin(self, configuration: Configuration, **facts: object) -> None:
-        """Begin a run or a recording.
+    def begin(self, configuration: Configuration) -> None:
+        """Begin a run.
 
         ``configuration``: published as JSON, and kept for subscribers that come later.
         """
@@ -50,19 +50,19 @@ class SampleTopics:
         known = configuration.flat()
         # Settings of a rig hold ports and programs of this computer, which nobody on a network needs.
         known.pop("recipe")
-        message = messages.text(self._node.kinds, {**known, **facts, "picture_range_db": messages.RANGE_DB})
+        message = messages.text({**known, "picture_range_db": messages.RANGE_DB})
         self._node.publish(topics.BANK, message)
 
-    def publish(self, event: Measured, *, clock_s: float | None = None, **facts: object) -> None:
+    def publish(self, event: Measured, *, clock_s: float) -> None:
         """Publish one acquisition, stamped now; a pulse of a sweep on a bench with the moment of its light.
 
         ``event``: the acquisition; an image is made of its frame where it has one. ``clock_s``: time of the event on
-        the rig's clock; None: a recording is played. ``facts``: more for the JSON of the sample.
+        the rig's clock.
         """
         sample = event.sample
         angle_deg, intensity, frame = sample.angle_deg, sample.reading.intensity, sample.frame
-        node, kinds, time_s = self._node, self._node.kinds, self._node.now_s()
-        if clock_s is not None and self._on_bench and sample.sweep is not None and frame is not None:
+        node, time_s = self._node, self._node.now_s()
+        if self._on_bench and sample.sweep is not None and frame is not None:
             # Pulses of a sweep come in bundles, and the probe turns meanwhile.
             time_s -= max(0.0, clock_s - frame.header.started_s)
         image = None
@@ -70,11 +70,10 @@ class SampleTopics:
         if isinstance(frame, ChannelFrame | RFFrame) and self._imaging is not None:
             image = self._imaging.picture(frame)
         if self._publishes_angle:
-            node.publish(topics.MEASURED_JS, messages.joint_state(kinds, time_s=time_s, angle_deg=angle_deg))
+            node.publish(topics.MEASURED_JS, messages.joint_state(time_s=time_s, angle_deg=angle_deg))
         shown = {messages.IMAGE: image, messages.BMODE: b_mode}
         images = {name: each.geometry for name, each in shown.items() if each is not None}
         turned = messages.transforms(
-            kinds,
             time_s=time_s,
             angle_deg=angle_deg,
             images=images,
@@ -83,41 +82,40 @@ class SampleTopics:
         # A stage node publishes itself how the probe is turned: then only the places of the images are left.
         publish_frames(node, topics.FRAMES, turned if self._publishes_angle else turned[1:])
         if b_mode is not None:
-            node.publish(topics.BMODE, messages.b_mode(kinds, b_mode, time_s=time_s))
+            node.publish(topics.BMODE, messages.b_mode(b_mode, time_s=time_s))
         if image is not None:
             self._brightest = max(self._brightest, float(image.envelope.max()))
-            node.publish(topics.ENVELOPE, messages.envelope(kinds, image, time_s=time_s))
+            node.publish(topics.ENVELOPE, messages.envelope(image, time_s=time_s))
             # White is the brightest so far: what will come is not known.
-            picture = messages.picture(kinds, image, time_s=time_s, brightest=self._brightest)
+            picture = messages.picture(image, time_s=time_s, brightest=self._brightest)
             node.publish(topics.PICTURE, picture)
-        said = messages.sample(
-            index=event.index,
-            role=event.role,
-            angle_deg=angle_deg,
-            intensity=intensity,
-            time_s=time_s,
-            pulses=None if frame is None else frame.header.pulses,
-            images=images,
-        )
-        node.publish(topics.SAMPLE, messages.text(kinds, said | facts))
+        said = {
+            "index": event.index,
+            "role": event.role,
+            "angle_deg": angle_deg,
+            "intensity": intensity,
+            "time_s": time_s,
+            "pulses": None if frame is None else frame.header.pulses,
+            # sensor_msgs/Image has no place for it, and a transform none for the distances.
+            "images": {name: geometry.grid for name, geometry in images.items()},
+        }
+        node.publish(topics.SAMPLE, messages.text(said))
         if not sample.dark:  # a dark frame has no intensity to be plotted
-            node.publish(topics.INTENSITY, messages.number(kinds, intensity))
+            node.publish(topics.INTENSITY, messages.number(intensity))
 
 
 def publish_frames(node: RosNode, topic: str, transforms: list[Any]) -> None:
     """Publish transforms on ``/tf`` or ``/tf_static``, in one message where tf2_msgs is installed."""
-    kind = messages.frames_kind(node.kinds)
+    kind = messages.frames_kind()
     together = kind == messages.FRAMES_KIND and bool(transforms)
-    for message in [node.kinds[kind](transforms=transforms)] if together else transforms:
+    for message in [messages.made(kind, transforms=transforms)] if together else transforms:
         node.publish(topic, message)
 
 
 def publish_registration(node: RosNode, registration: KnownRegistration) -> None:
     """Publish a registration, kept for subscribers that come later."""
-    message = messages.registered(
-        node.kinds, registration.davinci_to_trus, time_s=node.now_s(), simulated=registration.simulated
-    )
+    message = messages.registered(registration.davinci_to_trus, time_s=node.now_s(), simulated=registration.simulated)
     node.advertise(topics.REGISTRATION, "geometry_msgs/msg/TransformStamped", latched=True)
-    node.advertise(topics.STATIC_FRAMES, messages.frames_kind(node.kinds), latched=True)
+    node.advertise(topics.STATIC_FRAMES, messages.frames_kind(), latched=True)
     node.publish(topics.REGISTRATION, message)
     publish_frames(node, topics.STATIC_FRAMES, [message])

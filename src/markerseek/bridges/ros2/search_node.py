@@ -113,4 +113,4 @@ class SearchNode:
         )
 
     def _publish_result(self, content: dict[str, Any]) -> None:
-        self.node.publish(topics.RESULT, messages.text(self.node.kinds, content))
+        self.node.publish(topics.RESULT, messages.text(content))

@@ -7,6 +7,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 from markerseek.core import MarkerseekError
 from markerseek.guard import Guard
@@ -36,24 +37,34 @@ class Diagnostics:
         """Publish them if they are due."""
         if time.monotonic() >= self._due_s:
             self._due_s = time.monotonic() + _DIAGNOSE_S
-            kinds, name, time_s = self._node.kinds, self._node.name, self._node.now_s()
-            message = messages.diagnostics(kinds, time_s=time_s, name=name, fault=fault, facts=facts)
+            name, time_s = self._node.name, self._node.now_s()
+            message = messages.diagnostics(time_s=time_s, name=name, fault=fault, facts=facts)
             self._node.publish(topics.DIAGNOSTICS, message)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Serving:
+    """How a device is served."""
+
+    node: RosNode
+    """Messages are handled while it is spun."""
+    guard: Guard
+    """Its own; armed already."""
+    by: str
+    """Who has armed the guard."""
+    watchdog: Watchdog | None = None
+    """Lease of the device, which is held while the device works."""
+    simulated: bool = False
+
+
 class Served(ABC):
-    """A node of a device under a guard of its own.
+    """A node of a device under a guard of its own."""
 
-    ``node``: messages are handled while it is spun. ``by``: who has armed the guard. ``watchdog``: lease of the device,
-    to be held while it works.
-    """
-
-    def __init__(self, *, node: RosNode, guard: Guard, by: str, watchdog: Watchdog | None, simulated: bool) -> None:
-        self.node = node
-        self._guard, self._by, self._watchdog, self._simulated = guard, by, watchdog, simulated
+    def __init__(self, serving: Serving) -> None:
+        self.node, self._guard, self._simulated = serving.node, serving.guard, serving.simulated
+        self._by, self._watchdog = serving.by, serving.watchdog
         self._commands = StampedCommands()
-        self._diagnostics = Diagnostics(node)
-        self._active = True
+        self._diagnostics = Diagnostics(self.node)
 
     @abstractmethod
     def beat(self) -> None:
@@ -70,13 +81,6 @@ class Served(ABC):
     @abstractmethod
     def _make_safe(self) -> None:
         """Stop the device, or switch it off; an error is a fault of the guard."""
-
-    def set_active(self, active: bool) -> None:
-        """Follow the lifecycle: a node that is deactivated stops, and is disarmed until a person starts it again."""
-        if not active:
-            self._active = False
-            self.stop()
-            self._guard.disarm()
 
     def close(self) -> None:
         """Disarm, and make the device safe."""
@@ -96,9 +100,8 @@ class Served(ABC):
     def _end_interrupted(self) -> None:
         self._make_safe()
         self._guard.disarm()
-        if self._active:
-            # In the name of the same person: a stop ends what the device does, not the session that was armed.
-            self._guard.arm(by=self._by)
+        # In the name of the same person: a stop ends what the device does, not the session that was armed.
+        self._guard.arm(by=self._by)
 
     def _fail(self, error: MarkerseekError) -> None:
         self._guard.fail(f"{type(error).__name__}: {error}")

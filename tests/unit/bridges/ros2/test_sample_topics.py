@@ -13,25 +13,13 @@ from msgspec import structs
 from markerseek import rigs
 from markerseek.bridges.ros2.sample_topics import SampleTopics
 from markerseek.core import Measured, SearchPlan, SweepTiming
-from markerseek.ros import topics
+from markerseek.ros import messages, topics
 from markerseek.runs import configuration_of
 from markerseek.sim import ReceiverSettings, SimulatedSettings
 
 
-class Kinds(dict):
-    """Each kind of message, as a namespace with its fields."""
-
-    def __missing__(self, name):
-        return SimpleNamespace
-
-    def __contains__(self, name):
-        return True
-
-
 class Node:
     """Keeps what is published."""
-
-    kinds = Kinds()
 
     def __init__(self):
         self.sent = {}
@@ -46,12 +34,19 @@ class Node:
         self.sent.setdefault(topic, []).append(message)
 
 
+@pytest.fixture(autouse=True)
+def _plain_messages(monkeypatch):
+    """Each message is a namespace with its fields."""
+    monkeypatch.setattr(messages, "kind", lambda _name: SimpleNamespace)
+    monkeypatch.setattr(messages, "is_installed", lambda _name: True)
+
+
 def published(rig, event, *, publishes_angle=True):
     """What is published of one acquisition of a rig."""
     node = Node()
     shown = SampleTopics(node=node, publishes_angle=publishes_angle)
     shown.begin(configuration_of(rig, SearchPlan(method="ternary")))
-    shown.publish(event)
+    shown.publish(event, clock_s=0.0)
     return node.sent
 
 
@@ -71,7 +66,7 @@ def test_b_mode_beside_channel_data_is_shown_in_a_frame_of_its_own():
     (image,), (picture,) = sent[topics.BMODE], sent[topics.PICTURE]
     assert (image.header.frame_id, picture.header.frame_id) == ("trus_bmode", "trus_image")
     b_mode = sample.frame.b_mode
-    np.testing.assert_array_equal(image.data.reshape(image.height, image.width), b_mode.pixels)
+    np.testing.assert_array_equal(np.reshape(image.data, (image.height, image.width)), b_mode.pixels)
     # One message with each transform once: tf2 complains of a transform that comes twice with one stamp.
     (frames,) = sent[topics.FRAMES]
     assert [each.child_frame_id for each in frames.transforms] == ["trus_probe", "trus_image", "trus_bmode"]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from markerseek.core import ConfigError, needs_package
-from markerseek.wire import igtl_contents as contents
+from markerseek.wire.igtl import contents
 
 HEADER_BYTES = 58
 """Length of the header of each message."""

@@ -1,9 +1,4 @@
-"""OpenIGTLink messages as bytes: header, CRC, metadata (header version 2) and contents, packed and checked.
-
-TRANSFORM, IMAGE and POINT are packed and unpacked by pyigtl. The rest is here: pyigtl checks no CRC and no length, cuts
-names off in silence, cannot send a text that is not ASCII, has 152 bytes for a POSITION where the standard has 28, and
-has no STATUS and no COMMAND. All numbers are big-endian (http://openigtlink.org/developers/spec).
-"""
+"""OpenIGTLink messages as bytes: header, CRC and metadata."""
 
 from __future__ import annotations
 
@@ -14,56 +9,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from markerseek.core import ConfigError, DeviceError, is_finite
-from markerseek.wire.igtl_contents import (
-    BUSY,
-    EMULATOR,
-    MAX_TEXT_BYTES,
-    NOT_READY,
-    OK,
-    UNKNOWN_ERROR,
-    Command,
-    Content,
-    Image,
-    Other,
-    Point,
-    Points,
-    Position,
-    Reply,
-    Status,
-    Text,
-    Transform,
-)
-from markerseek.wire.igtl_packing import HEADER_BYTES, KINDS, character_set, crc, pack, text_of, unpack
-
-__all__ = [
-    "BUSY",
-    "EMULATOR",
-    "HEADER_BYTES",
-    "KINDS",
-    "MAX_TEXT_BYTES",
-    "NOT_READY",
-    "OK",
-    "UNKNOWN_ERROR",
-    "Command",
-    "Content",
-    "Framer",
-    "Header",
-    "Image",
-    "Message",
-    "Other",
-    "Point",
-    "Points",
-    "Position",
-    "Reply",
-    "Status",
-    "Text",
-    "Transform",
-    "asks_for_metadata",
-    "decode",
-    "decode_header",
-    "encode",
-    "is_emulated",
-]
+from markerseek.wire.igtl.contents import EMULATOR, OK, Content, Status
+from markerseek.wire.igtl.packing import HEADER_BYTES, character_set, crc, pack, text_of, unpack
 
 _HEADER = struct.Struct(">H12s20sQQQ")
 _EXTENDED = struct.Struct(">HHII")
