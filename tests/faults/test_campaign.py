@@ -13,7 +13,8 @@ import pytest
 
 from markerseek.core import Found, Interval, NotConnectedError
 from markerseek.guard import Guard, State
-from markerseek.sim import RECEIVER_FAULTS, FaultKind
+from markerseek.sim import FaultKind
+from tests.faults.campaign.receiver_faults import RECEIVER_FAULTS
 
 pytest.importorskip("serial", reason="the supervisor's lines need the extra devices")
 

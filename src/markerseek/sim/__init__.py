@@ -14,7 +14,6 @@ from markerseek.sim.laser import CLOCK_DRIFT, SimulatedLaser, vary_last_flash
 from markerseek.sim.machine import RFWorld, post_beamformed
 from markerseek.sim.motion import SWING_DEG, TURN_S, MovingWorld, OscillatingMotion, swing_deg
 from markerseek.sim.receiver import SimulatedReceiver
-from markerseek.sim.receiver_faults import RECEIVER_FAULTS, FaultyReceiver
 from markerseek.sim.settings import (
     LaserSettings,
     MarkerSettings,
@@ -30,7 +29,6 @@ from markerseek.sim.world import Flash, SimulatedWorld, World
 
 __all__ = [
     "CLOCK_DRIFT",
-    "RECEIVER_FAULTS",
     "SWING_DEG",
     "TISSUES",
     "TURN_S",
@@ -40,7 +38,6 @@ __all__ = [
     "EndoscopeSettings",
     "Fault",
     "FaultKind",
-    "FaultyReceiver",
     "Flash",
     "GaussianCurve",
     "HandMotion",

@@ -15,7 +15,7 @@ from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.scan import Scanner
 from markerseek.search import build
 from markerseek.signals import IntensityReader
-from markerseek.sim import RECEIVER_FAULTS, Fault, FaultyReceiver, IntensityCurve, SimulatedSettings
+from markerseek.sim import Fault, IntensityCurve, SimulatedSettings
 from markerseek.studies.paper.curve_runs import USUAL, Condition
 from markerseek.studies.paper.methods import ALL_METHODS, BUILT, AnyMethod
 from markerseek.studies.paper.options import RunOptions
@@ -23,6 +23,8 @@ from markerseek.studies.statistics import Share
 from markerseek.studies.study import CurveSettings
 from markerseek.studies.trial import searched
 from markerseek.studies.worlds import intensity_curve
+
+from .receiver_faults import RECEIVER_FAULTS, FaultyReceiver
 
 WIDE = Condition(source_radius_m=0.4e-3, peak_snr_db=50.0)
 """Curve and noise of all cases but one: without a fault, neither set of rules fails on it."""

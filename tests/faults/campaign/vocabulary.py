@@ -11,8 +11,10 @@ from typing import Literal
 
 import numpy as np
 
-from markerseek.sim import RECEIVER_FAULTS, Fault, FaultKind
+from markerseek.sim import Fault, FaultKind
 from markerseek.sim.faults import DeviceName
+
+from .receiver_faults import RECEIVER_FAULTS
 
 
 @dataclass(frozen=True, kw_only=True)

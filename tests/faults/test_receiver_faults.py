@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from markerseek.core import AcquisitionError, ChannelFrame, Frame, FrameHeader, Permit, ReadingFrame
-from markerseek.sim import RECEIVER_FAULTS, FaultyReceiver
+from tests.faults.campaign.receiver_faults import RECEIVER_FAULTS, FaultyReceiver
 
 PERMIT = Permit(token="t", angle_deg=0.0, pulses=16, expires_s=math.inf)
 HEADER = FrameHeader(sequence=1, token="t", pulses=16, commanded_deg=0.0, started_s=0.0, ended_s=0.1)

@@ -9,7 +9,7 @@ import math
 from dataclasses import replace
 
 from markerseek.core import AcquisitionError, Frame, Permit, ReadingFrame, Receiver
-from markerseek.sim.faults import Fault, FaultKind
+from markerseek.sim import Fault, FaultKind
 
 
 def _fault(name: str, kind: FaultKind, meaning: str) -> Fault:
