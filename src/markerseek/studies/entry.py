@@ -127,6 +127,12 @@ class EntryPolicy(SearchPolicy):
                 f"it answered {reply.answer!r} at {angle_deg:g} deg with an interval from {low_deg} to {high_deg} deg; "
                 "low_deg and high_deg must be finite, and hold the angle between them"
             )
+        widest_deg = 2 * (self._limits.high_deg - self._limits.low_deg)
+        if not high_deg - low_deg <= widest_deg:
+            raise EntryError(
+                f"it answered with an interval of {high_deg - low_deg:g} deg, at most {widest_deg:g} are one: state how "
+                "certain the angle is, or answer 'not found'"
+            )
         found = Found(
             mean_deg=angle_deg,
             sigma_deg=(high_deg - low_deg) / _SIGMAS_OF_95,

@@ -104,6 +104,14 @@ def test_it_need_not_claim_anything(answer, kind):
             'for _ in lines: reply(\'{"answer": "found", "angle_deg": 3, "low_deg": 4, "high_deg": 5}\')',
             "hold the angle between them",
         ),
+        (
+            'for _ in lines: reply(\'{"answer": "found", "angle_deg": 3, "low_deg": -1e308, "high_deg": 1e308}\')',
+            "with an interval of inf deg, at most 140 are one",
+        ),
+        (
+            'for _ in lines: reply(\'{"answer": "unsure", "angle_deg": 3, "low_deg": -71, "high_deg": 71}\')',
+            "with an interval of 142 deg, at most 140 are one",
+        ),
         ("raise KeyError('oops')", "it ended where a reply was due; its last words: KeyError: 'oops'"),
         ("for _ in lines: print('x' * 100_000, end='', flush=True)", "more than 65536 bytes"),
         ("import os\nfor _ in lines: os._exit(0)", "it ended where a reply was due"),
