@@ -130,8 +130,8 @@ class EntryPolicy(SearchPolicy):
         widest_deg = 2 * (self._limits.high_deg - self._limits.low_deg)
         if not high_deg - low_deg <= widest_deg:
             raise EntryError(
-                f"it answered with an interval of {high_deg - low_deg:g} deg, at most {widest_deg:g} are one: state how "
-                "certain the angle is, or answer 'not found'"
+                f"it answered with an interval of {high_deg - low_deg:g} deg, at most {widest_deg:g} are one: state "
+                "how certain the angle is, or answer 'not found'"
             )
         found = Found(
             mean_deg=angle_deg,
