@@ -34,6 +34,7 @@ from markerseek.records.journal import (
     Journal,
     JournalEvent,
     RecordedRun,
+    has_begun,
     read_journal,
     run_state,
     salvage,
@@ -118,6 +119,8 @@ def require_new_scan(path: Path, *, goes_on: bool = False) -> None:
             if path.exists()
             else f"{record}: there is no scan to go on with; leave --continue out, or check the name"
         )
+    if record.exists() and not has_begun(record):
+        raise RecordError(f"{record}: its scan was killed before it had begun, and there is nothing in it; delete it")
     require_new_bank(path)
     if record.exists() and not goes_on:
         raise RecordError(

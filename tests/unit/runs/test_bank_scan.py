@@ -72,6 +72,15 @@ def test_a_scan_of_another_rig_or_step_is_not_continued(tmp_path: Path, seed: in
     assert record_of(path).read_bytes() == before
 
 
+@pytest.mark.parametrize("held", [b"", b'{"crc":"00000000","record":2'])
+@pytest.mark.parametrize("goes_on", [True, False])
+def test_the_record_of_a_scan_that_never_began_is_to_be_deleted(tmp_path: Path, held: bytes, goes_on: bool) -> None:
+    path = tmp_path / "a.hdf5"
+    record_of(path).write_bytes(held)
+    with pytest.raises(RecordError, match="killed before it had begun, and there is nothing in it; delete it"):
+        next(iter(scan_bank(rigs.simulated(seed=3), path, goes_on=goes_on)))
+
+
 def test_without_a_record_there_is_nothing_to_go_on_with(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="there is no scan to go on with; leave --continue out"):
         list(scan_bank(rigs.simulated(seed=3), tmp_path / "a.hdf5", goes_on=True, by="a person"))

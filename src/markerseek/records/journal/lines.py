@@ -34,6 +34,10 @@ _PREFIX_BYTES = len(MAGIC) + len('00000000",')
 _PIECE_BYTES = 1 << 16
 
 
+class UnfinishedError(RecordError):
+    """A journal without its first line: its run was never begun."""
+
+
 class _First(msgspec.Struct, frozen=True):
     configuration: msgspec.Raw
     record: int = 0
@@ -133,7 +137,7 @@ class EntryReader:
     def _configuration(self) -> Configuration:
         head = os.pread(self.descriptor, len(MAGIC_1), 0)
         if not head:
-            raise RecordError(
+            raise UnfinishedError(
                 f"{self.path}: it is empty: no journal of a run (or its run was never begun); check the name"
             )
         self.version = 1 if head == MAGIC_1 else VERSION
@@ -144,7 +148,9 @@ class EntryReader:
             )
         found = self._next_line_1() if self.version == 1 else self._next_line()
         if found is None:
-            raise RecordError(f"{self.path}: it ends in its first line: its run was never begun; begin a new search")
+            raise UnfinishedError(
+                f"{self.path}: it ends in its first line: its run was never begun; begin a new search"
+            )
         try:
             first = msgspec.json.decode(b"{" + found[0], type=_First)
             if max(first.record, first.journal) > VERSION:

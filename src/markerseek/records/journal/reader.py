@@ -19,7 +19,7 @@ from markerseek.core import Failed, Finished, Measured, RecordError, Refused, Sa
 from markerseek.records.configuration import Configuration
 from markerseek.records.journal.events import Checked, Entry, Resuming
 from markerseek.records.journal.file import as_record_error, is_written, open_for_reading
-from markerseek.records.journal.lines import EntryReader
+from markerseek.records.journal.lines import EntryReader, UnfinishedError
 from markerseek.records.result import Recorder, SearchResult
 
 JournalItem: TypeAlias = Configuration | Entry
@@ -97,6 +97,15 @@ def salvage(
             unfinished_bytes=0 if damage or written else os.fstat(reader.descriptor).st_size - reader.end,
         )
     return recorded, damage
+
+
+def has_begun(path: Path) -> bool:
+    """Whether a file holds the first line of a journal; `RecordError` if it cannot be read."""
+    try:
+        with _opened(path):
+            return True
+    except UnfinishedError:
+        return False
 
 
 def verify(path: Path) -> JournalCheck:
