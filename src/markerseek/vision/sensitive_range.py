@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -80,12 +80,10 @@ def sensitive_range(
     tips: dict[int, Tip] = {start: find_tip(images[order[start]], first, pixel_m=pixel_m)}
     # A wall or bone that the image shows in part can be brighter than any tip; what a person names is taken.
     cut_off = rectangle is None and tips[start].cut_off
-    if cut_off or not tips[start].visible:
-        reason = (
-            "the region reaches the edge of the image; name a rectangle around the tip"
-            if cut_off
-            else tips[start].reason
-        )
+    if cut_off:
+        edge = "the region reaches the edge of the image; name the rectangle around the tip, --roi"
+        tips[start] = replace(tips[start], visible=False, reason=edge)
+    if not tips[start].visible:
         return SensitiveRange(
             frames=tuple(TipFrame(angle_deg=angle, tip=tips.get(k)) for k, angle in enumerate(angles)),
             reference_deg=None,
@@ -93,7 +91,7 @@ def sensitive_range(
             above_deg=None,
             open_below=False,
             open_above=False,
-            remark=f"no tip in the brightest image, at {angles[start]:g} deg: {reason}",
+            remark=f"no tip in the brightest image, at {angles[start]:g} deg: {tips[start].reason}",
         )
     for side in (range(start + 1, len(order)), range(start - 1, -1, -1)):
         tips |= _followed(images, order, side, tips[start], first, pixel_m)
@@ -159,6 +157,6 @@ def _remark(rivals_deg: Sequence[float]) -> str:
     if not rivals_deg:
         return ""
     return (
-        f"two bright regions in the rectangle, first at {rivals_deg[0]:g} deg: the one with the larger sum of grey "
-        "values is taken; name a rectangle around the tip alone"
+        f"two bright regions near one another, first at {rivals_deg[0]:g} deg: the one with the larger sum of grey "
+        "values is taken; name the rectangle around the tip alone, --roi"
     )
