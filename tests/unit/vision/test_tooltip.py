@@ -138,7 +138,7 @@ def test_of_two_tips_the_larger_is_taken_and_the_other_is_named():
     images = [drawn(rng, *tips, shape=(160, 260)), drawn(rng, *tips, shape=(160, 260))]
     rectangle = Rectangle(row=55, column=60, rows=50, columns=105)
     measured = sensitive_range([0.0, 1.0], images, pixel_m=PIXEL_M, rectangle=rectangle)
-    assert "two bright regions in the rectangle" in measured.remark
+    assert "two bright regions near one another" in measured.remark
     assert measured.frames[0].tip.column == pytest.approx(80, abs=1)
     alone = sensitive_range(
         [0.0, 1.0], images, pixel_m=PIXEL_M, rectangle=Rectangle(row=65, column=65, rows=30, columns=30)
