@@ -85,7 +85,7 @@ def turned(path: Path, frames: np.ndarray, stated: tuple[str, ...] | None, *, an
     orders = [order for order in permutations(AXES) if _fits(frames.shape, order, angles)]
     by_axis = dict(zip(axes, frames.shape, strict=True))
     if angles not in (None, by_axis["angles"]) or 0 in frames.shape:
-        offer = f"; state their order: --axes {_choice(orders)}" if orders else ""
+        offer = f"; state their order: --axes {_choice(orders)}" if orders and 0 not in frames.shape else ""
         given = "" if angles is None else f" for {angles} angles"
         raise RecordError(f"{path}: frames has the shape {frames.shape}{given}; {expected}{offer}")
     if stated is None and axes not in orders:
@@ -126,14 +126,15 @@ def without_channels_of(path: Path, frames: np.ndarray, stated: tuple[int, ...])
     left_out = np.isin(np.arange(1, channels + 1), stated)
     said = [f"channel {number} is left out, as asked" for number in sorted(set(stated))]
     few = max(1, int(_FEW_CHANNELS * channels))
-    if frames.dtype.kind == "f":
+    if frames.dtype.kind in "fc":
         broken = ~np.isfinite(frames).all(axis=2)
         # A frame without a single number is no matter of its channels.
         somewhere = broken[~broken.all(axis=1)].any(axis=0) & ~left_out
         if 0 < somewhere.sum() <= few:
             left_out |= somewhere
             said += [f"channel {number} holds NaN or infinity, and is left out" for number in _numbers_of(somewhere)]
-    looked_at = frames[:: max(1, len(frames) // _LOOKED_AT)].astype(np.float64)
+    looked_at = frames[:: max(1, len(frames) // _LOOKED_AT)]
+    looked_at = (looked_at.real if looked_at.dtype.kind == "c" else looked_at).astype(np.float64)
     with warnings.catch_warnings():
         # Of a channel, or frame, of NaN alone.
         warnings.simplefilter("ignore", RuntimeWarning)
