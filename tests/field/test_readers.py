@@ -239,7 +239,7 @@ def test_equal_axes_ask(shell: Shell, tmp_path: Path, frames: np.ndarray, angles
     np.savez(path, frames=square, angle_deg=angles_deg, sampling_hz=SAMPLING_HZ)
     said = refused(shell, path)
     assert "axes of equal length do not show which is which" in said
-    assert "--axes angles,channels,samples or channels,angles,samples" in said
+    assert "--axes angles,channels,samples or channels,angles,samples (of 'markerseek bank import')" in said
     np.testing.assert_array_equal(first_frame(path, "angles,channels,samples"), square[0])
     np.testing.assert_array_equal(first_frame(path, "channels,angles,samples"), square[:, 0])
 

@@ -72,6 +72,9 @@ def _is_number(text: str) -> bool:
     return True
 
 
+_OPTION_OF = " (of 'markerseek bank import')"
+
+
 def turned(path: Path, frames: np.ndarray, stated: tuple[str, ...] | None, *, angles: int | None) -> np.ndarray:
     """Frames with their axes in our order; a message names the orders that would fit.
 
@@ -85,7 +88,7 @@ def turned(path: Path, frames: np.ndarray, stated: tuple[str, ...] | None, *, an
     orders = [order for order in permutations(AXES) if _fits(frames.shape, order, angles)]
     by_axis = dict(zip(axes, frames.shape, strict=True))
     if angles not in (None, by_axis["angles"]) or 0 in frames.shape:
-        offer = f"; state their order: --axes {_choice(orders)}" if orders and 0 not in frames.shape else ""
+        offer = f"; state their order: --axes {_choice(orders)}{_OPTION_OF}" if orders and 0 not in frames.shape else ""
         given = "" if angles is None else f" for {angles} angles"
         raise RecordError(f"{path}: frames has the shape {frames.shape}{given}; {expected}{offer}")
     if stated is None and axes not in orders:
@@ -93,12 +96,13 @@ def turned(path: Path, frames: np.ndarray, stated: tuple[str, ...] | None, *, an
             f"{path}: frames has the shape {frames.shape}, so that {by_axis['channels']} channels would have "
             f"{by_axis['samples']} samples each: if the record is so short, state it, --axes {','.join(axes)}"
             + (f"; else state the order of the axes, --axes {_choice(orders)}" if orders else "")
+            + _OPTION_OF
         )
     alike = [order for order in orders if dict(zip(order, frames.shape, strict=True)) == by_axis]
     if stated is None and len(alike) > 1:
         raise RecordError(
             f"{path}: frames has the shape {frames.shape}, and axes of equal length do not show which is which; state "
-            f"their order: --axes {_choice(alike)}"
+            f"their order: --axes {_choice(alike)}{_OPTION_OF}"
         )
     return np.transpose(frames, [axes.index(each) for each in AXES])
 
