@@ -248,6 +248,7 @@ def test_plain_json_with_other_names_is_read(tmp_path: Path) -> None:
         ({"R": np.eye(3) * 2}, "rotation .R. is no rotation"),
         ({"D1": np.zeros(3)}, "holds 3 numbers, 4 or 5 or 8"),
         ({"M1": MATRIX * np.nan}, "9 finite ones are expected"),
+        ({"M2": RIGHT.T}, "right camera matrix has the rows 0 1101 0 and 640 505 1 .* MATLAB writes it transposed"),
     ],
 )
 def test_what_is_no_calibration_of_opencv_says_why(tmp_path: Path, changes: dict[str, object], said: str) -> None:
@@ -258,8 +259,18 @@ def test_what_is_no_calibration_of_opencv_says_why(tmp_path: Path, changes: dict
 
 def test_text_that_opencv_cannot_read_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.yml").write_text("%YAML:1.0\n---\nM1: [1, 2")
-    with pytest.raises(ConfigError, match=r"a\.yml: OpenCV cannot read it"):
-        read_stereo([tmp_path / "a.yml"], calibration_sigma_px=0.2)
+    (tmp_path / "deep.json").write_text(f'{{"M1": {"[" * 3000}{"]" * 3000}}}')
+    for name in ("a.yml", "deep.json"):
+        with pytest.raises(ConfigError, match=f"{name}: OpenCV cannot read it"):
+            read_stereo([tmp_path / name], calibration_sigma_px=0.2)
+
+
+def test_two_calibrations_of_opencv_are_not_mixed(tmp_path: Path) -> None:
+    first, second = written(tmp_path / "a.yml", opencv_values()), written(tmp_path / "b.yml", opencv_values())
+    assert read_stereo([first, second], calibration_sigma_px=0.2).left.size_px == SENSOR
+    written(second, opencv_values() | {"D2": DISTORTION * 0.5})
+    with pytest.raises(ConfigError, match=r"b\.yml: the right distortion differs from that of .*a\.yml"):
+        read_stereo([first, second], calibration_sigma_px=0.2)
 
 
 @pytest.mark.parametrize(("more", "said"), [((0.0, 0.0, 0.0), None), ((0.0, 0.1, 0.0), "8 coefficients, five are")])

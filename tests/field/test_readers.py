@@ -239,7 +239,7 @@ def test_equal_axes_ask(shell: Shell, tmp_path: Path, frames: np.ndarray, angles
     np.savez(path, frames=square, angle_deg=angles_deg, sampling_hz=SAMPLING_HZ)
     said = refused(shell, path)
     assert "axes of equal length do not show which is which" in said
-    assert "--axes angles,channels,samples or channels,angles,samples" in said
+    assert "--axes angles,channels,samples or channels,angles,samples (of 'markerseek bank import')" in said
     np.testing.assert_array_equal(first_frame(path, "angles,channels,samples"), square[0])
     np.testing.assert_array_equal(first_frame(path, "channels,angles,samples"), square[:, 0])
 
@@ -288,3 +288,62 @@ def test_damage_is_called_a_change_of_a_checksum_only(shell: Shell, tmp_path: Pa
     said = refused(shell, path, *STEPS)
     assert "ad_sampling_rate holds 2 numbers" in said
     assert "changed since" not in said
+
+
+def iq_of(frames: np.ndarray) -> np.ndarray:
+    time_s = np.arange(frames.shape[2]) / SAMPLING_HZ
+    return np.asarray(hilbert(frames.astype(float), axis=2) * np.exp(-2j * np.pi * 7e6 * time_s))
+
+
+@pytest.mark.parametrize("wrong", ["NaN", "noise", "by hand"])
+def test_channels_of_iq_data_are_left_out(
+    shell: Shell, tmp_path: Path, frames: np.ndarray, angles_deg: np.ndarray, wrong: str
+) -> None:
+    iq, words = iq_of(frames), ("--without-channel", "41") if wrong == "by hand" else ()
+    # Twice as loud as the marker: the mean over the channels shows it.
+    noise = np.random.default_rng(1).normal(0.0, 8000.0, iq[:, 40].shape)
+    iq[:, 40] += np.nan if wrong == "NaN" else noise
+    np.savez(tmp_path / "scan.npz", frames=iq, angle_deg=angles_deg)
+    assert "channel 41 " in imported(shell, tmp_path / "scan.npz", *words)
+    assert info(shell, tmp_path / "bank.hdf5")["cen_deg"] == pytest.approx(MARKER_DEG, abs=0.3)
+
+
+def test_variables_of_hdf5_are_named(shell: Shell, tmp_path: Path, frames: np.ndarray, angles_deg: np.ndarray) -> None:
+    path = tmp_path / "scan.h5"
+    with h5py.File(path, "w") as file:
+        file["rf"], file["theta"], file["note"], file["more/x"] = frames, angles_deg, "of Monday", 1
+    said = refused(shell, path)
+    assert "intensity or frames expected, it holds rf int16 (12, 128, 2080), theta float64 (12,)" in said
+    assert "what cannot be read: more (group or link), note (object); name its variables, --columns" in said
+    assert answer_deg(shell, path, "--columns", "theta,rf") == pytest.approx(MARKER_DEG, abs=0.1)
+    imported(shell, ipasc(tmp_path / "ipasc.hdf5", frames), *STEPS)
+    assert "it is no CSV" in shell("bank", "info", tmp_path / "bank.hdf5", "--skip-invalid")[2]
+
+
+def test_complex_numbers_of_another_program(
+    shell: Shell, tmp_path: Path, frames: np.ndarray, angles_deg: np.ndarray
+) -> None:
+    """HDF5 has none of its own: h5py calls the parts r and i, MATLAB and others real and imag."""
+    iq = iq_of(frames)
+    pairs = np.empty(iq.shape, [("real", "f4"), ("imag", "f4")])
+    pairs["real"], pairs["imag"] = iq.real, iq.imag
+    path = tmp_path / "scan.h5"
+    with h5py.File(path, "w") as file:
+        file["frames"], file["angle_deg"] = pairs, angles_deg
+    assert answer_deg(shell, path) == pytest.approx(MARKER_DEG, abs=0.3)
+
+
+def test_a_dataset_in_another_file_is_called_so(shell: Shell, tmp_path: Path, angles_deg: np.ndarray) -> None:
+    path, raw = tmp_path / "scan.h5", tmp_path / "raw.bin"
+    raw.write_bytes(bytes(12 * 128 * 2080 * 2))
+    with h5py.File(path, "w") as file:
+        file.create_dataset("frames", (12, 128, 2080), "i2", external=[(raw, 0, h5py.h5f.UNLIMITED)])
+        file["angle_deg"] = angles_deg
+    assert "frames lies in another file" in refused(shell, path)
+
+
+def test_no_order_of_axes_is_offered_for_nothing(shell: Shell, tmp_path: Path, frames: np.ndarray) -> None:
+    np.savez(tmp_path / "scan.npz", frames=frames[:0], angle_deg=np.empty(0))
+    said = refused(shell, tmp_path / "scan.npz")
+    assert "frames has the shape (0, 128, 2080) for 0 angles" in said
+    assert "--axes" not in said

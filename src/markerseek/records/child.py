@@ -23,7 +23,10 @@ Reader: TypeAlias = Callable[[Path], object]
 """Function of a module, which the child imports by its name."""
 
 LIMIT_S, PROCESSOR_LIMIT_S = 60.0, 5
-"""Longest time for one file, and of it on the processor, in seconds."""
+"""Longest time for one small file, and of it on the processor, in seconds."""
+
+_LEAST_BYTES_PER_S = 10_000_000
+"""A larger file may take longer: slowest reading of packed numbers, in bytes of the file."""
 
 MAX_PER_BYTE = 32
 """Most bytes of memory for each byte of a file; a compressed file that needs more is refused."""
@@ -33,6 +36,9 @@ _ROOM_BYTES = 1 << 29
 
 _OUT_OF_MEMORY = 3
 """Exit code."""
+
+_PROCESSOR_TIME_OVER = 24
+"""Number of SIGXCPU, which Windows does not have."""
 
 _tried: set[tuple[str, Path, int, int]] = set()
 """Readers and the files that they lived through, with size in bytes and time of change in nanoseconds."""
@@ -57,7 +63,7 @@ def try_files(reader: Reader, paths: Sequence[Path]) -> None:
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             # RLIMIT_CPU does not count a read that blocks, on a network disk for example.
-            timeout=LIMIT_S * len(left),
+            timeout=sum(LIMIT_S + _more_s(size) for _, _, size, _ in left),
             # Each thread of the linear algebra would ask for memory, and there is nothing to compute.
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
             check=False,
@@ -65,9 +71,11 @@ def try_files(reader: Reader, paths: Sequence[Path]) -> None:
         survived = len(done.stdout)
         if done.returncode == _OUT_OF_MEMORY:
             reason = "reading it takes far more memory than it has bytes; it is damaged"
+        elif done.returncode == -_PROCESSOR_TIME_OVER:
+            reason = "reading it takes far more time than its size explains; it is damaged: scan, or save it, again"
     except subprocess.TimeoutExpired as problem:
         survived = len(problem.stdout or b"")
-        reason = f"reading it takes more than {LIMIT_S:g} s; it is damaged, or its disk does not answer"
+        reason = f"reading it takes more than {problem.timeout:g} s; it is damaged, or its disk does not answer"
     except OSError as problem:
         survived, reason = 0, f"it cannot be read, no process can be started: {problem.strerror}"
     _tried.update(left[:survived])
@@ -96,6 +104,11 @@ def _serve(name: str) -> None:
         os.write(answers, b".")
 
 
+def _more_s(size_bytes: int) -> int:
+    """Time in seconds that a file may take for its size."""
+    return size_bytes // _LEAST_BYTES_PER_S
+
+
 def _limit(size_bytes: int) -> None:
     """Limit memory and processor time for a file, beyond what is used already."""
     try:
@@ -106,7 +119,7 @@ def _limit(size_bytes: int) -> None:
     except (ImportError, OSError, ValueError):
         return
     memory_bytes = pages * resource.getpagesize() + MAX_PER_BYTE * size_bytes + _ROOM_BYTES
-    seconds = int(time.process_time()) + PROCESSOR_LIMIT_S
+    seconds = int(time.process_time()) + PROCESSOR_LIMIT_S + _more_s(size_bytes)
     for kind, limit in ((resource.RLIMIT_AS, memory_bytes), (resource.RLIMIT_CPU, seconds)):
         _, hard = resource.getrlimit(kind)
         # The soft limit alone: it is raised for the next file.

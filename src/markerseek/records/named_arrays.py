@@ -184,18 +184,25 @@ def read_mat73(path: Path) -> dict[str, np.ndarray]:
 def plain_arrays(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
     """The arrays at the top level of an HDF5 file that is of no known format."""
     cure = "save it without compression"
-    return {name: np.asarray(item[()], item.dtype.newbyteorder("=")) for name, item in _numeric(path, file, cure=cure)}
+    arrays = NamedArrays((name, _values(item)) for name, item in _numeric(path, file, cure=cure))
+    arrays.left_out = tuple(
+        f"{name[:40]} ({file.opened[name].dtype if name in file.datasets() else 'group or link'})"
+        for name in file.names("")
+        if name not in arrays
+    )
+    return arrays
 
 
 def _numeric(path: Path, file: CheckedHdf5, *, cure: str) -> Iterator[tuple[str, h5py.Dataset]]:
     """The datasets at the top level that hold numbers."""
     unpacked_bytes = 0
     for name in file.datasets():
-        if _is_numeric(item := file.opened[name]):
+        if _is_numeric(file.opened[name]):
+            item = file.dataset(name)
             # All arrays together, because all of them come back at once.
             unpacked_bytes += math.prod(item.shape) * item.dtype.itemsize
             _require_small(path, unpacked_bytes, cure=cure)
-            yield name, file.dataset(name)
+            yield name, item
 
 
 def _kind_of(file: CheckedHdf5, name: str) -> str:
@@ -221,7 +228,12 @@ def _matlab_values(item: h5py.Dataset) -> np.ndarray:
     # Of an empty array the dataset holds the shape, not values.
     if "MATLAB_empty" in item.attrs:
         return np.empty(0)
+    return _values(item).T
+
+
+def _values(item: h5py.Dataset) -> np.ndarray:
+    """Values in the byte order of this machine; a pair of real and imaginary parts is one number."""
     if item.dtype.names == ("real", "imag"):
         pairs = item[()]
-        return np.asarray(pairs["real"] + 1j * pairs["imag"]).T
-    return np.asarray(item[()], dtype=item.dtype.newbyteorder("=")).T
+        return np.asarray(pairs["real"] + 1j * pairs["imag"])
+    return np.asarray(item[()], dtype=item.dtype.newbyteorder("="))

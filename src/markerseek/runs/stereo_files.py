@@ -178,7 +178,13 @@ def _of_opencv(found: dict[str, Float64[np.ndarray, " numbers"]], calibration_si
     )
 
     def camera(side: str) -> Camera:
-        fx, skew, cx, _, fy, cy, *_ = numbers_of(found, f"{side} camera matrix", 9).tolist()
+        fx, skew, cx, second, fy, cy, *third = numbers_of(found, f"{side} camera matrix", 9).tolist()
+        if (second, *third) != (0, 0, 0, 1):
+            rows = f"{second:g} {fy:g} {cy:g} and {' '.join(f'{each:g}' for each in third)}"
+            raise ConfigError(
+                f"the {side} camera matrix has the rows {rows} behind the first, 0 fy cy and 0 0 1 are expected: "
+                "MATLAB writes it transposed; exchange its rows and columns, and those of R"
+            )
         _require_square(f"{side} camera matrix: skew", skew)
         name = f"{side} distortion"
         return Camera(

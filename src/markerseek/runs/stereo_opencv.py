@@ -45,15 +45,23 @@ def read_opencv(paths: Sequence[Path], texts: Sequence[str]) -> dict[str, Float6
         import cv2
     found: dict[str, Float64[np.ndarray, " numbers"]] = {}
     for path, text in zip(paths, texts, strict=True):
+        others: list[str] = []
         try:
             storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
             for what, names in NAMES.items():
                 nodes = [node for node in map(storage.getNode, names) if not node.empty()]
-                if nodes:
-                    found.setdefault(what, np.array(_numbers(nodes[0]), dtype=np.float64))
+                if not nodes:
+                    continue
+                numbers = np.array(_numbers(nodes[0]), dtype=np.float64)
+                if not np.array_equal(numbers, found.setdefault(what, numbers), equal_nan=True):
+                    others.append(what)
         # OpenCV's own error comes wrapped in others.
-        except (cv2.error, SystemError, TypeError, ValueError) as problem:
+        except (cv2.error, SystemError, TypeError, ValueError, RecursionError) as problem:
             raise ConfigError(f"{path}: OpenCV cannot read it; save the calibration again") from problem
+        if others:
+            raise ConfigError(
+                f"{path}: the {others[0]} differs from that of {paths[0]}; name the files of one calibration only"
+            )
     return found
 
 

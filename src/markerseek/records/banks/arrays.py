@@ -132,13 +132,9 @@ def bank_of_arrays(
             f"{path}: a first angle and a step, or a file of angles, are for frames or intensities without angles, it "
             f"holds {held}"
         )
-    if frames and values.dtype.kind == "c":
-        values, frames = _of_iq(path, values), False
-    values = (
-        without_channels_of(path, values, layout.without_channels)
-        if frames
-        else _intensities(path, values, degrees.size)
-    )
+    if frames:
+        values, frames = _of_channels(path, values, layout.without_channels)
+    values = values if frames else _intensities(path, values, degrees.size)
     kept = _valid(path, degrees, values, table)
     if NUMBERS in arrays:
         # Only now: a frame that was lost has its place in the scan.
@@ -201,6 +197,12 @@ def _frame_bank(
     )
 
 
+def _of_channels(path: Path, frames: np.ndarray, left_out: tuple[int, ...]) -> tuple[np.ndarray, bool]:
+    """Frames without the channels that are left out, of IQ data their intensities; and whether they are frames."""
+    kept = without_channels_of(path, frames, left_out)
+    return (_of_iq(path, kept), False) if kept.dtype.kind == "c" else (kept, True)
+
+
 def _of_iq(path: Path, frames: np.ndarray) -> np.ndarray:
     """Intensities of IQ data, whose carrier is not known: the mean over the channels of their largest magnitudes."""
     warnings.warn(
@@ -209,11 +211,6 @@ def _of_iq(path: Path, frames: np.ndarray) -> np.ndarray:
         stacklevel=3,
     )
     return np.asarray(np.abs(frames).max(axis=2).mean(axis=1), dtype=np.float64)
-
-
-def holds_scan(arrays: Mapping[str, np.ndarray]) -> bool:
-    """Whether some arrays have the names of frames or intensities."""
-    return any(name in arrays for name in ("frames", *_INTENSITIES))
 
 
 def _named(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -72,6 +72,9 @@ def _is_number(text: str) -> bool:
     return True
 
 
+_OPTION_OF = " (of 'markerseek bank import')"
+
+
 def turned(path: Path, frames: np.ndarray, stated: tuple[str, ...] | None, *, angles: int | None) -> np.ndarray:
     """Frames with their axes in our order; a message names the orders that would fit.
 
@@ -85,7 +88,7 @@ def turned(path: Path, frames: np.ndarray, stated: tuple[str, ...] | None, *, an
     orders = [order for order in permutations(AXES) if _fits(frames.shape, order, angles)]
     by_axis = dict(zip(axes, frames.shape, strict=True))
     if angles not in (None, by_axis["angles"]) or 0 in frames.shape:
-        offer = f"; state their order: --axes {_choice(orders)}" if orders else ""
+        offer = f"; state their order: --axes {_choice(orders)}{_OPTION_OF}" if orders and 0 not in frames.shape else ""
         given = "" if angles is None else f" for {angles} angles"
         raise RecordError(f"{path}: frames has the shape {frames.shape}{given}; {expected}{offer}")
     if stated is None and axes not in orders:
@@ -93,12 +96,13 @@ def turned(path: Path, frames: np.ndarray, stated: tuple[str, ...] | None, *, an
             f"{path}: frames has the shape {frames.shape}, so that {by_axis['channels']} channels would have "
             f"{by_axis['samples']} samples each: if the record is so short, state it, --axes {','.join(axes)}"
             + (f"; else state the order of the axes, --axes {_choice(orders)}" if orders else "")
+            + _OPTION_OF
         )
     alike = [order for order in orders if dict(zip(order, frames.shape, strict=True)) == by_axis]
     if stated is None and len(alike) > 1:
         raise RecordError(
             f"{path}: frames has the shape {frames.shape}, and axes of equal length do not show which is which; state "
-            f"their order: --axes {_choice(alike)}"
+            f"their order: --axes {_choice(alike)}{_OPTION_OF}"
         )
     return np.transpose(frames, [axes.index(each) for each in AXES])
 
@@ -126,14 +130,15 @@ def without_channels_of(path: Path, frames: np.ndarray, stated: tuple[int, ...])
     left_out = np.isin(np.arange(1, channels + 1), stated)
     said = [f"channel {number} is left out, as asked" for number in sorted(set(stated))]
     few = max(1, int(_FEW_CHANNELS * channels))
-    if frames.dtype.kind == "f":
+    if frames.dtype.kind in "fc":
         broken = ~np.isfinite(frames).all(axis=2)
         # A frame without a single number is no matter of its channels.
         somewhere = broken[~broken.all(axis=1)].any(axis=0) & ~left_out
         if 0 < somewhere.sum() <= few:
             left_out |= somewhere
             said += [f"channel {number} holds NaN or infinity, and is left out" for number in _numbers_of(somewhere)]
-    looked_at = frames[:: max(1, len(frames) // _LOOKED_AT)].astype(np.float64)
+    looked_at = frames[:: max(1, len(frames) // _LOOKED_AT)]
+    looked_at = (looked_at.real if looked_at.dtype.kind == "c" else looked_at).astype(np.float64)
     with warnings.catch_warnings():
         # Of a channel, or frame, of NaN alone.
         warnings.simplefilter("ignore", RuntimeWarning)

@@ -10,7 +10,7 @@ import numpy as np
 
 from markerseek.core import ConfigError, RecordError
 from markerseek.files import as_read_error, quoted, require_input
-from markerseek.records.banks.arrays import bank_of_arrays, holds_scan, read_arrays
+from markerseek.records.banks.arrays import bank_of_arrays, read_arrays
 from markerseek.records.banks.bank import HDF5_SUFFIXES, FrameBank, IntensityBank, record_of, without_channels
 from markerseek.records.banks.frames import read_folder
 from markerseek.records.banks.ipasc.fields import ANGLES, FRAMES
@@ -63,12 +63,10 @@ def read_bank(
             return read_arrays(path, table, layout, blanked=blanked)
         is_hdf5 = path.is_file() and suffix in HDF5_SUFFIXES
         is_table = not (is_hdf5 or path.is_dir() or is_sequence(path))
-        if table != DEFAULT_FORMAT and not is_table:
-            raise ConfigError(
-                f"{path}: it is no CSV, and columns, units and rows to be left out are of a CSV; leave them out"
-            )
         if is_hdf5:
-            return read_hdf5(path, layout, blanked=blanked)
+            return read_hdf5(path, table, layout, blanked=blanked)
+        if table != DEFAULT_FORMAT and not is_table:
+            raise ConfigError(f"{path}: {_OF_A_TABLE}; leave them out")
         if arranged != USUAL_LAYOUT:
             raise ConfigError(
                 f"{path}: {_ARRANGED} are for arrays and HDF5; this recording has its angles; leave them out"
@@ -81,14 +79,18 @@ def read_bank(
     return without_channels(bank, path, layout.without_channels)
 
 
+_OF_A_TABLE = "it is no CSV, and columns, units and rows to be left out are of a CSV"
 _ARRANGED = "--first-deg, --step-deg, --angles, --axes and --first-frame"
 
 
-def read_hdf5(path: Path, layout: Layout = USUAL_LAYOUT, *, blanked: int = 0) -> IntensityBank | FrameBank:
+def read_hdf5(
+    path: Path, table: TableFormat = DEFAULT_FORMAT, layout: Layout = USUAL_LAYOUT, *, blanked: int = 0
+) -> IntensityBank | FrameBank:
     """Bank in an HDF5 file.
 
     One of IPASC with angles keeps its frames on disk (`read_probed`). One of IPASC without angles, one of zea, and one
-    with ``frames`` or ``intensity`` at its top level is read into memory. ``layout``: as of `read_arrays`.
+    with ``frames`` or ``intensity`` at its top level is read into memory. ``table``, ``layout``: as of
+    `read_arrays`.
     """
     with as_read_error(path):
         require_input(path, most_bytes=_LARGEST_BYTES)
@@ -96,8 +98,10 @@ def read_hdf5(path: Path, layout: Layout = USUAL_LAYOUT, *, blanked: int = 0) ->
     with as_read_error(path):
         try_files(walk_hdf5, [path])
     arrays, ordered = _arrays(path)
-    if arrays:
-        return bank_of_arrays(path, arrays, layout=layout, ordered=ordered, blanked=blanked)
+    if arrays is not None:
+        return bank_of_arrays(path, arrays, table, layout, ordered=ordered, blanked=blanked)
+    if table != DEFAULT_FORMAT:
+        raise ConfigError(f"{path}: {_OF_A_TABLE}; leave them out")
     if replace(layout, without_channels=()) != USUAL_LAYOUT:
         raise ConfigError(
             f"{path}: {_ARRANGED} are for frames without angles; this recording has its angles; leave them out"
@@ -105,20 +109,20 @@ def read_hdf5(path: Path, layout: Layout = USUAL_LAYOUT, *, blanked: int = 0) ->
     return without_channels(read_probed(path, blanked=blanked), path, layout.without_channels)
 
 
-def _arrays(path: Path) -> tuple[Mapping[str, np.ndarray], bool]:
-    """Arrays of a file that is no bank of IPASC with angles, and whether their axes have our order."""
+def _arrays(path: Path) -> tuple[Mapping[str, np.ndarray] | None, bool]:
+    """Arrays of a file that is no bank of IPASC with angles, else None, and whether their axes have our order."""
     if arrays := zea_arrays(path):
         return arrays, True
     with as_bank_error(path), CheckedHdf5(path) as file:
         if arrays := arrays_without_angles(path, file):
             return arrays, True
-        named = {} if file.has(FRAMES) or file.has(ANGLES) else plain_arrays(path, file)
-        return (named if holds_scan(named) else {}), False
+        of_ipasc = any(map(file.has, (FRAMES, ANGLES, "meta_data")))
+        return (None if of_ipasc else plain_arrays(path, file)), False
 
 
 def walk_hdf5(path: Path) -> None:
     """Read as much of an HDF5 file as a bank of it needs."""
-    if not _arrays(path)[0]:
+    if _arrays(path)[0] is None:
         walk_bank(path)
 
 
