@@ -85,6 +85,7 @@ def readers(tmp_path, monkeypatch):
 
 OUT_OF_BOUNDS = """
 import os
+import time
 import numpy as np
 
 def dies(path):
@@ -95,6 +96,10 @@ def fills_the_memory(path):
 
 def computes_for_ever(path):
     while True:
+        pass
+
+def computes_for_long(path):
+    while time.process_time() < 7:
         pass
 
 def fails(path):
@@ -116,7 +121,7 @@ def prints(path):
     [
         ("dies", "breaks down"),
         ("fills_the_memory", "far more memory than it has bytes"),
-        ("computes_for_ever", "breaks down"),
+        ("computes_for_ever", "far more time than its size explains"),
     ],
 )
 def test_a_reader_that_goes_out_of_bounds_is_a_refusal_of_its_file(tmp_path, readers, reader, said):
@@ -129,6 +134,16 @@ def test_a_reader_that_goes_out_of_bounds_is_a_refusal_of_its_file(tmp_path, rea
 def test_what_a_reader_raises_or_prints_is_no_refusal(tmp_path, readers, reader):
     (tmp_path / "a.npy").write_bytes(b"a")
     try_files(getattr(readers, reader), [tmp_path / "a.npy"])
+
+
+def test_a_larger_file_may_take_longer(tmp_path, readers):
+    """1 GB of packed frames takes some 10 s."""
+    for name, size in (("small", 1), ("large", 100_000_000)):
+        with (tmp_path / f"{name}.h5").open("wb") as file:
+            file.truncate(size)
+    try_files(readers.computes_for_long, [tmp_path / "large.h5"])
+    with pytest.raises(RecordError, match="far more time"):
+        try_files(readers.computes_for_long, [tmp_path / "small.h5"])
 
 
 def test_one_child_tries_many_files_and_names_the_one_that_it_dies_of(tmp_path, readers):

@@ -197,12 +197,12 @@ def _numeric(path: Path, file: CheckedHdf5, *, cure: str) -> Iterator[tuple[str,
     """The datasets at the top level that hold numbers."""
     unpacked_bytes = 0
     for name in file.datasets():
-        if _is_numeric(file.opened[name]):
-            item = file.dataset(name)
-            # All arrays together, because all of them come back at once.
-            unpacked_bytes += math.prod(item.shape) * item.dtype.itemsize
-            _require_small(path, unpacked_bytes, cure=cure)
-            yield name, item
+        if _is_numeric(item := file.opened[name]):
+            # All arrays together, because all of them come back at once; `dataset` refuses those of other files.
+            if not (item.is_virtual or item.external):
+                unpacked_bytes += math.prod(item.shape) * item.dtype.itemsize
+                _require_small(path, unpacked_bytes, cure=cure)
+            yield name, file.dataset(name)
 
 
 def _kind_of(file: CheckedHdf5, name: str) -> str:

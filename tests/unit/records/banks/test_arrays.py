@@ -74,11 +74,11 @@ def test_an_npy_of_two_columns_and_one_of_frames(tmp_path):
         ({"angle_deg": ANGLES, "frames": FRAMES[:3]}, "for 4 angles"),
         (
             {"angle_deg": ANGLES, "frames": FRAMES.transpose(0, 2, 1)},
-            "30 channels would have 8 samples each: .* --axes angles,samples,channels$",
+            "30 channels would have 8 samples each: .* --axes angles,samples,channels .of",
         ),
         (
             {"angle_deg": ANGLES, "frames": FRAMES.transpose(1, 2, 0)},
-            "state their order: --axes channels,samples,angles$",
+            "state their order: --axes channels,samples,angles .of",
         ),
         (
             {"angle_deg": ANGLES, "intensity": INTENSITIES, "sampling_hz": INTENSITIES},
