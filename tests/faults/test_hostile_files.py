@@ -136,6 +136,7 @@ def test_what_a_reader_raises_or_prints_is_no_refusal(tmp_path, readers, reader)
     try_files(getattr(readers, reader), [tmp_path / "a.npy"])
 
 
+@pytest.mark.long
 def test_a_larger_file_may_take_longer(tmp_path, readers):
     """1 GB of packed frames takes some 10 s."""
     for name, size in (("small", 1), ("large", 100_000_000)):

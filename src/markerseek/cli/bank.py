@@ -35,7 +35,10 @@ _INFO_EXAMPLES = (
 @with_values
 def info(
     bank: Annotated[
-        Path, typer.Argument(help="IPASC HDF5, CSV of angle_deg,intensity, or folder with one frame per angle.")
+        Path,
+        typer.Argument(
+            help="HDF5, NumPy or MATLAB arrays, CSV of angle_deg,intensity, sequence, or folder with one frame per angle."
+        ),
     ],
     table: TableOptions,
     probe: Annotated[

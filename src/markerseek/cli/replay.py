@@ -27,7 +27,8 @@ def command(
     bank: Annotated[
         Path,
         typer.Argument(
-            help="Bank: IPASC HDF5, CSV of angle_deg,intensity, or a folder with one SonixDAQ sub-folder per angle."
+            help="HDF5, NumPy or MATLAB arrays, CSV of angle_deg,intensity, sequence of PLUS, or a folder with one "
+            "SonixDAQ sub-folder per angle."
         ),
     ],
     options: PlanOptions,
