@@ -37,7 +37,7 @@ def info(
     bank: Annotated[
         Path,
         typer.Argument(
-            help="HDF5, NumPy or MATLAB arrays, CSV of angle_deg,intensity, sequence, or folder with one frame per angle."
+            help="HDF5, NumPy or MATLAB arrays, CSV of angle_deg,intensity, or folder with one frame per angle."
         ),
     ],
     table: TableOptions,
