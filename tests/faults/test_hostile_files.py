@@ -23,18 +23,21 @@ from markerseek.records.banks import read_bank
 from markerseek.records.banks.ipasc.reading import read_probed
 from markerseek.records.child import try_files
 from tests.faults.decoders import DECODERS, IN_THIS_PROCESS, outcome, zip_bomb
+from tests.faults.journal_decoders import JOURNALS
 from tests.sizes import examples
 
 CORPUS = Path(__file__).parent / "corpus"
 HDF5 = ("hdf5", "mat73")
-IN_PROCESS = sorted(set(DECODERS) - set(HDF5))
+FILES = DECODERS | JOURNALS
+IN_PROCESS = sorted(set(FILES) - set(HDF5))
+WHOLE = IN_THIS_PROCESS | JOURNALS
 ROOM_BYTES = 3_000_000
 
 
-@pytest.mark.parametrize("decoder", sorted(IN_THIS_PROCESS))
+@pytest.mark.parametrize("decoder", sorted(WHOLE))
 def test_a_whole_file_is_read(tmp_path, decoder):
     """Without it the other tests could not fail: a reader that refused everything would pass them."""
-    name, whole, read = IN_THIS_PROCESS[decoder]
+    name, whole, read = WHOLE[decoder]
     assert outcome(read, tmp_path / name, whole()) == "read"
 
 
@@ -46,7 +49,7 @@ def test_a_whole_file_is_read(tmp_path, decoder):
 )
 @given(data=st.data(), decoder=st.sampled_from(IN_PROCESS))
 def test_damaged_bytes_are_read_or_refused(tmp_path, data, decoder):
-    name, whole, read = DECODERS[decoder]
+    name, whole, read = FILES[decoder]
     damaged = bytearray(whole())
     for _ in range(data.draw(st.integers(1, 8))):
         damaged[data.draw(st.integers(0, len(damaged) - 1))] = data.draw(st.integers(0, 255))
@@ -59,7 +62,7 @@ def test_damaged_bytes_are_read_or_refused(tmp_path, data, decoder):
 @given(data=st.binary(max_size=300), decoder=st.sampled_from(IN_PROCESS))
 @example(data=b"", decoder="csv")
 def test_any_bytes_are_read_or_refused(tmp_path, data, decoder):
-    name, _, read = DECODERS[decoder]
+    name, _, read = FILES[decoder]
     assert outcome(read, tmp_path / name, data) in ("read", "refused")
 
 
