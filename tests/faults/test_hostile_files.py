@@ -7,7 +7,6 @@ this, by the name of the decoder; ``tests/faults/fuzz.py`` searches for more.
 from __future__ import annotations
 
 import importlib
-import os
 import sys
 import tracemalloc
 from pathlib import Path
@@ -338,13 +337,6 @@ def test_a_child_that_takes_too_long_is_a_refusal(tmp_path, monkeypatch):
     monkeypatch.setattr("markerseek.records.child.LIMIT_S", 0.01)
     with pytest.raises(RecordError, match="takes more than"):
         read(tmp_path / name)
-
-
-@pytest.mark.parametrize("name", ["a.hdf5", "a.csv", "a.h5"])
-def test_pipes_are_not_waited_for(tmp_path, name):
-    os.mkfifo(tmp_path / name)
-    with pytest.raises(RecordError, match="not a regular file"):
-        read_bank(tmp_path / name)
 
 
 def test_a_folder_that_may_not_be_read_is_a_refusal(tmp_path, monkeypatch):
