@@ -18,7 +18,6 @@ from markerseek.bridges import ChildRun, Outcome, Searches, SearchOptions, Searc
 from markerseek.core import ConfigError, Measured, SearchError, SearchPlan
 from markerseek.records.journal import Configuration, Entry, Interrupted, JournalItem, read_journal
 from markerseek.runs import new_session, plan_on
-from tests.emulated import emulation
 
 SEED = 3
 
@@ -113,16 +112,6 @@ def test_26_7_a_child_whose_bridge_is_killed_or_hangs_stops_the_search_within_5_
     assert ready
     last = read_journal(journal).entries[-1].event
     assert last == Interrupted(reason="another program (SIGTERM)")
-
-
-def test_a_bench_that_nobody_arms_ends_with_exit_code_4_and_a_sentence(tmp_path: Path) -> None:
-    # The child's standard input is that of the tests, which is no terminal.
-    with emulation(tmp_path) as devices, ChildRun(["search", "--rig", str(devices.rig), "--no-journal"]) as child:
-        items = list(child.items())
-        outcome = child.outcome()
-    assert items == []
-    assert outcome.exit_code == 4
-    assert outcome.message.startswith("not armed: nothing moved and nothing was fired; a person must arm the rig")
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ this, by the name of the decoder; ``tests/faults/fuzz.py`` searches for more.
 from __future__ import annotations
 
 import importlib
-import os
 import sys
 import tracemalloc
 from pathlib import Path
@@ -23,18 +22,21 @@ from markerseek.records.banks import read_bank
 from markerseek.records.banks.ipasc.reading import read_probed
 from markerseek.records.child import try_files
 from tests.faults.decoders import DECODERS, IN_THIS_PROCESS, outcome, zip_bomb
+from tests.faults.journal_decoders import JOURNALS
 from tests.sizes import examples
 
 CORPUS = Path(__file__).parent / "corpus"
 HDF5 = ("hdf5", "mat73")
-IN_PROCESS = sorted(set(DECODERS) - set(HDF5))
+FILES = DECODERS | JOURNALS
+IN_PROCESS = sorted(set(FILES) - set(HDF5))
+WHOLE = IN_THIS_PROCESS | JOURNALS
 ROOM_BYTES = 3_000_000
 
 
-@pytest.mark.parametrize("decoder", sorted(IN_THIS_PROCESS))
+@pytest.mark.parametrize("decoder", sorted(WHOLE))
 def test_a_whole_file_is_read(tmp_path, decoder):
     """Without it the other tests could not fail: a reader that refused everything would pass them."""
-    name, whole, read = IN_THIS_PROCESS[decoder]
+    name, whole, read = WHOLE[decoder]
     assert outcome(read, tmp_path / name, whole()) == "read"
 
 
@@ -46,7 +48,7 @@ def test_a_whole_file_is_read(tmp_path, decoder):
 )
 @given(data=st.data(), decoder=st.sampled_from(IN_PROCESS))
 def test_damaged_bytes_are_read_or_refused(tmp_path, data, decoder):
-    name, whole, read = DECODERS[decoder]
+    name, whole, read = FILES[decoder]
     damaged = bytearray(whole())
     for _ in range(data.draw(st.integers(1, 8))):
         damaged[data.draw(st.integers(0, len(damaged) - 1))] = data.draw(st.integers(0, 255))
@@ -59,7 +61,7 @@ def test_damaged_bytes_are_read_or_refused(tmp_path, data, decoder):
 @given(data=st.binary(max_size=300), decoder=st.sampled_from(IN_PROCESS))
 @example(data=b"", decoder="csv")
 def test_any_bytes_are_read_or_refused(tmp_path, data, decoder):
-    name, _, read = DECODERS[decoder]
+    name, _, read = FILES[decoder]
     assert outcome(read, tmp_path / name, data) in ("read", "refused")
 
 
@@ -351,13 +353,6 @@ def test_a_child_that_takes_too_long_is_a_refusal(tmp_path, monkeypatch):
     monkeypatch.setattr("markerseek.records.child.LIMIT_S", 0.01)
     with pytest.raises(RecordError, match="takes more than"):
         read(tmp_path / name)
-
-
-@pytest.mark.parametrize("name", ["a.hdf5", "a.csv", "a.h5"])
-def test_pipes_are_not_waited_for(tmp_path, name):
-    os.mkfifo(tmp_path / name)
-    with pytest.raises(RecordError, match="not a regular file"):
-        read_bank(tmp_path / name)
 
 
 def test_a_folder_that_may_not_be_read_is_a_refusal(tmp_path, monkeypatch):

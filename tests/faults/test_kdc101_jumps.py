@@ -125,11 +125,3 @@ def test_a_counter_that_jumps_in_mid_move_is_refused(jump_deg: float) -> None:
 @pytest.mark.parametrize("jump_deg", [-0.5, 0.5])
 def test_so_it_is_on_a_line_with_a_latency_of_some_milliseconds(jump_deg: float) -> None:
     assert all(detected(jump_deg, runs=RUNS, late_s=(0.001, 0.005)))
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("late_s", [(0.0, 0.0), (0.001, 0.02), (0.0, 0.09), (0.05, 0.12), (0.12, 0.12)])
-@pytest.mark.parametrize("speed", [2.0, 10.0, 20.0])
-def test_a_sound_stage_is_believed_however_its_line_delays_it(late_s: tuple[float, float], speed: float) -> None:
-    for number in range(6):
-        Tour(number, late_s=late_s, speed=speed).duration_s()

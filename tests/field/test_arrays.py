@@ -13,7 +13,6 @@ import pytest
 from scipy.io import loadmat, savemat
 
 from tests.field.base_scan import MARKER_DEG, SAMPLING_HZ, base_scan
-from tests.unit.records.vantage_workspaces import write_workspace
 
 Shell = Callable[..., tuple[int, str, str]]
 pytestmark = [pytest.mark.usefixtures("no_child"), pytest.mark.filterwarnings("always")]
@@ -108,10 +107,6 @@ def test_a6_volts_with_an_offset_are_read_as_those_without(
     assert centre_deg(shell, bank) == pytest.approx(12.495, abs=0.01)
     # The counts themselves have 39.46 dB at 13°.
     assert strongest(shell, bank, "--number", STRONGEST)["peak_snr_db"] == pytest.approx(39.46, abs=0.3)
-
-
-def test_a6_the_answer_is_that_without_an_offset(shell: Shell, save: Callable[..., Path], volts: np.ndarray) -> None:
-    found_at_the_marker(shell, imported(shell, save((volts + 1.65).astype(np.float32)))[0])
 
 
 def test_a6_noise_below_a_count_is_said(shell: Shell, save: Callable[..., Path], volts: np.ndarray) -> None:
@@ -275,22 +270,6 @@ def save_npy(beside: Path, counts: np.ndarray) -> Path:
     return beside.with_name("whole.npy")
 
 
-def test_a9_the_marker_is_found_as_in_the_whole_record(
-    shell: Shell, save: Callable[..., Path], counts: np.ndarray
-) -> None:
-    late, _ = imported(shell, save((counts + 32768).astype(np.uint16)[:, :, LATE:], first_sample_s=10e-6))
-    found_at_the_marker(shell, late)
-    late = late.rename(late.with_name("late.hdf5"))
-    whole, _ = imported(shell, save(counts.astype(np.int16)))
-    for method in ("golden-section", "weighted-average"):
-        both = [
-            json.loads(shell("replay", bank, "--method", method, "--as-published", "--json")[1])
-            for bank in (late, whole)
-        ]
-        assert both[0]["angle_deg"] == pytest.approx(both[1]["angle_deg"], abs=0.02)
-        assert both[0]["angle_deg"] == pytest.approx(MARKER_DEG, abs=0.6)
-
-
 def test_a9_a_record_that_begins_before_the_trigger_is_cut(
     shell: Shell, save: Callable[..., Path], counts: np.ndarray
 ) -> None:
@@ -316,20 +295,6 @@ def test_a9_initial_times_of_zea(shell: Shell, counts: np.ndarray, angles_deg: n
     assert centre_deg(shell, again) == pytest.approx(12.495, abs=0.01)
     with h5py.File(again) as file:
         assert file["tracks/track_0/scan/initial_times"][0] == pytest.approx(10e-6)
-
-
-def test_a9_the_start_depth_of_a_vantage(shell: Shell, counts: np.ndarray, tmp_path: Path) -> None:
-    """25 wavelengths of 5 MHz, to and fro, are 10 µs."""
-    path = write_workspace(
-        tmp_path / "run.mat",
-        (counts + 2048).astype(np.int16)[:, :, LATE:],
-        start_depth=25.0,
-        connector=tuple(range(1, 129)),
-        spacing_mm=1e3 * base_scan().pitch_m,
-        sound_speed_m_s=1540.0,
-    )
-    bank, _ = imported(shell, path, "--first-deg", 7, "--step-deg", 1)
-    assert centre_deg(shell, bank) == pytest.approx(12.495, abs=0.01)
 
 
 def test_a10_a_window_may_begin_later_than_it_is_long(

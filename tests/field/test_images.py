@@ -12,17 +12,14 @@ import cv2
 import h5py
 import numpy as np
 import numpy.typing as npt
-import pydicom
 import pytest
-from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
-from pydicom.uid import ExplicitVRLittleEndian, UltrasoundMultiFrameImageStorage, generate_uid
+from pydicom.dataset import Dataset
 
-from markerseek.acoustics import Probe
 from markerseek.core import RecordError
 from markerseek.files import natural
 from markerseek.records import read_images
 from markerseek.records.banks import FrameBank, read_bank
-from markerseek.sim import BModeSettings, BModeWorld
+from tests.tip_images import dicom, images_of_a_tip
 
 pytestmark = pytest.mark.usefixtures("no_child")
 
@@ -38,21 +35,7 @@ PIXEL_MM = 0.15
 @cache
 def tip_images() -> Grey:
     """Eleven images, a degree apart, away from a tip in the first."""
-    world = BModeWorld(
-        settings=BModeSettings(),
-        probe=Probe(),
-        tip_deg=0.0,
-        tip_radius_m=60e-3,
-        tip_lateral_m=2e-3,
-        present=True,
-        start_deg=0.0,
-        rng=np.random.default_rng(1),
-    )
-    images = []
-    for number in range(11):
-        world.angle_deg = float(number)
-        images.append(world.pixels())
-    return np.stack(images)
+    return images_of_a_tip(range(11))
 
 
 def folder_of(path: Path, names: Sequence[str], images: Grey | None = None) -> Path:
@@ -159,25 +142,6 @@ def test_a13_elements_that_are_named_without_padding_are_read(tmp_path: Path, pa
     assert isinstance(bank, FrameBank)
     assert bank.facts.pitch_m == pytest.approx(0.3e-3)
     np.testing.assert_array_equal(bank.frame(2).samples, frames[:, :, 0, 2])
-
-
-def dicom(path: Path, pixels: npt.NDArray[Any], **tags: object) -> Path:
-    """An ultrasound multi-frame image, (frames, rows, columns)."""
-    meta = FileMetaDataset()
-    meta.MediaStorageSOPClassUID = UltrasoundMultiFrameImageStorage
-    meta.MediaStorageSOPInstanceUID = generate_uid()
-    meta.TransferSyntaxUID = ExplicitVRLittleEndian
-    file = FileDataset(str(path), {}, file_meta=meta, preamble=bytes(128))
-    file.SOPClassUID, file.SOPInstanceUID = meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID
-    file.Modality, file.SamplesPerPixel, file.PhotometricInterpretation = "US", 1, "MONOCHROME2"
-    file.NumberOfFrames, file.Rows, file.Columns = pixels.shape[:3]
-    bits = 8 * pixels.itemsize
-    file.BitsAllocated, file.BitsStored, file.HighBit, file.PixelRepresentation = bits, bits, bits - 1, 0
-    for name, value in tags.items():
-        setattr(file, name, value)
-    file.PixelData = pixels.tobytes()
-    pydicom.dcmwrite(path, file, enforce_file_format=True)
-    return path
 
 
 def region(

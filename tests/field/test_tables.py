@@ -92,22 +92,6 @@ def test_a4_a5_thousands_are_read_where_the_table_tells_the_decimal_sign(
     assert intensities == pytest.approx(COUNTS, rel=5e-4 if name == "exponents" else 0, abs=0.5)
 
 
-@pytest.mark.parametrize(
-    ("name", "method"),
-    [
-        ("german", "posterior"),
-        ("english, quoted", "ternary"),
-        ("swiss", "golden-section"),
-        ("space", "weighted-average"),
-    ],
-)
-def test_a4_a5_every_method_finds_the_marker(shell: Shell, tmp_path: Path, name: str, method: str) -> None:
-    counts, comma, separator = NOTATIONS[name]
-    path = table(tmp_path, counts, comma=comma, separator=separator, minus="\N{MINUS SIGN}")
-    code, out, _ = shell("replay", path, "--method", method, "--tolerance-deg", 2, "--json")
-    assert (code, json.loads(out)["angle_deg"]) == (0, pytest.approx(MARKER_DEG, abs=1))
-
-
 @pytest.mark.parametrize("separator", [";", "\t", ","])
 @pytest.mark.parametrize("sign", [".", ","])
 @pytest.mark.parametrize("skip", [False, True])
@@ -250,15 +234,6 @@ def test_a15_decibels_in_the_name_of_a_column_are_read(
     for option in (False, True):
         intensities = read(path, TableFormat(columns=columns, db=option))[1]
         assert intensities == pytest.approx((COUNTS * 10 ** (offset_db / 20)).tolist(), rel=1e-4)
-
-
-def test_a15_the_commands_read_it_too(shell: Shell, tmp_path: Path) -> None:
-    path = decibel_table(tmp_path, "intensity_db", -90)
-    code, out, _ = shell("bank", "info", path, "--json")
-    assert (code, json.loads(out)["max_deg"]) == (0, -8.5)
-    assert shell("bank", "info", path, "--db", "--json")[1] == out
-    assert shell("bank", "import", path, tmp_path / "bank.hdf5")[0] == 0
-    assert max(read_bank(tmp_path / "bank.hdf5").intensities) == pytest.approx(COUNTS.max() * 10**-4.5, rel=1e-4)
 
 
 def test_a15_the_proposed_command_needs_no_option(shell: Shell, tmp_path: Path) -> None:

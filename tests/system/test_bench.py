@@ -206,6 +206,7 @@ def test_the_folder_can_be_emulated_alone_and_is_triggered_by_a_typed_line(tmp_p
     [
         (("--tissue", "liver"), "--tissue liver: only for a simulated rig, and .*rig.toml is one of devices"),
         (("--pace", "1"), "--pace 1.0: only for a simulated rig"),
+        (("--no-marker", "--snr-db", "30"), "--no-marker and --snr-db 30.0: only for a simulated rig"),
         (("--seed", "1"), "--seed 1: only for a simulated rig"),
         (("--snr-db", "30", "--readout-s", "0.1"), "--snr-db 30.0 and --readout-s 0.1: only for a simulated rig"),
         (("--seed", "3", "--tissue", "liver"), "--tissue liver and --seed 3: only for a simulated rig"),

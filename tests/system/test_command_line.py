@@ -211,11 +211,8 @@ def test_a_damaged_acquisition_is_an_error_that_names_the_file(
         (("search", "--acquisitions", 1), "Invalid value for '--acquisitions'"),
         (("search", "--method", "ternery"), "did you mean ternary"),
         (("search", "--tissue", "beef"), "the simulated ones are"),
-        (("search", "--rig", "nowhere.toml"), "nowhere.toml"),
         (("ros2", "sim", "--write-rig", "/none/a.toml"), "/none/a.toml: the rig file cannot be written: No such file"),
         (("ros2", "sim", "--plain-command", "/a", "--plain-reached", "/b", "--plain-unit", "grad"), "'rad', 'deg'"),
-        (("search", "--seed", -1), "--seed"),
-        (("search", "--pace", "nan"), "pace is nan"),
         (("search", "--colour", "red"), "No such option"),
         (("search", "--tolerance-mm", 0), "tolerance is 0.0 mm, it must be a positive number"),
         (("replay", EXAMPLES / "simulated_scan.csv", "--tolerance-deg", -1), "tolerance is -1.0 deg"),
@@ -235,7 +232,6 @@ def test_a_damaged_acquisition_is_an_error_that_names_the_file(
         ),
         (("reproduce", "fig6", "--bank", EXAMPLES / "simulated_scan.csv", "--probe", "L3-8"), "--probe is L3-8, and"),
         (("replay", EXAMPLES), "the angle cannot be read from this name"),
-        (("frame", "nowhere.npy"), "nowhere.npy"),
         (("frame", EXAMPLES / "simulated_scan.csv"), "scan.csv"),
         (("frame", "nowhere.npy", "--probe", "L99"), "L99"),
         (("frame", "nowhere.npy", "--max-depth-mm", -3), "--max-depth-mm is -3, it must lie between 0 and 1000 mm"),
@@ -354,10 +350,3 @@ def test_a_folder_that_cannot_take_pictures_is_refused_before_anything_is_measur
     assert "no picture can be written there: it is a file, not a folder; name another --out" in said
     assert not out
     assert not (tmp_path / "run.journal").exists()
-
-
-def test_wrong_usage_is_an_object_for_programs_too(shell: Shell) -> None:
-    code, out, said = shell("search", "--seed", "-1", "--json")
-    assert code == 2
-    assert json.loads(out)["kind"] == "UsageError"
-    assert "--seed" in said

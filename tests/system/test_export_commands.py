@@ -117,10 +117,3 @@ def test_one_frame_of_a_scan_is_searched_as_the_same_frame_alone(shell, scan, fo
     code, _, err = shell("frame", scan, "--number", 6)
     assert code == 2
     assert "holds 5 frames" in err
-
-
-def test_a_table_has_no_channels_for_zea(shell, tmp_path):
-    (tmp_path / "a.csv").write_text("angle_deg,intensity\n1,2\n2,3\n3,1\n")
-    code, _, err = shell("bank", "export", tmp_path / "a.csv", tmp_path / "a.zea.hdf5")
-    assert code == 2
-    assert "intensities and no frames" in " ".join(err.split())

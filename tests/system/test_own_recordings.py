@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-import markerseek
-
 Shell = Callable[..., tuple[int, str, str]]
 PER_DEGREE = {"deg": 1.0, "rad": math.pi / 180, "mrad": 1e3 * math.pi / 180}
 
@@ -65,41 +63,6 @@ def test_a_recording_too_short_for_a_method_is_said_to_be_so(shell: Shell, tmp_p
     code, _, err = shell("replay", path, "--method", "manual")
     assert code == 2
     assert "manual needs at least 10 acquisitions, and the recording holds 5 angles" in " ".join(err.split())
-
-
-def test_intensities_of_the_least_numbers_are_searched(shell: Shell, tmp_path: Path) -> None:
-    path = tmp_path / "mine.csv"
-    rows = (f"{angle_deg},{1e-300 if angle_deg % 2 else 5e-300}" for angle_deg in range(-35, 36, 3))
-    path.write_text("\n".join(("angle_deg,intensity", *rows)))
-    code, out, _ = shell("replay", path, "--json")
-    assert (code, json.loads(out)["answer"]) == (3, "not found")
-
-
-def test_python_searches_a_recording_as_the_command_does(shell: Shell, tmp_path: Path) -> None:
-    # Steps as wide as the curve: a search takes all acquisitions that it is given on a rig.
-    rng = np.random.default_rng(6)
-    angles_deg = np.linspace(-70, 70, 31)
-    intensities = 100 / (1 + ((angles_deg - 20.6) / 4.5) ** 2) * rng.normal(1, 0.03, 31) + abs(rng.normal(size=31))
-    path = tmp_path / "mine.csv"
-    np.savetxt(
-        path, np.column_stack([angles_deg, intensities]), delimiter=",", header="angle_deg,intensity", comments=""
-    )
-    by_command = json.loads(shell("replay", path, "--json")[1])
-    result = markerseek.find_marker(markerseek.replayed(path))
-    assert result.search is not None
-    taken = [each.angle_deg for each in result.search.samples]
-    assert taken == [each["angle_deg"] for each in by_command["search"]["samples"]]
-    assert len(taken) == 16
-    assert len(result.samples) == 31
-    assert (result.answer, result.angle_deg) == (by_command["answer"], by_command["angle_deg"])
-
-
-def test_the_answer_from_all_angles_stands_in_the_table(shell: Shell, tmp_path: Path) -> None:
-    code, out, _ = shell("replay", scan(tmp_path / "mine.csv"))
-    assert code == 0
-    (line,) = [line for line in out.splitlines() if line.startswith("marker angle")]
-    assert "7.2" in line or "7.3" in line
-    assert "all 36 angles of the recording" in out
 
 
 @pytest.mark.parametrize(("marker_deg", "answer", "code"), [(12.0, "found", 0), (None, "not found", 3)])

@@ -236,8 +236,3 @@ def test_the_numbers_of_a_simulated_journal_are_checked_like_any_settings(shell:
         Journal.create(path, configuration(recipe=msgspec.Raw(good.replace(old, new)))).close()
         code, _, err = shell("resume", path, "--arm")
         assert (code, said in err) == (2, True), err
-
-
-def test_from_python_too_a_journal_does_not_bring_its_own_rig(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="is not taken from a journal"):
-        rebuild_rig(recorded(begun_with(hostile(tmp_path))))

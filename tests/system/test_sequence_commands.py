@@ -98,14 +98,6 @@ def test_a_tip_is_found_at_the_angles_of_the_recording(shell, tmp_path):
     assert (code, "leave --angles and --step-deg out" in " ".join(err.split())) == (2, True)
 
 
-def test_b_mode_is_no_bank_and_the_command_for_it_is_named(shell, tmp_path):
-    path = b_mode(tmp_path)
-    for words in (("replay", path), ("bank", "info", path), ("bank", "import", path, tmp_path / "a.hdf5")):
-        code, _, err = shell(*words)
-        said = " ".join(err.split())
-        assert (code, "21 B-mode images" in said, "markerseek tooltip" in said) == (2, True, True)
-
-
 @pytest.mark.filterwarnings("always:.*repeat an angle")
 @pytest.mark.skipif(not RECORDING.exists(), reason="the recording of PLUS is not here")
 def test_there_is_no_tip_in_a_recording_of_wires_and_a_wall(shell):

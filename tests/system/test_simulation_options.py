@@ -50,16 +50,6 @@ def test_what_cannot_be_is_a_sentence(shell: Shell, words: tuple[object, ...], s
     assert (code, said in " ".join(err.split())) == (2, True)
 
 
-def test_the_options_are_refused_for_a_rig_of_devices(shell: Shell, tmp_path: Path) -> None:
-    rig = tmp_path / "rig.toml"
-    rig.write_text(
-        'kind = "bench"\n[stage]\nport = "a"\nzero_deg = 0.0\n[laser]\nport = "b"\n[receiver]\nfolder = "daq"\n'
-    )
-    code, _, err = shell("search", "--rig", rig, "--no-marker", "--snr-db", 30)
-    assert code == 2
-    assert "--no-marker and --snr-db 30.0: only for a simulated rig" in " ".join(err.split())
-
-
 def test_a_second_marker_is_as_strong_as_the_first_and_elsewhere_along_the_array() -> None:
     settings = SimulatedSettings(marker=MarkerSettings(angle_deg=10.0))
     alone = draw_scene(settings, np.random.default_rng(5))

@@ -45,27 +45,6 @@ def test_a_good_search_whose_output_is_full_says_so_in_one_sentence(words: tuple
     assert (tmp_path / "run.journal").exists()
 
 
-@pytest.mark.parametrize("words", [(), ("--json",)], ids=["text", "json"])
-def test_a_reader_that_goes_is_one_sentence(words: tuple[str, ...], tmp_path: Path) -> None:
-    command = markerseek(*SEARCH, "--journal", tmp_path / "run.journal", *words)
-    reading, writing = os.pipe()
-    os.close(reading)
-    done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
-    os.close(writing)
-    assert (done.returncode, done.stderr.count("\n")) == (74, 1)
-    assert "the output cannot be written: Broken pipe" in done.stderr
-
-
-def test_a_search_whose_progress_nobody_reads_goes_on(tmp_path: Path) -> None:
-    reading, writing = os.pipe()
-    os.close(reading)
-    command = markerseek(*SEARCH, "--json", "--journal", tmp_path / "run.journal")
-    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=writing, text=True, check=False)
-    os.close(writing)
-    assert done.returncode == 0
-    assert json.loads(done.stdout)["answer"] == "found"
-
-
 def test_what_a_command_writes_can_be_read_by_its_owner_only(tmp_path: Path) -> None:
     out = tmp_path / "pictures"
     journal, events = tmp_path / "run.journal", tmp_path / "run.events"

@@ -85,13 +85,11 @@ def test_no_cell_is_cut_in_a_narrow_terminal_and_the_columns_are_explained(
 @pytest.mark.parametrize(
     ("change", "words", "message"),
     [
-        (("trials", "trails"), (), "did you mean trials?"),
         (
             ("version", 'level = "pictures"\nversion'),
             (),
             "level is 'pictures', it must be one of: curves, frames",
         ),
-        (('"sech"', '"cosh"'), (), "curve.family is 'cosh', it must be one of: acoustic, gaussian, sech, power"),
         (("", ""), ("--row", "8000"), "has the rows 0 to 1599"),
         (("800", "5"), ("--out", "{other}"), "holds another study"),
         (("", ""), ("--row", "3", "--workers", "1"), "--workers 1: --row runs one row and writes nothing"),

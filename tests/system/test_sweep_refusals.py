@@ -2,46 +2,15 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from tests.emulated import WORLD, Emulation, emulation, markerseek
-
 pytest.importorskip("serial", reason="needs the extra devices")
 pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
 
 Shell = Callable[..., tuple[int, str, str]]
-
-TRIGGERED = WORLD + '[laser]\nsweep_mode = "position-triggered"\n[receiver]\nsingle_pulses = true\n'
-TDC001 = """
-from functools import partial
-from markerseek import emulators
-emulators.EmulatedKdc101 = partial(emulators.EmulatedKdc101, model="TDC001")
-"""
-
-
-def refused(devices: Emulation, *words: object) -> str:
-    """What the search says with exit code 2."""
-    command = markerseek("search", "--rig", devices.rig, "--sweep", "--arm", "--json", "--no-journal", *words)
-    process = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert process.returncode == 2, (process.stdout, process.stderr)
-    error: str = json.loads(process.stdout)["error"]
-    assert error in " ".join(process.stderr.split())
-    return error
-
-
-@pytest.mark.real_time
-def test_a_stage_that_cannot_trigger_is_named_with_the_cure(tmp_path: Path) -> None:
-    with emulation(tmp_path, seed=3, text=TRIGGERED, before=TDC001) as devices:
-        said = refused(devices)
-        truth = devices.end()
-    assert said.startswith("this rig cannot sweep")
-    assert 'its stage\'s controller is a TDC001, which gives no triggers; set laser.sweep_mode = "free-running"' in said
-    assert truth == (0.0, 0.0, 0)
 
 
 @pytest.mark.parametrize(

@@ -9,29 +9,14 @@ import cv2
 import numpy as np
 import pytest
 
-from markerseek.acoustics import Probe
-from markerseek.sim import BModeSettings, BModeWorld
+from tests.tip_images import dicom, images_of_a_tip
 
 ANGLES = np.arange(-6.0, 7.0)
 
 
 @pytest.fixture(scope="module")
 def images():
-    made = BModeWorld(
-        settings=BModeSettings(),
-        probe=Probe(),
-        tip_deg=0.0,
-        tip_radius_m=60e-3,
-        tip_lateral_m=2e-3,
-        present=True,
-        start_deg=0.0,
-        rng=np.random.default_rng(1),
-    )
-    series = []
-    for angle_deg in ANGLES:
-        made.angle_deg = float(angle_deg)
-        series.append(made.pixels())
-    return series
+    return list(images_of_a_tip(ANGLES))
 
 
 @pytest.fixture
@@ -40,27 +25,6 @@ def folder(tmp_path, images):
     for number, image in enumerate(images):
         cv2.imwrite(str(tmp_path / "scan" / f"{number:02d}.png"), image)
     return tmp_path / "scan"
-
-
-def dicom(path, pixels, **tags):
-    import pydicom
-    from pydicom.dataset import FileDataset, FileMetaDataset
-    from pydicom.uid import ExplicitVRLittleEndian, UltrasoundMultiFrameImageStorage, generate_uid
-
-    meta = FileMetaDataset()
-    meta.MediaStorageSOPClassUID = UltrasoundMultiFrameImageStorage
-    meta.MediaStorageSOPInstanceUID = generate_uid()
-    meta.TransferSyntaxUID = ExplicitVRLittleEndian
-    file = FileDataset(str(path), {}, file_meta=meta, preamble=bytes(128))
-    file.SOPClassUID, file.SOPInstanceUID = meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID
-    file.Modality, file.SamplesPerPixel, file.PhotometricInterpretation = "US", 1, "MONOCHROME2"
-    file.NumberOfFrames, file.Rows, file.Columns = pixels.shape
-    bits = 8 * pixels.itemsize
-    file.BitsAllocated, file.BitsStored, file.HighBit, file.PixelRepresentation = bits, bits, bits - 1, 0
-    for name, value in tags.items():
-        setattr(file, name, value)
-    file.PixelData = pixels.tobytes()
-    pydicom.dcmwrite(path, file, enforce_file_format=True)
 
 
 def answer(shell, *words):

@@ -104,16 +104,6 @@ def test_golden_section_with_reuse(markers):
         assert estimate.mean_deg == pytest.approx(answer, abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("ratio", "from_first_deg", "from_low_end_deg"), [(TERNARY, 122, 145), (GOLDEN, 76, 103)], ids=["TS", "GSS"]
-)
-def test_travel_of_16_acquisitions(ratio, from_first_deg, from_low_end_deg, markers):
-    asked, _ = replay(lambda angle, marker: curve(angle - marker), ratio=ratio, acquisitions=16, markers=markers)
-    travel = np.abs(np.diff(asked, axis=0)).sum(axis=0).mean()
-    assert travel == pytest.approx(from_first_deg, abs=1)
-    assert travel + (asked[0] + 35).mean() == pytest.approx(from_low_end_deg, abs=1)
-
-
 @pytest.mark.parametrize("ratio", [GOLDEN, TERNARY])
 def test_published_rules_answer_without_a_marker(ratio):
     """86–87 % of the answers to mere noise lie more than 4.33° from a marker that is not there.

@@ -143,20 +143,6 @@ def test_a_server_that_repeats_an_image_is_refused(plus: EmulatedPlus) -> None:
         plus.receiver.acquire(permit(2))
 
 
-def test_a_server_that_sends_without_triggers_is_refused_when_armed(plus: EmulatedPlus) -> None:
-    waited = plus.clock.wait
-
-    def wait(seconds: float) -> None:
-        waited(seconds)
-        plus.send()
-
-    plus.clock.wait = wait
-    with pytest.raises(AcquisitionError, match="although nothing is triggered"):
-        plus.receiver.arm(permit())
-    with pytest.raises(AcquisitionError, match="although nothing was triggered"):
-        plus.receiver.settle()
-
-
 @pytest.mark.parametrize(
     "pixels", [np.zeros((1, 4, 8), np.uint8), np.zeros((2, 4, 8), np.int16), np.zeros((1, 4, 9), np.float32)]
 )

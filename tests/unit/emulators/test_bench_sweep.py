@@ -13,17 +13,13 @@ from markerseek.core import (
     MAX_AHEAD_DEG,
     AcquisitionError,
     ChannelFrame,
-    ConfigError,
     DeviceError,
     Found,
     Measured,
-    Sample,
-    Sweep,
     Swept,
     is_finite,
 )
 from markerseek.drivers import LaserBox
-from markerseek.emulators.sonixdaq import SonixDaqFaults
 from markerseek.emulators.stage_faults import STAGE_FAULTS
 from markerseek.guard import State
 from markerseek.scan import Scanner, run
@@ -55,31 +51,6 @@ def test_a_search_over_the_bytes_answers_as_the_simulated_rig_does(
     assert swept.angle_deg == pytest.approx(waits_deg, abs=0.02)
     assert bench.speed_deg_s == pytest.approx(20.0, rel=1e-4)
     assert bench.emulated.stage.largest_lead_deg <= MAX_AHEAD_DEG
-
-
-def lost(bench: Bench) -> None:
-    bench.emulated.daq.faults.lost_at = 10  # type: ignore[union-attr]
-
-
-def doubled(bench: Bench) -> None:
-    bench.emulated.daq.faults.doubled_at = 10  # type: ignore[union-attr]
-
-
-@pytest.mark.parametrize("break_it", [lost, doubled])
-def test_a_trigger_lost_or_doubled_refuses_the_sweep_whole_and_it_can_be_made_anew(
-    tmp_path: Path, break_it: Callable[[Bench], None]
-) -> None:
-    bench = Bench(tmp_path)
-    sweep = Sweep(to_deg=-20.0, speed_deg_s=12.0, from_deg=-35.0)
-    break_it(bench)
-    with pytest.raises(AcquisitionError, match="a trigger was lost or doubled"):
-        list(bench.scanner.sweep(sweep, number=1, goes_on=lambda: True))
-    assert bench.guard.state is State.ARMED
-    assert bench.speed_deg_s == pytest.approx(20.0, rel=1e-4)
-    bench.emulated.daq.faults = SonixDaqFaults()  # type: ignore[union-attr]
-    outcomes = list(bench.scanner.sweep(sweep, number=2, goes_on=lambda: True))
-    assert isinstance(outcomes[-1], Swept)
-    assert sum(isinstance(outcome, Sample) for outcome in outcomes) == outcomes[-1].pulses > 20
 
 
 class Killed(BaseException):
@@ -204,10 +175,3 @@ def test_whatever_fails_in_mid_sweep_ends_light_and_motion_and_the_speed_is_rest
         bench.emulated.stage.heal()
         bench.connect()
     assert bench.speed_deg_s == pytest.approx(20.0, rel=1e-4)
-
-
-def test_a_rig_that_cannot_sweep_says_so_before_anything_moves(tmp_path: Path) -> None:
-    bench = Bench(tmp_path, frames="fixed")
-    with pytest.raises(ConfigError, match="its SonixDAQ records a fixed number of pulses"):
-        _ = bench.scanner.sweeping
-    assert bench.emulated.stage.moves == 0

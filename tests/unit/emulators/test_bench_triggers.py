@@ -11,7 +11,6 @@ import pytest
 
 from markerseek.core import (
     AcquisitionError,
-    ConfigError,
     DeviceError,
     Found,
     LaserError,
@@ -184,13 +183,6 @@ def test_positions_count_once_the_port_is_set_after_them(tmp_path: Path) -> None
     bench.stage_port.write(apt.set_target(apt.counts_of(-10.0)) + apt.move())
     bench.clock.wait(4.0)
     assert bench.emulated.stage.edges(bench.clock.now_s()) == []
-
-
-def test_a_rig_without_triggers_says_why_it_cannot(tmp_path: Path) -> None:
-    bench = Bench(tmp_path, model="TDC001")
-    with pytest.raises(ConfigError, match="its stage's controller is a TDC001, which gives no triggers"):
-        _ = bench.scanner.sweeping
-    assert bench.emulated.stage.moves == 0
 
 
 @pytest.mark.parametrize("position_triggered", [True, False])

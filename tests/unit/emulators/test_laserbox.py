@@ -76,16 +76,6 @@ def test_each_of_several_edges_that_a_process_that_was_held_up_takes_at_once_has
     ]
 
 
-def test_the_interlock_ends_a_train_at_once() -> None:
-    bench = Bench()
-    bench.say(pulses_of(1), wire.Fire(token=1), at_s=0.0)
-    bench.say(wire.Beat(step=1), at_s=0.055)
-    bench.box.open_interlock()
-    bench.box.close_interlock()
-    assert bench.say(at_s=1.0) == [wire.Done(token=1, sent=6, photodiode=6)]
-    assert bench.triggers == [50]
-
-
 def test_the_output_is_low_at_the_lease_s_end_and_no_beat_brings_it_back() -> None:
     bench = Bench()
     assert bench.say(pulses_of(1), wire.Fire(token=1), at_s=0.0) == [wire.Permitted(token=1, seen=0)]

@@ -37,10 +37,6 @@ def test_the_receives_without_a_transmit_come_back(tmp_path, repeats):
     assert {bank.frame(index).header.pulses for index in range(5)} == {repeats}
 
 
-def test_a_ring_that_has_gone_round_is_read_in_the_order_of_time(tmp_path):
-    np.testing.assert_array_equal(frames_of(read(write_workspace(tmp_path / "run.mat", FRAMES, last=2))), FRAMES)
-
-
 def test_without_events_all_receives_are_photoacoustic(tmp_path):
     def one_kind(workspace):
         del workspace.file["Receive/sampleMode"]
@@ -59,14 +55,6 @@ def test_samples_count_from_the_trigger(tmp_path):
     counts = frames_of(bank)
     np.testing.assert_array_equal(counts[:, :, :24], np.rint(np.median(FRAMES, axis=2, keepdims=True)).repeat(24, 2))
     np.testing.assert_array_equal(counts[:, :, 24:], FRAMES)
-
-
-def test_frames_that_were_never_filled_are_left_out(tmp_path):
-    frames = FRAMES.copy()
-    frames[4] = 0
-    with pytest.warns(UserWarning, match="1 frames hold zeros only"):
-        bank = read(write_workspace(tmp_path / "run.mat", frames))
-    np.testing.assert_array_equal(frames_of(bank), frames[:4])
 
 
 def test_a_variable_can_name_the_angles(tmp_path):

@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
-from markerseek.core import ConfigError
 from markerseek.runs import PointPair, RegistrationReport, register_pairs
 
 TRUS_M = np.array([[x, y, 60 + (x * y) % 7 / 2] for x in (-20, 0, 20) for y in (-20, 0, 20)]) * 1e-3
@@ -72,8 +71,3 @@ def test_points_of_which_none_can_be_left_out_are_refused_too() -> None:
     said = report(np.random.default_rng(1), count=3, off_m=(12e-3, 0, 0))
     assert not said.registered
     assert "and without it the others do not fit either" not in str(said.reason)
-
-
-def test_a_name_that_is_no_point_s_is_refused() -> None:
-    with pytest.raises(ConfigError, match="without is 'x', which is no point; there are 1"):
-        register_pairs([PointPair(name="1", trus_m=TRUS_M[0], camera_m=TRUS_M[0])], without=["x"])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from contextlib import closing
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -12,8 +11,7 @@ import markerseek
 from markerseek import rigs
 from markerseek.core import ConfigError, Finished, Measured, SearchError, SearchPlan
 from markerseek.guard import State
-from markerseek.records.journal import Journal, read_journal, result_of
-from markerseek.runs import Session, new_session, plan_on, resumed_session
+from markerseek.runs import Session, new_session, plan_on
 from markerseek.sim import GaussianCurve, ReceiverSettings, SimulatedSettings
 
 
@@ -56,27 +54,6 @@ def test_a_session_that_is_closed_stops_the_rig_and_has_no_result() -> None:
     assert session.rig.scanner.guard.state is State.DISARMED
     with pytest.raises(SearchError, match="not over"):
         session.result()
-
-
-def test_a_session_stopped_and_resumed_gives_the_result_of_one_that_was_not(tmp_path: Path) -> None:
-    whole = session_on(rig())
-    list(whole.events())
-    begun = session_on(rig())
-    path = tmp_path / "run.journal"
-    with Journal.create(path, begun.configuration) as journal:
-        begun = replace(begun, journal=journal)
-        with closing(begun.events()) as events:
-            for event in events:
-                if isinstance(event, Measured) and event.role == "search" and event.index == 4:
-                    break
-    kept, held = Journal.reopen(path)
-    with kept:
-        resumed = resumed_session(rig(), kept, held, by="a person", reset_fault=False)
-        list(resumed.events())
-    result = resumed.result()
-    assert result.acquisitions == whole.result().acquisitions == len(result.samples)
-    assert result.angle_deg == pytest.approx(whole.result().angle_deg, abs=2.0)
-    assert result_of(read_journal(path))[1] == result
 
 
 def test_a_plan_that_cannot_be_used_is_refused_before_anything_moves() -> None:

@@ -482,22 +482,6 @@ def test_a_burst_that_was_refused_once_is_swept_anew_from_its_beginning() -> Non
     bench.require_permitted()
 
 
-def test_a_run_that_is_closed_in_mid_sweep_ends_light_and_motion() -> None:
-    bench = SweepBench()
-    events = bench.run(Sweeps(TO_END))
-    for event in events:
-        if isinstance(event, Measured) and event.index == 30:
-            break
-    at_deg, fired = bench.world.angle_deg, len(bench.flashes())
-    events.close()
-    bench.scanner.clock.wait(5.0)
-    bench.laser.pulses()
-    _ = bench.stage.angle_deg
-    assert len(bench.flashes()) == fired
-    assert abs(bench.world.angle_deg - at_deg) <= MAX_AHEAD_DEG
-    assert bench.scanner.guard.state is State.DISARMED
-
-
 def test_a_supervisor_that_is_gone_in_mid_sweep_is_an_error_once_the_light_has_ended() -> None:
     bench = SweepBench()
     dark: list[bool] = []

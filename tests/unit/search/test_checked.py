@@ -321,11 +321,6 @@ class TestMethods:
         assert len(asked) <= 12
         assert all(angle in limits for angle in asked)
 
-    @pytest.mark.parametrize("acquisitions", [-3, True, 501])
-    def test_a_plan_refuses_numbers_of_acquisitions(self, acquisitions):
-        with pytest.raises(ConfigError, match=rf"acquisitions is {acquisitions}, it must be .* between 0 and 500"):
-            PolicyPlan(method="posterior", acquisitions=acquisitions)
-
     @pytest.mark.parametrize("acquisitions", [1, 0])
     @pytest.mark.parametrize("name", ALL)
     def test_refuses_fewer_acquisitions_than_the_method_needs(self, name, acquisitions):

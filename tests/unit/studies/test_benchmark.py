@@ -186,8 +186,3 @@ def test_another_content_of_an_entry_is_another_entry(tmp_path):
 def test_what_names_no_entry_is_refused(text):
     with pytest.raises(ConfigError, match="--entry"):
         Entry.named(text)
-
-
-def test_a_size_that_makes_no_sense_is_refused(tmp_path):
-    with pytest.raises(ConfigError, match="scale is nan"):
-        run_benchmark(tmp_path, scale=float("nan"))

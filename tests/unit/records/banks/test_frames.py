@@ -176,16 +176,6 @@ def mat_bytes(*, compress=False, **changes):
     return stream.getvalue()
 
 
-@pytest.mark.parametrize("compress", [False, True])
-def test_mat_layout(tmp_path, compress):
-    data = np.random.default_rng(1).integers(-2048, 2048, (32, 20, 4)).astype(np.int16)
-    savemat(tmp_path / "a.mat", {"AdcData_frame000": data, "SampleNum": np.int32(15)}, do_compression=compress)
-    frame = load_frame(tmp_path / "a.mat")
-    assert frame.samples.shape == (128, 15)
-    for channel in (0, 31, 32, 127):
-        np.testing.assert_array_equal(frame.samples[channel], data[channel % 32, :15, channel // 32])
-
-
 @pytest.mark.parametrize(
     "content",
     [

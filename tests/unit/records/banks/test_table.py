@@ -49,24 +49,6 @@ def test_separators_decimal_commas_and_encodings(tmp_path: Path, text: str, enco
     assert read_bank(written(tmp_path, text, encoding)) == EXPECTED
 
 
-@pytest.mark.parametrize("separator", [";", "\t"])
-def test_a_comma_that_may_part_thousands_is_refused(tmp_path: Path, separator: str) -> None:
-    """As 4.1 it would be the weakest of a curve whose strongest it is."""
-    rows = [("angle_deg", "intensity"), ("-1", "987"), ("0", "4,100"), ("1", "1,012"), ("2", "310")]
-    path = written(tmp_path, "\n".join(map(separator.join, rows)))
-    with pytest.raises(
-        RecordError, match=r"scan\.csv, line 3: 4,100 may be 4100 or 4\.100.*save the table without thousands"
-    ):
-        read_bank(path)
-
-
-@pytest.mark.parametrize("numbers", [("987", "4,10", "1,5"), ("0,987", "4,100", "2"), ("987,000", "4,100", "1,012")])
-def test_a_decimal_comma_that_parts_no_thousands_is_read(tmp_path: Path, numbers: tuple[str, ...]) -> None:
-    rows = ["angle_deg;intensity", *(f"{angle};{number}" for angle, number in enumerate(numbers))]
-    expected = tuple(float(number.replace(",", ".")) for number in numbers)
-    assert read_bank(written(tmp_path, "\n".join(rows))).intensities == expected
-
-
 def test_what_numpy_writes_is_read(tmp_path: Path) -> None:
     file = io.StringIO()
     np.savetxt(file, np.column_stack([ANGLES_DEG, INTENSITIES]))

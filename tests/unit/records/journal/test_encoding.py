@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from markerseek.core import Asked, ChannelFrame, Failed, Finished, Measured, MoveError, RecordError, Started, Unsure
+from markerseek.core import Asked, ChannelFrame, Failed, Measured, MoveError, RecordError, Started
 from markerseek.records.journal import (
     Journal,
     JournalEvent,
@@ -19,13 +19,11 @@ from markerseek.records.journal import (
     decode,
     encode,
     read_journal,
-    result_of,
     run_state,
     verify,
 )
 from tests.unit.records.journal.synthetic_journals import (
     EVENTS,
-    FULL_READING,
     HEADER,
     RANGE,
     configuration,
@@ -73,35 +71,6 @@ def test_samples_lie_in_the_file_as_little_endian_integers_that_any_program_can_
     assert msgspec.json.decode(body)["sample"]["frame"]["samples"] == {"dtype": "<i2", "shape": [3, 5]}
     values = [int.from_bytes(blob[2 * k : 2 * k + 2], "little", signed=True) for k in range(15)]
     assert values == samples.ravel().tolist()
-
-
-def test_the_result_comes_from_the_journal_alone(tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    whole_run(path)
-    recorder, result = result_of(read_journal(path))
-    assert (result.answer, result.acquisitions, result.seed, result.truth_deg) == ("not found", 3, 7, 6.3)
-    assert [row.intensity for row in result.samples] == [FULL_READING.intensity] * 3
-    assert recorder.start_deg == 0.0
-
-
-@pytest.mark.parametrize("number", [float("nan"), float("inf")])
-def test_a_number_that_is_not_finite_is_refused_and_nothing_is_written(number: float, tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    with Journal.create(path, configuration()) as journal:
-        with pytest.raises(RecordError, match="not finite"):
-            journal.commit(Asked(role="search", index=1, angle_deg=number), clock_s=0.0)
-        unsure = Unsure(
-            mean_deg=number,
-            sigma_deg=1.0,
-            interval95_deg=RANGE,
-            interval_kind="bracket",
-            doubt="source",
-            reason="made up",
-        )
-        over = Finished(estimate=unsure, confirmation=None, acquisitions=1, travel_deg=0.0, elapsed_s=0.0)
-        with pytest.raises(RecordError, match="not finite"):
-            journal.commit(over, clock_s=0.0)
-    assert read_journal(path).entries == ()
 
 
 def test_the_state_of_a_run(tmp_path: Path) -> None:

@@ -11,10 +11,10 @@ import pytest
 
 from markerseek.core import RecordError
 from markerseek.guard import State
-from markerseek.records.journal import Journal, is_journal, read_journal, run_state, summary, verify
+from markerseek.records.journal import Journal, is_journal, read_journal, summary, verify
 from markerseek.runs.journalled import journalled
 from tests.unit.records.journal.synthetic_journals import configuration, died_in_commit, write
-from tests.unit.runs.journalled_runs import begin, live, resume_run, times_and_events
+from tests.unit.runs.journalled_runs import begin, times_and_events
 
 
 def test_a_dead_run_is_read_through_a_symbolic_link(tmp_path: Path) -> None:
@@ -29,21 +29,6 @@ def test_a_dead_run_is_read_through_a_symbolic_link(tmp_path: Path) -> None:
     journal, held = Journal.reopen(link)
     with journal:
         assert (held.path, len(held.entries)) == (link, 6)
-
-
-def test_a_run_is_resumed_through_a_symbolic_link(tmp_path: Path) -> None:
-    path, link = tmp_path / "run.journal", tmp_path / "latest.journal"
-    live(path, until=9)
-    link.symlink_to(path.name)
-    resume_run(link)
-    assert run_state(read_journal(path).entries).state == "finished"
-
-
-def test_a_link_that_leads_nowhere_is_no_journal(tmp_path: Path) -> None:
-    for name, target in (("dangling", "nowhere"), ("loop", "loop")):
-        (tmp_path / name).symlink_to(tmp_path / target)
-        with pytest.raises(RecordError):
-            read_journal(tmp_path / name)
 
 
 def removed(path: Path) -> None:

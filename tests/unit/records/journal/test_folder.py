@@ -19,15 +19,7 @@ from markerseek.records.journal import (
     summary,
     verify,
 )
-from tests.unit.records.journal.synthetic_journals import RANGE, configuration, died, whole_run, write
-
-
-def test_a_file_that_exists_is_not_overwritten(tmp_path: Path) -> None:
-    path = tmp_path / "notes.txt"
-    path.write_text("mine")
-    with pytest.raises(RecordError, match="exists already and is no journal; name a new file"):
-        Journal.create(path, configuration())
-    assert path.read_text() == "mine"
+from tests.unit.records.journal.synthetic_journals import RANGE, configuration, whole_run
 
 
 def test_a_journal_that_exists_is_continued(tmp_path: Path) -> None:
@@ -37,11 +29,6 @@ def test_a_journal_that_exists_is_continued(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="the journal exists already; name another file, or continue it"):
         Journal.create(path, configuration())
     assert path.read_bytes() == before
-
-
-def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(RecordError, match="No such file"):
-        Journal.create(tmp_path / "nowhere" / "run.journal", configuration())
 
 
 def test_two_programs_do_not_drive_one_run_and_any_number_read_it(tmp_path: Path) -> None:
@@ -58,16 +45,6 @@ def test_two_programs_do_not_drive_one_run_and_any_number_read_it(tmp_path: Path
         journal.commit(Asked(role="search", index=1, angle_deg=1.1), clock_s=0.0)
     assert len(read_journal(path).entries) == 2
     assert summary(path).state == "open"
-
-
-def test_a_dead_run_is_read_without_being_touched(tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    died(path, lambda journal: write(journal, 2))
-    before = {each.name: each.read_bytes() for each in tmp_path.iterdir()}
-    assert set(before) == {"run.journal"}
-    assert len(read_journal(path).entries) == 6
-    assert verify(path).faults == []
-    assert {each.name: each.read_bytes() for each in tmp_path.iterdir()} == before
 
 
 def checked(rest: bytes) -> bytes:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
 from pathlib import Path
 
 import pytest
@@ -13,7 +12,7 @@ import pytest
 from markerseek.core import RecordError
 from markerseek.records.journal import Entry, Interrupted, Journal, RecordedRun, read_journal, salvage, summary, verify
 from markerseek.records.journal.lines import MAX_LINE_BYTES
-from tests.unit.records.journal.synthetic_journals import configuration, counts, died_in_commit, whole_run, write
+from tests.unit.records.journal.synthetic_journals import counts, died_in_commit, whole_run, write
 
 ACQUISITIONS = 1
 ENTRIES = 2 * ACQUISITIONS + 2
@@ -149,13 +148,6 @@ def test_entries_that_are_missing_or_exchanged_are_found(whole: bytes, ends: lis
         assert damage is not None
         with pytest.raises(RecordError):
             Journal.reopen(path)
-
-
-def test_a_copy_is_a_journal(whole: bytes, tmp_path: Path) -> None:
-    with Journal.create(tmp_path / "a.journal", configuration()) as journal:
-        write(journal, 2)
-        shutil.copyfile(tmp_path / "a.journal", tmp_path / "b.journal")
-    assert of(read_journal(tmp_path / "b.journal")) == of(read_journal(tmp_path / "a.journal"))
 
 
 def test_a_journal_of_before_the_first_release_is_said_to_be_one_perhaps(tmp_path: Path) -> None:

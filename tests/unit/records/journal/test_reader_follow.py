@@ -17,7 +17,6 @@ import pytest
 from markerseek.core import Asked, RecordError, Started
 from markerseek.records.journal import Configuration, Entry, Journal, JournalItem, follow, read_journal
 from tests.unit.records.journal.synthetic_journals import RANGE, configuration, counts, died_in_commit, measured, write
-from tests.unit.runs.journalled_runs import live, resume_run
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -81,13 +80,6 @@ def test_a_follower_sees_a_run_die_and_go_on(tmp_path: Path) -> None:
         assert list(items) == []
 
 
-def test_a_run_that_is_over_is_followed_to_its_end_and_no_further(tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    with Journal.create(path, configuration()) as journal:
-        write(journal, 2)
-    assert len(list(follow(path, wait=pytest.fail))) == 7
-
-
 def test_a_file_that_never_comes_ends_with_its_writer(tmp_path: Path) -> None:
     asked: list[bool] = []
     assert list(follow(tmp_path / "none", is_over=lambda: len(asked) == 3, wait=lambda: asked.append(True))) == []
@@ -104,15 +96,6 @@ def test_damage_ends_it_with_an_error(tmp_path: Path) -> None:
     assert sum(1 for _ in zip(range(6), items, strict=False)) == 6
     with pytest.raises(RecordError, match="entry 6: its line does not agree with its checksum; it is damaged"):
         next(items)
-
-
-def test_a_resumed_run_is_followed_as_one(tmp_path: Path, whole: Path) -> None:
-    path = tmp_path / "run.journal"
-    live(path, until=9)
-    resume_run(path)
-    numbers = [each.number for each in follow(path, wait=nap) if isinstance(each, Entry)]
-    assert numbers == list(range(1, len(numbers) + 1))
-    assert len(numbers) > len(read_journal(whole).entries)
 
 
 def test_the_command_prints_what_journal_show_does(shell: Shell, tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -21,8 +20,6 @@ from tests.unit.records.banks.synthetic_banks import FACTS, changed, counts, put
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (put("meta_data/markerseek_bank_version", 3), "the bank has version 3, this one reads 1; install a newer"),
-        (put("meta_data/markerseek_bank_version", 0.5), "version 0.5"),
         (lambda file: file.pop("meta_data/trus_angle_deg"), "trus_angle_deg is missing"),
         (put("meta_data/trus_angle_deg", np.zeros(4)), "0 deg appears twice"),
         (put("meta_data/trus_angle_deg", np.array([1.0, 2.0, np.nan, np.nan])), "2 of 4 angles were never measured"),
@@ -128,9 +125,3 @@ def test_a_disk_without_room_for_it_all_is_refused_before_a_frame_is_written(tmp
     ):
         writer.add(sample(0.0))
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_pipe_or_a_device_is_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "a.hdf5")
-    with pytest.raises(RecordError, match="not a regular file"):
-        read_bank(tmp_path / "a.hdf5")
