@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import select
+import signal
 import socket
 import subprocess
 import sys
@@ -75,6 +78,28 @@ def test_a_command_starts_a_search_whose_answer_is_that_of_the_ordinary_command(
     assert len({times[index][1] for index in images}) == len(images)
 
 
+def test_nobody_keeps_the_marker_of_the_search_before() -> None:
+    with bridge() as running, IgtlClient(running.port) as client:
+        other = pyigtl.OpenIGTLinkClient("127.0.0.1", running.port)
+        client.ask('<Command Name="StartSearch" Seed="3" />')
+        first = client.until(over)
+        assert [each.content for each in first if each.device == "PaMarker"][-1].points[0].name == "PaMarker"
+        again = igtl.Text(text='<Command Name="StartSearch" Seed="3" Acquisitions="2" />')
+        client.send(again, device="CMD_2")
+        second = client.until(over)
+        assert [each.content.points for each in second if each.device == "PaMarker"] == [()]
+        assert [each.content.position_mm for each in second if each.device == "PaMarkerToProbeHome"] == [None]
+        answer = json.loads(second[-1].content.text)["result"]["answer"]
+        assert answer == "unsure"
+        assert [each.content.name for each in second if each.device == "PaSearch"][-1] == "UNSURE"
+        while '"answer":"unsure"' not in other.wait_for_message("SearchState", timeout=60).string:
+            pass
+        assert other.wait_for_message("PaMarker", timeout=60).positions == []
+        with IgtlClient(running.port) as late:
+            assert late.until(lambda each: each.device == "PaMarker")[-1].content.points == ()
+        other.stop()
+
+
 def test_a_search_is_stopped_by_a_command() -> None:
     with bridge("--pace", "0.5") as running, IgtlClient(running.port) as client:
         assert 'Status="FAIL" Message="no search is running"' in client.ask('<Command Name="StopSearch" />')
@@ -119,6 +144,19 @@ def test_a_bridge_for_other_computers_names_those_that_may(options: tuple[str, .
     ended = subprocess.run(command, capture_output=True, check=False, text=True, timeout=60)
     assert ended.returncode == 2
     assert said in " ".join(ended.stderr.split())
+
+
+@pytest.mark.long
+def test_a_bridge_that_is_killed_in_mid_search_takes_the_search_with_it(tmp_path: Path) -> None:
+    with bridge("--pace", "0.5") as running, IgtlClient(running.port) as client:
+        client.ask(START)
+        client.until(lambda message: message.device == "PA_ProbeHome")
+        children = Path(f"/proc/{running.process.pid}/task/{running.process.pid}/children").read_text().split()
+        watched = os.pidfd_open(int(children[0]))
+        assert running.stop(signal.SIGKILL) == -signal.SIGKILL
+    ready, _, _ = select.select([watched], [], [], 30)
+    os.close(watched)
+    assert ready
 
 
 def test_a_bench_that_nobody_arms_is_not_armed_by_a_message(tmp_path: Path) -> None:

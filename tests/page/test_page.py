@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import base64
 import json
+import os
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from markerseek.bridges import page as page_package
+from markerseek.records.journal import Interrupted, read_journal
 from tests.page.page_browser import COLOURS, angle_of, needs_browser, sync_api
 
 pytestmark = [pytest.mark.real_time, needs_browser]
@@ -91,6 +94,18 @@ def test_everything_is_on_the_first_screen(opened):
     assert watched.tab.evaluate("document.documentElement.scrollWidth") <= 1280
 
 
+@pytest.mark.long
+def test_stop_in_mid_move(opened, page):
+    watched = opened(query="&seed=5&pace=1&readout_s=0.1")
+    watched.start()
+    watched.wait_for(LOG, "acquisition 1 at")
+    watched.tab.locator(".ms-stop").click()
+    watched.wait_for(STATUS, "^stopped")
+    assert page.children() == []
+    held = read_journal(page.journals()[-1])
+    assert isinstance(held.entries[-1].event, Interrupted)
+
+
 def assert_as_good(result, whole, *, kept):
     """The result of a search that went on is as good as that of one without a pause, and has its first samples."""
     assert result["answer"] == whole["answer"] == "found"
@@ -111,6 +126,21 @@ def test_pause_and_go_on_gives_a_result_as_good(opened, command_result):
     assert_as_good(json.loads(downloaded(watched, "report JSON")), command_result("--seed", "4"), kept=3)
     # Images of acquisitions before the pause are still there.
     watched.wait_for_colours(".ms-panel-image canvas", more_than=100)
+
+
+@pytest.mark.long
+def test_killed_child_is_said_and_can_go_on(opened, page, command_result):
+    watched = opened(query="&seed=6&pace=0.02")
+    watched.start()
+    watched.wait_for(LOG, "acquisition 2:")
+    for child in page.children():
+        os.kill(child, signal.SIGKILL)
+    watched.wait_for(BADGE, "^FAULT$")
+    watched.wait_for(".ms-fault", "exit code 137")
+    watched.wait_for(".ms-next", "^Go on continues it")
+    watched.press("Go on")
+    watched.wait_for(STATUS, "^found at ")
+    assert_as_good(json.loads(downloaded(watched, "report JSON")), command_result("--seed", "6"), kept=2)
 
 
 @pytest.mark.long

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import select
 import signal
@@ -40,6 +41,12 @@ def test_taken_port(shell):
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         refused(shell("page", "--port", port), f"127.0.0.1:{port}", "already in use", "--port")
+
+
+def test_rig_file_with_a_misspelt_key(shell, tmp_path):
+    rig = tmp_path / "rig.toml"
+    rig.write_text('kind = "simulated"\ntisue = "liver"\n')
+    refused(shell("page", "--rig", rig), "tisue", "tissue")
 
 
 def test_missing_extra(shell, monkeypatch):
@@ -103,7 +110,7 @@ def until(condition, page, tab, *, timeout_s=30):
 
 
 @needs_browser
-def test_killed_page_stops_the_search(browser, tmp_path):
+def test_killed_page_stops_the_search_and_it_can_be_resumed(browser, tmp_path):
     with served(tmp_path) as page:
         watched = open_tab(browser, page, "/", "&seed=4&pace=0.1")
         watched.start()
@@ -114,6 +121,19 @@ def test_killed_page_stops_the_search(browser, tmp_path):
         watched.tab.context.close()
     (journal,) = page.journals()
     assert isinstance(read_journal(journal).entries[-1].event, Interrupted)
+    resumed = subprocess.run(
+        [sys.executable, "-P", "-m", "markerseek", "resume", str(journal), "--arm", "--json"],
+        capture_output=True,
+        check=False,
+    )
+    straight = subprocess.run(
+        [sys.executable, "-P", "-m", "markerseek", "search", "--seed", "4", "--no-journal", "--json"],
+        capture_output=True,
+        check=False,
+    )
+    result, whole = json.loads(resumed.stdout), json.loads(straight.stdout)
+    assert result["samples"][:1] == whole["samples"][:1]
+    assert abs(result["angle_deg"] - whole["angle_deg"]) < 3 * max(result["sigma_deg"], whole["sigma_deg"])
 
 
 @pytest.mark.long

@@ -1,0 +1,62 @@
+"""A client's StopSearch while the probe of a bench turns and its laser fires."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import time
+
+import pytest
+
+from markerseek.core import MAX_AHEAD_DEG
+from markerseek.wire import igtl
+from tests.emulated import WORLD, emulation
+from tests.faults.test_bench_sweep import angle_deg, pulses_seen, stage_line
+from tests.igtl.igtl_bridge import on_terminal
+from tests.igtl.igtl_client import IgtlClient
+
+pytestmark = pytest.mark.real_time
+
+
+def said_by(message: igtl.Message) -> dict[str, object]:
+    """What the bridge says of the search; nothing in other messages."""
+    is_said = isinstance(message.content, igtl.Text) and message.content.text.startswith("{")
+    return json.loads(message.content.text) if is_said else {}
+
+
+@pytest.mark.long
+def test_a_sweep_is_stopped_by_a_command(tmp_path) -> None:
+    far, near = os.openpty()
+    with emulation(tmp_path, seed=3, text=WORLD + "[receiver]\nsingle_pulses = true\n") as devices:
+        process = on_terminal(devices.rig, near)
+        assert process.stderr is not None
+        said = b""
+        while (found := re.search(rb"connect to 127\.0\.0\.1, port (\d+)", said)) is None:
+            said += os.read(process.stderr.fileno(), 4096)
+        with IgtlClient(int(found[1])) as client:
+            assert "SUCCESS" in client.ask('<Command Name="StartSearch" Sweep="true" />')
+            while b"name of the rig: " not in said:
+                said += os.read(process.stderr.fileno(), 4096)
+            os.write(far, b"rig.toml\n")
+            # It turns to the nearer end in 3.5 s, and sweeps from there for 6 s.
+            client.until(lambda message: said_by(message).get("role") == "search")
+            time.sleep(5.5)
+            assert "SUCCESS" in client.ask('<Command Name="StopSearch" />', name="2")
+            messages = client.until(lambda message: "exit_code" in said_by(message))
+            assert said_by(messages[-1])["exit_code"] == 130
+            with stage_line(devices) as line:
+                rest_deg = angle_deg(line)
+                fired = pulses_seen(devices)
+                time.sleep(0.5)
+                assert angle_deg(line) == rest_deg
+            assert -35 < rest_deg < 20
+            # 12.5 degrees a second, 20 pulses a second: the probe came to rest where its light ended.
+            assert abs(rest_deg + 35 - fired * 12.5 / 20) <= MAX_AHEAD_DEG
+            # Of the 140 that the permit allowed, and none after the stop.
+            assert 0 < fired <= 100
+        process.terminate()
+        process.communicate(timeout=60)
+        assert devices.end()[2] == fired
+    os.close(far)
+    os.close(near)
