@@ -206,6 +206,14 @@ def test_a_permit_is_good_at_its_angle_only(angle_deg: float, allowed: bool) -> 
     assert made.fault == str(refusal.value)
 
 
+def test_a_permit_at_a_readback_that_is_no_number_is_a_fault() -> None:
+    made = guard()
+    permit = made.issue(angle_deg=0.0, pulses=16, now_s=0.0)
+    with pytest.raises(LimitError):
+        made.redeem(permit, angle_deg=math.nan, now_s=0.0)
+    assert made.state is State.FAULT
+
+
 def test_a_permit_expires_by_the_rigs_clock() -> None:
     made = guard()
     permit = made.issue(angle_deg=0.0, pulses=16, now_s=7.0)
