@@ -1,0 +1,54 @@
+"""Simulated B-mode images of the tip of an instrument, and the DICOM files that hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pydicom
+from pydicom.dataset import FileDataset, FileMetaDataset
+from pydicom.uid import ExplicitVRLittleEndian, UltrasoundMultiFrameImageStorage, generate_uid
+
+from markerseek.acoustics import Probe
+from markerseek.sim import BModeSettings, BModeWorld
+
+
+def images_of_a_tip(angles_deg: Iterable[float]) -> npt.NDArray[np.uint8]:
+    """Grey images (angles, rows, columns) at these angles in degrees; the tip is at 0."""
+    world = BModeWorld(
+        settings=BModeSettings(),
+        probe=Probe(),
+        tip_deg=0.0,
+        tip_radius_m=60e-3,
+        tip_lateral_m=2e-3,
+        present=True,
+        start_deg=0.0,
+        rng=np.random.default_rng(1),
+    )
+    images = []
+    for angle_deg in angles_deg:
+        world.angle_deg = float(angle_deg)
+        images.append(world.pixels())
+    return np.stack(images)
+
+
+def dicom(path: Path, pixels: npt.NDArray[Any], **tags: object) -> Path:
+    """An ultrasound multi-frame image, (frames, rows, columns)."""
+    meta = FileMetaDataset()
+    meta.MediaStorageSOPClassUID = UltrasoundMultiFrameImageStorage
+    meta.MediaStorageSOPInstanceUID = generate_uid()
+    meta.TransferSyntaxUID = ExplicitVRLittleEndian
+    file = FileDataset(str(path), {}, file_meta=meta, preamble=bytes(128))
+    file.SOPClassUID, file.SOPInstanceUID = meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID
+    file.Modality, file.SamplesPerPixel, file.PhotometricInterpretation = "US", 1, "MONOCHROME2"
+    file.NumberOfFrames, file.Rows, file.Columns = pixels.shape[:3]
+    bits = 8 * pixels.itemsize
+    file.BitsAllocated, file.BitsStored, file.HighBit, file.PixelRepresentation = bits, bits, bits - 1, 0
+    for name, value in tags.items():
+        setattr(file, name, value)
+    file.PixelData = pixels.tobytes()
+    pydicom.dcmwrite(path, file, enforce_file_format=True)
+    return path
