@@ -209,18 +209,21 @@ def _kind_of(file: CheckedHdf5, name: str) -> str:
     """Kind of a variable that is no array of numbers, as MATLAB calls it."""
     if not file.is_within(name):
         return "link"
-    kind = file.opened[name].attrs.get("MATLAB_class", b"struct")
+    return _class_of(file.opened[name], otherwise="struct")
+
+
+def _class_of(item: h5py.HLObject, *, otherwise: str) -> str:
+    """The class that a variable had in MATLAB; ``otherwise``: where the file does not say."""
+    kind = item.attrs.get("MATLAB_class", otherwise)
     return kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)
 
 
 def _is_numeric(item: h5py.Dataset) -> bool:
     """Whether a dataset holds numbers, real or complex, also by the class that it had in MATLAB."""
-    kind = item.attrs.get("MATLAB_class", b"double")
-    word = kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)
     complex_of_matlab = item.dtype.names == ("real", "imag")
     real = item.dtype.kind in "iuf" and item.dtype.itemsize <= 8
     number = real or complex_of_matlab or (item.dtype.kind == "c" and item.dtype.itemsize <= 16)
-    return word in _MATLAB_TYPES and item.shape is not None and number
+    return _class_of(item, otherwise="double") in _MATLAB_TYPES and item.shape is not None and number
 
 
 def _matlab_values(item: h5py.Dataset) -> np.ndarray:

@@ -27,7 +27,7 @@ from markerseek.studies.worlds import intensity_curve
 from .receiver_faults import RECEIVER_FAULTS, FaultyReceiver
 
 WIDE = Condition(source_radius_m=0.4e-3, peak_snr_db=50.0)
-"""Curve and noise of all cases but one: without a fault, neither set of rules fails on it."""
+"""Curve and noise of all cases but one: without a fault, no method fails on it."""
 
 FRAMED = Condition(source_radius_m=0.35e-3, peak_snr_db=50.0)
 """Curve and noise of the cases from frames: noise that is larger than the steps of a 12-bit converter."""

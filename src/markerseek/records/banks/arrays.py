@@ -108,7 +108,7 @@ def bank_of_arrays(
     if ordered and layout.axes is not None:
         raise ConfigError(f"{path}: the axes of this format are known; leave --axes out")
     arrays = _named(path, dict(found))
-    angle, value = _picked(path, arrays, table)
+    angle, value = _picked(path, arrays, table, held=held)
     if value is None:
         raise RecordError(
             f"{path}: intensity or frames expected, it holds {held}; name its variables, --columns ANGLE,INTENSITY or "
@@ -232,12 +232,14 @@ def _named(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {"angle": array[:, 0], "intensity": array[:, 1]}
 
 
-def _picked(path: Path, arrays: Mapping[str, np.ndarray], table: TableFormat) -> tuple[str | None, str | None]:
+def _picked(
+    path: Path, arrays: Mapping[str, np.ndarray], table: TableFormat, *, held: str
+) -> tuple[str | None, str | None]:
     """Names of the angles, and of the intensities or frames; None where there are none."""
     if table.columns is not None:
         missing = [name for name in table.columns if name not in arrays]
         if missing:
-            raise RecordError(f"{path}: there is no variable {missing[0]}, it holds {content(arrays)}")
+            raise RecordError(f"{path}: there is no variable {missing[0]}, it holds {held}")
         return table.columns
     angle = next((name for name in _ANGLES if name in arrays), None)
     return angle, next((name for name in ("frames", *_INTENSITIES) if name in arrays), None)

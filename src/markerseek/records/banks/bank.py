@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from markerseek.core import ChannelFrame, ConfigError, Float64, Interval, RecordError, counted, needs_package
+from markerseek.core import Bool, ChannelFrame, ConfigError, Float64, Interval, RecordError, counted, needs_package
 from markerseek.records.html import as_html, curve_svg
 
 if TYPE_CHECKING:
@@ -163,8 +163,7 @@ class _SilencedBank(FrameBank):
     """A bank some of whose channels are left out: their samples are 0."""
 
     inner: FrameBank
-    channels: tuple[int, ...]
-    """Counted from 1."""
+    left_out: Bool[np.ndarray, " channels"] = field(repr=False, compare=False)
 
     def frame(self, index: int) -> ChannelFrame:
         return self._silenced(self.inner.frame(index))
@@ -173,8 +172,7 @@ class _SilencedBank(FrameBank):
         return self._silenced(self.inner.dark_frame(index))
 
     def _silenced(self, frame: ChannelFrame) -> ChannelFrame:
-        left_out = np.isin(np.arange(1, len(frame.samples) + 1), self.channels)
-        return replace(frame, samples=np.where(left_out[:, None], np.int16(0), frame.samples))
+        return replace(frame, samples=np.where(self.left_out[:, None], np.int16(0), frame.samples))
 
 
 def without_channels(
@@ -185,13 +183,18 @@ def without_channels(
         return bank
     if isinstance(bank, IntensityBank):
         raise ConfigError(f"{path}: --without-channel is for frames, and it holds intensities; leave it out")
-    count = len(bank.frame(0).samples)
+    left_out = chosen_channels(path, channels, count=len(bank.frame(0).samples))
+    known = {each.name: getattr(bank, each.name) for each in fields(FrameBank)}
+    # What the frames without these channels show is computed again.
+    return _SilencedBank(**{**known, "intensities": ()}, inner=bank, left_out=left_out)
+
+
+def chosen_channels(path: Path, channels: Sequence[int], *, count: int) -> Bool[np.ndarray, " channels"]:
+    """Which channels of a frame are named, counted from 1; `ConfigError` where there is no such channel."""
     for channel in channels:
         if not 1 <= channel <= count:
             raise ConfigError(f"{path}: --without-channel is {channel}, the channels are 1 to {count}")
-    known = {each.name: getattr(bank, each.name) for each in fields(FrameBank)}
-    # What the frames without these channels show is computed again.
-    return _SilencedBank(**{**known, "intensities": ()}, inner=bank, channels=channels)
+    return np.isin(np.arange(1, count + 1), channels)
 
 
 def record_of(path: Path) -> Path:

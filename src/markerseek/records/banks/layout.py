@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import Bool, ConfigError, RecordError
-from markerseek.files import MIB, as_read_error, require_input
+from markerseek.files import MIB, is_number, read_text
+from markerseek.records.banks.bank import chosen_channels
 
 AXES = ("angles", "channels", "samples")
 """Axes of frames, in their order."""
@@ -53,23 +54,14 @@ USUAL_LAYOUT = Layout()
 
 def angles_in(path: Path) -> tuple[float, ...]:
     """Angles in degrees of a text file with one on each line, below a name or not; `RecordError` if it is none."""
-    with as_read_error(path):
-        require_input(path, most_bytes=MIB)
-        lines = path.read_text(encoding="utf-8-sig", errors="replace").split("\n")
+    cure = "write one angle in degrees on each line"
+    text = read_text(path, most_bytes=MIB, what="a list of angles", cure=cure, also=("cp1252",))
     # A comma can only be the sign of the decimals.
-    texts = [line.strip().replace(",", ".").replace("\u2212", "-") for line in lines if line.strip()]
+    texts = [line.strip().replace(",", ".").replace("\u2212", "-") for line in text.split("\n") if line.strip()]
     try:
-        return tuple(float(text) for text in texts[1 if texts and not _is_number(texts[0]) else 0 :])
+        return tuple(float(text) for text in texts[1 if texts and not is_number(texts[0]) else 0 :])
     except ValueError as problem:
-        raise RecordError(f"{path}: {problem}; write one angle in degrees on each line") from problem
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+        raise RecordError(f"{path}: {problem}; {cure}") from problem
 
 
 _OPTION_OF = " (of 'markerseek bank import')"
@@ -124,10 +116,7 @@ _FEW_CHANNELS, _NOISE_RATIO, _LOOKED_AT = 0.05, 5.0, 16
 def without_channels_of(path: Path, frames: np.ndarray, stated: tuple[int, ...]) -> np.ndarray:
     """The frames with zeros in the channels that are stated, or that hold NaN or nothing but noise."""
     channels = frames.shape[1]
-    if stated and not 1 <= min(stated) <= max(stated) <= channels:
-        wrong = next(each for each in stated if not 1 <= each <= channels)
-        raise ConfigError(f"{path}: --without-channel is {wrong}, the channels are 1 to {channels}")
-    left_out = np.isin(np.arange(1, channels + 1), stated)
+    left_out = chosen_channels(path, stated, count=channels)
     said = [f"channel {number} is left out, as asked" for number in sorted(set(stated))]
     few = max(1, int(_FEW_CHANNELS * channels))
     if frames.dtype.kind in "fc":

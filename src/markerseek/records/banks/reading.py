@@ -52,7 +52,7 @@ def read_bank(
             imported = f"markerseek bank import {quoted(record)} {quoted(path)}"
             kept = f"; its scan did not become a bank, and is kept: '{imported}'"
             raise RecordError(f"{path}: there is no such file or folder{kept if record.exists() else ''}")
-        suffix, arranged = path.suffix.lower(), replace(layout, without_channels=())
+        suffix = path.suffix.lower()
         if path.is_file() and is_journal(path):
             raise RecordError(
                 f"{path}: it is the journal of a run and no bank; its run is computed again by "
@@ -61,26 +61,28 @@ def read_bank(
             )
         if path.is_file() and suffix in ARRAY_SUFFIXES:
             return read_arrays(path, table, layout, blanked=blanked)
-        is_hdf5 = path.is_file() and suffix in HDF5_SUFFIXES
-        is_table = not (is_hdf5 or path.is_dir() or is_sequence(path))
-        if is_hdf5:
+        if path.is_file() and suffix in HDF5_SUFFIXES:
             return read_hdf5(path, table, layout, blanked=blanked)
-        if table != DEFAULT_FORMAT and not is_table:
-            raise ConfigError(f"{path}: {_OF_A_TABLE}; leave them out")
-        if arranged != USUAL_LAYOUT:
-            raise ConfigError(
-                f"{path}: {_ARRANGED} are for arrays and HDF5; this recording has its angles; leave them out"
-            )
-        if is_table and layout != USUAL_LAYOUT:
-            raise ConfigError(f"{path}: --without-channel is for frames, and a CSV holds intensities; leave it out")
+        is_table = not (path.is_dir() or is_sequence(path))
+        _require_usual(path, DEFAULT_FORMAT if is_table else table, layout)
         if is_table:
-            return read_table(path, table)
-        bank = read_folder(path, blanked=blanked) if path.is_dir() else read_sequence(path)
+            bank: IntensityBank | FrameBank = read_table(path, table)
+        else:
+            bank = read_folder(path, blanked=blanked) if path.is_dir() else read_sequence(path)
     return without_channels(bank, path, layout.without_channels)
 
 
-_OF_A_TABLE = "it is no CSV, and columns, units and rows to be left out are of a CSV"
-_ARRANGED = "--first-deg, --step-deg, --angles, --axes and --first-frame"
+def _require_usual(path: Path, table: TableFormat, layout: Layout) -> None:
+    """Refuse what a person says of a recording that says it itself."""
+    if table != DEFAULT_FORMAT:
+        raise ConfigError(
+            f"{path}: it is no CSV, and columns, units and rows to be left out are of a CSV; leave them out"
+        )
+    if replace(layout, without_channels=()) != USUAL_LAYOUT:
+        raise ConfigError(
+            f"{path}: --first-deg, --step-deg, --angles, --axes and --first-frame are for frames without angles; this "
+            "recording has its angles; leave them out"
+        )
 
 
 def read_hdf5(
@@ -94,18 +96,12 @@ def read_hdf5(
     """
     with as_read_error(path):
         require_input(path, most_bytes=_LARGEST_BYTES)
-    require_h5py()
-    with as_read_error(path):
+        require_h5py()
         try_files(walk_hdf5, [path])
     arrays, ordered = _arrays(path)
     if arrays is not None:
         return bank_of_arrays(path, arrays, table, layout, ordered=ordered, blanked=blanked)
-    if table != DEFAULT_FORMAT:
-        raise ConfigError(f"{path}: {_OF_A_TABLE}; leave them out")
-    if replace(layout, without_channels=()) != USUAL_LAYOUT:
-        raise ConfigError(
-            f"{path}: {_ARRANGED} are for frames without angles; this recording has its angles; leave them out"
-        )
+    _require_usual(path, table, layout)
     return without_channels(read_probed(path, blanked=blanked), path, layout.without_channels)
 
 
