@@ -57,7 +57,7 @@ test-long:  ## run every test, with more examples and with types and shapes chec
 	$(MAKE) test SHORT=
 
 check: .venv/dev  ## look for faults without running: lint, format, types, import contracts, habits of scientific Python
-	$(BIN)/ruff check
+	$(BIN)/ruff check --no-cache
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports

@@ -14,12 +14,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from pydicom.dataset import Dataset
-from tests.tip_images import dicom, images_of_a_tip
 
 from markerseek.core import RecordError
 from markerseek.files import natural
 from markerseek.records import read_images
 from markerseek.records.banks import FrameBank, read_bank
+from tests.tip_images import dicom, images_of_a_tip
 
 pytestmark = pytest.mark.usefixtures("no_child")
 

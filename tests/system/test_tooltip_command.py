@@ -8,6 +8,7 @@ import struct
 import cv2
 import numpy as np
 import pytest
+
 from tests.tip_images import dicom, images_of_a_tip
 
 ANGLES = np.arange(-6.0, 7.0)
