@@ -25,13 +25,12 @@ from markerseek.cli.report import Output, Report
 from markerseek.core import ConfigError, DeviceError, Finished, Measured, PolicyPlan, described, is_absent
 from markerseek.testing import RuleCheck
 
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek doctor\n\n"
-    "  markerseek doctor --json\n\n"
-    "  markerseek doctor --rig examples/rigs/bench.toml\n\n"
-    "  markerseek doctor --rig examples/rigs/bench.toml --source-deg 12.5 --arm"
-)
+EXAMPLES = """
+    markerseek doctor
+    markerseek doctor --json
+    markerseek doctor --rig examples/rigs/bench.toml
+    markerseek doctor --rig examples/rigs/bench.toml --source-deg 12.5 --arm
+"""
 
 REQUIRED = ("numpy", "scipy", "numba", "msgspec", "typer", "rich", "jaxtyping")
 EXTRAS = {

@@ -63,10 +63,6 @@ class SimulationOptions:
     ] = None
     pace: Annotated[float, typer.Option(help="Real seconds per virtual second: 0 does not wait, 1 is real time.")] = 0
 
-    def __post_init__(self) -> None:
-        if self.no_marker and (self.marker_deg, self.second_marker_deg) != (None, None):
-            raise ConfigError("--no-marker contradicts --marker-deg and --second-marker-deg; leave it or them out")
-
     def given(self) -> list[str]:
         """The options that were given, as they are typed."""
         given = {each.name: value for each in fields(self) if (value := getattr(self, each.name)) != each.default}
@@ -76,16 +72,8 @@ class SimulationOptions:
         """The settings with the values of these options."""
         from markerseek.sim import changed_settings
 
-        settings = changed_settings(settings, tissue=self.tissue, snr_db=self.snr_db, readout_s=self.readout_s)
-        if self.no_marker:
-            none = replace(settings.marker, present=False)
-            settings = replace(settings, marker=none, second=replace(settings.second, present=False))
-        if self.marker_deg is not None:
-            settings = replace(settings, marker=replace(settings.marker, present=True, angle_deg=self.marker_deg))
-        if self.second_marker_deg is not None:
-            second = replace(settings.second, present=True, angle_deg=self.second_marker_deg)
-            settings = replace(settings, second=second)
-        return settings
+        changes = {each.name: getattr(self, each.name) for each in fields(self) if each.name not in ("seed", "pace")}
+        return changed_settings(settings, **changes)
 
 
 class UntrustedError(ConfigError):

@@ -11,14 +11,18 @@ from typer.core import TyperGroup
 from markerseek import bridges, drivers, rigs, runs
 from markerseek.bridges import ros2
 from markerseek.cli import ros2_devices
+from markerseek.cli.help import add_command
 from markerseek.cli.open_rig import read_rig
 from markerseek.cli.options import Acquisitions, MethodName, RigFile, Stay, Sweeps, ToleranceMm, Trust
 from markerseek.cli.ros2_devices import ros_node
-from markerseek.cli.signals import noted_signals
+from markerseek.cli.signals import Stopped, noted_signals
 from markerseek.cli.terminal import print_json, stderr
 from markerseek.ros import topics
 
-_SEARCH_EXAMPLES = "Examples:\n\n  markerseek ros2 search\n\n  markerseek ros2 search --once --rig ros2-rig.toml --json"
+_SEARCH_EXAMPLES = """
+    markerseek ros2 search
+    markerseek ros2 search --once --rig ros2-rig.toml --json
+"""
 
 
 def search(
@@ -32,7 +36,9 @@ def search(
     pace: Annotated[float, typer.Option(help="Real seconds per virtual second of a simulated rig.")] = 0,
     registration: Annotated[
         Path | None,
-        typer.Option(help="Also publish the transform of the da Vinci camera: JSON of `markerseek register --json`."),
+        typer.Option(
+            help="Also publish the transform of the da Vinci camera that `markerseek register` wrote."
+        ),
     ] = None,
     stay: Stay = False,
     sweep: Sweeps = False,
@@ -80,7 +86,7 @@ def search(
             print_json(outcome.answer)
         stderr.print(outcome.message, markup=False)
         raise typer.Exit(outcome.exit_code)
-    raise typer.Exit(128 + stopped[0] if stopped else 0)
+    raise Stopped(128 + stopped[0] if stopped else 0)
 
 
 def _is_over_ros(rig: Path | None) -> bool:
@@ -111,8 +117,8 @@ app = typer.Typer(
 )
 for _name, _command, _examples in (
     ("search", search, _SEARCH_EXAMPLES),
-    ("stage", ros2_devices.stage, "Example:\n\n  markerseek ros2 stage --rig examples/rigs/bench.toml"),
-    ("acquire", ros2_devices.acquire, "Example:\n\n  markerseek ros2 acquire --rig examples/rigs/bench.toml"),
+    ("stage", ros2_devices.stage, "markerseek ros2 stage --rig examples/rigs/bench.toml"),
+    ("acquire", ros2_devices.acquire, "markerseek ros2 acquire --rig examples/rigs/bench.toml"),
     ("sim", ros2_devices.sim, ros2_devices.SIM_EXAMPLES),
 ):
-    app.command(name=_name, epilog=_examples)(_command)
+    add_command(app, _name, _command, _examples)

@@ -115,7 +115,6 @@ def command(
         name="search",
         imaging=assembled.imaging,
         policy=session.policy,
-        journal=session.journal,
     )
 
 

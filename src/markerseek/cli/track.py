@@ -22,12 +22,11 @@ if TYPE_CHECKING:
 
     from markerseek.sim import OscillatingMotion, SimulatedSettings
 
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek track --rig examples/rigs/direct-drive.toml --speed-deg-per-s 5 --plot\n\n"
-    "  markerseek track --sweep --rig examples/rigs/prm1z8-limits.toml --speed-deg-per-s 5 --plot\n\n"
-    "  markerseek track --speed-deg-per-s 0.5 --json"
-)
+EXAMPLES = """
+    markerseek track --rig examples/rigs/direct-drive.toml --speed-deg-per-s 5 --plot
+    markerseek track --sweep --rig examples/rigs/prm1z8-limits.toml --speed-deg-per-s 5 --plot
+    markerseek track --speed-deg-per-s 0.5 --json
+"""
 
 _READOUT_S = 0.05
 """Readout of the rig without a rig file: that of a receiver that streams its frames."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, SupportsFloat
 
 import msgspec
 
@@ -177,19 +177,29 @@ def changed_settings(
     settings: SimulatedSettings,
     *,
     tissue: str | None = None,
-    snr_db: float | None = None,
-    readout_s: float | None = None,
+    no_marker: bool = False,
+    marker_deg: SupportsFloat | None = None,
+    second_marker_deg: SupportsFloat | None = None,
+    snr_db: SupportsFloat | None = None,
+    readout_s: SupportsFloat | None = None,
 ) -> SimulatedSettings:
-    """Settings with some values changed; None leaves a value as it is.
-
-    ``snr_db``: peak SNR, as in `NoiseSettings`.
-    """
+    """Settings with some values changed, by the names of the options of `markerseek search`; None changes nothing."""
+    if no_marker and (marker_deg, second_marker_deg) != (None, None):
+        raise ConfigError("no_marker contradicts marker_deg and second_marker_deg; leave it or them out")
     if tissue is not None:
         settings = replace(settings, tissue=tissue)
+    if no_marker:
+        none = replace(settings.marker, present=False)
+        settings = replace(settings, marker=none, second=replace(settings.second, present=False))
+    if marker_deg is not None:
+        settings = replace(settings, marker=replace(settings.marker, present=True, angle_deg=float(marker_deg)))
+    if second_marker_deg is not None:
+        second = replace(settings.second, present=True, angle_deg=float(second_marker_deg))
+        settings = replace(settings, second=second)
     if snr_db is not None:
-        settings = replace(settings, noise=replace(settings.noise, peak_snr_db=snr_db))
+        settings = replace(settings, noise=replace(settings.noise, peak_snr_db=float(snr_db)))
     if readout_s is not None:
-        settings = replace(settings, receiver=replace(settings.receiver, readout_s=readout_s))
+        settings = replace(settings, receiver=replace(settings.receiver, readout_s=float(readout_s)))
     return settings
 
 
