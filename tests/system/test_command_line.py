@@ -208,9 +208,15 @@ def test_a_damaged_acquisition_is_an_error_that_names_the_file(
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("search", "--acquisitions", 1), "error: --acquisitions is '1', it must be at least 2; see 'markerseek search --help'"),
+        (
+            ("search", "--acquisitions", 1),
+            "error: --acquisitions is '1', it must be at least 2; see 'markerseek search --help'",
+        ),
         (("search", "--seed=x"), "--seed is 'x', it must be a whole number"),
-        (("calibrate", "scan.hdf5", "--direction", "up"), "--direction is 'up', it must be one of 'forward', 'reverse'"),
+        (
+            ("calibrate", "scan.hdf5", "--direction", "up"),
+            "--direction is 'up', it must be one of 'forward', 'reverse'",
+        ),
         (("bank", "scan"), "missing argument 'OUT'; see 'markerseek bank scan --help'"),
         (("search", "--method", "ternery"), "did you mean ternary"),
         (("search", "--tissue", "beef"), "the simulated ones are"),

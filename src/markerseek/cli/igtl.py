@@ -43,9 +43,7 @@ def command(
     ] = None,
     registration: Annotated[
         Path | None,
-        typer.Option(
-            help="Also send the transform of the da Vinci camera that `markerseek register` wrote."
-        ),
+        typer.Option(help="Also send the transform of the da Vinci camera that `markerseek register` wrote."),
     ] = None,
     pace: Annotated[
         float | None,

@@ -36,9 +36,7 @@ def search(
     pace: Annotated[float, typer.Option(help="Real seconds per virtual second of a simulated rig.")] = 0,
     registration: Annotated[
         Path | None,
-        typer.Option(
-            help="Also publish the transform of the da Vinci camera that `markerseek register` wrote."
-        ),
+        typer.Option(help="Also publish the transform of the da Vinci camera that `markerseek register` wrote."),
     ] = None,
     stay: Stay = False,
     sweep: Sweeps = False,
