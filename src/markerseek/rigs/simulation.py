@@ -11,7 +11,7 @@ from typing import SupportsFloat, SupportsIndex
 import numpy as np
 
 from markerseek.acoustics import Absorber
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, SimulationOptions
 from markerseek.rigs.rig import Rig, SimulatedRecipe
 from markerseek.rigs.rig_file import read_simulated
 from markerseek.rigs.scene import Scene, draw_marker, draw_scene, image_reader
@@ -26,7 +26,7 @@ from markerseek.sim import (
     SimulatedSettings,
     SimulatedWorld,
     VirtualClock,
-    changed_settings,
+    with_options,
 )
 from markerseek.vision import TipReader, TipSettings
 
@@ -84,15 +84,15 @@ def simulated(
     if not isinstance(settings, SimulatedSettings):
         path = None if settings is None else Path(settings)
         settings = read_simulated(path, cure="a simulated rig is needed: name a file of kind simulated")
-    settings = changed_settings(
-        settings,
+    chosen = SimulationOptions(
         tissue=tissue,
         no_marker=no_marker,
-        marker_deg=marker_deg,
-        second_marker_deg=second_marker_deg,
-        snr_db=snr_db,
-        readout_s=readout_s,
+        marker_deg=_number(marker_deg),
+        second_marker_deg=_number(second_marker_deg),
+        snr_db=_number(snr_db),
+        readout_s=_number(readout_s),
     )
+    settings = with_options(settings, chosen)
     if swing is not None and (settings.receiver.b_mode or settings.receiver.data == "b-mode"):
         raise ConfigError("receiver: B-mode of a marker that moves is not simulated; leave b_mode out")
     rng, clock = np.random.default_rng(seed), VirtualClock(pace=pace, beat=beat)
@@ -129,6 +129,10 @@ def simulated(
         b_mode=b_mode,
         resumed_after=resumed_after,
     )
+
+
+def _number(value: SupportsFloat | None) -> float | None:
+    return None if value is None else float(value)
 
 
 def _scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
