@@ -8,6 +8,8 @@ from typing import Any
 
 import typer
 
+from markerseek.core import SearchPlan, SimulationOptions, options_of
+
 FIRST = (
     *("--method", "--rig", "--arm", "--sweep", "--single", "--tolerance-mm", "--seed"),
     # Of other commands than search.
@@ -18,15 +20,19 @@ FIRST = (
 """Options that most people need; they stand in the first panel of a command with many options, in this order."""
 
 PANELS = {
-    "Search": "acquisitions as-published others tolerance-deg prior compare stay",
-    "Rig": "trust wavelength-nm pulse-energy-mj",
-    "Points": "target-mm without calibration-sigma-px",
-    "Arrays and sequences": "axes first-frame without-channel angle-field angle-transform sampling-mhz energies "
-    "face-radius-mm",
-    "Tables": "columns unit db skip-invalid",
-    "Simulation": "tissue no-marker marker-deg second-marker-deg snr-db readout-s pace markers camera-mm "
-    "simulated-frames",
-    "Output": "out no-journal events heartbeat registration",
+    "Search": (*(each.flag for each in options_of(SearchPlan)), "--prior", "--compare", "--registration"),
+    "Rig": ("--trust", "--wavelength-nm", "--pulse-energy-mj"),
+    "Points": ("--target-mm", "--without", "--calibration-sigma-px"),
+    "Arrays and sequences": (
+        *("--axes", "--first-frame", "--without-channel", "--angle-field", "--angle-transform", "--sampling-mhz"),
+        *("--energies", "--face-radius-mm"),
+    ),
+    "Tables": ("--columns", "--unit", "--db", "--skip-invalid"),
+    "Simulation": (
+        *(each.flag for each in options_of(SimulationOptions)),
+        *("--markers", "--camera-mm", "--simulated-frames"),
+    ),
+    "Output": ("--out", "--no-journal", "--events", "--heartbeat"),
 }
 """Panels of the other options; "More" has those that no panel names."""
 
@@ -69,7 +75,7 @@ def _commands(command: Any) -> Iterator[Any]:
         yield from _commands(each)
 
 
-_PANEL_OF = {f"--{name}": panel for panel, names in PANELS.items() for name in names.split()}
+_PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names}
 
 
 def _panel(option: str) -> str | None:
