@@ -25,7 +25,7 @@ PANELS = {
     "Points": ("--target-mm", "--without", "--calibration-sigma-px"),
     "Arrays and sequences": (
         *("--axes", "--first-frame", "--without-channel", "--angle-field", "--angle-transform", "--sampling-mhz"),
-        *("--energies", "--face-radius-mm"),
+        "--face-radius-mm",
     ),
     "Tables": ("--columns", "--unit", "--db", "--skip-invalid"),
     "Simulation": (
