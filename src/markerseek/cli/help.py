@@ -32,7 +32,7 @@ PANELS = {
         *(each.flag for each in options_of(SimulationOptions)),
         *("--markers", "--camera-mm", "--simulated-frames"),
     ),
-    "Output": ("--out", "--no-journal", "--events", "--heartbeat"),
+    "Output": ("--out", "--no-journal", "--events"),
 }
 """Panels of the other options; "More" has those that no panel names."""
 
