@@ -96,7 +96,7 @@ class LatePort:
 
 
 def ask(line: AptLine) -> int:
-    return line.ask(apt.ask_target(), apt.TARGET, apt.Counts).counts
+    return line.ask(apt.ask(apt.TARGET), apt.TARGET, apt.Counts).counts
 
 
 def test_an_answer_that_may_be_to_an_earlier_question_is_taken_to_be_as_old() -> None:

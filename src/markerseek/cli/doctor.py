@@ -37,7 +37,7 @@ REQUIRED = ("numpy", "scipy", "numba", "msgspec", "typer", "rich", "jaxtyping")
 EXTRAS = {
     "plot": ("matplotlib", "a picture"),
     "records": ("h5py", "a bank or an export"),
-    "devices": ("thorlabs_apt_protocol", "a rig of devices, real or emulated,"),
+    "devices": ("serial", "a rig of devices, real or emulated,"),
     "page": ("nicegui", "the live page"),
     "igtl": ("pyigtl", "OpenIGTLink"),
     "vision": ("cv2", "a camera or B-mode image"),

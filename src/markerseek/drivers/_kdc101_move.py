@@ -224,7 +224,7 @@ class Move:
         return status, reading
 
     def _ask(self) -> tuple[apt.Status, DatedPosition]:
-        status = self._line.ask(apt.ask_status(), apt.STATUS, apt.Status)
+        status = self._line.ask(apt.ask(apt.STATUS), apt.STATUS, apt.Status)
         answered_s = self._clock.now_s()
         return status, DatedPosition(counts=status.position, asked_s=self._line.since_s, answered_s=answered_s)
 
@@ -289,7 +289,7 @@ class Move:
     def aim(self, counts: int) -> None:
         """Give a target, and let it go there only once the controller is known to have understood it."""
         for _ in range(_TRIES):
-            question = apt.set_target(counts) + apt.ask_target()
+            question = apt.set_target(counts) + apt.ask(apt.TARGET)
             if self._line.ask(question, apt.TARGET, apt.Counts).counts == counts:
                 if self._begun_s is None:
                     self._begun_s = self._clock.now_s()

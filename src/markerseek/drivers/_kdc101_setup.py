@@ -55,7 +55,7 @@ def set_up(
     """
     # Another program may have left the controller sending its status unasked, which would pass for answers.
     line.send(apt.stop_updates())
-    info = line.ask(apt.ask_info(), apt.INFO, apt.Info)
+    info = line.ask(apt.ask(apt.INFO), apt.INFO, apt.Info)
     if info.model not in _MODELS:
         raise NotConnectedError(f"a {info.model} is at the stage's port, expected one of: {', '.join(_MODELS)}")
     if serial_number is not None and info.serial_number != serial_number:
@@ -63,7 +63,7 @@ def set_up(
             f"the stage's controller has the serial number {info.serial_number}, expected {serial_number}; "
             "correct serial_number or the port"
         )
-    status = line.ask(apt.ask_status(), apt.STATUS, apt.Status)
+    status = line.ask(apt.ask(apt.STATUS), apt.STATUS, apt.Status)
     _require_ready(status)
     if not abs(status.position) <= _MAX_COUNTS:
         raise MoveError(
@@ -90,20 +90,20 @@ def set_up(
         # First: a program that was killed may have left its triggers, or another one a port that begins moves.
         write_trigger_ports(line, mode=apt.TRIGGER_OFF)
     write_velocity(line, velocity)
-    _write(line, "backlash", no_backlash, apt.set_backlash(no_backlash.counts) + apt.ask_backlash(), apt.BACKLASH)
-    _write(line, "limits", limits, apt.set_limits(limits) + apt.ask_limits(), apt.LIMITS)
+    _write(line, "backlash", no_backlash, apt.set_backlash(no_backlash.counts) + apt.ask(apt.BACKLASH), apt.BACKLASH)
+    _write(line, "limits", limits, apt.set_limits(limits) + apt.ask(apt.LIMITS), apt.LIMITS)
     return Connected(info=info, zero=zero, limits=limits, position=status.position, enabled=status.enabled)
 
 
 def enable(line: AptLine) -> None:
     """Give the motor current; nothing moves. `MoveError` if the controller does not keep it."""
     enabled = apt.Channel(enabled=True)
-    _write(line, "channel enabled", enabled, apt.enable_channel() + apt.ask_channel(), apt.CHANNEL_STATE)
+    _write(line, "channel enabled", enabled, apt.enable_channel() + apt.ask(apt.CHANNEL_STATE), apt.CHANNEL_STATE)
 
 
 def write_velocity(line: AptLine, velocity: apt.Velocity) -> None:
     """Write speed and acceleration of the moves that follow; `MoveError` if the controller does not keep them."""
-    _write(line, "speed and acceleration", velocity, apt.set_velocity(velocity) + apt.ask_velocity(), apt.VELOCITY)
+    _write(line, "speed and acceleration", velocity, apt.set_velocity(velocity) + apt.ask(apt.VELOCITY), apt.VELOCITY)
 
 
 def write_trigger_row(line: AptLine, row: apt.TriggerRow, *, mode: int) -> None:
@@ -111,7 +111,7 @@ def write_trigger_row(line: AptLine, row: apt.TriggerRow, *, mode: int) -> None:
     # Off first: no port that is set still has a row while another is written.
     write_trigger_ports(line, mode=apt.TRIGGER_OFF)
     positions = apt.TriggerPositions(up=row, down=row)
-    messages = apt.set_trigger_positions(positions) + apt.ask_trigger_positions()
+    messages = apt.set_trigger_positions(positions) + apt.ask(apt.TRIGGER_POSITIONS)
     _write(line, "trigger positions", positions, messages, apt.TRIGGER_POSITIONS)
     # Only now: a port takes over the positions when it is set.
     write_trigger_ports(line, mode=mode)
@@ -120,7 +120,7 @@ def write_trigger_row(line: AptLine, row: apt.TriggerRow, *, mode: int) -> None:
 def write_trigger_ports(line: AptLine, *, mode: int) -> None:
     """Set what trigger port 1 does, and port 2 to nothing; `MoveError` if the controller does not keep it."""
     ports = apt.TriggerPorts(first=mode)
-    _write(line, "trigger ports", ports, apt.set_trigger_ports(ports) + apt.ask_trigger_ports(), apt.TRIGGER_PORTS)
+    _write(line, "trigger ports", ports, apt.set_trigger_ports(ports) + apt.ask(apt.TRIGGER_PORTS), apt.TRIGGER_PORTS)
 
 
 def _require_ready(status: apt.Status) -> None:

@@ -156,7 +156,7 @@ class Kdc101Stage:
 
         Raises `MoveError` if the controller stays disabled. Raises `DeviceTimeoutError` as `move_to`.
         """
-        if not self._line.ask(apt.ask_status(), apt.STATUS, apt.Status).enabled:
+        if not self._line.ask(apt.ask(apt.STATUS), apt.STATUS, apt.Status).enabled:
             enable(self._line)
         self.enabled = True
 
@@ -349,7 +349,7 @@ class Kdc101Stage:
         while True:
             # Sent again each time: without a checksum, a damaged stop is ignored and nobody reports it.
             self._line.send(apt.stop())
-            status = self._line.ask(apt.ask_status(), apt.STATUS, apt.Status)
+            status = self._line.ask(apt.ask(apt.STATUS), apt.STATUS, apt.Status)
             at_rest = not (status.moving or status.homing)
             if at_rest and before is not None and abs(status.position - before) <= _SAME_COUNTS:
                 return status

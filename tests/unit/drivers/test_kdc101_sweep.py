@@ -292,7 +292,7 @@ def test_a_port_that_another_program_left_as_output_or_input_is_off_after_the_st
     it.port.write(apt.set_trigger_ports(apt.TriggerPorts(first=mode)))
     it.stage()
     it.port.read(4096, timeout_s=0.0)
-    it.port.write(apt.ask_trigger_ports())
+    it.port.write(apt.ask(apt.TRIGGER_PORTS))
     answers = [apt.decode(message) for message in AptFramer().feed(it.port.read(4096, timeout_s=0.0))]
     assert answers == [apt.TriggerPorts(first=apt.TRIGGER_OFF)]
     assert edges_of_a_move(it) == 0
