@@ -1,4 +1,4 @@
-from ._kdc101_move import Kdc101Moves
+from ._stage_move import StageLogic, StageRules, StageStatus
 from .clock import LONGEST_WAIT_S, SystemClock
 from .encoders import IgtlEncoder, Ros2Encoder
 from .energy_meter import EnergyMeter, metered
@@ -16,6 +16,7 @@ from .serial_port import SerialPort
 from .settings import BenchProbe, BenchSettings, BenchSupervisor, bench_settings_from
 from .simulated import SimulatedLaserKeys, SimulatedReceiverKeys, SimulatedStageKeys
 from .sonixdaq import SonixDaqReceiver, SonixDaqSettings
+from .standard_stage import StandardStage
 from .table import DRIVERS, entry_of
 from .typed_angle import TypedStage
 from .vantage import VantageReceiver, VantageSettings, await_sender
@@ -35,7 +36,6 @@ __all__ = [
     "GuidedStage",
     "GuidedStageSettings",
     "IgtlEncoder",
-    "Kdc101Moves",
     "Kdc101Settings",
     "Kdc101Stage",
     "LaserBox",
@@ -62,7 +62,11 @@ __all__ = [
     "SimulatedStageKeys",
     "SonixDaqReceiver",
     "SonixDaqSettings",
+    "StageLogic",
+    "StageRules",
     "StageSettings",
+    "StageStatus",
+    "StandardStage",
     "SystemClock",
     "TypedStage",
     "VantageReceiver",

@@ -75,7 +75,6 @@ def test_nobody_there() -> None:
         {"speed_deg_s": 0.0},
         {"speed_deg_s": float("nan")},
         {"acceleration_deg_s2": 26.0},
-        {"lead_deg": 5.1},
         {"zero_deg": 1000.0},
         {"approach_from": "left"},
         {"travel": Interval(low_deg=-0.5, high_deg=0.5)},

@@ -309,7 +309,7 @@ def test_what_a_sweep_may_be_follows_from_its_keys() -> None:
     stage = bench().stage(acceleration_deg_s2=25.0, speed_deg_s=20.0, play_deg=0.3)
     assert stage.fastest_sweep_deg_s == pytest.approx(12.5, abs=0.02)
     assert stage.fastest_sweep_deg_s <= fastest_sweep_deg_s(stage.acceleration_deg_s2)
-    assert bench().stage(speed_deg_s=3.0).fastest_sweep_deg_s == 3.0
+    assert bench().stage(speed_deg_s=3.0).fastest_sweep_deg_s == pytest.approx(3.0, rel=1e-6)
     assert (stage.play_deg(1.0), stage.play_deg(-1.0)) == (0.0, 0.3)
     above = bench().stage(approach_from="above", play_deg=0.3)
     assert (above.play_deg(1.0), above.play_deg(-1.0)) == (0.3, 0.0)
