@@ -16,6 +16,8 @@ from .serial_port import SerialPort
 from .settings import BenchProbe, BenchSettings, BenchSupervisor, bench_settings_from
 from .simulated import SimulatedLaserKeys, SimulatedReceiverKeys, SimulatedStageKeys
 from .sonixdaq import SonixDaqReceiver, SonixDaqSettings
+from .standard_laser import LaserLogic, StandardLaser
+from .standard_receiver import Messages, StandardReceiver
 from .standard_stage import StandardStage
 from .table import DRIVERS, entry_of
 from .typed_angle import TypedStage
@@ -40,7 +42,9 @@ __all__ = [
     "Kdc101Stage",
     "LaserBox",
     "LaserBoxSettings",
+    "LaserLogic",
     "LaserSettings",
+    "Messages",
     "NamedLaser",
     "NamedReceiver",
     "NamedStage",
@@ -66,6 +70,8 @@ __all__ = [
     "StageRules",
     "StageSettings",
     "StageStatus",
+    "StandardLaser",
+    "StandardReceiver",
     "StandardStage",
     "SystemClock",
     "TypedStage",

@@ -21,10 +21,10 @@ from markerseek.core import (
     is_finite,
     require_range,
 )
-from markerseek.drivers._receivers import acquired_frame
 from markerseek.drivers._ros2_wait import require_found, wait_until
 from markerseek.drivers.entry import Entry, LaserSettings, Opening, ReceiverSettings
 from markerseek.drivers.standard_laser import Permits
+from markerseek.drivers.standard_receiver import acquired_frame
 from markerseek.ros import RosNode, messages, topics
 
 _STATE_S = 1.0
