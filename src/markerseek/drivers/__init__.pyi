@@ -1,10 +1,10 @@
 from ._stage_move import StageLogic, StageRules, StageStatus
+from ._time_limit import time_limit
 from .clock import LONGEST_WAIT_S, SystemClock
 from .encoders import IgtlEncoder, Ros2Encoder
 from .energy_meter import EnergyMeter, metered
 from .entry import PARTS, AnyEntry, DeviceSettings, LaserSettings, Part, ReceiverSettings, StageSettings, is_emulated
 from .exposure import exposure_line
-from .foreign import DryLine, NamedLaser, NamedReceiver, NamedStage
 from .guided import GuidedStage, GuidedStageSettings
 from .kdc101 import Kdc101Settings, Kdc101Stage
 from .laserbox import LaserBox, LaserBoxSettings
@@ -33,7 +33,6 @@ __all__ = [
     "BenchSettings",
     "BenchSupervisor",
     "DeviceSettings",
-    "DryLine",
     "EnergyMeter",
     "GuidedStage",
     "GuidedStageSettings",
@@ -45,9 +44,6 @@ __all__ = [
     "LaserLogic",
     "LaserSettings",
     "Messages",
-    "NamedLaser",
-    "NamedReceiver",
-    "NamedStage",
     "Part",
     "PicolasLaser",
     "PicolasSettings",
@@ -86,4 +82,5 @@ __all__ = [
     "exposure_line",
     "is_emulated",
     "metered",
+    "time_limit",
 ]

@@ -116,7 +116,9 @@ class StageRules:
 
     def longest_s(self, way_deg: float) -> float:
         """Longest time that a move of that length may take, in seconds."""
-        return 2 * (way_deg / self.speed_deg_s + self.ramp_s) + 2 * self.begin_s
+        # A fast stage waits for its next target.
+        speed_deg_s = min(self.speed_deg_s, self.lead_deg / (2 * self.renew_s))
+        return 2 * (way_deg / speed_deg_s + self.ramp_s) + 2 * self.begin_s
 
     def reach_deg(self, duration_s: float) -> float:
         """Farthest that a motor gets from rest in that time, with what it may exceed its settings by."""

@@ -81,6 +81,11 @@ class StandardStage(Generic[LogicT]):
         return bool(getattr(self.logic, "emulated", False))
 
     @property
+    def driver(self) -> str:
+        """Name of the driver, in an error."""
+        return str(getattr(self.logic, "driver", type(self).__name__))
+
+    @property
     def seen_deg(self) -> float:
         """Angle of the last reading while it turns, in degrees, without another one; NaN at rest."""
         seen_deg = None if self._move is None else self._move.seen_deg
