@@ -1,5 +1,4 @@
 from ._stage_move import StageLogic, StageRules, StageStatus
-from ._time_limit import time_limit
 from .clock import LONGEST_WAIT_S, SystemClock
 from .encoders import IgtlEncoder, Ros2Encoder
 from .energy_meter import EnergyMeter, metered
@@ -82,5 +81,4 @@ __all__ = [
     "exposure_line",
     "is_emulated",
     "metered",
-    "time_limit",
 ]

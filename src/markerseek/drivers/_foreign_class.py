@@ -13,8 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from markerseek.core import ConfigError, DeviceTimeoutError, MarkerseekError, described, is_absent
-from markerseek.drivers._time_limit import time_limit
+from markerseek.core import ConfigError, MarkerseekError, described, is_absent
 from markerseek.drivers.entry import Part
 from markerseek.drivers.trust import module_beside
 from markerseek.files import data_folder, nearest_key, setting_from
@@ -99,11 +98,10 @@ def _module(module_name: str, beside: str, *, name: str) -> Any:
             "trust it by the question or --trust of: markerseek doctor --rig RIG.toml"
         )
     try:
-        with time_limit(f"importing {module_name}"):
-            if found is not None:
-                _find_beside(beside)
-            is_beside = bool(beside) and file.is_file()
-            return _from_file(module_name, str(file)) if is_beside else importlib.import_module(module_name)
+        if found is not None:
+            _find_beside(beside)
+        is_beside = bool(beside) and file.is_file()
+        return _from_file(module_name, str(file)) if is_beside else importlib.import_module(module_name)
     except ModuleNotFoundError as problem:
         if not is_absent(module_name, problem):
             raise ConfigError(f"{name}: importing {module_name} failed: {problem}; install what it needs") from problem
@@ -111,8 +109,6 @@ def _module(module_name: str, beside: str, *, name: str) -> Any:
             f"{name}: there is no file {file}, and no module {module_name} is installed; correct the name, or put the "
             "file beside the rig file"
         ) from problem
-    except DeviceTimeoutError as problem:
-        raise ConfigError(f"{name}: {problem}") from problem
     except MarkerseekError:
         raise
     # Code of the user: any error in it is reported under its name, and not as one of this program.

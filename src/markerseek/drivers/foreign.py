@@ -34,7 +34,6 @@ from markerseek.core import (
 from markerseek.drivers._approach import require_room
 from markerseek.drivers._foreign_class import OFFERED, arguments_of, class_of
 from markerseek.drivers._stage_move import StageRules, StageStatus
-from markerseek.drivers._time_limit import time_limit
 from markerseek.drivers.entry import (
     DeviceSettings,
     Entry,
@@ -171,7 +170,7 @@ class OwnDevice:
         if _line(self.part, settings) is not None:
             offered["line"] = opening.line
             _read_away(opening.line, opening.clock)
-        with time_limit(f"{self.driver}: connecting"), self._errors(NotConnectedError):
+        with self._errors(NotConnectedError):
             self.device: Any = made(
                 **arguments_of(made, settings.keys, offered=offered, part=self.part, driver=settings.driver)
             )
