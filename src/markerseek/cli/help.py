@@ -28,10 +28,7 @@ PANELS = {
         "--face-radius-mm",
     ),
     "Tables": ("--columns", "--unit", "--db", "--skip-invalid"),
-    "Simulation": (
-        *(each.flag for each in options_of(SimulationOptions)),
-        *("--markers", "--camera-mm", "--simulated-frames"),
-    ),
+    "Simulation": (*(each.flag for each in options_of(SimulationOptions)), "--markers"),
     "Output": ("--out", "--no-journal", "--events"),
 }
 """Panels of the other options; "More" has those that no panel names."""
