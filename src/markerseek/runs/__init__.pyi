@@ -42,16 +42,6 @@ from .simulated_registration import (
 )
 from .stereo_files import StereoSettings, read_stereo
 from .target_views import TargetView, target_views
-from .tracking import (
-    AnyTrackingPolicy,
-    TrackQuality,
-    quality_of,
-    require_streaming,
-    stage_period_s,
-    swept_tracking_policy,
-    track_run,
-    tracking_policy,
-)
 
 __all__ = [
     "FOCAL_LENGTH",
@@ -59,7 +49,6 @@ __all__ = [
     "MARKER_PLACES",
     "REGISTRATION_TOLERANCE_MM",
     "TARGET_DEPTH_M",
-    "AnyTrackingPolicy",
     "Calibration",
     "KnownRegistration",
     "PointPair",
@@ -69,7 +58,6 @@ __all__ = [
     "SimulatedTruth",
     "StereoSettings",
     "TargetView",
-    "TrackQuality",
     "answer_again",
     "answer_from_all",
     "bank_curve",
@@ -90,7 +78,6 @@ __all__ = [
     "new_session",
     "plan_on",
     "point_pairs",
-    "quality_of",
     "read_registration",
     "read_stereo",
     "rebuild_image_reader",
@@ -102,18 +89,13 @@ __all__ = [
     "require_new_scan",
     "require_reset",
     "require_same_measurement",
-    "require_streaming",
     "resumed_session",
     "scan_angles",
     "scan_bank",
     "simulate_registration",
     "spot_pairs",
-    "stage_period_s",
     "strongest_of",
-    "swept_tracking_policy",
     "target_views",
     "tell_recorded",
-    "track_run",
-    "tracking_policy",
     "trus_shared_m",
 ]
