@@ -14,7 +14,7 @@ FIRST = (
     *("--method", "--rig", "--arm", "--sweep", "--single", "--tolerance-mm", "--seed"),
     # Of other commands than search.
     *("--probe", "--number", "--angles", "--first-deg", "--step-deg", "--reference-deg", "--cameras", "--frames"),
-    *("--speed-deg-per-s", "--duration-s", "--simulate", "--continue", "--once"),
+    *("--simulate", "--continue", "--once"),
     *("--journal", "--plot", "--json"),
 )
 """Options that most people need; they stand in the first panel of a command with many options, in this order."""
