@@ -159,7 +159,7 @@ def _for_sweeps(settings: SimulatedSettings) -> SimulatedSettings:
 
 
 def _found(session: runs.Session) -> Found:
-    finished = session.recorder.finished
+    finished = session.view.finished
     if finished is None or not isinstance(finished.estimate, Found):
         answer = "nothing" if finished is None else type(finished.estimate).__name__
         raise SearchError(f"the marker was not found at rest (the answer is {answer}): there is nothing to follow")
@@ -177,7 +177,7 @@ def _follow(
     sweep: bool,
 ) -> tuple[runs.AnyTrackingPolicy, int]:
     """The policy after the run, and how many frames were refused."""
-    confirmation = session.recorder.confirmation
+    confirmation = session.view.confirmation
     if confirmation is None or found.curve is None:
         raise SearchError("the search confirmed no angle, or states no curve: the marker cannot be followed")
     policy: runs.AnyTrackingPolicy

@@ -1,11 +1,10 @@
 from .images import ImageSeries, read_camera_images, read_image_sequence, read_images
 from .replay import ReplayLaser, ReplayReceiver, ReplayStage
-from .result import Answer, Recorder, ReplayedSearch, SampleRow, SearchResult, answer_name, answer_reason
+from .result import Answer, ReplayedSearch, SampleRow, SearchResult, answer_name, answer_reason
 
 __all__ = [
     "Answer",
     "ImageSeries",
-    "Recorder",
     "ReplayLaser",
     "ReplayReceiver",
     "ReplayStage",

@@ -30,6 +30,7 @@ from .registration import (
     register_pairs,
 )
 from .resume import commanded_deg, require_reset, strongest_of, tell_recorded
+from .run_view import FAULT_END, STOPPED, Phase, Point, RunView, angle_text, digits_of, with_minus
 from .session import Session, answer_from_all, find_marker, new_session, plan_on, resumed_session
 from .shared_errors import FOCAL_LENGTH, camera_shared_m, focal_shared_m, trus_shared_m
 from .simulated_registration import (
@@ -54,22 +55,28 @@ from .tracking import (
 )
 
 __all__ = [
+    "FAULT_END",
     "FOCAL_LENGTH",
     "GRID_STEP_M",
     "MARKER_PLACES",
     "REGISTRATION_TOLERANCE",
+    "STOPPED",
     "TARGET_DEPTH_M",
     "AnyTrackingPolicy",
     "Calibration",
     "KnownRegistration",
+    "Phase",
+    "Point",
     "PointPair",
     "RegistrationReport",
+    "RunView",
     "Session",
     "SimulatedScene",
     "SimulatedTruth",
     "StereoSettings",
     "TargetView",
     "TrackQuality",
+    "angle_text",
     "answer_again",
     "answer_from_all",
     "bank_curve",
@@ -82,6 +89,7 @@ __all__ = [
     "commanded_deg",
     "configuration_of",
     "dark_intensity",
+    "digits_of",
     "find_marker",
     "focal_shared_m",
     "former_curve",
@@ -117,4 +125,5 @@ __all__ = [
     "track_run",
     "tracking_policy",
     "trus_shared_m",
+    "with_minus",
 ]

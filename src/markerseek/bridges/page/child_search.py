@@ -9,9 +9,12 @@ from typing import Literal, Protocol, TypeAlias
 
 from markerseek.bridges.child import Outcome
 from markerseek.bridges.page.run_history import RunHistory
-from markerseek.bridges.page.state import STOPPED, SUPERVISED_END
 from markerseek.core import MarkerseekError
 from markerseek.records.journal import Configuration, JournalItem
+from markerseek.runs import STOPPED
+
+SUPERVISED_END = "its supervisor disarms the laser and stops the stage"
+"""What laser and stage do if the search was killed, and could not see to them itself."""
 
 Status: TypeAlias = Literal["starting", "running", "stopping", "ended"]
 

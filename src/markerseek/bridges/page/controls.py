@@ -10,8 +10,8 @@ from nicegui import ui
 
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.settings import REAL_TIME_READOUT_S, SONIXDAQ_READOUT_S, LinkSettings, PageSettings
-from markerseek.bridges.page.state import with_minus
 from markerseek.core import ConfigError
+from markerseek.runs import with_minus
 from markerseek.search import METHODS
 from markerseek.sim import TISSUES
 

@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from markerseek.bridges.page.models import mark, mean_deg, other_angles_deg
-from markerseek.bridges.page.state import Point, Snapshot, with_minus
 from markerseek.core import AngleBelief, Interval
+from markerseek.runs import Point, RunView, with_minus
 
 BLUE, SKY, ORANGE, GREEN, GREY = "#2a88c8", "#56b4e9", "#d55e00", "#009e73", "#8a8f98"
 """Colours that the colour-blind can tell apart, after Okabe and Ito: samples, density, answer, truth, the rest."""
@@ -23,9 +23,7 @@ _WITH_MINUS = "value => String(value).replace('-', '\u2212')"
 """Text of a number at an axis, as a function of the browser."""
 
 
-def curve_options(
-    snapshot: Snapshot, limits: Interval, *, unit: str, known: tuple[str, float] | None
-) -> dict[str, Any]:
+def curve_options(snapshot: RunView, limits: Interval, *, unit: str, known: tuple[str, float] | None) -> dict[str, Any]:
     """Options of the chart: intensity and probability density over the angle.
 
     ``unit``: of the intensities. ``known``: name and angle in degrees of the true or reference angle; None hides it.
@@ -107,7 +105,7 @@ def _axis(name: str, *, gap_px: int) -> dict[str, Any]:
     }
 
 
-def _dot(point: Point, snapshot: Snapshot) -> dict[str, Any]:
+def _dot(point: Point, snapshot: RunView) -> dict[str, Any]:
     """One acquisition; in a weighted average its size is its weight."""
     confirms = point.role == "confirmation"
     weights = snapshot.belief.weights if snapshot.belief else ()
@@ -121,7 +119,7 @@ def _dot(point: Point, snapshot: Snapshot) -> dict[str, Any]:
     }
 
 
-def _areas(snapshot: Snapshot) -> dict[str, Any]:
+def _areas(snapshot: RunView) -> dict[str, Any]:
     belief = snapshot.belief
     interval, bracket = (belief.interval95_deg, belief.bracket_deg) if belief else (None, None)
     spans = [(interval, ORANGE, 0.18), (bracket, GREY, 0.15)]
@@ -135,7 +133,7 @@ def _areas(snapshot: Snapshot) -> dict[str, Any]:
     }
 
 
-def _lines(snapshot: Snapshot, known: tuple[str, float] | None) -> dict[str, Any]:
+def _lines(snapshot: RunView, known: tuple[str, float] | None) -> dict[str, Any]:
     lines = []
     angle_deg = mean_deg(snapshot)
     if angle_deg is not None:
@@ -157,14 +155,14 @@ def _line(angle_deg: float, text: str, colour: str, kind: str, *, above_px: int 
     }
 
 
-def _floor_line(snapshot: Snapshot) -> dict[str, Any]:
+def _floor_line(snapshot: RunView) -> dict[str, Any]:
     level = snapshot.floor_level
     # Its name is in the title of the panel: beside the line it would cover numbers of acquisitions.
     data = [] if level is None else [{"yAxis": level, "label": {"show": False}}]
     return {"silent": True, "symbol": "none", "lineStyle": {"color": GREY, "type": "dashed"}, "data": data}
 
 
-def race_options(runs: Mapping[str, Sequence[Snapshot]], limits: Interval) -> dict[str, Any]:
+def race_options(runs: Mapping[str, Sequence[RunView]], limits: Interval) -> dict[str, Any]:
     """Options of the chart of a race: where each probe was read back, over the time on the clocks of the rigs.
 
     ``runs``: the snapshots of each racer, by its name.

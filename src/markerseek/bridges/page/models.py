@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from markerseek.bridges.page.image_bytes import Picture
-from markerseek.bridges.page.state import Point, Snapshot, digits_of, with_minus
 from markerseek.core import Ambiguous, Found, Interval, NotFound, Unsure
+from markerseek.runs import Point, RunView, digits_of, with_minus
 
 FACE_SHARE = 0.28
 """Radius of the probe over that of the fan, as drawn."""
 
 
 def fan_model(
-    snapshot: Snapshot,
+    snapshot: RunView,
     search: Interval,
     *,
     duration_s: float,
@@ -54,7 +54,7 @@ def fan_model(
     }
 
 
-def probe_text(snapshot: Snapshot) -> str:
+def probe_text(snapshot: RunView) -> str:
     """Where the probe is, and whether that was measured."""
     if snapshot.probe_deg is None:
         return ""
@@ -65,13 +65,13 @@ def probe_text(snapshot: Snapshot) -> str:
     return with_minus(f"{last}read back: {snapshot.probe_deg:.2f}°")
 
 
-def mean_deg(snapshot: Snapshot) -> float | None:
+def mean_deg(snapshot: RunView) -> float | None:
     """Angle of the marker in degrees; None while it is unknown, or if nothing was detected."""
     belief = snapshot.belief
     return None if belief is None or isinstance(belief.estimate, NotFound) else belief.estimate.mean_deg
 
 
-def other_angles_deg(snapshot: Snapshot) -> list[float]:
+def other_angles_deg(snapshot: RunView) -> list[float]:
     """Angles in degrees of what else may be the marker: other sources, and the other modes of an ambiguous answer."""
     if snapshot.belief is None:
         return []
@@ -81,7 +81,7 @@ def other_angles_deg(snapshot: Snapshot) -> list[float]:
     return sorted(each for each in others_deg if abs(each - estimate.mean_deg) > 0.01)
 
 
-def _fan_points(snapshot: Snapshot) -> list[dict[str, Any]]:
+def _fan_points(snapshot: RunView) -> list[dict[str, Any]]:
     most = max((point.intensity for point in snapshot.points), default=0.0)
     return [
         {
@@ -94,7 +94,7 @@ def _fan_points(snapshot: Snapshot) -> list[dict[str, Any]]:
     ]
 
 
-def mark(point: Point, snapshot: Snapshot) -> str:
+def mark(point: Point, snapshot: RunView) -> str:
     """Number of an acquisition; for a confirmation a tick if it has confirmed a marker, else empty."""
     if point.role != "confirmation":
         return str(point.number)
@@ -133,22 +133,22 @@ def image_note(picture: Picture | None, *, simulated: bool) -> str:
     return f"photoacoustic, {picture.range_db:g} dB; ring: its peak{b_mode}"
 
 
-def number_rows(snapshot: Snapshot, *, name: str, unit: str, pulse_j: float | None) -> list[tuple[str, str]]:
+def number_rows(snapshot: RunView, *, name: str, unit: str, pulse_j: float | None) -> list[tuple[str, str]]:
     """Names and formatted values, besides the verdict.
 
     ``name`` and ``unit``: what is run, and the unit of its intensities, as of `RunHistory`. ``pulse_j``: energy of one
     pulse in joules where the rig file names it; None elsewhere.
     """
     belief = snapshot.belief
-    virtual = " (virtual)" if snapshot.rig == "simulated" else ""
+    virtual = " (virtual)" if snapshot.facts.kind == "simulated" else ""
     rows = [
         ("search", name),
         ("acquisitions", str(snapshot.acquisitions) + (f", {snapshot.refused} refused" if snapshot.refused else "")),
-        ("rotation", "–" if snapshot.rig == "replayed" else f"{snapshot.travel_deg:.1f}°"),
-        ("time", "–" if snapshot.rig == "replayed" else f"{snapshot.elapsed_s:.0f} s{virtual}"),
+        ("rotation", "–" if snapshot.facts.kind == "replayed" else f"{snapshot.travel_deg:.1f}°"),
+        ("time", "–" if snapshot.facts.kind == "replayed" else f"{snapshot.elapsed_s:.0f} s{virtual}"),
         ("peak SNR", snr_text(snapshot)),
         ("noise floor", "unknown" if snapshot.floor_level is None else f"{snapshot.floor_level:.4g} {unit}"),
-        ("pulses", "–" if snapshot.rig == "replayed" else str(snapshot.pulses)),
+        ("pulses", "–" if snapshot.facts.kind == "replayed" else str(snapshot.pulses)),
     ]
     if belief is not None:
         others = [with_minus(f"{each.relative_db:+.1f} dB at {each.angle_deg:.2f}°") for each in belief.estimate.others]
@@ -166,7 +166,7 @@ def number_rows(snapshot: Snapshot, *, name: str, unit: str, pulse_j: float | No
     return rows
 
 
-def snr_text(snapshot: Snapshot) -> str:
+def snr_text(snapshot: RunView) -> str:
     """Largest intensity over the noise, or that it is below the floor."""
     strongest = max((point.intensity for point in snapshot.points), default=0.0)
     if snapshot.snr_db is None:
@@ -175,7 +175,7 @@ def snr_text(snapshot: Snapshot) -> str:
     return "below the floor" if strongest <= floor_level else f"{snapshot.snr_db:.1f} dB"
 
 
-def _expected_sigma_deg(snapshot: Snapshot) -> float | None:
+def _expected_sigma_deg(snapshot: RunView) -> float | None:
     """Standard deviation expected after the acquisition on its way, in degrees; None where none was weighed up."""
     belief = snapshot.belief
     if belief is None or snapshot.target_deg is None or not belief.choice_deg:

@@ -18,9 +18,9 @@ from markerseek.bridges.page.models import (
     number_rows,
 )
 from markerseek.bridges.page.run_history import RunHistory, is_image_of
-from markerseek.bridges.page.state import Snapshot
 from markerseek.bridges.page.verdict import Verdict
-from markerseek.core import Interval
+from markerseek.core import Interval, RigFacts, SearchPlan
+from markerseek.runs import RunView
 
 LOG_LINES = 10
 """Lines of the log that are shown."""
@@ -34,7 +34,11 @@ LEGEND = (
 )
 """What is drawn in the fan: class of its key, and its meaning."""
 
-_NOTHING = Snapshot(rig="simulated")
+
+def nothing_on(search: Interval) -> RunView:
+    """The view of a rig on which nothing has happened."""
+    facts = RigFacts(kind="simulated", description="", fingerprint="", search=search)
+    return RunView(plan=SearchPlan(method="posterior"), facts=facts)
 
 
 class VerdictPanel:
@@ -97,13 +101,13 @@ class FanPanel:
     def clear(self) -> None:
         """Show the fan alone."""
         self._shown: tuple[object, ...] = ()
-        self.fan.show(fan_model(_NOTHING, self._search, duration_s=0.0, known_deg=None))
+        self.fan.show(fan_model(nothing_on(self._search), self._search, duration_s=0.0, known_deg=None))
 
-    def aim(self, snapshot: Snapshot, angle_deg: float) -> None:
+    def aim(self, snapshot: RunView, angle_deg: float) -> None:
         """Draw the needle where a person will turn the probe."""
         self.fan.show(fan_model(snapshot, self._search, duration_s=0.0, known_deg=None, aim_deg=angle_deg))
 
-    def show(self, run: RunHistory, snapshot: Snapshot, *, reveal: bool) -> None:
+    def show(self, run: RunHistory, snapshot: RunView, *, reveal: bool) -> None:
         """Show a snapshot; the true angle only where it is to be revealed."""
         key = (run, snapshot.number, reveal)
         if key == self._shown:
@@ -134,9 +138,9 @@ class CurvePanel:
     def clear(self) -> None:
         """Show the axes alone."""
         self._shown: tuple[object, ...] = ()
-        self._chart.show(curve_options(_NOTHING, self._search, unit="counts", known=None))
+        self._chart.show(curve_options(nothing_on(self._search), self._search, unit="counts", known=None))
 
-    def show(self, run: RunHistory, snapshot: Snapshot, *, reveal: bool) -> None:
+    def show(self, run: RunHistory, snapshot: RunView, *, reveal: bool) -> None:
         """Show a snapshot; the true angle only where it is to be revealed."""
         # While the probe moves, only the needle changes.
         key = (run, len(snapshot.points), snapshot.belief, reveal)
@@ -184,7 +188,7 @@ class Panels:
         self._table.clear()
         self._log.set_text("")
 
-    def show(self, run: RunHistory, snapshot: Snapshot, *, reveal: bool) -> None:
+    def show(self, run: RunHistory, snapshot: RunView, *, reveal: bool) -> None:
         """Show a snapshot; the true angle only where it is to be revealed."""
         self.fan.show(run, snapshot, reveal=reveal)
         self._curve.show(run, snapshot, reveal=reveal)
@@ -196,7 +200,7 @@ class Panels:
         self._show_rows(number_rows(snapshot, name=run.name, unit=run.unit, pulse_j=run.pulse_j))
         self._log.set_text("\n".join(run.lines(snapshot, most=LOG_LINES)))
 
-    def _show_image(self, run: RunHistory, snapshot: Snapshot) -> None:
+    def _show_image(self, run: RunHistory, snapshot: RunView) -> None:
         picture = run.picture(snapshot)
         elsewhere = picture is not None and not is_image_of(picture, snapshot)
         key = (run, picture, snapshot.floor_level, elsewhere)
@@ -207,7 +211,7 @@ class Panels:
         self._image_title.set_text(image_title(picture, elsewhere=elsewhere))
         self._image_title.classes(replace="ms-title" if picture is None else "ms-image-title")
         self._image_title.classes(add="ms-elsewhere" if elsewhere else "")
-        self._image_note.set_text(image_note(picture, simulated=snapshot.rig == "simulated"))
+        self._image_note.set_text(image_note(picture, simulated=snapshot.facts.kind == "simulated"))
 
     def _show_rows(self, rows: list[tuple[str, str]]) -> None:
         for name in self._rows.keys() - dict(rows).keys():

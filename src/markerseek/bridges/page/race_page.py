@@ -16,9 +16,9 @@ from markerseek.bridges.page.panels import CurvePanel, FanPanel, VerdictPanel, p
 from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.search_page import verdict_before
 from markerseek.bridges.page.settings import LinkSettings, PageSettings
-from markerseek.bridges.page.state import Snapshot
 from markerseek.bridges.page.verdict import verdict_of
 from markerseek.core import Interval, counted
+from markerseek.runs import RunView
 
 RACERS = ("posterior", "ternary")
 """Methods that race where none are chosen: ours, and one of the paper's."""
@@ -60,7 +60,7 @@ class Lane:
         self._verdict.show(verdict_of(snapshot))
 
 
-def counts_text(run: RunHistory, snapshot: Snapshot) -> str:
+def counts_text(run: RunHistory, snapshot: RunView) -> str:
     """What counts in a race; it names what was run, because the fields may have been changed since."""
     return (
         f"{run.name}: {counted(snapshot.acquisitions, 'acquisition')}, {snapshot.travel_deg:.0f}° of rotation, "

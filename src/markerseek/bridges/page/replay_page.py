@@ -19,11 +19,11 @@ from markerseek.bridges.page.results import ResultRow
 from markerseek.bridges.page.run_history import RunHistory, watched_journal
 from markerseek.bridges.page.search_page import status_text, verdict_before
 from markerseek.bridges.page.settings import PageSettings
-from markerseek.bridges.page.state import with_minus
-from markerseek.bridges.page.timeline import RunView
+from markerseek.bridges.page.timeline import RunPanels
 from markerseek.core import MarkerseekError
 from markerseek.records import SearchResult
-from markerseek.records.journal import is_journal, read_journal, result_of, run_state, summary
+from markerseek.records.journal import is_journal, read_journal, run_state, summary
+from markerseek.runs import RunView, with_minus
 
 
 class ReplayPage:
@@ -56,7 +56,7 @@ class ReplayPage:
                 search = start_button("Search it")
         self._methods.visible = False
         self._frame.on_click(search, self._search_bank)
-        self._view = RunView(searches.rig.search, self._verdict, playable=True)
+        self._view = RunPanels(searches.rig.search, self._verdict, playable=True)
         self._show_nothing()
         self._results = ResultRow()
         if recording in self._recordings:
@@ -148,4 +148,4 @@ def _read(path: Path) -> tuple[RunHistory, dict[str, Any] | None]:
     """The run of a journal, and its result where it is over."""
     recorded = read_journal(path)
     finished = run_state(recorded.entries).state == "finished"
-    return watched_journal(recorded), msgspec.to_builtins(result_of(recorded)[1]) if finished else None
+    return watched_journal(recorded), msgspec.to_builtins(RunView.of(recorded).result()) if finished else None

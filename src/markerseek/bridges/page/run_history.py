@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import msgspec
 import numpy as np
 
 from markerseek.bridges.page.image_bytes import Picture, picture_of
-from markerseek.bridges.page.state import Snapshot, SnapshotBuilder
-from markerseek.core import NO_HEADER, ChannelFrame, Measured, RFFrame, SearchPlan
+from markerseek.core import NO_HEADER, ChannelFrame, Measured, ReadingFrame, RFFrame, SearchPlan
 from markerseek.records.journal import Configuration, JournalEvent, RecordedRun
-from markerseek.runs import rebuild_image_reader
+from markerseek.runs import RunView, rebuild_image_reader
 from markerseek.signals import PRESET_NAMES, ImageReader, probe_preset
 from markerseek.sim import StageMotion
 
@@ -30,9 +30,8 @@ class RunHistory:
 
     def __init__(self, configuration: Configuration, *, has_policy: bool = True) -> None:
         self.configuration = configuration
-        self._state = SnapshotBuilder(configuration)
         # Only ever appended to, so that another thread may read it at any time.
-        self.snapshots: list[Snapshot] = [self._state.snapshot]
+        self.snapshots: list[RunView] = [RunView.of(configuration)]
         self.pictures: dict[int, Picture] = {}
         self._imaging = rebuild_image_reader(configuration)
         recipe: dict[str, Any] = msgspec.json.decode(configuration.recipe) or {}
@@ -50,7 +49,8 @@ class RunHistory:
 
         ``on_change``: called once the event can be shown, and again once its image can.
         """
-        self.snapshots.append(self._state.add(event, clock_s=clock_s))
+        # Kept for every event: without its counts, a frame is only its header.
+        self.snapshots.append(self.snapshots[-1].add(_without_counts(event), clock_s=clock_s))
         on_change()
         if self._imaging is not None and isinstance(event, Measured) and not event.sample.dark:
             sample = event.sample
@@ -63,7 +63,7 @@ class RunHistory:
 
         ``problem``: what went wrong; empty where a person has stopped it.
         """
-        self.snapshots.append(self._state.cut_off(reason, problem=problem))
+        self.snapshots.append(self.snapshots[-1].cut_off(reason, problem=problem))
 
     @property
     def imaged(self) -> bool:
@@ -75,19 +75,19 @@ class RunHistory:
         """Unit of its intensities; those of a table have the one of whoever made it."""
         return "counts" if self.imaged else "as recorded"
 
-    def picture(self, snapshot: Snapshot) -> Picture | None:
+    def picture(self, snapshot: RunView) -> Picture | None:
         """The newest image of the angle where the probe is; where there is none, the newest of another angle."""
         seen = [self.pictures[number] for number in sorted(self.pictures) if number <= snapshot.number]
         here = [each for each in seen if is_image_of(each, snapshot)]
         return next(reversed(here or seen), None)
 
-    def move_s(self, snapshot: Snapshot) -> float:
+    def move_s(self, snapshot: RunView) -> float:
         """Real time that the present move is expected to take, in seconds; 0 where nothing moves."""
         if snapshot.target_deg is None or snapshot.probe_deg is None:
             return 0.0
         return self._motion.duration_s(snapshot.target_deg - snapshot.probe_deg) * self._pace
 
-    def lines(self, snapshot: Snapshot, *, most: int) -> list[str]:
+    def lines(self, snapshot: RunView, *, most: int) -> list[str]:
         """The last lines of the log up to a snapshot, the newest first."""
         newest = snapshot.number + 1
         # A move is a line until its acquisition replaces it, and a pulse of a sweep until the next.
@@ -103,7 +103,15 @@ class RunHistory:
         return "reference" if self.configuration.facts.truth_deg is None else "truth"
 
 
-def is_image_of(picture: Picture, snapshot: Snapshot) -> bool:
+def _without_counts(event: JournalEvent) -> JournalEvent:
+    sample = event.sample if isinstance(event, Measured) else None
+    if not isinstance(event, Measured) or sample is None or sample.frame is None:
+        return event
+    frame = ReadingFrame(header=sample.frame.header, intensity=sample.reading.intensity)
+    return replace(event, sample=replace(sample, frame=frame))
+
+
+def is_image_of(picture: Picture, snapshot: RunView) -> bool:
     """Whether an image is of the angle where the probe is."""
     if snapshot.probe_deg is None or snapshot.target_deg is not None:
         return False

@@ -9,7 +9,7 @@ from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.panels import VerdictPanel
 from markerseek.bridges.page.results import ResultRow
 from markerseek.bridges.page.settings import LinkSettings
-from markerseek.bridges.page.timeline import RunView
+from markerseek.bridges.page.timeline import RunPanels
 from markerseek.bridges.page.verdict import Verdict, verdict_of
 
 
@@ -18,7 +18,7 @@ def build_search_page(searches: PageSearches, link: LinkSettings) -> None:
     frame = PageShell(searches, "/")
     verdict = VerdictPanel()
     controls = SearchControls(frame, link)
-    view = RunView(searches.rig.search, verdict)
+    view = RunPanels(searches.rig.search, verdict)
     results = ResultRow()
     shown: ChildSearch | None = None
 

@@ -7,15 +7,15 @@ from nicegui import ui
 from markerseek.bridges.page.elements import Slider
 from markerseek.bridges.page.panels import Panels, VerdictPanel
 from markerseek.bridges.page.run_history import RunHistory
-from markerseek.bridges.page.state import Snapshot
 from markerseek.bridges.page.verdict import Verdict, verdict_of
 from markerseek.core import Interval
+from markerseek.runs import RunView
 
 PLAY_TICKS = 4
 """Updates of the page for which each event is shown while a run is played."""
 
 
-class RunView:
+class RunPanels:
     """Panels of a run and the slider below them; its verdict stands above, where the page has put it."""
 
     def __init__(self, search: Interval, verdict: VerdictPanel, *, playable: bool = False) -> None:
@@ -68,7 +68,7 @@ class Timeline:
         self._move(0)
         self._label.set_text("event 0 of 0")
 
-    def snapshot(self, run: RunHistory) -> Snapshot:
+    def snapshot(self, run: RunHistory) -> RunView:
         """The snapshot to be shown: the newest, or the one that was chosen."""
         if run is not self._run:
             self._run, self._following = run, True

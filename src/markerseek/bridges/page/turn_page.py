@@ -11,14 +11,13 @@ from markerseek.bridges.page.controls import SettingsRow, start_button
 from markerseek.bridges.page.elements import Slider
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.page_shell import PageShell
-from markerseek.bridges.page.panels import Panels, VerdictPanel
+from markerseek.bridges.page.panels import Panels, VerdictPanel, nothing_on
 from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.settings import PageSettings
-from markerseek.bridges.page.state import Snapshot, with_minus
 from markerseek.bridges.page.verdict import Verdict
 from markerseek.core import Asked, LimitError, MarkerseekError, Measured, SearchError, SearchPlan, Started, counted
 from markerseek.rigs import simulated
-from markerseek.runs import new_session
+from markerseek.runs import new_session, with_minus
 from markerseek.sim import SimulatedSettings, changed_settings
 
 HELP = (
@@ -103,7 +102,7 @@ class TurnPage:
         self._verdict = VerdictPanel()
         limits = base.limits.search
         start_deg = limits.nearest(base.start_deg)
-        self._start = Snapshot(rig="simulated", probe_deg=start_deg)
+        self._start = replace(nothing_on(limits), probe_deg=start_deg)
         with ui.element("div").classes("ms-controls"):
             self._measure = start_button("Measure", icon="bolt").on_click(self._fire)
             self._name = ui.button("It is here", icon="flag", on_click=self._name_it)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from markerseek.bridges.page.state import Snapshot, angle_text, digits_of, with_minus
 from markerseek.core import Ambiguous, AngleBelief, Found, Unsure
 from markerseek.records import answer_name, answer_reason
+from markerseek.runs import RunView, angle_text, digits_of, with_minus
 
 Kind: TypeAlias = Literal["idle", "busy", "found", "unsure", "nothing", "stopped", "fault"]
 """Kind of a verdict: its colour."""
@@ -46,7 +47,7 @@ class Verdict:
         return self.word.lower() + ("" if self.angle in {"", "–"} else f"{joined} {self.angle}{self.sigma}")
 
 
-def verdict_of(snapshot: Snapshot, *, next_step: str = "", comparison: str = "") -> Verdict:
+def verdict_of(snapshot: RunView, *, next_step: str = "", comparison: str = "") -> Verdict:
     """The verdict after an event; an angle counts as found only once the search is over and says so.
 
     ``next_step``: what a person can do next if the run has ended without an answer. ``comparison``: what a search would
@@ -85,7 +86,7 @@ def verdict_of(snapshot: Snapshot, *, next_step: str = "", comparison: str = "")
     )
 
 
-def _word(snapshot: Snapshot) -> tuple[str, Kind]:
+def _word(snapshot: RunView) -> tuple[str, Kind]:
     if snapshot.phase in {"fault", "cut off"}:
         return "FAULT", "fault"
     if snapshot.phase == "stopped":
@@ -100,7 +101,7 @@ def _word(snapshot: Snapshot) -> tuple[str, Kind]:
     return ("CHECKING" if snapshot.phase == "checking" else "SEARCHING"), "busy"
 
 
-def _lead(snapshot: Snapshot, belief: AngleBelief) -> str:
+def _lead(snapshot: RunView, belief: AngleBelief) -> str:
     if snapshot.phase != "finished":
         return "so far"
     if not belief.claims:
@@ -108,7 +109,7 @@ def _lead(snapshot: Snapshot, belief: AngleBelief) -> str:
     return {"found": "", "ambiguous": "either"}.get(answer_name(belief.estimate), "best guess")
 
 
-def _reason(snapshot: Snapshot) -> str:
+def _reason(snapshot: RunView) -> str:
     belief = snapshot.belief
     if snapshot.phase in {"stopped", "fault", "cut off"}:
         # The log says how it ended, in the words of the badge, and after the problem what laser and stage did.
@@ -146,12 +147,12 @@ def interval_text(belief: AngleBelief) -> str:
     return with_minus(f"{name}: {low} to {high}{at_marker}")
 
 
-def turn_text(snapshot: Snapshot) -> str:
+def turn_text(snapshot: RunView) -> str:
     """How far the probe has to turn to the marker; empty where nothing turns, or nobody knows where it is."""
-    if snapshot.rig == "replayed" or snapshot.probe_deg is None or snapshot.belief is None:
+    if snapshot.facts.kind == "replayed" or snapshot.probe_deg is None or snapshot.belief is None:
         return ""
     turn_deg = snapshot.belief.estimate.mean_deg - snapshot.probe_deg
     if abs(turn_deg) > ON_MARKER_DEG:
         return with_minus(f"turn by {turn_deg:+.1f}°")
-    turned = "" if snapshot.start_deg is None else f", turned by {snapshot.probe_deg - snapshot.start_deg:+.1f}°"
+    turned = "" if math.isnan(snapshot.start_deg) else f", turned by {snapshot.probe_deg - snapshot.start_deg:+.1f}°"
     return with_minus(f"the probe is on it{turned}")

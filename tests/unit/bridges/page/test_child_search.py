@@ -17,13 +17,12 @@ from markerseek.bridges.child import Outcome
 from markerseek.bridges.page.child_search import ChildSearch
 from markerseek.bridges.page.page_searches import PageRig, PageSearches
 from markerseek.bridges.page.settings import PageSettings
-from markerseek.bridges.page.state import STOPPED as STOPPED_LINE
-from markerseek.bridges.page.state import Snapshot
 from markerseek.bridges.page.verdict import verdict_of
 from markerseek.core import RecordError, SearchError, SearchPlan
 from markerseek.records.journal import Entry
 from markerseek.rigs import read_rig_file
-from markerseek.runs import new_session, plan_on
+from markerseek.runs import STOPPED as STOPPED_LINE
+from markerseek.runs import RunView, new_session, plan_on
 from markerseek.sim import GaussianCurve
 
 BROWSER = "a browser at 127.0.0.1"
@@ -137,9 +136,10 @@ def test_search_that_is_killed_says_what_laser_and_stage_do(stream, kind, said):
         ),
     ],
 )
-def test_what_a_person_can_do_next(simulated, state, phase, said):
+def test_what_a_person_can_do_next(stream, simulated, state, phase, said):
     page = pytest.importorskip("markerseek.bridges.page.search_page", reason="needs the extra page")
-    run = None if phase is None else SimpleNamespace(snapshots=[Snapshot(rig="simulated", phase=phase)])
+    view = RunView(plan=SearchPlan(method="ternary"), facts=stream[0].facts, phase=phase or "ready")
+    run = None if phase is None else SimpleNamespace(snapshots=[view])
     search = None if state == "none" else SimpleNamespace(run=run, status=state)
     busy = state in {"busy", "starting"}
     rig = SimpleNamespace(simulated=simulated)

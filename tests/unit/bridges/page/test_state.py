@@ -19,7 +19,6 @@ from markerseek.bridges.page.models import (
 from markerseek.bridges.page.results import is_claimed
 from markerseek.bridges.page.run_history import RunHistory, is_image_of
 from markerseek.bridges.page.search_page import status_text
-from markerseek.bridges.page.state import STOPPED, Snapshot, SnapshotBuilder, angle_text, with_minus
 from markerseek.bridges.page.verdict import Verdict, interval_text, sigma_text, turn_text, verdict_of
 from markerseek.core import (
     PAPER_RANGE,
@@ -45,7 +44,7 @@ from markerseek.core import (
 )
 from markerseek.records import answer_name
 from markerseek.records.journal import Interrupted, Resuming
-from markerseek.runs import new_session, plan_on
+from markerseek.runs import STOPPED, RunView, angle_text, new_session, plan_on, with_minus
 from markerseek.runs.journalled import Beliefs
 from markerseek.search import METHODS, BracketSearch, build
 from markerseek.sim import GaussianCurve, ReceiverSettings, SimulatedSettings
@@ -62,9 +61,16 @@ def finished_run(method, *, as_published=False, seed=5, marker_deg=-9.4):
     return session, [(beliefs.added(event), rig.scanner.clock.now_s()) for event in session.events()]
 
 
-def shown(session, events) -> list[Snapshot]:
-    state = SnapshotBuilder(session.configuration)
-    return [state.add(event, clock_s=clock_s) for event, clock_s in events]
+def shown(session, events) -> list[RunView]:
+    views = [RunView.of(session.configuration)]
+    for event, clock_s in events:
+        views.append(views[-1].add(event, clock_s=clock_s))
+    return views[1:]
+
+
+def a_view(kind="simulated", **known) -> RunView:
+    facts = RigFacts(kind=kind, description="", fingerprint="", search=PAPER_RANGE)
+    return RunView(plan=SearchPlan(method="ternary"), facts=facts, **known)
 
 
 @pytest.mark.parametrize(
@@ -139,7 +145,7 @@ def test_probe_is_expected_only_while_it_moves():
 
 def test_states_that_end_or_interrupt_a_run():
     session, _ = finished_run("posterior")
-    state = SnapshotBuilder(session.configuration)
+    snapshot = RunView.of(session.configuration)
     limits = Interval(low_deg=-35.0, high_deg=35.0)
     said = [
         (Started(start_deg=1.0, limits=limits), "ready", False),
@@ -150,7 +156,7 @@ def test_states_that_end_or_interrupt_a_run():
         (Failed(error=MoveError("it did not arrive")), "fault", True),
     ]
     for event, phase, over in said:
-        snapshot = state.add(event, clock_s=1.0)
+        snapshot = snapshot.add(event, clock_s=1.0)
         assert (snapshot.phase, snapshot.over) == (phase, over)
     assert snapshot.line == "fault: it did not arrive; the laser was told to disarm, and the stage to stop"
     verdict = verdict_of(snapshot, next_step="call somebody")
@@ -177,16 +183,16 @@ def test_published_form_claims_nothing():
 
 def test_probe_is_read_back_last_where_its_move_was_cut_short():
     session, events = finished_run("posterior")
-    state = SnapshotBuilder(session.configuration)
     second = next(
         n
         for n, (event, _) in enumerate(events)
         if isinstance(event, Asked) and (event.role, event.index) == ("search", 2)
     )
-    said = [probe_text(state.add(event, clock_s=clock_s)) for event, clock_s in events[: second + 1]]
-    read_back = with_minus(f"read back: {state.snapshot.probe_deg:.2f}°")
+    views = shown(session, events[: second + 1])
+    said = [probe_text(each) for each in views]
+    read_back = with_minus(f"read back: {views[-1].probe_deg:.2f}°")
     assert said[-2:] == [read_back, with_minus(f"expected, on its way to {events[second][0].angle_deg:.2f}°")]
-    cut_off = state.cut_off("killed; it coasts", problem="killed")
+    cut_off = views[-1].cut_off("killed; it coasts", problem="killed")
     assert (cut_off.phase, cut_off.number, cut_off.over) == ("cut off", second + 2, True)
     assert cut_off.line == "killed; it coasts"
     assert probe_text(cut_off) == f"last {read_back}"
@@ -299,7 +305,7 @@ OF_ONE = {"interval95_deg": Interval(low_deg=-30.0, high_deg=3.0), "interval_kin
     ids=("not found", "ambiguous", "found"),
 )
 def test_only_angles_that_are_claimed_are_named(estimate, angle, others_deg):
-    snapshot = Snapshot(rig="simulated", belief=AngleBelief(estimate=estimate))
+    snapshot = a_view(belief=AngleBelief(estimate=estimate))
     assert angle_text(snapshot.belief) + sigma_text(snapshot.belief) == angle
     if isinstance(estimate, Ambiguous):
         verdict = verdict_of(replace(snapshot, phase="finished"))
@@ -371,21 +377,19 @@ def test_interval_says_what_it_is():
 
 
 def test_turn_is_from_the_probe_to_the_marker():
-    snapshot = Snapshot(rig="bench", number=9, phase="finished", probe_deg=-6.2, belief=found_at(-3.0, 0.1))
+    snapshot = a_view("bench", number=9, phase="finished", probe_deg=-6.2, belief=found_at(-3.0, 0.1))
     assert verdict_of(snapshot).turn == "turn by +3.2°"
     assert turn_text(replace(snapshot, probe_deg=0.0)) == "turn by −3.0°"
     # A recording turns nothing.
-    assert turn_text(replace(snapshot, rig="replayed")) == ""
+    assert turn_text(replace(snapshot, facts=replace(snapshot.facts, kind="replayed"))) == ""
     assert verdict_of(replace(snapshot, phase="measured")).turn == ""
 
 
 def test_one_stop_has_one_wording():
     session, events = finished_run("posterior")
-    state = SnapshotBuilder(session.configuration)
-    for event, clock_s in events[:6]:
-        state.add(event, clock_s=clock_s)
-    by_signal = state.add(Interrupted(reason="SIGINT"), clock_s=1.0)
-    by_page = state.cut_off(STOPPED)
+    view = shown(session, events[:6])[-1]
+    by_signal = view.add(Interrupted(reason="SIGINT"), clock_s=1.0)
+    by_page = view.cut_off(STOPPED)
     assert by_signal.line == by_page.line == STOPPED
     for each in (by_signal, by_page):
         assert verdict_of(each).word == "STOPPED"
@@ -393,9 +397,9 @@ def test_one_stop_has_one_wording():
 
 
 def test_a_page_without_a_run_is_ready():
-    assert verdict_of(Snapshot(rig="simulated")).word == Verdict().word == "READY"
+    assert verdict_of(a_view()).word == Verdict().word == "READY"
     # Nobody waits for an angle of a search that has not begun.
-    assert verdict_of(Snapshot(rig="simulated")).angle == Verdict().angle == ""
+    assert verdict_of(a_view()).angle == Verdict().angle == ""
 
 
 def test_minus_signs_are_those_of_numbers_only():
@@ -433,7 +437,7 @@ def test_a_person_is_asked_on_the_page_to_turn_the_probe():
 
 
 def test_run_that_ends_before_its_first_angle_waits_for_none():
-    stopped = Snapshot(rig="simulated", number=4, phase="stopped", line=STOPPED)
+    stopped = a_view(number=4, phase="stopped", line=STOPPED)
     assert verdict_of(stopped, next_step="Go on continues it").next_step == "Go on continues it"
     assert verdict_of(stopped).angle == ""
     assert verdict_of(replace(stopped, phase="measured", line=""), next_step="Go on continues it").next_step == ""
