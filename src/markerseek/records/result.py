@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal, TypeAlias, TypeGuard
+from typing import TYPE_CHECKING, TypeGuard
 
 import msgspec
 
 from markerseek._version import __version__
 from markerseek.core import (
-    Ambiguous,
-    AtBound,
     Doubt,
     Estimate,
     Finished,
@@ -34,13 +32,11 @@ from markerseek.core import (
     needs_package,
     rig_in_words,
 )
-from markerseek.records.html import as_html, curve_svg
+from markerseek.records.curve_svg import DrawnCurve, Mark, as_html
+from markerseek.records.words import AnswerName, answer_name, answer_reason
 
 if TYPE_CHECKING:
     import pandas as pd
-
-AnswerName: TypeAlias = Literal["found", "not found", "ambiguous", "at bound", "unsure"]
-"""Names of the answers in the JSON output."""
 
 
 class SampleRow(msgspec.Struct, frozen=True, kw_only=True):
@@ -295,13 +291,11 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     def _repr_html_(self) -> str:
         """The answer and the intensities, for a notebook."""
         lit = self.samples if self.confirmation is None else [*self.samples, self.confirmation]
-        picture = curve_svg(
-            [each.angle_deg for each in lit],
-            [each.intensity for each in lit],
-            mark_deg=self.angle_deg,
-            interval_deg=self.interval95_deg,
-        )
-        return as_html(self._heading(), self._rows(), picture)
+        # Where nothing was detected, the angle is that of the noise.
+        answer_deg = None if self.answer == "not found" else self.angle_deg
+        marks = [Mark(angle_deg=each.angle_deg, intensity=each.intensity, radius=2.5) for each in lit]
+        curve = DrawnCurve(marks=marks, answer_deg=answer_deg, interval_deg=self.interval95_deg)
+        return as_html(self._heading(), self._rows(), curve.svg())
 
     def _heading(self) -> str:
         if self.search is not None:
@@ -346,44 +340,3 @@ def _replayed_search(
 
 def _unsure_of_width(estimate: Estimate) -> TypeGuard[Unsure]:
     return isinstance(estimate, Unsure) and estimate.doubt == "width"
-
-
-def answer_name(estimate: Estimate) -> AnswerName:
-    """Name of an answer in the JSON output."""
-    match estimate:
-        case Found():
-            return "found"
-        case NotFound():
-            return "not found"
-        case Ambiguous():
-            return "ambiguous"
-        case AtBound():
-            return "at bound"
-        case Unsure():
-            return "unsure"
-
-
-def answer_reason(estimate: Estimate) -> str | None:
-    """Why an answer is no angle, in one sentence; None where the marker was found."""
-    match estimate:
-        case Found():
-            return None
-        case NotFound(reason=reason) | Unsure(reason=reason):
-            return reason
-        case Ambiguous():
-            return _which_of(estimate)
-        case AtBound(side=side):
-            return f"the intensity still rises at the {side} end of the range; shift the range towards it"
-
-
-def _which_of(estimate: Ambiguous) -> str:
-    """Between which places an answer does not decide, and how loud they are."""
-    named = {each.angle_deg: each for each in estimate.others if each.angle_deg in estimate.modes_deg}
-    places = [
-        f"{mode:.2f} deg" + (f" ({named[mode].relative_db:+.1f} dB)" if mode in named else "")
-        for mode in estimate.modes_deg
-    ]
-    listed = f"{', '.join(places[:-1])} and {places[-1]}"
-    if not named:
-        return f"the samples fit a marker at each of {listed}"
-    return f"sources at {listed} may each be the marker: they are within 6 dB, as far as that is known"

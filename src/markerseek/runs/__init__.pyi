@@ -30,7 +30,7 @@ from .registration import (
     register_pairs,
 )
 from .resume import commanded_deg, require_reset, strongest_of, tell_recorded
-from .run_view import FAULT_END, STOPPED, Phase, Point, RunView, angle_text, digits_of, with_minus
+from .run_view import FAULT_END, STOPPED, Phase, Point, RunView
 from .session import Session, answer_from_all, find_marker, new_session, plan_on, resumed_session
 from .shared_errors import FOCAL_LENGTH, camera_shared_m, focal_shared_m, trus_shared_m
 from .simulated_registration import (
@@ -53,6 +53,7 @@ from .tracking import (
     track_run,
     tracking_policy,
 )
+from .verdict import Verdict, VerdictKind, numbers_of, verdict_of
 
 __all__ = [
     "FAULT_END",
@@ -76,7 +77,8 @@ __all__ = [
     "StereoSettings",
     "TargetView",
     "TrackQuality",
-    "angle_text",
+    "Verdict",
+    "VerdictKind",
     "answer_again",
     "answer_from_all",
     "bank_curve",
@@ -89,13 +91,13 @@ __all__ = [
     "commanded_deg",
     "configuration_of",
     "dark_intensity",
-    "digits_of",
     "find_marker",
     "focal_shared_m",
     "former_curve",
     "intensities_stored",
     "journal_bank",
     "new_session",
+    "numbers_of",
     "plan_on",
     "point_pairs",
     "quality_of",
@@ -125,5 +127,5 @@ __all__ = [
     "track_run",
     "tracking_policy",
     "trus_shared_m",
-    "with_minus",
+    "verdict_of",
 ]

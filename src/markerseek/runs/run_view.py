@@ -6,18 +6,15 @@ A view is a value: each event gives the next one, and an earlier one stays what 
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 from markerseek.core import (
-    Ambiguous,
     AngleBelief,
     Asked,
     Failed,
     Finished,
     Measured,
-    NotFound,
     Refused,
     RigFacts,
     Role,
@@ -28,7 +25,7 @@ from markerseek.core import (
     Turning,
     counted,
 )
-from markerseek.records import SearchResult, answer_name
+from markerseek.records import SearchResult, angle_text, answer_name, with_minus
 from markerseek.records.journal import Checked, Configuration, Entry, Interrupted, JournalEvent, RecordedRun, Resuming
 
 Phase: TypeAlias = Literal[
@@ -125,6 +122,8 @@ class RunView:
         Laser pulses that were fired for the frames so far.
     refused
         Acquisitions that were refused.
+    dark
+        Dark frames that were asked for, before the search or after it.
     line
         One line of the log on this event.
     problem
@@ -148,6 +147,7 @@ class RunView:
     snr_db: float | None = None
     pulses: int = 0
     refused: int = 0
+    dark: int = 0
     line: str = ""
     problem: str = ""
 
@@ -263,29 +263,6 @@ class RunView:
         return replace(ended, line=with_minus(reason), problem=with_minus(problem))
 
 
-def angle_text(belief: AngleBelief) -> str:
-    """The angle that an answer names, or its angles, as precisely as it is known; empty if nothing was detected."""
-    estimate = belief.estimate
-    # The angle of a search that detected nothing is that of the noise.
-    if isinstance(estimate, NotFound):
-        return ""
-    if isinstance(estimate, Ambiguous):
-        return with_minus(" or ".join(f"{each:.1f}°" for each in estimate.modes_deg))
-    digits = 3 if belief.sigma_deg is None else digits_of(belief.sigma_deg)
-    return with_minus(f"{estimate.mean_deg:z.{digits}f}°")
-
-
-def digits_of(sigma_deg: float) -> int:
-    """Digits behind the point that show two significant digits of a standard deviation."""
-    # Rounded first: 0.0996 is 0.10 and not 0.100.
-    return 3 if sigma_deg <= 0 else max(0, 1 - math.floor(math.log10(float(f"{sigma_deg:.1e}"))))
-
-
-def with_minus(text: str) -> str:
-    """A text whose negative numbers have a minus sign instead of a hyphen."""
-    return re.sub(r"(?<![\w.])-(?=\d)", "−", text)
-
-
 def _after(view: RunView, event: JournalEvent, clock_s: float) -> RunView:
     match event:
         case Started(start_deg=start_deg, limits=limits):
@@ -330,7 +307,7 @@ def _turning(view: RunView, event: Asked | Turning | Swept) -> RunView:
     if event.role == "dark":
         count = f" of {view.plan.dark_frames}" if event.index <= view.plan.dark_frames else ""
         line = f"{_name(view, event.role, event.index)}{count}: measures the noise, laser off"
-        return replace(view, phase="dark", target_deg=event.angle_deg, line=line)
+        return replace(view, phase="dark", dark=event.index, line=line)
     line = f"{_name(view, event.role, event.index)} at {event.angle_deg:.2f}°"
     if event.sweep is not None:
         line = f"sweeps to {event.angle_deg:.2f}°"

@@ -9,6 +9,7 @@ from typing import Literal, Protocol, TypeAlias
 
 from markerseek.bridges.child import Outcome
 from markerseek.bridges.page.run_history import RunHistory
+from markerseek.bridges.page.settings import PageSettings
 from markerseek.core import MarkerseekError
 from markerseek.records.journal import Configuration, JournalItem
 from markerseek.runs import STOPPED
@@ -35,15 +36,18 @@ class Child(Protocol):
         """How it ended."""
 
 
-Launch: TypeAlias = Callable[[Sequence[str], Path | None], Child]
-"""Starts a command that keeps that journal."""
+class Launch(Protocol):
+    """What starts a command, as `markerseek.bridges.ChildRun` does."""
+
+    def __call__(self, arguments: Sequence[str], /, *, journal: Path | None) -> Child:
+        """Start a command that keeps that journal."""
 
 
 class ChildSearch:
     """One child, followed by a thread of its own until it ends.
 
-    ``journal``: the journal that it keeps, for `resume`; None where it keeps none. ``on_change``: called by a thread of
-    the run whenever there is something new to show.
+    ``settings``: what a person chose on the page. ``journal``: the journal of the command, for `resume`; None if it
+    keeps none. ``on_change``: called by a thread of the run whenever there is something new to show.
     """
 
     def __init__(
@@ -51,11 +55,12 @@ class ChildSearch:
         launch: Launch,
         arguments: Sequence[str],
         *,
+        settings: PageSettings,
         journal: Path | None = None,
         on_change: Callable[[], None] = lambda: None,
     ) -> None:
         self.arguments = tuple(arguments)
-        self.journal = journal
+        self.settings, self.journal = settings, journal
         self.run: RunHistory | None = None
         self.outcome: Outcome | None = None
         self._on_change = on_change
@@ -92,7 +97,7 @@ class ChildSearch:
     def _supervised(self) -> str:
         """What laser and stage do where a search of devices could not see to that itself; empty elsewhere."""
         killed = self.outcome is not None and self.outcome.failed and self.outcome.answer is None
-        on_bench = self.run is not None and self.run.configuration.facts.kind == "bench"
+        on_bench = self.run is not None and self.run.last.facts.kind == "bench"
         return SUPERVISED_END if killed and on_bench and self._failure is None else ""
 
     @property
@@ -119,7 +124,7 @@ class ChildSearch:
 
     def _follow(self) -> None:
         try:
-            child = self._child = self._launch(self.arguments, self.journal)
+            child = self._child = self._launch(self.arguments, journal=self.journal)
             # STOP may have been pressed while the child was being started.
             if self._stop_wanted.is_set():
                 child.stop()
@@ -136,7 +141,7 @@ class ChildSearch:
         finally:
             if self._child is not None:
                 self.outcome = self._child.outcome()
-            if self.run is not None and not self.run.snapshots[-1].over:
+            if self.run is not None and not self.run.last.over:
                 self.run.cut_off(self.message, problem=self._said if self.failed else "")
             self._ended.set()
             self._on_change()

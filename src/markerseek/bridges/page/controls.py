@@ -11,7 +11,7 @@ from nicegui import ui
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.settings import REAL_TIME_READOUT_S, SONIXDAQ_READOUT_S, LinkSettings, PageSettings
 from markerseek.core import ConfigError
-from markerseek.runs import with_minus
+from markerseek.records import with_minus
 from markerseek.search import METHODS
 from markerseek.sim import TISSUES
 
@@ -24,12 +24,35 @@ READOUTS = {SONIXDAQ_READOUT_S: "SonixDAQ, 10 s", REAL_TIME_READOUT_S: "streams,
 METHOD_FIELDS = ("method", "acquisitions", "tolerance_mm", "as_published")
 """Settings of any search."""
 
-RIG_FIELDS = ("tissue", "snr_db", "seed", "readout_s", "pace")
-"""Settings of a simulated rig."""
+RIG_FIELDS = ("tissue", "snr_db", "readout_s", "pace")
+"""Settings of a simulated rig, besides its seed."""
+
+_AS_RIG = "as the rig file"
+
+_CHOICES: dict[str, Mapping[Any, str]] = {
+    "method": {each.name: each.name for each in METHODS},
+    "tissue": {None: _AS_RIG} | {name: name for name in TISSUES},
+    "readout_s": {None: _AS_RIG} | READOUTS,
+    "pace": PACES,
+}
+
+_FIELDS = {
+    "method": ("method", "How the next angle is chosen. posterior is markerseek's own; the others are the paper's."),
+    "acquisitions": ("acquisitions", "Most acquisitions. Empty: the usual number of the method."),
+    "tolerance_mm": ("± [mm]", "How well the place of the marker must be known, in millimetres. Empty: 0.5 mm."),
+    "as_published": ("as published", "The paper's form of the method, which always answers, also without a marker."),
+    "sweep": ("sweep", "The probe turns while the laser fires: one frame for each pulse."),
+    "tissue": ("tissue", "Simulated material around the marker."),
+    "snr_db": ("SNR [dB]", "Signal over noise with the probe on the marker. Empty: as the rig file says."),
+    "seed": ("seed", "Number of the simulated scene: the same seed is the same marker and the same noise."),
+    "readout_s": ("receiver", "Time to read one acquisition."),
+    "pace": ("speed", "How fast the simulated clock runs."),
+}
+"""Label of each setting, and what it means."""
 
 
 class SettingsRow:
-    """Fields for the settings of one search; what is wrong with one of them stands below.
+    """Fields for the settings of one search, folded but for the seed; what is wrong with one of them stands below.
 
     ``problems``: what is wrong with the link whose settings these are. ``on_change``: called with the settings after
     each change that can be used.
@@ -41,63 +64,64 @@ class SettingsRow:
         names: Iterable[str],
         *,
         problems: Iterable[str] = (),
-        on_change: Callable[[PageSettings], None] | None = None,
+        on_change: Callable[[PageSettings], None] = lambda _: None,
     ) -> None:
         self._values = asdict(settings)
         self._on_change = on_change
-        self._fields: dict[str, ui.element] = {}
+        self._fields: dict[str, Any] = {}
+        self._following = False
         self.usable = True
         """Whether a search can have these settings."""
-        made: dict[str, Callable[[], object]] = {
-            "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 116),
-            "acquisitions": lambda: self._number("acquisitions", "acquisitions", 84),
-            "tolerance_mm": lambda: self._number("tolerance_mm", "± [mm]", 76),
-            "as_published": lambda: self._box(
-                "as_published", "as published", "the paper's form of the method, which always answers"
-            ),
-            "sweep": lambda: self._box("sweep", "sweep", "turns the probe while the laser fires, one frame a pulse"),
-            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 106),
-            "snr_db": lambda: self._number("snr_db", "SNR [dB]", 72),
-            "seed": lambda: self._number("seed", "seed", 58),
-            "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 106),
-            "pace": lambda: self._select("pace", PACES, "speed", 112),
-        }
-        for name in names:
-            made[name]()
+        for name in (each for each in names if each == "seed"):
+            self._add(name)
+        with ui.element("details").classes("ms-settings") as self._fold:
+            with ui.element("summary"):
+                self._summary = ui.label("settings")
+            with ui.element("div").classes("ms-controls"):
+                for name in (each for each in names if each != "seed"):
+                    self._add(name)
         self._problem = ui.label("").classes("ms-problem").props('role="alert"')
         self._say("; ".join(f"link: {each}; it is left out" for each in problems))
+        self._summarise()
 
     @property
     def settings(self) -> PageSettings:
         """What the fields show."""
         return PageSettings(**self._values)
 
-    def _box(self, name: str, label: str, tip: str) -> None:
-        box = ui.checkbox(label, value=self._values[name])
-        box.on_value_change(lambda event: self._set(name, event.value))
-        box.props("dense").tooltip(tip)
-        self._fields[name] = box
+    def follow(self, settings: PageSettings) -> None:
+        """Show the settings of a run that somebody else has started, too."""
+        self._following = True
+        for name, value in asdict(settings).items():
+            self._values[name] = value
+            if name in self._fields:
+                self._fields[name].set_value(value)
+        self._following = False
+        self._say("")
+        self._summarise()
 
-    def _select(self, name: str, options: Mapping[Any, str], label: str, width_px: int) -> None:
+    def _add(self, name: str) -> None:
+        label, hint = _FIELDS[name]
         value = self._values[name]
-        known = dict(options)
-        if value not in options:
+        field: Any
+        if name in _CHOICES:
             # A link may hold a value that is not in the list.
-            known[value] = _pace_text(value) if name == "pace" else f"{value:g} s"
-        field = ui.select(known, value=value, label=label, on_change=lambda event: self._set(name, event.value))
-        field.props("dense outlined options-dense no-error-icon hide-bottom-space")
-        # As wide as its text: no name is cut.
-        field.style(f"min-width: {width_px}px")
-        self._fields[name] = field
-
-    def _number(self, name: str, label: str, width_px: int) -> None:
-        field = ui.number(label, value=self._values[name])
-        field.on_value_change(lambda event: self._set(name, _setting_of(name, event.value)))
-        field.props('dense outlined debounce=300 placeholder="usual" stack-label no-error-icon hide-bottom-space')
-        field.style(f"width: {width_px}px")
+            known = dict(_CHOICES[name])
+            if value not in known:
+                known[value] = f"pace {value:g}" if name == "pace" else f"{value:g} s"
+            field = ui.select(known, value=value, label=label, on_change=lambda event: self._set(name, event.value))
+        elif isinstance(value, bool):
+            field = ui.checkbox(label, value=value, on_change=lambda event: self._set(name, event.value))
+        else:
+            field = ui.number(label, value=value, on_change=lambda event: self._set(name, _whole(name, event.value)))
+            field.props("debounce=300 stack-label")
+        field.props("dense outlined options-dense no-error-icon hide-bottom-space").tooltip(hint)
+        field.classes(f"ms-field-{name}")
         self._fields[name] = field
 
     def _set(self, name: str, value: object) -> None:
+        if self._following:
+            return
         # Kept as it is shown, right or wrong: a search with other settings than those on the page must not start.
         self._values[name] = value
         for field in self._fields.values():
@@ -109,8 +133,15 @@ class SettingsRow:
             self._say(str(problem), usable=False)
             return
         self._say("")
-        if self._on_change is not None:
-            self._on_change(settings)
+        self._summarise()
+        self._on_change(settings)
+
+    def _summarise(self) -> None:
+        """Name what differs from the usual beside the fold."""
+        usual = asdict(PageSettings())
+        values = {name: self._values[name] for name in self._fields if name != "seed"}
+        changed = [f"{_FIELDS[name][0]} {_shown(name, each)}" for name, each in values.items() if each != usual[name]]
+        self._summary.set_text("settings" + (f": {', '.join(changed)}" if changed else ""))
 
     def _say(self, problem: str, *, usable: bool = True) -> None:
         self.usable = usable
@@ -123,20 +154,25 @@ class SearchControls:
 
     def __init__(self, frame: PageShell, link: LinkSettings) -> None:
         self._searches = frame.searches
+        self._shown: object = None
         settings, problems = link
+        self._is_linked = settings != PageSettings()
         with ui.element("div").classes("ms-controls"):
             self._start = start_button("Start").mark("start")
             self._pause = ui.button("Pause", icon="pause").props("dense outline padding='6px 10px'").mark("pause")
             # As wide as its longer text, so that the row stays one.
             self._pause.style("min-width: 98px")
-            names = (*METHOD_FIELDS, "sweep") + (RIG_FIELDS if self._searches.rig.simulated else ())
+            names = (*METHOD_FIELDS, "sweep") + (("seed", *RIG_FIELDS) if self._searches.rig.simulated else ())
             self._row = SettingsRow(settings, names, problems=problems, on_change=hold_in_link("/"))
         frame.on_click(self._start, lambda: self._searches.start(self._row.settings, asked_by=frame.viewer))
         frame.on_click(self._pause, self._pause_or_go_on)
 
     def update(self) -> None:
-        """Show what can be pressed now."""
-        busy = self._searches.busy
+        """Show what can be pressed now, and the settings of the run that is shown."""
+        busy, live = self._searches.busy, self._searches.search
+        if live is not None and live is not self._shown and (self._searches.searching or not self._is_linked):
+            self._row.follow(live.settings)
+        self._shown = live
         paused = not busy and self._searches.paused
         self._start.set_enabled(not busy and self._row.usable)
         self._pause.set_enabled(self._searches.searching or paused)
@@ -150,33 +186,25 @@ class SearchControls:
             self._searches.go_on()
 
 
-def start_button(text: str, *, icon: str = "play_arrow") -> ui.button:
+def start_button(text: str) -> ui.button:
     """The button of a page that is pressed first."""
-    return ui.button(text, icon=icon, color=None).props("dense padding='6px 10px'").classes("ms-go")
+    return ui.button(text, icon="play_arrow", color=None).props("dense padding='6px 10px'").classes("ms-go")
 
 
 def hold_in_link(path: str) -> Callable[[PageSettings], None]:
     """What puts settings into the address of a page, so that its link holds them."""
 
     def hold(settings: PageSettings) -> None:
-        query = settings.query()
-        ui.navigate.history.replace(f"{path}?{query}" if query else path)
+        ui.navigate.history.replace(f"{path}?{settings.query()}".rstrip("?"))
 
     return hold
 
 
-def _with_rig(options: Mapping[Any, str]) -> dict[Any, str]:
-    return {None: "as the rig", **options}
+def _shown(name: str, value: object) -> str:
+    return _CHOICES[name].get(value, str(value)) if name in _CHOICES else "" if value is True else str(value)
 
 
-def _pace_text(pace: float) -> str:
-    return f"{1 / pace:.3g} × faster" if pace < 1 else f"{pace:.3g} × slower"
-
-
-def _setting_of(name: str, value: float | None) -> float | int | None:
-    """The setting of a field with a number; a whole one where the setting is a count."""
-    return (
-        int(value)
-        if value is not None and name not in ("snr_db", "tolerance_mm") and float(value).is_integer()
-        else value
-    )
+def _whole(name: str, value: float | None) -> float | int | None:
+    """The setting of a field with a number; a whole one if the setting is a count."""
+    counts = value is not None and name in {"acquisitions", "seed"} and float(value).is_integer()
+    return int(value or 0) if counts else value

@@ -35,7 +35,8 @@ _BANNERS: dict[RigKind, str] = {
 
 _STYLE = (Path(__file__).parent / "static" / "page.css").read_text(encoding="utf-8")
 
-_PAGES = {"/": "search", "/race": "race", "/turn": "your turn", "/replay": "replay"}
+PAGES = {"/": "search", "/race": "race", "/replay": "replay"}
+"""Paths of the pages, and their names."""
 
 
 class PageShell:
@@ -48,14 +49,15 @@ class PageShell:
         # Numbers and times of the beats; the first tick sends one, so that a page that has just connected may be used.
         self._beats: deque[tuple[int, float]] = deque([(0, -math.inf)], maxlen=64)
         self._update: Callable[[], None] = lambda: None
-        ui.page_title(f"markerseek: {_PAGES[path]}")
+        ui.page_title(f"markerseek: {PAGES[path]}")
         ui.add_css(_STYLE)
         self._dark = ui.dark_mode(value=None)
         self._beat = Heartbeat()
+        self._beat.show(beat=0)
         with ui.element("header").classes("ms-head"):
             Heading("markerseek", level=1).classes("ms-name")
             with ui.element("nav").props('aria-label="pages"'):
-                for target, name in _PAGES.items():
+                for target, name in PAGES.items():
                     ui.link(name, target).props('aria-current="page"' if target == path else "")
             self._status_label = ui.label("").classes("ms-status").props('role="status"').mark("status")
             ui.button("◐", on_click=self._toggle_dark).props('flat dense aria-label="dark or light"')
@@ -91,7 +93,7 @@ class PageShell:
         beat, sent_s = self._beats[-1]
         if time.monotonic() - sent_s >= BEAT_S:
             self._beats.append((beat + 1, time.monotonic()))
-            self._beat.strike(beat + 1)
+            self._beat.show(beat=beat + 1)
         has_changed = self._changed.is_set()
         self._changed.clear()
         self._update()
