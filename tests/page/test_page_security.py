@@ -15,8 +15,8 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-
 from markerseek.bridges.page.listener import MAX_UNPROVED, UNPROVED_S
+
 from tests.page.page_browser import START, certified, served
 
 pytestmark = pytest.mark.real_time

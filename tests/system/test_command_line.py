@@ -19,10 +19,8 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.cli.options import USUAL_ACQUISITIONS
 from markerseek.core import ChannelFrame, Tolerance
 from markerseek.records.journal import read_journal
-from markerseek.search import METHODS
 from markerseek.wire.sonixdaq import element_of_file
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -284,13 +282,6 @@ def test_a_weak_marker_is_searched_without_a_fault(shell: Shell, tmp_path: Path,
     code, out, err = shell("search", "--rig", rig, "--json", "--no-journal")
     result = json.loads(out)
     assert (code, err, result["refused"]) == (0 if result["found"] else 3, "", 0)
-
-
-def test_the_numbers_of_acquisitions_in_the_help_are_those_of_the_methods(shell: Shell) -> None:
-    assert {method.name: method.acquisitions for method in METHODS} == USUAL_ACQUISITIONS
-    for command in ("search", "replay"):
-        _, out, _ = shell(command, "--help")
-        assert "golden-section-reuse 16" in out
 
 
 @pytest.mark.parametrize(

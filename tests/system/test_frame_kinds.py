@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from markerseek import build, run
-from markerseek.core import BModeFrame, ConfigError, Finished, Found, Measured, PolicyPlan, RFFrame
+from markerseek.core import BModeFrame, ConfigError, Finished, Found, Measured, RFFrame, SearchPlan
 from markerseek.records.journal import read_journal
 from markerseek.rigs import simulated
 from markerseek.runs import journal_bank
@@ -33,7 +33,7 @@ BOTH = SimulatedSettings(receiver=ReceiverSettings(b_mode=True, readout_s=0.05))
 
 def finished(settings, *, method="posterior", seed=1, **options):
     rig = simulated(seed=seed, settings=settings)
-    events = list(run(build(PolicyPlan(method=method, **options)), rig.scanner, rig.run_plan))
+    events = list(run(build(SearchPlan(method=method, **options)), rig.scanner, rig.run_plan))
     assert isinstance(events[-1], Finished)
     return rig, events
 

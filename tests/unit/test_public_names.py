@@ -29,10 +29,10 @@ def test_the_public_names_are_these() -> None:
         "Measured",
         "NotFound",
         "Policy",
-        "PolicyPlan",
         "Reading",
         "RunPlan",
         "Sample",
+        "SearchPlan",
         "Unsure",
         "__version__",
         "bank_figure",
@@ -58,12 +58,12 @@ def test_all_names_are_listed_before_they_are_used() -> None:
 def test_a_range_is_any_two_numbers() -> None:
     for limits in ((-35, 35), [-35.0, 35.0], (np.float32(-35), np.int64(35)), Interval(low_deg=-35.0, high_deg=35.0)):
         policy = markerseek.build(
-            markerseek.PolicyPlan(method="ternary", acquisitions=16, start_deg=2),
+            markerseek.SearchPlan(method="ternary", acquisitions=16, start_deg=2),
             limits=limits,
         )
         assert (
             policy.ask()
-            == markerseek.build(markerseek.PolicyPlan(method="ternary", acquisitions=16, start_deg=2)).ask()
+            == markerseek.build(markerseek.SearchPlan(method="ternary", acquisitions=16, start_deg=2)).ask()
         )
     for limits in ((1, 2, 3), (), (35, -35), (math.nan, 1)):
         with pytest.raises(ConfigError, match=r"limits is|interval \["):

@@ -10,13 +10,13 @@ import typer
 from rich.markup import escape
 
 from markerseek import rigs, runs
-from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig, person
+from markerseek.cli.open_rig import arm_rig, open_rig, person
 from markerseek.cli.options import Arm, AsJson, RigFile, Trust
 from markerseek.cli.report import Output, Report, with_version
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_event, stderr
 from markerseek.cli.watched import Events, Heartbeat, WatchOptions
-from markerseek.core import ChannelFrame, Event, MarkerseekError, Measured, Refused, RFFrame, Sample
+from markerseek.core import ChannelFrame, Event, MarkerseekError, Measured, Refused, RFFrame, Sample, SimulationOptions
 
 if TYPE_CHECKING:
     from markerseek.records.journal import Journal

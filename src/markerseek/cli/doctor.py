@@ -22,7 +22,7 @@ from markerseek.cli.direction import prove_direction, require_source_deg
 from markerseek.cli.open_rig import open_rig, read_rig
 from markerseek.cli.options import AsJson, Trust
 from markerseek.cli.report import Output, Report
-from markerseek.core import ConfigError, DeviceError, Finished, Measured, PolicyPlan, described, is_absent
+from markerseek.core import ConfigError, DeviceError, Finished, Measured, SearchPlan, described, is_absent
 from markerseek.testing import RuleCheck
 
 EXAMPLES = (
@@ -260,7 +260,7 @@ def _search(method: str) -> CheckResult:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         rig = rigs.simulated(seed=1, marker_deg=_MARKER_DEG)
-        policy = build(PolicyPlan(method=method, start_deg=rig.stage.angle_deg), limits=rig.limits.search)
+        policy = build(SearchPlan(method=method, start_deg=rig.stage.angle_deg), limits=rig.limits.search)
         found_deg = math.nan
         for event in run(policy, rig.scanner, rig.run_plan):
             if isinstance(event, Measured) and event.role == "confirmation" and rig.imaging and event.sample.frame:

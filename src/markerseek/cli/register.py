@@ -13,10 +13,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import runs
-from markerseek.cli.options import AsJson, Out, Sweeps, with_values
+from markerseek.cli.options import AsJson, Out, with_values
 from markerseek.cli.report import Output, Report, drawn, facts, table
 from markerseek.cli.terminal import announce_compilation, progress_bar
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, SimulationOptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,7 +55,7 @@ class SceneOptions:
         typer.Option(help="Rig file of the simulated rig: its stage, laser and noise.", show_default="the usual one"),
     ] = None
     tissue: Annotated[str | None, typer.Option(help="Simulated material.", show_default="plastisol-phantom")] = None
-    sweep: Sweeps = False
+    sweep: Annotated[bool, typer.Option("--sweep", help="Search each marker by sweeps.")] = False
     readout_s: Annotated[
         float | None, typer.Option(help="Seconds to read one acquisition of the simulated rig.", show_default="10")
     ] = None
@@ -64,14 +64,14 @@ class SceneOptions:
     def scene(self) -> runs.SimulatedScene:
         """The scene."""
         from markerseek.rigs import read_simulated
-        from markerseek.sim import EndoscopeSettings, changed_settings
+        from markerseek.sim import EndoscopeSettings, with_options
 
         settings = read_simulated(self.rig, cure="register --journal takes the searches of a rig of devices")
         return runs.SimulatedScene(
             markers=4 if self.markers is None else self.markers,
             camera_m=0.1 if self.camera_mm is None else self.camera_mm / 1e3,
             camera=EndoscopeSettings(frames=25 if self.simulated_frames is None else self.simulated_frames),
-            rig=changed_settings(settings, tissue=self.tissue, readout_s=self.readout_s),
+            rig=with_options(settings, SimulationOptions(tissue=self.tissue, readout_s=self.readout_s)),
             sweep=self.sweep,
         )
 

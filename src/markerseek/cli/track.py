@@ -12,10 +12,19 @@ from rich.markup import escape
 from rich.text import Text
 
 from markerseek import __version__, rigs, runs
-from markerseek.cli.options import AsJson, Out, ToleranceMm, tolerance_of
+from markerseek.cli.options import AsJson, Out
 from markerseek.cli.report import Output, Report, drawn, facts
 from markerseek.cli.terminal import announce_compilation
-from markerseek.core import ConfigError, Found, Refused, SearchError, SearchPlan, counted, require_range
+from markerseek.core import (
+    ConfigError,
+    Found,
+    Refused,
+    SearchError,
+    SearchPlan,
+    SimulationOptions,
+    counted,
+    require_range,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -82,7 +91,9 @@ def command(
         ),
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 1,
-    tolerance_mm: ToleranceMm = None,
+    tolerance_mm: Annotated[
+        float, typer.Option(help="How well the angle of the marker must be known before it is followed.")
+    ] = 1.0,
     plot: Annotated[bool, typer.Option("--plot", help="Write track.png into --out.")] = False,
     out: Out = None,
     as_json: AsJson = False,
@@ -104,9 +115,8 @@ def command(
     assembled = rigs.simulated(seed=seed, settings=settings, swing=swing)
     if sweep:
         runs.require_streaming(assembled)
-    tolerance = tolerance_of(tolerance_mm, None)
     plan = runs.plan_on(
-        assembled, SearchPlan(method="posterior", start_deg=settings.start_deg, others=0.0, tolerance=tolerance)
+        assembled, SearchPlan(method="posterior", start_deg=settings.start_deg, others=0.0, tolerance_mm=tolerance_mm)
     )
     session = runs.new_session(assembled, plan)
     for _ in session.events():
@@ -132,12 +142,12 @@ def _settings(
     readout_s: float | None,
 ) -> SimulatedSettings:
     """Settings of the rig, with a marker that stays inside of the search range."""
-    from markerseek.sim import changed_settings
+    from markerseek.sim import with_options
 
     settings = rigs.read_simulated(path, cure="only a simulated marker can be made to move")
     if path is None and readout_s is None:
         readout_s = _READOUT_S
-    settings = changed_settings(settings, snr_db=snr_db, readout_s=readout_s)
+    settings = with_options(settings, SimulationOptions(snr_db=snr_db, readout_s=readout_s))
     angle_deg = next(each for each in (marker_deg, settings.marker.angle_deg, 0.0) if each is not None)
     for end_deg in (angle_deg - swing.reach_deg, angle_deg + swing.reach_deg):
         if end_deg not in settings.limits.search:

@@ -91,7 +91,7 @@ class DrawnCurve:
             parts += frame.right_axis("probability [1/deg]", 1.05 * most)
         parts += self._drawn(frame, most, numbered=True)
         parts += self._labels(frame)
-        low_deg, high_deg = self.interval_deg or (math.inf, -math.inf)
+        low_deg, high_deg = self.interval_deg or (0.0, math.inf)
         if self.answer_deg is not None and high_deg - low_deg < 0.06 * (range_deg[1] - range_deg[0]):
             middle_deg = self.answer_deg
             # Beside the answer, where there is more room.
@@ -103,7 +103,8 @@ class DrawnCurve:
                 f'<rect x="{place - 6}" y="38" width="152" height="118" rx="4" fill="var(--ms-ground, none)" '
                 f'stroke="{GREY}" opacity="0.9"/>'
             )
-            parts += [*inset.axes("", ""), *self._drawn(inset, most, numbered=False)]
+            drawn = "".join([*inset.axes("", ""), *self._drawn(inset, most, numbered=False)])
+            parts.append(f'<g class="ms-inset">{drawn}</g>')
         return _svg(parts, _HEIGHT, f"intensity over the angle of the probe, {len(self.marks)} acquisitions")
 
     def _own_range_deg(self) -> tuple[float, float]:
@@ -130,10 +131,8 @@ class DrawnCurve:
             parts.append(frame.line(self.answer_deg, ORANGE))
         if self.known is not None:
             parts.append(frame.line(self.known[1], GREEN, dashes="2 4"))
-        taken: list[tuple[float, float]] = []
-        for each in reversed(self.marks):
-            if frame.inside(each.angle_deg) != each.angle_deg:
-                continue
+        shown = [each for each in self.marks if frame.inside(each.angle_deg) == each.angle_deg]
+        for each in shown:
             x, y = frame.x(each.angle_deg), frame.y(each.intensity)
             r = each.radius
             parts.append(
@@ -141,8 +140,11 @@ class DrawnCurve:
                 if each.square
                 else f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{r:.1f}" fill="{BLUE}"/>'
             )
-            # A number that would cover another one is left out; the newest comes first.
-            if numbered and each.text and all(abs(x - u) > 13 or abs(y - w) > 11 for u, w in taken):
+        # A number that would cover another one is left out; the newest comes first.
+        taken: list[tuple[float, float]] = []
+        for each in reversed([each for each in shown if numbered and each.text]):
+            x, y = frame.x(each.angle_deg), frame.y(each.intensity)
+            if all(abs(x - u) > 13 or abs(y - w) > 11 for u, w in taken):
                 taken.append((x, y))
                 parts.append(_text(x, y - each.radius - 3, each.text, size=11))
         return parts

@@ -19,6 +19,7 @@ from markerseek.search.methods import (
     most_acquisitions,
     posterior_of_all,
     refuse_posterior_settings,
+    require_plan,
     require_sweeping,
 )
 from markerseek.search.peak import Peak, peak_of
@@ -64,6 +65,7 @@ __all__ = [
     "peak_passed",
     "posterior_of_all",
     "refuse_posterior_settings",
+    "require_plan",
     "require_room",
     "require_sweeping",
     "weighted_average",

@@ -23,7 +23,7 @@ from markerseek.core import (
     MarkerCurve,
     MarkerseekError,
     Policy,
-    PolicyPlan,
+    SearchPlan,
     Tolerance,
     described,
 )
@@ -102,7 +102,7 @@ class PolicySettings:
         if self.acquisitions is not None:
             check_acquisitions(self.acquisitions, least=least, method=self.method)
         if self.sweep:
-            require_sweeping(PolicyPlan(method=self.method, as_published=self.as_published, early_end=self.early_end))
+            require_sweeping(SearchPlan(method=self.method, as_published=self.as_published, early_end=self.early_end))
         if self.method != "posterior":
             refuse_posterior_settings(self.method, others=self.others, prior=self.prior, cues=self.cues)
 
@@ -181,7 +181,7 @@ def build_policy(
             settings.method, limits=limits, acquisitions=settings.most, as_published=settings.as_published
         )
     return build_sweeping(
-        PolicyPlan(
+        SearchPlan(
             method=settings.method,
             acquisitions=settings.acquisitions,
             as_published=settings.as_published,
@@ -190,7 +190,7 @@ def build_policy(
             others=settings.others,
             prior=prior,
             cues=settings.cues,
-            tolerance=settings.tolerance,
+            tolerance_mm=settings.tolerance_mm,
             sweep_speed_deg_s=sweep_speed_deg_s,
             sweep_from_end=sweep_from_end,
         ),

@@ -19,12 +19,12 @@ from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse, RedirectResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from markerseek.bridges.page.controls import USUAL
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.page_shell import PAGES
 from markerseek.bridges.page.race_page import build_race_page
 from markerseek.bridges.page.replay_page import ReplayPage
 from markerseek.bridges.page.search_page import build_search_page
-from markerseek.bridges.page.settings import PageSettings
 
 WATCH_S = 0.5
 """Time between two looks whether anybody watches, in seconds."""
@@ -141,11 +141,11 @@ def page_application(searches: PageSearches, access: Access) -> FastAPI:
 
     @ui.page("/")
     def search(request: Request) -> None:
-        build_search_page(searches, PageSettings.of_query(request.query_params))
+        build_search_page(searches, USUAL.with_query(request.query_params))
 
     @ui.page("/race")
     def race(request: Request) -> None:
-        build_race_page(searches, PageSettings.of_query(request.query_params))
+        build_race_page(searches, USUAL.with_query(request.query_params))
 
     @ui.page("/replay")
     def replay(recording: str = "") -> None:

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Literal, Protocol, TypeAlias
 
+from markerseek.bridges.asked import AskedSearch
 from markerseek.bridges.child import Outcome
 from markerseek.bridges.page.run_history import RunHistory
-from markerseek.bridges.page.settings import PageSettings
 from markerseek.core import MarkerseekError
 from markerseek.records.journal import Configuration, JournalItem
 from markerseek.runs import STOPPED
@@ -46,7 +46,7 @@ class Launch(Protocol):
 class ChildSearch:
     """One child, followed by a thread of its own until it ends.
 
-    ``settings``: what a person chose on the page. ``journal``: the journal of the command, for `resume`; None if it
+    ``asked``: what a person chose on the page. ``journal``: the journal of the command, for `resume`; None if it
     keeps none. ``on_change``: called by a thread of the run whenever there is something new to show.
     """
 
@@ -55,12 +55,12 @@ class ChildSearch:
         launch: Launch,
         arguments: Sequence[str],
         *,
-        settings: PageSettings,
+        asked: AskedSearch,
         journal: Path | None = None,
         on_change: Callable[[], None] = lambda: None,
     ) -> None:
         self.arguments = tuple(arguments)
-        self.settings, self.journal = settings, journal
+        self.asked, self.journal = asked, journal
         self.run: RunHistory | None = None
         self.outcome: Outcome | None = None
         self._on_change = on_change

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict
-from typing import Any
+from typing import Any, TypeAlias
 
 from nicegui import ui
 
+from markerseek.bridges.asked import OPTIONS, AskedSearch
 from markerseek.bridges.page.page_shell import PageShell
-from markerseek.bridges.page.settings import REAL_TIME_READOUT_S, SONIXDAQ_READOUT_S, LinkSettings, PageSettings
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, SimulationOptions
 from markerseek.records import with_minus
 from markerseek.search import METHODS
 from markerseek.sim import TISSUES
 
-PACES = {1.0: "real time", 0.2: "5 × faster", 0.05: "20 × faster", 0.01: "100 × faster", 0.0: "no waiting"}
-"""Speeds that can be chosen for a simulated rig, by their pace."""
+USUAL = AskedSearch(simulation=SimulationOptions(seed=1, pace=0.05))
+"""What the page begins with: a search of two minutes is shown in six seconds."""
 
-READOUTS = {SONIXDAQ_READOUT_S: "SonixDAQ, 10 s", REAL_TIME_READOUT_S: "streams, 0.1 s"}
-"""Receivers that can be chosen, by the time in seconds to read one acquisition."""
+LinkSettings: TypeAlias = tuple[AskedSearch, tuple[str, ...]]
+"""Settings of a link, and what is wrong with each of its values that are left out."""
 
 METHOD_FIELDS = ("method", "acquisitions", "tolerance_mm", "as_published")
 """Settings of any search."""
@@ -27,28 +26,15 @@ METHOD_FIELDS = ("method", "acquisitions", "tolerance_mm", "as_published")
 RIG_FIELDS = ("tissue", "snr_db", "readout_s", "pace")
 """Settings of a simulated rig, besides its seed."""
 
-_AS_RIG = "as the rig file"
-
 _CHOICES: dict[str, Mapping[Any, str]] = {
     "method": {each.name: each.name for each in METHODS},
-    "tissue": {None: _AS_RIG} | {name: name for name in TISSUES},
-    "readout_s": {None: _AS_RIG} | READOUTS,
-    "pace": PACES,
+    "tissue": {None: "as the rig file"} | {name: name for name in TISSUES},
+    "readout_s": {None: "as the rig file", 10.0: "SonixDAQ, 10 s", 0.1: "streams, 0.1 s"},
+    "pace": {1.0: "real time", 0.2: "5 × faster", 0.05: "20 × faster", 0.01: "100 × faster", 0.0: "no waiting"},
 }
 
-_FIELDS = {
-    "method": ("method", "How the next angle is chosen. posterior is markerseek's own; the others are the paper's."),
-    "acquisitions": ("acquisitions", "Most acquisitions. Empty: the usual number of the method."),
-    "tolerance_mm": ("± [mm]", "How well the place of the marker must be known, in millimetres. Empty: 0.5 mm."),
-    "as_published": ("as published", "The paper's form of the method, which always answers, also without a marker."),
-    "sweep": ("sweep", "The probe turns while the laser fires: one frame for each pulse."),
-    "tissue": ("tissue", "Simulated material around the marker."),
-    "snr_db": ("SNR [dB]", "Signal over noise with the probe on the marker. Empty: as the rig file says."),
-    "seed": ("seed", "Number of the simulated scene: the same seed is the same marker and the same noise."),
-    "readout_s": ("receiver", "Time to read one acquisition."),
-    "pace": ("speed", "How fast the simulated clock runs."),
-}
-"""Label of each setting, and what it means."""
+_LABELS = {"tolerance_mm": "± [mm]", "snr_db": "SNR [dB]", "readout_s": "receiver", "pace": "speed"}
+"""Labels of settings; of others it is their name."""
 
 
 class SettingsRow:
@@ -60,13 +46,13 @@ class SettingsRow:
 
     def __init__(
         self,
-        settings: PageSettings,
+        settings: AskedSearch,
         names: Iterable[str],
         *,
         problems: Iterable[str] = (),
-        on_change: Callable[[PageSettings], None] = lambda _: None,
+        on_change: Callable[[AskedSearch], None] = lambda _: None,
     ) -> None:
-        self._values = asdict(settings)
+        self._values = settings.values
         self._on_change = on_change
         self._fields: dict[str, Any] = {}
         self._following = False
@@ -74,56 +60,51 @@ class SettingsRow:
         """Whether a search can have these settings."""
         for name in (each for each in names if each == "seed"):
             self._add(name)
-        with ui.element("details").classes("ms-settings") as self._fold:
+        with ui.element("details").classes("ms-settings"):
             with ui.element("summary"):
-                self._summary = ui.label("settings")
+                self._summary = ui.label("")
             with ui.element("div").classes("ms-controls"):
                 for name in (each for each in names if each != "seed"):
                     self._add(name)
         self._problem = ui.label("").classes("ms-problem").props('role="alert"')
         self._say("; ".join(f"link: {each}; it is left out" for each in problems))
-        self._summarise()
 
     @property
-    def settings(self) -> PageSettings:
+    def settings(self) -> AskedSearch:
         """What the fields show."""
-        return PageSettings(**self._values)
+        return USUAL.changed(**self._values)
 
-    def follow(self, settings: PageSettings) -> None:
-        """Show the settings of a run that somebody else has started, too."""
+    def follow(self, settings: AskedSearch) -> None:
+        """Show the settings of a run that was started, here or elsewhere."""
         self._following = True
-        for name, value in asdict(settings).items():
-            self._values[name] = value
-            if name in self._fields:
-                self._fields[name].set_value(value)
+        self._values = settings.values
+        for name, field in self._fields.items():
+            field.set_value(self._values[name])
         self._following = False
         self._say("")
-        self._summarise()
 
     def _add(self, name: str) -> None:
-        label, hint = _FIELDS[name]
-        value = self._values[name]
-        field: Any
+        label, value = _label(name), self._values[name]
+        field: ui.select | ui.checkbox | ui.number
+        given: dict[str, Any] = {"value": value, "on_change": lambda event: self._set(name, event.value)}
         if name in _CHOICES:
             # A link may hold a value that is not in the list.
-            known = dict(_CHOICES[name])
-            if value not in known:
-                known[value] = f"pace {value:g}" if name == "pace" else f"{value:g} s"
-            field = ui.select(known, value=value, label=label, on_change=lambda event: self._set(name, event.value))
+            known = {value: f"{value:g}" if isinstance(value, float) else value} | dict(_CHOICES[name])
+            field = ui.select(known, label=label, **given)
         elif isinstance(value, bool):
-            field = ui.checkbox(label, value=value, on_change=lambda event: self._set(name, event.value))
+            field = ui.checkbox(label, **given)
         else:
-            field = ui.number(label, value=value, on_change=lambda event: self._set(name, _whole(name, event.value)))
-            field.props("debounce=300 stack-label")
-        field.props("dense outlined options-dense no-error-icon hide-bottom-space").tooltip(hint)
-        field.classes(f"ms-field-{name}")
-        self._fields[name] = field
+            field = ui.number(label, placeholder=OPTIONS[name].shown, **given).props("debounce=300 stack-label")
+        field.props("dense outlined options-dense no-error-icon hide-bottom-space").tooltip(OPTIONS[name].help)
+        self._fields[name] = field.classes(f"ms-field-{name}")
 
-    def _set(self, name: str, value: object) -> None:
+    def _set(self, name: str, value: Any) -> None:
         if self._following:
             return
+        if OPTIONS[name].kind is int and value is not None and float(value).is_integer():
+            value = int(value)
         # Kept as it is shown, right or wrong: a search with other settings than those on the page must not start.
-        self._values[name] = value
+        self._values[name] = OPTIONS[name].default if value is None else value
         for field in self._fields.values():
             field.props(remove="error")
         try:
@@ -133,20 +114,20 @@ class SettingsRow:
             self._say(str(problem), usable=False)
             return
         self._say("")
-        self._summarise()
         self._on_change(settings)
 
-    def _summarise(self) -> None:
-        """Name what differs from the usual beside the fold."""
-        usual = asdict(PageSettings())
-        values = {name: self._values[name] for name in self._fields if name != "seed"}
-        changed = [f"{_FIELDS[name][0]} {_shown(name, each)}" for name, each in values.items() if each != usual[name]]
-        self._summary.set_text("settings" + (f": {', '.join(changed)}" if changed else ""))
-
     def _say(self, problem: str, *, usable: bool = True) -> None:
+        """Say what is wrong, and name beside the fold what differs from the usual."""
         self.usable = usable
         self._problem.set_text(with_minus(problem))
         self._problem.set_visibility(bool(problem))
+        chosen = {name: self._values[name] for name in self._fields if name != "seed"}
+        changed = [
+            f"{_label(name)} {_CHOICES.get(name, {}).get(value, '' if value is True else value)}".strip()
+            for name, value in chosen.items()
+            if value != USUAL.values[name]
+        ]
+        self._summary.set_text("settings" + (f": {', '.join(changed)}" if changed else ""))
 
 
 class SearchControls:
@@ -156,7 +137,7 @@ class SearchControls:
         self._searches = frame.searches
         self._shown: object = None
         settings, problems = link
-        self._is_linked = settings != PageSettings()
+        self._is_linked = settings != USUAL
         with ui.element("div").classes("ms-controls"):
             self._start = start_button("Start").mark("start")
             self._pause = ui.button("Pause", icon="pause").props("dense outline padding='6px 10px'").mark("pause")
@@ -171,7 +152,7 @@ class SearchControls:
         """Show what can be pressed now, and the settings of the run that is shown."""
         busy, live = self._searches.busy, self._searches.search
         if live is not None and live is not self._shown and (self._searches.searching or not self._is_linked):
-            self._row.follow(live.settings)
+            self._row.follow(live.asked)
         self._shown = live
         paused = not busy and self._searches.paused
         self._start.set_enabled(not busy and self._row.usable)
@@ -191,20 +172,10 @@ def start_button(text: str) -> ui.button:
     return ui.button(text, icon="play_arrow", color=None).props("dense padding='6px 10px'").classes("ms-go")
 
 
-def hold_in_link(path: str) -> Callable[[PageSettings], None]:
+def hold_in_link(path: str) -> Callable[[AskedSearch], None]:
     """What puts settings into the address of a page, so that its link holds them."""
-
-    def hold(settings: PageSettings) -> None:
-        ui.navigate.history.replace(f"{path}?{settings.query()}".rstrip("?"))
-
-    return hold
+    return lambda asked: ui.navigate.history.replace(f"{path}?{asked.query(usual=USUAL)}".rstrip("?"))
 
 
-def _shown(name: str, value: object) -> str:
-    return _CHOICES[name].get(value, str(value)) if name in _CHOICES else "" if value is True else str(value)
-
-
-def _whole(name: str, value: float | None) -> float | int | None:
-    """The setting of a field with a number; a whole one if the setting is a count."""
-    counts = value is not None and name in {"acquisitions", "seed"} and float(value).is_integer()
-    return int(value or 0) if counts else value
+def _label(name: str) -> str:
+    return _LABELS.get(name, name.replace("_", " "))

@@ -118,19 +118,18 @@ def curve_of(view: RunView, *, reveal: bool) -> DrawnCurve:
     )
 
 
-def image_model(picture: Picture | None, view: RunView) -> dict[str, Any]:
+def image_model(picture: Picture | None, *, floor: float | None, imaged: bool = True) -> dict[str, Any]:
     """The image, or why there is none; its peak is marked only above the detection threshold, if that is known."""
     if picture is None:
-        return {"pixels": "", "why": "no image yet" if view.facts.probe else "these data hold no photoacoustic images"}
-    floor = view.floor_level
+        return {"pixels": "", "why": "no image yet" if imaged else "these data hold no photoacoustic images"}
     peak = picture.peak_mm if floor is None or picture.intensity > floor else None
     return asdict(picture.image) | {"deg": picture.angle_deg, "peak": peak}
 
 
-def image_texts(picture: Picture | None, view: RunView, *, elsewhere: bool) -> tuple[str, str]:
+def image_texts(picture: Picture | None, *, elsewhere: bool, simulated: bool) -> tuple[str, str]:
     """Title and note of the image: the angle of the probe, and what is drawn."""
     if picture is None:
         return "photoacoustic image", ""
-    b_mode = "; grey: B-mode" + (" (simulated)" if view.facts.kind == "simulated" else "") if picture.b_mode else ""
+    b_mode = "; grey: B-mode" + (" (simulated)" if simulated else "") if picture.b_mode else ""
     title = with_minus(f"{'last image:' if elsewhere else 'image of'} {picture.angle_deg:.2f}°")
     return title, f"photoacoustic, {picture.range_db:g} dB; ring: its peak{b_mode}"

@@ -11,9 +11,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from markerseek.bridges.asked import AskedSearch
 from markerseek.bridges.child import ChildRun
 from markerseek.bridges.page.child_search import ChildSearch, Launch
-from markerseek.bridges.page.settings import PageSettings
 from markerseek.core import Interval, RecordError, SearchError
 from markerseek.drivers import BenchSettings
 from markerseek.records.journal import default_journal, journals_folder, journals_in, make_folder
@@ -105,17 +105,17 @@ class PageSearches:
     def _runs(self) -> tuple[ChildSearch, ...]:
         return (*self.race, *(each for each in (self.search, self.bank) if each is not None))
 
-    def start(self, settings: PageSettings, *, asked_by: str) -> None:
+    def start(self, asked: AskedSearch, *, asked_by: str) -> None:
         """Start a search, for somebody whom the terminal names where it asks whether to arm.
 
         Raises `SearchError` if one runs. Raises `OSError` if the folder of journals cannot be made.
         """
-        journal = default_journal(method=settings.method)
+        journal = default_journal(method=asked.plan.method)
         make_folder(journal.parent)
         with self._idle():
-            arguments = ["search", *self._rig_arguments(), *settings.arguments(simulated=self.rig.simulated)]
+            arguments = ["search", *self._rig_arguments(), *asked.arguments(simulated=self.rig.simulated)]
             arguments += ["--journal", str(journal), f"--asked-by={asked_by}"]
-            self.search = self._live(arguments, settings, journal=journal)
+            self.search = self._live(arguments, asked, journal=journal)
 
     def go_on(self) -> None:
         """Continue the search that was stopped, on a simulated rig."""
@@ -125,7 +125,7 @@ class PageSearches:
                 raise SearchError("there is no search to go on with here; start one, or resume it in the terminal")
             # Armed at once: nothing here emits light.
             arguments = ["resume", str(before.journal), "--arm"]
-            self.search = self._live(arguments, before.settings, journal=before.journal)
+            self.search = self._live(arguments, before.asked, journal=before.journal)
 
     @property
     def paused(self) -> bool:
@@ -139,17 +139,17 @@ class PageSearches:
             return False
         return run is None or run.last.phase not in {"finished", "fault"}
 
-    def start_race(self, one: PageSettings, other: PageSettings) -> None:
+    def start_race(self, one: AskedSearch, other: AskedSearch) -> None:
         """Start two searches on the same simulated rig, side by side; they keep no journal."""
         with self._idle():
             if not self.rig.simulated:
                 raise SearchError("a race needs two rigs: it is for simulated ones only")
             self.race = tuple(
-                self._live(["search", *self._rig_arguments(), *each.arguments(simulated=True), "--no-journal"], each)
+                self._live(["search", *self._rig_arguments(), *each.arguments(), "--no-journal"], each)
                 for each in (one, other)
             )
 
-    def replay(self, name: str, settings: PageSettings) -> ChildSearch:
+    def replay(self, name: str, asked: AskedSearch) -> ChildSearch:
         """Search a recorded bank with a method; no device and no journal is involved.
 
         ``name``: one of `recordings`.
@@ -158,7 +158,7 @@ class PageSearches:
         with self._idle():
             if path is None:
                 raise SearchError(f"{name[:80]!r}: no such recording; choose one from the list")
-            self.bank = self._live(["replay", str(path), *settings.arguments(simulated=False)], settings)
+            self.bank = self._live(["replay", str(path), *asked.arguments(simulated=False)], asked)
             return self.bank
 
     def stop(self) -> None:
@@ -209,5 +209,5 @@ class PageSearches:
                 raise SearchError("a search runs; stop it, or wait for its end")
             yield
 
-    def _live(self, arguments: Sequence[str], settings: PageSettings, *, journal: Path | None = None) -> ChildSearch:
-        return ChildSearch(self._launch, arguments, settings=settings, journal=journal, on_change=self.changes.tell)
+    def _live(self, arguments: Sequence[str], asked: AskedSearch, *, journal: Path | None = None) -> ChildSearch:
+        return ChildSearch(self._launch, arguments, asked=asked, journal=journal, on_change=self.changes.tell)

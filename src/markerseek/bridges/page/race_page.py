@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from nicegui import ui
 
+from markerseek.bridges.asked import AskedSearch
 from markerseek.bridges.page.child_search import ChildSearch
-from markerseek.bridges.page.controls import METHOD_FIELDS, RIG_FIELDS, SettingsRow, hold_in_link, start_button
+from markerseek.bridges.page.controls import (
+    METHOD_FIELDS,
+    RIG_FIELDS,
+    USUAL,
+    LinkSettings,
+    SettingsRow,
+    hold_in_link,
+    start_button,
+)
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.panels import RunPanels, VerdictPanel, panel
 from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.search_page import verdict_before
-from markerseek.bridges.page.settings import LinkSettings, PageSettings
 from markerseek.core import Interval, counted
 from markerseek.records import tracks_svg
 from markerseek.runs import verdict_of
@@ -28,14 +34,14 @@ class Lane:
     def __init__(self, method: str, search: Interval) -> None:
         with panel(method, "lane") as self._title:
             with ui.element("div").classes("ms-controls"):
-                self.row = SettingsRow(PageSettings(method=method), METHOD_FIELDS)
+                self.row = SettingsRow(USUAL.changed(method=method), METHOD_FIELDS)
             self._verdict = VerdictPanel()
             self._panels = RunPanels(search, lane=True)
 
-    def settings(self, shared: PageSettings) -> PageSettings:
+    def settings(self, shared: AskedSearch) -> AskedSearch:
         """Settings of this racer, with those that both share."""
-        own = self.row.settings
-        return replace(shared, **{name: getattr(own, name) for name in METHOD_FIELDS})
+        own = self.row.settings.values
+        return shared.changed(**{name: own[name] for name in METHOD_FIELDS})
 
     def show(self, live: ChildSearch, *, reveal: bool, leads: bool) -> None:
         """Show where the racer is."""
@@ -121,8 +127,8 @@ def build_race_page(searches: PageSearches, link: LinkSettings) -> None:
         for lane, live in zip(lanes, race, strict=False):
             lane.show(live, reveal=over, leads=live is first)
             if race is not shown:
-                shared.follow(live.settings)
-                lane.row.follow(live.settings)
+                shared.follow(live.asked)
+                lane.row.follow(live.asked)
         shown = race
         runs = [each.run for each in race if each.run is not None]
         if drawn != (drawn := [(each, len(each.views)) for each in runs]) or not clock.content:

@@ -11,14 +11,13 @@ import msgspec
 from nicegui import run, ui
 
 from markerseek.bridges.page.child_search import ChildSearch
-from markerseek.bridges.page.controls import METHOD_FIELDS, SettingsRow, start_button
+from markerseek.bridges.page.controls import METHOD_FIELDS, USUAL, SettingsRow, start_button
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.panels import RunPlayer, VerdictPanel
 from markerseek.bridges.page.results import ResultRow
 from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.search_page import status_text, verdict_before
-from markerseek.bridges.page.settings import PageSettings
 from markerseek.core import MarkerseekError
 from markerseek.records import with_minus
 from markerseek.records.journal import is_journal, read_journal, summary
@@ -47,7 +46,7 @@ class ReplayPage:
             self._chosen.props("dense outlined options-dense").classes("ms-recording")
             with ui.element("div").classes("ms-controls") as self._methods:
                 search = start_button("Search it")
-                self._row = SettingsRow(PageSettings(), METHOD_FIELDS)
+                self._row = SettingsRow(USUAL, METHOD_FIELDS)
         self._methods.visible = False
         self._frame.on_click(search, self._search_bank)
         self._player = RunPlayer(searches.rig.search, self._verdict, playable=True)
