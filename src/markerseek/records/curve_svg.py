@@ -85,7 +85,7 @@ class DrawnCurve:
         top = 1.14 * max([each.intensity for each in self.marks] + [self.threshold or 0.0, 0.0]) or 1.0
         most = max(self.density[1], default=0.0)
         range_deg = self.range_deg or self._own_range_deg()
-        frame = _Frame(46, 34, _WIDTH - (84 if most else 58), _HEIGHT - 72, range_deg, (0.0, top))
+        frame = _Frame(58, 34, _WIDTH - (96 if most else 70), _HEIGHT - 72, range_deg, (0.0, top))
         parts = [*frame.axes("probe angle [deg]", f"intensity [{self.unit}]" if self.unit else "intensity")]
         if most:
             parts += frame.right_axis("probability [1/deg]", 1.05 * most)
@@ -105,7 +105,7 @@ class DrawnCurve:
             )
             drawn = "".join([*inset.axes("", ""), *self._drawn(inset, most, numbered=False)])
             parts.append(f'<g class="ms-inset">{drawn}</g>')
-        return _svg(parts, _HEIGHT, f"intensity over the angle of the probe, {len(self.marks)} acquisitions")
+        return _svg(parts, _HEIGHT, f"intensity over the angle of the probe, measured {len(self.marks)} times")
 
     def _own_range_deg(self) -> tuple[float, float]:
         angles_deg = [*(each.angle_deg for each in self.marks), *([] if self.answer_deg is None else [self.answer_deg])]
@@ -179,7 +179,7 @@ class DrawnCurve:
 def tracks_svg(tracks: Mapping[str, Sequence[tuple[float, float]]], *, range_deg: tuple[float, float]) -> str:
     """Where each probe was read back, over the time; the tracks are pairs of seconds and degrees, by their name."""
     height, last_s = 170.0, max([at_s for each in tracks.values() for at_s, _ in each] + [1.0])
-    frame = _Frame(52, 26, 1100 - 72, height - 62, (0.0, 1.03 * last_s), range_deg)
+    frame = _Frame(58, 26, 1100 - 78, height - 62, (0.0, 1.03 * last_s), range_deg)
     parts = frame.axes("time on the clocks of the rigs [s]", "angle [deg]")
     for place, ((name, points), colour) in enumerate(zip(tracks.items(), (BLUE, PURPLE), strict=False)):
         line = " ".join(f"{frame.x(at):.1f},{frame.y(deg):.1f}" for at, deg in points)
@@ -237,17 +237,17 @@ class _Frame:
     def axes(self, x_name: str, y_name: str) -> list[str]:
         bottom = self.top + self.height
         parts = [f'<path d="M{self.left} {bottom}h{self.width}" stroke="{GREY}"/>']
-        for at in _ticks(self.ends, self.width / 42):
+        for at in _ticks(self.ends, self.width / (42 if y_name else 28)):
             parts.append(f'<path d="M{self.x(at):.1f} {bottom}v4" stroke="{GREY}"/>')
             parts.append(_text(self.x(at), bottom + 16, f"{at:g}"))
         if not y_name:
             return parts
-        for at in _ticks(self.limits, self.height / 36):
+        for at in _ticks(self.limits, self.height / 26):
             parts.append(f'<path d="M{self.left} {self.y(at):.1f}h{self.width}" stroke="{GREY}" opacity="0.25"/>')
             parts.append(_text(self.left - 5, self.y(at) + 4, f"{at:g}", anchor="end"))
         parts.append(_text(self.left + self.width / 2, bottom + 33, x_name))
-        # Above the axis: beside it there is room for numbers only.
-        parts.append(_text(2, 14, y_name, anchor="start"))
+        middle = self.top + self.height / 2
+        parts.append(f'<g transform="rotate(-90 12 {middle:g})">{_text(12, middle, y_name)}</g>')
         return parts
 
     def right_axis(self, name: str, most: float) -> list[str]:

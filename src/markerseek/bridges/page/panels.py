@@ -83,7 +83,7 @@ class RunPanels:
     """
 
     def __init__(self, search: Interval, *, lane: bool = False) -> None:
-        facts = RigFacts(kind="simulated", description="", fingerprint="", search=search)
+        facts = RigFacts(kind="simulated", description="", fingerprint="", search=search, probe="")
         self._nothing = RunView(plan=SearchPlan(method="posterior"), facts=facts)
         self._lane = lane
         self._rows: dict[str, ui.label] = {}
@@ -102,7 +102,7 @@ class RunPanels:
                     self._image = Image().classes("ms-image")
                     self._image_note = ui.label("").classes("ms-note")
                 with panel("what is known", "numbers"):
-                    self._table = ui.element("dl").classes("ms-rows")
+                    self._table = ui.element("dl").classes("ms-rows").props("tabindex=0")
                 with panel("log", "log"):
                     self._log = ui.label("").classes("ms-log").props("tabindex=0").mark("log")
         self.clear()
