@@ -138,10 +138,9 @@ def test_a_tab_too_many_is_refused_and_stop_is_not(tmp_path):
             await each.disconnect()
         return refused[0], stopped[0]
 
-    with served(tmp_path) as page:
-        # In a thread: the browser of other tests has the event loop of this one.
-        with ThreadPoolExecutor() as threads:
-            assert threads.submit(lambda: asyncio.run(many(page))).result() == (403, 204)
+    # In a thread: the browser of other tests has the event loop of this one.
+    with served(tmp_path) as page, ThreadPoolExecutor() as threads:
+        assert threads.submit(lambda: asyncio.run(many(page))).result() == (403, 204)
 
 
 def test_kernels_whose_loading_would_hold_up_stop_are_loaded_before_the_port_is_open(tmp_path):

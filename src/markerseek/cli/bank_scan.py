@@ -21,12 +21,11 @@ from markerseek.core import ChannelFrame, Event, MarkerseekError, Measured, Refu
 if TYPE_CHECKING:
     from markerseek.records.journal import Journal
 
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek bank scan scan.hdf5 --seed 1\n\n"
-    "  markerseek bank scan scan.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.25 --wavelength-nm 760\n\n"
-    "  markerseek bank scan --continue scan.hdf5 --seed 1"
-)
+EXAMPLES = """
+    markerseek bank scan scan.hdf5 --seed 1
+    markerseek bank scan scan.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.25
+    markerseek bank scan --continue scan.hdf5 --seed 1
+"""
 
 
 class BModeNote:

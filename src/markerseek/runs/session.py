@@ -22,7 +22,7 @@ from markerseek.runs.rebuild import rebuild_policy
 from markerseek.runs.resume import resumed
 from markerseek.runs.run_view import RunView
 from markerseek.scan import run
-from markerseek.search import build_sweeping, method_named, most_acquisitions, posterior_of_all
+from markerseek.search import MethodName, build_sweeping, method_named, most_acquisitions, posterior_of_all
 
 
 @dataclass(slots=True, kw_only=True)
@@ -134,7 +134,7 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
     )
 
 
-def find_marker(rig: Rig, method: SearchPlan | str = "posterior", *, progress: bool = False) -> SearchResult:
+def find_marker(rig: Rig, method: SearchPlan | MethodName = "posterior", *, progress: bool = False) -> SearchResult:
     """Search for the marker on a rig, and return what was found; no record is kept.
 
     Of a recording, the answer is from all its angles; what a search of it would have taken and said is in the field

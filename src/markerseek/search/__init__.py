@@ -13,6 +13,7 @@ from markerseek.search.manual import ScriptedManual
 from markerseek.search.methods import (
     METHODS,
     Method,
+    MethodName,
     build,
     build_sweeping,
     method_named,
@@ -42,6 +43,7 @@ __all__ = [
     "Curve",
     "Exhaustive",
     "Method",
+    "MethodName",
     "Peak",
     "ScriptedManual",
     "SearchPolicy",
