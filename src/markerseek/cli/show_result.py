@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -13,7 +14,7 @@ from rich.markup import escape
 from markerseek.cli.report import Output, Report, drawn, facts
 from markerseek.core import AnyPolicy, ChannelFrame, Estimate, Floor, OtherSource, RFFrame, counted
 from markerseek.records import SearchResult
-from markerseek.runs import RunView
+from markerseek.runs import RunView, curve_of, verdict_of
 from markerseek.search import FALSE_FOUND, WholeRecording
 from markerseek.signals import AnyImageReader
 
@@ -164,9 +165,10 @@ def conclude(
     if output.folder is not None and view.finished is not None and view.samples:
         if result.search is not None:
             recorded = ([each.angle_deg for each in result.samples], [each.intensity for each in result.samples])
-        curves = {"limits": rig.search, "density": _density(policy), "recorded": recorded}
+        density = _density(policy)
+        curves = {"limits": rig.search, "density": density, "recorded": recorded}
         draw = _figure(view, view.finished.estimate, result, imaging, **curves)
-        pictures = {f"{name}.png": drawn(draw), f"{name}.html": partial(_write_page, result, title, draw)}
+        pictures = {f"{name}.png": drawn(draw), f"{name}.html": partial(_write_page, view, density, title, draw)}
     report = Report(
         values=result,
         shown=[f"[bold]{escape(title)}[/]", facts(facts_of(result))],
@@ -212,14 +214,20 @@ def _figure(
     )
 
 
-def _write_page(result: SearchResult, title: str, draw: Callable[..., Figure], path: Path) -> None:
+def _write_page(view: RunView, density: Curve | None, title: str, draw: Callable[..., Figure], path: Path) -> None:
     from markerseek.pictures import png_data_uri, write_page
+
+    result, curve = view.result(), curve_of(view, reveal=True)
+    if density is not None:
+        curve = replace(curve, density=(list(density[0]), list(density[1])))
 
     write_page(
         path,
         "search.html.jinja",
         title=title,
         note=_note(result),
+        verdict=verdict_of(view),
+        curve=curve.svg(),
         facts=facts_of(result),
         picture_uri=png_data_uri(draw()),
         alt="Intensity over probe angle with the acquisitions in order, the probe's track, and the photoacoustic image",

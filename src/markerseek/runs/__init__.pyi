@@ -30,6 +30,7 @@ from .registration import (
     register_pairs,
 )
 from .resume import commanded_deg, require_reset, strongest_of, tell_recorded
+from .run_curve import curve_of, mark_of, mean_deg, others_deg
 from .run_view import FAULT_END, STOPPED, Phase, Point, RunView
 from .session import Session, answer_from_all, find_marker, new_session, plan_on, resumed_session
 from .shared_errors import FOCAL_LENGTH, camera_shared_m, focal_shared_m, trus_shared_m
@@ -90,14 +91,18 @@ __all__ = [
     "camera_shared_m",
     "commanded_deg",
     "configuration_of",
+    "curve_of",
     "dark_intensity",
     "find_marker",
     "focal_shared_m",
     "former_curve",
     "intensities_stored",
     "journal_bank",
+    "mark_of",
+    "mean_deg",
     "new_session",
     "numbers_of",
+    "others_deg",
     "plan_on",
     "point_pairs",
     "quality_of",

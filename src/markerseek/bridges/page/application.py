@@ -5,15 +5,13 @@ from __future__ import annotations
 import asyncio
 import hmac
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Collection
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlencode
 
 from fastapi import FastAPI, Request, Response
 from nicegui import Client, ui
-from starlette.datastructures import QueryParams
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse, RedirectResponse
@@ -36,72 +34,49 @@ MAX_VIEWERS = 16
 """Most tabs that may show the page at one time."""
 
 
-@dataclass(slots=True, kw_only=True)
-class Access:
-    """Who may open the page.
+class Gate:
+    """Lets a request or a WebSocket through if its cookie holds the token and it comes from the page itself.
 
-    Attributes
-    ----------
-    token
-        Secret of this page.
-    hosts
-        Names in the Host header that are accepted, without the port.
-    origins
-        Values of the Origin header that are accepted.
-    cookie
-        Name of the cookie that holds the token; cookies are shared by all ports of a host, so it names the port.
-    secure
-        Whether the page is served with TLS.
-    once
-        Secret that opens the page one time, for the browser that the page itself starts; empty for none.
+    ``token``: secret of this page. ``once``: secret that opens the page one time, for the browser that the page itself
+    starts. ``origins``: values of the Origin header that are accepted. ``cookie``: name of the cookie that holds the
+    token; cookies are shared by all ports of a host, so it names the port. ``secure``: whether the page has TLS.
     """
 
-    token: str
-    hosts: frozenset[str]
-    origins: frozenset[str]
-    cookie: str
-    secure: bool = False
-    once: str = ""
-
-    def is_token(self, given: str) -> bool:
-        """Whether a text is the token."""
-        return hmac.compare_digest(given.encode(), self.token.encode())
-
-    def opens(self, query: QueryParams) -> bool:
-        """Whether a link opens the page; a secret for one time is used up."""
-        if self.once and hmac.compare_digest(query.get("once", "").encode(), self.once.encode()):
-            self.once = ""
-            return True
-        return self.is_token(query.get("token", ""))
-
-
-class Gate:
-    """Lets a request or a WebSocket through if its cookie holds the token and it comes from the page itself."""
-
-    def __init__(self, app: ASGIApp, access: Access) -> None:
-        self.app, self._access = app, access
+    def __init__(
+        self, app: ASGIApp, *, token: str, once: str, origins: Collection[str], cookie: str, secure: bool
+    ) -> None:
+        self.app = app
+        self._token, self._once, self._origins, self._cookie, self._secure = token, once, origins, cookie, secure
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request, one WebSocket, or the start and end of the server."""
-        if scope["type"] == "lifespan":
-            await self.app(scope, receive, send)
-            return
-        asked, access = HTTPConnection(scope), self._access
-        reads = scope["type"] == "http" and scope["method"] in {"GET", "HEAD"}
-        answer: Response | None = None
-        if reads and access.opens(asked.query_params):
-            # The token goes from the address into a cookie that scripts cannot read.
-            rest = urlencode([each for each in asked.query_params.multi_items() if each[0] not in {"token", "once"}])
-            # The path as one of this host: for a browser "//elsewhere" would be another one.
-            answer = RedirectResponse(f"/{asked.url.path.lstrip('/')}?{rest}".rstrip("?"), status_code=303)
-            answer.set_cookie(access.cookie, access.token, httponly=True, samesite="strict", secure=access.secure)
-        elif not access.is_token(asked.cookies.get(access.cookie, "")):
-            answer = _refusal("open the link that markerseek page printed in the terminal")
-        elif (origin := asked.headers.get("origin")) not in access.origins and not (reads and origin is None):
-            answer = _refusal(f"the Origin header is not the address of this page; {_TUNNEL}")
-        elif scope["path"] in PAGES and _viewers() >= MAX_VIEWERS:
-            answer = _refusal(f"{MAX_VIEWERS} tabs show the page already; close one of them")
+        answer = None if scope["type"] == "lifespan" else self._answered(HTTPConnection(scope))
         await (answer or self.app)(scope, receive, send)
+
+    def _answered(self, asked: HTTPConnection) -> Response | None:
+        """The answer to a link or to a stranger; None for all others."""
+        query, origin = asked.query_params, asked.headers.get("origin")
+        reads = asked.scope.get("method") in {"GET", "HEAD"}
+        opened = _same(query.get("once", ""), self._once)
+        if reads and (opened or _same(query.get("token", ""), self._token)):
+            self._once = "" if opened else self._once
+            # The token goes from the address into a cookie that scripts cannot read.
+            rest = urlencode([each for each in query.multi_items() if each[0] not in {"token", "once"}])
+            # The path as one of this host: for a browser "//elsewhere" would be another one.
+            moved = RedirectResponse(f"/{asked.url.path.lstrip('/')}?{rest}".rstrip("?"), status_code=303)
+            moved.set_cookie(self._cookie, self._token, httponly=True, samesite="strict", secure=self._secure)
+            return moved
+        if not _same(asked.cookies.get(self._cookie, ""), self._token):
+            return _refusal("open the link that markerseek page printed in the terminal")
+        if origin not in self._origins and not (reads and origin is None):
+            return _refusal(f"the Origin header is not the address of this page; {_TUNNEL}")
+        if asked.url.path in PAGES and _viewers() >= MAX_VIEWERS:
+            return _refusal(f"{MAX_VIEWERS} tabs show the page already; close one of them")
+        return None
+
+
+def _same(given: str, secret: str) -> bool:
+    return bool(secret) and hmac.compare_digest(given.encode(), secret.encode())
 
 
 _TUNNEL = (
@@ -118,8 +93,11 @@ def _viewers() -> int:
     return sum(client.has_socket_connection for client in Client.instances.values())
 
 
-def page_application(searches: PageSearches, access: Access) -> FastAPI:
-    """The application with all pages."""
+def page_application(searches: PageSearches, *, hosts: Collection[str], **gate: Any) -> FastAPI:
+    """The application with all pages.
+
+    ``hosts``: names in the Host header that are accepted, without the port. ``gate``: arguments of `Gate`.
+    """
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
@@ -129,9 +107,8 @@ def page_application(searches: PageSearches, access: Access) -> FastAPI:
         await asyncio.to_thread(searches.close)
 
     application = FastAPI(docs_url=None, redoc_url=None, openapi_url=None, lifespan=lifespan)
-    added: Any = application.add_middleware
-    added(Gate, access=access)
-    added(TrustedHostMiddleware, allowed_hosts=sorted(access.hosts), www_redirect=False)
+    application.add_middleware(Gate, **gate)
+    application.add_middleware(TrustedHostMiddleware, allowed_hosts=sorted(hosts), www_redirect=False)
 
     @application.post("/stop")
     async def stop() -> Response:

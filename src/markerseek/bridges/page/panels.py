@@ -9,10 +9,10 @@ from dataclasses import asdict
 from nicegui import ui
 
 from markerseek.bridges.page.elements import Fan, Heading, Image, Slider
-from markerseek.bridges.page.models import curve_of, fan_model, image_model, image_texts
+from markerseek.bridges.page.models import fan_model, image_model, image_texts
 from markerseek.bridges.page.run_history import RunHistory, is_image_of
 from markerseek.core import Interval, RigFacts, SearchPlan
-from markerseek.runs import RunView, Verdict, numbers_of, verdict_of
+from markerseek.runs import RunView, Verdict, curve_of, numbers_of, verdict_of
 
 LOG_LINES = 10
 """Lines of the log that are shown."""

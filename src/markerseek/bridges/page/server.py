@@ -136,7 +136,7 @@ def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str, 
     with needs_package("nicegui", extra="page", purpose="the live page"):
         import nicegui  # noqa: F401  tested before a port is opened
         import uvicorn
-    from markerseek.bridges.page.application import Access, page_application
+    from markerseek.bridges.page.application import page_application
     from markerseek.bridges.page.run_history import warm_up
 
     class Server(uvicorn.Server):
@@ -158,16 +158,18 @@ def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str, 
         own = {f"{address.scheme}://{name}" for name in names}
         # Browsers leave out the usual port of a scheme.
         own |= {f"{each}:{port}" for each in own} if port != _PORTS[address.scheme] else set()
-        access = Access(
-            token=secrets.token_urlsafe(32),
-            hosts=frozenset(names | ({urlsplit(address.public).hostname or ""} if address.public else set())),
-            origins=frozenset(own | ({address.public} if address.public else set())),
+        token, once = secrets.token_urlsafe(32), secrets.token_urlsafe(32)
+        application = page_application(
+            searches,
+            hosts=names | ({urlsplit(address.public).hostname or ""} if address.public else set()),
+            origins=own | ({address.public} if address.public else set()),
+            token=token,
+            once=once,
             cookie=f"markerseek_{port}",
             secure=address.certificate is not None,
-            once=secrets.token_urlsafe(32),
         )
         config = uvicorn.Config(
-            page_application(searches, access),
+            application,
             loop="asyncio",
             # Strangers must not write into the terminal in which a rig is armed.
             log_level="error",
@@ -184,7 +186,7 @@ def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str, 
             server_header=False,
         )
         origin = address.public or f"{address.scheme}://{address.host}:{port}"
-        on_ready(f"{origin}/?token={access.token}", f"{origin}/?once={access.once}")
+        on_ready(f"{origin}/?token={token}", f"{origin}/?once={once}")
         # Ctrl-C is the ordinary end of the page.
         with suppress(KeyboardInterrupt):
             Server(config).run(sockets=[listener])

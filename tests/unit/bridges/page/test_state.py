@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.bridges.page.models import curve_of, fan_model, probe_text
+from markerseek.bridges.page.models import fan_model, probe_text
 from markerseek.bridges.page.results import is_claimed
 from markerseek.bridges.page.run_history import RunHistory, is_image_of
 from markerseek.bridges.page.search_page import status_text
@@ -37,7 +37,7 @@ from markerseek.core import (
 )
 from markerseek.records import angle_text, answer_name, interval_text, sigma_text, with_minus
 from markerseek.records.journal import Interrupted, Resuming
-from markerseek.runs import STOPPED, RunView, Verdict, new_session, numbers_of, plan_on, verdict_of
+from markerseek.runs import STOPPED, RunView, Verdict, curve_of, new_session, numbers_of, plan_on, verdict_of
 from markerseek.runs.journalled import Beliefs
 from markerseek.search import METHODS, BracketSearch, build
 from markerseek.sim import GaussianCurve, ReceiverSettings, SimulatedSettings
