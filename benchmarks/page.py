@@ -122,7 +122,7 @@ class Flood:
         while not self._over.is_set():
             with socket.create_connection(self._place, timeout=30) as connection:
                 connection.sendall(b"GET / HTTP/1.1\r\nHost: evil.example\r\nConnection: close\r\n\r\n")
-                self.refused += b"403" in connection.recv(64)
+                self.refused += b"400" in connection.recv(64)
 
     def end(self) -> int:
         """How many were refused."""
