@@ -44,16 +44,6 @@ from .simulated_registration import (
 )
 from .stereo_files import StereoSettings, read_stereo
 from .target_views import TargetView, target_views
-from .tracking import (
-    AnyTrackingPolicy,
-    TrackQuality,
-    quality_of,
-    require_streaming,
-    stage_period_s,
-    swept_tracking_policy,
-    track_run,
-    tracking_policy,
-)
 from .verdict import Verdict, VerdictKind, numbers_of, verdict_of
 
 __all__ = [
@@ -64,7 +54,6 @@ __all__ = [
     "REGISTRATION_TOLERANCE_MM",
     "STOPPED",
     "TARGET_DEPTH_M",
-    "AnyTrackingPolicy",
     "Calibration",
     "KnownRegistration",
     "Phase",
@@ -77,7 +66,6 @@ __all__ = [
     "SimulatedTruth",
     "StereoSettings",
     "TargetView",
-    "TrackQuality",
     "Verdict",
     "VerdictKind",
     "answer_again",
@@ -105,7 +93,6 @@ __all__ = [
     "others_deg",
     "plan_on",
     "point_pairs",
-    "quality_of",
     "read_registration",
     "read_stereo",
     "rebuild_image_reader",
@@ -117,20 +104,15 @@ __all__ = [
     "require_new_scan",
     "require_reset",
     "require_same_measurement",
-    "require_streaming",
     "resumed_session",
     "scan_angles",
     "scan_bank",
     "scan_configuration",
     "simulate_registration",
     "spot_pairs",
-    "stage_period_s",
     "strongest_of",
-    "swept_tracking_policy",
     "target_views",
     "tell_recorded",
-    "track_run",
-    "tracking_policy",
     "trus_shared_m",
     "verdict_of",
 ]

@@ -68,13 +68,16 @@ def leader(runs: tuple[ChildSearch, ...]) -> ChildSearch | None:
     """Who found the marker first, by the clocks of the rigs; None while another may still be, and without a result."""
     if any(each.status == "ended" and not (each.outcome and each.outcome.answered) for each in runs):
         return None
-    found = [each for each in runs if each.run is not None and each.outcome and each.outcome.exit_code == 0]
     # The paper's form of a method always answers: it claims nothing, and cannot win.
-    claimed = [each for each in found if each.run is not None and not each.run.last.plan.as_published]
+    claimed = (each for each in runs if _found(each) and each.run and not each.run.last.plan.as_published)
     first = min(claimed, key=_elapsed_s, default=None)
     if first is None or any(each.status != "ended" and _elapsed_s(each) < _elapsed_s(first) for each in runs):
         return None
     return first
+
+
+def _found(live: ChildSearch) -> bool:
+    return live.run is not None and live.outcome is not None and live.outcome.exit_code == 0
 
 
 def _elapsed_s(live: ChildSearch) -> float:
@@ -83,16 +86,14 @@ def _elapsed_s(live: ChildSearch) -> float:
 
 def race_verdict(runs: tuple[ChildSearch, ...]) -> str:
     """How the race stands; empty before anybody leads."""
-    over = bool(runs) and all(each.status == "ended" for each in runs)
-    if over and not all(each.outcome and each.outcome.answered for each in runs):
-        return "no result: stopped, or ended by a fault"
-    first = leader(runs)
+    over, first = bool(runs) and all(each.status == "ended" for each in runs), leader(runs)
     if first is not None and first.run is not None:
         return f"{first.run.last.plan.method} is first, after {_elapsed_s(first):.0f} s (virtual)"
     if not over:
         return ""
-    found = any(each.outcome is not None and each.outcome.exit_code == 0 for each in runs)
-    return "nothing is claimed" if found else "no marker was found"
+    if not all(each.outcome and each.outcome.answered for each in runs):
+        return "no result: stopped, or ended by a fault"
+    return "nothing is claimed" if any(map(_found, runs)) else "no marker was found"
 
 
 def build_race_page(searches: PageSearches, link: LinkSettings) -> None:
