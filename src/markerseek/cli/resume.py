@@ -46,7 +46,7 @@ def command(
 
     Nothing moves and nothing is fired until a person arms the rig: by --arm, or by typing its name on a terminal.
     Otherwise the state of the run is printed, and the exit code is 4. Once armed, the strongest angle so far is
-    measured again. If it has changed by more than noise, the search says so and begins anew. A simulated rig is made
+    measured again. If it has changed by more than noise, the search says so and starts again. A simulated rig is made
     from the journal. For devices, --rig is needed: limits, budgets and start_command are taken from the rig file, never
     from the journal, and differences between the two are printed. If the run is over, its result is printed.
     """

@@ -7,7 +7,7 @@ from .bank_images import (
     dark_intensity,
     intensities_stored,
 )
-from .bank_scan import journal_bank, require_new_scan, scan_angles, scan_bank, scan_configuration
+from .bank_scan import journal_bank, require_new_scan, scan_angles, scan_bank
 from .calibration_scan import Calibration, calibrate
 from .former_search import former_curve
 from .journalled import configuration_of
@@ -107,7 +107,6 @@ __all__ = [
     "resumed_session",
     "scan_angles",
     "scan_bank",
-    "scan_configuration",
     "simulate_registration",
     "spot_pairs",
     "strongest_of",
