@@ -8,6 +8,7 @@ and is completed by the next triggers.
 
 from __future__ import annotations
 
+import json
 import math
 from collections import deque
 from collections.abc import Sequence
@@ -94,6 +95,19 @@ class EmulatedSonixDaq:
         self._counted: list[Train] = []
         self._previous: list[bytes] = []
         self._queue: deque[_Writing] = deque()
+
+    @property
+    def said(self) -> str:
+        """Where its files are, for people."""
+        return f"channel files: {self._folder}"
+
+    @property
+    def keys(self) -> str:
+        """Its folder, as keys of a rig file."""
+        return f'folder = {json.dumps(str(self._folder.resolve()))}\nframes = "triggered"\n'
+
+    def close(self) -> None:
+        """Nothing to release."""
 
     def warm_up(self) -> None:
         """Compute one acquisition and discard it: the first real one is not delayed by imports and compilation."""
