@@ -28,8 +28,8 @@ from markerseek.emulators._kdc101_motion import (
 from markerseek.emulators._kdc101_triggers import PORTS, POSITIONS, Edge
 from markerseek.emulators._kdc101_triggers import POWER_UP as NO_TRIGGERS
 from markerseek.emulators._prm1z8 import Prm1z8, Turned
+from markerseek.emulators.faults import STAGE_FAULTS
 from markerseek.emulators.lines import FaultyLine
-from markerseek.emulators.stage_faults import STAGE_FAULTS
 from markerseek.sim import Fault
 from markerseek.wire import CONTROLLER, HOST, TO_CONTROLLER, AptFramer, AptMessage, apt
 

@@ -20,32 +20,9 @@ import numpy as np
 
 from markerseek.core import ConfigError
 from markerseek.emulators._trains import SweptTrain, Train, Trains
+from markerseek.emulators.faults import SonixDaqFaults
 from markerseek.sim import SimulatedWorld
 from markerseek.wire import sonixdaq as wire
-
-
-@dataclass(slots=True, kw_only=True)
-class SonixDaqFaults:
-    """Faults of the device; may be changed while it runs."""
-
-    off: bool = False
-    """Nothing is written."""
-    delay_s: float = 0.0
-    """Further time before the first file."""
-    files: int = wire.CHANNELS
-    """Number of channel files that are written; the next one is written half."""
-    stuck: bool = False
-    """The previous acquisition is written again."""
-    one_behind: bool = False
-    """Each trigger yields the acquisition of the trigger before it."""
-    swapped: bool = False
-    """The files of channels 5 and 6 hold one another's data."""
-    garbage: bool = False
-    """Headers are noise."""
-    lost_at: int = 0
-    """Number of the trigger of a sweep that is lost; 0: none."""
-    doubled_at: int = 0
-    """Number of the trigger of a sweep that is recorded twice; 0: none."""
 
 
 @dataclass(slots=True, kw_only=True)

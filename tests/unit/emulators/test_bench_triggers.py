@@ -23,8 +23,8 @@ from markerseek.drivers import Kdc101Settings, Kdc101Stage, LaserBox, SonixDaqRe
 from markerseek.drivers.energy_meter import EnergyMeter
 from markerseek.emulators import DirectPort, EmulatedBench, EmulatedKdc101
 from markerseek.emulators.bench import BenchClock
+from markerseek.emulators.faults import LaserBoxFaults
 from markerseek.emulators.laserbox import LIGHT_COUNTS
-from markerseek.emulators.laserbox_faults import LaserBoxFaults
 from markerseek.guard import Admission, FiringLimits, Guard, State
 from markerseek.rigs import image_reader
 from markerseek.scan import Scanner, run
