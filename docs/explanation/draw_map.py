@@ -30,7 +30,6 @@ SHORT = {
     "guard": "limits, permits, admission",
     "wire": "protocols as bytes",
     "testing": "contract tests",
-    "adapters": "other people's optimisers",
     "search": "the next angle",
     "signals": "frame to reading",
     "acoustics": "angle to sound",

@@ -1,6 +1,6 @@
 from .benchmark import WORLDS, BenchmarkResults, Entry, Score, benchmark_size, run_benchmark
-from .bound import BoundComparison, compare_with_bound, error_figure, mean_bounds, require_bound
-from .policies import PolicySettings
+from .figure import error_figure
+from .policies import StudyPolicy, study_policy
 from .runner import FinishedStudy, columns, read_rows, run_study, values_of
 from .scene import ClutterAround, Repeats, SceneSettings, SecondSource
 from .statistics import Mean, Share
@@ -16,7 +16,6 @@ __all__ = [
     "WORLDS",
     "Axis",
     "BenchmarkResults",
-    "BoundComparison",
     "Cell",
     "CellWorld",
     "ClutterAround",
@@ -25,7 +24,6 @@ __all__ = [
     "Entry",
     "FinishedStudy",
     "Mean",
-    "PolicySettings",
     "PolicySummary",
     "Repeats",
     "Row",
@@ -34,6 +32,7 @@ __all__ = [
     "SecondSource",
     "Share",
     "Study",
+    "StudyPolicy",
     "Summary",
     "SweptTrack",
     "Track",
@@ -41,19 +40,17 @@ __all__ = [
     "benchmark_size",
     "cells",
     "columns",
-    "compare_with_bound",
     "default_workers",
     "error_figure",
     "fault_of",
     "intensity_curve",
-    "mean_bounds",
     "read_rows",
     "read_study",
-    "require_bound",
     "run_benchmark",
     "run_row",
     "run_study",
     "run_trial",
+    "study_policy",
     "summarise",
     "track",
     "track_by_sweeps",

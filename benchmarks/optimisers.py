@@ -1,6 +1,8 @@
-"""Optimisers as policies: SciPy's bounded minimiser, scikit-optimize and BoTorch (extras of their names).
+"""Optimisers of other packages as policies, for comparison: SciPy's bounded minimiser, scikit-optimize and BoTorch.
 
-They share the check of their package, and the strongest sample as the answer.
+Each maximises the intensity without a model of its curve, and answers with its strongest sample. A study takes them as
+policies of one's own, from the root of the repository: ``method = "benchmarks.optimisers:ScikitOptimize"``. The package
+must be installed: ``pip install scikit-optimize``, ``pip install botorch``.
 """
 
 from __future__ import annotations
@@ -12,8 +14,8 @@ from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar
 
-from markerseek.core import PAPER_RANGE, Found, Interval, needs_package
-from markerseek.search import SearchPolicy, check_acquisitions
+from markerseek.core import PAPER_RANGE, Found, Interval
+from markerseek.search import CheckedPolicy, SearchPolicy, check_acquisitions
 
 CLEARLY_WEAKER = 3.0
 """Standard deviations of the noise by which a sample must be weaker than the strongest to bound the maximum."""
@@ -43,29 +45,22 @@ class OptimiserPolicy(SearchPolicy):
     ------
     ConfigError
         If there are too few acquisitions.
-    MissingExtraError
+    ImportError
         If the package is not installed.
     """
-
-    summary: ClassVar[str]
-    """What it is, in one line."""
 
     least: ClassVar[int] = 2
     """Fewest acquisitions."""
 
     package: ClassVar[str | None] = None
-    """Optional package that it imports; None for those that are always installed."""
-
-    extra: ClassVar[str] = ""
-    """Extra of this package that installs it."""
+    """Package that it imports."""
 
     def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int = 16) -> None:
         super().__init__()
         self._budget = check_acquisitions(acquisitions, least=self.least, method=self.name)
         if self.package is not None:
             # Before the first acquisition, not at the end of the first design.
-            with needs_package(self.name, extra=self.extra, purpose=f"the method {self.name}", module=self.package):
-                importlib.import_module(self.package)
+            importlib.import_module(self.package)
         self._limits = limits
 
     @abstractmethod
@@ -143,7 +138,6 @@ class BoundedMinimiser(OptimiserPolicy):
     """
 
     name = "bounded-minimiser"
-    summary = "SciPy's bounded minimiser (Brent) on the intensity"
     least = 1
 
     def _propose(self, angles_deg: Sequence[float], values: Sequence[float]) -> float | None:
@@ -171,6 +165,11 @@ class BoundedMinimiser(OptimiserPolicy):
         return None
 
 
+def checked_minimiser(*, limits: Interval = PAPER_RANGE, acquisitions: int = 16) -> CheckedPolicy:
+    """`BoundedMinimiser` with the checks that the paper's methods have here: it claims only what it knows."""
+    return CheckedPolicy(BoundedMinimiser(limits=limits, acquisitions=acquisitions), limits=limits)
+
+
 class ScikitOptimize(OptimiserPolicy):
     """`skopt.Optimizer` on the negative intensity: a Gaussian process with noise, acquisition function "gp_hedge".
 
@@ -179,8 +178,7 @@ class ScikitOptimize(OptimiserPolicy):
     """
 
     name = "scikit-optimize"
-    summary = "scikit-optimize's Gaussian process with its own choice of the next angle"
-    package, extra = "skopt", "optimizers"
+    package = "skopt"
 
     def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int = 16) -> None:
         super().__init__(limits=limits, acquisitions=acquisitions)
@@ -213,8 +211,7 @@ class BoTorch(OptimiserPolicy):
     """
 
     name = "botorch"
-    summary = "BoTorch's Gaussian process, next the largest expected improvement"
-    package, extra = "botorch", "botorch"
+    package = "botorch"
 
     def _propose(self, angles_deg: Sequence[float], values: Sequence[float]) -> float | None:
         initial = min(INITIAL, self._budget)
