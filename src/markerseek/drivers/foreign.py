@@ -261,7 +261,7 @@ class OwnStage(OwnDevice):
             arrival_deg=resolution_deg,
             unexpected_deg=_UNEXPECTED_DEG,
             unsteady_deg=_UNEXPECTED_DEG,
-            begin_s=_BEGIN_S,
+            begin_s=self.number("begin_s", _BEGIN_S) or _BEGIN_S,
             brake_s=_BRAKE_S if acceleration_deg_s2 is None else speed_deg_s / acceleration_deg_s2,
             approach_deg=self.number("approach_deg", 0.0) or 0.0,
         )

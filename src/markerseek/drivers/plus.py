@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import socket
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from itertools import pairwise
 from statistics import fmean
+from typing import Any
 
 import numpy as np
 
@@ -15,8 +15,8 @@ from markerseek.core import AcquisitionError, Clock, ConfigError, Int16, NotConn
 from markerseek.drivers.entry import Entry, Opening
 from markerseek.drivers.standard_receiver import (
     ConnectionMessages,
+    ConnectionReceiver,
     ConnectionSettings,
-    StandardReceiver,
     mean_counts,
 )
 from markerseek.wire import igtl
@@ -133,26 +133,13 @@ class PlusMessages(ConnectionMessages[igtl.Message]):
             yield None
 
 
-class PlusReceiver(StandardReceiver[PlusMessages]):
+class PlusReceiver(ConnectionReceiver[PlusMessages]):
     """Images of a PLUS server as frames, each the mean of the images of one acquisition."""
 
-    def __init__(
-        self,
-        *,
-        connection: socket.socket,
-        clock: Clock,
-        settings: PlusSettings,
-        dark_triggers: int,
-        unix_s: Callable[[], float] = time.time,  # noqa: TID251  the time of day is part of the protocol
-    ) -> None:
-        super().__init__(
-            PlusMessages(connection, clock, settings, unix_s),
-            clock=clock,
-            dark_triggers=dark_triggers,
-            sampling_hz=settings.sampling_hz,
-            timeout_s=settings.timeout_s,
-            quiet_s=settings.quiet_s,
-        )
+    kind = PlusMessages
+
+    def __init__(self, **parts: Any) -> None:
+        super().__init__(**parts)
         # An emulator says so when a client comes; other servers say nothing, and no image may come before a trigger.
         self.until_quiet()
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import socket
+import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice
-from typing import ClassVar, Generic, Protocol, TypeVar, TypeVarTuple
+from typing import Any, ClassVar, Generic, Protocol, TypeVar, TypeVarTuple
 
 import numpy as np
 
@@ -320,3 +321,30 @@ class ConnectionMessages(ABC, Generic[MessageT]):
                 f"pause, at most {_FLOOD_PER_S} a second are taken; the connection is closed; start the {self.peer} "
                 "again, and let it send nothing but what each trigger gives"
             )
+
+
+class ConnectionReceiver(StandardReceiver[MessagesT]):
+    """A receiver behind a connection; a subclass names the class of its messages.
+
+    ``unix_s``: time of day in seconds since 1970, which the messages carry.
+    """
+
+    kind: ClassVar[Callable[..., Any]]
+
+    def __init__(
+        self,
+        *,
+        connection: socket.socket,
+        clock: Clock,
+        settings: ConnectionSettings,
+        dark_triggers: int,
+        unix_s: Callable[[], float] = time.time,  # noqa: TID251  the time of day is part of the protocol
+    ) -> None:
+        super().__init__(
+            type(self).kind(connection, clock, settings, unix_s),
+            clock=clock,
+            dark_triggers=dark_triggers,
+            sampling_hz=settings.sampling_hz,
+            timeout_s=settings.timeout_s,
+            quiet_s=settings.quiet_s,
+        )

@@ -15,13 +15,12 @@ from markerseek.core import (
     Clock,
     DeviceError,
     Interval,
-    LimitError,
     MoveError,
     StageReading,
     Triggers,
     fastest_sweep_deg_s,
 )
-from markerseek.drivers._approach import DOWN, UP, plan_approach, require_wide
+from markerseek.drivers._approach import DOWN, UP, plan_approach, require_inside, require_wide
 from markerseek.drivers._stage_move import Move, StageLogic, StageRules
 
 _STOP_S, _STOP_AGAIN_S = 1.0, 0.02
@@ -110,7 +109,7 @@ class StandardStage(Generic[LogicT]):
         Raises `LimitError` if the angle is NaN or outside the travel range, and nothing moves; or if the stage left
         that range. Raises `MoveError` if it does not arrive. Raises `DeviceTimeoutError` if it stops answering.
         """
-        self._require_inside(angle_deg)
+        require_inside(self.limits, angle_deg)
         here_deg = self._readback()
         approach = plan_approach(
             angle_deg,
@@ -171,11 +170,6 @@ class StandardStage(Generic[LogicT]):
         with suppress(DeviceError):
             self.stop()
 
-    def _require_inside(self, angle_deg: float) -> None:
-        # NaN is in no interval.
-        if angle_deg not in self.limits:
-            raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
-
     def _way(self, *, rest_deg: float | None = None, rules: StageRules | None = None) -> Move:
         return Move(
             logic=self.logic, clock=self._clock, rules=rules or self.rules, travel=self.limits, rest_deg=rest_deg
@@ -231,7 +225,7 @@ class StandardSweepingStage(StandardStage[SweepLogicT]):
 
     def move_to(self, angle_deg: float) -> float:
         """As of `StandardStage`, with the speed of moves."""
-        self._require_inside(angle_deg)
+        require_inside(self.limits, angle_deg)
         self.end_sweep()
         return super().move_to(angle_deg)
 
@@ -256,7 +250,7 @@ class StandardSweepingStage(StandardStage[SweepLogicT]):
 
     def begin_sweep(self, to_deg: float) -> None:
         """Begin to turn there; refused by `LimitError` as `move_to`."""
-        self._require_inside(to_deg)
+        require_inside(self.limits, to_deg)
         # Not read again where it is known: the first reading of the sweep must come soon, and is compared with it.
         start_deg = self._readback() if self._rest_deg is None else self._rest_deg
         self._rest_deg = self._pushed = None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 
@@ -14,8 +13,8 @@ from markerseek.drivers.entry import Entry, Opening
 from markerseek.drivers.standard_receiver import (
     SLICE_S,
     ConnectionMessages,
+    ConnectionReceiver,
     ConnectionSettings,
-    StandardReceiver,
     mean_counts,
 )
 from markerseek.wire import vantage as wire
@@ -176,29 +175,13 @@ class VantageMessages(ConnectionMessages[wire.VantageFrame]):
             yield frame
 
 
-class VantageReceiver(StandardReceiver[VantageMessages]):
+class VantageReceiver(ConnectionReceiver[VantageMessages]):
     """Frames of a Vantage, one for each trigger, averaged.
 
     Raises `NotConnectedError` if the sender does not greet at once, or names another probe.
     """
 
-    def __init__(
-        self,
-        *,
-        connection: socket.socket,
-        clock: Clock,
-        settings: VantageSettings,
-        dark_triggers: int,
-        unix_s: Callable[[], float] = time.time,  # noqa: TID251  the time of day is part of the protocol
-    ) -> None:
-        super().__init__(
-            VantageMessages(connection, clock, settings, unix_s),
-            clock=clock,
-            dark_triggers=dark_triggers,
-            sampling_hz=settings.sampling_hz,
-            timeout_s=settings.timeout_s,
-            quiet_s=settings.quiet_s,
-        )
+    kind = VantageMessages
 
 
 def _open(settings: VantageSettings, opening: Opening) -> VantageReceiver:

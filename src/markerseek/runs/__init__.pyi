@@ -30,6 +30,8 @@ from .registration import (
     register_pairs,
 )
 from .resume import commanded_deg, require_reset, strongest_of, tell_recorded
+from .run_curve import curve_of, mark_of, mean_deg, others_deg
+from .run_view import FAULT_END, STOPPED, Phase, Point, RunView
 from .session import Session, answer_from_all, find_marker, new_session, plan_on, resumed_session
 from .shared_errors import FOCAL_LENGTH, camera_shared_m, focal_shared_m, trus_shared_m
 from .simulated_registration import (
@@ -42,22 +44,30 @@ from .simulated_registration import (
 )
 from .stereo_files import StereoSettings, read_stereo
 from .target_views import TargetView, target_views
+from .verdict import Verdict, VerdictKind, numbers_of, verdict_of
 
 __all__ = [
+    "FAULT_END",
     "FOCAL_LENGTH",
     "GRID_STEP_M",
     "MARKER_PLACES",
     "REGISTRATION_TOLERANCE_MM",
+    "STOPPED",
     "TARGET_DEPTH_M",
     "Calibration",
     "KnownRegistration",
+    "Phase",
+    "Point",
     "PointPair",
     "RegistrationReport",
+    "RunView",
     "Session",
     "SimulatedScene",
     "SimulatedTruth",
     "StereoSettings",
     "TargetView",
+    "Verdict",
+    "VerdictKind",
     "answer_again",
     "answer_from_all",
     "bank_curve",
@@ -69,13 +79,18 @@ __all__ = [
     "camera_shared_m",
     "commanded_deg",
     "configuration_of",
+    "curve_of",
     "dark_intensity",
     "find_marker",
     "focal_shared_m",
     "former_curve",
     "intensities_stored",
     "journal_bank",
+    "mark_of",
+    "mean_deg",
     "new_session",
+    "numbers_of",
+    "others_deg",
     "plan_on",
     "point_pairs",
     "read_registration",
@@ -98,4 +113,5 @@ __all__ = [
     "target_views",
     "tell_recorded",
     "trus_shared_m",
+    "verdict_of",
 ]

@@ -22,7 +22,7 @@ from markerseek.core import (
     fastest_sweep_deg_s,
 )
 from markerseek.drivers import Kdc101Stage
-from markerseek.emulators.stage_faults import STAGE_FAULTS
+from markerseek.emulators.faults import STAGE_FAULTS
 from markerseek.wire import AptFramer, apt
 from tests.unit.drivers.kdc101_bench import Bench, Killed, bench
 
