@@ -326,8 +326,8 @@ def test_b10_the_campaign_says_at_how_many_degrees_it_judges_a_claim() -> None:
     assert len(table) == 2
     assert all(said in line for line in table)
     assert f"found and off > {OFF_DEG:g}°" in kinds(Tally())[0]
-    pages = Path(__file__).parents[2] / "docs" / "explanation"
-    for page in ("faults.md", "fault-tables.md"):
+    pages = Path(__file__).parents[2] / "docs"
+    for page in ("explanation/faults.md", "data/fault-tables.md"):
         rows = [line for line in (pages / page).read_text(encoding="utf-8").splitlines() if line.startswith("| P10")]
         assert rows
         assert all(said in row for row in rows)
