@@ -16,7 +16,7 @@ SHORT = {
     "studies": "many searches, one table; the paper",
     "bridges": "live page, ROS 2, 3D Slicer",
     "figures": "of a result, of a bank",
-    "runs": "search, resume, bank scan, tracking",
+    "runs": "search, resume, bank scan",
     "emulators": "stage, laser box, SonixDAQ: their bytes",
     "rigs": "puts a rig together",
     "scan": "the loop: Scanner, run",

@@ -97,7 +97,6 @@ WRONG = {
     "compare": ("search", "--compare", "ternary,posterior"),
     "a wavelength": ("bank", "scan", "x.hdf5", "--wavelength-nm", "-1"),
     "emulate": ("emulate", "bench", "--dir", "x"),
-    "track": ("track",),
     "sim node": ("ros2", "sim"),
 }
 

@@ -377,7 +377,8 @@ def test_images_of_both_cameras_end_as_their_pixels_do(shell: Shell, tmp_path: P
 
 def test_register_simulate_tissue_muscle_ends_with_a_registration(shell: Shell) -> None:
     pytest.importorskip("cv2")
-    code, out, _ = shell("register", "--simulate", "--tissue", "muscle", "--simulated-frames", 5, "--json")
+    Path("rig.toml").write_text('kind = "simulated"\ntissue = "muscle"\n', encoding="utf-8")
+    code, out, _ = shell("register", "--simulate", "--rig", "rig.toml", "--json")
     report = json.loads(out)
     assert code == 0
     assert {search["answer"] for search in report["simulation"]["searches"]} <= {"found", "unsure"}
@@ -387,7 +388,7 @@ def test_register_simulate_tissue_muscle_ends_with_a_registration(shell: Shell) 
 
 def test_a_whole_registration_on_the_simulated_rig(shell: Shell) -> None:
     pytest.importorskip("cv2")
-    code, out, _ = shell("register", "--simulate", "--markers", 3, "--simulated-frames", 5, "--seed", 2, "--json")
+    code, out, _ = shell("register", "--simulate", "--markers", 3, "--seed", 2, "--json")
     report = json.loads(out)
     assert code == 0
     matrix = np.array(report["davinci_to_trus"])
@@ -412,8 +413,7 @@ def test_a_whole_registration_on_the_simulated_rig(shell: Shell) -> None:
         (["register", "--simulate", "--calibration-sigma-px", 1], "--simulate makes its own points"),
         (["register", EXAMPLE, "--seed", 3], "--readout-s, --seed are for --simulate"),
         (["register", "--simulate", "--markers", 5], "markers is 5, it must be one of 3, 4, 6, 9"),
-        (["register", EXAMPLE, "--simulated-frames", 24], "are for --simulate; leave them out"),
-        (["register", "--simulate", "--camera-mm", "nan"], "camera distance is nan mm"),
+        (["register", EXAMPLE, "--markers", 3], "are for --simulate; leave them out"),
         (["register", EXAMPLE, "--target-mm", 0, "nan", 0], "must be finite"),
     ],
 )

@@ -31,11 +31,6 @@ Shell = Callable[..., tuple[int, str, str]]
             '[laser]\nsweep_mode = "position-triggered"\n[limits.search]\nlow_deg = -0.2\nhigh_deg = 0.2\n',
             "two triggers are 0.47 deg apart, which leaves none from -0.20 to 0.2 deg; widen the search range, or",
         ),
-        (
-            ("track", "--sweep"),
-            '[laser]\nsweep_mode = "position-triggered"\n',
-            'a marker is followed with a laser that runs free: set sweep_mode = "free-running"',
-        ),
     ],
 )
 def test_a_rig_file_that_asks_for_too_much_is_refused_with_the_cure(

@@ -31,7 +31,6 @@ from markerseek.cli import (
     search,
     study,
     tooltip,
-    track,
 )
 from markerseek.cli.help import add_command, arranged
 from markerseek.cli.signals import Stopped
@@ -51,7 +50,7 @@ app = typer.Typer(
 _COMMANDS: dict[str, dict[str, Any]] = {
     "Search": {"search": search, "resume": resume, "page": page, "igtl": igtl, "ros2": ros2.app},
     "Recordings": {"replay": replay, "frame": frame, "tooltip": tooltip, "bank": bank.app, "journal": journal.app},
-    "Rig and robot": {"doctor": doctor, "calibrate": calibrate, "register": register, "track": track},
+    "Rig and robot": {"doctor": doctor, "calibrate": calibrate, "register": register},
     "Simulation and studies": {"emulate": emulate, "reproduce": reproduce, "study": study, "benchmark": benchmark},
 }
 for panel, commands in _COMMANDS.items():

@@ -14,7 +14,7 @@ FIRST = (
     *("--method", "--rig", "--arm", "--sweep", "--single", "--tolerance-mm", "--seed"),
     # Of other commands than search.
     *("--probe", "--number", "--angles", "--first-deg", "--step-deg", "--reference-deg", "--cameras", "--frames"),
-    *("--speed-deg-per-s", "--duration-s", "--simulate", "--continue", "--once"),
+    *("--simulate", "--continue", "--once"),
     *("--journal", "--plot", "--json"),
 )
 """Options that most people need; they stand in the first panel of a command with many options, in this order."""
@@ -25,14 +25,11 @@ PANELS = {
     "Points": ("--target-mm", "--without", "--calibration-sigma-px"),
     "Arrays and sequences": (
         *("--axes", "--first-frame", "--without-channel", "--angle-field", "--angle-transform", "--sampling-mhz"),
-        *("--energies", "--face-radius-mm"),
+        "--face-radius-mm",
     ),
     "Tables": ("--columns", "--unit", "--db", "--skip-invalid"),
-    "Simulation": (
-        *(each.flag for each in options_of(SimulationOptions)),
-        *("--markers", "--camera-mm", "--simulated-frames"),
-    ),
-    "Output": ("--out", "--no-journal", "--events", "--heartbeat"),
+    "Simulation": (*(each.flag for each in options_of(SimulationOptions)), "--markers"),
+    "Output": ("--out", "--no-journal", "--events"),
 }
 """Panels of the other options; "More" has those that no panel names."""
 

@@ -39,13 +39,10 @@ class SceneOptions:
     """Options of a simulated scene."""
 
     markers: Annotated[int, typer.Option(help="Number of simulated markers: 3, 4, 6 or 9.")] = 4
-    camera_mm: Annotated[float, typer.Option(help="Distance of the simulated camera from the tissue.")] = 100.0
-    simulated_frames: Annotated[int, typer.Option(help="Simulated camera frames of each spot.")] = 25
     rig: Annotated[
         Path | None,
         typer.Option(help="Rig file of the simulated rig: its stage, laser and noise.", show_default="the usual one"),
     ] = None
-    tissue: Annotated[str | None, typer.Option(help="Simulated material.", show_default="plastisol-phantom")] = None
     sweep: Annotated[bool, typer.Option("--sweep", help="Search each marker by sweeps.")] = False
     readout_s: Annotated[
         float | None, typer.Option(help="Seconds to read one acquisition of the simulated rig.", show_default="10")
@@ -55,14 +52,12 @@ class SceneOptions:
     def scene(self) -> runs.SimulatedScene:
         """The scene."""
         from markerseek.rigs import read_simulated
-        from markerseek.sim import EndoscopeSettings, with_options
+        from markerseek.sim import with_options
 
         settings = read_simulated(self.rig, cure="register --journal takes the searches of a rig of devices")
         return runs.SimulatedScene(
             markers=self.markers,
-            camera_m=self.camera_mm / 1e3,
-            camera=EndoscopeSettings(frames=self.simulated_frames),
-            rig=with_options(settings, SimulationOptions(tissue=self.tissue, readout_s=self.readout_s)),
+            rig=with_options(settings, SimulationOptions(readout_s=self.readout_s)),
             sweep=self.sweep,
         )
 

@@ -77,8 +77,7 @@ def command(
         recorded_curve = (curve.angle_deg, curve.intensity)
     session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None, watch=watch)
     conclude(
-        session.recorder,
-        session.configuration,
+        session.view,
         output,
         name="replay",
         imaging=assembled.imaging,

@@ -104,8 +104,7 @@ def command(
             session, as_json=as_json, journal=journal, keep=not no_journal, rig_file=rig, watch=watch
         )
     conclude(
-        session.recorder,
-        session.configuration,
+        session.view,
         output,
         name="search",
         imaging=assembled.imaging,
@@ -184,11 +183,11 @@ def _figure(sessions: list[runs.Session], title: str) -> Figure:
     searches = [
         ComparedSearch(
             name=session.configuration.plan.method,
-            samples=session.recorder.samples,
-            estimate=session.recorder.finished.estimate,
-            start_deg=session.recorder.start_deg,
+            samples=session.view.samples,
+            estimate=session.view.finished.estimate,
+            start_deg=session.view.start_deg,
         )
         for session in sessions
-        if session.recorder.finished is not None
+        if session.view.finished is not None
     ]
     return comparison_figure(searches, title=title, limits=facts.search, truth_deg=facts.truth_deg)

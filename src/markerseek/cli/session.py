@@ -98,7 +98,7 @@ def _watch(session: Session) -> None:
     with closing(session.events()) as events, progress_bar(session.most_acquisitions, what="searching") as progress:
         for event in events:
             if isinstance(event, Checked):
-                changed = event.difference and f"[yellow]{escape(event.difference)}: the search begins anew[/]"
+                changed = event.difference and f"[yellow]{escape(event.difference)}: the search starts again[/]"
                 progress.console.print(changed or "the strongest angle is unchanged: the search goes on")
             elif isinstance(event, Event):
                 show_event(progress, event)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -12,8 +13,8 @@ from rich.markup import escape
 
 from markerseek.cli.report import Output, Report, drawn, facts
 from markerseek.core import AnyPolicy, ChannelFrame, Estimate, Floor, OtherSource, RFFrame, counted
-from markerseek.records import Recorder, SearchResult
-from markerseek.records.journal import Configuration
+from markerseek.records import SearchResult
+from markerseek.runs import RunView, curve_of, verdict_of
 from markerseek.search import FALSE_FOUND, WholeRecording
 from markerseek.signals import AnyImageReader
 
@@ -140,8 +141,7 @@ def _mm(point_m: tuple[float, float, float]) -> list[float]:
 
 
 def conclude(
-    recorder: Recorder,
-    configuration: Configuration,
+    view: RunView,
     output: Output,
     *,
     name: str,
@@ -151,23 +151,24 @@ def conclude(
 ) -> NoReturn:
     """Show the result of a search, and end the command with its exit code.
 
-    ``configuration``: plan and rig of the search. ``name``: name of the picture's files. ``imaging``: imaging chain of
-    the rig's channel data; None where there are intensities only. ``recorded``: recorded curve of the picture, as in
-    `markerseek.pictures.search_figure`; None where there is none, or the answer is from all of it.
+    ``name``: name of the picture's files. ``imaging``: imaging chain of the rig's channel data; None where there are
+    intensities only. ``recorded``: recorded curve of the picture, as in `markerseek.pictures.search_figure`; None where
+    there is none, or the answer is from all of it.
     """
-    result, rig = recorder.result(configuration.plan, configuration.facts), configuration.facts
+    result, rig = view.result(), view.facts
     form = " as published" if result.as_published else ""
     title = f"{result.method}{form} on a {rig.rig_name}: {rig.description}"
     if result.search is not None:
         title = f"recording: {rig.description}"
     pictures: dict[str, Callable[[Path], object]] = {}
     # Where nothing was measured there is nothing to draw.
-    if output.folder is not None and recorder.finished is not None and recorder.samples:
+    if output.folder is not None and view.finished is not None and view.samples:
         if result.search is not None:
             recorded = ([each.angle_deg for each in result.samples], [each.intensity for each in result.samples])
-        curves = {"limits": rig.search, "density": _density(policy), "recorded": recorded}
-        draw = _figure(recorder, recorder.finished.estimate, result, imaging, **curves)
-        pictures = {f"{name}.png": drawn(draw), f"{name}.html": partial(_write_page, result, title, draw)}
+        density = _density(policy)
+        curves = {"limits": rig.search, "density": density, "recorded": recorded}
+        draw = _figure(view, view.finished.estimate, result, imaging, **curves)
+        pictures = {f"{name}.png": drawn(draw), f"{name}.html": partial(_write_page, view, density, title, draw)}
     report = Report(
         values=result,
         shown=[f"[bold]{escape(title)}[/]", facts(facts_of(result))],
@@ -190,22 +191,22 @@ def _density(policy: AnyPolicy | None) -> Curve | None:
 
 
 def _figure(
-    recorder: Recorder, estimate: Estimate, result: SearchResult, imaging: AnyImageReader | None, **curves: Any
+    view: RunView, estimate: Estimate, result: SearchResult, imaging: AnyImageReader | None, **curves: Any
 ) -> Callable[..., Figure]:
     """A function that draws a search, with curves as of `search_figure`."""
     from markerseek.pictures import pictured_sample, search_figure
 
-    pictured = pictured_sample(recorder.samples, recorder.confirmation)
+    pictured = pictured_sample(view.samples, view.confirmation)
     frame = pictured.frame
     return partial(
         search_figure,
-        recorder.search_samples,
+        view.search_samples,
         estimate,
-        start_deg=recorder.start_deg,
+        start_deg=view.start_deg,
         truth_deg=result.truth_deg,
         reference_deg=result.reference_deg,
         stand_in=result.stand_in,
-        confirmation=recorder.confirmation,
+        confirmation=view.confirmation,
         pictured=pictured,
         image=None if imaging is None or frame is None else imaging.picture(frame),
         b_mode=frame.b_mode if isinstance(frame, ChannelFrame | RFFrame) else None,
@@ -213,14 +214,20 @@ def _figure(
     )
 
 
-def _write_page(result: SearchResult, title: str, draw: Callable[..., Figure], path: Path) -> None:
+def _write_page(view: RunView, density: Curve | None, title: str, draw: Callable[..., Figure], path: Path) -> None:
     from markerseek.pictures import png_data_uri, write_page
+
+    result, curve = view.result(), curve_of(view, reveal=True)
+    if density is not None:
+        curve = replace(curve, density=(list(density[0]), list(density[1])))
 
     write_page(
         path,
         "search.html.jinja",
         title=title,
         note=_note(result),
+        verdict=verdict_of(view),
+        curve=curve.svg(),
         facts=facts_of(result),
         picture_uri=png_data_uri(draw()),
         alt="Intensity over probe angle with the acquisitions in order, the probe's track, and the photoacoustic image",

@@ -20,8 +20,6 @@ from markerseek.signals import AnyImageReader, ProbePreset, SpareReader
 from markerseek.sim import (
     BModeSettings,
     BModeWorld,
-    MovingWorld,
-    OscillatingMotion,
     RFWorld,
     SimulatedSettings,
     SimulatedWorld,
@@ -43,7 +41,6 @@ def simulated(
     settings: SimulatedSettings | str | Path | None = None,
     pace: SupportsFloat = 0.0,
     beat: Callable[[], None] | None = None,
-    swing: OscillatingMotion | None = None,
     resumed_after: int = 0,
 ) -> Rig:
     """A rig in a simulated world; the same seed and settings give the same frames.
@@ -70,8 +67,6 @@ def simulated(
         Real seconds per virtual second; 0 does not wait.
     beat
         Called while a device works, as of `markerseek.sim.VirtualClock`.
-    swing
-        Moves the marker, with its tissue, once it begins; None: the marker rests.
     resumed_after
         Entries in the record of an earlier process: the scene is the same, and the noise is not repeated.
 
@@ -93,8 +88,6 @@ def simulated(
         readout_s=_number(readout_s),
     )
     settings = with_options(settings, chosen)
-    if swing is not None and (settings.receiver.b_mode or settings.receiver.data == "b-mode"):
-        raise ConfigError("receiver: B-mode of a marker that moves is not simulated; leave b_mode out")
     rng, clock = np.random.default_rng(seed), VirtualClock(pace=pace, beat=beat)
     if settings.receiver.data == "b-mode":
         return _tip_rig(seed, settings, pace=pace, clock=clock, rng=rng)
@@ -113,9 +106,6 @@ def simulated(
     b_mode = _b_mode_under(settings, scene.marker, rng)
     if b_mode is not None:
         description += ", with B-mode"
-    if swing is not None:
-        seen = MovingWorld(seen, swing)
-        description += f", moving at {swing.speed_deg_s:g} deg/s"
     return rig_in_world(
         seen,
         settings,

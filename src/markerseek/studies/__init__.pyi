@@ -6,7 +6,6 @@ from .scene import ClutterAround, Repeats, SceneSettings, SecondSource
 from .statistics import Mean, Share
 from .study import Axis, Cell, CellWorld, CurveSettings, Study, cells, read_study
 from .summary import FAILURE_DEG, Difference, PolicySummary, Summary, TwoSources, summarise
-from .tracking import SweptTrack, Track, track, track_by_sweeps
 from .trial import Row, fault_of, run_row, run_trial
 from .workers import default_workers
 from .worlds import intensity_curve
@@ -34,8 +33,6 @@ __all__ = [
     "Study",
     "StudyPolicy",
     "Summary",
-    "SweptTrack",
-    "Track",
     "TwoSources",
     "benchmark_size",
     "cells",
@@ -52,7 +49,5 @@ __all__ = [
     "run_trial",
     "study_policy",
     "summarise",
-    "track",
-    "track_by_sweeps",
     "values_of",
 ]

@@ -118,7 +118,9 @@ class StudyPolicy:
 
 
 def study_policy(**keys: object) -> StudyPolicy:
-    """One policy of a study from its keys: those of a plan that a person chooses, and its own; `ConfigError`s as there.
+    """One policy of a study from its keys: those of a plan that a person chooses, and its own.
+
+    Raises `ConfigError` as a plan does.
 
     ``keys``: plain values, as TOML has them; ``method`` is needed.
     """

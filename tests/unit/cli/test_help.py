@@ -31,6 +31,7 @@ def test_examples_and_the_ten_most_used_options_of_a_search_fit_one_screen() -> 
 
 def test_every_option_of_a_command_with_many_has_a_panel() -> None:
     known = {*FIRST, *(name for names in PANELS.values() for name in names)}
+    met: set[str] = set()
     groups = [_built()]
     for group in groups:
         for command in group.commands.values():
@@ -39,6 +40,8 @@ def test_every_option_of_a_command_with_many_has_a_panel() -> None:
                 continue
             options = {each.opts[-1] for each in command.params if each.param_type_name == "option" and not each.hidden}
             assert len(options) <= MANY or options <= known, command.name
+            met |= options
+    assert known <= met, "no command has these options"
 
 
 @pytest.mark.parametrize("words", [("--help",), ("journal", "list", "--help")])
