@@ -1,4 +1,4 @@
-import contextlib
+import select
 import socket
 import struct
 
@@ -13,18 +13,19 @@ class Receiver:
     """Frames of a program that connects to a port of this computer, and sends one for each trigger."""
 
     def __init__(self, *, port: int, emulated: bool = False):
-        self.emulated = emulated
+        self.emulated, self._waiting = emulated, b""
         with socket.create_server(("127.0.0.1", port)) as server:
             server.settimeout(25.0)
             try:
                 self._connection, _ = server.accept()
             except TimeoutError:
                 raise NotConnectedError(f"nobody connected to port {port} within 25 s; start the sender") from None
-        self._connection.setblocking(False)
-        self._waiting = b""
+
+    def close(self):
+        self._connection.close()
 
     def read(self):
-        with contextlib.suppress(BlockingIOError):
+        if select.select([self._connection], [], [], 0)[0]:
             self._waiting += self._connection.recv(1 << 20)
         frames = []
         while len(self._waiting) >= HEADER.size:

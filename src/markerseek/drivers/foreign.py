@@ -12,7 +12,7 @@ from __future__ import annotations
 import sys
 import typing
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import Any, ClassVar
 
 import msgspec
@@ -174,6 +174,12 @@ class OwnDevice:
             self.device: Any = made(
                 **arguments_of(made, settings.keys, offered=offered, part=self.part, driver=settings.driver)
             )
+        opening.keep(closing(self))
+
+    def close(self) -> None:
+        """Close the device, where its class can."""
+        if hasattr(self.device, "close"):
+            self.call("close")
 
     @contextmanager
     def _errors(self, kind: type[DeviceError]) -> Iterator[None]:
@@ -318,11 +324,6 @@ class OwnMessages(OwnDevice):
             shapes = [each.shape for each in messages]
             raise AcquisitionError(f"{self.driver}: frames of the shapes {shapes} in one acquisition")
         return mean_counts(messages)
-
-    def close(self) -> None:
-        """Close the device, where its class can."""
-        if hasattr(self.device, "close"):
-            self.call("close")
 
 
 def _open_stage(settings: ForeignStage, opening: Opening) -> StandardStage[OwnStage]:
