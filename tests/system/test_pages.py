@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import shlex
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from textwrap import dedent
 from typing import Any
 
 import pytest
@@ -133,14 +135,23 @@ def keys(table: dict[str, Any]) -> Iterator[str]:
             yield key
 
 
-INCLUDED = re.compile(r"<!-- (\S+) -->\n```\w*\n(.*?)\n```", re.DOTALL)
-"""A file that a page shows whole, and its text there."""
+INCLUDED = re.compile(r"<!-- ([^\s:]+)(?:: (\S+))? -->\n```\w*\n(.*?)\n```", re.DOTALL)
+"""A file that a page shows, or a class or function of it, and its text there."""
 
 
-def test_a_file_that_a_page_shows_is_shown_as_it_is() -> None:
-    shown = [(page, *found.groups()) for page in PAGES for found in INCLUDED.finditer(page.read_text(encoding="utf-8"))]
-    assert len(shown) > 10
-    for page, name, text in shown:
-        assert text == (ROOT / name).read_text(encoding="utf-8").rstrip(), (
-            f"{page.name}: copy {name} into the page again"
-        )
+def shown_part(path: Path, name: str) -> str:
+    """Text of a file, or of a class or function in it, which is named with its class."""
+    lines = path.read_text(encoding="utf-8").rstrip().splitlines()
+    node: Any = ast.parse("\n".join(lines)) if name else None
+    for word in filter(None, name.split(".")):
+        node = next(each for each in node.body if getattr(each, "name", None) == word)
+    return "\n".join(lines) if node is None else dedent("\n".join(lines[node.lineno - 1 : node.end_lineno]))
+
+
+def test_what_a_page_shows_of_a_file_is_there() -> None:
+    shown = [
+        (page, *found.groups("")) for page in PAGES for found in INCLUDED.finditer(page.read_text(encoding="utf-8"))
+    ]
+    assert len(shown) > 15
+    for page, path, name, text in shown:
+        assert text == shown_part(ROOT / path, name), f"{page.name}: copy {path} {name} into the page again"
