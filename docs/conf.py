@@ -30,7 +30,8 @@ author = "the markerseek authors"
 version = release = markerseek.__version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc"]
-exclude_patterns = ["_build"]
+# Tables that programs have written.
+exclude_patterns = ["_build", "data"]
 # The theme is named here alone.
 html_theme = "furo"
 html_static_path = ["site.css"]

@@ -42,7 +42,7 @@ def test_no_page_violates_aa_in_any_state(opened, scheme):
 
 def test_axe_finds_what_is_wrong(opened):
     watched = opened("/")
-    watched.tab.add_style_tag(content=".ms-next { color: #aaa !important; background: #fff; }")
+    watched.tab.add_style_tag(content=".ms-name { color: #aaa !important; background: #fff; }")
     assert [rule for rule, _ in violations(watched)] == ["color-contrast"]
 
 

@@ -106,4 +106,4 @@ def test_there_is_no_tip_in_a_recording_of_wires_and_a_wall(shell):
     assert "51 images repeat an angle" in " ".join(err.split())
     said = json.loads(out)
     assert (said["found"], len(said["images"])) == (False, 91)
-    assert "reaches the edge of the image" in said["reason"]
+    assert "no tissue with speckle" in said["reason"]

@@ -99,6 +99,14 @@ def test_a_rectangle_can_be_named(shell, folder):
     assert same(answer(shell, folder, "--first-deg", -6, "--pixel-mm", 0.15, "--roi", roi), expected)
 
 
+def test_the_paper_s_way_is_asked_for_by_name(shell, folder):
+    by_default = answer(shell, folder, "--first-deg", -6, "--pixel-mm", 0.15)
+    published = answer(shell, folder, "--first-deg", -6, "--pixel-mm", 0.15, "--as-published")
+    # The last image in which the centroid exceeds three deviations, and not the angle at which the echo is lost.
+    assert published["half_range_deg"] in (3.0, 3.5)
+    assert published["half_range_deg"] < by_default["half_range_deg"]
+
+
 def test_images_of_something_else_have_no_tip(shell, tmp_path):
     rng = np.random.default_rng(4)
     (tmp_path / "other").mkdir()
@@ -171,7 +179,7 @@ def test_two_sizes_of_pixels_are_no_scan(shell, tmp_path, images):
 
 
 def test_the_current_folder_is_named(shell, tmp_path, images, monkeypatch):
-    for number, image in enumerate(images[6:8]):
+    for number, image in enumerate(images[6:]):
         cv2.imwrite(str(tmp_path / f"{number}.png"), image)
     monkeypatch.chdir(tmp_path)
     _, out, _ = shell("tooltip", ".")

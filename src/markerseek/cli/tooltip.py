@@ -63,11 +63,14 @@ def command(
     angle_transform: AngleTransform = None,
     roi: Annotated[
         str | None,
-        typer.Option(help="Rectangle around the tip where it is brightest, in pixels: row,column,rows,columns."),
+        typer.Option(help="Rectangle around the tip, in pixels: row,column,rows,columns."),
     ] = None,
     pixel_mm: Annotated[
         float | None, typer.Option(help="Size of a pixel.", show_default="that of the files, else 0.1")
     ] = None,
+    as_published: Annotated[
+        bool, typer.Option("--as-published", help="Find the tip as in the paper: GrabCut, centroid, its grey value.")
+    ] = False,
     plot: Annotated[bool, typer.Option("--plot", help="Write a picture of the series into --out.")] = False,
     out: Out = None,
     as_json: AsJson = False,
@@ -98,7 +101,8 @@ def command(
     else:
         angles_deg = list(series.angles_deg) or _named_angles(series.names, first_deg, step_deg)
     size_m, source = _pixel_size(series, pixel_mm)
-    measured = vision.sensitive_range(angles_deg, series.images, pixel_m=size_m, rectangle=rectangle)
+    find = vision.published_sensitive_range if as_published else vision.sensitive_range
+    measured = find(angles_deg, series.images, pixel_m=size_m, rectangle=rectangle)
     names = dict(zip(angles_deg, series.names, strict=True))
     # The current folder is named, not ".".
     name = images.name if images.is_file() else images.resolve().name
@@ -227,7 +231,7 @@ def _pixel_size(series: ImageSeries, pixel_mm: float | None) -> tuple[tuple[floa
 def _values(
     measured: vision.SensitiveRange, names: dict[float, str], size_m: tuple[float, float], source: str
 ) -> dict[str, object]:
-    """The sensitive range; of an image beyond the angle at which the tip had disappeared, the tip is null."""
+    """The sensitive range; of an image in which the tip was not looked for, the tip is null."""
     shown = ("visible", "intensity", "level", "area_px", "row", "column")
     first = next((frame.tip for frame in measured.frames if frame.angle_deg == measured.reference_deg), None)
     return with_version(
@@ -257,8 +261,8 @@ def _reason(measured: vision.SensitiveRange) -> str:
     one_side = measured.below_deg is None or measured.above_deg is None
     other = ", the other side taken to be the same" if one_side else ""
     text = (
-        f"brightest at {measured.reference_deg:g}°, half range {least}{measured.half_deg:g}°, "
-        f"whole range {least}{measured.full_deg:g}°{other}"
+        f"brightest at {measured.reference_deg:g}°, half range {least}{measured.half_deg:.1f}°, "
+        f"whole range {least}{measured.full_deg:.1f}°{other}"
     )
     return text + (f"; {measured.remark}" if measured.remark else "")
 
@@ -282,7 +286,7 @@ def _shown(
         for frame, tip in ((frame, frame.tip) for frame in measured.frames)
     )
     yield table(rows, left=("image", "tip"))
-    if any(frame.tip is None for frame in measured.frames):
+    if measured.reference_deg is not None and any(frame.tip is None for frame in measured.frames):
         yield "[dim]not looked for: beyond the angle at which the tip had disappeared[/]"
 
 

@@ -1,3 +1,4 @@
+from .as_published import published_sensitive_range
 from .rectangle import Rectangle
 from .sensitive_range import SensitiveRange, TipFrame, sensitive_range
 from .spot import LaserSpot, NoSpot, SpotAnswer, TwoSpots, find_spot
@@ -18,5 +19,6 @@ __all__ = [
     "brightest_blob",
     "find_spot",
     "find_tip",
+    "published_sensitive_range",
     "sensitive_range",
 ]

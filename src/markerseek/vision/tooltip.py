@@ -1,8 +1,9 @@
-"""The tip of an instrument in one B-mode image (paper, section 2.5 D): GrabCut, connected region, centroid, grey value.
+"""The tip of an instrument in one B-mode image as published: GrabCut, connected region, centroid, its grey value.
 
-GrabCut (C. Rother et al., ACM Trans. Graph. 23, 309 (2004)) separates an object in a rectangle from what is around it.
-It answers in every image, also where there is no tip, so that two tests follow: the region has at least `MIN_PX`
-pixels, and its centroid is brighter than tissue at the same depth beside the rectangle, by `SIGMAS` of its deviations.
+Section 2.5 D of the paper. GrabCut (C. Rother et al., ACM Trans. Graph. 23, 309 (2004)) separates an object in a
+rectangle from what is around it. It answers in every image, also if there is no tip, so that two tests follow: the
+region has at least `MIN_PX` pixels, and its centroid is brighter than tissue at the same depth beside the rectangle, by
+`SIGMAS` of its deviations.
 """
 
 from __future__ import annotations
@@ -48,31 +49,24 @@ class Tip:
     """What is known of the tip after one image."""
 
     visible: bool
-    """Whether it passes both tests."""
+    """Whether the tip is seen."""
     reason: str
     """Why, or why not, in words."""
     intensity: float
-    """Grey value of the pixel at its centroid; 0 where no region was found."""
+    """Grey value of the tip."""
+    level: float
+    """Grey value that it must exceed."""
     row: float
     column: float
     """``row`` and ``column``: its centroid in pixels; the middle of the rectangle where no region was found."""
     area_px: int
     """Pixels of its region."""
-    tissue_mean: float
-    tissue_sd: float
-    """``tissue_mean`` and ``tissue_sd``: mean and standard deviation of the tissue's grey values; of all surroundings
-    where no region was found."""
     rivals: int
     """Other bright regions in the rectangle."""
     rectangle: Rectangle
     """Where it was looked for."""
     cut_off: bool = False
     """Whether its region reaches the edge of the image, so that its centroid is that of a part."""
-
-    @property
-    def level(self) -> float:
-        """Grey value that the centroid must exceed."""
-        return self.tissue_mean + SIGMAS * self.tissue_sd
 
 
 def require_image(image: UInt8[np.ndarray, "rows columns"]) -> None:
@@ -137,11 +131,10 @@ def find_tip(image: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle, *, 
             visible=False,
             reason="nothing in the rectangle stands out",
             intensity=0.0,
+            level=float(image[around.slices].mean() + SIGMAS * image[around.slices].std()),
             row=rectangle.row + (rectangle.rows - 1) / 2,
             column=rectangle.column + (rectangle.columns - 1) / 2,
             area_px=0,
-            tissue_mean=float(image[around.slices].mean()),
-            tissue_sd=float(image[around.slices].std()),
             rivals=0,
             rectangle=rectangle,
         )
@@ -165,11 +158,10 @@ def find_tip(image: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle, *, 
         visible=not (small or dark),
         reason=reason,
         intensity=intensity,
+        level=level,
         row=row,
         column=column,
         area_px=area,
-        tissue_mean=mean,
-        tissue_sd=deviation,
         rivals=max(0, rivals),
         rectangle=rectangle,
         cut_off=not inside,

@@ -1,4 +1,4 @@
-"""Fault campaign: ``python -m tests.faults.campaign --runs 100000 --out docs/explanation/fault-tables.md``.
+"""Fault campaign: ``python -m tests.faults.campaign --runs 100000 --out docs/data/fault-tables.md``.
 
 Counts are kept beside the output (``--state``) after each chunk, so that a campaign that was killed continues where it
 was; they hold for one commit and one seed.

@@ -1,6 +1,6 @@
 """The table of failures for our methods, row by row, with enough searches for a share of 1e-3.
 
-``python -m tests.faults.campaign.failure_rows --workers 2 --out docs/explanation/failures.md`` (half an hour): every
+``python -m tests.faults.campaign.failure_rows --workers 2 --out docs/data/failures.md`` (half an hour): every
 method on intensities, the posterior alone from frames. Rows are added as they are done; those that are there already,
 from the same commit, are kept.
 """

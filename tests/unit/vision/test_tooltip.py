@@ -10,7 +10,15 @@ import pytest
 from markerseek.acoustics import Probe, two_way_elevation
 from markerseek.core import AcquisitionError, BModeFrame, ConfigError, FrameHeader, ReadingFrame
 from markerseek.sim import BModeSettings, BModeWorld
-from markerseek.vision import Rectangle, TipReader, TipSettings, brightest_blob, find_tip, sensitive_range
+from markerseek.vision import (
+    Rectangle,
+    TipReader,
+    TipSettings,
+    brightest_blob,
+    find_tip,
+    published_sensitive_range,
+    sensitive_range,
+)
 from markerseek.vision.rectangle import LARGEST_PX
 
 PIXEL_M = (0.15e-3, 0.15e-3)
@@ -56,9 +64,8 @@ def test_the_centroid_of_a_drawn_disc_is_its_middle_and_the_intensity_its_grey_v
     assert tip.intensity == 230
     # A disc of radius 8, seen under a blur of two pixels: at most as large as one of two deviations more.
     assert math.pi * 7.5**2 <= tip.area_px <= math.pi * 12**2
-    # The tissue's own numbers, to the accuracy of some thousand pixels.
-    assert tip.tissue_mean == pytest.approx(80, abs=2)
-    assert tip.tissue_sd == pytest.approx(15, abs=1.5)
+    # Mean and three deviations of the tissue, to the accuracy of some thousand pixels.
+    assert tip.level == pytest.approx(80 + 3 * 15, abs=5)
 
 
 def test_the_rectangle_reaches_three_millimetres_beyond_the_blob():
@@ -116,11 +123,11 @@ def test_a_stronger_tip_is_seen_farther():
 
 
 def test_a_scan_that_ends_too_early_says_so_and_one_side_stands_for_both():
-    angles = [0.0, 1.0, 2.0]
+    angles = [0.0, 1.0, 2.0, 3.0, 4.0]
     measured = sensitive_range(angles, scan(world(), angles), pixel_m=PIXEL_M)
-    assert (measured.open_above, measured.open_below) == (True, False)
+    assert measured.open_above
     assert measured.below_deg is None
-    assert measured.full_deg == 2 * measured.above_deg == 4.0
+    assert measured.full_deg == 2 * measured.above_deg == 8.0
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -129,7 +136,7 @@ def test_without_a_tip_there_is_none(seed):
     measured = sensitive_range(angles, scan(world(present=False, seed=seed), angles), pixel_m=PIXEL_M)
     assert measured.reference_deg is None
     assert measured.half_deg is None
-    assert "no tip in the brightest image" in measured.remark
+    assert "no tip: nothing stands out near one angle only" in measured.remark
 
 
 def test_of_two_tips_the_larger_is_taken_and_the_other_is_named():
@@ -137,10 +144,10 @@ def test_of_two_tips_the_larger_is_taken_and_the_other_is_named():
     tips = ((80.0, 80.0, 8.0, 230.0), (80.0, 145.0, 7.0, 225.0))
     images = [drawn(rng, *tips, shape=(160, 260)), drawn(rng, *tips, shape=(160, 260))]
     rectangle = Rectangle(row=55, column=60, rows=50, columns=105)
-    measured = sensitive_range([0.0, 1.0], images, pixel_m=PIXEL_M, rectangle=rectangle)
+    measured = published_sensitive_range([0.0, 1.0], images, pixel_m=PIXEL_M, rectangle=rectangle)
     assert "two bright regions near one another" in measured.remark
     assert measured.frames[0].tip.column == pytest.approx(80, abs=1)
-    alone = sensitive_range(
+    alone = published_sensitive_range(
         [0.0, 1.0], images, pixel_m=PIXEL_M, rectangle=Rectangle(row=65, column=65, rows=30, columns=30)
     )
     assert alone.remark == ""
@@ -149,13 +156,30 @@ def test_of_two_tips_the_larger_is_taken_and_the_other_is_named():
 @pytest.mark.parametrize("edge", [(80.0, 0.0), (80.0, 199.0), (159.0, 100.0), (0.0, 100.0)])
 def test_a_bright_wall_that_reaches_the_edge_is_no_tip_unless_a_person_names_it(edge):
     images = [drawn(np.random.default_rng(k), (*edge, 14.0, 190.0 + k)) for k in range(3)]
-    walls = sensitive_range((0.0, 1.0, 2.0), images, pixel_m=PIXEL_M)
+    walls = published_sensitive_range((0.0, 1.0, 2.0), images, pixel_m=PIXEL_M)
     assert walls.reference_deg is None
     assert "reaches the edge of the image; name the rectangle around the tip, --roi" in walls.remark
     assert not any(frame.tip.visible for frame in walls.frames if frame.tip is not None)
     row, column = (int(max(0, each - 30)) for each in edge)
     named = Rectangle(row=row, column=column, rows=60, columns=60)
-    assert sensitive_range((0.0, 1.0, 2.0), images, pixel_m=PIXEL_M, rectangle=named).reference_deg == 2.0
+    assert published_sensitive_range((0.0, 1.0, 2.0), images, pixel_m=PIXEL_M, rectangle=named).reference_deg == 2.0
+
+
+def test_saturated_images_are_refused_and_a_white_tip_is_not():
+    angles = np.arange(-8, 9).tolist()
+    white = sensitive_range(angles, scan(world(white_db=-3.0), angles), pixel_m=PIXEL_M)
+    assert white.reference_deg is None
+    assert "saturated" in white.remark
+    usual = sensitive_range(angles, scan(world(), angles), pixel_m=PIXEL_M)
+    # The tip's echo is 30 dB, 8 dB beyond white.
+    clipped = sensitive_range(angles, scan(world(white_db=22.0), angles), pixel_m=PIXEL_M)
+    assert clipped.half_deg == pytest.approx(usual.half_deg, abs=1)
+
+
+@pytest.mark.parametrize("way", [sensitive_range, published_sensitive_range])
+def test_no_wall_that_is_there_at_all_angles_is_a_tip(way):
+    images = [drawn(np.random.default_rng(k), (80.0, 199.0, 14.0, 190.0)) for k in range(8)]
+    assert way(np.arange(8.0).tolist(), images, pixel_m=PIXEL_M).reference_deg is None
 
 
 def test_an_even_image_and_one_of_two_grey_values_have_no_tip():

@@ -63,7 +63,7 @@ range were no longer told from markers beyond it."""
 ITERATIONS = 3
 """Steps of reweighted least squares."""
 
-KNOTS_DEG = 0.5
+KNOTS_DEG = 1.0
 """Distance between the angles at which the likelihood is computed; a cubic spline joins them."""
 
 

@@ -215,9 +215,12 @@ def _tables(
     )
     entries = tables.shape[1] // phases
     rows = tables[:, : entries * phases].reshape(len(errors), entries, phases).transpose(0, 2, 1)
+    wide = np.empty((len(errors), phases, entries + 2 * amplitudes), np.float32)
     # Beyond the table ln p is that of its last entry.
-    wide = np.pad(rows, ((0, 0), (0, 0), (amplitudes, amplitudes)), mode="edge")
-    return np.ascontiguousarray(wide, np.float32)
+    wide[..., :amplitudes] = rows[..., :1]
+    wide[..., amplitudes:-amplitudes] = rows
+    wide[..., -amplitudes:] = rows[..., -1:]
+    return wide
 
 
 def finer(

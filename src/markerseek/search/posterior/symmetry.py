@@ -82,7 +82,7 @@ LOG_WIDTH_STEP = 3 * float(np.log(WIDTHS_DEG[1] / WIDTHS_DEG[0]))
 
 MIN_STRONG = 3
 """Strong samples from which (7) replaces the grid. From the first one on it is as good for frames, but in a file of
-intensities 5 of 50 pairs of humps were `Found`, one of them wrong, instead of 1."""
+intensities 5 of 50 pairs of humps were `Found`, one of them wrong, instead of 2."""
 
 MAX_GROUPS = 24
 """Most groups of strong samples that count by (7), the strongest: the matrix of (8) is as large."""

@@ -16,7 +16,7 @@ from markerseek.sim import BModeSettings, BModeWorld
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.printed import paper_number
 from markerseek.studies.paper.section import Comparison, Section, make_section, make_table
-from markerseek.vision import SensitiveRange, sensitive_range
+from markerseek.vision import SensitiveRange, published_sensitive_range
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -144,7 +144,7 @@ def _series(job: tuple[Tip, int], *, seed: int) -> _Series:
         world.angle_deg = reference_deg + step
         images.append(world.pixels())
     # Angles from the reference, as the paper counts them.
-    found = sensitive_range(
+    found = published_sensitive_range(
         [float(step) for step in range(STEPS)], images, pixel_m=(settings.pixel_m, settings.pixel_m)
     )
     return _Series(tip=tip, place=place, images=images, found=found)
