@@ -20,7 +20,7 @@ STUDY = Path(__file__).parents[1] / "examples" / "studies" / "answers-points.tom
 
 OURS = "posterior"
 
-PEERS = {"scikit-optimize": "skopt", "botorch": "botorch"}
+PEERS = {"ScikitOptimize": "skopt", "BoTorch": "botorch"}
 """Methods to compare with, and the package that each needs."""
 
 PEER_ACQUISITIONS = 12
@@ -69,7 +69,7 @@ def main() -> None:
 
 def _search(method: str, trial: int) -> tuple[list[float], list[float]]:
     """Times of the decisions of one search, and of the imaging of its frames, in milliseconds of the clock."""
-    from markerseek.adapters import build_adapter
+    from benchmarks import optimisers
     from markerseek.core import Estimate, Measured, RunPlan, Sample, SearchPlan
     from markerseek.scan import run
     from markerseek.search import build
@@ -82,7 +82,7 @@ def _search(method: str, trial: int) -> tuple[list[float], list[float]]:
     if method == OURS:
         inner = build(SearchPlan(method=method, acquisitions=study.policies[0].most), limits=rig.limits.search)
     else:
-        inner = build_adapter(method, limits=rig.limits.search, acquisitions=PEER_ACQUISITIONS, as_published=True)
+        inner = getattr(optimisers, method)(limits=rig.limits.search, acquisitions=PEER_ACQUISITIONS)
     times_ms: list[float] = []
 
     class Timed:

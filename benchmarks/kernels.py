@@ -16,21 +16,15 @@ from numba import njit
 from scipy.special import i0e, ndtr
 
 from benchmarks import machine
-from markerseek.search.posterior import _grid, _symmetry, arrival
-from markerseek.search.posterior.likelihood import TABLE_HIGH, TABLE_LOW, TABLE_STEP
+from markerseek.search.posterior.likelihood import TABLE_HIGH, TABLE_LOW, TABLE_STEP, _fill_tables
+from markerseek.search.posterior.symmetry import factor_and_invert
 
 TURNS = 31
 TURN_S = 0.01
 """Turns of each pair, and least seconds of one turn."""
 
 _FASTMATH = {"nsz", "arcp", "contract", "reassoc"}
-_factor_and_invert, _solve = _symmetry.factor_and_invert, arrival.solve
-
-
-@njit(fastmath=_FASTMATH)
-def _numba_exp(log: np.ndarray, out: np.ndarray) -> None:
-    for a in range(log.size):
-        out[a] = np.exp(log[a]) if log[a] > np.float32(-18) else np.float32(0)
+_factor_and_invert = factor_and_invert
 
 
 @njit(fastmath=_FASTMATH)
@@ -46,22 +40,8 @@ def _lapack_cholesky(matrix: np.ndarray, work: np.ndarray, inverse: np.ndarray) 
     return 2 * np.log(np.diag(work)).sum()
 
 
-@njit(fastmath=_FASTMATH)
-def _ours_solve(matrix: np.ndarray, work: np.ndarray, beta: np.ndarray) -> float:
-    work[:, :3], work[:, 3] = matrix, 1.0
-    return _solve(work, beta)
-
-
-@njit(fastmath=_FASTMATH)
-def _lapack_solve(matrix: np.ndarray, work: np.ndarray, beta: np.ndarray) -> float:
-    beta[:] = np.linalg.solve(matrix, work[:, 3])
-    return 0.5 * math.log(np.linalg.det(matrix))
-
-
 def _pairs() -> dict[str, tuple[Callable[[], object], Callable[[], object]]]:
     rng = np.random.default_rng(1)
-    log = -rng.exponential(6, 1440).astype(np.float32)
-    series, out = np.empty_like(log), np.empty_like(log)
     mu, errors = np.exp(np.arange(TABLE_LOW, TABLE_HIGH + TABLE_STEP / 2, TABLE_STEP)), np.array([0.035, 0.1, 0.2])
     table = np.empty((3, mu.size))
 
@@ -75,16 +55,8 @@ def _pairs() -> dict[str, tuple[Callable[[], object], Callable[[], object]]]:
         return root @ root.T + np.eye(n), np.empty((n, n)), np.zeros((n, n))
 
     pairs: dict[str, tuple[Callable[[], object], Callable[[], object]]] = {
-        "exp of 1,440 weights over np.exp in Numba": (
-            lambda: _grid.exponential(log, series, out.view(np.int32), out),
-            lambda: _numba_exp(log, out),
-        ),
-        "exp of 1,440 weights over NumPy's np.exp": (
-            lambda: _grid.exponential(log, series, out.view(np.int32), out),
-            lambda: np.exp(log, out=out),
-        ),
         "table of (3) over SciPy's i0e and ndtr": (
-            lambda: _grid.fill_tables(mu, 0.02, 0.9, 0.1, 0.0014, errors, table),
+            lambda: _fill_tables(mu, 0.02, 0.9, 0.1, 0.0014, errors, table),
             scipy_table,
         ),
     }
@@ -94,11 +66,6 @@ def _pairs() -> dict[str, tuple[Callable[[], object], Callable[[], object]]]:
             lambda cube=cube: _ours_cholesky(*cube),  # type: ignore[misc]
             lambda cube=cube: _lapack_cholesky(*cube),  # type: ignore[misc]
         )
-    matrix, work, beta = covariance(3)[0], np.ones((3, 4)), np.empty(3)
-    pairs["solution and determinant, 3 × 3, over LAPACK"] = (
-        lambda: _ours_solve(matrix, work, beta),
-        lambda: _lapack_solve(matrix, work, beta),
-    )
     return pairs
 
 

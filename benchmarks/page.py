@@ -24,9 +24,9 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from benchmarks.loop_times import PACE, described, own_times_s
-from markerseek.bridges.page.state import SnapshotBuilder
 from markerseek.core import Failed
 from markerseek.records.journal import read_journal
+from markerseek.runs import RunView
 from tests.page.page_browser import Served, Watched, browsing, open_tab, served
 
 # The log is another element for each search, so that the whole page is watched.
@@ -72,11 +72,11 @@ def delays_s(page: Served, lines: list[tuple[float, str]]) -> list[float]:
     written: dict[str, float] = {}
     for journal in page.journals():
         held = read_journal(journal, frames=False)
-        state = SnapshotBuilder(held.configuration)
+        view = RunView.of(held.configuration)
         for entry in held.entries:
-            snapshot = state.add(entry.event, clock_s=entry.clock_s)
-            if snapshot.phase == "measured":
-                text = f"{snapshot.elapsed_s:7.1f} s  {snapshot.line}".strip()
+            view = view.add_entry(entry)
+            if view.phase == "measured":
+                text = f"{view.elapsed_s:7.1f} s  {view.line}".strip()
                 written[text] = datetime.fromisoformat(entry.written).timestamp()
     first: dict[str, float] = {}
     for at_s, text in lines:
@@ -122,7 +122,7 @@ class Flood:
         while not self._over.is_set():
             with socket.create_connection(self._place, timeout=30) as connection:
                 connection.sendall(b"GET / HTTP/1.1\r\nHost: evil.example\r\nConnection: close\r\n\r\n")
-                self.refused += b"403" in connection.recv(64)
+                self.refused += b"400" in connection.recv(64)
 
     def end(self) -> int:
         """How many were refused."""

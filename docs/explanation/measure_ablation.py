@@ -3,6 +3,7 @@
 ``python docs/explanation/measure_ablation.py readings 60``: the heights of a spot in so many searches of each tissue,
 and the laser's energy without its meter. ``python docs/explanation/measure_ablation.py layers 12``: the layers of the
 decision in so many searches of each world, and up to eight times as many where most of them count.
+``python docs/explanation/measure_ablation.py made 40``: the same layers in worlds that are made for some of them.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from measure_spots import percent
 from markerseek.core import SpotEnergy
 from markerseek.signals import beamform, features, focus, spot
 from markerseek.signals._kernel import PAD, aligned_energies
+from markerseek.sim.world import World, digitise
 from markerseek.studies import Cell, Mean, Row, Study, cells, default_workers, read_study, run_trial, summarise
 
 SEED = 77124  # of no study's file
@@ -36,9 +38,7 @@ HERE, READER, AS_IT_IS = "markerseek.search.posterior.", "markerseek.signals.rea
 FUNCTIONS: dict[str, tuple[str, object]] = {
     "a source not resolved yet comes first (`unresolved_rival`)": ("analysis.unresolved_rival", None),
     "a top hidden in a gap (`missed_peak_deg`)": ("answer.missed_peak_deg", None),
-    "between a sample that does not fit and the top (`discrepant_sample`)": ("analysis.discrepant_sample", None),
     "a sample stronger than one nearer to the answer (`asymmetric_sample`)": ("analysis.asymmetric_sample", None),
-    "both of these (`doubtful_deg`)": ("analysis.Analysis.doubtful_deg", None),
     "the dip between two humps (`dip_deg`)": ("candidates.dip_deg", None),
     "the predictive check (`predictive_check`)": ("analysis.predictive_check", None),
     "bursts (`_is_burst`)": ("candidates._is_burst", False),
@@ -81,16 +81,15 @@ class Channels:
         return replace(of_image, amplitude=height, relative_sigma=relative)
 
 
-SURE, WORTH = dict.fromkeys((HERE + "answer.SURE", HERE + "policy.SURE"), 0.02), {HERE + "policy.WORTH": math.inf}
 LAYERS: dict[str, dict[str, object]] = {
     part: {HERE + name: lambda *_, said=said, **__: said} for part, (name, said) in FUNCTIONS.items()
 }
 LAYERS |= {
-    "0.5 % of what may hide: 2 % at once (`SURE`)": {**SURE},
-    "the survey below that (`WORTH`)": {**WORTH},
-    "both of the survey (`SURE` and `WORTH`)": {**SURE, **WORTH},
-    "the survey, and the veto of what may hide": dict.fromkeys((HERE + "answer.SURE", HERE + "answer.STATED"), 1.0)
-    | {HERE + "policy.Posterior._is_surveyed_further": lambda *_: False},
+    "the survey below 2 % of what may hide (`WORTH`)": {HERE + "policy.WORTH": math.inf},
+    "the survey, and the veto of what may hide": {
+        HERE + "answer.STATED": 1.0,
+        HERE + "policy.Posterior._is_surveyed_further": lambda *_: False,
+    },
 }
 HEIGHTS: dict[str, dict[str, object]] = {
     f"the energy in the image: {name}": {READER + "focused_coherence": by.coherence, READER + "spot_energy": by.energy}
@@ -106,6 +105,44 @@ GROUPS = {
 }
 
 
+class MadeWorld:
+    """Channel data of a world that is made for a part: bursts, a flat background, or a marker that moves."""
+
+    def __init__(self, kind: str) -> None:
+        self.kind, self.counts = kind, World.counts
+
+    def __get__(self, world: Any, _: type) -> Callable[[Any], Any]:
+        return partial(self.frame, world)
+
+    def frame(self, world: Any, flash: Any) -> Any:
+        """A frame as it is, with the echo of an interference or an artefact, or of the marker where it then is."""
+        seen = vars(world)
+        if self.kind == "moved":
+            seen["lit"] = seen.get("lit", 0) + (flash is not None)
+            moved_deg = 3.0 * (seen["lit"] > 6)
+            world.angle_deg -= moved_deg
+            data = self.counts(world, flash)
+            world.angle_deg += moved_deg
+            return data
+        data, absorbers = self.counts(world, flash), seen["_absorbers"]
+        if "echo" not in seen:
+            rng = np.random.Generator(np.random.PCG64([int(abs(absorbers[0].angle_deg) * 1e6), 5]))
+            top = np.abs(world.model.channel_data(absorbers, angle_deg=absorbers[0].angle_deg)).max()
+            seen["echo"] = rng, top, rng.uniform(-15e-3, 15e-3), rng.uniform(15e-3, 40e-3), rng.uniform(0.2, 1.2)
+        rng, top, lateral_m, depth_m, share = seen["echo"]
+        if self.kind == "bursts":
+            hit = rng.random() < 0.12
+            lateral_m, depth_m, share = rng.uniform(-15e-3, 15e-3), rng.uniform(15e-3, 40e-3), rng.uniform(0.2, 1.0)
+        else:
+            hit, share = flash is not None, share * (1.0 if flash is None else flash.energy)
+        if not hit:
+            return data
+        way_m = np.hypot(np.asarray(world.model.probe.array.lateral_m) - lateral_m, depth_m)
+        late_s = np.arange(data.shape[1]) / world.model.sampling_hz - way_m[:, None] / 1500
+        wave = np.exp(-((late_s / 0.12e-6) ** 2)) * np.cos(2 * np.pi * 5e6 * late_s)
+        return digitise((data + top * share * wave).astype(np.float32))
+
+
 def noting(part: str, function: Callable[..., object], nothing: object, spoke: set[str]) -> Callable[..., object]:
     """The function, which notes that it said something."""
 
@@ -118,8 +155,11 @@ def noting(part: str, function: Callable[..., object], nothing: object, spoke: s
     return call
 
 
-def repeated(trial: int, study: Study, cell: Cell, group: str) -> tuple[dict[str, Row], set[str]]:
+def repeated(trial: int, study: Study, cell: Cell, group: str, made: str = "") -> tuple[dict[str, Row], set[str]]:
     """One search as it is and without each part, and the functions that said something; others need no search."""
+    if made:
+        with patch.object(World, "counts", MadeWorld(made)):
+            return repeated(trial, study, cell, group)
     spoke: set[str] = set()
     with ExitStack() as stack:
         for part, (name, nothing) in FUNCTIONS.items():
@@ -173,13 +213,20 @@ def table(study: Study, world: str, searches: Sequence[tuple[dict[str, Row], set
 def main() -> None:
     """Print the table, world by world."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("group", choices=tuple(GROUPS))
+    parser.add_argument("group", choices=(*GROUPS, "made"))
     parser.add_argument("searches", type=int, nargs="?", default=12)
     parser.add_argument("--workers", type=int, default=default_workers())
     given = parser.parse_args()
     sys.stdout.write("| world | without | `Found` | wrong | `Ambiguous`; `Unsure` | covered | error | acquisitions |\n")
     sys.stdout.write("|---|---|---|---|---|---|---|---|\n")
     with ProcessPoolExecutor(given.workers) as pool:
+        if given.group == "made":
+            study = read_study(Path(__file__).parents[2] / "examples/studies/answers-points.toml")
+            for made in ("bursts", "background", "moved"):
+                job = partial(repeated, study=study, cell=cells(study)[2], group="layers", made=made)
+                sys.stdout.writelines(table(study, made, list(pool.map(job, range(given.searches)))))
+                sys.stdout.flush()
+            return
         for name, (_, factor, step) in GROUPS[given.group].items():
             study = read_study(Path(__file__).parents[2] / f"examples/studies/answers-{name}.toml")
             study = replace(study, seed=SEED, policies=study.policies[-1:])

@@ -16,8 +16,9 @@ import pytest
 from markerseek import rigs
 from markerseek.core import Policy, RecordError, SearchPlan, Started
 from markerseek.guard import State
-from markerseek.records.journal import Journal, read_journal, result_of, verify
+from markerseek.records.journal import Journal, read_journal, verify
 from markerseek.rigs import Rig
+from markerseek.runs import RunView
 from markerseek.runs.journalled import journalled
 from markerseek.runs.resume import resumed
 from markerseek.search import build
@@ -100,7 +101,7 @@ def test_a_search_on_a_full_disk_stops_the_rig_and_is_resumed_with_room(small_di
     journal, held = Journal.reopen(path)
     with journal:
         list(resumed(policy, rig, journal, held, by="a person", anew=lambda: begin()[0]))
-    _, result = result_of(read_journal(path))
+    result = RunView.of(read_journal(path)).result()
     assert result.acquisitions == len(result.samples) == 16
     assert result.angle_deg == pytest.approx(4.0, abs=2.0)
 

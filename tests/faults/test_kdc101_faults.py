@@ -18,8 +18,8 @@ from markerseek.core import (
 )
 from markerseek.drivers import Kdc101Stage
 from markerseek.emulators import DirectPort, EmulatedKdc101
+from markerseek.emulators.faults import STAGE_FAULTS
 from markerseek.emulators.kdc101 import Kdc101Emulator
-from markerseek.emulators.stage_faults import STAGE_FAULTS
 from markerseek.sim import Fault, FaultKind, VirtualClock
 from markerseek.wire import apt
 

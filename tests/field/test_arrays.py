@@ -322,3 +322,22 @@ def test_a10_a_first_sample_that_cannot_be_is_refused(
     assert code == 2
     assert message in " ".join(err.split())
     assert "correct it, in seconds" in " ".join(err.split())
+
+
+def test_a11_an_energy_of_each_angle_takes_the_laser_out_of_the_intensities(
+    shell: Shell, counts: np.ndarray, angles_deg: np.ndarray, tmp_path: Path
+) -> None:
+    energy_mj = 20 * RANDOM.uniform(0.5, 1.5, len(counts))
+    scaled = np.rint(counts * (energy_mj / energy_mj.mean())[:, None, None]).astype(np.int16)
+    held = {"angle_deg": angles_deg[::-1], "frames": scaled[::-1]}
+    np.savez(tmp_path / "plain.npz", **held)
+    np.savez(tmp_path / "scan.npz", **held, energy=energy_mj[::-1])
+    plain, _ = imported(shell, tmp_path / "plain.npz")
+    assert abs(centre_deg(shell, plain) - 12.495) > 0.02
+    plain.unlink()
+    bank, _ = imported(shell, tmp_path / "scan.npz")
+    assert centre_deg(shell, bank) == pytest.approx(12.495, abs=0.01)
+    found_at_the_marker(shell, bank)
+    np.savez(tmp_path / "short.npz", **held, energy=energy_mj[1:])
+    code, _, err = shell("bank", "import", tmp_path / "short.npz", tmp_path / "short.hdf5")
+    assert (code, f"energy must be {len(counts)} positive numbers, one for each angle" in err) == (2, True), err

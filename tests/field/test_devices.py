@@ -27,8 +27,7 @@ from markerseek.drivers import (
     metered,
 )
 from markerseek.drivers.daq_folder import DaqFolder
-from markerseek.emulators import EmulatedBench
-from markerseek.emulators.plus import EmulatedPlus
+from markerseek.emulators import EmulatedBench, EmulatedPlus
 from markerseek.rigs import read_rig_file
 from markerseek.rigs.bench_rig import bench
 from markerseek.sim import SimulatedSettings, VirtualClock

@@ -17,9 +17,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from markerseek.bridges.page.security import Access
 
 from markerseek.bridges import AskedSearch, Searches, SearchOptions
-from markerseek.bridges.page.security import Access
 from markerseek.bridges.page.server import Address
 from markerseek.cli import doctor
 from markerseek.core import ConfigError, MissingExtraError, RecordError, needs_package

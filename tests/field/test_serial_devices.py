@@ -20,9 +20,9 @@ from markerseek.drivers import (
 )
 from markerseek.drivers.kdc101 import ENTRY
 from markerseek.emulators import DirectPort, EmulatedKdc101
+from markerseek.emulators.faults import STAGE_FAULTS
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.emulators.lines import ByteDevice
-from markerseek.emulators.stage_faults import STAGE_FAULTS
 from markerseek.rigs import read_rig_file
 from markerseek.rigs.bench_rig import bench
 from markerseek.sim import VirtualClock

@@ -173,6 +173,10 @@ class Watched:
             return
         raise AssertionError(f"{name} was pressed five times without effect")
 
+    def unfold(self) -> None:
+        """Show the settings that are folded."""
+        self.tab.locator(".ms-settings").evaluate_all("all => all.forEach(each => each.open = true)")
+
     def press(self, name: str) -> None:
         self.tab.get_by_role("button", name=name, exact=True).click(timeout=WAIT_MS)
 

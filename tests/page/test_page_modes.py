@@ -1,4 +1,4 @@
-"""Race, your turn and replay in a headless Chromium."""
+"""Race and replay in a headless Chromium."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ STATUS, ANGLE = ".ms-status", ".ms-angles"
 
 def test_race_on_the_same_scene(opened, command_result):
     watched = opened("/race", "&seed=2")
+    watched.unfold()
     watched.tab.get_by_label("speed").click()
     watched.tab.get_by_role("option", name="no waiting").click()
     # The link holds what was chosen.
@@ -28,43 +29,16 @@ def test_race_on_the_same_scene(opened, command_result):
     for place, each in enumerate(results):
         watched.wait_for(f"{ANGLE} >> nth={place}", angle_of(each))
         said = f"{each['method']}, seed 2: {each['acquisitions']} acquisitions"
-        watched.wait_for(f".ms-panel-lane h2 >> nth={place}", ("^FIRST: " if place == 0 else "^") + said)
+        watched.wait_for(f".ms-panel-lane > h2 >> nth={place}", ("^FIRST: " if place == 0 else "^") + said)
     assert watched.tab.locator(".ms-leads").count() == 1
     # On one axis of time: a line of each, and its name.
     sync_api.expect(watched.tab.locator(".ms-panel-clock svg text", has_text="posterior, seed 2")).to_have_count(1)
     sync_api.expect(watched.tab.locator(".ms-panel-clock svg text", has_text="ternary, seed 2")).to_have_count(1)
 
 
-@pytest.mark.long
-def test_your_turn_by_keys(opened):
-    watched = opened("/turn")
-    watched.tab.locator("body").click(position={"x": 4, "y": 790})
-    for _ in range(3):
-        watched.tab.keyboard.press("Shift+ArrowLeft")
-    watched.wait_for(".ms-angle", r"^−15\.0°$")
-    # The fan turns with the slider, before anything is measured.
-    sync_api.expect(watched.tab.get_by_label("probe from its end: aimed at −15.0°")).to_have_count(1)
-    watched.tab.keyboard.press("Enter")
-    watched.wait_for(".ms-log", r"acquisition 1: −15\.0")
-    watched.wait_for(".ms-panel-image h2", "^image of −15.00°$")
-    watched.tab.keyboard.press("Shift+ArrowRight")
-    sync_api.expect(watched.tab.get_by_label("probe from its end: aimed at −10.0°")).to_have_count(1)
-    # The image is of where the needle is, or says that it is not.
-    watched.wait_for(".ms-panel-image h2", "^last image: −15.00°$")
-    watched.tab.keyboard.press("Shift+ArrowLeft")
-    watched.wait_for(".ms-panel-image h2", "^image of −15.00°$")
-    watched.press("It is here")
-    watched.wait_for(".ms-angle", r"^−15\.0°$")
-    watched.wait_for(".ms-turn", r"^the marker is at −16\.69°: 1\.69° off$")
-    watched.wait_for(".ms-answer", "^after 1 acquisition,")
-    watched.press("See the posterior do it")
-    watched.tab.wait_for_url("**/?seed=2*")
-    watched.wait_for(STATUS, r"^found at −16\.", timeout_ms=120_000)
-
-
 def wait_for_density(tab, *, drawn):
     """Wait until the area below the density is drawn in the chart, or nothing has its colour."""
-    script = """drawn => { const areas = document.querySelectorAll('.ms-panel-curve svg path[fill="#56b4e9"]');
+    script = """drawn => { const areas = document.querySelectorAll('.ms-panel-curve svg > .ms-density');
         const widths = Array.from(areas, each => each.getBoundingClientRect().width);
         return drawn ? Math.max(0, ...widths) > 100 : Math.max(0, ...widths) === 0; }"""
     tab.wait_for_function(script, arg=drawn)

@@ -193,24 +193,6 @@ def test_26_16_ctrl_c_leaves_no_trace_though_an_answer_is_under_way(tmp_path, ti
     assert (tmp_path / "page.stderr").read_text() == ""
 
 
-@needs_browser
-def test_search_runs_at_the_priority_of_the_terminal(opened, page):
-    watched = opened("/", "&pace=1")
-    watched.start()
-    # The log may still be that of the test before.
-    watched.wait_for(".ms-status", "^(moving|measured)$")
-    (child,) = page.children()
-    own = os.getpriority(os.PRIO_PROCESS, os.getpid())
-    assert os.getpriority(os.PRIO_PROCESS, child) == own
-    threads = [int(each.name) for each in Path(f"/proc/{page.process.pid}/task").iterdir()]
-    # One of them starts the searches; none of the others may have the priority of a search.
-    priorities = [(os.getpriority(os.PRIO_PROCESS, each), os.sched_getscheduler(each)) for each in threads]
-    lowered = (min(19, own + 10), os.SCHED_BATCH)
-    assert sorted(priorities) == [(own, os.SCHED_OTHER), *[lowered] * (len(threads) - 1)]
-    watched.tab.locator(".ms-stop").click()
-    watched.wait_for(".ms-status", "^stopped")
-
-
 LINE = ".ms-silent"
 """The red line at the top of the page."""
 
@@ -238,25 +220,5 @@ def test_26_7_hung_page_says_that_stop_was_not_delivered_and_its_search_ends_wit
         watched.wait_for(".ms-status", "^stopped")
         watched.tab.keyboard.press("Escape")
         sync_api.expect(watched.tab.locator(LINE)).to_be_hidden(timeout=WAIT_MS)
-        watched.tab.context.close()
-    assert isinstance(read_journal(page.journals()[-1]).entries[-1].event, Interrupted)
-
-
-@pytest.mark.long
-@needs_browser
-def test_26_7_search_of_a_page_whose_event_loop_hangs_ends_within_5_s(browser, tmp_path):
-    hangs = "from markerseek.bridges.page import turn_page; turn_page.build_turn_page = lambda _: time.sleep(12)"
-    with served(tmp_path, start=f"import time; {hangs}; {START}") as page:
-        watched = open_tab(browser, page, "/", "&pace=1")
-        watched.start()
-        watched.wait_for(".ms-log", "dark frame 1")
-        (child,) = page.children()
-        ended = os.pidfd_open(child)
-        place = urlsplit(page.address)
-        with socket.create_connection((place.hostname, place.port)) as connection:
-            cookie = f"markerseek_{place.port}={page.token}"
-            connection.sendall(f"GET /turn HTTP/1.1\r\nHost: {place.netloc}\r\nCookie: {cookie}\r\n\r\n".encode())
-            assert select.select([ended], [], [], STOPS_S)[0]
-        os.close(ended)
         watched.tab.context.close()
     assert isinstance(read_journal(page.journals()[-1]).entries[-1].event, Interrupted)

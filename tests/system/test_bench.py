@@ -21,7 +21,7 @@ from tests.emulated import emulation, fixed_bench, markerseek
 
 pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")
-pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
+pytest.importorskip("serial", reason="needs the extra devices")
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -168,7 +168,7 @@ def test_the_doctor_looks_at_a_rig_s_devices_and_moves_nothing(
         assert "KDC101 27000001 at" in finding["detail"]
         assert "stands at 0.000 deg, inside [-36.5, 36.5] deg" in finding["detail"]
         # Once is enough of the searches, and of the programs that compute for seconds to load the computer.
-        for other in ("_search", "_punctuality", "_punctuality_under_load"):
+        for other in ("_search", "_punctuality"):
             monkeypatch.setattr(doctor, other, lambda _: doctor.CheckResult(what="", state="ok", detail=""))
         usual = devices.rig.read_text()
         for name, wrong in (

@@ -175,14 +175,14 @@ def test_settings_that_are_newer_than_the_hashes_do_not_change_them():
     ],
 )
 def test_studies_and_emulated_devices_have_channel_data_only(shell, tmp_path, receiver, said):
-    from markerseek.studies import PolicySettings, Study
+    from markerseek.studies import Study, study_policy
 
     with pytest.raises(ConfigError, match="a study computes channel data only"):
         Study(
             name="a",
             trials=1,
             seed=1,
-            policies=(PolicySettings(method="ternary"),),
+            policies=(study_policy(method="ternary"),),
             rig=SimulatedSettings(receiver=ReceiverSettings(**receiver)),
         )
     lines = "".join(f"{name} = {json.dumps(value)}\n" for name, value in receiver.items())

@@ -35,13 +35,14 @@ def killed_search(path: Path, number: signal.Signals, *, after: int) -> subproce
     program = (
         "import os, sys\n"
         "from markerseek.cli import main\n"
-        "from markerseek.records.result import Recorder\n"
-        "add = Recorder.add\n"
-        "def add_and_kill(self, event):\n"
-        "    add(self, event)\n"
-        f"    if len(self.samples) == {after} and type(event).__name__ == 'Asked':\n"
+        "from markerseek.runs import RunView\n"
+        "add = RunView.add\n"
+        "def add_and_kill(self, event, **clock):\n"
+        "    view = add(self, event, **clock)\n"
+        f"    if len(view.samples) == {after} and type(event).__name__ == 'Asked':\n"
         f"        os.kill(os.getpid(), {int(number)})\n"
-        "Recorder.add = add_and_kill\n"
+        "    return view\n"
+        "RunView.add = add_and_kill\n"
         "main()\n"
     )
     words = [*map(str, SEARCH), "--journal", str(path)]

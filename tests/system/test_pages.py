@@ -62,13 +62,12 @@ def test_the_map_names_every_package() -> None:
 
 
 def inline_commands() -> Iterator[str]:
-    """Commands within the text of the pages; decisions tell of former ones."""
+    """Commands within the text of the pages."""
     for page in PAGES:
-        if page.parent.name != "decisions":
-            for code in re.findall(r"`(markerseek [^`]+)`", prose(page)):
-                command = " ".join(code.replace("\\|", "|").split())
-                if not re.search(r"[|…]|^markerseek [A-Z0-9]", command):
-                    yield command
+        for code in re.findall(r"`(markerseek [^`]+)`", prose(page)):
+            command = " ".join(code.replace("\\|", "|").split())
+            if not re.search(r"[|…]|^markerseek [A-Z0-9]", command):
+                yield command
 
 
 @pytest.mark.parametrize("line", sorted(set(inline_commands())))
@@ -99,8 +98,7 @@ OTHERS = {"--no-deps", "--network", "--group", "--restarts", "--ros-args"}
 
 def test_an_option_in_the_text_is_one_of_some_command() -> None:
     known = {*all_options(typer.main.get_command(app)), "--help", "--version", *OTHERS}
-    pages = [page for page in PAGES if page.parent.name != "decisions"]
-    named = {(page.name, option) for page in pages for option in re.findall(r"`(--[a-z][a-z0-9-]*)[ `]", prose(page))}
+    named = {(page.name, option) for page in PAGES for option in re.findall(r"`(--[a-z][a-z0-9-]*)[ `]", prose(page))}
     assert len(named) > 50
     assert [each for each in sorted(named) if each[1] not in known] == []
 
@@ -133,3 +131,16 @@ def keys(table: dict[str, Any]) -> Iterator[str]:
             yield from keys(value)
         else:
             yield key
+
+
+INCLUDED = re.compile(r"<!-- (\S+) -->\n```\w*\n(.*?)\n```", re.DOTALL)
+"""A file that a page shows whole, and its text there."""
+
+
+def test_a_file_that_a_page_shows_is_shown_as_it_is() -> None:
+    shown = [(page, *found.groups()) for page in PAGES for found in INCLUDED.finditer(page.read_text(encoding="utf-8"))]
+    assert len(shown) > 10
+    for page, name, text in shown:
+        assert text == (ROOT / name).read_text(encoding="utf-8").rstrip(), (
+            f"{page.name}: copy {name} into the page again"
+        )

@@ -13,9 +13,9 @@ from markerseek.bridges.child import Outcome
 from markerseek.core import Measured, Reading, Sample, SearchError, SearchPlan
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank
 from markerseek.records.exports import series_of
-from markerseek.records.journal import Entry, JournalItem, RecordedRun, is_journal, read_journal, result_of
+from markerseek.records.journal import Entry, JournalItem, RecordedRun, is_journal, read_journal
 from markerseek.rigs import Rig, replayed
-from markerseek.runs import configuration_of
+from markerseek.runs import RunView, configuration_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,7 +53,7 @@ def open_recording(path: Path) -> Recording:
 
 def _outcome(recorded: RecordedRun) -> Outcome | None:
     try:
-        _, result = result_of(recorded)
+        result = RunView.of(recorded).result()
     except SearchError:
         return None
     return Outcome(exit_code=0 if result.found else 3, answer=msgspec.to_builtins(result))

@@ -43,7 +43,6 @@ SHOW_TRACEBACK = "MARKERSEEK_TRACEBACK"
 
 def main() -> NoReturn:
     """Run the command line and end the process with its exit code; every error becomes one line."""
-    _forget_current_folder()
     _open_standard_streams()
     # What a command writes may be about a patient: only its owner can read it.
     os.umask(os.umask(0o077) | 0o077)
@@ -70,6 +69,9 @@ def main() -> NoReturn:
         if problem.filename is None and problem.errno in _OUTPUT:
             # What Python still holds for it would fail again at the end.
             sys.stdout = io.StringIO()
+            if problem.errno == errno.EPIPE:
+                # Its reader has read enough: markerseek --help | head.
+                sys.exit(NO_OUTPUT)
             _end(
                 f"the output cannot be written: {problem.strerror}; a journal, if one is kept, holds the answer",
                 kind="OSError",
@@ -106,19 +108,6 @@ def _heed_signals() -> None:
     for each in (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGALRM, signal.SIGCHLD):
         if signal.getsignal(each) is signal.SIG_IGN:
             signal.signal(each, signal.default_int_handler if each is signal.SIGINT else signal.SIG_DFL)
-
-
-def _forget_current_folder() -> None:
-    """Import nothing from the current folder because of an empty element in PYTHONPATH, as of "$PYTHONPATH:/lab"."""
-    named = os.environ.get("PYTHONPATH", "").split(os.pathsep)
-    kept = [each for each in named if each]
-    if not kept or len(kept) == len(named):
-        return
-    # For the processes that this one starts, too.
-    os.environ["PYTHONPATH"] = os.pathsep.join(kept)
-    here = os.getcwd()  # noqa: PTH109  pathlib is not imported yet
-    if here not in map(os.path.abspath, kept):
-        sys.path[:] = [each for each in sys.path if each not in ("", here)]
 
 
 def _open_standard_streams() -> None:

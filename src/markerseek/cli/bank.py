@@ -8,28 +8,28 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
 import typer
 from rich.markup import escape
-from rich.table import Table
 
 from markerseek import rigs, runs
 from markerseek.cli import bank_files, bank_scan
+from markerseek.cli.help import add_command
 from markerseek.cli.options import AsJson, Out, TableOptions, require_frames, with_values
 from markerseek.cli.report import Output, Report, drawn, facts, with_version
 from markerseek.cli.terminal import announce_compilation, one_line, progress_bar
-from markerseek.core import Estimate, SearchPlan
+from markerseek.core import SearchPlan
 from markerseek.records import Answer
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank
-    from markerseek.search import Peak
 
-_INFO_EXAMPLES = (
-    "Examples:\n\n  markerseek bank info scan.hdf5 --plot\n\n  markerseek bank info examples/simulated_scan.csv --json"
-)
+_INFO_EXAMPLES = """
+    markerseek bank info scan.hdf5 --plot
+    markerseek bank info examples/simulated_scan.csv --json
+"""
 
 
 @with_values
@@ -61,120 +61,86 @@ def info(
     require_whole(held)
     announce_compilation()
     curve = runs.bank_curve(held, probe=probe)
-    peak = peak_of(curve)
-    dark = runs.dark_intensity(held, probe=probe)
-    answer = runs.answer_from_all(
-        rigs.replayed(bank, probe=probe, table=table.format()), SearchPlan(method="posterior")
+    answer = Answer.of(
+        runs.answer_from_all(rigs.replayed(bank, probe=probe, table=table.format()), SearchPlan(method="posterior"))
     )
+    values = _values(held, probe) | asdict(peak_of(curve)) | msgspec.structs.asdict(answer)
     name = f"{bank.stem if bank.is_file() else bank.name}.png"
     report = Report(
-        values=_values(bank, held, peak, answer, dark=dark, probe=probe),
-        shown=_shown(bank, held, peak, answer, dark=dark, computed_with=probe),
+        values=with_version(path=str(bank), **values),
+        shown=(f"[bold]{escape(str(bank))}[/]: {values['content']}", facts(_rows(values, answer))),
         pictures={name: drawn(bank_figure, held, title=_title(bank, held), probe=probe, curve=curve)},
     )
     output.show(report)
 
 
-def _values(
-    path: Path,
-    bank: IntensityBank | FrameBank,
-    peak: Peak,
-    answer: Estimate,
-    *,
-    dark: float | None,
-    probe: str | None,
-) -> dict[str, object]:
-    """What is in a bank; the statistics of the peak have the names of bluesky: com, cen, fwhm, max."""
+def _values(bank: IntensityBank | FrameBank, probe: str | None) -> dict[str, Any]:
+    """What is in a bank; beside them stand the statistics of its peak with the names of bluesky: com, cen, fwhm, max.
+
+    ``probe``: that with which the intensities are computed again; None takes the bank's.
+    """
     known, angles = bank.facts, bank.angles_deg
-    return with_version(
-        path=str(path),
-        content=_content(bank),
-        description=known.description,
-        angles=len(angles),
-        first_deg=angles[0],
-        last_deg=angles[-1],
-        largest_step_deg=_largest_step_deg(bank),
-        dark_frames=bank.dark_frames,
-        dark_intensity=dark,
-        intensities_stored=runs.intensities_stored(bank, probe=probe),
-        imaged_by=_imaged_by(bank, probe),
-        **asdict(peak),
-        **msgspec.structs.asdict(Answer.of(answer)),
-        reference_deg=known.reference_angle_deg,
-        probe=known.probe,
-        sampling_hz=known.sampling_hz,
-        sound_speed_m_s=known.sound_speed_m_s,
-        pitch_m=known.pitch_m,
-        wavelength_m=known.wavelength_m,
-        pulse_energy_j=known.pulse_energy_j,
-        face_radius_m=known.face_radius_m,
-        began_unix_s=_began_unix_s(bank),
-        configuration=known.configuration,
-        seed=known.seed,
-        made_with=known.made_with,
-    )
+    begun = [each for each in bank.started_s if math.isfinite(each)]
+    zero_s = known.clock_zero_unix_s
+    return {
+        "content": _content(bank),
+        "description": known.description,
+        "angles": len(angles),
+        "first_deg": angles[0],
+        "last_deg": angles[-1],
+        "largest_step_deg": max(high - low for low, high in pairwise(angles)),
+        "dark_frames": bank.dark_frames,
+        "dark_intensity": runs.dark_intensity(bank, probe=probe),
+        "intensities_stored": runs.intensities_stored(bank, probe=probe),
+        "imaged_by": _imaged_by(bank, probe),
+        "reference_deg": known.reference_angle_deg,
+        "began_unix_s": zero_s + min(begun) if begun and zero_s is not None else None,
+    } | {name: getattr(known, name) for name in (*_SCALED, "probe", "made_with", "configuration", "seed")}
+
+
+_SCALED = {
+    "sampling_hz": "sampling {:g} MHz",
+    "sound_speed_m_s": "speed of sound {:g} m/s",
+    "pitch_m": "pitch {:.4g} mm",
+    "face_radius_m": "face radius {:.4g} mm",
+    "wavelength_m": "wavelength {:.4g} nm",
+    "pulse_energy_j": "pulse energy {:.4g} mJ",
+}
+_UNITS = {"MHz": 1e-6, "m/s": 1.0, "mm": 1e3, "nm": 1e9, "mJ": 1e3, "°": 1.0}
+
+
+def _rows(values: dict[str, Any], answer: Answer) -> Iterator[tuple[str, str | None]]:
+    """Names and values for people."""
+    yield "scanned", values["description"] or None
+    yield "began", None if values["began_unix_s"] is None else _date(values["began_unix_s"])
+    yield "angles", str(values["angles"])
+    steps = f"steps of at most {values['largest_step_deg']:.3g}°"
+    yield "range", f"{values['first_deg']:g}° to {values['last_deg']:g}°, {steps}"
+    if values["dark_intensity"] is not None:
+        largest = f"the largest intensity is {values['dark_intensity']:.4g}"
+        yield "dark frames", f"{values['dark_frames']}, {largest}"
+    yield "intensities", "as the file has them" if values["intensities_stored"] else "computed from the frames"
+    yield "imaged by", values["imaged_by"]
+    yield "max", f"{values['max_intensity']:.4g} at {values['max_deg']:.3f}°"
+    for name, title in (
+        ("com_deg", "com, centre of mass above half height"),
+        ("cen_deg", "cen, middle at half height"),
+        ("fwhm_deg", "fwhm, width at half height"),
+    ):
+        yield title, None if values[name] is None else f"{values[name]:.3f}°"
+    yield "answer from all angles", str(answer)
+    yield "reference", None if values["reference_deg"] is None else f"{values['reference_deg']:.3f}°"
+    for name, text in _SCALED.items():
+        title, form, unit = text.rsplit(" ", 2)
+        yield title, None if values[name] is None else f"{form.format(values[name] * _UNITS[unit])} {unit}"
+    for name in ("probe", "made_with", "configuration", "seed"):
+        yield name.replace("_", " "), None if values[name] is None else str(values[name])
 
 
 def _content(bank: IntensityBank | FrameBank) -> str:
     from markerseek.records.banks import FrameBank
 
     return "frames of channel data" if isinstance(bank, FrameBank) else "intensities"
-
-
-def _largest_step_deg(bank: IntensityBank | FrameBank) -> float:
-    return max(high - low for low, high in pairwise(bank.angles_deg))
-
-
-def _began_unix_s(bank: IntensityBank | FrameBank) -> float | None:
-    """When the first acquisition with light began, in seconds since 1970; None where that is not known."""
-    known = [each for each in bank.started_s if math.isfinite(each)]
-    zero_s = bank.facts.clock_zero_unix_s
-    return zero_s + min(known) if known and zero_s is not None else None
-
-
-def _shown(
-    path: Path,
-    bank: IntensityBank | FrameBank,
-    peak: Peak,
-    answer: Estimate,
-    *,
-    dark: float | None,
-    computed_with: str | None,
-) -> Iterator[str | Table]:
-    yield f"[bold]{escape(str(path))}[/]: {_content(bank)}"
-    known, angles, began_unix_s = bank.facts, bank.angles_deg, _began_unix_s(bank)
-    rows: list[tuple[str, str | None]] = [
-        ("scanned", known.description or None),
-        ("began", None if began_unix_s is None else _date(began_unix_s)),
-        ("angles", str(len(angles))),
-        ("range", f"{angles[0]:g}° to {angles[-1]:g}°, steps of at most {_largest_step_deg(bank):.3g}°"),
-        ("dark frames", None if dark is None else f"{bank.dark_frames}, the largest intensity is {dark:.4g}"),
-        ("intensities", _origin(bank, computed_with)),
-        ("imaged by", _imaged_by(bank, computed_with)),
-        ("max", f"{peak.max_intensity:.4g} at {peak.max_deg:.3f}°"),
-        ("com, centre of mass above half height", f"{peak.com_deg:.3f}°"),
-        ("cen, middle at half height", _number(peak.cen_deg, "{:.3f}°")),
-        ("fwhm, width at half height", _number(peak.fwhm_deg, "{:.3f}°")),
-        ("answer from all angles", str(Answer.of(answer))),
-        ("reference", _number(known.reference_angle_deg, "{:.3f}°")),
-        ("probe", known.probe),
-        ("sampling", _number(known.sampling_hz, "{:g} MHz", 1e-6)),
-        ("speed of sound", _number(known.sound_speed_m_s, "{:g} m/s")),
-        ("pitch", _number(known.pitch_m, "{:.4g} mm", 1e3)),
-        ("face radius", _number(known.face_radius_m, "{:.4g} mm", 1e3)),
-        ("wavelength", _number(known.wavelength_m, "{:.4g} nm", 1e9)),
-        ("pulse energy", _number(known.pulse_energy_j, "{:.4g} mJ", 1e3)),
-        ("made with", known.made_with),
-        ("configuration", known.configuration),
-        ("seed", None if known.seed is None else str(known.seed)),
-    ]
-    yield facts(rows)
-
-
-def _origin(bank: IntensityBank | FrameBank, probe: str | None) -> str:
-    if runs.intensities_stored(bank, probe=probe):
-        return "as the file has them"
-    return "computed from the frames" if probe is None else "computed again from the frames"
 
 
 def _imaged_by(bank: IntensityBank | FrameBank, probe: str | None) -> str | None:
@@ -203,16 +169,10 @@ def _date(unix_s: float) -> str:
         return f"{unix_s:g} s after 1970"
 
 
-def _number(value: float | None, form: str, scale: float = 1.0) -> str | None:
-    return None if value is None else form.format(value * scale)
-
-
 def _title(path: Path, bank: IntensityBank | FrameBank) -> str:
     known = bank.facts.description
     return f"{path.name}{': ' if known else ''}{known}"
 
-
-_VERIFY_EXAMPLES = "Examples:\n\n  markerseek bank verify scan.hdf5\n\n  markerseek bank verify scan.hdf5 --json"
 
 DAMAGED = 1
 """Exit code if anything is wrong."""
@@ -258,9 +218,9 @@ app = typer.Typer(
 _COMMANDS = (
     ("scan", bank_scan.command, bank_scan.EXAMPLES),
     ("info", info, _INFO_EXAMPLES),
-    ("verify", verify, _VERIFY_EXAMPLES),
+    ("verify", verify, "markerseek bank verify scan.hdf5"),
     ("import", bank_files.import_bank, bank_files.IMPORT_EXAMPLES),
     ("export", bank_files.export_bank, bank_files.EXPORT_EXAMPLES),
 )
 for _name, _command, _examples in _COMMANDS:
-    app.command(name=_name, epilog=_examples)(_command)
+    add_command(app, _name, _command, _examples)

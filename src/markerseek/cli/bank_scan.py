@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.markup import escape
 
-from markerseek import rigs, runs
+from markerseek import runs
 from markerseek.cli.open_rig import arm_rig, open_rig, person
 from markerseek.cli.options import Arm, AsJson, RigFile, Trust
 from markerseek.cli.report import Output, Report, with_version
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_event, stderr
-from markerseek.cli.watched import Events, Heartbeat, WatchOptions
 from markerseek.core import ChannelFrame, Event, MarkerseekError, Measured, Refused, RFFrame, Sample, SimulationOptions
 
-if TYPE_CHECKING:
-    from markerseek.records.journal import Journal
-
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek bank scan scan.hdf5 --seed 1\n\n"
-    "  markerseek bank scan scan.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.25 --wavelength-nm 760\n\n"
-    "  markerseek bank scan --continue scan.hdf5 --seed 1"
-)
+EXAMPLES = """
+    markerseek bank scan scan.hdf5 --seed 1
+    markerseek bank scan scan.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.25
+    markerseek bank scan --continue scan.hdf5 --seed 1
+"""
 
 
 class BModeNote:
@@ -63,8 +58,6 @@ def command(
     pulse_energy_mj: Annotated[
         float | None, typer.Option(help="Energy of one laser pulse, stored in the bank.")
     ] = None,
-    events: Events = None,
-    heartbeat: Heartbeat = None,
     as_json: AsJson = False,
 ) -> None:
     """Scan the whole search range of a rig, with dark frames first, and write each acquisition before the next.
@@ -72,11 +65,10 @@ def command(
     If stopped early, the file has all acquisitions so far. A scan that was killed goes on with --continue.
     """
     runs.require_new_scan(out, goes_on=goes_on)
-    watch = WatchOptions(events=events, heartbeat=heartbeat)
     wavelength_m = scaled("--wavelength-nm", wavelength_nm, 1e-9, most=20_000)
     pulse_energy_j = scaled("--pulse-energy-mj", pulse_energy_mj, 1e-3, most=10_000)
     announce_compilation()
-    taken, dark, refused = 0, 0, 0
+    taken, refused = 0, 0
     stopped: StoppedBySignal | None = None
     with open_rig(rig, SimulationOptions(seed=seed), trust=trust) as (assembled, _start_deg):
         angles = runs.scan_angles(assembled, step_deg=step_deg)
@@ -92,24 +84,17 @@ def command(
         )
         try:
             with (
-                _followed(assembled, watch, step_deg=step_deg) as followed,
                 stopped_by_signals(),
-                watch.stopping(),
                 progress_bar(angles, what="scanning") as progress,
                 closing(scan),
             ):
                 b_mode = BModeNote()
                 for event in scan:
-                    if followed is not None:
-                        followed.commit(event, clock_s=assembled.scanner.clock.now_s())
                     if isinstance(event, Event):
                         show_event(progress, event)
                     if isinstance(event, Measured):
                         b_mode.meet(event.sample)
-                        if event.role == "search":
-                            taken = event.index
-                        else:
-                            dark += 1
+                        taken = event.index if event.role == "search" else taken
                     elif isinstance(event, Refused):
                         refused += 1
         except StoppedBySignal as stop:
@@ -126,7 +111,7 @@ def command(
             end_stopped(stopped, as_json=as_json, kept=kept)
     facts = assembled.facts
     # Of a scan that went on, with the acquisitions of before.
-    taken, dark = _held(out) if goes_on else (taken, dark)
+    taken, dark = _held(out)
     values = with_version(
         path=str(out),
         rig=facts.description,
@@ -140,15 +125,6 @@ def command(
     )
     shown = [f"{taken} angles and {dark} dark frames of a {facts.rig_name} in {escape(str(out))}"]
     Output(as_json=as_json).show(Report(values=values, shown=shown))
-
-
-def _followed(rig: rigs.Rig, watch: WatchOptions, *, step_deg: float) -> AbstractContextManager[Journal | None]:
-    """The file of events, for a program that follows the scan."""
-    from markerseek.records.journal import Journal
-
-    if watch.events is None:
-        return nullcontext()
-    return Journal.create(watch.events, runs.scan_configuration(rig, step_deg=step_deg), kept=False)
 
 
 def _held(path: Path) -> tuple[int, int]:

@@ -32,12 +32,11 @@ def command(
             "may be repeated."
         ),
     ] = None,
-    optimiser: Annotated[
-        list[str] | None,
-        typer.Option(help="Also a method of another package: scikit-optimize or botorch; may be repeated."),
-    ] = None,
     seed: Annotated[
-        int | None, typer.Option(min=0, help="Seed of the worlds; another one than the usual is another benchmark.")
+        int | None,
+        typer.Option(
+            min=0, help="Seed of the worlds, without --entry; another one than the usual is another benchmark."
+        ),
     ] = None,
     scale: Annotated[
         float, typer.Option(help="Searches over the usual number, which takes a quarter of an hour on two cores.")
@@ -52,20 +51,17 @@ def command(
 ) -> None:
     """Run the benchmark of searches in simulated worlds, or the rest of it, and print its table."""
     entries = list(dict.fromkeys(studies.Entry.named(text) for text in entry or []))
-    optimisers = list(dict.fromkeys(optimiser or []))
-    others = len(entries) + len(optimisers)
-    size = studies.benchmark_size(scale=scale, others=others)
+    size = studies.benchmark_size(scale=scale, entries=len(entries))
     count = studies.default_workers() if workers is None else workers
     stderr.print(
         f"{size} simulated searches in {counted(count, 'process', 'processes')}, "
-        f"{time_left(_TYPICAL_S * scale / count)} on a usual computer" + (" without those of others" if others else "")
+        f"{time_left(_TYPICAL_S * scale / count)} on a usual computer" + (" without the entries" if entries else "")
     )
     announce_compilation()
     with progress_bar(size, what="searching") as progress:
         results = studies.run_benchmark(
             out,
             entries=entries,
-            optimisers=optimisers,
             seed=seed,
             scale=scale,
             workers=workers,
@@ -90,11 +86,6 @@ def _shown(results: studies.BenchmarkResults, out: Path) -> Iterator[str | Table
     for tier, searches in results.searches.items():
         yield f"[bold]{tier}[/]: {searches} simulated searches of each method in each world"
         yield table(_lines([score for score in results.scores if score.tier == tier]), left=("world", "method"), gap=1)
-        for bound in (bound for bound in results.bounds if bound.tier == tier):
-            yield (
-                f"[dim]{bound.world}: the mean error of {bound.acquisitions} acquisitions at their best angles is "
-                f"{bound.error_deg:.3f}° or more (Van Trees' bound, {bound.markers} markers)[/]"
-            )
         yield ""
     yield "[dim]right: found within the tolerance; without a marker: not found[/]"
     yield "[dim]N, time: acquisitions and simulated seconds of all searches, over those that found it so[/]"

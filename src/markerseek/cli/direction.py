@@ -74,7 +74,7 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
     result = session.result()
     if not result.found:
         return False, f"no source was found ({result.answer}: {result.reason}); place one point source, and no other"
-    spread = energy_spread(session.recorder.samples, limits=search)
+    spread = energy_spread(session.view.samples, limits=search)
     usual = _usual_energy(rig)
     found = f"the source at {source_deg:g} deg was found at {result.angle_deg:.2f} deg; {steadiness(spread)}{usual}"
     match verdict_of(result.angle_deg, source_deg):

@@ -115,15 +115,9 @@ def _serve(
         }
         for name, port in ports.items():
             stdout.print(f"{name}: {port.path}")
-        daq = emulated.daq
-        if isinstance(daq, emulators.EmulatedPlus):
-            opened.callback(daq.close)
-            stdout.print(f"PLUS server: 127.0.0.1, port {daq.port}")
-        elif isinstance(daq, emulators.EmulatedVantage):
-            opened.callback(daq.close)
-            stdout.print(f"Vantage: sends to 127.0.0.1, port {daq.port}")
-        elif device != "kdc101":
-            stdout.print(f"channel files: {folder / 'daq'}")
+        opened.callback(emulated.daq.close)
+        if device != "kdc101":
+            stdout.print(emulated.daq.said)
         if device == "bench":
             rig_file = folder / "rig.toml"
             write_rig_file(rig_file, _rig_toml(folder, settings, pace=pace, emulated=emulated))
@@ -172,17 +166,9 @@ def _rig_toml(folder: Path, settings: SimulatedSettings, *, pace: float, emulate
     # 10 % more than the emulator needs, or the driver would report a timeout on a loaded computer.
     readout_s = round(_READOUT_SPARE_S + 1.1 * pace * settings.receiver.readout_s, 3)
     place = folder.resolve()
-    daq = emulated.daq
-    if isinstance(daq, emulators.EmulatedPlus):
-        receiver = f'driver = "plus"\ndevice = "{daq.device}"\nport = {daq.port}\nquiet_s = 0.5\n'
-    elif isinstance(daq, emulators.EmulatedVantage):
-        receiver = f'driver = "vantage"\nprobe = "{daq.probe}"\nport = {daq.port}\nquiet_s = 0.5\n'
-    else:
-        receiver = f"""folder = {json.dumps(str(place / "daq"))}
-readout_s = {readout_s}
-frames = "triggered"
-sweep_period_s = {settings.receiver.frame_period_s}
-"""
+    receiver = emulated.daq.keys
+    if isinstance(emulated.daq, emulators.EmulatedSonixDaq):
+        receiver += f"readout_s = {readout_s}\nsweep_period_s = {settings.receiver.frame_period_s}\n"
     # A laser that is measured is that of a box with a light meter.
     meter = settings.laser.energy_meter_noise is not None
     energy = f'energy_from = "photodiode"\nusual_energy = {emulators.LIGHT_COUNTS}\n' if meter else ""

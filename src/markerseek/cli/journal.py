@@ -15,16 +15,15 @@ import typer
 from rich.markup import escape
 
 from markerseek import runs
+from markerseek.cli.help import add_command
 from markerseek.cli.options import AsJson
-from markerseek.cli.report import Output, Report
+from markerseek.cli.report import Output, Report, facts
 from markerseek.cli.terminal import announce_compilation, new_table, one_line, print_error, print_json, stdout
 from markerseek.core import (
     Asked,
     Failed,
     Finished,
     Measured,
-    NotFound,
-    Refused,
     Started,
     Swept,
     Turning,
@@ -36,20 +35,12 @@ if TYPE_CHECKING:
     from markerseek.records.journal import Entry, JournalSummary, RecordedRun
 
 
-app = typer.Typer(
-    name="journal", help="List, print, follow, check and compute again the journals of runs.", no_args_is_help=True
-)
-
 _POLL_S = 0.02
 """Time between two looks for a new entry, in seconds."""
 
 _File = Annotated[Path, typer.Argument(help="Journal of a run.")]
 
 
-@app.command(
-    name="list",
-    epilog="Examples:\n\n  markerseek journal list\n\n  markerseek journal list /data/runs --last 100 --json",
-)
 def list_journals(
     folder: Annotated[
         Path | None, typer.Argument(help="Folder of journals.", show_default="that of runs that named no journal")
@@ -79,7 +70,6 @@ def list_journals(
     Output(as_json=as_json).show(Report(values=values, shown=lines))
 
 
-@app.command(epilog="Example:\n\n  markerseek journal show run.journal")
 def show(journal: _File, as_json: AsJson = False) -> None:
     """Print all entries; of a damaged journal those before the damage, then the error."""
     from markerseek.records.journal import run_state, salvage
@@ -105,10 +95,6 @@ def show(journal: _File, as_json: AsJson = False) -> None:
         raise typer.Exit(damage.exit_code)
 
 
-@app.command(
-    epilog="Examples:\n\n  markerseek journal follow run.journal\n\n"
-    "  markerseek journal follow run.journal | jq 'select(.kind == \"measured\").body.sample.reading.intensity'"
-)
 def follow(journal: _File) -> None:
     """Print each entry as a JSON line as soon as it is written, to the end of the run; the first has its configuration.
 
@@ -124,7 +110,6 @@ def follow(journal: _File) -> None:
         sys.stdout.buffer.flush()
 
 
-@app.command(epilog="Example:\n\n  markerseek journal verify run.journal")
 def verify(journal: _File, as_json: AsJson = False) -> None:
     """Check that all entries can be read and agree with their checksums; exit code 1 if anything is wrong."""
     from markerseek.records.journal import verify as verify_journal
@@ -145,40 +130,24 @@ def verify(journal: _File, as_json: AsJson = False) -> None:
     Output(as_json=as_json).show(report)
 
 
-@app.command(epilog="Example:\n\n  markerseek journal replay run.journal")
 def replay(journal: _File, as_json: AsJson = False) -> None:
     """Compute the answer again, from the samples and from the frames, and print both beside the recorded one."""
-    from markerseek.records import answer_name
+    from markerseek.records import Answer
     from markerseek.records.journal import read_journal, run_state
 
     recorded = read_journal(journal)
     announce_compilation()
     last = [entry.event.estimate for entry in recorded.entries if isinstance(entry.event, Finished)]
-    answers = {
+    estimates = {
         "recorded": last[-1] if last else None,
         "from the samples": runs.answer_again(recorded, read_frames=False),
         "from the frames": runs.answer_again(recorded, read_frames=True),
     }
-    table = new_table("", "answer", "angle [deg]", "95 % interval [deg]", left=("", "answer"))
-    values: dict[str, object] = {"state": run_state(recorded.entries).state}
-    for name, estimate in answers.items():
-        if estimate is None:
-            table.add_row(name, "none: the run is not over", "", "")
-            values[name.replace(" ", "_")] = None
-            continue
-        interval = None if isinstance(estimate, NotFound) else estimate.interval95_deg
-        ends = "" if interval is None else f"{interval.low_deg:.3f} to {interval.high_deg:.3f}"
-        table.add_row(name, answer_name(estimate), f"{estimate.mean_deg:.3f}", ends)
-        values[name.replace(" ", "_")] = {
-            "answer": answer_name(estimate),
-            "angle_deg": estimate.mean_deg,
-            "sigma_deg": None if isinstance(estimate, NotFound) else estimate.sigma_deg,
-            "interval95_deg": None if interval is None else [interval.low_deg, interval.high_deg],
-        }
-    if as_json:
-        print_json(values)
-    else:
-        stdout.print(table)
+    answers = {name: None if each is None else Answer.of(each) for name, each in estimates.items()}
+    values = {name.replace(" ", "_"): each for name, each in answers.items()}
+    rows = ((name, "none: the run is not over" if each is None else str(each)) for name, each in answers.items())
+    state = run_state(recorded.entries).state
+    Output(as_json=as_json).show(Report(values={"state": state} | values, shown=[facts(rows)]))
 
 
 def _as_object(entry: Entry) -> dict[str, object]:
@@ -220,40 +189,34 @@ def _print_table(recorded: RecordedRun) -> None:
 def _line(entry: Entry) -> tuple[str, str, str, str]:
     """Event, angle, intensity and remark of an entry."""
     from markerseek.records import answer_name
-    from markerseek.records.journal import Checked, Interrupted, Resuming
+    from markerseek.records.journal import Checked, Resuming
 
-    match entry.event:
-        case Started(start_deg=start_deg, limits=limits):
-            return "started", f"{start_deg:.3f}", "", f"searches {limits}"
-        case Asked() | Turning() | Swept():
-            return _turning(entry.event)
-        case Measured(role=role, index=index, sample=sample):
-            return f"measured: {role} {index}", f"{sample.angle_deg:.3f}", f"{sample.reading.intensity:.4g}", ""
-        case Refused(angle_deg=angle_deg, reason=reason):
-            return "refused", f"{angle_deg:.3f}", "", reason
-        case Finished(estimate=estimate, searched=searched):
-            remark = "" if searched is None else f"from all angles; the search alone: {answer_name(searched.estimate)}"
-            return f"finished: {answer_name(estimate)}", f"{estimate.mean_deg:.3f}", "", remark
-        case Failed(error=error):
-            return "failed", "", "", str(error)
-        case Interrupted(reason=reason):
-            return "interrupted", "", "", reason
-        case Resuming(by=by, check_deg=check_deg):
-            return "resuming", "" if check_deg is None else f"{check_deg:.3f}", "", f"armed by {by}"
-        case Checked(reading=reading, difference=difference):
-            return "checked", "", f"{reading.intensity:.4g}", difference or "unchanged"
-
-
-def _turning(event: Asked | Turning | Swept) -> tuple[str, str, str, str]:
-    if isinstance(event, Turning):
-        read = "" if event.angle_deg is None else f"{event.angle_deg:.3f}"
-        return "turning", read, "", f"by hand to {event.target_deg:.3f} deg"
-    angle = f"{event.angle_deg:.3f}"
-    if isinstance(event, Swept):
-        return "swept", angle, "", counted(event.pulses, "pulse")
-    if event.sweep is not None:
-        return "asked: sweep", angle, "", f"{event.sweep.speed_deg_s:g} deg/s"
-    return f"asked: {event.role} {event.index}", angle, "", ""
+    event = entry.event
+    what, intensity, remark = type(event).__name__.lower(), "", getattr(event, "reason", "")
+    angle_deg: float | None = getattr(event, "angle_deg", None)
+    match event:
+        case Started():
+            angle_deg, remark = event.start_deg, f"searches {event.limits}"
+        case Asked(sweep=sweep):
+            what = f"asked: {event.role} {event.index}" if sweep is None else "asked: sweep"
+            remark = "" if sweep is None else f"{sweep.speed_deg_s:g} deg/s"
+        case Turning():
+            remark = f"by hand to {event.target_deg:.3f} deg"
+        case Swept():
+            remark = counted(event.pulses, "pulse")
+        case Measured(sample=sample):
+            what, angle_deg = f"measured: {event.role} {event.index}", sample.angle_deg
+            intensity = f"{sample.reading.intensity:.4g}"
+        case Finished(estimate=estimate, searched=alone):
+            what, angle_deg = f"finished: {answer_name(estimate)}", estimate.mean_deg
+            remark = "" if alone is None else f"from all angles; the search alone: {answer_name(alone.estimate)}"
+        case Failed():
+            remark = str(event.error)
+        case Resuming():
+            angle_deg, remark = event.check_deg, f"armed by {event.by}"
+        case Checked():
+            intensity, remark = f"{event.reading.intensity:.4g}", event.difference or "unchanged"
+    return what, "" if angle_deg is None else f"{angle_deg:.3f}", intensity, remark
 
 
 def _in_words(each: JournalSummary) -> str:
@@ -277,3 +240,20 @@ def _local(begun: str) -> str:
     # The file may be another's, and hold any text.
     except (ValueError, OverflowError, OSError):
         return begun
+
+
+app = typer.Typer(
+    name="journal", help="List, print, follow, check and compute again the journals of runs.", no_args_is_help=True
+)
+for _name, _command, _example in (
+    ("list", list_journals, "markerseek journal list /data/runs --last 100 --json"),
+    ("show", show, "markerseek journal show run.journal"),
+    (
+        "follow",
+        follow,
+        "markerseek journal follow run.journal | jq 'select(.kind == \"measured\").body.sample'",
+    ),
+    ("verify", verify, "markerseek journal verify run.journal"),
+    ("replay", replay, "markerseek journal replay run.journal"),
+):
+    add_command(app, _name, _command, _example)

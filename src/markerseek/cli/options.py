@@ -45,9 +45,6 @@ ProbeName: TypeAlias = Annotated[
     ),
 ]
 
-SEARCH, SIMULATION = "Search", "Simulation"
-"""Panels of a command's help."""
-
 
 def _named_methods(incomplete: str) -> Iterator[str]:
     """Names of methods for the shell."""
@@ -64,7 +61,6 @@ def option_of(kind: type, name: str) -> Any:
         help=found.help,
         min=found.least,
         show_default=found.default is not None if found.shown is None else found.shown,
-        rich_help_panel=SEARCH if kind is SearchPlan else SIMULATION,
         autocompletion=_named_methods if name == "method" else None,
     )
     return Annotated[found.kind if found.default is not None else found.kind | None, declared]
@@ -111,8 +107,7 @@ def _options(kind: type[Any]) -> list[Parameter]:
 
 
 Single: TypeAlias = Annotated[
-    bool,
-    typer.Option("--single", help="State that there is one source only, as --others 0 does.", rich_help_panel=SEARCH),
+    bool, typer.Option("--single", help="State that there is one source only, as --others 0 does.")
 ]
 
 

@@ -17,12 +17,11 @@ from markerseek.cli.terminal import announce_compilation, stdout
 from markerseek.core import ConfigError
 from markerseek.files import quoted
 
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek page\n\n"
-    "  markerseek page --rig examples/rigs/bench.toml\n\n"
-    "  markerseek page run.journal scan.hdf5"
-)
+EXAMPLES = """
+    markerseek page
+    markerseek page --rig examples/rigs/bench.toml
+    markerseek page run.journal scan.hdf5
+"""
 
 
 def command(
@@ -66,20 +65,18 @@ def command(
             raise ConfigError(
                 "--open: no browser was found on this computer; leave it out and open the printed link"
             ) from problem
-    launcher = page.Launcher()
-    searches = page.PageSearches(launcher, shown, recordings or [])
+    searches = page.PageSearches(shown, recordings or [])
 
-    def ready(link: str) -> None:
-        launcher.lower_others()
+    def ready(link: str, once: str) -> None:
         stdout.print(f"open {link}", markup=False)
         stdout.print("[dim]Ctrl-C ends the page, and stops a search that runs[/]")
         if browser is not None:
             # In a thread: one that runs in the terminal ends only with its user, and the page is not yet served.
-            # Without the token: the command of the browser is seen by all users of the computer.
-            threading.Thread(target=browser.open, args=(link.partition("?")[0],), daemon=True).start()
+            # All users of the computer see the command of the browser, hence a link that works one time.
+            threading.Thread(target=browser.open, args=(once,), daemon=True).start()
 
     announce_compilation()
-    page.serve(searches, address, on_ready=ready, opened=open_browser)
+    page.serve(searches, address, on_ready=ready)
     # Python would wait for threads that form images or draw a report, which nobody needs any more.
     sys.stdout.flush()
     os._exit(0)

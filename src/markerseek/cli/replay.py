@@ -14,12 +14,11 @@ from markerseek.cli.terminal import announce_compilation
 from markerseek.cli.watched import Events, Heartbeat, WatchOptions
 from markerseek.core import ConfigError, SearchPlan
 
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek replay examples/simulated_scan.csv --method posterior --reference-deg -8.25 --plot\n\n"
-    "  markerseek replay mine.csv --columns Winkel,Amplitude --unit mrad\n\n"
-    "  markerseek replay /data/scan-2024-05-03 --probe BPL9-5/55 --reference-deg -12.5"
-)
+EXAMPLES = """
+    markerseek replay examples/simulated_scan.csv --method posterior --reference-deg -8.25 --plot
+    markerseek replay mine.csv --columns Winkel,Amplitude --unit mrad
+    markerseek replay /data/scan-2024-05-03 --probe BPL9-5/55 --reference-deg -12.5
+"""
 
 
 @with_values
@@ -78,12 +77,10 @@ def command(
         recorded_curve = (curve.angle_deg, curve.intensity)
     session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None, watch=watch)
     conclude(
-        session.recorder,
-        session.configuration,
+        session.view,
         output,
         name="replay",
         imaging=assembled.imaging,
         policy=session.policy,
-        journal=session.journal,
         recorded=recorded_curve,
     )

@@ -19,12 +19,11 @@ from markerseek.core import ConfigError, Sweep, counted
 if TYPE_CHECKING:
     from markerseek.records.journal import RecordedRun
 
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek resume run.journal\n\n"
-    "  markerseek resume run.journal --arm --json\n\n"
-    "  markerseek resume run.journal --rig examples/rigs/bench.toml --arm"
-)
+EXAMPLES = """
+    markerseek resume run.journal
+    markerseek resume run.journal --arm --json
+    markerseek resume run.journal --rig examples/rigs/bench.toml --arm
+"""
 
 
 def command(
@@ -47,12 +46,12 @@ def command(
 
     Nothing moves and nothing is fired until a person arms the rig: by --arm, or by typing its name on a terminal.
     Otherwise the state of the run is printed, and the exit code is 4. Once armed, the strongest angle so far is
-    measured again. If it has changed by more than noise, the search says so and begins anew. A simulated rig is made
+    measured again. If it has changed by more than noise, the search says so and starts again. A simulated rig is made
     from the journal. For devices, --rig is needed: limits, budgets and start_command are taken from the rig file, never
     from the journal, and differences between the two are printed. If the run is over, its result is printed.
     """
     from markerseek.cli.show_result import conclude
-    from markerseek.records.journal import read_journal, result_of, run_state, since_started
+    from markerseek.records.journal import read_journal, run_state, since_started
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     watch = WatchOptions(heartbeat=heartbeat)
@@ -60,7 +59,7 @@ def command(
     recorded = read_journal(journal, frames=plot)
     state = run_state(recorded.entries)
     if state.state == "finished":
-        recorder, _ = result_of(recorded)
+        view = runs.RunView.of(recorded)
         imaging, policy = None, None
         if plot:
             imaging = runs.rebuild_image_reader(recorded.configuration)
@@ -73,8 +72,8 @@ def command(
         if not arm and not _confirmed(recorded, rig, as_json=as_json):
             raise typer.Exit(NOT_ARMED)
         session = _resume(journal, rig, bench, reset_fault=reset_fault, as_json=as_json, watch=watch)
-        recorder, imaging, policy = session.recorder, session.rig.imaging, session.policy
-    conclude(recorder, recorded.configuration, output, name="resume", imaging=imaging, policy=policy)
+        view, imaging, policy = session.view, session.rig.imaging, session.policy
+    conclude(view, output, name="resume", imaging=imaging, policy=policy)
 
 
 def _bench_named(recorded: RecordedRun, rig: Path | None, *, arm: bool, trust: bool) -> drivers.BenchSettings | None:

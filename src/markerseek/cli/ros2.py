@@ -11,15 +11,19 @@ from typer.core import TyperGroup
 from markerseek import bridges, drivers, rigs, runs
 from markerseek.bridges import ros2
 from markerseek.cli import ros2_devices
+from markerseek.cli.help import add_command
 from markerseek.cli.open_rig import read_rig
 from markerseek.cli.options import RigFile, Trust, with_values
 from markerseek.cli.ros2_devices import ros_node
-from markerseek.cli.signals import noted_signals
+from markerseek.cli.signals import Stopped, noted_signals
 from markerseek.cli.terminal import print_json, stderr
 from markerseek.core import SearchPlan, SimulationOptions
 from markerseek.ros import topics
 
-_SEARCH_EXAMPLES = "Examples:\n\n  markerseek ros2 search\n\n  markerseek ros2 search --once --rig ros2-rig.toml --json"
+_SEARCH_EXAMPLES = """
+    markerseek ros2 search
+    markerseek ros2 search --once --rig ros2-rig.toml --json
+"""
 
 
 @with_values
@@ -31,7 +35,7 @@ def search(
     trust: Trust = False,
     registration: Annotated[
         Path | None,
-        typer.Option(help="Also publish the transform of the da Vinci camera: JSON of `markerseek register --json`."),
+        typer.Option(help="Also publish the transform of the da Vinci camera that `markerseek register` wrote."),
     ] = None,
     once: Annotated[
         bool, typer.Option("--once", help="Search at once, then end with the exit code of the search.")
@@ -75,7 +79,7 @@ def search(
             print_json(outcome.answer)
         stderr.print(outcome.message, markup=False)
         raise typer.Exit(outcome.exit_code)
-    raise typer.Exit(128 + stopped[0] if stopped else 0)
+    raise Stopped(128 + stopped[0] if stopped else 0)
 
 
 def _is_over_ros(rig: Path | None) -> bool:
@@ -106,8 +110,8 @@ app = typer.Typer(
 )
 for _name, _command, _examples in (
     ("search", search, _SEARCH_EXAMPLES),
-    ("stage", ros2_devices.stage, "Example:\n\n  markerseek ros2 stage --rig examples/rigs/bench.toml"),
-    ("acquire", ros2_devices.acquire, "Example:\n\n  markerseek ros2 acquire --rig examples/rigs/bench.toml"),
+    ("stage", ros2_devices.stage, "markerseek ros2 stage --rig examples/rigs/bench.toml"),
+    ("acquire", ros2_devices.acquire, "markerseek ros2 acquire --rig examples/rigs/bench.toml"),
     ("sim", ros2_devices.sim, ros2_devices.SIM_EXAMPLES),
 ):
-    app.command(name=_name, epilog=_examples)(_command)
+    add_command(app, _name, _command, _examples)

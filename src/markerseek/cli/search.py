@@ -24,16 +24,14 @@ if TYPE_CHECKING:
 
     from markerseek.records import SearchResult
 
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek search --seed 1 --plot\n\n"
-    "  markerseek search --sweep --single --readout-s 0.05\n\n"
-    "  markerseek search --method ternary --acquisitions 16 --as-published\n\n"
-    "  markerseek search --marker-deg 10 --second-marker-deg -12 --snr-db 30\n\n"
-    "  markerseek search --compare posterior,golden-section,ternary --plot\n\n"
-    "  markerseek search --rig examples/rigs/simulated.toml --json\n\n"
-    "  markerseek search --rig examples/rigs/bench.toml --arm"
-)
+EXAMPLES = """
+    markerseek search --seed 1 --plot
+    markerseek search --sweep --single --readout-s 0.05
+    markerseek search --method ternary --acquisitions 16 --as-published
+    markerseek search --marker-deg 10 --second-marker-deg -12 --snr-db 30
+    markerseek search --compare posterior,golden-section,ternary --plot
+    markerseek search --rig examples/rigs/bench.toml --arm
+"""
 
 
 @with_values
@@ -74,7 +72,10 @@ def command(
     asked_by: Annotated[str | None, typer.Option(hidden=True, help="Who asked a bridge for this search.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find the marker on a rig: rotate, fire, measure, decide; then rotate to it and confirm."""
+    """Find the marker on a rig: rotate, fire, measure, decide; then rotate to it and confirm.
+
+    In a result, ± is one standard deviation.
+    """
     from markerseek.cli.session import require_journal_options, run_new_session
     from markerseek.cli.show_result import conclude
     from markerseek.search import require_plan
@@ -103,13 +104,11 @@ def command(
             session, as_json=as_json, journal=journal, keep=not no_journal, rig_file=rig, watch=watch
         )
     conclude(
-        session.recorder,
-        session.configuration,
+        session.view,
         output,
         name="search",
         imaging=assembled.imaging,
         policy=session.policy,
-        journal=session.journal,
     )
 
 
@@ -184,11 +183,11 @@ def _figure(sessions: list[runs.Session], title: str) -> Figure:
     searches = [
         ComparedSearch(
             name=session.configuration.plan.method,
-            samples=session.recorder.samples,
-            estimate=session.recorder.finished.estimate,
-            start_deg=session.recorder.start_deg,
+            samples=session.view.samples,
+            estimate=session.view.finished.estimate,
+            start_deg=session.view.start_deg,
         )
         for session in sessions
-        if session.recorder.finished is not None
+        if session.view.finished is not None
     ]
     return comparison_figure(searches, title=title, limits=facts.search, truth_deg=facts.truth_deg)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -10,10 +11,10 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import msgspec
 from rich.markup import escape
 
-from markerseek.cli.report import Output, Report, drawn, facts, file_line
+from markerseek.cli.report import Output, Report, drawn, facts
 from markerseek.core import AnyPolicy, ChannelFrame, Estimate, Floor, OtherSource, RFFrame, counted
-from markerseek.records import Recorder, SearchResult
-from markerseek.records.journal import Configuration, Journal
+from markerseek.records import SearchResult
+from markerseek.runs import RunView, curve_of, verdict_of
 from markerseek.search import FALSE_FOUND, WholeRecording
 from markerseek.signals import AnyImageReader
 
@@ -69,13 +70,18 @@ def _others(result: SearchResult) -> list[tuple[str, str]]:
     """What else there is, or may be."""
     rows = [("other source", _other(other)) for other in result.others]
     if result.surveyed is not None:
-        rows.append(("surveyed", f"{100 * result.surveyed:.1f} % of the range, for a source as loud"))
+        rows.append(("range checked", f"{100 * result.surveyed:.1f} %, for a second source as strong"))
     # 0 is what the user stated.
     if result.other_probability:
         stated = "; --single states that there is none" if result.doubt == "source" else ""
-        percent = f"{100 * result.other_probability:.2g} %"
-        rows.append(("another source", f"is the marker with a probability of {percent}{stated}"))
+        rows.append(
+            ("another source", f"is the marker with a probability of {_percent(result.other_probability)}{stated}")
+        )
     return rows
+
+
+def _percent(share: float) -> str:
+    return "< 0.1 %" if share < 1e-3 else f"{100 * share:.2g} %"
 
 
 def _other(source: OtherSource) -> str:
@@ -104,7 +110,8 @@ def _answer(result: SearchResult) -> list[tuple[str, str]]:
     if result.interval95_deg is not None:
         low, high = result.interval95_deg
         name, kind = _KINDS[result.interval_kind or "propagated"]
-        at_marker = "" if result.half_width_m is None else f", ± {1e3 * result.half_width_m:.2g} mm at the marker"
+        # Not with "±", which is a standard deviation on every line.
+        at_marker = "" if result.half_width_m is None else f", within {1e3 * result.half_width_m:.2g} mm at the marker"
         rows.append((name, f"[{low:.3f}°, {high:.3f}°]{at_marker}, {kind}"))
     return rows
 
@@ -134,41 +141,38 @@ def _mm(point_m: tuple[float, float, float]) -> list[float]:
 
 
 def conclude(
-    recorder: Recorder,
-    configuration: Configuration,
+    view: RunView,
     output: Output,
     *,
     name: str,
     imaging: AnyImageReader | None,
     policy: AnyPolicy | None,
-    journal: Journal | None = None,
     recorded: Curve | None = None,
 ) -> NoReturn:
     """Show the result of a search, and end the command with its exit code.
 
-    ``configuration``: plan and rig of the search. ``name``: name of the picture's files. ``imaging``: imaging chain of
-    the rig's channel data; None where there are intensities only. ``journal``: None where there is none, or the user
-    named it. ``recorded``: recorded curve of the picture, as in `markerseek.pictures.search_figure`; None where there
-    is none, or the answer is from all of it.
+    ``name``: name of the picture's files. ``imaging``: imaging chain of the rig's channel data; None where there are
+    intensities only. ``recorded``: recorded curve of the picture, as in `markerseek.pictures.search_figure`; None where
+    there is none, or the answer is from all of it.
     """
-    result, rig = recorder.result(configuration.plan, configuration.facts), configuration.facts
+    result, rig = view.result(), view.facts
     form = " as published" if result.as_published else ""
     title = f"{result.method}{form} on a {rig.rig_name}: {rig.description}"
     if result.search is not None:
         title = f"recording: {rig.description}"
     pictures: dict[str, Callable[[Path], object]] = {}
     # Where nothing was measured there is nothing to draw.
-    if output.folder is not None and recorder.finished is not None and recorder.samples:
+    if output.folder is not None and view.finished is not None and view.samples:
         if result.search is not None:
             recorded = ([each.angle_deg for each in result.samples], [each.intensity for each in result.samples])
-        curves = {"limits": rig.search, "density": _density(policy), "recorded": recorded}
-        draw = _figure(recorder, recorder.finished.estimate, result, imaging, **curves)
-        pictures = {f"{name}.png": drawn(draw), f"{name}.html": partial(_write_page, result, title, draw)}
+        density = _density(policy)
+        curves = {"limits": rig.search, "density": density, "recorded": recorded}
+        draw = _figure(view, view.finished.estimate, result, imaging, **curves)
+        pictures = {f"{name}.png": drawn(draw), f"{name}.html": partial(_write_page, view, density, title, draw)}
     report = Report(
         values=result,
         shown=[f"[bold]{escape(title)}[/]", facts(facts_of(result))],
         pictures=pictures,
-        notes=() if journal is None or not journal.kept else (file_line("journal", journal.path),),
         exit_code=FOUND if result.found else OTHER_ANSWER,
     )
     output.show(report)
@@ -187,22 +191,22 @@ def _density(policy: AnyPolicy | None) -> Curve | None:
 
 
 def _figure(
-    recorder: Recorder, estimate: Estimate, result: SearchResult, imaging: AnyImageReader | None, **curves: Any
+    view: RunView, estimate: Estimate, result: SearchResult, imaging: AnyImageReader | None, **curves: Any
 ) -> Callable[..., Figure]:
     """A function that draws a search, with curves as of `search_figure`."""
     from markerseek.pictures import pictured_sample, search_figure
 
-    pictured = pictured_sample(recorder.samples, recorder.confirmation)
+    pictured = pictured_sample(view.samples, view.confirmation)
     frame = pictured.frame
     return partial(
         search_figure,
-        recorder.search_samples,
+        view.search_samples,
         estimate,
-        start_deg=recorder.start_deg,
+        start_deg=view.start_deg,
         truth_deg=result.truth_deg,
         reference_deg=result.reference_deg,
         stand_in=result.stand_in,
-        confirmation=recorder.confirmation,
+        confirmation=view.confirmation,
         pictured=pictured,
         image=None if imaging is None or frame is None else imaging.picture(frame),
         b_mode=frame.b_mode if isinstance(frame, ChannelFrame | RFFrame) else None,
@@ -210,14 +214,20 @@ def _figure(
     )
 
 
-def _write_page(result: SearchResult, title: str, draw: Callable[..., Figure], path: Path) -> None:
+def _write_page(view: RunView, density: Curve | None, title: str, draw: Callable[..., Figure], path: Path) -> None:
     from markerseek.pictures import png_data_uri, write_page
+
+    result, curve = view.result(), curve_of(view, reveal=True)
+    if density is not None:
+        curve = replace(curve, density=(list(density[0]), list(density[1])))
 
     write_page(
         path,
         "search.html.jinja",
         title=title,
         note=_note(result),
+        verdict=verdict_of(view),
+        curve=curve.svg(),
         facts=facts_of(result),
         picture_uri=png_data_uri(draw()),
         alt="Intensity over probe angle with the acquisitions in order, the probe's track, and the photoacoustic image",

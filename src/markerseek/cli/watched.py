@@ -27,7 +27,9 @@ Events: TypeAlias = Annotated[
 Heartbeat: TypeAlias = Annotated[
     Path | None,
     typer.Option(
-        help="Stop, with the laser off, when no byte comes from this pipe, /dev/fd/N, for 4 s, or its writer ends."
+        hidden=True,
+        help="For a bridge: stop, with the laser off, when no byte comes from this pipe, /dev/fd/N, for 4 s, or its "
+        "writer ends.",
     ),
 ]
 

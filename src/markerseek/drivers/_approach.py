@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from markerseek.core import ConfigError, Interval
+from markerseek.core import ConfigError, Interval, LimitError
 from markerseek.guard import Limits
 
 UP, DOWN = 1, -1
@@ -50,6 +50,12 @@ def plan_approach(
     else:
         stops = (target_deg - direction * room_deg, target_deg)
     return Approach(stops_deg=stops, direction=direction, reversed=direction != usual)
+
+
+def require_inside(travel: Interval, angle_deg: float, *, then: str = "nothing was moved") -> None:
+    """Refuse a target outside the travel range, and NaN, which is in no interval; ``then``: what was not done."""
+    if angle_deg not in travel:
+        raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {travel}; {then}")
 
 
 def require_wide(travel: Interval, *, approach_deg: float) -> None:

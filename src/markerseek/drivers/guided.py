@@ -17,7 +17,6 @@ from markerseek.core import (
     ConfigError,
     DeviceTimeoutError,
     Interval,
-    LimitError,
     MoveError,
     NotConnectedError,
     Stage,
@@ -25,6 +24,7 @@ from markerseek.core import (
     is_finite,
     require_range,
 )
+from markerseek.drivers._approach import require_inside
 from markerseek.drivers.encoders import AXES, IgtlEncoder, Ros2Encoder
 from markerseek.drivers.entry import Entry, Opening, StageSettings
 from markerseek.drivers.typed_angle import TypedStage
@@ -190,8 +190,7 @@ class GuidedStage:
         angle is NaN or outside the travel range. Raises `DeviceTimeoutError` if the encoder is silent, or the probe
         does not come to rest there in time. Raises `MoveError` as `angle_deg`.
         """
-        if angle_deg not in self.limits:
-            raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nobody was asked")
+        require_inside(self.limits, angle_deg, then="nobody was asked")
         start_deg = self.angle_deg
         if self._is_still_there(angle_deg):
             return

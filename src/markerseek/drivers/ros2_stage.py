@@ -11,11 +11,11 @@ from markerseek.core import (
     ConfigError,
     DeviceTimeoutError,
     Interval,
-    LimitError,
     MoveError,
     NotConnectedError,
     require_range,
 )
+from markerseek.drivers._approach import require_inside
 from markerseek.drivers._ros2_wait import require_found, wait_until
 from markerseek.drivers.entry import Entry, Opening, StageSettings
 from markerseek.ros import RosNode, degrees, joint_angle_deg, messages, topics
@@ -183,8 +183,7 @@ class Ros2Stage:
         node refuses the angle. Raises `NotConnectedError` if the node is gone. Raises `DeviceTimeoutError` if it does
         not arrive in time.
         """
-        if angle_deg not in self.limits:
-            raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
+        require_inside(self.limits, angle_deg)
         self._node.drain(_MAX_WAITING)
         self._was_busy, self._refused = False, None
         readings = self._readings

@@ -8,7 +8,8 @@ import sys
 import termios
 from collections.abc import Callable, Iterator
 
-from markerseek.core import Clock, DeviceTimeoutError, Interval, LimitError, NotConnectedError, Turning, is_finite
+from markerseek.core import Clock, DeviceTimeoutError, Interval, NotConnectedError, Turning, is_finite
+from markerseek.drivers._approach import require_inside
 from markerseek.guard import Limits
 
 _SLICE_S = 0.02
@@ -58,8 +59,7 @@ class TypedStage:
         outside the travel range. Raises `DeviceTimeoutError` if none is typed in time. Raises `NotConnectedError` if
         the terminal has gone.
         """
-        if angle_deg not in self.limits:
-            raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nobody was asked")
+        require_inside(self.limits, angle_deg, then="nobody was asked")
         if angle_deg == self._target_deg:
             return
         self._target_deg = None

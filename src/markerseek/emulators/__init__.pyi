@@ -2,8 +2,8 @@ from .bench import EmulatedBench, require_pace, serve
 from .kdc101 import EmulatedKdc101
 from .laserbox import LIGHT_COUNTS
 from .lines import ByteDevice, DirectPort, PtyLine
-from .plus import EmulatedPlus
-from .vantage import EmulatedVantage
+from .senders import EmulatedPlus, EmulatedVantage
+from .sonixdaq import EmulatedSonixDaq
 
 __all__ = [
     "LIGHT_COUNTS",
@@ -12,6 +12,7 @@ __all__ = [
     "EmulatedBench",
     "EmulatedKdc101",
     "EmulatedPlus",
+    "EmulatedSonixDaq",
     "EmulatedVantage",
     "PtyLine",
     "require_pace",

@@ -151,13 +151,7 @@ class MotionControl:
     def look(self) -> None:
         """Let the trigger output see where motor and probe are."""
         if self.triggers.armed:
-            self.triggers.look(
-                at_s=self._now_s,
-                counts=self._stage.exact_counts,
-                angle_deg=self._stage.probe_deg,
-                speed=self._motor.speed_deg_s,
-                full_speed=self._parameters.speed_deg_s,
-            )
+            self.triggers.look(at_s=self._now_s, counts=self._stage.exact_counts, angle_deg=self._stage.probe_deg)
 
     def go(self, counts: int) -> None:
         """Move to a position in counts: at once if it turns already, after a delay if it is at rest."""

@@ -19,9 +19,8 @@ from markerseek.core import Clock, ConfigError, require_range
 from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.emulators.lines import PtyLine
-from markerseek.emulators.plus import EmulatedPlus
+from markerseek.emulators.senders import EmulatedPlus, EmulatedSender, EmulatedVantage
 from markerseek.emulators.sonixdaq import EmulatedSonixDaq
-from markerseek.emulators.vantage import EmulatedVantage
 from markerseek.rigs import draw_scene
 from markerseek.sim import CLOCK_DRIFT, SimulatedSettings, VirtualClock
 
@@ -63,7 +62,7 @@ class EmulatedBench:
         self.stage = Kdc101Emulator(
             probe=self.world, settings=stage or EmulatedKdc101(play_deg=settings.stage.backlash_deg), rng=noise
         )
-        self.daq: EmulatedSonixDaq | EmulatedPlus | EmulatedVantage
+        self.daq: EmulatedSonixDaq | EmulatedSender
         if receiver == "plus":
             self.daq = EmulatedPlus(world=self.world, rng=apart)
         elif receiver == "vantage":
@@ -158,7 +157,7 @@ def serve(
     lines: Sequence[PtyLine],
     clock: Clock,
     pace: float,
-    daq: EmulatedSonixDaq | EmulatedPlus | EmulatedVantage,
+    daq: EmulatedSonixDaq | EmulatedSender,
     until: Callable[[], bool],
 ) -> None:
     """Serve emulated devices until ``until`` is true.

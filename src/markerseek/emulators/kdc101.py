@@ -28,8 +28,8 @@ from markerseek.emulators._kdc101_motion import (
 from markerseek.emulators._kdc101_triggers import PORTS, POSITIONS, Edge
 from markerseek.emulators._kdc101_triggers import POWER_UP as NO_TRIGGERS
 from markerseek.emulators._prm1z8 import Prm1z8, Turned
+from markerseek.emulators.faults import STAGE_FAULTS
 from markerseek.emulators.lines import FaultyLine
-from markerseek.emulators.stage_faults import STAGE_FAULTS
 from markerseek.sim import Fault
 from markerseek.wire import CONTROLLER, HOST, TO_CONTROLLER, AptFramer, AptMessage, apt
 
@@ -195,8 +195,6 @@ class Kdc101Emulator:
             0x0448: self._move_by,
             0x0453: self._move,
             0x0465: lambda message: self._motion.stop(profiled=message.raw[3] == _PROFILED),
-            0x046B: self._set_end_reports,
-            0x046C: self._set_end_reports,
             0x0480: self._answer_status,
             0x0490: self._answer_status,
         }
@@ -206,7 +204,7 @@ class Kdc101Emulator:
         self._motion.triggers.set(self._stored)
         self._motion.wake_up(homed=homed)
         self._motion.enabled = self._settings.enabled
-        self._updates, self._reports_ends = self._settings.talking, True
+        self._updates = self._settings.talking
         self._next_update_s = self._now_s
         self._power_cycled = False
 
@@ -220,7 +218,7 @@ class Kdc101Emulator:
         for event in self._motion.events:
             if event == HOMED:
                 self._send(event, first=apt.CHANNEL)
-            elif self._reports_ends:
+            else:
                 self._send_status(event)
         self._motion.events.clear()
         if not self._outbox and not self._faults:
@@ -248,9 +246,6 @@ class Kdc101Emulator:
 
     def _set_updates(self, message: AptMessage) -> None:
         self._updates = message.ident == 0x0011
-
-    def _set_end_reports(self, message: AptMessage) -> None:
-        self._reports_ends = message.ident == 0x046C
 
     def _send_parameter(self, message: AptMessage) -> None:
         self._send(message.ident + 1, data=self._stored[message.ident - 1])

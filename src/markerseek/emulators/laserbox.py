@@ -16,7 +16,7 @@ import numpy as np
 
 from markerseek.core import require_range
 from markerseek.emulators._kdc101_triggers import Edge
-from markerseek.emulators.laserbox_faults import LaserBoxFaults
+from markerseek.emulators.faults import LaserBoxFaults
 from markerseek.sim import LaserSettings, SimulatedWorld, vary_last_flash
 from markerseek.wire import laserbox as wire
 

@@ -8,6 +8,7 @@ and is completed by the next triggers.
 
 from __future__ import annotations
 
+import json
 import math
 from collections import deque
 from collections.abc import Sequence
@@ -19,32 +20,9 @@ import numpy as np
 
 from markerseek.core import ConfigError
 from markerseek.emulators._trains import SweptTrain, Train, Trains
+from markerseek.emulators.faults import SonixDaqFaults
 from markerseek.sim import SimulatedWorld
 from markerseek.wire import sonixdaq as wire
-
-
-@dataclass(slots=True, kw_only=True)
-class SonixDaqFaults:
-    """Faults of the device; may be changed while it runs."""
-
-    off: bool = False
-    """Nothing is written."""
-    delay_s: float = 0.0
-    """Further time before the first file."""
-    files: int = wire.CHANNELS
-    """Number of channel files that are written; the next one is written half."""
-    stuck: bool = False
-    """The previous acquisition is written again."""
-    one_behind: bool = False
-    """Each trigger yields the acquisition of the trigger before it."""
-    swapped: bool = False
-    """The files of channels 5 and 6 hold one another's data."""
-    garbage: bool = False
-    """Headers are noise."""
-    lost_at: int = 0
-    """Number of the trigger of a sweep that is lost; 0: none."""
-    doubled_at: int = 0
-    """Number of the trigger of a sweep that is recorded twice; 0: none."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -94,6 +72,19 @@ class EmulatedSonixDaq:
         self._counted: list[Train] = []
         self._previous: list[bytes] = []
         self._queue: deque[_Writing] = deque()
+
+    @property
+    def said(self) -> str:
+        """Where its files are, for people."""
+        return f"channel files: {self._folder}"
+
+    @property
+    def keys(self) -> str:
+        """Its folder, as keys of a rig file."""
+        return f'folder = {json.dumps(str(self._folder.resolve()))}\nframes = "triggered"\n'
+
+    def close(self) -> None:
+        """Nothing to release."""
 
     def warm_up(self) -> None:
         """Compute one acquisition and discard it: the first real one is not delayed by imports and compilation."""

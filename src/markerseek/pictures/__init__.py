@@ -1,6 +1,7 @@
 """Figures and HTML pages of searches, banks and frames. Matplotlib and Jinja2 are imported when they are needed."""
 
 from markerseek.pictures.bank_picture import bank_figure
+from markerseek.pictures.comparison import ComparedSearch, comparison_figure
 from markerseek.pictures.files import (
     PICTURE_SUFFIXES,
     new_picture,
@@ -14,7 +15,6 @@ from markerseek.pictures.registration_picture import registration_figure, target
 from markerseek.pictures.search_picture import Curve, pictured_sample, search_figure
 from markerseek.pictures.style import ERROR_BARS, new_figure, panel_grid, shared_legend
 from markerseek.pictures.tip_picture import tip_figure
-from markerseek.pictures.tracks import ComparedSearch, comparison_figure, track_figure
 
 __all__ = [
     "ERROR_BARS",
@@ -39,6 +39,5 @@ __all__ = [
     "shared_legend",
     "target_figure",
     "tip_figure",
-    "track_figure",
     "write_page",
 ]

@@ -21,6 +21,9 @@ _Numbered: TypeAlias = list[tuple[tuple[float, float], str]]
 Curve: TypeAlias = tuple[Sequence[float] | Float64[np.ndarray, " n"], Sequence[float] | Float64[np.ndarray, " n"]]
 """Angles in degrees, and a value at each."""
 
+INSET_DEG = 2.0
+"""Half of the range of the inset about the answer, in degrees."""
+
 _MIN_DENSITY = 1e-5
 """Smallest density drawn, over the largest."""
 
@@ -72,6 +75,7 @@ def search_figure(
     track.set_ylim(shown)
     known = ("reference", reference_deg) if truth_deg is None else ("truth", truth_deg)
     _draw_curve(curve, samples, estimate, known=known, confirmation=confirmation, recorded=recorded)
+    _draw_inset(curve, samples, estimate, known=known, density=density)
     curve.set_ylabel("intensity (envelope peak) " + ("[as recorded]" if image is None else "[counts]"))
     _draw_track(track, samples, estimate, start_deg=start_deg, known=known, confirmation=confirmation)
     if recorded is not None:
@@ -154,6 +158,30 @@ def _draw_curve(
             fontsize=7,
         )
     axes.set_xlabel("probe angle [deg]")
+
+
+def _draw_inset(
+    axes: Axes, samples: list[Sample], estimate: Estimate, *, known: tuple[str, float | None], density: Curve | None
+) -> None:
+    """Draw what lies within `INSET_DEG` of an answer that is one line in the whole range."""
+    low_deg, high_deg = axes.get_xlim()
+    if not isinstance(estimate, Found | Unsure) or estimate.interval95_deg.width_deg > 0.06 * (high_deg - low_deg):
+        return
+    # On the side of the answer where there is more room.
+    left = estimate.mean_deg > (low_deg + high_deg) / 2
+    inset = axes.inset_axes((0.05 if left else 0.67, 0.52, 0.28, 0.4))
+    inset.set_xlim(estimate.mean_deg - INSET_DEG, estimate.mean_deg + INSET_DEG)
+    top = axes.get_ylim()[1]
+    inset.set_ylim(0, top)
+    if density is not None:
+        per_deg = np.asarray(density[1])
+        inset.fill_between(np.asarray(density[0]), 0, per_deg * (0.95 * top / per_deg.max()), color=SIGNAL, alpha=0.3)
+    intensities = [each.reading.intensity for each in samples]
+    inset.scatter([each.angle_deg for each in samples], intensities, color=SIGNAL, s=14, zorder=3)
+    _draw_answer(inset.axvline, inset.axvspan, estimate, known)
+    inset.set_yticks([])
+    inset.tick_params(labelsize=7)
+    inset.set_title(f"± {INSET_DEG:g}° about the answer", fontsize=8)
 
 
 def _numbered(angles_deg: list[float], intensities: list[float]) -> _Numbered:

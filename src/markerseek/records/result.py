@@ -2,36 +2,29 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal, TypeAlias, TypeGuard
+from typing import TYPE_CHECKING, TypeGuard
 
 import msgspec
 
 from markerseek._version import __version__
 from markerseek.core import (
-    Ambiguous,
-    AtBound,
     Doubt,
     Estimate,
-    Event,
-    Failed,
     Finished,
     Floor,
     Found,
     IntervalKind,
     MarkerCurve,
-    Measured,
     NotFound,
     OtherSource,
-    Refused,
     RigFacts,
     RigKind,
     Sample,
     Searched,
     SearchError,
     SearchPlan,
-    Started,
     Unsure,
     counted,
     listed,
@@ -39,13 +32,11 @@ from markerseek.core import (
     needs_package,
     rig_in_words,
 )
-from markerseek.records.html import as_html, curve_svg
+from markerseek.records.curve_svg import DrawnCurve, Mark, as_html
+from markerseek.records.words import AnswerName, answer_name, answer_reason
 
 if TYPE_CHECKING:
     import pandas as pd
-
-AnswerName: TypeAlias = Literal["found", "not found", "ambiguous", "at bound", "unsure"]
-"""Names of the answers in the JSON output."""
 
 
 class SampleRow(msgspec.Struct, frozen=True, kw_only=True):
@@ -174,6 +165,87 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     search: ReplayedSearch | None = None
     version: str = __version__
 
+    @classmethod
+    def of(
+        cls,
+        finished: Finished | None,
+        *,
+        plan: SearchPlan,
+        facts: RigFacts,
+        samples: Sequence[Sample],
+        confirmation: Sample | None,
+        start_deg: float,
+        refused: int,
+    ) -> SearchResult:
+        """The result of a run.
+
+        Parameters
+        ----------
+        finished
+            The end of the run; None if the run is not over, or failed.
+        plan, facts
+            What was asked of the search, and what is known of the rig.
+        samples, confirmation
+            Acquisitions with light, and the one at the answer; None if there was none.
+        start_deg
+            Angle of the probe when the run began, in degrees.
+        refused
+            Acquisitions that were refused.
+
+        Raises
+        ------
+        SearchError
+            If there is no end.
+        """
+        if finished is None:
+            raise SearchError("the run is not over, or it failed: there is no result")
+        estimate, searched = finished.estimate, finished.searched
+        # The paper's form answers where there is no marker as well, and a search that detected nothing has noise only.
+        known = None if isinstance(estimate, NotFound) or plan.as_published else estimate
+        interval = None if known is None else known.interval95_deg
+        # The marker's position follows from all frames with light.
+        lit = [*samples, *([] if confirmation is None else [confirmation])]
+        placed = estimate if isinstance(estimate, Found) or _unsure_of_width(estimate) else None
+        marker = None if placed is None else marker_position(placed, lit, facts)
+        kept = samples if searched is None else _all_angles(samples)
+        return cls(
+            found=isinstance(estimate, Found),
+            answer=answer_name(estimate),
+            reason=answer_reason(estimate),
+            doubt=estimate.doubt if isinstance(estimate, Unsure) else None,
+            # The method of a search says nothing of the answer from all angles.
+            method=plan.method if searched is None else "posterior",
+            as_published=plan.as_published,
+            rig=facts.kind,
+            emulated=facts.emulated,
+            angle_deg=estimate.mean_deg,
+            sigma_deg=None if known is None else known.sigma_deg,
+            interval95_deg=None if interval is None else (interval.low_deg, interval.high_deg),
+            interval_kind=None if known is None else known.interval_kind,
+            half_width_m=known.half_width_m if isinstance(known, Found | Unsure) else None,
+            marker_trus_m=None if marker is None else marker.position_m,
+            marker_sigma_m=None if marker is None or known is None else marker.sigma_m,
+            acquisitions=finished.acquisitions if searched is None else len(kept),
+            refused=refused,
+            travel_deg=finished.travel_deg if searched is None else None,
+            # A replay takes no time, and the durations of the original scan say nothing of this search.
+            elapsed_s=None if facts.kind == "replayed" else finished.elapsed_s,
+            confirmation=None if confirmation is None else SampleRow.of(confirmation),
+            confirmed=None if confirmation is None or estimate.floor is None else isinstance(estimate, Found),
+            floor=estimate.floor,
+            others=list(estimate.others),
+            surveyed=estimate.surveyed,
+            other_probability=estimate.other_probability if isinstance(estimate, Found | Unsure) else None,
+            curve=estimate.curve if isinstance(estimate, Found) else None,
+            samples=[SampleRow.of(sample) for sample in kept],
+            truth_deg=facts.truth_deg,
+            reference_deg=facts.reference_deg,
+            error_deg=None if facts.known_deg is None else abs(estimate.mean_deg - facts.known_deg),
+            seed=facts.seed,
+            configuration=facts.fingerprint,
+            search=None if searched is None else _replayed_search(searched, samples, start_deg, plan, facts),
+        )
+
     @property
     def stand_in(self) -> str | None:
         """What stood in for hardware, as "simulated rig" or "emulated stage and laser"; None where nothing did."""
@@ -219,13 +291,11 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     def _repr_html_(self) -> str:
         """The answer and the intensities, for a notebook."""
         lit = self.samples if self.confirmation is None else [*self.samples, self.confirmation]
-        picture = curve_svg(
-            [each.angle_deg for each in lit],
-            [each.intensity for each in lit],
-            mark_deg=self.angle_deg,
-            interval_deg=self.interval95_deg,
-        )
-        return as_html(self._heading(), self._rows(), picture)
+        # Where nothing was detected, the angle is that of the noise.
+        answer_deg = None if self.answer == "not found" else self.angle_deg
+        marks = [Mark(angle_deg=each.angle_deg, intensity=each.intensity, radius=2.5) for each in lit]
+        curve = DrawnCurve(marks=marks, answer_deg=answer_deg, interval_deg=self.interval95_deg)
+        return as_html(self._heading(), self._rows(), curve.svg())
 
     def _heading(self) -> str:
         if self.search is not None:
@@ -248,155 +318,25 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
         ]
 
 
-class Recorder:
-    """Collects the samples and the answer of a run from its events."""
+def _all_angles(samples: Sequence[Sample]) -> list[Sample]:
+    """One sample of each angle of a recording, by angle; a method of the paper may return to an angle."""
+    return [each for _, each in sorted({each.angle_deg: each for each in samples}.items())]
 
-    def __init__(self) -> None:
-        self._begin(math.nan)
 
-    def _begin(self, start_deg: float) -> None:
-        self.samples: list[Sample] = []
-        self.confirmation: Sample | None = None
-        self.finished: Finished | None = None
-        self.start_deg = start_deg
-        self._refused = 0
-
-    def add(self, event: Event) -> None:
-        """Add one event of `markerseek.scan.run`."""
-        match event:
-            case Started(start_deg=start_deg):
-                # A search that begins anew keeps nothing of what was measured before.
-                self._begin(start_deg)
-            case Measured(role="search", sample=sample):
-                # A confirmation after which the search went on was weighed as one of its samples.
-                if self.confirmation is not None:
-                    self.samples.append(self.confirmation)
-                    self.confirmation = None
-                self.samples.append(sample)
-            case Measured(role="confirmation", sample=sample):
-                self.confirmation = sample
-            case Refused():
-                self._refused += 1
-            case Finished():
-                self.finished = event
-            case Failed():
-                self.finished = None
-
-    def result(self, plan: SearchPlan, facts: RigFacts) -> SearchResult:
-        """Result of the run."""
-        if self.finished is None:
-            raise SearchError("the run is not over, or it failed: there is no result")
-        finished = self.finished
-        estimate, searched = finished.estimate, finished.searched
-        # The paper's form answers where there is no marker as well, and a search that detected nothing has noise only.
-        known = None if isinstance(estimate, NotFound) or plan.as_published else estimate
-        interval = None if known is None else known.interval95_deg
-        # The marker's position follows from all frames with light.
-        lit = self.samples if self.confirmation is None else [*self.samples, self.confirmation]
-        placed = estimate if isinstance(estimate, Found) or _unsure_of_width(estimate) else None
-        marker = None if placed is None else marker_position(placed, lit, facts)
-        samples = self.samples if searched is None else self._all_angles()
-        return SearchResult(
-            found=isinstance(estimate, Found),
-            answer=answer_name(estimate),
-            reason=answer_reason(estimate),
-            doubt=estimate.doubt if isinstance(estimate, Unsure) else None,
-            # The method of a search says nothing of the answer from all angles.
-            method=plan.method if searched is None else "posterior",
-            as_published=plan.as_published,
-            rig=facts.kind,
-            emulated=facts.emulated,
-            angle_deg=estimate.mean_deg,
-            sigma_deg=None if known is None else known.sigma_deg,
-            interval95_deg=None if interval is None else (interval.low_deg, interval.high_deg),
-            interval_kind=None if known is None else known.interval_kind,
-            half_width_m=known.half_width_m if isinstance(known, Found | Unsure) else None,
-            marker_trus_m=None if marker is None else marker.position_m,
-            marker_sigma_m=None if marker is None or known is None else marker.sigma_m,
-            acquisitions=finished.acquisitions if searched is None else len(samples),
-            refused=self._refused,
-            travel_deg=finished.travel_deg if searched is None else None,
-            # A replay takes no time, and the durations of the original scan say nothing of this search.
-            elapsed_s=None if facts.kind == "replayed" else finished.elapsed_s,
-            confirmation=None if self.confirmation is None else SampleRow.of(self.confirmation),
-            confirmed=None if self.confirmation is None or estimate.floor is None else isinstance(estimate, Found),
-            floor=estimate.floor,
-            others=list(estimate.others),
-            surveyed=estimate.surveyed,
-            other_probability=estimate.other_probability if isinstance(estimate, Found | Unsure) else None,
-            curve=estimate.curve if isinstance(estimate, Found) else None,
-            samples=[SampleRow.of(sample) for sample in samples],
-            truth_deg=facts.truth_deg,
-            reference_deg=facts.reference_deg,
-            error_deg=None if facts.known_deg is None else abs(estimate.mean_deg - facts.known_deg),
-            seed=facts.seed,
-            configuration=facts.fingerprint,
-            search=None if searched is None else self._replayed_search(searched, plan, facts),
-        )
-
-    @property
-    def search_samples(self) -> list[Sample]:
-        """The samples of the search: all, but of a recording only those that its search took."""
-        searched = None if self.finished is None else self.finished.searched
-        return self.samples if searched is None else self.samples[: searched.acquisitions]
-
-    def _all_angles(self) -> list[Sample]:
-        """One sample of each angle of a recording, by angle; a method of the paper may return to an angle."""
-        return [each for _, each in sorted({each.angle_deg: each for each in self.samples}.items())]
-
-    def _replayed_search(self, searched: Searched, plan: SearchPlan, facts: RigFacts) -> ReplayedSearch:
-        estimate, samples = searched.estimate, self.search_samples
-        way_deg = [self.start_deg, *(each.angle_deg for each in samples)]
-        return ReplayedSearch(
-            method=plan.method,
-            **msgspec.structs.asdict(Answer.of(estimate)),
-            error_deg=None if facts.known_deg is None else abs(estimate.mean_deg - facts.known_deg),
-            acquisitions=searched.acquisitions,
-            travel_deg=sum(abs(to - at) for at, to in pairwise(way_deg)),
-            samples=[SampleRow.of(each) for each in samples],
-        )
+def _replayed_search(
+    searched: Searched, samples: Sequence[Sample], start_deg: float, plan: SearchPlan, facts: RigFacts
+) -> ReplayedSearch:
+    estimate, taken = searched.estimate, samples[: searched.acquisitions]
+    way_deg = [start_deg, *(each.angle_deg for each in taken)]
+    return ReplayedSearch(
+        method=plan.method,
+        **msgspec.structs.asdict(Answer.of(estimate)),
+        error_deg=None if facts.known_deg is None else abs(estimate.mean_deg - facts.known_deg),
+        acquisitions=searched.acquisitions,
+        travel_deg=sum(abs(to - at) for at, to in pairwise(way_deg)),
+        samples=[SampleRow.of(each) for each in taken],
+    )
 
 
 def _unsure_of_width(estimate: Estimate) -> TypeGuard[Unsure]:
     return isinstance(estimate, Unsure) and estimate.doubt == "width"
-
-
-def answer_name(estimate: Estimate) -> AnswerName:
-    """Name of an answer in the JSON output."""
-    match estimate:
-        case Found():
-            return "found"
-        case NotFound():
-            return "not found"
-        case Ambiguous():
-            return "ambiguous"
-        case AtBound():
-            return "at bound"
-        case Unsure():
-            return "unsure"
-
-
-def answer_reason(estimate: Estimate) -> str | None:
-    """Why an answer is no angle, in one sentence; None where the marker was found."""
-    match estimate:
-        case Found():
-            return None
-        case NotFound(reason=reason) | Unsure(reason=reason):
-            return reason
-        case Ambiguous():
-            return _which_of(estimate)
-        case AtBound(side=side):
-            return f"the intensity still rises at the {side} end of the range; shift the range towards it"
-
-
-def _which_of(estimate: Ambiguous) -> str:
-    """Between which places an answer does not decide, and how loud they are."""
-    named = {each.angle_deg: each for each in estimate.others if each.angle_deg in estimate.modes_deg}
-    places = [
-        f"{mode:.2f} deg" + (f" ({named[mode].relative_db:+.1f} dB)" if mode in named else "")
-        for mode in estimate.modes_deg
-    ]
-    listed = f"{', '.join(places[:-1])} and {places[-1]}"
-    if not named:
-        return f"the samples fit a marker at each of {listed}"
-    return f"sources at {listed} may each be the marker: they are within 6 dB, as far as that is known"

@@ -1,4 +1,4 @@
-"""What happens on a rig over time: searches kept in a journal and resumed, scans of banks, tracking, registration.
+"""What happens on a rig over time: searches kept in a journal and resumed, scans of banks, registration.
 
 `markerseek.rigs` only assembles rigs. The commands and the studies start here.
 """

@@ -7,7 +7,7 @@ from .bank_images import (
     dark_intensity,
     intensities_stored,
 )
-from .bank_scan import journal_bank, require_new_scan, scan_angles, scan_bank, scan_configuration
+from .bank_scan import journal_bank, require_new_scan, scan_angles, scan_bank
 from .calibration_scan import Calibration, calibrate
 from .former_search import former_curve
 from .journalled import configuration_of
@@ -30,6 +30,8 @@ from .registration import (
     register_pairs,
 )
 from .resume import commanded_deg, require_reset, strongest_of, tell_recorded
+from .run_curve import curve_of, mark_of, mean_deg, others_deg
+from .run_view import FAULT_END, STOPPED, Phase, Point, RunView
 from .session import Session, answer_from_all, find_marker, new_session, plan_on, resumed_session
 from .shared_errors import FOCAL_LENGTH, camera_shared_m, focal_shared_m, trus_shared_m
 from .simulated_registration import (
@@ -42,34 +44,30 @@ from .simulated_registration import (
 )
 from .stereo_files import StereoSettings, read_stereo
 from .target_views import TargetView, target_views
-from .tracking import (
-    AnyTrackingPolicy,
-    TrackQuality,
-    quality_of,
-    require_streaming,
-    stage_period_s,
-    swept_tracking_policy,
-    track_run,
-    tracking_policy,
-)
+from .verdict import Verdict, VerdictKind, numbers_of, verdict_of
 
 __all__ = [
+    "FAULT_END",
     "FOCAL_LENGTH",
     "GRID_STEP_M",
     "MARKER_PLACES",
     "REGISTRATION_TOLERANCE_MM",
+    "STOPPED",
     "TARGET_DEPTH_M",
-    "AnyTrackingPolicy",
     "Calibration",
     "KnownRegistration",
+    "Phase",
+    "Point",
     "PointPair",
     "RegistrationReport",
+    "RunView",
     "Session",
     "SimulatedScene",
     "SimulatedTruth",
     "StereoSettings",
     "TargetView",
-    "TrackQuality",
+    "Verdict",
+    "VerdictKind",
     "answer_again",
     "answer_from_all",
     "bank_curve",
@@ -81,16 +79,20 @@ __all__ = [
     "camera_shared_m",
     "commanded_deg",
     "configuration_of",
+    "curve_of",
     "dark_intensity",
     "find_marker",
     "focal_shared_m",
     "former_curve",
     "intensities_stored",
     "journal_bank",
+    "mark_of",
+    "mean_deg",
     "new_session",
+    "numbers_of",
+    "others_deg",
     "plan_on",
     "point_pairs",
-    "quality_of",
     "read_registration",
     "read_stereo",
     "rebuild_image_reader",
@@ -102,19 +104,14 @@ __all__ = [
     "require_new_scan",
     "require_reset",
     "require_same_measurement",
-    "require_streaming",
     "resumed_session",
     "scan_angles",
     "scan_bank",
-    "scan_configuration",
     "simulate_registration",
     "spot_pairs",
-    "stage_period_s",
     "strongest_of",
-    "swept_tracking_policy",
     "target_views",
     "tell_recorded",
-    "track_run",
-    "tracking_policy",
     "trus_shared_m",
+    "verdict_of",
 ]

@@ -11,6 +11,7 @@ import numpy as np
 from markerseek.core import NO_HEADER, AcquisitionError, PaImage, Reading, ReadingFrame, RecordError, Sample
 from markerseek.records.banks import BankFacts, FrameBank, IntensityBank
 from markerseek.rigs import preset_of, probe_facts
+from markerseek.scan import per_energy
 from markerseek.search import Curve, curve_of
 from markerseek.signals import ImageReader, ProbePreset
 
@@ -51,7 +52,10 @@ def bank_samples(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | 
     for index, angle_deg in enumerate(bank.angles_deg):
         frame = bank.frame(index)
         try:
-            reading = Reading(intensity=known[index]) if imaging is None else imaging.read(frame)
+            if imaging is None:
+                reading = Reading(intensity=known[index])
+            else:
+                reading = per_energy(imaging.read(frame), frame.header.energy)
         except AcquisitionError as problem:
             raise RecordError(f"the frame at {angle_deg:g} deg: {problem}") from problem
         yield Sample(angle_deg=angle_deg, reading=reading, frame=frame)

@@ -10,7 +10,8 @@ import msgspec
 from markerseek.core import ConfigError, Finished, Found, MarkerCurve, MarkerPosition, RecordError, SearchError
 from markerseek.files import MIB, as_read_error, read_json
 from markerseek.records import SearchResult
-from markerseek.records.journal import RecordedRun, is_journal, read_journal, result_of
+from markerseek.records.journal import RecordedRun, is_journal, read_journal
+from markerseek.runs.run_view import RunView
 
 _MAX_BYTES = 16 * MIB
 """Largest result that is read; one of 500 acquisitions has 0.1 MiB."""
@@ -48,7 +49,7 @@ def read_marker(path: Path) -> MarkerPosition:
     """
     former = _search(path, SearchResult)
     try:
-        result = result_of(former)[1] if isinstance(former, RecordedRun) else former
+        result = RunView.of(former).result() if isinstance(former, RecordedRun) else former
     except SearchError as problem:
         raise RecordError(f"{path}: {problem}") from problem
     # An angle that is not known well counts less, by its sigma; one of which source it is, is not known, not at all.

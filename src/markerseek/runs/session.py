@@ -11,18 +11,18 @@ from markerseek.core import (
     AnyPolicy,
     ConfigError,
     Estimate,
-    Event,
     Measured,
     SearchPlan,
 )
-from markerseek.records import Recorder, SearchResult
-from markerseek.records.journal import Configuration, Journal, JournalEvent, RecordedRun, since_started
+from markerseek.records import SearchResult
+from markerseek.records.journal import Configuration, Journal, JournalEvent, RecordedRun
 from markerseek.rigs import Rig
 from markerseek.runs.journalled import configuration_of, journalled, limits_of
 from markerseek.runs.rebuild import rebuild_policy
 from markerseek.runs.resume import resumed
+from markerseek.runs.run_view import RunView
 from markerseek.scan import run
-from markerseek.search import build_sweeping, method_named, most_acquisitions, posterior_of_all
+from markerseek.search import MethodName, build_sweeping, method_named, most_acquisitions, posterior_of_all
 
 
 @dataclass(slots=True, kw_only=True)
@@ -40,20 +40,22 @@ class Session:
     reset_fault: bool = False
     """``by`` and ``reset_fault``: for a resumed run: who arms the rig, and whether that person has inspected it after a
     fault."""
-    recorder: Recorder = field(default_factory=Recorder)
-    """Collects the samples and the answer for the result."""
+    view: RunView = field(init=False)
+    """The run so far."""
+
+    def __post_init__(self) -> None:
+        self.view = RunView.of(self.configuration if self.recorded is None else self.recorded)
 
     def events(self) -> Generator[JournalEvent, None, None]:
         """Run the search; if closed early, the stage stops and the laser is disarmed.
 
         Yields as `markerseek.scan.run`, each committed to the journal before; a resumed run yields `Checked` first, and
-        its earlier events are in the recorder. Raises `RecordError` if an event cannot be written; the rig is stopped.
+        its earlier events are in the view. Raises `RecordError` if an event cannot be written; the rig is stopped.
         """
         # Closed here, because a generator that is only dropped stops the rig whenever it is collected.
         with closing(self._run()) as events:
             for event in events:
-                if isinstance(event, Event):
-                    self.recorder.add(event)
+                self.view = self.view.add(event, clock_s=self.rig.scanner.clock.now_s())
                 yield event
 
     def _run(self) -> Generator[JournalEvent, None, None]:
@@ -88,7 +90,7 @@ class Session:
 
     def result(self) -> SearchResult:
         """Result of the search once it is over; `SearchError` before, and after an error."""
-        return self.recorder.result(self.configuration.plan, self.configuration.facts)
+        return self.view.result()
 
 
 def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
@@ -132,7 +134,7 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
     )
 
 
-def find_marker(rig: Rig, method: SearchPlan | str = "posterior", *, progress: bool = False) -> SearchResult:
+def find_marker(rig: Rig, method: SearchPlan | MethodName = "posterior", *, progress: bool = False) -> SearchResult:
     """Search for the marker on a rig, and return what was found; no record is kept.
 
     Of a recording, the answer is from all its angles; what a search of it would have taken and said is in the field
@@ -186,7 +188,7 @@ def resumed_session(rig: Rig, journal: Journal, recorded: RecordedRun, *, by: st
 
     ``rig``: rig of the journal, from `markerseek.runs.rebuild.rebuild_rig`.
     """
-    session = Session(
+    return Session(
         policy=rebuild_policy(recorded.configuration),
         rig=rig,
         configuration=recorded.configuration,
@@ -195,10 +197,6 @@ def resumed_session(rig: Rig, journal: Journal, recorded: RecordedRun, *, by: st
         by=by,
         reset_fault=reset_fault,
     )
-    for entry in since_started(recorded.entries):
-        if isinstance(entry.event, Event):
-            session.recorder.add(entry.event)
-    return session
 
 
 def answer_from_all(rig: Rig, plan: SearchPlan) -> Estimate:

@@ -5,7 +5,7 @@ A recorded scan over all angles is a bank (`markerseek.records.banks`).
 
 from markerseek.scan.confirmation import apply_confirmation, larger_noise, moved_source
 from markerseek.scan.loop import AnyScanner, Earlier, RunLimits, run
-from markerseek.scan.scanner import Scanner, Watchdog
+from markerseek.scan.scanner import Scanner, Watchdog, per_energy
 from markerseek.scan.sweeping_devices import SweepingDevices
 
 __all__ = [
@@ -18,5 +18,6 @@ __all__ = [
     "apply_confirmation",
     "larger_noise",
     "moved_source",
+    "per_energy",
     "run",
 ]

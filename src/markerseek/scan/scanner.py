@@ -249,7 +249,7 @@ class Scanner:
         """The sample of a frame of a sweep, or why the frame says nothing; the sweep goes on in either case."""
         frame = swept.frame
         try:
-            reading = _per_energy(self._reader.read(frame), frame.header.energy)
+            reading = per_energy(self._reader.read(frame), frame.header.energy)
             self.guard.admit_reading(reading, frame=frame)
         except SaturationError:
             raise
@@ -315,7 +315,7 @@ class Scanner:
         self._refused_frame = frame
         self.guard.admit_frame(frame, permit=permit, now_s=self.clock.now_s())
         with self._refusable:
-            reading = _per_energy(self._reader.read(frame), frame.header.energy)
+            reading = per_energy(self._reader.read(frame), frame.header.energy)
         self.guard.admit_reading(reading, frame=frame)
         self._refused_frame = None
         self._settled = True
@@ -358,7 +358,7 @@ class _WatchdogHeld(AbstractContextManager[None]):
             self._watchdog.release()
 
 
-def _per_energy(reading: Reading, energy: float | None) -> Reading:
+def per_energy(reading: Reading, energy: float | None) -> Reading:
     """The reading as it would be with the laser's usual energy, where the rig has measured that of its pulses."""
     if energy is None:
         return reading

@@ -13,6 +13,7 @@ from markerseek.search.manual import ScriptedManual
 from markerseek.search.methods import (
     METHODS,
     Method,
+    MethodName,
     build,
     build_sweeping,
     method_named,
@@ -26,13 +27,9 @@ from markerseek.search.peak import Peak, peak_of
 from markerseek.search.policy import SearchPolicy, check_acquisitions
 from markerseek.search.recording import WholeRecording
 from markerseek.search.sweep import Exhaustive, WeightedAverage, equal_steps, peak_passed
-from markerseek.search.swept_tracking_policy import SweptRig, SweptTrackingPolicy, require_room
-from markerseek.search.tracking import Tracker
-from markerseek.search.tracking_policy import FLANK_SHARE, TrackingPolicy, TrackPoint, flank_deg
 
 __all__ = [
     "FALSE_FOUND",
-    "FLANK_SHARE",
     "GOLDEN",
     "METHODS",
     "TERNARY",
@@ -42,14 +39,10 @@ __all__ = [
     "Curve",
     "Exhaustive",
     "Method",
+    "MethodName",
     "Peak",
     "ScriptedManual",
     "SearchPolicy",
-    "SweptRig",
-    "SweptTrackingPolicy",
-    "TrackPoint",
-    "Tracker",
-    "TrackingPolicy",
     "WeightedAverage",
     "WholeRecording",
     "build",
@@ -57,7 +50,6 @@ __all__ = [
     "check_acquisitions",
     "curve_of",
     "equal_steps",
-    "flank_deg",
     "method_named",
     "most_acquisitions",
     "noise_of",
@@ -66,7 +58,6 @@ __all__ = [
     "posterior_of_all",
     "refuse_posterior_settings",
     "require_plan",
-    "require_room",
     "require_sweeping",
     "weighted_average",
 ]

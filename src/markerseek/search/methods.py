@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, SupportsFloat
+from typing import TYPE_CHECKING, Literal, SupportsFloat, TypeAlias
 
 from markerseek.core import (
     MAX_ACQUISITIONS,
@@ -27,6 +27,12 @@ from markerseek.search.sweep import Exhaustive, WeightedAverage
 
 if TYPE_CHECKING:
     from markerseek.search.posterior import Posterior
+
+
+MethodName: TypeAlias = Literal[
+    "posterior", "weighted-average", "golden-section", "golden-section-reuse", "ternary", "exhaustive", "manual"
+]
+"""Names of the methods, for an editor and a type checker."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,7 +109,7 @@ def method_named(name: str) -> Method:
     raise ConfigError(f"method: {name!r} is unknown; {hint}methods are {', '.join(names)}")
 
 
-def build(plan: SearchPlan | str, *, limits: Interval | Sequence[SupportsFloat] = PAPER_RANGE) -> Policy:
+def build(plan: SearchPlan | MethodName, *, limits: Interval | Sequence[SupportsFloat] = PAPER_RANGE) -> Policy:
     """Return a policy for one search.
 
     Parameters

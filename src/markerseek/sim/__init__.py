@@ -12,7 +12,6 @@ from markerseek.sim.faults import Fault, FaultKind
 from markerseek.sim.hand import HandMotion, SimulatedHand
 from markerseek.sim.laser import CLOCK_DRIFT, SimulatedLaser, vary_last_flash
 from markerseek.sim.machine import RFWorld, post_beamformed
-from markerseek.sim.motion import SWING_DEG, TURN_S, MovingWorld, OscillatingMotion, swing_deg
 from markerseek.sim.receiver import SimulatedReceiver
 from markerseek.sim.settings import (
     LaserSettings,
@@ -29,9 +28,7 @@ from markerseek.sim.world import Flash, SimulatedWorld, World
 
 __all__ = [
     "CLOCK_DRIFT",
-    "SWING_DEG",
     "TISSUES",
-    "TURN_S",
     "BModeSettings",
     "BModeWorld",
     "CurveWorld",
@@ -44,9 +41,7 @@ __all__ = [
     "IntensityCurve",
     "LaserSettings",
     "MarkerSettings",
-    "MovingWorld",
     "NoiseSettings",
-    "OscillatingMotion",
     "PowerCurve",
     "RFWorld",
     "ReceiverSettings",
@@ -69,7 +64,6 @@ __all__ = [
     "hashable_values",
     "post_beamformed",
     "spot_images",
-    "swing_deg",
     "tissue_named",
     "vary_last_flash",
     "with_options",

@@ -1,19 +1,21 @@
-"""A benchmark of searches: frozen worlds and seeds in three tiers, which an entry from elsewhere meets like ours.
+"""A benchmark of searches: frozen worlds in three tiers, which an entry from elsewhere meets like our methods.
 
-Each world of a tier is a study whose settings and seed never change (`WORLDS`, a hash of them), so that equal methods
-have equal rows; more searches add rows. The tiers differ in what a search is told: one intensity, also the largest
-envelope of each block of the image, also the channel data. Methods are in groups of their own studies, as an entry
-must not change the rows of the others, and sweeps need a receiver set for single pulses.
+Each world of a tier is a study whose settings never change (`WORLDS`, a hash of them). Without entries the seed never
+changes either, so that equal methods have equal rows; more searches add rows. The tiers differ in what a search is
+told: one intensity, also the largest envelope of each block of the image, also the channel data. Methods are in groups
+of their own studies, as an entry must not change the rows of the others, and sweeps need a receiver set for single
+pulses.
 """
 
 from __future__ import annotations
 
 import hashlib
 import math
+import secrets
 import shlex
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -30,9 +32,17 @@ from markerseek.sim import (
     SimulatedSettings,
     StageMotion,
 )
-from markerseek.studies.bound import mean_bounds
-from markerseek.studies.policies import PolicySettings
-from markerseek.studies.runner import read_rows, run_study, write_json
+from markerseek.studies.policies import StudyPolicy, study_policy
+from markerseek.studies.runner import (
+    ROWS,
+    computed_rows,
+    read_rows,
+    recorded_seed,
+    rows_of,
+    run_study,
+    write_json,
+    write_rows,
+)
 from markerseek.studies.scene import ClutterAround, SceneSettings, SecondSource
 from markerseek.studies.statistics import Mean, Share
 from markerseek.studies.study import Axis, CurveSettings, Study, cells
@@ -41,6 +51,9 @@ from markerseek.studies.trial import Row, fault_of
 
 RESULTS = "results.json"
 """Name of the file of results in the benchmark's folder."""
+
+FAULT = "fault.txt"
+"""Name of the file with the fault of an entry, in its folder of the world in which it failed."""
 
 SEED = 20261124
 """Seed of all worlds, unless another one is given."""
@@ -68,14 +81,8 @@ _RIG = SimulatedSettings(
     receiver=ReceiverSettings(readout_s=0.05),
 )
 
-OPTIMISERS = ("scikit-optimize", "botorch")
-"""Methods of other packages that are run if they are asked for: they think for a tenth of a second at each step."""
-
-BOUND_ACQUISITIONS = 8, 16
-"""Numbers of acquisitions for which the bound is computed."""
-
-METHODS = ("ternary", "golden-section", "weighted-average", "posterior", "exhaustive", "bounded-minimiser")
-"""The paper's three, ours, every angle, and SciPy's optimiser (Brent), whose answers are checked as the paper's."""
+METHODS = ("ternary", "golden-section", "weighted-average", "posterior", "exhaustive")
+"""The paper's three, ours, and every angle."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,7 +102,7 @@ class World:
         """Name of its folder."""
         return f"{self.tier}-{self.name}".replace(" ", "-")
 
-    def study(self, group: str, policies: Sequence[PolicySettings], *, searches: int, seed: int = SEED) -> Study:
+    def study(self, group: str, policies: Sequence[StudyPolicy], *, searches: int, seed: int = SEED) -> Study:
         """The study of a group of policies in it."""
         level = _LEVELS[self.tier]
         return Study(
@@ -134,7 +141,7 @@ WORLDS: tuple[World, ...] = tuple(_worlds())
 
 def worlds_hash(seed: int = SEED) -> str:
     """Hash of the worlds: of the settings and seed from which every search is drawn."""
-    posterior = (PolicySettings(method="posterior"),)
+    posterior = (study_policy(method="posterior"),)
     drawn = [
         [world.place, seed, [cell.digest for cell in cells(world.study("hash", posterior, searches=1, seed=seed))]]
         for world in WORLDS
@@ -208,16 +215,6 @@ class Score(msgspec.Struct, frozen=True, kw_only=True):
     failed: int
 
 
-class Bound(msgspec.Struct, frozen=True, kw_only=True):
-    """Van Trees' bound on the mean error of a search of so many acquisitions for one point, at the best angles."""
-
-    tier: str
-    world: str
-    markers: int
-    acquisitions: int
-    error_deg: float
-
-
 class EntryResult(msgspec.Struct, frozen=True, kw_only=True):
     """What is known of an entry; ``failure``: in which world it failed, and how, empty where it did not."""
 
@@ -228,22 +225,25 @@ class EntryResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BenchmarkResults(msgspec.Struct, frozen=True, kw_only=True):
-    """The results: ``worlds`` is the hash of the worlds, ``files`` has the SHA-256 of each table of rows."""
+    """The results.
+
+    ``worlds``: hash of the worlds. ``seeds``: the seed of each world by its folder's name. ``files``: SHA-256 of each
+    table of rows.
+    """
 
     benchmark: int
     version: str
     worlds: str
-    seed: int
+    seeds: dict[str, int]
     searches: dict[str, int]
     scores: list[Score]
-    bounds: list[Bound]
     entries: list[EntryResult]
     files: dict[str, str]
 
 
-def benchmark_size(*, scale: float, others: int) -> int:
-    """Searches of a whole benchmark, ``others`` being the entries and optimisers."""
-    methods = {world: sum(len(policies) for _, policies in _groups(world)) + others for world in WORLDS}
+def benchmark_size(*, scale: float, entries: int) -> int:
+    """Searches of a whole benchmark with so many entries."""
+    methods = {world: sum(len(policies) for _, policies in _groups(world)) + entries for world in WORLDS}
     return sum(_searches(world.tier, scale) * count for world, count in methods.items())
 
 
@@ -251,7 +251,6 @@ def run_benchmark(
     folder: Path,
     *,
     entries: Sequence[Entry] = (),
-    optimisers: Sequence[str] = (),
     scale: float = 1.0,
     seed: int | None = None,
     workers: int | None = None,
@@ -259,51 +258,53 @@ def run_benchmark(
 ) -> BenchmarkResults:
     """Run the benchmark, or the rest of it, and write `RESULTS` into its folder.
 
-    ``folder``: created if it does not exist. ``optimisers``: some of `OPTIMISERS`. ``scale``: searches over the usual
-    number. ``seed``: of all worlds, instead of `SEED`. ``progress``: receives the number of searches that are done.
+    An entry could compute the marker from the seed of its world. So the seed of a world that entries search is drawn,
+    another one for each world, and only this process has it, in its memory, until all of them have searched the world.
+    Then their rows are written, and our methods search the same world.
+
+    ``folder``: created if it does not exist. ``scale``: searches over the usual number. ``seed``: of all worlds,
+    instead of `SEED`, where no entry is there. ``progress``: receives the number of searches that are done.
     """
-    unknown = [name for name in optimisers if name not in OPTIMISERS]
-    if unknown:
-        raise ConfigError(f"--optimiser {unknown[0]} is unknown; there are: {', '.join(OPTIMISERS)}")
-    seed = SEED if seed is None else seed
+    if entries and seed is not None:
+        raise ConfigError(f"--seed is {seed}, and an entry could compute the markers from it; leave --seed out")
     scores: list[Score] = []
-    bounds: list[Bound] = []
-    asked = [(name, (PolicySettings(method=name),)) for name in optimisers]
     files: dict[str, str] = {}
     failures: dict[str, str] = {}
+    seeds: dict[str, int] = {}
     done = 0
     for world in WORLDS:
         searches = _searches(world.tier, scale)
-        entered = [(entry.group, (_as_policy(entry, world.tier),)) for entry in entries if entry.group not in failures]
-        for group, policies in (*_groups(world), *asked, *entered):
-            study = world.study(group, policies, searches=searches, seed=seed)
-            # Its first search, before a world full of failures.
-            fault = fault_of(study, 0) if policies[0].command else ""
-            if fault:
-                failures[group] = f"{world.tier}, {world.name}: {fault}"
+        place = f"{world.place}-{searches}"
+        left = [entry for entry in entries if entry.group not in failures]
+        policies = {entry.group: (_as_policy(entry, world.tier),) for entry in left}
+        seeds[place] = _seed_of(folder, place, policies) if policies else SEED if seed is None else seed
+        studies = {
+            group: world.study(group, each, searches=searches, seed=seeds[place])
+            for group, each in (*policies.items(), *_groups(world))
+        }
+        failures |= _run_entries(
+            folder, place, {group: studies[group] for group in policies}, world=world, workers=workers
+        )
+        for group, study in studies.items():
+            if group in failures and not (folder / group / place / ROWS).exists():
                 continue
-            finished = run_study(study, folder / group / f"{world.place}-{searches}", workers=workers)
+            finished = run_study(study, folder / group / place, workers=workers)
             files[str(finished.rows.relative_to(folder))] = _sha256(finished.rows)
             rows = list(read_rows(finished.rows, study))
-            failed = next((row for row in rows if row.answer == "failed" and policies[row.policy].command), None)
-            if failed is not None:
-                failures[group] = f"{world.tier}, {world.name}: {fault_of(study, failed.row) or 'it failed once'}"
             scores += [
                 _score(world, str(policy), [row for row in rows if row.policy == number])
-                for number, policy in enumerate(policies)
+                for number, policy in enumerate(study.policies)
             ]
             done += study.rows
             if progress is not None:
                 progress(done)
-        bounds += _bounds(world, searches=searches, seed=seed)
     results = BenchmarkResults(
-        benchmark=1,
+        benchmark=2,
         version=__version__,
-        worlds=worlds_hash(seed),
-        seed=seed,
+        worlds=worlds_hash(),
+        seeds=seeds,
         searches={tier: _searches(tier, scale) for tier in _LEVELS},
         scores=scores,
-        bounds=bounds,
         entries=[
             EntryResult(
                 method=str(_as_policy(entry, "raw channels")),
@@ -319,6 +320,48 @@ def run_benchmark(
     return results
 
 
+def _seed_of(folder: Path, place: str, groups: Collection[str]) -> int:
+    """The seed of a world that all of these entries have searched; else one that nobody knows, in an empty place."""
+    known = {recorded_seed(folder / group / place) for group in groups}
+    if len(known) == 1 and (found := known.pop()) is not None:
+        return found
+    # What is there is of a seed that an entry may have read.
+    for before in folder.glob(f"*/{place}"):
+        shutil.rmtree(before)
+    return secrets.randbits(62)
+
+
+def _run_entries(
+    folder: Path, place: str, studies: Mapping[str, Study], *, world: World, workers: int | None
+) -> dict[str, str]:
+    """Let entries search a world, then write their rows; returns the faults of those that failed.
+
+    Nothing of the world is written before, and no argument or variable holds it.
+    """
+    faults: dict[str, str] = {}
+    tables: dict[str, bytes] = {}
+    for group, study in studies.items():
+        if (before := folder / group / place / FAULT).exists():
+            faults[group] = before.read_text(encoding="utf-8")
+            continue
+        if (folder / group / place / ROWS).exists():
+            continue
+        # Its first search, before a world full of failures.
+        fault = fault_of(study, 0)
+        if not fault:
+            table = computed_rows(study, workers=workers)
+            failed = next((row for row in rows_of(table, study) if row.answer == "failed"), None)
+            fault = "" if failed is None else fault_of(study, failed.row) or "it failed once"
+            tables[group] = table
+        if fault:
+            faults[group] = f"{world.tier}, {world.name}: {fault}"
+    for group in studies:
+        write_rows(studies[group], folder / group / place, tables.get(group))
+        if group in faults:
+            (folder / group / place / FAULT).write_text(faults[group], encoding="utf-8")
+    return faults
+
+
 def _searches(tier: Tier, scale: float) -> int:
     if not 0 < scale <= 1000:
         raise ConfigError(f"scale is {scale:g}, it must lie in (0, 1000]; 1 takes the usual number of searches")
@@ -326,26 +369,16 @@ def _searches(tier: Tier, scale: float) -> int:
     return 2 * max(1, round(scale * USUAL_SEARCHES[tier] / 2))
 
 
-def _groups(world: World) -> list[tuple[str, tuple[PolicySettings, ...]]]:
-    ours = ("methods", tuple(PolicySettings(method=method) for method in METHODS))
+def _groups(world: World) -> list[tuple[str, tuple[StudyPolicy, ...]]]:
+    ours = ("methods", tuple(study_policy(method=method) for method in METHODS))
     if world.tier == "intensities":
         return [ours]
-    return [ours, ("sweeps", (PolicySettings(method="posterior", sweep=True),))]
+    return [ours, ("sweeps", (study_policy(method="posterior", sweep=True),))]
 
 
-def _bounds(world: World, *, searches: int, seed: int) -> Iterator[Bound]:
-    """The bounds in a world of one point; a closed form's curve has no distances, from which they are computed."""
-    if world.name != "one" or world.tier == "intensities":
-        return
-    study = world.study("bound", (PolicySettings(method="posterior"),), searches=searches, seed=seed)
-    errors_deg = mean_bounds(study, cells(study)[0], markers=searches, acquisitions=BOUND_ACQUISITIONS)
-    for count, error_deg in zip(BOUND_ACQUISITIONS, errors_deg, strict=True):
-        yield Bound(tier=world.tier, world=world.name, markers=searches, acquisitions=count, error_deg=error_deg)
-
-
-def _as_policy(entry: Entry, tier: Tier) -> PolicySettings:
+def _as_policy(entry: Entry, tier: Tier) -> StudyPolicy:
     channels = tier == "raw channels"
-    return PolicySettings(method=entry.label, acquisitions=MOST, command=entry.command, channels=channels)
+    return study_policy(method=entry.label, acquisitions=MOST, command=entry.command, channels=channels)
 
 
 def _score(world: World, method: str, rows: Sequence[Row]) -> Score:

@@ -215,6 +215,36 @@ def _alone(folder: Path) -> Iterator[None]:
         yield
 
 
+def computed_rows(study: Study, *, workers: int | None = None) -> bytes:
+    """Lines of all rows of a study, kept in memory; `write_rows` writes them."""
+    count = default_workers() if workers is None else workers
+    with closing(on_processes(partial(run_chunk, study), chunks(study), workers=count)) as computed:  # type: ignore[type-var]
+        return b"".join(computed)
+
+
+def write_rows(study: Study, folder: Path, lines: bytes | None) -> None:
+    """Make the folder of a study, with its table where there are lines; a table that is there stays."""
+    folder.mkdir(parents=True, exist_ok=True)
+    _claim(folder, study)
+    if lines is not None and not (folder / ROWS).exists():
+        with replace_file(folder / ROWS) as unfinished:
+            unfinished.write_bytes(as_csv([columns(study)]) + lines)
+
+
+def rows_of(lines: bytes, study: Study) -> Iterator[Row]:
+    """Rows of the lines of `computed_rows`."""
+    by_cell = [cell.varied for cell in cells(study)]
+    return (_row(line, by_cell) for line in csv.reader(io.StringIO(lines.decode("utf-8"))))
+
+
+def recorded_seed(folder: Path) -> int | None:
+    """Seed of the study of a folder; None where there is none."""
+    try:
+        return int(_read(folder / STUDY, dict)["study"]["seed"])
+    except (RecordError, KeyError):
+        return None
+
+
 def columns(study: Study) -> tuple[str, ...]:
     """Names of the columns of a study's table."""
     return COLUMNS + tuple(axis.key for axis in study.vary)

@@ -27,8 +27,8 @@ from markerseek.core import (
 from markerseek.drivers import Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
 from markerseek.emulators import DirectPort, EmulatedBench
 from markerseek.emulators.bench import BenchClock
+from markerseek.emulators.faults import STAGE_FAULTS
 from markerseek.emulators.laserbox import Pulse
-from markerseek.emulators.stage_faults import STAGE_FAULTS
 from markerseek.guard import Admission, FiringLimits, Guard, State
 from markerseek.records.journal import Journal, read_journal
 from markerseek.rigs import Rig, image_reader

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from markerseek.emulators.stage_faults import STAGE_FAULTS
+from markerseek.emulators.faults import STAGE_FAULTS
 
 from .bytes_runs import LASER_AND_DAQ
 from .checker import OFF_DEG

@@ -19,7 +19,7 @@ from markerseek.core import (
     SearchPlan,
     marker_position,
 )
-from markerseek.records import Recorder
+from markerseek.runs import RunView
 
 FACE_M, RADIUS_M, SPEED = 10e-3, 60e-3, 1540.0
 FACTS = RigFacts(
@@ -66,12 +66,12 @@ def test_an_answer_that_is_unsure_for_its_width_has_a_place_and_one_of_which_sou
     plan = SearchPlan(method="posterior", start_deg=0.0)
     cases: tuple[tuple[Doubt, bool], ...] = (("width", True), ("source", False))
     for doubt, placed in cases:
-        recorder = Recorder()
+        view = RunView(plan=plan, facts=FACTS)
         for index, sample in enumerate(SAMPLES, start=1):
-            recorder.add(Measured(role="search", index=index, sample=sample))
+            view = view.add(Measured(role="search", index=index, sample=sample), clock_s=0.0)
         unsure = FOUND.as_unsure(doubt, "why")
-        recorder.add(Finished(estimate=unsure, confirmation=None, acquisitions=3, travel_deg=30.0, elapsed_s=9.0))
-        result = recorder.result(plan, FACTS)
+        end = Finished(estimate=unsure, confirmation=None, acquisitions=3, travel_deg=30.0, elapsed_s=9.0)
+        result = view.add(end, clock_s=9.0).result()
         assert (result.marker_trus_m is not None, result.marker_sigma_m is not None) == (placed, placed)
 
 

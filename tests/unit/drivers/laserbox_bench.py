@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from markerseek.core import FrameHeader, Permit, ReadingFrame
 from markerseek.drivers import LaserBox
 from markerseek.emulators import DirectPort
+from markerseek.emulators.faults import LaserBoxFaults
 from markerseek.emulators.laserbox import EmulatedLaserBox
-from markerseek.emulators.laserbox_faults import LaserBoxFaults
 from markerseek.sim import Flash, VirtualClock
 from markerseek.wire import laserbox as wire
 

@@ -20,7 +20,7 @@ from markerseek.core import (
     is_finite,
 )
 from markerseek.drivers import LaserBox
-from markerseek.emulators.stage_faults import STAGE_FAULTS
+from markerseek.emulators.faults import STAGE_FAULTS
 from markerseek.guard import State
 from markerseek.scan import Scanner, run
 from tests.sweep_on_a_bench import SETTINGS, Bench, sweeping

@@ -23,8 +23,8 @@ from markerseek.drivers import Kdc101Settings, Kdc101Stage, LaserBox, SonixDaqRe
 from markerseek.drivers.energy_meter import EnergyMeter
 from markerseek.emulators import DirectPort, EmulatedBench, EmulatedKdc101
 from markerseek.emulators.bench import BenchClock
+from markerseek.emulators.faults import LaserBoxFaults
 from markerseek.emulators.laserbox import LIGHT_COUNTS
-from markerseek.emulators.laserbox_faults import LaserBoxFaults
 from markerseek.guard import Admission, FiringLimits, Guard, State
 from markerseek.rigs import image_reader
 from markerseek.scan import Scanner, run
@@ -159,9 +159,10 @@ def test_what_is_read_back_otherwise_than_written_ends_before_anything_moves(
     assert (bench.emulated.stage.moves, bench.truth_deg()) == (0, [])
 
 
-@pytest.mark.parametrize(("mode", "edges"), [(0x0B, 1), (0x0C, 1), (apt.TRIGGER_STEPS_UP, 40)])
-def test_the_modes_beside_position_steps_give_one_edge_a_move(tmp_path: Path, mode: int, edges: int) -> None:
-    """0x0C reads like a position in some manuals; it is "at full speed"."""
+@pytest.mark.parametrize(
+    ("mode", "edges"), [(apt.TRIGGER_OFF, 0), (apt.TRIGGER_STEPS_DOWN, 0), (apt.TRIGGER_STEPS_UP, 40)]
+)
+def test_positions_give_pulses_in_their_own_direction_only(tmp_path: Path, mode: int, edges: int) -> None:
     bench = Bench(tmp_path)
     row = apt.TriggerRow(start=apt.counts_of(-34.0), interval=apt.counts_of(0.25), number=40)
     bench.stage_port.write(apt.set_trigger_positions(apt.TriggerPositions(up=row, down=row)))

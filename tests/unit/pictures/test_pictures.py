@@ -238,6 +238,9 @@ def test_a_page_holds_its_table_and_escapes_what_it_is_given(tmp_path: Path) -> 
         "search.html.jinja",
         title="<b>",
         note=None,
+        verdict={"word": "FOUND", "kind": "found", "angle": "−3.0°", "sigma": "", "lead": "", "interval": "<i>"}
+        | {"reason": "", "next_step": ""},
+        curve="<svg></svg>",
         facts=[("answer", "a < b")],
         picture_uri=png_data_uri(figure),
         alt="picture",
@@ -247,4 +250,7 @@ def test_a_page_holds_its_table_and_escapes_what_it_is_given(tmp_path: Path) -> 
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "<h1>&lt;b&gt;</h1>" in text
     assert "<td>a &lt; b</td>" in text
+    assert text.index("<strong>FOUND</strong>") < text.index("<table>")
+    assert "&lt;i&gt;" in text
+    assert "<svg></svg>" in text
     assert "<tr><th></th><th>angle</th></tr>\n<tr><td>1</td><td>2.000</td></tr>" in text

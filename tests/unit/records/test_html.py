@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -12,9 +13,8 @@ import pytest
 
 import markerseek
 from markerseek.core import MissingExtraError
-from markerseek.records import SearchResult
+from markerseek.records import DrawnCurve, Mark, SearchResult
 from markerseek.records.banks import BankFacts, IntensityBank, read_arrays, read_bank
-from markerseek.records.html import curve_svg
 
 SCAN = Path(__file__).parents[3] / "examples" / "simulated_scan.csv"
 SVG = "{http://www.w3.org/2000/svg}"
@@ -25,25 +25,30 @@ def result() -> SearchResult:
     return markerseek.find_marker(markerseek.replayed(SCAN, reference_deg=-8.25))
 
 
+def curve(angles_deg: list[float], intensities: list[float], **known: Any) -> DrawnCurve:
+    marks = [Mark(angle_deg=at, intensity=each) for at, each in zip(angles_deg, intensities, strict=True)]
+    return DrawnCurve(marks=marks, **known)
+
+
 def test_dots_lie_where_the_numbers_say() -> None:
     """On straight lines through both axes: equal steps of angle and intensity are equal steps of pixels."""
-    tree = ET.fromstring(curve_svg([-10.0, 0.0, 10.0, 20.0], [0.0, 1.0, 2.0, 4.0], mark_deg=20.0))
+    tree = ET.fromstring(curve([-10.0, 0.0, 10.0, 20.0], [0.0, 1.0, 2.0, 4.0], answer_deg=20.0).svg())
     dots = [(float(dot.get("cx")), float(dot.get("cy"))) for dot in tree.iter(f"{SVG}circle")]
     steps = np.diff(dots, axis=0)
     np.testing.assert_allclose(steps[:, 0], steps[0, 0], atol=0.11)
     np.testing.assert_allclose(steps[:, 1] / [1, 1, 2], steps[0, 1], atol=0.11)
     assert steps[0, 0] > 0 > steps[0, 1]
-    ticks = {text.text: float(text.get("x")) for text in tree.iter(f"{SVG}text") if text.text.lstrip("-").isdigit()}
-    assert ticks["-10"] == pytest.approx(dots[0][0], abs=0.1)
+    ticks = {text.text: float(text.get("x")) for text in tree.iter(f"{SVG}text") if text.text.lstrip("−").isdigit()}
+    assert ticks["−10"] == pytest.approx(dots[0][0], abs=0.1)
     assert ticks["20"] == pytest.approx(dots[3][0], abs=0.1)
 
 
 @pytest.mark.parametrize("intensities", [[0.0, 0.0, 0.0], [1e-9, 1e-9, 1e-9], [1e12, 0.0, 1.0]])
 def test_any_curve_has_a_picture(intensities: list[float]) -> None:
-    tree = ET.fromstring(curve_svg([1.0, 1.001, 1.002], intensities, mark_deg=1.0, interval_deg=(-1e3, 1e3)))
+    tree = ET.fromstring(curve([1.0, 1.001, 1.002], intensities, answer_deg=1.0, interval_deg=(-1e3, 1e3)).svg())
     places = [float(dot.get(name)) for dot in tree.iter(f"{SVG}circle") for name in ("cx", "cy")]
     assert np.isfinite(places).all()
-    assert 0 <= min(places) <= max(places) <= 520
+    assert 0 <= min(places) <= max(places) <= 460
 
 
 def test_a_result_shows_its_answer_and_every_acquisition(result: SearchResult) -> None:
@@ -51,7 +56,11 @@ def test_a_result_shows_its_answer_and_every_acquisition(result: SearchResult) -
     cells = [cell.text for cell in tree.iter("td")]
     assert result.answer == "found"
     assert cells[:2] == ["found", f"{result.angle_deg:.3f}° ± {result.sigma_deg:.3f}°"]
-    assert len(list(tree.iter(f"{SVG}circle"))) == result.acquisitions
+    # The inset about the answer draws those near to it once more.
+    inset = tree.find(f".//{SVG}g[@class='ms-inset']")
+    near = sum(abs(each.angle_deg - result.angle_deg) <= 2.0 for each in result.samples)
+    assert len(list(inset.iter(f"{SVG}circle"))) == near > 1
+    assert len(list(tree.iter(f"{SVG}circle"))) == result.acquisitions + near
     assert tree.find("strong").text == "recording of 141 angles"
 
 

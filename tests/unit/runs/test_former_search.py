@@ -16,8 +16,7 @@ from markerseek.records.journal import Journal
 from markerseek.runs import former_curve, new_session, plan_on, rebuild_policy
 from markerseek.search import build
 from markerseek.search.posterior import Posterior
-from markerseek.search.posterior.prior import LOG_WIDTH_SIGMA, shapes_with
-from markerseek.search.posterior.shapes import family, log_curve
+from markerseek.search.posterior.shapes import LOG_WIDTH_SIGMA, family, log_curve, shapes_with
 from markerseek.sim import SechCurve
 
 

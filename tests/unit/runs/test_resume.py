@@ -33,13 +33,12 @@ from markerseek.records.journal import (
     Journal,
     Resuming,
     read_journal,
-    result_of,
     run_state,
     since_started,
     verify,
 )
 from markerseek.rigs import Rig
-from markerseek.runs import answer_again, rebuild_policy
+from markerseek.runs import RunView, answer_again, rebuild_policy
 from markerseek.runs.journalled import journalled
 from markerseek.runs.resume import change_of, pulses_before, resumed
 from markerseek.sim import GaussianCurve, SimulatedSettings
@@ -66,7 +65,7 @@ def begin_method(method: str, *, resumed_after: int = 0) -> tuple[AnyPolicy, Rig
 def test_stopped_after_any_acquisition_a_search_ends_with_an_answer_as_good(method: str, tmp_path: Path) -> None:
     unbroken = tmp_path / "whole.journal"
     live(unbroken, begun=lambda: begin_method(method))
-    wanted, count = result_of(read_journal(unbroken))[1], len(read_journal(unbroken).entries)
+    wanted, count = RunView.of(read_journal(unbroken)).result(), len(read_journal(unbroken).entries)
     for until in range(2, count, 5):
         path = tmp_path / f"{until}.journal"
         live(path, until=until, begun=lambda: begin_method(method))
@@ -81,7 +80,7 @@ def test_stopped_after_any_acquisition_a_search_ends_with_an_answer_as_good(meth
             range(1, events[-1].acquisitions + 1)
         )
         assert sum(isinstance(entry.event, Checked) for entry in held.entries) == any(e.role != "dark" for e in before)
-        result = result_of(held)[1]
+        result = RunView.of(held).result()
         assert result.answer == wanted.answer
         assert result.sigma_deg is not None
         assert wanted.sigma_deg is not None
@@ -132,7 +131,7 @@ def test_a_confirmation_that_was_kept_is_not_taken_again(tmp_path: Path) -> None
     held = read_journal(again)
     roles = [entry.event.role for entry in held.entries if isinstance(entry.event, Measured)]
     assert roles.count("confirmation") == 1
-    assert result_of(held)[1].confirmation is not None
+    assert RunView.of(held).result().confirmation is not None
 
 
 @pytest.mark.parametrize("moved_deg", [-6.0, 6.0])
@@ -145,7 +144,7 @@ def test_where_the_marker_has_moved_that_is_said_and_the_search_begins_anew(move
     assert "the intensity is" in str(events[0].difference)
     assert isinstance(events[1], Started)
     held = read_journal(path)
-    _, result = result_of(held)
+    result = RunView.of(held).result()
     assert result.angle_deg == pytest.approx(MARKER_DEG + moved_deg, abs=2.5)
     assert len(result.samples) == result.acquisitions == ACQUISITIONS
     assert answer_again(held, read_frames=True).mean_deg == pytest.approx(result.angle_deg, abs=1e-9)

@@ -24,9 +24,9 @@ from markerseek.core import (
     SweepTiming,
     Swept,
 )
-from markerseek.records.journal import Configuration, Entry, read_journal, result_of, verify
+from markerseek.records.journal import Configuration, Entry, read_journal, verify
 from markerseek.rigs import Rig
-from markerseek.runs import answer_again, configuration_of
+from markerseek.runs import RunView, answer_again, configuration_of
 from markerseek.runs.resume import commanded_deg, most_pulses, pulses_before
 from markerseek.search import build_sweeping
 from markerseek.sim import GaussianCurve, SimulatedSettings
@@ -72,7 +72,7 @@ def test_a_journal_holds_each_pulse_and_the_end_of_each_sweep(whole: Path) -> No
     assert isinstance(finished.estimate, Found)
     assert abs(finished.estimate.mean_deg + 14.0) < 0.5
     assert verify(whole).faults == []
-    assert result_of(held)[1].answer == "found"
+    assert RunView.of(held).result().answer == "found"
 
 
 def test_the_answer_of_sweeps_is_computed_again(whole: Path) -> None:

@@ -20,7 +20,7 @@ from markerseek.core import (
     SearchPlan,
     Unsure,
 )
-from markerseek.records.result import Recorder
+from markerseek.runs import RunView
 from markerseek.scan import run
 from markerseek.scan.confirmation import apply_confirmation
 from tests.unit.scan.scan_bench import FOUND, Bench, Tour, scanner
@@ -92,15 +92,15 @@ class Fading(Bench):
 def test_a_run_never_says_found_beside_an_angle_that_is_not_confirmed(
     answer: Found, found: bool, confirmed: bool | None
 ) -> None:
-    recorder = Recorder()
+    view = RunView(plan=SearchPlan(method="test"), facts=RIG)
     events = list(run(Tour(-30.0, 2.0, 4.1, answer=answer), scanner(Fading())))
     for event in events:
-        recorder.add(event)
+        view = view.add(event, clock_s=0.0)
     last = events[-1]
     assert isinstance(last, Finished)
     assert last.confirmation is not None
     assert [event.role for event in events if isinstance(event, Measured)] == ["search"] * 3 + ["confirmation"]
-    result = recorder.result(SearchPlan(method="test"), RIG)
+    result = view.result()
     assert (result.found, result.confirmed, result.angle_deg) == (found, confirmed, 4.0)
 
 
@@ -114,11 +114,11 @@ class Weighing(Tour):
 
 
 def test_after_a_weak_confirmation_the_search_goes_on_and_is_confirmed_again() -> None:
-    recorder = Recorder()
+    view = RunView(plan=SearchPlan(method="test"), facts=RIG)
     policy = Weighing(-30.0, 2.0, 4.1, answer=CHECKED)
     events = list(run(policy, scanner(Fading())))
     for event in events:
-        recorder.add(event)
+        view = view.add(event, clock_s=0.0)
     roles = [(event.role, event.index) for event in events if isinstance(event, Measured)]
     assert roles == [
         ("search", 1),
@@ -132,7 +132,7 @@ def test_after_a_weak_confirmation_the_search_goes_on_and_is_confirmed_again() -
     assert isinstance(last, Finished)
     assert (last.acquisitions, last.estimate) == (4, CHECKED)
     assert len(policy.samples) == 6
-    result = recorder.result(SearchPlan(method="test"), RIG)
+    result = view.result()
     assert result.confirmed is True
     # The first confirmation was weighed as a sample of the search.
     assert [sample.angle_deg for sample in result.samples] == [-30.0, 2.0, 4.1, 4.0, 5.0]

@@ -234,9 +234,9 @@ def test_unknown_floor_asks_for_ten_times_the_smallest():
     [
         (Tolerance(), None, None),
         (Tolerance(mm=0.1), None, None),
-        (Tolerance(deg=0.1), None, "the angle is known to ± 0.58 deg, and 0.1 deg are tolerated"),
+        (Tolerance(deg=0.1), None, "the angle is known to within 0.58 deg, and 0.1 deg are tolerated"),
         (Tolerance(), 0.05, None),
-        (Tolerance(mm=0.1), 0.05, "the angle is known to ± 0.61 mm at the marker, and 0.1 mm is tolerated"),
+        (Tolerance(mm=0.1), 0.05, "the angle is known to within 0.61 mm at the marker, and 0.1 mm is tolerated"),
     ],
 )
 def test_the_interval_of_what_is_found_lies_within_the_tolerance(tolerance, depth_m, said):

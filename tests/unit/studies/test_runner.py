@@ -28,13 +28,13 @@ from markerseek.core import ConfigError, MarkerseekError, MissingExtraError, Rec
 from markerseek.studies import (
     Axis,
     CurveSettings,
-    PolicySettings,
     Study,
     Summary,
     columns,
     run_row,
     run_study,
     runner,
+    study_policy,
     values_of,
     workers,
 )
@@ -44,8 +44,8 @@ from markerseek.studies.workers import on_processes
 STUDY = Study(
     name="small",
     policies=(
-        PolicySettings(method="ternary", acquisitions=4, as_published=True),
-        PolicySettings(method="weighted-average", acquisitions=3, as_published=True),
+        study_policy(method="ternary", acquisitions=4, as_published=True),
+        study_policy(method="weighted-average", acquisitions=3, as_published=True),
     ),
     trials=150,
     curve=CurveSettings(family="sech", fwhm_deg=12.0),
@@ -261,7 +261,7 @@ time.sleep(300)
 def study_of_entries(folder: Path) -> Study:
     command = (sys.executable, "-c", ENTRY, str(folder))
     return dataclasses.replace(
-        STUDY, policies=(PolicySettings(method="slow", acquisitions=3, command=command),), trials=10, vary=()
+        STUDY, policies=(study_policy(method="slow", acquisitions=3, command=command),), trials=10, vary=()
     )
 
 

@@ -1,54 +1,118 @@
-"""The pages as an ASGI application, without its security layer."""
+"""The pages as an ASGI application, and who may open them."""
 
 from __future__ import annotations
 
 import asyncio
-import threading
+import hmac
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Collection
 from contextlib import asynccontextmanager
+from typing import Any
+from urllib.parse import urlencode
 
 from fastapi import FastAPI, Request, Response
 from nicegui import Client, ui
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import HTTPConnection
+from starlette.responses import PlainTextResponse, RedirectResponse
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from markerseek.bridges.page.controls import USUAL
 from markerseek.bridges.page.page_searches import PageSearches
+from markerseek.bridges.page.page_shell import PAGES
 from markerseek.bridges.page.race_page import build_race_page
 from markerseek.bridges.page.replay_page import ReplayPage
 from markerseek.bridges.page.search_page import build_search_page
-from markerseek.bridges.page.security import App
-from markerseek.bridges.page.turn_page import build_turn_page
 
 WATCH_S = 0.5
-"""Time between two looks whether anybody watches, and whether the page hears STOP, in seconds."""
+"""Time between two looks whether anybody watches, in seconds."""
 
 UNWATCHED_S = 5.0
 """Time without any viewer after which a search is stopped, in seconds: nobody would see it, or press STOP."""
 
-HUNG_S = 4.0
-"""Time in which the event loop has not turned after which a search is stopped, in seconds (decision 44)."""
+MAX_VIEWERS = 16
+"""Most tabs that may show the page at one time."""
 
 
-def page_application(searches: PageSearches) -> App:
-    """The application with all pages."""
+class Gate:
+    """Lets a request or a WebSocket through if its cookie holds the token and it comes from the page itself.
+
+    ``token``: secret of this page. ``once``: secret that opens the page one time, for the browser that the page itself
+    starts. ``origins``: values of the Origin header that are accepted. ``cookie``: name of the cookie that holds the
+    token; cookies are shared by all ports of a host, so it names the port. ``secure``: whether the page has TLS.
+    """
+
+    def __init__(
+        self, app: ASGIApp, *, token: str, once: str, origins: Collection[str], cookie: str, secure: bool
+    ) -> None:
+        self.app = app
+        self._token, self._once, self._origins, self._cookie, self._secure = token, once, origins, cookie, secure
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request, one WebSocket, or the start and end of the server."""
+        answer = None if scope["type"] == "lifespan" else self._answered(HTTPConnection(scope))
+        await (answer or self.app)(scope, receive, send)
+
+    def _answered(self, asked: HTTPConnection) -> Response | None:
+        """The answer to a link or to a stranger; None for all others."""
+        query, origin = asked.query_params, asked.headers.get("origin")
+        reads = asked.scope.get("method") in {"GET", "HEAD"}
+        opened = _same(query.get("once", ""), self._once)
+        if reads and (opened or _same(query.get("token", ""), self._token)):
+            self._once = "" if opened else self._once
+            # The token goes from the address into a cookie that scripts cannot read.
+            rest = urlencode([each for each in query.multi_items() if each[0] not in {"token", "once"}])
+            # The path as one of this host: for a browser "//elsewhere" would be another one.
+            moved = RedirectResponse(f"/{asked.url.path.lstrip('/')}?{rest}".rstrip("?"), status_code=303)
+            moved.set_cookie(self._cookie, self._token, httponly=True, samesite="strict", secure=self._secure)
+            return moved
+        if not _same(asked.cookies.get(self._cookie, ""), self._token):
+            return _refusal("open the link that markerseek page printed in the terminal")
+        if origin not in self._origins and not (reads and origin is None):
+            return _refusal(f"the Origin header is not the address of this page; {_TUNNEL}")
+        if asked.url.path in PAGES and _viewers() >= MAX_VIEWERS:
+            return _refusal(f"{MAX_VIEWERS} tabs show the page already; close one of them")
+        return None
+
+
+def _same(given: str, secret: str) -> bool:
+    return bool(secret) and hmac.compare_digest(given.encode(), secret.encode())
+
+
+_TUNNEL = (
+    "through a tunnel (ssh -L, VS Code) start markerseek page with --public-url and the address in the browser, as in "
+    "--public-url http://localhost:9000"
+)
+
+
+def _refusal(reason: str) -> Response:
+    return PlainTextResponse(f"markerseek: {reason}\n", status_code=403)
+
+
+def _viewers() -> int:
+    return sum(client.has_socket_connection for client in Client.instances.values())
+
+
+def page_application(searches: PageSearches, *, hosts: Collection[str], **gate: Any) -> FastAPI:
+    """The application with all pages.
+
+    ``hosts``: names in the Host header that are accepted, without the port. ``gate``: arguments of `Gate`.
+    """
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        over = threading.Event()
-        watched = (searches, asyncio.get_running_loop(), over)
-        threading.Thread(target=_stop_when_hung, args=watched, name="stop when hung", daemon=True).start()
         watching = asyncio.create_task(_stop_unwatched(searches))
         yield
         watching.cancel()
-        over.set()
-        # Before the server hands its signal on, which may end the process at once.
         await asyncio.to_thread(searches.close)
 
     application = FastAPI(docs_url=None, redoc_url=None, openapi_url=None, lifespan=lifespan)
+    application.add_middleware(Gate, **gate)
+    application.add_middleware(TrustedHostMiddleware, allowed_hosts=sorted(hosts), www_redirect=False)
 
     @application.post("/stop")
-    def stop() -> Response:
-        """STOP, by a plain request: it needs no connection of NiceGUI."""
+    async def stop() -> Response:
+        """STOP, by a plain request: it needs no connection of NiceGUI, and waits for no thread."""
         searches.stop()
         return Response(status_code=204)
 
@@ -59,10 +123,6 @@ def page_application(searches: PageSearches) -> App:
     @ui.page("/race")
     def race(request: Request) -> None:
         build_race_page(searches, USUAL.with_query(request.query_params))
-
-    @ui.page("/turn")
-    def turn() -> None:
-        build_turn_page(searches)
 
     @ui.page("/replay")
     def replay(recording: str = "") -> None:
@@ -89,16 +149,7 @@ async def _stop_unwatched(searches: PageSearches) -> None:
     watched_s = time.monotonic()
     while True:
         await asyncio.sleep(WATCH_S)
-        if any(client.has_socket_connection for client in Client.instances.values()) or not searches.busy:
+        if _viewers() or not searches.busy:
             watched_s = time.monotonic()
         elif time.monotonic() - watched_s > UNWATCHED_S:
-            searches.stop()
-
-
-def _stop_when_hung(searches: PageSearches, loop: asyncio.AbstractEventLoop, over: threading.Event) -> None:
-    """Stop searches while the event loop, which hears STOP, hangs; where all hangs, their heartbeat ends."""
-    while not over.wait(WATCH_S):
-        turned = threading.Event()
-        loop.call_soon_threadsafe(turned.set)
-        if not turned.wait(HUNG_S):
             searches.stop()

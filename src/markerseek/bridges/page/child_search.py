@@ -3,44 +3,32 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal, Protocol, TypeAlias
+from typing import Literal, TypeAlias
 
-from markerseek.bridges.child import Outcome
+from markerseek.bridges.asked import AskedSearch
+from markerseek.bridges.child import ChildRun, Outcome
 from markerseek.bridges.page.run_history import RunHistory
-from markerseek.bridges.page.state import STOPPED, SUPERVISED_END
 from markerseek.core import MarkerseekError
-from markerseek.records.journal import Configuration, JournalItem
+from markerseek.records.journal import Configuration
+from markerseek.runs import STOPPED
+
+SUPERVISED_END = "its supervisor disarms the laser and stops the stage"
+"""What laser and stage do if the search was killed, and could not see to them itself."""
 
 Status: TypeAlias = Literal["starting", "running", "stopping", "ended"]
 
 
-class Child(Protocol):
-    """What is used of `markerseek.bridges.ChildRun`."""
-
-    def items(self) -> Iterator[JournalItem]:
-        """Configuration and entries, each as it is written."""
-
-    def stop(self) -> None:
-        """SIGINT, after 2 s SIGTERM."""
-
-    def kill(self) -> None:
-        """SIGKILL."""
-
-    def outcome(self) -> Outcome:
-        """How it ended."""
-
-
-Launch: TypeAlias = Callable[[Sequence[str], Path | None], Child]
-"""Starts a command that keeps that journal."""
+Launch: TypeAlias = Callable[..., ChildRun]
+"""What starts a command; arguments as of `ChildRun`."""
 
 
 class ChildSearch:
     """One child, followed by a thread of its own until it ends.
 
-    ``journal``: the journal that it keeps, for `resume`; None where it keeps none. ``on_change``: called by a thread of
-    the run whenever there is something new to show.
+    ``asked``: what a person chose on the page. ``journal``: the journal of the command, for `resume`; None if it
+    keeps none. ``on_change``: called by a thread of the run whenever there is something new to show.
     """
 
     def __init__(
@@ -48,17 +36,18 @@ class ChildSearch:
         launch: Launch,
         arguments: Sequence[str],
         *,
+        asked: AskedSearch,
         journal: Path | None = None,
         on_change: Callable[[], None] = lambda: None,
     ) -> None:
-        self.arguments = tuple(arguments)
-        self.journal = journal
+        self.asked, self.journal = asked, journal
+        self._arguments = tuple(arguments)
         self.run: RunHistory | None = None
         self.outcome: Outcome | None = None
         self._on_change = on_change
         self._ended = threading.Event()
         self._launch = launch
-        self._child: Child | None = None
+        self._child: ChildRun | None = None
         self._stop_wanted = threading.Event()
         self._failure: str | None = None
         self._thread = threading.Thread(target=self._follow, name="follow a child", daemon=True)
@@ -76,21 +65,15 @@ class ChildSearch:
     @property
     def message(self) -> str:
         """One sentence on how it ended; empty before."""
-        if self._failure is None and self.outcome is not None and self.outcome.stopped:
+        outcome = self.outcome
+        if self._failure is not None or outcome is None:
+            return self._failure or ""
+        if outcome.stopped:
             return STOPPED
-        return "; ".join(filter(None, (self._said, self._supervised)))
-
-    @property
-    def _said(self) -> str:
-        """How it ended, in its own words or in those of the page."""
-        return self._failure or ("" if self.outcome is None else self.outcome.message)
-
-    @property
-    def _supervised(self) -> str:
-        """What laser and stage do where a search of devices could not see to that itself; empty elsewhere."""
-        killed = self.outcome is not None and self.outcome.failed and self.outcome.answer is None
-        on_bench = self.run is not None and self.run.configuration.facts.kind == "bench"
-        return SUPERVISED_END if killed and on_bench and self._failure is None else ""
+        # A search of devices that was killed could not see to laser and stage itself.
+        killed = outcome.failed and outcome.answer is None
+        on_bench = self.run is not None and self.run.last.facts.kind == "bench"
+        return outcome.message + (f"; {SUPERVISED_END}" if killed and on_bench else "")
 
     @property
     def failed(self) -> bool:
@@ -100,9 +83,8 @@ class ChildSearch:
     def stop(self) -> None:
         """Stop it; allowed at any time, also twice."""
         self._stop_wanted.set()
-        child = self._child
-        if child is not None:
-            child.stop()
+        if self._child is not None:
+            self._child.stop()
 
     def kill(self) -> None:
         """Kill a child that does not stop."""
@@ -116,12 +98,16 @@ class ChildSearch:
 
     def _follow(self) -> None:
         try:
-            child = self._child = self._launch(self.arguments, self.journal)
+            child = self._child = self._launch(self._arguments, journal=self.journal)
             # STOP may have been pressed while the child was being started.
             if self._stop_wanted.is_set():
                 child.stop()
             for item in child.items():
-                self._take(item)
+                if isinstance(item, Configuration):
+                    self.run = RunHistory(item)
+                    self._on_change()
+                elif self.run is not None:
+                    self.run.add(item.event, clock_s=item.clock_s, on_change=self._on_change)
         except (MarkerseekError, OSError) as problem:
             self._failure = str(problem)
             self.stop()
@@ -133,14 +119,8 @@ class ChildSearch:
         finally:
             if self._child is not None:
                 self.outcome = self._child.outcome()
-            if self.run is not None and not self.run.snapshots[-1].over:
-                self.run.cut_off(self.message, problem=self._said if self.failed else "")
+            if self.run is not None and not self.run.last.over:
+                wrong = self.message.removesuffix(f"; {SUPERVISED_END}") if self.failed else ""
+                self.run.cut_off(self.message, problem=wrong)
             self._ended.set()
             self._on_change()
-
-    def _take(self, item: JournalItem) -> None:
-        if isinstance(item, Configuration):
-            self.run = RunHistory(item)
-            self._on_change()
-        elif self.run is not None:
-            self.run.add(item.event, clock_s=item.clock_s, on_change=self._on_change)

@@ -11,7 +11,6 @@ from markerseek.core import (
     BModeImage,
     ChannelFrame,
     ConfigError,
-    Float32,
     PaImage,
     RFFrame,
     Sample,
@@ -41,10 +40,13 @@ class Layer:
     pixels: str
     """Levels from 0 to 255, row after row, base64."""
     rows: int
+    """Number of rows."""
     columns: int
+    """Number of columns."""
     lateral_mm: tuple[float, float]
+    """Outer edges across, in millimetres."""
     depth_mm: tuple[float, float]
-    """``lateral_mm`` and ``depth_mm``: outer edges."""
+    """Outer edges in depth, in millimetres."""
 
 
 # eq=False: two images are compared often, and never equal unless they are the same.
@@ -53,8 +55,9 @@ class Picture:
     """The images of an acquisition as they are sent."""
 
     angle_deg: float
+    """Angle of the probe, in degrees."""
     intensity: float
-    """``angle_deg`` and ``intensity``: angle of the probe in degrees, and intensity of the reading."""
+    """Intensity of the reading."""
     image: Layer
     """The photoacoustic image: level 0 is `range_db` below the brightest, or less."""
     b_mode: Layer | None
@@ -70,50 +73,39 @@ def picture_of(sample: Sample, imaging: AnyImageReader) -> Picture:
 
     ``sample``: one with channel data or RF lines.
     """
-    frame = sample.frame
+    frame, reading = sample.frame, sample.reading
     if not isinstance(frame, ChannelFrame | RFFrame):
         raise ConfigError("picture: the sample has no frame of counts; ask for one with channel data or RF lines")
     image = imaging.picture(frame)
-    reading = sample.reading
-    brightest = float(image.envelope.max())
-    if reading.noise_sigma is not None:
-        brightest = max(brightest, BRIGHT_SIGMAS * reading.noise_sigma)
+    brightest = max(float(image.envelope.max()), BRIGHT_SIGMAS * (reading.noise_sigma or 0.0))
     range_db = RANGE_DB if frame.b_mode is None else OVER_B_MODE_DB
-    together = _rows_together(image.envelope.shape[0])
-    geometry = replace(
-        image.geometry,
-        first_depth_m=image.geometry.position_m(row=(together - 1) / 2, column=0)[1],
-        depth_step_m=together * image.geometry.depth_step_m,
+    together, geometry = _rows_together(image), image.geometry
+    pooled = replace(
+        geometry,
+        first_depth_m=geometry.position_m(row=(together - 1) / 2, column=0)[1],
+        depth_step_m=together * geometry.depth_step_m,
     )
-    peak_mm = None
-    if reading.lateral_m is not None and reading.depth_m is not None:
-        peak_mm = 1e3 * reading.lateral_m, 1e3 * reading.depth_m
+    placed = reading.lateral_m is not None and reading.depth_m is not None
     return Picture(
         angle_deg=sample.angle_deg,
         intensity=reading.intensity,
-        image=_layer(pooled_levels(image, brightest=brightest, range_db=range_db), geometry),
+        image=_layer(pooled_levels(image, brightest=brightest, range_db=range_db), pooled),
         b_mode=None if frame.b_mode is None else _b_mode_layer(frame.b_mode),
         range_db=range_db,
-        peak_mm=peak_mm,
+        peak_mm=(1e3 * (reading.lateral_m or 0.0), 1e3 * (reading.depth_m or 0.0)) if placed else None,
     )
 
 
 def _layer(levels: UInt8[np.ndarray, "rows columns"], geometry: ScanGeometry) -> Layer:
     rows, columns = levels.shape
     left, right, bottom, top = geometry.edges_mm(rows, columns)
-    return Layer(
-        pixels=base64.b64encode(levels.tobytes()).decode("ascii"),
-        rows=rows,
-        columns=columns,
-        lateral_mm=(left, right),
-        depth_mm=(top, bottom),
-    )
+    pixels = base64.b64encode(levels.tobytes()).decode("ascii")
+    return Layer(pixels=pixels, rows=rows, columns=columns, lateral_mm=(left, right), depth_mm=(top, bottom))
 
 
 def _b_mode_layer(b_mode: BModeImage) -> Layer:
     """Every pixel, or every n-th of an image with more than `MAX_B_MODE` rows or columns."""
-    nth = -(-max(b_mode.pixels.shape) // MAX_B_MODE)
-    geometry = b_mode.geometry
+    nth, geometry = -(-max(b_mode.pixels.shape) // MAX_B_MODE), b_mode.geometry
     coarser = replace(geometry, lateral_step_m=nth * geometry.lateral_step_m, depth_step_m=nth * geometry.depth_step_m)
     return _layer(b_mode.pixels[::nth, ::nth], coarser)
 
@@ -123,18 +115,10 @@ def pooled_levels(image: PaImage, *, brightest: float, range_db: float = RANGE_D
 
     ``brightest``: envelope of level 255, in the image's unit. ``range_db``: from level 255 to level 0.
     """
-    return messages.grey(_pooled(image.envelope), brightest=brightest, range_db=range_db)
+    starts = np.arange(0, image.envelope.shape[0], _rows_together(image))
+    return messages.grey(np.maximum.reduceat(image.envelope, starts, axis=0), brightest=brightest, range_db=range_db)
 
 
-def _rows_together(rows: int) -> int:
+def _rows_together(image: PaImage) -> int:
     """How many rows of an image become one."""
-    return -(-rows // MAX_ROWS)
-
-
-def _pooled(envelope: Float32[np.ndarray, "depths laterals"]) -> Float32[np.ndarray, "rows laterals"]:
-    together = _rows_together(envelope.shape[0])
-    rows = -(-envelope.shape[0] // together)
-    missing = rows * together - envelope.shape[0]
-    # The last row holds fewer depths: zeros are never the largest envelope.
-    padded = np.pad(envelope, ((0, missing), (0, 0)))
-    return np.asarray(padded.reshape(rows, together, -1).max(axis=1))
+    return int(-(-image.envelope.shape[0] // MAX_ROWS))

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from markerseek.bridges.asked import AskedSearch
+from markerseek.bridges.child import ChildRun
 from markerseek.bridges.page.child_search import ChildSearch, Launch
 from markerseek.core import Interval, RecordError, SearchError
 from markerseek.drivers import BenchSettings
@@ -79,7 +80,7 @@ class PageSearches:
     the data folder.
     """
 
-    def __init__(self, launch: Launch, rig: PageRig, named: Sequence[Path] = ()) -> None:
+    def __init__(self, rig: PageRig, named: Sequence[Path] = (), *, launch: Launch = ChildRun) -> None:
         self.rig = rig
         self.changes = ChangeSignal()
         self.search: ChildSearch | None = None
@@ -114,7 +115,7 @@ class PageSearches:
         with self._idle():
             arguments = ["search", *self._rig_arguments(), *asked.arguments(simulated=self.rig.simulated)]
             arguments += ["--journal", str(journal), f"--asked-by={asked_by}"]
-            self.search = self._live(arguments, journal=journal)
+            self.search = self._live(arguments, asked, journal=journal)
 
     def go_on(self) -> None:
         """Continue the search that was stopped, on a simulated rig."""
@@ -124,7 +125,7 @@ class PageSearches:
                 raise SearchError("there is no search to go on with here; start one, or resume it in the terminal")
             # Armed at once: nothing here emits light.
             arguments = ["resume", str(before.journal), "--arm"]
-            self.search = self._live(arguments, journal=before.journal)
+            self.search = self._live(arguments, before.asked, journal=before.journal)
 
     @property
     def paused(self) -> bool:
@@ -136,7 +137,7 @@ class PageSearches:
         run = last.run
         if answered or not last.journal.exists():
             return False
-        return run is None or run.snapshots[-1].phase not in {"finished", "fault"}
+        return run is None or run.last.phase not in {"finished", "fault"}
 
     def start_race(self, one: AskedSearch, other: AskedSearch) -> None:
         """Start two searches on the same simulated rig, side by side; they keep no journal."""
@@ -144,7 +145,7 @@ class PageSearches:
             if not self.rig.simulated:
                 raise SearchError("a race needs two rigs: it is for simulated ones only")
             self.race = tuple(
-                self._live(["search", *self._rig_arguments(), *each.arguments(), "--no-journal"])
+                self._live(["search", *self._rig_arguments(), *each.arguments(), "--no-journal"], each)
                 for each in (one, other)
             )
 
@@ -157,7 +158,7 @@ class PageSearches:
         with self._idle():
             if path is None:
                 raise SearchError(f"{name[:80]!r}: no such recording; choose one from the list")
-            self.bank = self._live(["replay", str(path), *asked.arguments(simulated=False)])
+            self.bank = self._live(["replay", str(path), *asked.arguments(simulated=False)], asked)
             return self.bank
 
     def stop(self) -> None:
@@ -208,5 +209,5 @@ class PageSearches:
                 raise SearchError("a search runs; stop it, or wait for its end")
             yield
 
-    def _live(self, arguments: Sequence[str], *, journal: Path | None = None) -> ChildSearch:
-        return ChildSearch(self._launch, arguments, journal=journal, on_change=self.changes.tell)
+    def _live(self, arguments: Sequence[str], asked: AskedSearch, *, journal: Path | None = None) -> ChildSearch:
+        return ChildSearch(self._launch, arguments, asked=asked, journal=journal, on_change=self.changes.tell)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -35,7 +34,8 @@ _BANNERS: dict[RigKind, str] = {
 
 _STYLE = (Path(__file__).parent / "static" / "page.css").read_text(encoding="utf-8")
 
-_PAGES = {"/": "search", "/race": "race", "/turn": "your turn", "/replay": "replay"}
+PAGES = {"/": "search", "/race": "race", "/replay": "replay"}
+"""Paths of the pages, and their names."""
 
 
 class PageShell:
@@ -45,17 +45,18 @@ class PageShell:
         self.searches = searches
         self.viewer = f"a browser at {ui.context.client.ip}"
         self._changed = searches.changes.subscribe()
-        # Numbers and times of the beats; the first tick sends one, so that a page that has just connected may be used.
-        self._beats: deque[tuple[int, float]] = deque([(0, -math.inf)], maxlen=64)
+        # The first tick sends one, so that a page that has just connected may be used.
+        self._beat_s = -math.inf
         self._update: Callable[[], None] = lambda: None
-        ui.page_title(f"markerseek: {_PAGES[path]}")
+        ui.page_title(f"markerseek: {PAGES[path]}")
         ui.add_css(_STYLE)
         self._dark = ui.dark_mode(value=None)
         self._beat = Heartbeat()
+        self._beat.show(beat=0)
         with ui.element("header").classes("ms-head"):
             Heading("markerseek", level=1).classes("ms-name")
             with ui.element("nav").props('aria-label="pages"'):
-                for target, name in _PAGES.items():
+                for target, name in PAGES.items():
                     ui.link(name, target).props('aria-current="page"' if target == path else "")
             self._status_label = ui.label("").classes("ms-status").props('role="status"').mark("status")
             ui.button("◐", on_click=self._toggle_dark).props('flat dense aria-label="dark or light"')
@@ -88,10 +89,10 @@ class PageShell:
         ui.timer(0.0, self._tick)
 
     async def _tick(self) -> None:
-        beat, sent_s = self._beats[-1]
-        if time.monotonic() - sent_s >= BEAT_S:
-            self._beats.append((beat + 1, time.monotonic()))
-            self._beat.strike(beat + 1)
+        if time.monotonic() - self._beat_s >= BEAT_S:
+            # The browser sends it back with each command.
+            self._beat_s = time.monotonic()
+            self._beat.show(beat=self._beat_s)
         has_changed = self._changed.is_set()
         self._changed.clear()
         self._update()
@@ -108,7 +109,8 @@ class PageShell:
         """
 
         def checked(event: GenericEventArguments) -> None:
-            if not self.is_fresh(event.args):
+            seen_s = event.args if isinstance(event.args, int | float) else -math.inf
+            if time.monotonic() - seen_s > STALE_S:
                 ui.notify("this page had no news for a second: look again, then press", type="warning")
                 return
             try:
@@ -119,11 +121,6 @@ class PageShell:
 
         element.classes("ms-command")
         element.on("click", checked, js_handler="() => emit(window.markerseekBeat)")
-
-    def is_fresh(self, beat: object) -> bool:
-        """Whether the beat that a browser saw last is less than `STALE_S` old."""
-        sent_s = next((at_s for number, at_s in self._beats if number == beat), None)
-        return sent_s is not None and time.monotonic() - sent_s <= STALE_S
 
     async def _toggle_dark(self) -> None:
         # At first it is as the system has it, which only the browser knows.

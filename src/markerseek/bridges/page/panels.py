@@ -1,29 +1,24 @@
-"""The panels of a run: verdict, fan, curve, image, numbers and log. Each is sent again only where it has changed."""
+"""The panels of a run: verdict, fan, curve, image, numbers, log. Each is sent again only if it has changed."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 
 from nicegui import ui
 
-from markerseek.bridges.page.curve import curve_options
-from markerseek.bridges.page.elements import Chart, Fan, Heading, Image
-from markerseek.bridges.page.models import (
-    background_model,
-    fan_model,
-    image_model,
-    image_note,
-    image_title,
-    number_rows,
-)
+from markerseek.bridges.page.elements import Fan, Heading, Image, Slider
+from markerseek.bridges.page.models import fan_model, image_model, image_texts
 from markerseek.bridges.page.run_history import RunHistory, is_image_of
-from markerseek.bridges.page.state import Snapshot
-from markerseek.bridges.page.verdict import Verdict
-from markerseek.core import Interval
+from markerseek.core import Interval, RigFacts, SearchPlan
+from markerseek.runs import RunView, Verdict, curve_of, numbers_of, verdict_of
 
 LOG_LINES = 10
 """Lines of the log that are shown."""
+
+PLAY_TICKS = 4
+"""Updates of the page for which each event is shown while a run is played."""
 
 LEGEND = (
     ("ms-key-glow", "probability"),
@@ -34,7 +29,15 @@ LEGEND = (
 )
 """What is drawn in the fan: class of its key, and its meaning."""
 
-_NOTHING = Snapshot(rig="simulated")
+HINTS = {
+    "fan": "The probe turns here. The glow shows where the marker probably is.",
+    "curve": "Each acquisition becomes a dot: how strong the signal is at that angle. The blue area is the probability "
+    "of the marker, and a small picture shows ± 2° about the answer.",
+    "image": "The image at each angle. The marker is a bright spot.",
+    "numbers": "How many acquisitions, how much rotation and time, the noise, and other sources.",
+    "log": "One line for each move and each acquisition.",
+}
+"""What will appear in each panel, shown while there is no run."""
 
 
 class VerdictPanel:
@@ -42,19 +45,22 @@ class VerdictPanel:
 
     def __init__(self) -> None:
         self._shown: Verdict | None = None
+        self._labels: dict[str, ui.label] = {}
         with ui.element("section").props('aria-label="verdict"') as self._band:
-            self._word = ui.label("").classes("ms-badge").props('role="status"').mark("badge")
+            self._label("word", "badge").props('role="status"')
             with ui.element("div").classes("ms-angles"):
-                self._lead = ui.label("").classes("ms-lead")
-                self._angle = ui.label("").classes("ms-angle").mark("angle")
-                self._sigma = ui.label("").classes("ms-sigma")
+                for name in ("lead", "angle", "sigma"):
+                    self._label(name, name)
             with ui.element("div").classes("ms-where"):
-                self._problem = ui.label("").classes("ms-fault").mark("fault")
-                self._turn = ui.label("").classes("ms-turn")
-                self._interval = ui.label("").classes("ms-interval")
-                self._reason = ui.label("").classes("ms-answer").mark("answer")
-                self._next_step = ui.label("").classes("ms-next")
+                for name, css in (("problem", "fault"), ("turn", "turn"), ("interval", "interval")):
+                    self._label(name, css)
+                for name, css in (("reason", "answer"), ("next_step", "next")):
+                    self._label(name, css)
         self.show(Verdict())
+
+    def _label(self, name: str, css: str) -> ui.label:
+        self._labels[name] = ui.label("").classes(f"ms-{css}").mark(css)
+        return self._labels[name]
 
     def show(self, verdict: Verdict) -> None:
         """Show another verdict."""
@@ -62,152 +68,88 @@ class VerdictPanel:
             return
         self._shown = verdict
         self._band.classes(replace=f"ms-verdict ms-verdict-{verdict.kind}")
-        for label, text in (
-            (self._word, verdict.word),
-            (self._lead, verdict.lead if verdict.angle not in {"", "–"} else ""),
-            (self._angle, verdict.angle),
-            (self._sigma, verdict.sigma),
-            (self._problem, verdict.problem),
-            (self._turn, verdict.turn),
-            (self._interval, verdict.interval),
-            (self._reason, verdict.reason),
-            (self._next_step, verdict.next_step),
-        ):
-            label.set_text(text)
+        texts = asdict(verdict)
+        texts["lead"] = verdict.lead if verdict.angle not in {"", "–"} else ""
+        for name, label in self._labels.items():
+            label.set_text(texts[name])
         # Some lines of it are seen; the pointer shows the rest.
-        self._reason.props["title"] = verdict.reason
+        self._labels["reason"].props["title"] = verdict.reason
 
 
-class FanPanel:
-    """The fan, and what is drawn in it.
-
-    ``search``: range to show before there is a run.
-    """
-
-    def __init__(self, search: Interval) -> None:
-        self._search = search
-        self.fan = Fan({}).classes("ms-fan")
-        with ui.element("ul").classes("ms-legend"):
-            for key, meaning in LEGEND:
-                with ui.element("li"):
-                    ui.element("span").classes(f"ms-key {key}")
-                    ui.label(meaning)
-        self.clear()
-
-    def clear(self) -> None:
-        """Show the fan alone."""
-        self._shown: tuple[object, ...] = ()
-        self.fan.show(fan_model(_NOTHING, self._search, duration_s=0.0, known_deg=None))
-
-    def aim(self, snapshot: Snapshot, angle_deg: float) -> None:
-        """Draw the needle where a person will turn the probe."""
-        self.fan.show(fan_model(snapshot, self._search, duration_s=0.0, known_deg=None, aim_deg=angle_deg))
-
-    def show(self, run: RunHistory, snapshot: Snapshot, *, reveal: bool) -> None:
-        """Show a snapshot; the true angle only where it is to be revealed."""
-        key = (run, snapshot.number, reveal)
-        if key == self._shown:
-            return
-        self._shown = key
-        facts = run.configuration.facts
-        self.fan.show(
-            fan_model(
-                snapshot,
-                facts.search,
-                duration_s=run.move_s(snapshot),
-                known_deg=facts.known_deg if reveal else None,
-            )
-        )
-
-
-class CurvePanel:
-    """Intensity and probability over the angle.
+class RunPanels:
+    """All panels of one run at a time, in a grid; the lane of a race has fan and curve only.
 
     ``search``: range to show before there is a run.
     """
 
-    def __init__(self, search: Interval) -> None:
-        self._search = search
-        self._chart = Chart({}, said="intensity and probability over the angle").mark("curve")
-        self.clear()
-
-    def clear(self) -> None:
-        """Show the axes alone."""
-        self._shown: tuple[object, ...] = ()
-        self._chart.show(curve_options(_NOTHING, self._search, unit="counts", known=None))
-
-    def show(self, run: RunHistory, snapshot: Snapshot, *, reveal: bool) -> None:
-        """Show a snapshot; the true angle only where it is to be revealed."""
-        # While the probe moves, only the needle changes.
-        key = (run, len(snapshot.points), snapshot.belief, reveal)
-        if key == self._shown:
-            return
-        self._shown = key
-        facts = run.configuration.facts
-        known = None if facts.known_deg is None or not reveal else (run.known_name, facts.known_deg)
-        self._chart.show(curve_options(snapshot, facts.search, unit=run.unit, known=known))
-
-
-class Panels:
-    """All panels of one run at a time, in a grid.
-
-    ``search``: range to show before there is a run.
-    """
-
-    def __init__(self, search: Interval) -> None:
-        with ui.element("div").classes("ms-panels"):
+    def __init__(self, search: Interval, *, lane: bool = False) -> None:
+        facts = RigFacts(kind="simulated", description="", fingerprint="", search=search, probe="")
+        self._nothing = RunView(plan=SearchPlan(method="posterior"), facts=facts)
+        self._lane = lane
+        self._rows: dict[str, ui.label] = {}
+        with ui.element("div").classes("ms-lane" if lane else "ms-panels") as self._grid:
             with panel("probe, from its end", "fan"):
-                self.fan = FanPanel(search)
-            with panel("intensity and probability; dashed: noise floor", "curve"):
-                self._curve = CurvePanel(search)
-            with panel("photoacoustic image", "image") as title:
-                self._image_title = title
-                self._image = Image(image_model(None, floor=None)).classes("ms-image")
-                self._image_note = ui.label("").classes("ms-note")
-            with panel("what is known", "numbers"):
-                self._rows: dict[str, ui.label] = {}
-                self._table = ui.element("dl").classes("ms-rows")
-            with panel("log", "log"):
-                self._log = ui.label("").classes("ms-log").props("tabindex=0").mark("log")
+                self._fan = Fan().classes("ms-fan")
+                with ui.element("ul").classes("ms-legend"):
+                    for key, meaning in LEGEND:
+                        with ui.element("li"):
+                            ui.element("span").classes(f"ms-key {key}")
+                            ui.label(meaning)
+            with panel("intensity and probability; dashed: detection threshold", "curve"):
+                self._curve = ui.html(sanitize=False).classes("ms-chart").mark("curve")
+            if not lane:
+                with panel("photoacoustic image", "image") as self._image_title:
+                    self._image = Image().classes("ms-image")
+                    self._image_note = ui.label("").classes("ms-note")
+                with panel("what is known", "numbers"):
+                    self._table = ui.element("dl").classes("ms-rows").props("tabindex=0")
+                with panel("log", "log"):
+                    self._log = ui.label("").classes("ms-log").props("tabindex=0").mark("log")
         self.clear()
 
     def clear(self) -> None:
-        """Show the panels alone."""
-        self._shown: tuple[object, ...] = ()
-        self._image_key: tuple[object, ...] = ()
-        self.fan.clear()
-        self._curve.clear()
-        self._image.show(image_model(None, floor=None), {})
-        self._image_title.set_text(image_title(None, elsewhere=False))
-        self._image_note.set_text("")
-        self._rows.clear()
-        self._table.clear()
-        self._log.set_text("")
+        """Show what will appear in each panel."""
+        self._keys: dict[str, tuple[object, ...]] = {}
+        self._grid.classes("ms-empty")
+        self._draw(None, self._nothing, reveal=False)
+        if not self._lane:
+            self._rows.clear()
+            self._table.clear()
+            self._log.set_text("")
 
-    def show(self, run: RunHistory, snapshot: Snapshot, *, reveal: bool) -> None:
-        """Show a snapshot; the true angle only where it is to be revealed."""
-        self.fan.show(run, snapshot, reveal=reveal)
-        self._curve.show(run, snapshot, reveal=reveal)
-        self._show_image(run, snapshot)
-        key = (run, snapshot.number)
-        if key == self._shown:
-            return
-        self._shown = key
-        self._show_rows(number_rows(snapshot, name=run.name, unit=run.unit, pulse_j=run.pulse_j))
-        self._log.set_text("\n".join(run.lines(snapshot, most=LOG_LINES)))
+    def show(self, run: RunHistory, view: RunView, *, reveal: bool) -> None:
+        """Show a run after one of its events; the true angle only if it is to be revealed."""
+        self._grid.classes(remove="ms-empty")
+        self._draw(run, view, reveal=reveal)
+        if not self._lane and self._has_changed("numbers", run, view):
+            self._show_rows(numbers_of(view, name=run.name, pulse_j=run.pulse_j))
+            self._log.set_text("\n".join(run.lines(view, most=LOG_LINES)))
 
-    def _show_image(self, run: RunHistory, snapshot: Snapshot) -> None:
-        picture = run.picture(snapshot)
-        elsewhere = picture is not None and not is_image_of(picture, snapshot)
-        key = (run, picture, snapshot.floor_level, elsewhere)
-        if key == self._image_key:
+    def _draw(self, run: RunHistory | None, view: RunView, *, reveal: bool) -> None:
+        if self._has_changed("fan", run, view, reveal):
+            self._fan.show(view=fan_model(view, duration_s=run.move_s(view) if run else 0.0, reveal=reveal))
+        # While the probe moves, only the needle changes.
+        if self._has_changed("curve", run, len(view.points), view.belief, reveal):
+            self._curve.set_content(curve_of(view, reveal=reveal).svg())
+        if self._lane:
             return
-        self._image_key = key
-        self._image.show(image_model(picture, floor=snapshot.floor_level, imaged=run.imaged), background_model(picture))
-        self._image_title.set_text(image_title(picture, elsewhere=elsewhere))
-        self._image_title.classes(replace="ms-title" if picture is None else "ms-image-title")
-        self._image_title.classes(add="ms-elsewhere" if elsewhere else "")
-        self._image_note.set_text(image_note(picture, simulated=snapshot.rig == "simulated"))
+        picture = run.picture(view) if run else None
+        elsewhere = picture is not None and not is_image_of(picture, view)
+        if self._has_changed("image", run, picture, view.floor_level, elsewhere):
+            imaged, simulated = view.facts.probe is not None, view.facts.kind == "simulated"
+            background = asdict(picture.b_mode) if picture and picture.b_mode else {}
+            self._image.show(background=background, view=image_model(picture, floor=view.floor_level, imaged=imaged))
+            title, note = image_texts(picture, elsewhere=elsewhere, simulated=simulated)
+            self._image_title.set_text(title)
+            self._image_title.classes(replace="ms-title" if picture is None else "ms-image-title")
+            self._image_title.classes(add="ms-elsewhere" if elsewhere else "")
+            self._image_note.set_text(note)
+
+    def _has_changed(self, name: str, *key: object) -> bool:
+        if self._keys.get(name) == key:
+            return False
+        self._keys[name] = key
+        return True
 
     def _show_rows(self, rows: list[tuple[str, str]]) -> None:
         for name in self._rows.keys() - dict(rows).keys():
@@ -224,6 +166,90 @@ class Panels:
 
 @contextmanager
 def panel(title: str, name: str) -> Iterator[Heading]:
-    """A panel in which what follows is put, with its heading."""
+    """A panel in which what follows is put, with its heading, and what will appear in it."""
     with ui.element("section").classes(f"ms-panel ms-panel-{name}").props(f'aria-label="{title}"'):
-        yield Heading(title, level=2).classes("ms-title")
+        heading = Heading(title, level=2).classes("ms-title")
+        if name in HINTS:
+            ui.label(HINTS[name]).classes("ms-hint")
+        yield heading
+
+
+class RunPlayer:
+    """Panels of a run, and the slider over its events, which at its end follows a run that goes on.
+
+    ``verdict``: stands above the panels, where the page has put it. ``playable``: whether a button plays the run from
+    the event shown, or from its beginning.
+    """
+
+    def __init__(self, search: Interval, verdict: VerdictPanel, *, playable: bool = False) -> None:
+        self._verdict, self._panels = verdict, RunPanels(search)
+        with ui.element("div").classes("ms-foot"):
+            if playable:
+                self._play = ui.button(icon="play_arrow", on_click=self._toggle).props('flat dense aria-label="play"')
+            self._label = ui.label("").classes("ms-note").style("min-width: 128px")
+            self._slider = Slider(min=0, max=1, step=1, value=0, on_change=lambda event: self._choose(int(event.value)))
+            self._slider.props('aria-label="event shown" label').mark("timeline")
+            self._follow = ui.button("newest", on_click=self._to_newest).props("flat dense")
+        self._playing = self._moving = False
+        self.clear()
+
+    def clear(self) -> None:
+        """Empty everything, so that facts of one run are not shown as those of the next, which may never begin."""
+        if self._playing:
+            self._toggle()
+        self._verdict.show(Verdict())
+        self._panels.clear()
+        self._run: RunHistory | None = None
+        self._key: tuple[RunView, str] | None = None
+        self._following, self._chosen, self._ticks = True, 0, 0
+        self._move(0, last=1)
+        self._label.set_text("event 0 of 0")
+
+    def show(self, run: RunHistory, *, reveal: bool, next_step: str = "") -> None:
+        """Show the event that was chosen, or the newest; the true angle only if it is to be revealed."""
+        view = self.view(run)
+        if self._key != (view, next_step):
+            self._key = (view, next_step)
+            self._verdict.show(verdict_of(view, next_step=next_step))
+        self._panels.show(run, view, reveal=reveal)
+
+    def view(self, run: RunHistory) -> RunView:
+        """The view to be shown: the newest, or the one that was chosen."""
+        if run is not self._run:
+            self._run, self._following = run, True
+        last = len(run.views) - 1
+        self._ticks += self._playing
+        if self._playing and self._ticks % PLAY_TICKS == 0:
+            self._chosen = min(self._chosen + 1, last)
+            self._following = self._chosen == last
+            if self._following:
+                self._toggle()
+        shown = last if self._following else min(self._chosen, last)
+        self._move(shown, last=last)
+        self._label.set_text(f"event {shown} of {last}")
+        self._follow.set_enabled(not self._following)
+        return run.views[shown]
+
+    def _toggle(self) -> None:
+        self._playing = not self._playing
+        self._play.props(f"icon={'pause' if self._playing else 'play_arrow'}")
+        if self._playing and self._following:
+            self._chosen, self._following = 0, False
+
+    def _move(self, number: int, *, last: int) -> None:
+        """Move the slider without choosing an event: a run may have gone on in the meantime."""
+        if self._slider.props.get("max") != max(last, 1):
+            self._slider.props["max"] = max(last, 1)
+        self._moving = True
+        self._slider.set_value(number)
+        self._moving = False
+
+    def _choose(self, number: int) -> None:
+        if not self._moving:
+            last = 0 if self._run is None else len(self._run.views) - 1
+            self._chosen, self._following = number, number >= last
+
+    def _to_newest(self) -> None:
+        if self._playing:
+            self._toggle()
+        self._following = True

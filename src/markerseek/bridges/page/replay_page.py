@@ -14,15 +14,13 @@ from markerseek.bridges.page.child_search import ChildSearch
 from markerseek.bridges.page.controls import METHOD_FIELDS, USUAL, SettingsRow, start_button
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.page_shell import PageShell
-from markerseek.bridges.page.panels import VerdictPanel
+from markerseek.bridges.page.panels import RunPlayer, VerdictPanel
 from markerseek.bridges.page.results import ResultRow
-from markerseek.bridges.page.run_history import RunHistory, watched_journal
+from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.search_page import status_text, verdict_before
-from markerseek.bridges.page.state import with_minus
-from markerseek.bridges.page.timeline import RunView
 from markerseek.core import MarkerseekError
-from markerseek.records import SearchResult
-from markerseek.records.journal import is_journal, read_journal, result_of, run_state, summary
+from markerseek.records import with_minus
+from markerseek.records.journal import is_journal, read_journal, summary
 
 
 class ReplayPage:
@@ -33,10 +31,6 @@ class ReplayPage:
 
     def __init__(self, searches: PageSearches, recording: str) -> None:
         self._searches = searches
-        self._run: RunHistory | None = None
-        self._live: ChildSearch | None = None
-        self._answer: Mapping[str, Any] | None = None
-        self._journal: Path | None = None
         self._message = "choose a recording"
         self._frame = PageShell(searches, "/replay")
         # Names only: the browser never sends a path.
@@ -51,11 +45,11 @@ class ReplayPage:
             self._chosen = ui.select(names, label="recording", with_input=True, on_change=self._choose)
             self._chosen.props("dense outlined options-dense").classes("ms-recording")
             with ui.element("div").classes("ms-controls") as self._methods:
-                self._row = SettingsRow(USUAL, METHOD_FIELDS)
                 search = start_button("Search it")
+                self._row = SettingsRow(USUAL, METHOD_FIELDS)
         self._methods.visible = False
         self._frame.on_click(search, self._search_bank)
-        self._view = RunView(searches.rig.search, self._verdict, playable=True)
+        self._player = RunPlayer(searches.rig.search, self._verdict, playable=True)
         self._show_nothing()
         self._results = ResultRow()
         if recording in self._recordings:
@@ -75,9 +69,12 @@ class ReplayPage:
 
     def _show_nothing(self) -> None:
         """Forget the recording before."""
-        self._run = self._live = self._answer = self._journal = None
+        self._run: RunHistory | None = None
+        self._live: ChildSearch | None = None
+        self._answer: Mapping[str, Any] | None = None
+        self._journal: Path | None = None
         self._frame.show_kind("replayed")
-        self._view.clear()
+        self._player.clear()
 
     async def _choose(self) -> None:
         path = self._recordings.get(self._chosen.value)
@@ -96,7 +93,7 @@ class ReplayPage:
             # Another recording may have been chosen since.
             if read is not None and self._recordings.get(self._chosen.value) == path:
                 self._run, self._answer = read
-                self._journal, self._message = path, self._run.configuration.facts.description
+                self._journal, self._message = path, self._run.last.facts.description
         except (MarkerseekError, OSError) as problem:
             if self._recordings.get(self._chosen.value) == path:
                 self._message = str(problem)
@@ -107,21 +104,19 @@ class ReplayPage:
 
     def _update(self) -> None:
         if self._live is not None:
-            self._run = self._live.run
-            self._message = status_text(self._live)
+            self._run, self._message = self._live.run, status_text(self._live)
             self._answer = None if self._live.outcome is None else self._live.outcome.answer
         waits = self._run is None and self._live is None
-        self._frame.show_status(
-            "ready" if waits else self._message, alarms=self._live is not None and self._live.failed
-        )
+        alarms = self._live is not None and self._live.failed
+        self._frame.show_status("ready" if waits else self._message, alarms=alarms)
         self._results.show(self._answer, self._journal)
         if self._run is None:
             self._verdict.show(verdict_before(self._live, next_step=self._message if waits else ""))
         else:
-            facts = self._run.configuration.facts
+            facts = self._run.last.facts
             # Nothing moves here, also where the recording is one of devices.
             self._frame.show_kind("simulated" if facts.kind == "simulated" else "replayed", emulated=facts.emulated)
-            self._view.show(self._run, reveal=True, comparison=_comparison(self._answer))
+            self._player.show(self._run, reveal=True)
 
 
 def described_of(path: Path) -> str:
@@ -137,14 +132,7 @@ def described_of(path: Path) -> str:
     return f"{answer}{angle}" + (f"; {found.description}" if found.description else "")
 
 
-def _comparison(answer: Mapping[str, Any] | None) -> str:
-    """What a search would have said, where the answer is from all angles of a recording; else empty."""
-    searched = None if answer is None else answer.get("search")
-    return "" if searched is None else msgspec.convert(answer, SearchResult).comparison or ""
-
-
 def _read(path: Path) -> tuple[RunHistory, dict[str, Any] | None]:
-    """The run of a journal, and its result where it is over."""
-    recorded = read_journal(path)
-    finished = run_state(recorded.entries).state == "finished"
-    return watched_journal(recorded), msgspec.to_builtins(result_of(recorded)[1]) if finished else None
+    """The run of a journal, and its result if it is over."""
+    shown = RunHistory.of(read_journal(path))
+    return shown, None if shown.last.finished is None else msgspec.to_builtins(shown.last.result())

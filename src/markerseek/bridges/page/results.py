@@ -61,16 +61,11 @@ class ResultRow:
         self._drawing = False
         with ui.element("div").classes("ms-foot") as self._bar:
             with ui.element("span") as self._pictures:
-                self._button("search.html")
-                self._button("search.png")
-            self._button("search.json")
-            self._copy_button = ui.button("copy the angle", icon="content_copy", on_click=self._copy)
-            self._copy_button.props("flat dense")
+                for name in ("search.html", "search.png"):
+                    _button(f"report {name[7:].upper()}", "download").on_click(lambda name=name: self._give(name))
+            _button("report JSON", "download").on_click(self._give_json)
+            self._copy_button = _button("copy the angle", "content_copy").on_click(self._copy)
         self._bar.visible = False
-
-    def _button(self, name: str) -> None:
-        text = f"report {name.rpartition('.')[2].upper()}"
-        ui.button(text, icon="download", on_click=lambda: self._give(name)).props("flat dense")
 
     def show(self, answer: Mapping[str, Any] | None, journal: Path | None) -> None:
         """Show the buttons once there is a result; pictures only of a search with a journal."""
@@ -78,20 +73,17 @@ class ResultRow:
         self._journal = journal
         self._bar.set_visibility(self._answer is not None)
         self._pictures.set_visibility(journal is not None)
-        if self._answer is not None:
-            # An angle that nobody claims must not find its way into a protocol.
-            self._copy_button.set_visibility(is_claimed(self._answer))
+        # An angle that nobody claims must not find its way into a protocol.
+        self._copy_button.set_visibility(self._answer is not None and is_claimed(self._answer))
+
+    def _give_json(self) -> None:
+        ui.download.content(msgspec.json.format(msgspec.json.encode(self._answer), indent=2), "search.json")
 
     async def _give(self, name: str) -> None:
-        if name == "search.json":
-            ui.download.content(msgspec.json.format(msgspec.json.encode(self._answer), indent=2), name)
-            return
         journal = self._journal
-        if journal is None:
+        if journal is None or self._drawing:
             return
         if journal not in self._reports:
-            if self._drawing:
-                return
             self._drawing = True
             ui.notify("the report is being drawn, which takes some seconds", position="bottom-right")
             try:
@@ -111,3 +103,7 @@ class ResultRow:
         if self._answer is not None:
             ui.clipboard.write(f"{self._answer['angle_deg']:.4f}")
             ui.notify("the angle is in the clipboard")
+
+
+def _button(text: str, icon: str) -> ui.button:
+    return ui.button(text, icon=icon).props("flat dense")

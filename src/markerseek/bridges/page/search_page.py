@@ -6,10 +6,9 @@ from markerseek.bridges.page.child_search import ChildSearch
 from markerseek.bridges.page.controls import LinkSettings, SearchControls
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.page_shell import PageShell
-from markerseek.bridges.page.panels import VerdictPanel
+from markerseek.bridges.page.panels import RunPlayer, VerdictPanel
 from markerseek.bridges.page.results import ResultRow
-from markerseek.bridges.page.timeline import RunView
-from markerseek.bridges.page.verdict import Verdict, verdict_of
+from markerseek.runs import Verdict, verdict_of
 
 
 def build_search_page(searches: PageSearches, link: LinkSettings) -> None:
@@ -17,7 +16,7 @@ def build_search_page(searches: PageSearches, link: LinkSettings) -> None:
     frame = PageShell(searches, "/")
     verdict = VerdictPanel()
     controls = SearchControls(frame, link)
-    view = RunView(searches.rig.search, verdict)
+    player = RunPlayer(searches.rig.search, verdict)
     results = ResultRow()
     shown: ChildSearch | None = None
 
@@ -27,7 +26,7 @@ def build_search_page(searches: PageSearches, link: LinkSettings) -> None:
         live = searches.search
         # A search that goes on has the journal of the one before.
         if shown is not None and live is not None and live.journal != shown.journal:
-            view.clear()
+            player.clear()
         shown = live
         outcome = None if live is None else live.outcome
         results.show(None if outcome is None else outcome.answer, None if live is None else live.journal)
@@ -37,9 +36,9 @@ def build_search_page(searches: PageSearches, link: LinkSettings) -> None:
         if live is None or live.run is None:
             verdict.show(verdict_before(live, next_step=next_step_text(searches)))
             return
-        run = live.run
-        frame.show_kind(run.configuration.facts.kind, emulated=run.configuration.facts.emulated)
-        view.show(run, reveal=run.snapshots[-1].phase == "finished", next_step=next_step_text(searches))
+        view = live.run.last
+        frame.show_kind(view.facts.kind, emulated=view.facts.emulated)
+        player.show(live.run, reveal=view.phase == "finished", next_step=next_step_text(searches))
 
     frame.run(update)
 
@@ -60,7 +59,7 @@ def next_step_text(searches: PageSearches) -> str:
     if searches.rig.simulated or live.run is None:
         return "Start begins a new search"
     # As the terminal says it: a fault that the journal holds is reset by a person who has looked at the rig.
-    is_fault = live.run.snapshots[-1].phase == "fault"
+    is_fault = live.run.last.phase == "fault"
     resume = "once the fault is repaired, markerseek resume --reset-fault" if is_fault else "markerseek resume"
     return f"Start begins a new search; {resume}, in the terminal, goes on with this one"
 
@@ -82,9 +81,9 @@ def status_text(live: ChildSearch | None) -> str:
     if live is None:
         return "ready"
     if live.status == "ended":
-        verdict = verdict_before(live, next_step="") if live.run is None else verdict_of(live.run.snapshots[-1])
+        verdict = verdict_before(live, next_step="") if live.run is None else verdict_of(live.run.last)
         return f"{verdict.line}: {live.message}" if live.failed and not verdict.problem else verdict.line
-    if live.status == "running" and live.run is not None:
-        snapshot = live.run.snapshots[-1]
-        return snapshot.line if snapshot.phase == "turning" else snapshot.phase
-    return live.status
+    if live.status != "running" or live.run is None:
+        return live.status
+    view = live.run.last
+    return {"turning": view.line, "dark": "measuring the noise"}.get(view.phase, view.phase)

@@ -1,15 +1,13 @@
-"""Serves the page: address, token, certificate, and the end of all searches with the program."""
+"""Serves the page: address, certificate, token."""
 
 from __future__ import annotations
 
-import asyncio
 import errno
 import logging
 import secrets
 import socket
 import ssl
 import threading
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -18,9 +16,7 @@ from pathlib import Path
 from types import FrameType
 from urllib.parse import urlsplit
 
-from markerseek.bridges.page.listener import AT_ONCE, Listener, Peer
 from markerseek.bridges.page.page_searches import PageSearches
-from markerseek.bridges.page.security import BODY_BYTES, TOKEN_PARAMETER, Access, SecurityLayer
 from markerseek.core import ConfigError, needs_package
 
 LOOPBACK = "127.0.0.1"
@@ -33,8 +29,10 @@ _FOREIGN = "name an IPv4 address of this computer as --host"
 USUAL_PORT = 8765
 """Port where none is named."""
 
-OPENED_S = 60.0
-"""Time in which a browser of the user may open the page without the link, in seconds, where one is started for him."""
+MESSAGE_BYTES = 64 * 1024
+"""Largest message of a browser, in bytes."""
+
+_PORTS = {"http": 80, "https": 443}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,11 +40,13 @@ class Address:
     """Where the page is served."""
 
     host: str = LOOPBACK
+    """Address or name of this computer."""
     port: int = USUAL_PORT
-    """``host`` and ``port``: address and port of this computer; port 0 takes any that is free."""
+    """Port; 0 takes any that is free."""
     certificate: Path | None = None
+    """PEM file for TLS; needed for any address that other computers reach."""
     key: Path | None = None
-    """``certificate`` and ``key``: PEM files for TLS; needed for any address that other computers reach."""
+    """PEM file with the key of the certificate."""
     public_url: str | None = None
     """Address in a browser at the other end of a tunnel, such as ``http://localhost:9000``."""
     ip: IPv4Address = field(init=False)
@@ -101,7 +101,7 @@ class Address:
         private = parts.scheme == "https" or (parts.scheme == "http" and name in _LOOPBACK_NAMES)
         if not name or not bare or not private:
             raise wrong
-        usual = port in (None, {"http": 80, "https": 443}[parts.scheme])
+        usual = port in (None, _PORTS[parts.scheme])
         return f"{parts.scheme}://{name}" if usual else f"{parts.scheme}://{name}:{port}"
 
     @property
@@ -109,10 +109,10 @@ class Address:
         """``https`` with a certificate, else ``http``."""
         return "http" if self.certificate is None else "https"
 
-    def listening(self) -> Listener:
+    def listening(self) -> socket.socket:
         """A socket that listens there."""
         try:
-            return Listener(str(self.ip), self.port)
+            return socket.create_server((str(self.ip), self.port))
         except OSError as problem:
             # An address of another computer is no better on another port.
             cure = _FOREIGN if problem.errno == errno.EADDRNOTAVAIL else "name another --port"
@@ -121,11 +121,17 @@ class Address:
             ) from problem
 
 
-def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str], None], opened: bool = False) -> None:
+def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str, str], None]) -> None:
     """Serve the page until SIGINT or SIGTERM; searches that run then are stopped.
 
-    ``on_ready``: called with the link, which holds a new token, once the port is open. ``opened``: whether a browser of
-    this user opens the page without the token: all users of the computer see its command.
+    Parameters
+    ----------
+    searches
+        The searches of the page.
+    address
+        Where the page is served.
+    on_ready
+        Called once the port is open, with the link that holds a new token, and with a link that works one time.
     """
     with needs_package("nicegui", extra="page", purpose="the live page"):
         import nicegui  # noqa: F401  tested before a port is opened
@@ -133,57 +139,44 @@ def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str],
     from markerseek.bridges.page.application import page_application
     from markerseek.bridges.page.run_history import warm_up
 
-    # While kernels are loaded the event loop hears no STOP: before the port is open.
-    warm_up()
-
     class Server(uvicorn.Server):
         """Stops the searches with the first signal, not only once the connections are closed."""
 
         def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-            # Once: the page ends in seconds, and uvicorn would not wait for the search at a second signal.
-            if self.should_exit:
-                return
-            super().handle_exit(sig, frame)
-            # What is cut off from here on is cut off by this signal: its traces say nothing else.
-            logging.disable()
-            # In a thread, and not here: what the signal has interrupted may hold a lock.
-            closing = threading.Thread(target=searches.close, name="close", daemon=True)
-            asyncio.get_running_loop().call_soon_threadsafe(closing.start)
+            if not self.should_exit:
+                # In a thread: what the signal has interrupted may hold a lock.
+                threading.Thread(target=searches.stop, daemon=True).start()
+                # Traces of connections that the end cuts off say nothing.
+                logging.disable()
+                super().handle_exit(sig, frame)
 
-    token = secrets.token_urlsafe(32)
+    # While kernels are loaded the event loop takes no STOP: before the port is open.
+    warm_up()
     with address.listening() as listener:
         port = listener.getsockname()[1]
-        names = {address.host, str(address.ip)}
-        if LOOPBACK in names:
-            names |= _LOOPBACK_NAMES
-        # Browsers leave the usual port of a scheme out of the Host header.
-        usual = port == {"http": 80, "https": 443}[address.scheme]
-        access = Access(
+        names = {address.host, str(address.ip)} | (_LOOPBACK_NAMES if address.ip == IPv4Address(LOOPBACK) else set())
+        own = {f"{address.scheme}://{name}" for name in names}
+        # Browsers leave out the usual port of a scheme.
+        own |= {f"{each}:{port}" for each in own} if port != _PORTS[address.scheme] else set()
+        token, once = secrets.token_urlsafe(32), secrets.token_urlsafe(32)
+        application = page_application(
+            searches,
+            hosts=names | ({urlsplit(address.public).hostname or ""} if address.public else set()),
+            origins=own | ({address.public} if address.public else set()),
             token=token,
-            hosts=frozenset(name if usual else f"{name}:{port}" for name in names),
-            scheme=address.scheme,
+            once=once,
             cookie=f"markerseek_{port}",
-            public=address.public,
+            secure=address.certificate is not None,
         )
-        opens_until_s = time.monotonic() + OPENED_S if opened else 0.0
-
-        def admits(peer: Peer) -> bool:
-            nonlocal opens_until_s
-            if time.monotonic() > opens_until_s or not listener.is_own_user(peer):
-                return False
-            opens_until_s = 0.0
-            return True
-
-        application = SecurityLayer(page_application(searches), access, on_token=listener.prove, admits=admits)
         config = uvicorn.Config(
             application,
+            loop="asyncio",
             # Strangers must not write into the terminal in which a rig is armed.
             log_level="error",
             access_log=False,
             # Its usual parser, httptools, keeps a header of any length.
             http="h11",
-            ws_max_size=BODY_BYTES,
-            backlog=AT_ONCE,
+            ws_max_size=MESSAGE_BYTES,
             # No proxy is in front: whose connection it is, is not for a header to say.
             proxy_headers=False,
             ssl_certfile=address.certificate,
@@ -192,8 +185,8 @@ def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str],
             timeout_graceful_shutdown=1,
             server_header=False,
         )
+        origin = address.public or f"{address.scheme}://{address.host}:{port}"
+        on_ready(f"{origin}/?token={token}", f"{origin}/?once={once}")
         # Ctrl-C is the ordinary end of the page.
         with suppress(KeyboardInterrupt):
-            origin = address.public or f"{address.scheme}://{address.host}:{port}"
-            on_ready(f"{origin}/?{TOKEN_PARAMETER}={token}")
-            asyncio.run(Server(config).serve(sockets=[listener]))
+            Server(config).run(sockets=[listener])

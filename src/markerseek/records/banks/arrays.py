@@ -58,6 +58,8 @@ class ArrayBank(FrameBank):
     path: Path
     samples: Int16[np.ndarray, "angles channels samples"] = field(repr=False)
     """ADC counts."""
+    energies: tuple[float, ...] = ()
+    """Energy of the pulses at each angle over their mean; empty where it is not known."""
 
     def frame(self, index: int) -> ChannelFrame:
         """Channel data of one angle."""
@@ -69,6 +71,7 @@ class ArrayBank(FrameBank):
             # Arrays hold no times; NaN says so, where 0 would be a time.
             started_s=math.nan,
             ended_s=math.nan,
+            energy=self.energies[index] if self.energies else None,
         )
         sampling_hz = self.facts.sampling_hz or USUAL_SAMPLING_HZ
         return ChannelFrame(header=header, samples=self.samples[index], sampling_hz=sampling_hz)
@@ -150,12 +153,15 @@ def bank_of_arrays(
         sound_speed_m_s=_scalar(path, arrays, "sound_speed_m_s"),
         wavelength_m=_scalar(path, arrays, "wavelength_m"),
     )
+    energies = _energies(path, arrays, kept)
     if frames:
         pulses = tuple(_pulses(path, arrays, kept.size)[kept][order].tolist())
         before = _samples_before(path, arrays, facts.sampling_hz, samples=values.shape[2])
-        return _frame_bank(path, rising, values[order], pulses, facts, before=before, blanked=blanked)
+        bank = _frame_bank(path, rising, values[order], pulses, facts, before=before, blanked=blanked)
+        return bank if energies is None else replace(bank, energies=tuple(energies[order].tolist()))
     db = decibels(table.db, value)
     intensity = amplitudes(values, db=db, where=lambda index: f"{path}, angle {degrees[index]:g} deg")
+    intensity = intensity if energies is None else intensity / energies
     return IntensityBank(angles_deg=rising, intensities=tuple(intensity[order].tolist()), facts=facts)
 
 
@@ -294,6 +300,19 @@ def _pulses(path: Path, arrays: Mapping[str, np.ndarray], angles: int) -> np.nda
     if values.size != angles or values.dtype.kind not in "iu" or not (values > 0).all() or not (values < 2**31).all():
         raise RecordError(f"{path}: pulses must be {angles} whole numbers from 1")
     return values.astype(np.int64)
+
+
+def _energies(
+    path: Path, arrays: Mapping[str, np.ndarray], kept: Bool[np.ndarray, " angles"]
+) -> Float64[np.ndarray, " kept"] | None:
+    """Energy of the pulses at the angles that are kept, over their mean; None where the file has none."""
+    if "energy" not in arrays:
+        return None
+    stated = arrays["energy"].ravel()
+    if stated.size != kept.size or stated.dtype.kind not in "iuf" or not 0 < stated[kept].min() < math.inf:
+        raise RecordError(f"{path}: energy must be {kept.size} positive numbers, one for each angle, in any unit")
+    energies = stated[kept].astype(np.float64)
+    return np.asarray(energies / energies.mean())
 
 
 def _intensities(path: Path, intensity: np.ndarray, angles: int) -> Float64[np.ndarray, " angles"]:

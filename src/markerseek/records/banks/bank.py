@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from markerseek.core import Bool, ChannelFrame, ConfigError, Float64, Interval, RecordError, counted, needs_package
-from markerseek.records.html import as_html, curve_svg
+from markerseek.records.curve_svg import DrawnCurve, Mark, as_html
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -108,8 +108,9 @@ class Bank:
         angles_deg, intensities = np.array(self.angles_deg)[finite], np.array(self.intensities)[finite]
         largest_deg = float(angles_deg[np.argmax(intensities)])
         rows.append(("largest intensity", f"{intensities.max():.4g} at {largest_deg:g}°"))
-        picture = curve_svg(angles_deg.tolist(), intensities.tolist(), mark_deg=largest_deg)
-        return as_html(type(self).__name__, rows, picture)
+        marks = [Mark(angle_deg=at, intensity=each, radius=2) for at, each in zip(angles_deg, intensities, strict=True)]
+        curve = DrawnCurve(marks=marks, answer_deg=largest_deg)
+        return as_html(type(self).__name__, rows, curve.svg())
 
     @property
     def range(self) -> Interval:

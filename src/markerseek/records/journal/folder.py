@@ -14,7 +14,7 @@ from markerseek.files import sync_folder
 from markerseek.records.journal.encoding import escaped
 from markerseek.records.journal.file import journals_folder
 from markerseek.records.journal.reader import run_state, salvage
-from markerseek.records.result import answer_name
+from markerseek.records.words import answer_name
 
 SUFFIX = ".journal"
 """Suffix of the files that `journals_in` finds, and of default names."""

@@ -20,7 +20,6 @@ from markerseek.records.configuration import Configuration
 from markerseek.records.journal.events import Checked, Entry, Resuming
 from markerseek.records.journal.file import as_record_error, is_written, open_for_reading
 from markerseek.records.journal.lines import EntryReader, UnfinishedError
-from markerseek.records.result import Recorder, SearchResult
 
 JournalItem: TypeAlias = Configuration | Entry
 """What a journal holds: the configuration first, then the entries."""
@@ -139,18 +138,6 @@ def follow(
             if over:
                 return
             wait()
-
-
-def result_of(recorded: RecordedRun) -> tuple[Recorder, SearchResult]:
-    """Result of a run that is over, and the recorder that collected it.
-
-    Raises `SearchError` if the run is not over, or ended with a fault.
-    """
-    recorder = Recorder()
-    for entry in recorded.entries:
-        if isinstance(entry.event, Started | Measured | Refused | Finished | Failed):
-            recorder.add(entry.event)
-    return recorder, recorder.result(recorded.configuration.plan, recorded.configuration.facts)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -25,11 +25,18 @@ from markerseek.core import (
     Tolerance,
 )
 from markerseek.search.floor import SearchNoise
-from markerseek.search.posterior.angle_posterior import AnglePosterior, modes_deg
 from markerseek.search.posterior.candidates import BESIDE_DEG, LOUDER_SIGMAS, MEASURED_SHARE, RIVAL_DB, Candidate
-from markerseek.search.posterior.detectability import NARROW_DEG, USUAL_KNEE, USUAL_TAIL, missed_marker
+from markerseek.search.posterior.inference import AnglePosterior, modes_deg
 from markerseek.search.posterior.shapes import log_curve
-from markerseek.search.posterior.survey import STATED, SURE, Survey, hidden_probability
+from markerseek.search.posterior.survey import (
+    NARROW_DEG,
+    STATED,
+    USUAL_KNEE,
+    USUAL_TAIL,
+    Survey,
+    hidden_probability,
+    missed_marker,
+)
 from markerseek.search.tolerance import KNOWN_SIGMA_DEG, beyond_tolerance, marker_radius_m, with_half_width
 
 UNRESOLVED_BEYOND = 0.1
@@ -242,7 +249,7 @@ def answer_of(
     found = with_half_width(found, radius_m=radius_m)
     # An answer that is unsure for its width alone is of the marker: registration takes it.
     other = weaker_than_predicted or unmeasured or state.misfit
-    if other is None and probability > (STATED if spent else SURE):
+    if other is None and probability > STATED:
         other = _other(
             state, probability, more=f"{more}{', or state that there is a single source (--single)' if others else ''}"
         )

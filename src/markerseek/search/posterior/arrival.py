@@ -24,8 +24,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from markerseek._compiled import compiled
 from markerseek.core import Float64, Sample
 from markerseek.search.posterior.likelihood import CLEAR_SNR, Scale
 from markerseek.search.tolerance import FACE_RADIUS_M
@@ -60,7 +60,11 @@ MOST_COUNTED = 24
 is in the moments of those that are far out. A search has fewer: with 12, two of 60 markers within 0.6° of an end of the
 range were no longer told from markers beyond it."""
 
-_ITERATIONS = 3
+ITERATIONS = 3
+"""Steps of reweighted least squares."""
+
+KNOTS_DEG = 0.5
+"""Distance between the angles at which the likelihood is computed; a cubic spline joins them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,6 +72,7 @@ class ArrivalMoments:
     """Moments of arrival of the samples that are the marker's."""
 
     measured_deg: Float64[np.ndarray, " samples"]
+    """Angles of the samples in degrees."""
     moments_s: Float64[np.ndarray, "samples 2"]
     """Centroid and standard deviation of the energy in time."""
     snr: Float64[np.ndarray, " samples"]
@@ -75,14 +80,11 @@ class ArrivalMoments:
     at_rest: int
     """How many of them are of a probe at rest."""
 
-    def log_likelihood(
-        self, angles_deg: Float64[np.ndarray, " angles"], *, knots: int
-    ) -> Float64[np.ndarray, " angles"]:
-        """Return `log_likelihood` at evenly spaced angles, interpolated between ``knots`` of them."""
-        # It bends little over a degree, and costs more than the interpolation.
-        at_deg = np.linspace(angles_deg[0], angles_deg[-1], knots)
-        log = log_likelihood(at_deg, self.measured_deg, self.moments_s, self.snr)
-        return np.asarray(np.interp(angles_deg, at_deg, min(1.0, MOST_COUNTED / max(self.at_rest, 1)) * log))
+    def over(self, low_deg: float, high_deg: float) -> CubicSpline:
+        """Return ln of the likelihood as a function of the marker's angle, between two angles in degrees."""
+        knots_deg = np.linspace(low_deg, high_deg, math.ceil((high_deg - low_deg) / KNOTS_DEG) + 1)
+        log = log_likelihood(knots_deg, self.measured_deg, self.moments_s, self.snr)
+        return CubicSpline(knots_deg, min(1.0, MOST_COUNTED / max(self.at_rest, 1)) * log)
 
 
 def moments_of(lit: Sequence[Sample], scale: Scale) -> ArrivalMoments | None:
@@ -107,7 +109,6 @@ def moments_of(lit: Sequence[Sample], scale: Scale) -> ArrivalMoments | None:
     )
 
 
-@compiled
 def off_plane(
     distance_deg: Float64[np.ndarray, "*shape"], face_radius_m: float, depth_m: float
 ) -> tuple[Float64[np.ndarray, "*shape"], Float64[np.ndarray, "*shape"]]:
@@ -141,135 +142,52 @@ def log_likelihood(
     σ.
     """
     # Times count from the strongest sample's, so that the prior of τ₀ is about 0.
-    reference_s = float(moments_s[np.argmax(snr), 0])
-    shape = (angles_deg.size, measured_deg.size)
-    delays, spreads = ((np.empty((*shape, terms)), np.empty(shape), np.empty(shape)) for terms in (3, 2))
-    _fill_in(angles_deg, measured_deg, moments_s, snr, reference_s, *delays, *spreads)
-    # Priors in the units of the designs: τ₀ ± 50·0.1 µs, k ± 0.16, δ ± 0.1 µs; a ± 30 units of b, b ± 1.
-    precision = np.array([1 / 50**2, 1 / DELAY_SHARE**2, 1.0])
-    log = student_log_likelihood(*delays, precision, FREEDOM, _ITERATIONS)
-    log += student_log_likelihood(*spreads, np.array([1 / 30**2, 1.0]), FREEDOM, _ITERATIONS)
+    centroid_s, spread_s = moments_s.T
+    reference_s = float(centroid_s[np.argmax(snr)])
+    # A trigger offset of some µs changes the depth by some mm, and D of (4) by little: τ₀ and k absorb the offset.
+    off_deg = measured_deg - angles_deg[:, None]
+    late_s, sine = off_plane(off_deg, FACE_RADIUS_M, max(SOUND_SPEED_M_S * reference_s, 5e-3))
+    lobes = np.abs(off_deg) / LOBE_DEG
+    # (5), in units of the prior of δ: τ₀ ± 50 units, k ± 0.16, δ ± 1.
+    design = np.stack([np.ones_like(lobes), late_s / EDGE_DELAY_S, 1 - 1 / (1 + lobes**2)], axis=-1)
+    delay = (centroid_s - reference_s - late_s) / EDGE_DELAY_S
+    # Scatter of the acoustic model's own pulses about (5), largest where face and edges are equally strong; the noise
+    # of a centroid falls with the intensity.
+    scale = np.hypot(15e-9 + 30e-9 * lobes * np.exp(1 - lobes), 0.22e-6 / snr) / EDGE_DELAY_S
+    log = student_log_likelihood(design, delay, scale, np.array([1 / 50**2, 1 / DELAY_SHARE**2, 1.0]))
+    # (6), in units of b·0.3² of a usual element and less the mean over the heights of elements: a ± 30 units, b ± 1.
+    height_m2, height_sd_m2 = HEIGHT_M2
+    unit_s2 = height_m2 * (0.3 / (2 * SOUND_SPEED_M_S)) ** 2
+    edges = (sine / (2 * SOUND_SPEED_M_S)) ** 2 / unit_s2
+    design = np.stack([np.ones_like(edges), height_sd_m2 * edges], axis=-1)
+    variance = spread_s**2 / unit_s2
+    scale = np.hypot(0.05 + 0.2 * height_m2 * edges, 2.5 / snr * variance)
+    log += student_log_likelihood(design, variance - height_m2 * edges, scale, np.array([1 / 30**2, 1.0]))
     return np.asarray(WEIGHT * log)
 
 
-@compiled
-def _fill_in(
-    angles_deg: Float64[np.ndarray, " angles"],
-    measured_deg: Float64[np.ndarray, " samples"],
-    moments_s: Float64[np.ndarray, "samples 2"],
-    snr: Float64[np.ndarray, " samples"],
-    reference_s: float,
-    delay_design: Float64[np.ndarray, "angles samples 3"],
-    delay: Float64[np.ndarray, "angles samples"],
-    delay_scale: Float64[np.ndarray, "angles samples"],
-    spread_design: Float64[np.ndarray, "angles samples 2"],
-    spread: Float64[np.ndarray, "angles samples"],
-    spread_scale: Float64[np.ndarray, "angles samples"],
-) -> None:
-    """Fill in design, value and scale of the linear models (5), in units of δ, and (6), in units of b·0.3²."""
-    # A trigger offset of some µs changes the depth by some mm, and D of (4) by little: τ₀ and k absorb it.
-    depth_m = max(SOUND_SPEED_M_S * reference_s, 5e-3)
-    height_m2, height_sd_m2 = HEIGHT_M2
-    unit = height_m2 * (0.3 / (2 * SOUND_SPEED_M_S)) ** 2
-    for k in range(angles_deg.size):
-        for i in range(measured_deg.size):
-            off_deg = measured_deg[i] - angles_deg[k]
-            late_s, sine = off_plane(off_deg, FACE_RADIUS_M, depth_m)
-            lobes = abs(off_deg) / LOBE_DEG
-            delay_design[k, i, 0] = 1.0
-            delay_design[k, i, 1] = late_s / EDGE_DELAY_S
-            delay_design[k, i, 2] = 1 - 1 / (1 + lobes**2)
-            delay[k, i] = (moments_s[i, 0] - reference_s - late_s) / EDGE_DELAY_S
-            # Scatter of the acoustic model's own pulses about (5), largest where face and edges are equally strong; the
-            # noise of a centroid falls with the intensity.
-            model_s = 15e-9 + 30e-9 * lobes * math.exp(1 - lobes)
-            delay_scale[k, i] = math.hypot(model_s, 0.22e-6 / snr[i]) / EDGE_DELAY_S
-
-            # b·sin² φ of (6), less its mean over the heights of elements.
-            edges = (sine / (2 * SOUND_SPEED_M_S)) ** 2
-            variance = moments_s[i, 1] ** 2
-            spread_design[k, i, 0] = 1.0
-            spread_design[k, i, 1] = height_sd_m2 * edges / unit
-            spread[k, i] = (variance - height_m2 * edges) / unit
-            model = 0.05 + 0.2 * height_m2 * edges / unit
-            spread_scale[k, i] = math.hypot(model, 2.5 / snr[i] * (variance / unit))
-
-
-@compiled
-def solve(matrix: Float64[np.ndarray, "terms columns"], beta: Float64[np.ndarray, " terms"]) -> float:
-    """Solve the symmetric system whose last column is its right side, by elimination; return half of ln det."""
-    # Without pivots, for the matrix is positive definite; 2.5 times as fast as LAPACK through Numba for 3 terms
-    # (`benchmarks.kernels`), which would also factor twice for the determinant.
-    terms = beta.size
-    half_log_det = 0.0
-    for m in range(terms):
-        half_log_det += 0.5 * math.log(matrix[m, m])
-        for lower in range(m + 1, terms):
-            part = matrix[lower, m] / matrix[m, m]
-            for n in range(m, terms + 1):
-                matrix[lower, n] -= part * matrix[m, n]
-    for m in range(terms - 1, -1, -1):
-        total = matrix[m, terms]
-        for n in range(m + 1, terms):
-            total -= matrix[m, n] * beta[n]
-        beta[m] = total / matrix[m, m]
-    return half_log_det
-
-
-@compiled
-def _residuals(
-    design: Float64[np.ndarray, "samples terms"],
-    value: Float64[np.ndarray, " samples"],
-    scale: Float64[np.ndarray, " samples"],
-    beta: Float64[np.ndarray, " terms"],
-    out: Float64[np.ndarray, " samples"],
-) -> None:
-    for i in range(value.size):
-        rest = value[i]
-        for m in range(beta.size):
-            rest -= design[i, m] * beta[m]
-        out[i] = rest / scale[i]
-
-
-@compiled
 def student_log_likelihood(
     design: Float64[np.ndarray, "angles samples terms"],
     value: Float64[np.ndarray, "angles samples"],
     scale: Float64[np.ndarray, "angles samples"],
     precision: Float64[np.ndarray, " terms"],
-    freedom: float,
-    iterations: int,
+    *,
+    iterations: int = ITERATIONS,
 ) -> Float64[np.ndarray, " angles"]:
-    """Ln of the likelihood of value = design·β + scale·Student for each angle, β integrated out by Laplace's method.
+    """Return ln of the likelihood of value = design·β + scale·Student for each angle, β integrated out.
 
-    β has independent normal priors about 0. The mode is found by reweighted least squares.
+    By Laplace's method: β has independent normal priors about 0, and its mode is found by reweighted least squares.
+    Constants in the angle are left out.
     """
-    angles, samples, terms = design.shape
-    out = np.empty(angles)
-    matrix = np.empty((terms, terms + 1))
-    beta = np.zeros(terms)
-    residual = np.empty(samples)
-    for k in range(angles):
-        residual[:] = 0.0
-        half_log_det = 0.0
-        for _ in range(iterations):
-            matrix[:, :] = 0.0
-            for m in range(terms):
-                matrix[m, m] = precision[m]
-            for i in range(samples):
-                # Weight of a Student residual in least squares (O'Leary 1990): outliers count less in each iteration.
-                share = (freedom + 1) / (freedom + residual[i] ** 2) / scale[k, i] ** 2
-                for m in range(terms):
-                    matrix[m, terms] += share * design[k, i, m] * value[k, i]
-                    for n in range(terms):
-                        matrix[m, n] += share * design[k, i, m] * design[k, i, n]
-            half_log_det = solve(matrix, beta)
-            _residuals(design[k], value[k], scale[k], beta, residual)
-        # Laplace: ln p at the mode less half of ln det of the precision there; constants in the angle are left out.
-        log = -half_log_det
-        for m in range(terms):
-            log -= 0.5 * precision[m] * beta[m] ** 2
-        for i in range(samples):
-            log -= math.log(scale[k, i]) + (freedom + 1) / 2 * math.log1p(residual[i] ** 2 / freedom)
-        out[k] = log
-    return out
+    residual = np.zeros_like(value)
+    across = np.swapaxes(design, 1, 2)
+    for _ in range(iterations):
+        # Weight of a Student residual in least squares (O'Leary 1990): outliers count less in each iteration.
+        share = (FREEDOM + 1) / (FREEDOM + residual**2) / scale**2
+        weighted = across * share[:, None, :]
+        hessian = weighted @ design + np.diag(precision)
+        beta = np.linalg.solve(hessian, weighted @ value[:, :, None])
+        residual = (value - (design @ beta)[:, :, 0]) / scale
+    # ln p at the mode, less half of ln det of the precision there.
+    log = -0.5 * np.linalg.slogdet(hessian)[1] - 0.5 * (beta[:, :, 0] ** 2 @ precision)
+    return np.asarray(log - (np.log(scale) + (FREEDOM + 1) / 2 * np.log1p(residual**2 / FREEDOM)).sum(axis=1))

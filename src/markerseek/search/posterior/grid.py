@@ -1,6 +1,7 @@
-"""Posterior on a grid of angle, shape and amplitude; the nuisance parameters are summed out for the marginals.
+"""Posterior on a grid of angle, shape and amplitude: where the marker is, before strong samples say it better.
 
-The log-likelihood of each observation is added to every cell: O(cells) per sample, and nothing is computed again.
+The log-likelihood of each observation is added to every cell: O(cells) per sample, and nothing is computed again. The
+cells of one angle and one shape are a row. Rows that are too improbable to come back are dropped.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from markerseek._compiled import compiled
 from markerseek.core import Float32, Float64, Int64
-from markerseek.search.posterior import _grid
 from markerseek.search.posterior.likelihood import TABLE_LOW, TABLE_STEP, Observation, log_tables
 from markerseek.search.posterior.shapes import MODEL_ERROR, STEP_DEG, Shapes
 
@@ -23,19 +24,25 @@ LEVELS = np.array([math.log(level) if level > 0 else -math.inf for level, _ in M
 ERRORS = np.array([error for _, error in MODEL_ERROR])
 """Relative errors of `MODEL_ERROR`."""
 
+DROPPED_BELOW = 30.0
+"""Log-likelihood below the largest from which a row is dropped: three outliers could not bring the row back."""
+
+MIN_LOG_WEIGHT = -18.0
+"""Ln of a row's largest weight over the largest of all from which the row counts."""
+
 MAX_SHAPES = 32
 """Most shapes that a finer grid keeps."""
 
 MIN_SHARE = 1e-4
-"""Probability of a shape, over that of the likeliest, below which a finer grid drops it."""
+"""Probability of a shape, over that of the likeliest, below which a finer grid drops the shape."""
 
 BLURS = (0.01, 0.04, 0.125)
-"""Relative errors that the steps of a grid may add; few, so that the tables of a sample are found in the cache."""
+"""Relative errors that the steps of a grid may add. With few of them the tables of a sample are found in the cache."""
 
 MAX_STRONG = 16
 """Strong observations that count in full; the likelihood of more counts to the power of this over their number.
 
-The error of the curve's form is taken as each observation's own, but those that are beside one another share it: a
+The error of the curve's form is taken as each observation's own, but observations beside one another share the error: a
 hundred would make one cell of the grid certain, beside the marker.
 """
 
@@ -48,6 +55,7 @@ class Particles:
     """Markers of equal weight drawn from a posterior."""
 
     theta_deg: Float64[np.ndarray, " particles"]
+    """Angles in degrees."""
     member: Int64[np.ndarray, " particles"]
     """Shapes, as indices into the family."""
     log_amplitude: Float64[np.ndarray, " particles"]
@@ -56,12 +64,14 @@ class Particles:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Marginals:
-    """Marginal probabilities on a grid, each adding up to 1, and markers drawn from it."""
+    """Marginal probabilities on a grid, each adding up to 1, and markers drawn from the grid."""
 
     angle: Float64[np.ndarray, " angles"]
+    """Probability of each angle."""
     shape: Float64[np.ndarray, " shapes"]
+    """Probability of each shape."""
     amplitude: Float64[np.ndarray, " amplitudes"]
-    """``angle``, ``shape`` and ``amplitude``: marginal probabilities."""
+    """Probability of each amplitude."""
     particles: Particles
 
 
@@ -70,8 +80,9 @@ class Grid:
 
     ``angles_deg``: angles of the marker that are considered. ``members``: which curves of the family. ``lowest``: ln of
     the lowest amplitude, over the unit of the search. ``phases``: step of ln amplitude, in steps of the table,
-    `TABLE_STEP`. ``blur``: relative error that the grid's own steps add to the model's. ``energy_error``: that which
-    the laser's energy adds beyond what the model's holds.
+    `TABLE_STEP`. ``blur``: relative error that the grid's own steps add to the model's. ``log_amplitude_prior``: mean
+    and standard deviation of ln amplitude; None: any is as probable. ``energy_error``: relative error that the laser's
+    energy adds beyond the model's.
     """
 
     def __init__(
@@ -90,91 +101,123 @@ class Grid:
         self.angles_deg = angles_deg
         self.members = members
         self.log_amplitude = lowest + phases * TABLE_STEP * np.arange(amplitudes)
+        self.step_amplitude = phases * TABLE_STEP
+        self.log_amplitude_prior = log_amplitude_prior
+        self.energy_error = energy_error
         self._shapes = shapes
         self._phases = phases
         # The curve changes between two cells: that too is an error of the model, added as squares.
         self._errors = np.hypot(ERRORS, blur)
-        self._energy_error = energy_error
+        self._strong = 0
+        self._angle, self._member = np.divmod(np.arange(angles_deg.size * members.size), members.size)
         # Single precision halves the memory that each sample passes through; ln p stays exact to 1e-5.
-        self._cube: Float32[np.ndarray, "angles shapes amplitudes"] = np.zeros(
-            (angles_deg.size, members.size, amplitudes), np.float32
-        )
+        self._cells: Float32[np.ndarray, "rows amplitudes"] = np.zeros((self._angle.size, amplitudes), np.float32)
         if log_amplitude_prior is not None:
             mean, sigma = log_amplitude_prior
-            self._cube += (-((self.log_amplitude - mean) ** 2) / (2 * sigma**2)).astype(np.float32)
-        self._log_amplitude_prior = log_amplitude_prior
-        self._weight = np.empty_like(self._cube)
-        self._strong = 0
-        self._alive = np.ones((angles_deg.size, members.size), np.bool_)
-
-    @property
-    def log_amplitude_prior(self) -> tuple[float, float] | None:
-        """Prior of ln amplitude, as given."""
-        return self._log_amplitude_prior
-
-    @property
-    def energy_error(self) -> float:
-        """Relative error by the laser's energy, as given."""
-        return self._energy_error
-
-    @property
-    def step_amplitude(self) -> float:
-        """Step of ln amplitude."""
-        return self._phases * TABLE_STEP
+            self._cells += (-((self.log_amplitude - mean) ** 2) / (2 * sigma**2)).astype(np.float32)
 
     def add(self, observation: Observation) -> None:
         """Add the log-likelihood of one observation."""
         self._strong += observation.strong
-        errors = np.hypot(self._errors, self._energy_error * observation.energy_share)
-        tables = _tables(observation, tuple(errors.tolist()), phases=self._phases, amplitudes=self.log_amplitude.size)
-        _grid.add_sample(
-            self._cube,
-            self._alive,
-            self.angles_deg,
-            self.members,
+        errors = np.hypot(self._errors, self.energy_error * observation.energy_share)
+        _add_sample(
+            self._cells,
+            np.abs(self.angles_deg - observation.angle_deg) / STEP_DEG,
+            self._angle,
+            self.members[self._member],
             self._shapes.log_curve,
-            STEP_DEG,
-            observation.angle_deg,
-            tables,
+            _tables(observation, tuple(errors.tolist()), phases=self._phases, amplitudes=self.log_amplitude.size),
             LEVELS,
             self.log_amplitude[0] - observation.log_intensity - TABLE_LOW,
             TABLE_STEP,
         )
 
     def marginals(self, log_angle: Float64[np.ndarray, " angles"], *, particles: int) -> Marginals:
-        """Marginal probabilities; ``log_angle`` is ln of the angle's prior and of its other likelihoods."""
-        weight = self._weight
-        angle, shape, amplitude = (np.empty(size) for size in self._cube.shape)
-        log_shape = self._shapes.log_prior[self.members]
+        """Return marginal probabilities; ``log_angle`` is ln of the angle's prior and of its other likelihoods."""
         power = MAX_STRONG / max(self._strong, MAX_STRONG)
-        _grid.weigh(self._cube, self._alive, log_angle, log_shape, power, weight, angle, shape, amplitude)
-        drawn = np.zeros((particles, 3), np.int64)
-        cell = drawn[: _grid.draw(weight, angle, drawn)]
-        markers = Particles(
-            theta_deg=self.angles_deg[cell[:, 0]],
-            member=self.members[cell[:, 1]],
-            log_amplitude=self.log_amplitude[cell[:, 2]],
+        log_shape = self._shapes.log_prior[self.members]
+        tops = power * self._cells.max(axis=1) + log_shape[self._member]
+        # Without the prior of the angle, which the moments of arrival still change.
+        alive = tops >= tops.max() - DROPPED_BELOW
+        if not alive.all():
+            self._angle, self._member, self._cells = self._angle[alive], self._member[alive], self._cells[alive]
+            tops = tops[alive]
+        tops = tops + log_angle[self._angle]
+        counted = np.flatnonzero(tops > tops.max() + MIN_LOG_WEIGHT)
+        angle, member = self._angle[counted], self._member[counted]
+        base = log_angle[angle] + log_shape[member] - tops.max()
+        weight = np.exp(np.float32(power) * self._cells[counted] + base[:, None].astype(np.float32))
+        by_row = weight.sum(axis=1, dtype=np.float64)
+        # By systematic resampling, at equal steps of the cumulative weight and without random numbers: the same samples
+        # always give the same particles, and so the same next angle.
+        cumulative = np.cumsum(by_row)
+        target = cumulative[-1] * (np.arange(particles) + 0.5) / particles
+        row = np.searchsorted(cumulative, target)
+        inside = np.cumsum(weight[row], axis=1, dtype=np.float64)
+        place = (inside < (target - cumulative[row] + by_row[row])[:, None]).sum(axis=1)
+        total = cumulative[-1]
+        return Marginals(
+            angle=np.bincount(angle, by_row, self.angles_deg.size) / total,
+            shape=np.bincount(member, by_row, self.members.size) / total,
+            amplitude=weight.sum(axis=0, dtype=np.float64) / total,
+            particles=Particles(
+                theta_deg=self.angles_deg[angle[row]],
+                member=self.members[member[row]],
+                log_amplitude=self.log_amplitude[np.minimum(place, self.log_amplitude.size - 1)],
+            ),
         )
-        total = angle.sum()
-        return Marginals(angle=angle / total, shape=shape / total, amplitude=amplitude / total, particles=markers)
+
+
+@compiled
+def _add_sample(
+    rows: Float32[np.ndarray, "rows amplitudes"],
+    steps: Float64[np.ndarray, " angles"],
+    angle: Int64[np.ndarray, " rows"],
+    member: Int64[np.ndarray, " rows"],
+    log_curve: Float64[np.ndarray, "shapes distances"],
+    tables: Float32[np.ndarray, "errors phases entries"],
+    levels: Float64[np.ndarray, " errors"],
+    first: float,
+    table_step: float,
+) -> None:
+    """Add ln p of one observation to each cell; ``steps`` is its distance from each angle in steps of the curve.
+
+    ``first`` is ln(lowest amplitude / y) − TABLE_LOW. A cell's place in the table is that plus ln S plus its amplitude.
+    The tables are extended at either end by as many entries as there are amplitudes, so that every row lies inside.
+    """
+    amplitudes = rows.shape[1]
+    phases, entries = tables.shape[1], tables.shape[2]
+    for r in range(rows.shape[0]):
+        away = steps[angle[r]]
+        near = min(int(away), log_curve.shape[1] - 2)
+        part = min(away - near, 1.0)
+        level = (1 - part) * log_curve[member[r], near] + part * log_curve[member[r], near + 1]
+        # The model error ε of (3) grows from the top of the curve to its tails: a table for each level.
+        error = 0
+        while level < levels[error]:
+            error += 1
+        start = math.floor((first + level) / table_step + 0.5)
+        entry = math.floor((start + 0.5) / phases)
+        shift = min(max(entry + amplitudes, 0), entries - amplitudes)
+        # Amplitudes step by whole entries of one phase, so that a row is a sum of two slices: no lookup per cell.
+        cells, known = rows[r], tables[error, start - entry * phases, shift : shift + amplitudes]
+        for a in range(amplitudes):
+            cells[a] += known[a]
 
 
 @lru_cache(maxsize=512)
 def _tables(
     observation: Observation, errors: tuple[float, ...], *, phases: int, amplitudes: int
 ) -> Float32[np.ndarray, "errors phases entries"]:
-    """Tables of an observation for `_grid.add_sample`: every phases-th entry in a row, and its ends repeated."""
+    """Tables of an observation for `_add_sample`: every phases-th entry in a row, and its ends repeated."""
     tables = log_tables(
         noise=observation.noise, cells=observation.cells, errors=errors, ratio=observation.lateral_ratio
     )
     entries = tables.shape[1] // phases
     rows = tables[:, : entries * phases].reshape(len(errors), entries, phases).transpose(0, 2, 1)
-    wide = np.empty((len(errors), phases, entries + 2 * amplitudes), np.float32)
-    # Repeated ends: beyond the table ln p is that of its last entry.
-    wide[..., :amplitudes] = rows[..., :1]
-    wide[..., amplitudes:-amplitudes] = rows
-    wide[..., -amplitudes:] = rows[..., -1:]
-    return wide
+    # Beyond the table ln p is that of its last entry.
+    wide = np.pad(rows, ((0, 0), (0, 0), (amplitudes, amplitudes)), mode="edge")
+    return np.ascontiguousarray(wide, np.float32)
 
 
 def finer(

@@ -9,16 +9,16 @@
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
 from markerseek.core import Float64, Int64, Interval, MarkerCurve, Sample
-from markerseek.search.floor import SearchNoise
-from markerseek.search.posterior.angle_posterior import AnglePosterior, mean_and_sigma
-from markerseek.search.posterior.arrival import ArrivalMoments, moments_of
+from markerseek.search.floor import SearchNoise, noise_of
+from markerseek.search.posterior.arrival import moments_of
 from markerseek.search.posterior.asymmetry import (
     asymmetry_probability,
     mean_coherence,
@@ -28,8 +28,7 @@ from markerseek.search.posterior.asymmetry import (
 )
 from markerseek.search.posterior.grid import Grid, Marginals, Particles, finer
 from markerseek.search.posterior.likelihood import Observation, Scale, scale_of
-from markerseek.search.posterior.prior import log_amplitude_prior, shapes_with
-from markerseek.search.posterior.shapes import Shapes
+from markerseek.search.posterior.shapes import STEP_DEG, Shapes, family, log_amplitude_prior, shapes_with
 from markerseek.search.posterior.symmetry import (
     MIN_STRONG,
     PULSE_ERRORS,
@@ -54,9 +53,6 @@ COARSE_STEPS = 140
 
 FINE_ANGLES = 33
 """Angles of a finer grid."""
-
-FINE_KNOTS = 17
-"""Angles of a finer grid at which the likelihood of the moments of arrival is computed."""
 
 SYMMETRY_ANGLES = (13, 25)
 """Angles at which the symmetric likelihood is computed: while they become narrower, and at last."""
@@ -86,22 +82,129 @@ SHIFT_SCALES = 6.0
 HALF_WIDTH_SIGMAS = 5.0
 """Half the width of the next finer grid, in standard deviations."""
 
+LogDensity: TypeAlias = Callable[[Float64[np.ndarray, " angles"]], Float64[np.ndarray, " angles"]]
+"""ln of a density, without a constant factor, as a function of angles in degrees."""
+
+
+MIN_ENERGIES = 6
+"""Samples of the marker from which its curve, which is not known either, shows how the laser's energy differs."""
+
+
+MODE_PROBABILITY = 0.05
+"""Probability from which a second peak of the posterior is a mode."""
+
+
+def mean_and_sigma(
+    angle_deg: Float64[np.ndarray, " angles"], probability: Float64[np.ndarray, " angles"]
+) -> tuple[float, float]:
+    """Mean and standard deviation on an even grid, the width of its step included."""
+    mean_deg = float(probability @ angle_deg)
+    step_deg = float(angle_deg[1] - angle_deg[0])
+    return mean_deg, math.sqrt(float(probability @ (angle_deg - mean_deg) ** 2) + step_deg**2 / 12)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AnglePosterior:
+    """The posterior of the angle."""
+
+    angle_deg: Float64[np.ndarray, " angles"]
+    """Angles in degrees, evenly spaced."""
+    probability: Float64[np.ndarray, " angles"]
+    """Probability of each angle; they add up to 1."""
+    coarse_deg: Float64[np.ndarray, " coarse"]
+    """Angles over the whole range in degrees, evenly spaced."""
+    coarse_probability: Float64[np.ndarray, " coarse"]
+    """Probability of each of these, of the grid alone."""
+    sigma: float
+    """Noise over which amplitudes are stated, in the unit of the intensities."""
+    theta_deg: Float64[np.ndarray, " particles"]
+    """Angles of markers of equal weight drawn from the posterior, in degrees."""
+    member: Int64[np.ndarray, " particles"]
+    """Their shapes, as indices into the family."""
+    log_snr: Float64[np.ndarray, " particles"]
+    """ln of their amplitudes over σ."""
+    strong_deg: Float64[np.ndarray, " strong"]
+    """Angles of the groups of samples to which a symmetric curve was fitted; empty if too few are strong."""
+    strong_log_snr: Float64[np.ndarray, " strong"]
+    """ln of the intensity of each group over σ."""
+    strong_samples: Int64[np.ndarray, " strong"]
+    """Number of samples of each group."""
+    energy_gain: float | None
+    """What the amplitude of a spot's energy is multiplied by to be as high as the peak at the top of the curve; None
+    where the curve is that of the peak."""
+    sample_error: float
+    """Relative error of one sample by itself, the laser's energy."""
+    fwhm_deg: float
+    """Mean of the curve's full width at half maximum."""
+    marker_m: float | None
+    """Lateral position of the marker; None while no sample is clear of the noise."""
+    centre_sigma_deg: float
+    """Standard deviation of the centre of the curve: what more samples can still reduce."""
+
+    @property
+    def mean_deg(self) -> float:
+        """Mean of the angle in degrees."""
+        return float(self.probability @ self.angle_deg)
+
+    @property
+    def sigma_deg(self) -> float:
+        """Standard deviation of the angle in degrees, the width of the grid's step included."""
+        return mean_and_sigma(self.angle_deg, self.probability)[1]
+
+    def log_heights(
+        self, shapes: Shapes, angles_deg: Float64[np.ndarray, " angles"]
+    ) -> Float64[np.ndarray, "particles angles"]:
+        """Ln of the intensity over σ that each marker drawn has at angles of the probe, in degrees."""
+        steps = np.rint(np.abs(angles_deg - self.theta_deg[:, None]) / STEP_DEG).astype(np.int64)
+        away = np.minimum(steps, shapes.log_curve.shape[1] - 1)
+        return np.asarray(self.log_snr[:, None] + shapes.log_curve[self.member[:, None], away])
+
+    def quantile_deg(self, probability: float) -> float:
+        """Angle below which the marker lies with that probability, in degrees."""
+        return float(np.interp(probability, *self._steps()))
+
+    def cumulative(self, angles_deg: Float64[np.ndarray, " ends"]) -> Float64[np.ndarray, " ends"]:
+        """Probability with which the marker lies below each angle, in degrees."""
+        probability, ends_deg = self._steps()
+        return np.asarray(np.interp(angles_deg, ends_deg, probability))
+
+    def _steps(self) -> tuple[Float64[np.ndarray, " ends"], Float64[np.ndarray, " ends"]]:
+        """Cumulative probability at the ends of the steps; each probability is uniform over one step of the grid."""
+        step_deg = float(self.angle_deg[1] - self.angle_deg[0])
+        ends_deg = np.concatenate([self.angle_deg - step_deg / 2, self.angle_deg[-1:] + step_deg / 2])
+        return np.concatenate([[0.0], np.cumsum(self.probability)]), ends_deg
+
+
+def modes_deg(posterior: AnglePosterior, *, limits: Interval) -> tuple[float, ...]:
+    """Return the peaks of the posterior with gaps between them, the most probable first, in degrees."""
+    probability = posterior.coarse_probability
+    # Runs of angles above 1e-4 of the maximum: +1 where one begins, -1 behind its end.
+    above = probability > 1e-4 * probability.max()
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], above.astype(np.int64), [0]])))
+    modes = []
+    for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        mass = float(probability[first:end].sum())
+        if mass > MODE_PROBABILITY:
+            mean_deg = float(probability[first:end] @ posterior.coarse_deg[first:end]) / mass
+            modes.append((mass, limits.nearest(mean_deg)))
+    return tuple(mean_deg for _, mean_deg in sorted(modes, reverse=True))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Centre:
     """The posterior of the centre of the curve."""
 
     angles_deg: Float64[np.ndarray, " angles"]
+    """Angles in degrees, evenly spaced."""
     probability: Float64[np.ndarray, " angles"]
-    """``angles_deg`` and ``probability``: angles in degrees, evenly spaced, and the probability of each; they add up to
-    1."""
+    """Probability of each angle; they add up to 1."""
     particles: Particles
     fwhm_deg: float
     """Mean of the curve's full width at half maximum."""
     strong: Sequence[Sequence[Observation]]
     """Groups of observations to which a symmetric curve was fitted; none if too few are strong."""
     log_gain: float | None
-    """None where it is the curve of the peak."""
+    """ln of the factor of the spot's energies, `with_energies`; None where the curve is that of the peak."""
     sample_error: float
     """Mean of the relative error of one sample by itself, the laser's energy."""
 
@@ -145,12 +248,19 @@ class Inference:
         """
         coarse = self._coarse(lit, bounds, noise)
         moments = moments_of(lit, self._scale) if "arrival" in self._cues else None
-        prior = partial(self._log_prior_and_moments, moments=moments, knots=self._coarse_deg.size // 2 + 1)
-        known = coarse.marginals(prior(self._coarse_deg), particles=particles)
-        finer_prior = partial(self._log_prior_and_moments, moments=moments, knots=FINE_KNOTS)
+        log_moments = None if moments is None else moments.over(self._coarse_deg[0], self._coarse_deg[-1])
+
+        def log_arrival(angles_deg: Float64[np.ndarray, " angles"]) -> Float64[np.ndarray, " angles"]:
+            inside_deg = np.clip(angles_deg, self._coarse_deg[0], self._coarse_deg[-1])
+            return np.zeros(angles_deg.size) if log_moments is None else np.asarray(log_moments(inside_deg))
+
+        def log_prior(angles_deg: Float64[np.ndarray, " angles"]) -> Float64[np.ndarray, " angles"]:
+            return np.asarray(np.interp(angles_deg, self._coarse_deg, self._log_prior) + log_arrival(angles_deg))
+
+        known = coarse.marginals(log_prior(self._coarse_deg), particles=particles)
         observations = self._observations if "intensity" in self._cues else []
-        centre = refine(self._shapes, coarse, known, observations, finer_prior, particles=particles)
-        angle_deg, probability = self._with_asymmetry(lit, centre, moments)
+        centre = refine(self._shapes, coarse, known, observations, log_prior, particles=particles)
+        angle_deg, probability = self._with_asymmetry(lit, centre, log_arrival)
         scale = self._scale
         log_unit = math.log(scale.unit) - math.log(scale.sigma)
         medians = [median_of(group) for group in centre.strong]
@@ -207,17 +317,8 @@ class Inference:
                 self._grid.add(observation)
         return self._grid
 
-    def _log_prior_and_moments(
-        self, angles_deg: Float64[np.ndarray, " angles"], *, moments: ArrivalMoments | None, knots: int
-    ) -> Float64[np.ndarray, " angles"]:
-        """Ln of the angle's prior times the likelihood of the moments of arrival."""
-        log_angle = np.asarray(np.interp(angles_deg, self._coarse_deg, self._log_prior))
-        if moments is not None:
-            log_angle += moments.log_likelihood(angles_deg, knots=knots)
-        return log_angle
-
     def _with_asymmetry(
-        self, lit: Sequence[Sample], centre: Centre, moments: ArrivalMoments | None
+        self, lit: Sequence[Sample], centre: Centre, log_arrival: LogDensity
     ) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, " angles"]]:
         """Angles of the marker and their probabilities (10), from those of the centre of its curve."""
         angle_deg, probability = centre.angles_deg, centre.probability
@@ -233,17 +334,14 @@ class Inference:
         mean_deg = float(probability @ angle_deg)
         half_deg = max(SHIFT_SCALES * scale_deg, (angle_deg[-1] - angle_deg[0]) / 2)
         angles_deg = mean_deg + np.linspace(-half_deg, half_deg, 2 * math.ceil(half_deg / step_deg) + 1)
-        log_moments = np.zeros_like(angles_deg)
-        if moments is not None:
-            # Sound arrives from the marker, not from the centre of its curve: the moments' likelihood is divided out of
-            # the centre's posterior and multiplied on again at the marker's angle.
-            log_moments = moments.log_likelihood(angles_deg, knots=2 * FINE_KNOTS)
-            log_moments -= log_moments.max()
-            probability = probability * np.exp(np.minimum(-np.interp(angle_deg, angles_deg, log_moments), 30.0))
-            probability = probability / probability.sum()
+        # Sound arrives from the marker, not from the centre of its curve: the moments are divided out of
+        # the centre's posterior, and multiplied on again at the marker's angle.
+        log_moments = log_arrival(angles_deg)
+        log_moments -= log_moments.max()
+        probability = probability * np.exp(np.minimum(-np.interp(angle_deg, angles_deg, log_moments), 30.0))
         density = shifted_density(
             angle_deg,
-            probability,
+            probability / probability.sum(),
             angles_deg,
             probability=asymmetry_probability(coherence, width_m=width_m),
             scale_deg=scale_deg,
@@ -257,7 +355,7 @@ def refine(
     coarse: Grid,
     known: Marginals,
     observations: Sequence[Observation],
-    log_prior: Callable[[Float64[np.ndarray, " angles"]], Float64[np.ndarray, " angles"]],
+    log_prior: LogDensity,
     *,
     particles: int,
 ) -> Centre:
@@ -359,3 +457,20 @@ def _half_width_deg(angles_deg: Float64[np.ndarray, " angles"], probability: Flo
     """Half the width of the next finer grid, in degrees."""
     step_deg = float(angles_deg[1] - angles_deg[0])
     return max(HALF_WIDTH_SIGMAS * mean_and_sigma(angles_deg, probability)[1], 2 * step_deg)
+
+
+def energy_spread(lit: Sequence[Sample], dark: Sequence[Sample] = (), *, limits: Interval) -> float | None:
+    """Return the relative standard deviation of an acquisition's energy; None where too few samples show it.
+
+    ``lit``, ``dark``: samples of one marker, with the laser on and off.
+    """
+    energies = [sample.frame.header.energy for sample in lit if sample.frame is not None]
+    measured = [math.log(energy) for energy in energies if energy is not None]
+    if len(measured) >= MIN_ENERGIES:
+        return statistics.stdev(measured)
+    noise = noise_of(lit, dark=dark)
+    level = math.inf if noise.floor.level is None else noise.floor.level
+    if sum(sample.reading.intensity > level for sample in lit) < MIN_ENERGIES:
+        return None
+    inference = Inference(limits=limits, shapes=family(), cues=frozenset({"intensity"}))
+    return inference.posterior(lit, noise, particles=8).sample_error

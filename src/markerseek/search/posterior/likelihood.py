@@ -21,9 +21,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from markerseek._compiled import compiled
 from markerseek.core import MIN_INTENSITY, Float64, Sample, SweepTiming
 from markerseek.search.floor import MAX_CELLS, SearchNoise
-from markerseek.search.posterior import _grid
 
 TABLE_LOW, TABLE_HIGH, TABLE_STEP = -6.0, 3.0, 0.02
 """Ends and step of the table in ln(μ/y)."""
@@ -209,7 +209,45 @@ def log_tables(
     good = 1 - OUTLIER_SHARE
     tables = np.empty((len(errors), TABLE_SIZE))
     signal, noise_alone, outlier = good * below * ratio, good * largest, OUTLIER_SHARE / OUTLIER_RANGE
-    _grid.fill_tables(_MU, PEAK_NOISE * noise, signal, noise_alone, outlier, np.array(errors), tables)
+    _fill_tables(_MU, PEAK_NOISE * noise, signal, noise_alone, outlier, np.array(errors), tables)
     # The cache hands the same array to all callers.
     tables.flags.writeable = False
     return tables
+
+
+@compiled
+def _fill_tables(
+    mu: Float64[np.ndarray, " entries"],
+    noise: float,
+    below: float,
+    largest: float,
+    outlier: float,
+    errors: Float64[np.ndarray, " errors"],
+    out: Float64[np.ndarray, "errors entries"],
+) -> None:
+    """Fill in (3) at y = 1: ln(f_R(1|μ)·below + largest·Φ((1 − μ)/σ) + outlier), σ² = noise² + (εμ)².
+
+    The Rician density f_R is exp(−(1 − μ)²/2σ²)/σ²·exp(−x)·I₀(x), x = μ/σ²: by its series for small x and the first
+    terms of its expansion for large ones (Abramowitz and Stegun 9.6.12, 9.7.1), to 1e-4. 3 to 10 times as fast as
+    SciPy's i0e and ndtr on the whole table (`benchmarks.kernels`), of which most densities are 0.
+    """
+    for row in range(errors.size):
+        for k in range(mu.size):
+            variance = noise**2 + (errors[row] * mu[k]) ** 2
+            away = (1 - mu[k]) ** 2 / (2 * variance)
+            density = 0.0
+            # Beyond exp(−40) the outliers' density is all that is left.
+            if away < 40.0:
+                x = mu[k] / variance
+                if x > 8.0:
+                    bessel = (1 + 0.125 / x * (1 + 0.5625 / x * (1 + 1.0416667 / x))) / math.sqrt(2 * math.pi * x)
+                else:
+                    term, total = 1.0, 1.0
+                    for order in range(1, 24):
+                        term *= (x / (2 * order)) ** 2
+                        total += term
+                    bessel = total * math.exp(-x)
+                density = math.exp(-away) / variance * bessel
+            # F_R of (3): the marker's own envelope stays below a noise peak of height 1.
+            reached = 0.5 * math.erfc((mu[k] - 1) / math.sqrt(2 * variance))
+            out[row, k] = math.log(density * below + largest * reached + outlier)

@@ -8,21 +8,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 from scipy.special import ndtr
 
-from markerseek.core import ByHand, Float64, Interval
-from markerseek.search.posterior._next_angle import expected_variance
-from markerseek.search.posterior.angle_posterior import AnglePosterior
+from markerseek._compiled import compiled
+from markerseek.core import PAPER_RANGE, ByHand, Float64, Int64, Interval, Reading, Sample
+from markerseek.search.floor import noise_of
+from markerseek.search.posterior.inference import AnglePosterior, Inference
 from markerseek.search.posterior.likelihood import DEEP_ERROR
-from markerseek.search.posterior.shapes import STEP_DEG, Shapes
+from markerseek.search.posterior.shapes import STEP_DEG, Shapes, family
 from markerseek.search.posterior.symmetry import (
     CORRELATION_LENGTH,
     MAX_GROUPS,
     TEMPLATE_LOG_LEVELS,
     TEMPLATE_SIGMAS,
+    log_level,
+    template_sigma,
 )
 
 MIN_GAIN = 0.02
@@ -56,6 +61,9 @@ DETECTION_TRAVEL_DEG = 300.0
 
 TRAVEL_DEG = 75.0
 """Travel that costs as much as an acquisition, in degrees."""
+
+BINS = 700
+"""Equal parts of the range over which the probabilities are stated: a tenth of a degree of 70."""
 
 
 def planned_deg(
@@ -236,3 +244,174 @@ def _candidates(posterior: AnglePosterior, *, limits: Interval) -> Float64[np.nd
         wide = np.linspace(low_deg - posterior.fwhm_deg, high_deg + posterior.fwhm_deg, 18)
     angles = np.concatenate([near, wide, [limits.low_deg, limits.high_deg]])
     return np.unique(angles[(angles >= limits.low_deg) & (angles <= limits.high_deg)])
+
+
+@compiled
+def _variance_left(
+    theta_deg: Float64[np.ndarray, " particles"],
+    height: Float64[np.ndarray, " particles"],
+    variance: Float64[np.ndarray, " particles"],
+    sums: Float64[np.ndarray, "3 particles"],
+) -> float:
+    """Mean of (11): each marker in turn is the truth, the others keep the weight that its sample would leave them."""
+    count = theta_deg.size
+    sums[0], sums[1], sums[2] = 1.0, 0.0, 0.0
+    mass, mean, square = sums[0], sums[1], sums[2]
+    # Weights are the same both ways: half of the pairs are enough.
+    for p in range(count):
+        own_mass, own_mean, own_square = 0.0, 0.0, 0.0
+        for other in range(p + 1, count):
+            away = (height[p] - height[other]) ** 2 / (variance[p] + variance[other])
+            # (1 + d²/8)⁻⁴ for exp(−d²/2): without a call the loop runs in vector registers, and for far markers its
+            # heavier tail leaves a little weight, as an outlier would.
+            near_by = 1 / (1 + away / 8)
+            near_by *= near_by
+            near_by *= near_by
+            offset = theta_deg[other] - theta_deg[p]
+            own_mass += near_by
+            own_mean += near_by * offset
+            own_square += near_by * offset * offset
+            mass[other] += near_by
+            mean[other] -= near_by * offset
+            square[other] += near_by * offset * offset
+        mass[p] += own_mass
+        mean[p] += own_mean
+        square[p] += own_square
+    total = 0.0
+    for p in range(count):
+        total += square[p] / mass[p] - (mean[p] / mass[p]) ** 2
+    return total / count
+
+
+@compiled
+def expected_variance(
+    candidates_deg: Float64[np.ndarray, " candidates"],
+    theta_deg: Float64[np.ndarray, " particles"],
+    member: Int64[np.ndarray, " particles"],
+    log_curve: Float64[np.ndarray, "shapes distances"],
+    log_amplitude: Float64[np.ndarray, " particles"],
+    step_deg: float,
+    floor: float,
+    strong_deg: Float64[np.ndarray, " strong"],
+    strong_log: Float64[np.ndarray, " strong"],
+    length_deg: Float64[np.ndarray, " shapes"],
+    log_levels: Float64[np.ndarray, " levels"],
+    sigmas: Float64[np.ndarray, " levels"],
+    sample_error: float,
+    out: Float64[np.ndarray, " candidates"],
+) -> None:
+    """Expected variance of the angle after one more sample at each candidate, in deg²; amplitudes in units of σ.
+
+    ``strong_deg`` and ``strong_log`` are the strong samples of a symmetric curve: the template's error at the nearest
+    of them, by its distance from a marker, is expected of the candidate too.
+    """
+    count, strong = theta_deg.size, strong_deg.size
+    distance, residual = np.empty((count, strong)), np.empty((count, strong))
+    for p in range(count):
+        for i in range(strong):
+            away_deg = abs(strong_deg[i] - theta_deg[p])
+            level = log_level(log_curve[member[p]], away_deg / step_deg)
+            distance[p, i] = away_deg / length_deg[member[p]]
+            residual[p, i] = (strong_log[i] - log_amplitude[p] - level) / template_sigma(level, log_levels, sigmas)
+    height, variance, sums = np.empty(count), np.empty(count), np.empty((3, count))
+    for c in range(candidates_deg.size):
+        for p in range(count):
+            away_deg = abs(candidates_deg[c] - theta_deg[p])
+            level = log_level(log_curve[member[p]], away_deg / step_deg)
+            sigma, place = template_sigma(level, log_levels, sigmas), away_deg / length_deg[member[p]]
+            # Of (8) only the most correlated strong sample: its residual, shrunk by the correlation, is expected here.
+            correlation, expected = 0.0, 0.0
+            for i in range(strong):
+                known = 1 / (1 + 0.5 * (distance[p, i] - place) ** 2)
+                if known > correlation:
+                    correlation, expected = known, known * residual[p, i] * sigma
+            mu = math.exp(min(log_amplitude[p] + level + expected, 300.0))
+            # Below the noise floor the largest peak stays as high as the floor: such candidates give no information.
+            height[p] = 0.5 * math.log(mu * mu + floor * floor)
+            variance[p] = (
+                sigma * sigma * (1 - correlation * correlation)
+                + sample_error * sample_error
+                + 1 / (mu * mu + floor * floor)
+            )
+        out[c] = _variance_left(theta_deg, height, variance, sums)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Choice:
+    """Candidates for the next angle."""
+
+    angles_deg: Float64[np.ndarray, " candidates"]
+    """The candidates, rising."""
+    sigma_deg: Float64[np.ndarray, " candidates"]
+    """Standard deviation of the marker's angle that a sample at each is expected to leave, in degrees (11)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Belief:
+    """Posterior of the loudest source's angle."""
+
+    angles_deg: Float64[np.ndarray, " parts"]
+    """Middles of equal parts of the range in degrees."""
+    probability: Float64[np.ndarray, " parts"]
+    """Probability of each part; what is missing to 1 lies beyond the range."""
+    mean_deg: float
+    """Mean of the angle."""
+    sigma_deg: float
+    """Standard deviation of the angle."""
+    interval95_deg: Interval
+    """Interval that holds the angle with 95 % probability."""
+    choice: Choice | None
+    """Candidates for the next angle; None before anything is detected."""
+
+
+def belief_of(
+    posterior: AnglePosterior,
+    shapes: Shapes,
+    *,
+    limits: Interval,
+    floor: float,
+    detected: bool,
+) -> Belief:
+    """Return a posterior as a belief.
+
+    ``floor``: intensity that noise usually reaches by itself, over σ. ``detected``: whether anything is detected yet.
+    """
+    choice = None
+    if detected:
+        candidates, sigma_deg = expected_sigmas_deg(posterior, shapes, limits=limits, floor=floor)
+        choice = Choice(angles_deg=candidates, sigma_deg=sigma_deg)
+    ends_deg = np.linspace(limits.low_deg, limits.high_deg, BINS + 1)
+    return Belief(
+        angles_deg=(ends_deg[1:] + ends_deg[:-1]) / 2,
+        probability=np.diff(posterior.cumulative(ends_deg)),
+        mean_deg=posterior.mean_deg,
+        sigma_deg=posterior.sigma_deg,
+        interval95_deg=Interval(low_deg=posterior.quantile_deg(0.025), high_deg=posterior.quantile_deg(0.975)),
+        choice=choice,
+    )
+
+
+@lru_cache(maxsize=1)
+def loaded_family() -> Shapes:
+    """Return the family of curves, after one decision on three synthetic samples, which loads the kernels."""
+    shapes = family()
+    # From disk they take a quarter of a second.
+    lit = [
+        Sample(
+            angle_deg=angle_deg,
+            reading=Reading(
+                intensity=intensity,
+                lateral_m=0.0,
+                centroid_s=33e-6,
+                spread_s=0.2e-6,
+                noise_sigma=1.0,
+                cells=10_000,
+                coherence=0.9,
+            ),
+        )
+        for angle_deg, intensity in ((-5.0, 20.0), (0.0, 60.0), (5.0, 20.0))
+    ]
+    inference = Inference(limits=PAPER_RANGE, shapes=shapes, cues=frozenset({"intensity", "arrival", "lateral"}))
+    posterior = inference.posterior(lit, noise_of(lit), particles=8)
+    most_informative_deg(posterior, shapes, [0.0], limits=PAPER_RANGE, floor=4.0)
+    return shapes

@@ -22,25 +22,23 @@ from markerseek.core import (
     Unsure,
 )
 from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
-from markerseek.search.posterior.analysis import Analysis
+from markerseek.search.posterior.analysis import Analysis, weaker_than_predicted
 from markerseek.search.posterior.answer import SearchState, answer_of, rivals_of
-from markerseek.search.posterior.belief import Belief, belief_of
-from markerseek.search.posterior.candidates import BESIDE_DEG, Candidate, Candidates
-from markerseek.search.posterior.humps import top_deg
-from markerseek.search.posterior.loading import loaded_family
+from markerseek.search.posterior.candidates import BESIDE_DEG, Candidate, Candidates, top_deg
 from markerseek.search.posterior.next_angle import (
     PLAN,
     PLAN_BY_HAND,
+    Belief,
+    belief_of,
+    loaded_family,
     most_detectable_deg,
     most_informative_deg,
     planned_deg,
     step_near_deg,
 )
-from markerseek.search.posterior.predictive import weaker_than_predicted
 from markerseek.search.posterior.survey import (
     LATE_WORTH,
     STATED,
-    SURE,
     SURVEY_UNTIL,
     USUAL_OTHERS,
     WORTH,
@@ -366,7 +364,7 @@ class Posterior(SearchPolicy):
             return self._another_look_deg(*state.unresolved_rival)
         if self._single:
             return None
-        doubtful_deg = self._analysis.doubtful_deg(first)
+        doubtful_deg = self._analysis.asymmetric_deg(first)
         # Another source comes before more precision, for it may be the marker. The survey comes after it, for the
         # amplitude and width that it assumes are known better then.
         if doubtful_deg is not None or (imprecise and self._budget - self._asked > SURVEY_RESERVE):
@@ -388,7 +386,7 @@ class Posterior(SearchPolicy):
             # Frames show another source from afar, by its place; intensities only where it is the louder of the two.
             gap = not self._analysis.state.sources[0].has_positions and worth > max(WORTH, LATE_WORTH * probability)
             return probability > STATED or gap
-        return probability > SURE or worth > WORTH
+        return probability > STATED or worth > WORTH
 
     def _another_look_deg(self, source: Candidate, hidden_deg: float | None) -> float:
         """Next angle for a source other than the loudest, in degrees; its top may be hidden."""

@@ -13,18 +13,23 @@ centre. There S is the field behind a slit of half width 1 with Fresnel number n
     |F(√(2n)·(1 + u)) + F(√(2n)·(1 − u))|,       F = C + iS the Fresnel integral, u in proportion to t,        (2)
 
 its square averaged over the band.
+
+A former marker on the same rig gives a narrower prior: curves of about its width, and amplitudes of about its height.
+Element, lens, laser pulse and face radius are the rig's, and shape the curve of each marker alike; depth and size are
+the marker's own. So the width is normal in its logarithm about that of the former marker, and so is the amplitude. A
+tenth of the prior stays as it is, for a marker that has nothing in common with the former one.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 from scipy.special import fresnel
 
-from markerseek.core import Float64
+from markerseek.core import Float64, MarkerCurve
 
 KNEES: tuple[tuple[float, float, float], ...] = (
     (1.0, 2.0, 0.10),
@@ -50,6 +55,12 @@ MODEL_ERROR: tuple[tuple[float, float], ...] = ((0.6, 0.035), (0.3, 0.1), (0.0, 
 
 STEP_DEG = 0.05
 """Step of the tabulated curves, in degrees."""
+
+LOG_WIDTH_SIGMA, LOG_PEAK_SIGMA = 0.25, 0.5
+"""Standard deviations of ln F and ln A between two markers on one rig."""
+
+UNLIKE_SHARE = 0.1
+"""Prior probability of a marker whose width has nothing in common with that of the former."""
 
 REACH_DEG = 100.0
 """Largest distance from the marker that is tabulated, in degrees; beyond it the curve stays as it is there."""
@@ -111,6 +122,7 @@ def _humps(fresnel_number: float) -> tuple[Float64[np.ndarray, " across"], Float
     return across, log, half
 
 
+@lru_cache(maxsize=1)
 def family() -> Shapes:
     """Return the family with its prior.
 
@@ -134,3 +146,19 @@ def family() -> Shapes:
             priors.append(math.log(share * width))
     # By columns: a grid asks for all shapes at one distance.
     return Shapes(log_curve=np.asfortranarray(curves), fwhm_deg=np.array(widths), log_prior=np.array(priors))
+
+
+def shapes_with(shapes: Shapes, prior: MarkerCurve) -> Shapes:
+    """Return the family of curves with the prior that a former marker gives.
+
+    ``shapes``: the family, with its usual prior.
+    """
+    usual = np.exp(shapes.log_prior)
+    alike = usual * np.exp(-((np.log(shapes.fwhm_deg / prior.fwhm_deg) / LOG_WIDTH_SIGMA) ** 2) / 2)
+    share = (1 - UNLIKE_SHARE) * alike / alike.sum() + UNLIKE_SHARE * usual / usual.sum()
+    return replace(shapes, log_prior=np.log(share))
+
+
+def log_amplitude_prior(prior: MarkerCurve, *, unit: float) -> tuple[float, float]:
+    """Return mean and standard deviation of ln A over a unit of intensity."""
+    return math.log(prior.peak / unit), LOG_PEAK_SIGMA

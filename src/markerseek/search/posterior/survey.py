@@ -8,6 +8,11 @@ taken at θ_i, exceeds the level L_i that noise reaches there, or that other sou
 The share of the range that has been surveyed is the mean of 1 − h over it. Amplitude and curve are those of markers
 drawn from the posterior, so that both are as uncertain as the samples leave them, and differ from those by as much as
 second sources do (`HIDDEN_STEPS`, `HIDDEN_DB`).
+
+How far from a marker a sample still detects it: a curve S of (1), the most common member of the family, is level/peak
+at the distance
+
+    t = (F/2)·(((peak/level)^(q/p) − 1)/(2^(q/p) − 1))^(1/q).                                                 (12)
 """
 
 from __future__ import annotations
@@ -21,23 +26,19 @@ from scipy.special import ndtr
 
 from markerseek.core import Float64, Interval, Sample
 from markerseek.search.floor import SearchNoise
-from markerseek.search.posterior.angle_posterior import AnglePosterior
 from markerseek.search.posterior.candidates import BESIDE_DEG, Candidate, suspect_level
-from markerseek.search.posterior.predictive import predicted
+from markerseek.search.posterior.inference import AnglePosterior
 from markerseek.search.posterior.shapes import STEP_DEG, WIDTHS_DEG, Shapes
 
 USUAL_OTHERS = 0.05
 """Prior probability that there is another source as loud, within 6 dB: a person lights one spot."""
 
-SURE = 0.005
-"""Probability that another source is the marker, up to which the marker is found while acquisitions are left."""
-
 STATED = 0.02
-"""The same once `SURVEY_UNTIL` are made, or no acquisition is left: then it is stated and no veto."""
+"""Probability that another source is the marker, up to which the probability is stated and is no veto."""
 
 SURVEY_UNTIL = 12
-"""Acquisitions after which the survey goes on only while more than `STATED` is left: where 12 leave more than `SURE`,
-the noise is high, each further one lowers it by a twentieth to a tenth, and there may be ten to make."""
+"""Acquisitions after which the survey goes on only while more than `STATED` is left: then the noise is high, each
+further acquisition lowers the probability by a twentieth to a tenth, and there may be ten to make."""
 
 WORTH = 0.00025
 """Least amount by which an acquisition must lower that probability to be made."""
@@ -61,6 +62,15 @@ TAIL_ERROR = 0.2
 
 SURVEY_TRAVEL_DEG = 600.0
 """Travel that must double what a sample adds to the survey to be worth it, in degrees."""
+
+WEAKEST_DB = 20.0
+"""Peak SNR of the weakest marker that a search is asked to find, in dB (physics notes: 20 to 60)."""
+
+NARROW_DEG = 3.0
+"""Full width at half maximum of the narrowest usual curve, in degrees (physics notes: 3 to 17)."""
+
+USUAL_TAIL, USUAL_KNEE = 1.2, 2.4
+"""Exponents p and q of (1) of the most common curve."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,7 +127,7 @@ def survey_of(
     next_share = np.full(candidates_deg.size, share.min())
     expected = next_share * (suspect_level(lit, noise) if has_positions else level) / posterior.sigma
     if not has_positions:
-        expected = np.maximum(expected, np.exp(predicted(posterior, shapes, candidates_deg).mean(axis=0)))
+        expected = np.maximum(expected, np.exp(posterior.log_heights(shapes, candidates_deg).mean(axis=0)))
     there = undetected(posterior, shapes, candidates_deg, expected, angles_deg, noise=next_share)
     next_deg, gain = _next(hidden, there, candidates_deg, last_deg=float(measured_deg[-1]))
     return Survey(surveyed=surveyed, hidden_deg=hidden_deg, next_deg=next_deg, gain=gain)
@@ -184,3 +194,49 @@ def undetected(
     log_height = log_peak[:, None, None] + log_curve
     height = np.exp(np.minimum(log_height, 50.0))
     return np.asarray(ndtr((needed[:, None] - height) / np.hypot(noise[:, None], TAIL_ERROR * height)))
+
+
+def detection_distance_deg(*, level: float, peak: float, fwhm_deg: float) -> float:
+    """Return the distance (12) at which the curve has fallen to the noise level, in degrees.
+
+    ``level``, ``peak``: largest intensity that noise reaches, and intensity with the probe on the marker; 0 < level <
+    peak. ``fwhm_deg``: full width at half maximum of the curve.
+    """
+    ratio = USUAL_KNEE / USUAL_TAIL
+    scaled = ((peak / level) ** ratio - 1) / (2**ratio - 1)
+    return fwhm_deg / 2 * math.pow(scaled, 1 / USUAL_KNEE)
+
+
+def acquisitions_needed(limits: Interval, *, level: float, peak: float, fwhm_deg: float = NARROW_DEG) -> int:
+    """Return the number of equal steps, one acquisition in the middle of each, that miss no marker.
+
+    Halfway between two of them the curve is still level/peak (12).
+
+    ``level``: largest intensity that noise reaches, positive. ``peak``: intensity with the probe on the marker, in the
+    same unit. ``fwhm_deg``: full width at half maximum of its curve. Raises `ValueError` if the peak is not above the
+    level: then no number would do.
+    """
+    if not 0 < level < peak:
+        raise ValueError(f"level {level} must be positive and below the peak {peak}; average more pulses")
+    far_deg = detection_distance_deg(level=level, peak=peak, fwhm_deg=fwhm_deg)
+    return max(1, math.ceil(limits.width_deg / (2 * far_deg)))
+
+
+def missed_marker(lit: Sequence[Sample], noise: SearchNoise, limits: Interval) -> str:
+    """Return which marker a search without a detection may have missed, and what would detect it; empty if none.
+
+    ``lit``: samples with the laser on, at least one.
+    """
+    level = noise.floor.level
+    if level is None or noise.sigma is None or max(sample.reading.intensity for sample in lit) > level:
+        return ""
+    peak = noise.sigma * 10 ** (WEAKEST_DB / 20)
+    if not 0 < level < peak:
+        return f"; a marker {WEAKEST_DB:g} dB above the noise would not be detected at all with so few pulses"
+    needed = acquisitions_needed(limits, level=level, peak=peak)
+    if needed <= len(lit):
+        return ""
+    return (
+        f"; {len(lit)} acquisitions may have missed a marker {WEAKEST_DB:g} dB above the noise and {NARROW_DEG:g} deg "
+        f"wide, {needed} would not"
+    )

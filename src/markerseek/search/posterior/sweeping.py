@@ -22,7 +22,7 @@ from collections.abc import Callable
 
 from markerseek.core import Estimate, Found, Interval, Sample, Sweep, Unsure
 from markerseek.search.policy import check_sample
-from markerseek.search.posterior.belief import Belief
+from markerseek.search.posterior.next_angle import Belief
 from markerseek.search.posterior.policy import Posterior
 from markerseek.search.posterior.survey import STATED
 

@@ -25,8 +25,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from markerseek._compiled import compiled
 from markerseek.core import Float64, Int64
-from markerseek.search.posterior import _symmetry
 from markerseek.search.posterior.grid import ERRORS, LEVELS
 from markerseek.search.posterior.likelihood import (
     OUTLIER_RANGE,
@@ -81,7 +81,8 @@ LOG_WIDTH_STEP = 3 * float(np.log(WIDTHS_DEG[1] / WIDTHS_DEG[0]))
 """Step of ln F between the shapes that are considered, every third of the family: each stands for those in between."""
 
 MIN_STRONG = 3
-"""Strong samples that are needed."""
+"""Strong samples from which (7) replaces the grid. From the first one on it is as good for frames, but in a file of
+intensities 5 of 50 pairs of humps were `Found`, one of them wrong, instead of 1."""
 
 MAX_GROUPS = 24
 """Most groups of strong samples that count by (7), the strongest: the matrix of (8) is as large."""
@@ -249,7 +250,7 @@ def symmetric_log_likelihood(
         row[:] = log_tables(noise=each.noise, cells=each.cells, errors=errors, ratio=each.lateral_ratio) / each.beside
     log_p = np.empty((angles_deg.size, hypotheses.member.size))
     log_amplitude = np.empty_like(log_p)
-    _symmetry.symmetric_likelihood(
+    _fill_in(
         angles_deg,
         hypotheses.member,
         shapes.log_curve,
@@ -294,3 +295,327 @@ def shift_sigmas_deg(observations: Sequence[Observation]) -> Float64[np.ndarray,
             if sweep.play_sigma_deg > 0:
                 row[1 + played.index(sweep.number)] = sweep.play_sigma_deg
     return shifts if shifts.any() else shifts[:, :0]
+
+
+@compiled
+def log_level(log_curve: Float64[np.ndarray, " distances"], steps: float) -> float:
+    """Ln S at this number of steps from the marker, linear between the tabulated ones."""
+    near = min(int(steps), log_curve.size - 2)
+    part = min(steps - near, 1.0)
+    return float((1 - part) * log_curve[near] + part * log_curve[near + 1])
+
+
+@compiled
+def template_sigma(
+    level: float, log_levels: Float64[np.ndarray, " levels"], sigmas: Float64[np.ndarray, " levels"]
+) -> float:
+    """Standard deviation s of g where ln S is ``level``: one of ``sigmas`` at each of ``log_levels``."""
+    if level >= log_levels[0]:
+        return float(sigmas[0])
+    for row in range(1, log_levels.size):
+        if level >= log_levels[row]:
+            part = (log_levels[row - 1] - level) / (log_levels[row - 1] - log_levels[row])
+            return float(sigmas[row - 1] + part * (sigmas[row] - sigmas[row - 1]))
+    return float(sigmas[-1])
+
+
+@compiled
+def _covariance(
+    level: Float64[np.ndarray, " groups"],
+    distance: Float64[np.ndarray, " groups"],
+    slope: Float64[np.ndarray, " groups"],
+    width: Float64[np.ndarray, " groups"],
+    shift: Float64[np.ndarray, "groups shifts"],
+    log_levels: Float64[np.ndarray, " levels"],
+    sigmas: Float64[np.ndarray, " levels"],
+    out: Float64[np.ndarray, "groups groups"],
+) -> None:
+    """Fill in the lower half of (8), ``distance`` in units of ℓF.
+
+    ``slope`` and ``width`` are of `_unresolved`, ``shift`` of `_shifted`.
+    """
+    count = level.size
+    sigma = np.empty(count)
+    for i in range(count):
+        own = template_sigma(level[i], log_levels, sigmas)
+        # The template's error is as smooth at the marker as anywhere: without the second part it had a cusp there.
+        sigma[i] = own / math.sqrt(1 + 1 / (1 + 2 * distance[i] * distance[i]))
+        for k in range(i):
+            apart, across = distance[i] - distance[k], distance[i] + distance[k]
+            out[i, k] = sigma[i] * sigma[k] * (1 / (1 + 0.5 * apart * apart) + 1 / (1 + 0.5 * across * across))
+            out[i, k] += slope[i] * slope[k] + width[i] * width[k]
+            for s in range(shift.shape[1]):
+                out[i, k] += shift[i, s] * shift[k, s]
+        out[i, i] = own * own + slope[i] ** 2 + width[i] ** 2
+        for s in range(shift.shape[1]):
+            out[i, i] += shift[i, s] ** 2
+
+
+@compiled
+def factor_and_invert(matrix: Float64[np.ndarray, "n n"], inverse: Float64[np.ndarray, "n n"]) -> float:
+    """Cholesky's factor in place of the lower half, and its inverse; returns ln of the determinant."""
+    # 3 to 8 times as fast as LAPACK through Numba for 3 to 16 samples (`benchmarks.kernels`): its calls allocate, and
+    # the matrices are small. A decision makes some 300 of them.
+    count = matrix.shape[0]
+    determinant = 1.0
+    for i in range(count):
+        for k in range(i + 1):
+            rest = matrix[i, k]
+            for c in range(k):
+                rest -= matrix[i, c] * matrix[k, c]
+            if i == k:
+                matrix[i, i] = math.sqrt(rest)
+                determinant *= rest
+            else:
+                matrix[i, k] = rest / matrix[k, k]
+        inverse[i, i] = 1 / matrix[i, i]
+        for k in range(i):
+            total = 0.0
+            for c in range(k, i):
+                total += matrix[i, c] * inverse[c, k]
+            inverse[i, k] = -total * inverse[i, i]
+    return math.log(determinant)
+
+
+@compiled
+def _log_density(
+    inverse: Float64[np.ndarray, "groups groups"],
+    log_determinant: float,
+    value: Float64[np.ndarray, " strong"],
+    weight: Float64[np.ndarray, " strong"],
+    apart: Float64[np.ndarray, " strong"],
+    group: Int64[np.ndarray, " strong"],
+    mean: Float64[np.ndarray, " groups"],
+    precision: Float64[np.ndarray, " groups"],
+    outlier: float,
+    unit: Float64[np.ndarray, " groups"],
+    whitened: Float64[np.ndarray, " groups"],
+    own: Float64[np.ndarray, " groups"],
+) -> tuple[float, float]:
+    """Ln p of values with an unknown common offset ln A, one of them perhaps an outlier (9); and that offset.
+
+    The values of a group share g and differ by errors of their own, 1/``weight``, and about their mean by the slope of
+    g as well, together 1/``apart``. ``mean`` and ``precision`` are a group's weighted mean and the sum of its weights,
+    and ``inverse`` is that of Cholesky's factor L of the means' covariance; ``unit``, ``whitened``, ``own`` are
+    workspace.
+    """
+    groups = mean.size
+    # unit = C⁻¹·1 and whitened = C⁻¹·mean, of C = L·Lᵀ. The offset under a flat prior is that of least squares,
+    # 1ᵀC⁻¹mean / 1ᵀC⁻¹1 (Rasmussen and Williams 2.7).
+    unit[:] = 0.0
+    whitened[:] = 0.0
+    own[:] = 0.0
+    total, offset = 0.0, 0.0
+    for c in range(groups):
+        one, known = 0.0, 0.0
+        for k in range(c + 1):
+            one += inverse[c, k]
+            known += inverse[c, k] * mean[k]
+        total += one * one
+        offset += one * known
+        for k in range(c + 1):
+            unit[k] += one * inverse[c, k]
+            whitened[k] += known * inverse[c, k]
+            own[k] += inverse[c, k] ** 2
+    offset /= total
+    square, bad = 0.0, 0.0
+    for c in range(groups):
+        square += (whitened[c] - offset * unit[c]) * mean[c]
+        log_determinant += math.log(precision[c])
+    for i in range(value.size):
+        # Precision and residual of one value given the others, the offset integrated out (there 5.12): p without it
+        # is p over its density given the others, so that leaving each one out takes no second factorisation. Those of
+        # a value follow from its group's mean by Woodbury's identity (there A.9).
+        c = group[i]
+        share = weight[i] / precision[c]
+        away = value[i] - mean[c]
+        known = apart[i] * (1 - share) + share * share * (own[c] - unit[c] ** 2 / total)
+        weighted = apart[i] * away + share * (whitened[c] - offset * unit[c])
+        square += apart[i] * away * away
+        log_determinant -= math.log(apart[i])
+        known = max(known, 1e-9)
+        # Beyond exp(500) the sum would overflow; such a value is an outlier in any case.
+        bad += math.sqrt(2 * math.pi / known) * math.exp(min(0.5 * weighted**2 / known, 500.0))
+    log_density = -0.5 * (square + log_determinant + math.log(total) + (value.size - 1) * math.log(2 * math.pi))
+    return log_density + math.log1p(outlier * bad), offset
+
+
+@compiled
+def _place_groups(
+    away_deg: Float64[np.ndarray, " strong"],
+    level: Float64[np.ndarray, " strong"],
+    share: Float64[np.ndarray, " strong"],
+    group: Int64[np.ndarray, " strong"],
+    log_levels: Float64[np.ndarray, " levels"],
+    sigmas: Float64[np.ndarray, " levels"],
+    length_deg: float,
+    place_deg: Float64[np.ndarray, " groups"],
+    height: Float64[np.ndarray, " groups"],
+    beside: Float64[np.ndarray, " strong"],
+) -> None:
+    """Fill in distance and level of each group, means with ``share``, and the variance of g beside its middle."""
+    place_deg[:] = 0.0
+    height[:] = 0.0
+    for i in range(away_deg.size):
+        place_deg[group[i]] += share[i] * away_deg[i]
+        height[group[i]] += share[i] * level[i]
+    for i in range(away_deg.size):
+        # By (8), to first order.
+        off = (away_deg[i] - place_deg[group[i]]) / length_deg
+        beside[i] = (template_sigma(height[group[i]], log_levels, sigmas) * off) ** 2
+
+
+@compiled
+def _unresolved(
+    log_curve: Float64[np.ndarray, " distances"],
+    place_deg: Float64[np.ndarray, " groups"],
+    side: Float64[np.ndarray, " groups"],
+    step_deg: float,
+    blur_deg: float,
+    log_width: float,
+    slope: Float64[np.ndarray, " groups"],
+    width: Float64[np.ndarray, " groups"],
+) -> None:
+    """Fill in what a standard deviation of the angle, and one of ln F, changes each level by.
+
+    Both are uniform within their steps, and the curve is linear in them.
+    """
+    half_steps, widening = blur_deg / 2 / step_deg, math.exp(log_width / 2)
+    for c in range(place_deg.size):
+        away = place_deg[c] / step_deg
+        change = log_level(log_curve, away / widening) - log_level(log_curve, away * widening)
+        width[c] = change / math.sqrt(12)
+        change = log_level(log_curve, away + half_steps) - log_level(log_curve, abs(away - half_steps))
+        slope[c] = side[c] * change / math.sqrt(12)
+
+
+@compiled
+def _shifted(
+    log_curve: Float64[np.ndarray, " distances"],
+    place_deg: Float64[np.ndarray, " groups"],
+    side: Float64[np.ndarray, " groups"],
+    step_deg: float,
+    shift_deg: Float64[np.ndarray, "strong shifts"],
+    share: Float64[np.ndarray, " strong"],
+    group: Int64[np.ndarray, " strong"],
+    steepness: Float64[np.ndarray, " groups"],
+    shift: Float64[np.ndarray, "groups shifts"],
+) -> None:
+    """Fill in the change of ln S with the probe's angle, per degree, and with a standard deviation of each shift."""
+    shift[:] = 0.0
+    for c in range(place_deg.size):
+        away = place_deg[c] / step_deg
+        change = log_level(log_curve, away + 1) - log_level(log_curve, abs(away - 1))
+        steepness[c] = side[c] * change / (2 * step_deg)
+    # To first order: a shift is some hundredths of a degree, and the narrowest curve two degrees wide.
+    for i in range(group.size):
+        for s in range(shift_deg.shape[1]):
+            shift[group[i], s] += share[i] * steepness[group[i]] * shift_deg[i, s]
+
+
+@compiled
+def _log_tables_at(
+    tables: Float64[np.ndarray, "weak errors entries"],
+    table_levels: Float64[np.ndarray, " errors"],
+    level: Float64[np.ndarray, " weak"],
+    log_ratio: Float64[np.ndarray, " weak"],
+    table_step: float,
+) -> float:
+    """Sum of ln p of the weak samples by their tables, ``log_ratio`` being ln(μ/y) from the tables' low end."""
+    total = 0.0
+    for i in range(level.size):
+        row = 0
+        while level[i] < table_levels[row]:
+            row += 1
+        entry = int(log_ratio[i] / table_step + 0.5)
+        total += tables[i, row, min(max(entry, 0), tables.shape[2] - 1)]
+    return total
+
+
+@compiled
+def _fill_in(
+    angles_deg: Float64[np.ndarray, " angles"],
+    members: Int64[np.ndarray, " members"],
+    log_curve: Float64[np.ndarray, "shapes distances"],
+    fwhm_deg: Float64[np.ndarray, " shapes"],
+    step_deg: float,
+    blur_deg: float,
+    log_width: float,
+    measured_deg: Float64[np.ndarray, " samples"],
+    log_intensity: Float64[np.ndarray, " samples"],
+    noise: Float64[np.ndarray, " strong"],
+    group: Int64[np.ndarray, " strong"],
+    energy_share: Float64[np.ndarray, " strong"],
+    angle_sigma_deg: Float64[np.ndarray, " strong"],
+    shift_deg: Float64[np.ndarray, "strong shifts"],
+    sample_error: Float64[np.ndarray, " members"],
+    log_levels: Float64[np.ndarray, " levels"],
+    sigmas: Float64[np.ndarray, " levels"],
+    length: float,
+    outlier: float,
+    tables: Float64[np.ndarray, "weak errors entries"],
+    table_levels: Float64[np.ndarray, " errors"],
+    table_low: float,
+    table_step: float,
+    out: Float64[np.ndarray, "angles members"],
+    log_amplitude: Float64[np.ndarray, "angles members"],
+) -> None:
+    """Fill in ln p of all samples for each angle and shape, and the ln amplitude that goes with it.
+
+    ``sample_error`` goes with each shape; a shape may come with several, after one another. The strong samples come
+    first, those of a ``group`` after one another, and count by `_log_density`, the others by their table at the
+    amplitude of those. Each angle stands for all within ``blur_deg`` about it, each shape for any ln F within
+    ``log_width``; 0: for itself. A strong sample's angle has an error of its own, and is shifted by unknowns that
+    others share, each normal, by ``shift_deg`` for a standard deviation.
+    """
+    strong = noise.size
+    groups = group[strong - 1] + 1
+    level, away_deg, value, weight = (np.empty(measured_deg.size), np.empty(strong), np.empty(strong), np.empty(strong))
+    beside, share, apart, known = np.empty(strong), np.empty(strong), np.empty(strong), np.zeros(groups)
+    place_deg, height, side = np.empty(groups), np.empty(groups), np.empty(groups)
+    slope, width, mean, precision = np.empty(groups), np.empty(groups), np.empty(groups), np.empty(groups)
+    steepness, shift = np.empty(groups), np.empty((groups, shift_deg.shape[1]))
+    shared, matrix, inverse = np.empty((groups, groups)), np.empty((groups, groups)), np.empty((groups, groups))
+    unit, whitened, own = np.empty(groups), np.empty(groups), np.empty(groups)
+    for i in range(strong):
+        known[group[i]] += noise[i] ** -2
+    for i in range(strong):
+        share[i] = noise[i] ** -2 / known[group[i]]
+    for k in range(angles_deg.size):
+        for i in range(strong):
+            away_deg[i] = abs(measured_deg[i] - angles_deg[k])
+            side[group[i]] = 1.0 if measured_deg[i] > angles_deg[k] else -1.0
+        for j in range(members.size):
+            member = members[j]
+            # What only the shape decides is computed once for all sample errors with it.
+            if j == 0 or member != members[j - 1]:
+                curve, length_deg = log_curve[member], length * fwhm_deg[member]
+                for i in range(measured_deg.size):
+                    level[i] = log_level(curve, abs(measured_deg[i] - angles_deg[k]) / step_deg)
+                value[:] = log_intensity[:strong] - level[:strong]
+                _place_groups(
+                    away_deg, level[:strong], share, group, log_levels, sigmas, length_deg, place_deg, height, beside
+                )
+                _unresolved(curve, place_deg, side, step_deg, blur_deg, log_width, slope, width)
+                _shifted(curve, place_deg, side, step_deg, shift_deg, share, group, steepness, shift)
+                _covariance(height, place_deg / length_deg, slope, width, shift, log_levels, sigmas, shared)
+            precision[:] = 0.0
+            mean[:] = 0.0
+            for i in range(strong):
+                # ln y of a strong sample is normal with the standard deviation σ/y.
+                by_angle = steepness[group[i]] * angle_sigma_deg[i]
+                variance = noise[i] ** 2 + (energy_share[i] * sample_error[j]) ** 2 + by_angle**2
+                weight[i], apart[i] = 1 / variance, 1 / (variance + beside[i])
+                precision[group[i]] += weight[i]
+                mean[group[i]] += weight[i] * value[i]
+            matrix[:] = shared
+            for c in range(groups):
+                mean[c] /= precision[c]
+                matrix[c, c] += 1 / precision[c]
+            log_determinant = factor_and_invert(matrix, inverse)
+            log_p, amplitude = _log_density(
+                inverse, log_determinant, value, weight, apart, group, mean, precision, outlier, unit, whitened, own
+            )
+            away = amplitude + level[strong:] - log_intensity[strong:] - table_low
+            out[k, j] = log_p + _log_tables_at(tables, table_levels, level[strong:], away, table_step)
+            log_amplitude[k, j] = amplitude

@@ -13,7 +13,6 @@ from scipy.stats import t as student
 
 from markerseek.acoustics import Absorber, AcousticModel, GaussianAbsorber, Probe
 from markerseek.core import Reading, Sample
-from markerseek.search.posterior._grid import MIN_LOG_WEIGHT, exponential
 from markerseek.search.posterior.arrival import SOUND_SPEED_M_S, off_plane, student_log_likelihood
 from markerseek.search.posterior.arrival import log_likelihood as log_moments
 from markerseek.search.posterior.asymmetry import (
@@ -239,7 +238,7 @@ def test_moments_against_brute_force():
     value = np.array([[0.1, 0.9, 2.2], [1.4, 0.45, 0.05]])
     scale = np.full((2, 3), 0.15)
     precision = np.array([1 / 4, 1.0])
-    log = student_log_likelihood(design, value, scale, precision, 4.0, 8)
+    log = student_log_likelihood(design, value, scale, precision, iterations=8)
     a, b = np.meshgrid(np.linspace(-4, 4, 801), np.linspace(-4, 4, 801), indexing="ij")
     brute = []
     for rows, values in zip(design, value, strict=True):
@@ -314,12 +313,3 @@ def test_the_shift_grows_as_less_of_the_sound_is_in_phase_as_that_differs_and_wi
     assert shift_scale_m(uneven, width_m=5e-3) == pytest.approx(0.28e-3)
     assert shift_scale_m(uneven, width_m=20e-3) == pytest.approx(0.56e-3)
     assert SHIFT_M < shift_scale_m(None, width_m=20e-3) < shift_scale_m(uneven, width_m=5e-3)
-
-
-def test_the_exponential_of_the_weights_is_numpys():
-    log = np.linspace(-25.0, 0.0, 5001).astype(np.float32)
-    series, out = np.empty_like(log), np.empty_like(log)
-    exponential(log, series, out.view(np.int32), out)
-    counted = log > MIN_LOG_WEIGHT
-    np.testing.assert_allclose(out[counted], np.exp(log[counted], dtype=np.float64), rtol=1e-5)
-    assert not out[~counted].any()

@@ -12,8 +12,8 @@ import pytest
 
 from markerseek.core import Ambiguous, AtBound, Found, Interval, NotFound, Reading, Sample, Unsure
 from markerseek.search.posterior import Posterior
-from markerseek.search.posterior.detectability import acquisitions_needed
 from markerseek.search.posterior.shapes import log_curve
+from markerseek.search.posterior.survey import acquisitions_needed
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes")
 

@@ -14,7 +14,6 @@ from scipy.stats import multivariate_normal
 
 from markerseek.core import PAPER_RANGE, Floor, Reading, Sample, SweepTiming
 from markerseek.search.floor import SearchNoise
-from markerseek.search.posterior._next_angle import expected_variance
 from markerseek.search.posterior.grid import ERRORS, LEVELS
 from markerseek.search.posterior.inference import Inference, refine
 from markerseek.search.posterior.likelihood import (
@@ -27,6 +26,7 @@ from markerseek.search.posterior.likelihood import (
     Observation,
     log_tables,
 )
+from markerseek.search.posterior.next_angle import expected_variance
 from markerseek.search.posterior.shapes import STEP_DEG, family
 from markerseek.search.posterior.symmetry import (
     CORRELATION_LENGTH,

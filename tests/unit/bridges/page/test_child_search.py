@@ -17,13 +17,11 @@ from markerseek.bridges.child import Outcome
 from markerseek.bridges.page.child_search import ChildSearch
 from markerseek.bridges.page.controls import USUAL
 from markerseek.bridges.page.page_searches import PageRig, PageSearches
-from markerseek.bridges.page.state import STOPPED as STOPPED_LINE
-from markerseek.bridges.page.state import Snapshot
-from markerseek.bridges.page.verdict import verdict_of
 from markerseek.core import RecordError, SearchError, SearchPlan
 from markerseek.records.journal import Entry
 from markerseek.rigs import read_rig_file
-from markerseek.runs import new_session, plan_on
+from markerseek.runs import STOPPED as STOPPED_LINE
+from markerseek.runs import RunView, new_session, plan_on, verdict_of
 from markerseek.sim import GaussianCurve
 
 BROWSER = "a browser at 127.0.0.1"
@@ -74,27 +72,27 @@ def stream():
 def test_events_become_snapshots(stream):
     told, begun = [], threading.Event()
 
-    def launch(*_):
+    def launch(*_, **__):
         begun.wait(30)
         return ScriptedChild(stream)
 
-    live = ChildSearch(launch, ["search"], on_change=lambda: told.append(live.status))
+    live = ChildSearch(launch, ["search"], asked=USUAL, on_change=lambda: told.append(live.status))
     begun.set()
     assert live.join(30)
     assert (live.status, live.message) == ("ended", "found at 1.000 deg")
     # Of the beginning, of each event, and of the end: no viewer has to wait for a timer.
     assert (len(told), told[-1]) == (len(stream) + 1, "ended")
-    assert len(live.run.snapshots) == len(stream)
-    assert live.run.snapshots[-1].phase == "finished"
+    assert len(live.run.views) == len(stream)
+    assert live.run.last.phase == "finished"
 
 
 def test_stop_ends_it(stream):
     child = ScriptedChild(stream[:5], endless=True)
-    live = ChildSearch(lambda *_: child, ["search"])
+    live = ChildSearch(lambda *_, **__: child, ["search"], asked=USUAL)
     live.stop()
     assert live.join(30)
     assert (live.status, live.message) == ("ended", STOPPED_LINE)
-    assert live.run is None or live.run.snapshots[-1].line == STOPPED_LINE
+    assert live.run is None or live.run.last.line == STOPPED_LINE
 
 
 @pytest.mark.parametrize(
@@ -105,11 +103,11 @@ def test_search_that_is_killed_says_what_laser_and_stage_do(stream, kind, said):
     facts = replace(begun.facts, kind=kind)
     child = ScriptedChild([structs.replace(begun, facts=facts), *events])
     child.outcome = lambda: Outcome(exit_code=137, answer=None)
-    live = ChildSearch(lambda *_: child, ["search"])
+    live = ChildSearch(lambda *_, **__: child, ["search"], asked=USUAL)
     assert live.join(30)
     assert (live.failed, live.message) == (True, f"the command ended with exit code 137, by SIGKILL{said}")
     status_text = pytest.importorskip("markerseek.bridges.page.search_page", reason="needs the extra page").status_text
-    verdict = verdict_of(live.run.snapshots[-1])
+    verdict = verdict_of(live.run.last)
     assert (verdict.word, verdict.problem) == ("FAULT", "the command ended with exit code 137, by SIGKILL")
     assert verdict.reason == said.removeprefix("; ")
     # Once is enough.
@@ -137,9 +135,10 @@ def test_search_that_is_killed_says_what_laser_and_stage_do(stream, kind, said):
         ),
     ],
 )
-def test_what_a_person_can_do_next(simulated, state, phase, said):
+def test_what_a_person_can_do_next(stream, simulated, state, phase, said):
     page = pytest.importorskip("markerseek.bridges.page.search_page", reason="needs the extra page")
-    run = None if phase is None else SimpleNamespace(snapshots=[Snapshot(rig="simulated", phase=phase)])
+    view = RunView(plan=SearchPlan(method="ternary"), facts=stream[0].facts, phase=phase or "ready")
+    run = None if phase is None else SimpleNamespace(last=view)
     search = None if state == "none" else SimpleNamespace(run=run, status=state)
     busy = state in {"busy", "starting"}
     rig = SimpleNamespace(simulated=simulated)
@@ -170,11 +169,11 @@ def test_search_without_an_event_is_not_called_ready(status, message, failed, wo
 def test_stop_before_the_child_is_there(stream):
     begun, child = threading.Event(), ScriptedChild(stream[:5], endless=True)
 
-    def launch(*_):
+    def launch(*_, **__):
         begun.wait(30)
         return child
 
-    live = ChildSearch(launch, ["search"])
+    live = ChildSearch(launch, ["search"], asked=USUAL)
     live.stop()
     assert live.status == "stopping"
     begun.set()
@@ -183,21 +182,21 @@ def test_stop_before_the_child_is_there(stream):
 
 
 def test_child_that_cannot_be_started():
-    def launch(*_):
+    def launch(*_, **__):
         raise OSError("no processes left")
 
-    live = ChildSearch(launch, ["search"])
+    live = ChildSearch(launch, ["search"], asked=USUAL)
     assert live.join(30)
     assert (live.status, live.message) == ("ended", "no processes left")
 
 
 def test_stream_that_cannot_be_read_stops_the_child(stream):
     child = ScriptedChild(stream[:5], error=RecordError("stream: no stream"))
-    live = ChildSearch(lambda *_: child, ["search"])
+    live = ChildSearch(lambda *_, **__: child, ["search"], asked=USUAL)
     assert live.join(30)
     assert (child.stopped.is_set(), live.message) == (True, "stream: no stream")
     # Nobody knows where the probe is that was on its way.
-    last = live.run.snapshots[-1]
+    last = live.run.last
     assert (last.phase, last.target_deg, last.line) == ("cut off", None, "stream: no stream")
 
 
@@ -209,7 +208,7 @@ def test_search_that_cannot_be_shown_is_stopped(stream, monkeypatch):
 
     monkeypatch.setattr("markerseek.bridges.page.run_history.RunHistory.add", broken)
     child = ScriptedChild(stream[:5], endless=True)
-    live = ChildSearch(lambda *_: child, ["search"])
+    live = ChildSearch(lambda *_, **__: child, ["search"], asked=USUAL)
     assert live.join(30)
     assert (child.stopped.is_set(), live.message) == (True, "the page cannot show this search; it was stopped")
 
@@ -220,9 +219,7 @@ def test_published_form_wins_no_race():
 
     def racer(method, elapsed_s, *, as_published=False):
         plan = SearchPlan(method=method, as_published=as_published)
-        run = SimpleNamespace(
-            configuration=SimpleNamespace(plan=plan), snapshots=[SimpleNamespace(elapsed_s=elapsed_s)]
-        )
+        run = SimpleNamespace(last=SimpleNamespace(plan=plan, elapsed_s=elapsed_s))
         return SimpleNamespace(status="ended", run=run, outcome=FOUND)
 
     slow, quick = racer("posterior", 90.0), racer("ternary", 60.0)
@@ -248,11 +245,11 @@ def searches(children, tmp_path, monkeypatch, **rig):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
     asked = []
 
-    def launch(arguments, _journal):
+    def launch(arguments, journal):
         asked.append(list(arguments))
         return children.pop(0)
 
-    return PageSearches(launch, PageRig(**rig)), asked
+    return PageSearches(PageRig(**rig), launch=launch), asked
 
 
 def test_one_search_at_a_time(stream, tmp_path, monkeypatch):
@@ -325,7 +322,7 @@ def test_pause_while_a_search_goes_on_can_go_on_again(stream, tmp_path, monkeypa
     children = [ScriptedChild(stream[:5], endless=True), ScriptedChild(endless=True), ScriptedChild(stream)]
     shared, asked = searches(children, tmp_path, monkeypatch)
     shared.start(USUAL, asked_by=BROWSER)
-    while shared.search.run is None or len(shared.search.run.snapshots) < 3:
+    while shared.search.run is None or len(shared.search.run.views) < 3:
         time.sleep(0.01)
     shared.search.journal.touch()
     for going_on in (True, True, False):
@@ -341,10 +338,10 @@ def test_pause_while_a_search_goes_on_can_go_on_again(stream, tmp_path, monkeypa
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_whatever_goes_wrong_has_a_sentence():
-    def launch(*_):
+    def launch(*_, **__):
         raise RuntimeError("can't start new thread")
 
-    live = ChildSearch(launch, [])
+    live = ChildSearch(launch, [], asked=USUAL)
     assert live.join(10)
     assert (live.failed, live.message) == (True, "the page cannot show this search; it was stopped")
 
@@ -365,7 +362,7 @@ def test_recordings_of_one_name_are_told_apart(tmp_path, monkeypatch):
     kept = tmp_path / "markerseek" / "journals" / "run.journal"
     kept.parent.mkdir(parents=True)
     kept.touch()
-    shared = PageSearches(lambda *_: ScriptedChild(), PageRig(), named)
+    shared = PageSearches(PageRig(), named, launch=lambda *_, **__: ScriptedChild())
     assert list(shared.recordings().values()) == [*named, kept]
     assert next(iter(shared.recordings())) == "run.journal"
 

@@ -16,12 +16,7 @@ from markerseek.bridges.page.image_bytes import (
     picture_of,
     pooled_levels,
 )
-from markerseek.bridges.page.models import (
-    background_model,
-    image_model,
-    image_note,
-    image_title,
-)
+from markerseek.bridges.page.models import image_model, image_texts
 from markerseek.bridges.page.run_history import RunHistory
 from markerseek.core import (
     BModeImage,
@@ -78,10 +73,9 @@ def test_b_mode_of_the_frame_is_the_background_and_both_are_where_their_pixels_a
     run = RunHistory(new_session(rig, SearchPlan(method="posterior")).configuration)
     sample = rig.scanner.measure(4.0)
     run.add(Measured(role="search", index=1, sample=sample), clock_s=0.0)
-    picture, b_mode = run.picture(run.snapshots[-1]), sample.frame.b_mode
-    background = background_model(picture)
-    assert image_note(picture, simulated=True) == "photoacoustic, 20 dB; ring: its peak; grey: B-mode (simulated)"
-    assert background["pixels"] == picture.b_mode.pixels
+    picture, b_mode = run.picture(run.last), sample.frame.b_mode
+    _, note = image_texts(picture, elsewhere=False, simulated=True)
+    assert note == "photoacoustic, 20 dB; ring: its peak; grey: B-mode (simulated)"
     np.testing.assert_array_equal(levels_of(picture.b_mode), b_mode.pixels)
     for layer, geometry, row, column in (
         (picture.b_mode, b_mode.geometry, 40, 200),
@@ -108,7 +102,7 @@ def test_rigs_of_other_frames_are_shown(data):
     rig = rigs.simulated(seed=1, settings=SimulatedSettings(receiver=ReceiverSettings(data=data)))
     run = RunHistory(new_session(rig, SearchPlan(method="ternary")).configuration)
     run.add(Measured(role="search", index=1, sample=rig.scanner.measure(2.0)), clock_s=0.0)
-    assert (run.picture(run.snapshots[-1]) is not None) == (data == "rf")
+    assert (run.picture(run.last) is not None) == (data == "rf")
 
 
 def test_picture_of_a_simulated_frame_has_its_peak_where_the_reading_has_it():
@@ -119,9 +113,12 @@ def test_picture_of_a_simulated_frame_has_its_peak_where_the_reading_has_it():
     # A pixel is 0.43 mm wide and 0.39 mm deep; the reading has found the peak between its pixels.
     assert (lateral_mm, depth_mm) == pytest.approx(picture.peak_mm, abs=0.25)
     # Nothing is drawn below data that is not data.
-    assert background_model(picture) == {}
-    assert image_title(picture, elsewhere=False) == f"image of {sample.angle_deg:.2f}°"
-    assert image_title(picture, elsewhere=True) == f"last image: {sample.angle_deg:.2f}°"
+    assert picture.b_mode is None
+    for elsewhere, title in (
+        (False, f"image of {sample.angle_deg:.2f}°"),
+        (True, f"last image: {sample.angle_deg:.2f}°"),
+    ):
+        assert image_texts(picture, elsewhere=elsewhere, simulated=True)[0] == title
     assert image_model(picture, floor=None)["deg"] == sample.angle_deg
     assert image_model(None, floor=None)["pixels"] == ""
     # The largest envelope of noise is no marker.

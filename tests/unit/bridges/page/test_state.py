@@ -10,17 +10,10 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.bridges.page.curve import curve_options
-from markerseek.bridges.page.models import (
-    fan_model,
-    number_rows,
-    probe_text,
-)
+from markerseek.bridges.page.models import fan_model, probe_text
 from markerseek.bridges.page.results import is_claimed
 from markerseek.bridges.page.run_history import RunHistory, is_image_of
 from markerseek.bridges.page.search_page import status_text
-from markerseek.bridges.page.state import STOPPED, Snapshot, SnapshotBuilder, angle_text, with_minus
-from markerseek.bridges.page.verdict import Verdict, interval_text, sigma_text, turn_text, verdict_of
 from markerseek.core import (
     PAPER_RANGE,
     Ambiguous,
@@ -42,9 +35,9 @@ from markerseek.core import (
     Swept,
     Turning,
 )
-from markerseek.records import answer_name
+from markerseek.records import angle_text, answer_name, interval_text, sigma_text, with_minus
 from markerseek.records.journal import Interrupted, Resuming
-from markerseek.runs import new_session, plan_on
+from markerseek.runs import STOPPED, RunView, Verdict, curve_of, new_session, numbers_of, plan_on, verdict_of
 from markerseek.runs.journalled import Beliefs
 from markerseek.search import METHODS, BracketSearch, build
 from markerseek.sim import GaussianCurve, ReceiverSettings, SimulatedSettings
@@ -61,9 +54,16 @@ def finished_run(method, *, as_published=False, seed=5, marker_deg=-9.4):
     return session, [(beliefs.added(event), rig.scanner.clock.now_s()) for event in session.events()]
 
 
-def shown(session, events) -> list[Snapshot]:
-    state = SnapshotBuilder(session.configuration)
-    return [state.add(event, clock_s=clock_s) for event, clock_s in events]
+def shown(session, events) -> list[RunView]:
+    views = [RunView.of(session.configuration)]
+    for event, clock_s in events:
+        views.append(views[-1].add(event, clock_s=clock_s))
+    return views[1:]
+
+
+def a_view(kind="simulated", **known) -> RunView:
+    facts = RigFacts(kind=kind, description="", fingerprint="", search=PAPER_RANGE)
+    return RunView(plan=SearchPlan(method="ternary"), facts=facts, **known)
 
 
 @pytest.mark.parametrize(
@@ -131,14 +131,14 @@ def test_weights_of_the_weighted_average():
 def test_probe_is_expected_only_while_it_moves():
     session, events = finished_run("posterior")
     for (event, _), snapshot in zip(events, shown(session, events), strict=True):
-        assert (snapshot.target_deg is not None) == isinstance(event, Asked)
+        assert (snapshot.target_deg is not None) == (isinstance(event, Asked) and event.role != "dark")
         if isinstance(event, Measured):
             assert snapshot.probe_deg == event.sample.angle_deg
 
 
 def test_states_that_end_or_interrupt_a_run():
     session, _ = finished_run("posterior")
-    state = SnapshotBuilder(session.configuration)
+    snapshot = RunView.of(session.configuration)
     limits = Interval(low_deg=-35.0, high_deg=35.0)
     said = [
         (Started(start_deg=1.0, limits=limits), "ready", False),
@@ -149,7 +149,7 @@ def test_states_that_end_or_interrupt_a_run():
         (Failed(error=MoveError("it did not arrive")), "fault", True),
     ]
     for event, phase, over in said:
-        snapshot = state.add(event, clock_s=1.0)
+        snapshot = snapshot.add(event, clock_s=1.0)
         assert (snapshot.phase, snapshot.over) == (phase, over)
     assert snapshot.line == "fault: it did not arrive; the laser was told to disarm, and the stage to stop"
     verdict = verdict_of(snapshot, next_step="call somebody")
@@ -168,7 +168,7 @@ def test_published_form_claims_nothing():
     assert (verdict.word, verdict.kind, verdict.turn) == ("NO CLAIM", "nothing", "")
     assert (verdict.angle, verdict.sigma) == (f"{result.angle_deg:.3f}°".replace("-", "−"), "")
     assert not any("found" in verdict_of(each).line or "confirm" in each.line for each in snapshots)
-    fan = fan_model(last, session.configuration.facts.search, duration_s=0.0, known_deg=None)
+    fan = fan_model(last, duration_s=0.0, reveal=False)
     assert (last.points[-1].role, fan["points"][-1]["text"]) == ("confirmation", "")
     answer = msgspec.to_builtins(result)
     assert (answer["answer"], is_claimed(answer)) == ("found", False)
@@ -176,16 +176,16 @@ def test_published_form_claims_nothing():
 
 def test_probe_is_read_back_last_where_its_move_was_cut_short():
     session, events = finished_run("posterior")
-    state = SnapshotBuilder(session.configuration)
     second = next(
         n
         for n, (event, _) in enumerate(events)
         if isinstance(event, Asked) and (event.role, event.index) == ("search", 2)
     )
-    said = [probe_text(state.add(event, clock_s=clock_s)) for event, clock_s in events[: second + 1]]
-    read_back = with_minus(f"read back: {state.snapshot.probe_deg:.2f}°")
+    views = shown(session, events[: second + 1])
+    said = [probe_text(each) for each in views]
+    read_back = with_minus(f"read back: {views[-1].probe_deg:.2f}°")
     assert said[-2:] == [read_back, with_minus(f"expected, on its way to {events[second][0].angle_deg:.2f}°")]
-    cut_off = state.cut_off("killed; it coasts", problem="killed")
+    cut_off = views[-1].cut_off("killed; it coasts", problem="killed")
     assert (cut_off.phase, cut_off.number, cut_off.over) == ("cut off", second + 2, True)
     assert cut_off.line == "killed; it coasts"
     assert probe_text(cut_off) == f"last {read_back}"
@@ -213,34 +213,29 @@ def test_angle_counts_as_found_only_at_the_end():
 
 def test_models_hold_what_a_snapshot_holds():
     session, events = finished_run("posterior")
-    snapshot, facts = shown(session, events)[-1], session.configuration.facts
-    fan = fan_model(snapshot, facts.search, duration_s=0.5, known_deg=None)
+    snapshot = shown(session, events)[-1]
+    fan = fan_model(snapshot, duration_s=0.5, reveal=False)
     assert (fan["probe"], fan["target"], fan["truth"]) == (snapshot.probe_deg, None, None)
     numbers = [str(point.number) for point in snapshot.points if point.role == "search"]
     # The confirmation has confirmed the marker.
     assert [point["text"] for point in fan["points"]] == [*numbers, "✓"]
-    curve = curve_options(snapshot, facts.search, unit="counts", known=("truth", -9.4))
-    assert "[counts]" in curve["yAxis"][0]["name"]
-    density, dots = curve["series"]
-    source = curve["dataset"]["source"]
-    assert source[density["encode"]["x"]] == pytest.approx(snapshot.belief.angles_deg, abs=1e-3)
-    assert source[density["encode"]["y"]] == pytest.approx(snapshot.belief.density_per_deg, abs=1e-5)
-    assert [dot["value"][0] for dot in dots["data"]] == [round(point.angle_deg, 3) for point in snapshot.points]
-    assert [line["xAxis"] for line in density["markLine"]["data"]] == [session.result().angle_deg, -9.4]
-    lit, unlit = (
-        dict(number_rows(snapshot, name="ternary", unit="counts", pulse_j=pulse_j)) for pulse_j in (1e-3, None)
-    )
+    curve = curve_of(snapshot, reveal=True)
+    assert curve.density == (snapshot.belief.angles_deg, snapshot.belief.density_per_deg)
+    assert [each.angle_deg for each in curve.marks] == [point.angle_deg for point in snapshot.points]
+    assert (curve.answer_deg, curve.known) == (session.result().angle_deg, ("truth", -9.4))
+    lit, unlit = (dict(numbers_of(snapshot, name="ternary", pulse_j=pulse_j)) for pulse_j in (1e-3, None))
     assert lit["light"] == f"{snapshot.pulses:.3g} mJ"
     assert "light" not in unlit
     assert "(virtual)" in unlit["time"]
-    assert unlit["noise floor"].endswith(" counts")
+    assert unlit["threshold"].endswith(f" {snapshot.unit}")
 
 
 def test_truth_is_hidden_until_it_is_revealed():
     session, events = finished_run("posterior")
     snapshot = shown(session, events)[-1]
-    hidden = curve_options(snapshot, session.configuration.facts.search, unit="counts", known=None)
-    assert len(hidden["series"][0]["markLine"]["data"]) == 1
+    assert curve_of(snapshot, reveal=False).known is None
+    assert fan_model(snapshot, duration_s=0.0, reveal=False)["truth"] is None
+    assert fan_model(snapshot, duration_s=0.0, reveal=True)["truth"] == -9.4
 
 
 def test_the_image_is_of_the_angle_where_the_probe_is():
@@ -249,7 +244,7 @@ def test_the_image_is_of_the_angle_where_the_probe_is():
     for index, angle_deg in enumerate((2.0, 27.0, 2.0), start=1):
         run.add(Asked(role="search", index=index, angle_deg=angle_deg), clock_s=0.0)
         run.add(Measured(role="search", index=index, sample=rig.scanner.measure(angle_deg)), clock_s=0.0)
-    asked, there, back = (each for each in run.snapshots if each.number in {3, 4, 6})
+    asked, there, back = (each for each in run.views if each.number in {3, 4, 6})
     images = [run.picture(each) for each in (asked, there, back)]
     assert [each.angle_deg for each in images] == pytest.approx([2.0, 27.0, 2.0], abs=0.01)
     # On its way the probe is nowhere that has been imaged.
@@ -263,10 +258,10 @@ def test_watched_run_expects_a_move_at_the_pace_of_the_rig():
     rig = rigs.simulated(seed=1, settings=SimulatedSettings(), pace=0.5)
     configuration = new_session(rig, SearchPlan(method="posterior")).configuration
     run = RunHistory(configuration)
-    moving = replace(run.snapshots[0], probe_deg=0.0, target_deg=-20.0)
+    moving = replace(run.views[0], probe_deg=0.0, target_deg=-20.0)
     # 20° at 10°/s and 10°/s²: 3 s, of which the pace leaves half.
     assert run.move_s(moving) == pytest.approx(1.5)
-    assert run.move_s(run.snapshots[0]) == 0
+    assert run.move_s(run.views[0]) == 0
 
 
 FLOOR = Floor(level=120.0, source="dark frames")
@@ -298,19 +293,18 @@ OF_ONE = {"interval95_deg": Interval(low_deg=-30.0, high_deg=3.0), "interval_kin
     ids=("not found", "ambiguous", "found"),
 )
 def test_only_angles_that_are_claimed_are_named(estimate, angle, others_deg):
-    snapshot = Snapshot(rig="simulated", belief=AngleBelief(estimate=estimate))
+    snapshot = a_view(belief=AngleBelief(estimate=estimate))
     assert angle_text(snapshot.belief) + sigma_text(snapshot.belief) == angle
     if isinstance(estimate, Ambiguous):
         verdict = verdict_of(replace(snapshot, phase="finished"))
         assert (verdict.word, verdict.interval) == ("AMBIGUOUS", "")
         assert verdict.reason == "the samples fit a marker at each of −24.90 deg and 0.80 deg"
-    facts = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE)
-    fan = fan_model(snapshot, facts.search, duration_s=0.0, known_deg=None)
+    fan = fan_model(snapshot, duration_s=0.0, reveal=False)
     assert fan["others"] == others_deg
     assert (fan["mean"] is None) == isinstance(estimate, NotFound)
-    rows = dict(number_rows(snapshot, name="ternary", unit="counts", pulse_j=None))
+    rows = dict(numbers_of(snapshot, name="ternary"))
     assert rows["other sources"] == ("−8.2 dB at −20.00°" if estimate.others else "not looked for")
-    assert rows["surveyed"] == ("99.6 % of range" if estimate.surveyed else "–")
+    assert rows["range checked"] == ("99.6 %" if estimate.surveyed else "–")
 
 
 def test_a_sweep_is_drawn_pulse_by_pulse():
@@ -324,20 +318,20 @@ def test_a_sweep_is_drawn_pulse_by_pulse():
         events.append(event)
         run.add(event, clock_s=rig.scanner.clock.now_s())
     swept = next(index for index, event in enumerate(events) if isinstance(event, Swept))
-    asked = run.snapshots[2]
+    asked = run.views[2]
     assert (asked.phase, asked.target_deg) == ("moving", PAPER_RANGE.high_deg)
     # Each pulse is where its probe was, and the needle with it; the log keeps the sweep's end only.
-    for event, now in zip(events[2:swept], run.snapshots[3 : swept + 1], strict=True):
+    for event, now in zip(events[2:swept], run.views[3 : swept + 1], strict=True):
         assert (now.phase, now.probe_deg, now.target_deg) == ("sweeping", event.sample.angle_deg, None)
         assert probe_text(now).startswith("read back: ")
-    ended = run.snapshots[swept + 1]
+    ended = run.views[swept + 1]
     assert (ended.phase, ended.probe_deg) == ("measured", events[swept].angle_deg)
-    assert len(fan_model(ended, PAPER_RANGE, duration_s=0, known_deg=None)["points"]) == events[swept].pulses
+    assert len(fan_model(ended, duration_s=0, reveal=False)["points"]) == events[swept].pulses
     lines = [line.split("s  ")[1] for line in run.lines(ended, most=5)]
-    assert lines == [ended.line, run.snapshots[1].line]
+    assert lines == [ended.line, run.views[1].line]
     assert f" after {events[swept].pulses} pulses, the probe is at " in ended.line
-    assert len(run.lines(run.snapshots[10], most=5)) == 2
-    assert run.snapshots[-1].travel_deg == pytest.approx(events[-1].travel_deg)
+    assert len(run.lines(run.views[10], most=5)) == 2
+    assert run.last.travel_deg == pytest.approx(events[-1].travel_deg)
     assert run.name == "posterior, sweeping"
 
 
@@ -370,21 +364,19 @@ def test_interval_says_what_it_is():
 
 
 def test_turn_is_from_the_probe_to_the_marker():
-    snapshot = Snapshot(rig="bench", number=9, phase="finished", probe_deg=-6.2, belief=found_at(-3.0, 0.1))
+    snapshot = a_view("bench", number=9, phase="finished", probe_deg=-6.2, belief=found_at(-3.0, 0.1))
     assert verdict_of(snapshot).turn == "turn by +3.2°"
-    assert turn_text(replace(snapshot, probe_deg=0.0)) == "turn by −3.0°"
+    assert verdict_of(replace(snapshot, probe_deg=0.0)).turn == "turn by −3.0°"
     # A recording turns nothing.
-    assert turn_text(replace(snapshot, rig="replayed")) == ""
+    assert verdict_of(replace(snapshot, facts=replace(snapshot.facts, kind="replayed"))).turn == ""
     assert verdict_of(replace(snapshot, phase="measured")).turn == ""
 
 
 def test_one_stop_has_one_wording():
     session, events = finished_run("posterior")
-    state = SnapshotBuilder(session.configuration)
-    for event, clock_s in events[:6]:
-        state.add(event, clock_s=clock_s)
-    by_signal = state.add(Interrupted(reason="SIGINT"), clock_s=1.0)
-    by_page = state.cut_off(STOPPED)
+    view = shown(session, events[:6])[-1]
+    by_signal = view.add(Interrupted(reason="SIGINT"), clock_s=1.0)
+    by_page = view.cut_off(STOPPED)
     assert by_signal.line == by_page.line == STOPPED
     for each in (by_signal, by_page):
         assert verdict_of(each).word == "STOPPED"
@@ -392,9 +384,9 @@ def test_one_stop_has_one_wording():
 
 
 def test_a_page_without_a_run_is_ready():
-    assert verdict_of(Snapshot(rig="simulated")).word == Verdict().word == "READY"
+    assert verdict_of(a_view()).word == Verdict().word == "READY"
     # Nobody waits for an angle of a search that has not begun.
-    assert verdict_of(Snapshot(rig="simulated")).angle == Verdict().angle == ""
+    assert verdict_of(a_view()).angle == Verdict().angle == ""
 
 
 def test_minus_signs_are_those_of_numbers_only():
@@ -414,25 +406,25 @@ def test_a_person_is_asked_on_the_page_to_turn_the_probe():
     for angle_deg, says in ((-7.34, "it is at −7.3°"), (None, "type the angle reached")):
         run.add(Turning(target_deg=-12.0, angle_deg=angle_deg), clock_s=1.0)
         assert status_text(live) == f"turn the probe to −12.0°: {says}"
-        shown = verdict_of(run.snapshots[-1])
+        shown = verdict_of(run.last)
         assert (shown.word, shown.lead, shown.angle) == ("TURN", "turn the probe to", "−12.0°")
         # Said once.
         assert shown.reason == says
     # A motor's way is animated, a hand's is not foretold.
-    assert run.move_s(run.snapshots[-1]) == 0
+    assert run.move_s(run.last) == 0
     run.add(Refused(angle_deg=-12.0, reason="too late"), clock_s=2.0)
     assert status_text(live) == "refused"
-    assert verdict_of(run.snapshots[-1]).word == "SEARCHING"
-    assert not any("turn the probe" in line for line in run.lines(run.snapshots[-1], most=20))
+    assert verdict_of(run.last).word == "SEARCHING"
+    assert not any("turn the probe" in line for line in run.lines(run.last, most=20))
     # Nobody is asked for anything by a search that was killed while it waited.
     run.add(Turning(target_deg=-12.0, angle_deg=None), clock_s=3.0)
     run.cut_off("killed", problem="killed")
-    verdict = verdict_of(run.snapshots[-1], next_step="Start begins a new search")
+    verdict = verdict_of(run.last, next_step="Start begins a new search")
     assert (verdict.word, verdict.problem, verdict.next_step) == ("FAULT", "killed", "Start begins a new search")
 
 
 def test_run_that_ends_before_its_first_angle_waits_for_none():
-    stopped = Snapshot(rig="simulated", number=4, phase="stopped", line=STOPPED)
+    stopped = a_view(number=4, phase="stopped", line=STOPPED)
     assert verdict_of(stopped, next_step="Go on continues it").next_step == "Go on continues it"
     assert verdict_of(stopped).angle == ""
     assert verdict_of(replace(stopped, phase="measured", line=""), next_step="Go on continues it").next_step == ""

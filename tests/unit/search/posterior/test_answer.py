@@ -10,7 +10,6 @@ from scipy.stats import norm
 
 from markerseek.core import PAPER_RANGE, Floor, Found, Reading, Sample, Tolerance
 from markerseek.search.floor import SearchNoise
-from markerseek.search.posterior.angle_posterior import AnglePosterior
 from markerseek.search.posterior.answer import (
     SearchState,
     answer_of,
@@ -21,6 +20,7 @@ from markerseek.search.posterior.answer import (
     unresolved_rival,
 )
 from markerseek.search.posterior.candidates import Candidate
+from markerseek.search.posterior.inference import AnglePosterior
 from markerseek.search.posterior.survey import Survey
 
 

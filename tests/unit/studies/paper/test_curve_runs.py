@@ -56,10 +56,10 @@ def test_full_scans_answer_as_those_of_the_loop(monkeypatch: pytest.MonkeyPatch,
             for settings in here.policies[2:]:
                 policy = build(
                     SearchPlan(
-                        method=settings.method,
-                        acquisitions=settings.acquisitions,
+                        method=settings.plan.method,
+                        acquisitions=settings.plan.acquisitions,
                         as_published=True,
-                        early_end=settings.early_end,
+                        early_end=settings.plan.early_end,
                     )
                 )
                 found = searched(policy, study_rig(here, cell, draw).scanner)

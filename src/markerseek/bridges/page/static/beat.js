@@ -2,15 +2,23 @@
 // the server refuses those of a page that shows old things. STOP goes its own way, by a plain request.
 
 const SILENT_MS = 1000;
+// From then on nothing that the page shows is taken for the present.
+const DEAD_S = 4;
 // A page that hangs takes a request and never answers it.
 const STOP_MS = 1000;
 
 export default {
   template: `<div v-show="silent_s > 0 || undelivered" class="ms-silent" role="alert">
     <span v-if="undelivered">STOP was not delivered ({{ undelivered }}): press Ctrl-C in the terminal of the page. </span>
-    <span v-if="silent_s > 0">No news for {{ silent_s }} s: what you see is old, and only STOP is sent.</span></div>`,
+    <span v-if="dead">The program of this page does not answer: look at the terminal where it was started.</span>
+    <span v-else-if="silent_s > 0">No news for {{ silent_s }} s: what you see is old, and only STOP is sent.</span></div>`,
   props: { beat: Number },
   data: () => ({ silent_s: 0, undelivered: "" }),
+  computed: {
+    dead() {
+      return this.silent_s >= DEAD_S;
+    },
+  },
   watch: {
     beat(now) {
       this.last = performance.now();
@@ -34,6 +42,7 @@ export default {
       const silent_ms = performance.now() - this.last;
       this.silent_s = silent_ms > SILENT_MS ? Math.round(silent_ms / 1000) : 0;
       document.body.classList.toggle("ms-stale", this.silent_s > 0);
+      document.body.classList.toggle("ms-dead", this.dead);
     },
     async stop() {
       try {

@@ -1,6 +1,9 @@
 // The probe seen from its end: limits, where the marker probably is, where the probe was, is, and goes.
 // Between two readbacks the needle is drawn dashed, where a stage of that speed would be: expected, not measured.
 
+// Radius of the probe over that of the fan, as drawn.
+const FACE = 0.28;
+
 const COLOUR = {
   light: { ink: "#22272e", quiet: "#5b636e", fan: "#eef1f4", glow: [0, 114, 178], answer: "#b34700", truth: "#00735a" },
   dark: { ink: "#e8ebef", quiet: "#a3abb6", fan: "#20262e", glow: [86, 180, 233], answer: "#ff9a4d", truth: "#2fc39b" },
@@ -12,7 +15,6 @@ export default {
   computed: {
     said() {
       const v = this.view;
-      if (v.aim !== null) return `probe from its end: ${v.said}`;
       if (v.probe === null) return "probe from its end: nothing is known yet";
       const goes = v.target === null ? "" : `, on its way to ${v.target.toFixed(1)} degrees`;
       const mean = v.mean === null ? "" : `; marker expected at ${v.mean.toFixed(2)} degrees`;
@@ -45,7 +47,6 @@ export default {
     // Angle of the needle, and whether it was read back.
     needle() {
       const v = this.view;
-      if (v.aim !== null) return [v.aim, false];
       if (v.target === null || v.probe === null) return [v.probe, true];
       const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
       const share = v.duration > 0 && !still ? (performance.now() - this.began) / 1000 / v.duration : 1;
@@ -73,7 +74,7 @@ export default {
       const widest = Math.sin(Math.min(half, Math.PI / 2));
       const far = Math.min(height - 62, (width / 2 - 18) / widest - outside(half));
       // In the middle of a panel that is higher than the fan.
-      const g = { x: width / 2, y: (height + far) / 2 + 1, near: far * v.face, far };
+      const g = { x: width / 2, y: (height + far) / 2 + 1, near: far * FACE, far };
       const wedge = (from, to, near, away) => {
         c.beginPath();
         c.arc(g.x, g.y, away, turn(from), turn(to));

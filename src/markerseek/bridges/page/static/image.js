@@ -53,7 +53,7 @@ export default {
       const mm = Math.min((width - LEFT - RIGHT) / across, (height - TOP - BOTTOM) / down);
       const left = LEFT + (width - LEFT - RIGHT - across * mm) / 2;
       const x = (at) => left + (at - lateral[0]) * mm;
-      const top = TOP + (height - TOP - BOTTOM - down * mm) / 2;
+      const top = TOP;
       const y = (at) => top + (at - depth[0]) * mm;
       ticks(c, { lateral, depth, mm, x, y });
       c.fillStyle = "#000";

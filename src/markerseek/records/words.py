@@ -1,0 +1,99 @@
+"""What an answer says in words: its name, its reason, its angle, as precisely as it is known."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Literal, TypeAlias
+
+from markerseek.core import Ambiguous, AngleBelief, AtBound, Estimate, Found, NotFound, Unsure
+
+AnswerName: TypeAlias = Literal["found", "not found", "ambiguous", "at bound", "unsure"]
+"""Names of the answers in the JSON output."""
+
+
+def answer_name(estimate: Estimate) -> AnswerName:
+    """Name of an answer in the JSON output."""
+    match estimate:
+        case Found():
+            return "found"
+        case NotFound():
+            return "not found"
+        case Ambiguous():
+            return "ambiguous"
+        case AtBound():
+            return "at bound"
+        case Unsure():
+            return "unsure"
+
+
+def answer_reason(estimate: Estimate) -> str | None:
+    """Why an answer is no angle, in one sentence; None where the marker was found."""
+    match estimate:
+        case Found():
+            return None
+        case NotFound(reason=reason) | Unsure(reason=reason):
+            return reason
+        case Ambiguous():
+            return _which_of(estimate)
+        case AtBound(side=side):
+            return f"the intensity still rises at the {side} end of the range; shift the range towards it"
+
+
+def _which_of(estimate: Ambiguous) -> str:
+    """Between which places an answer does not decide, and how loud they are."""
+    named = {each.angle_deg: each for each in estimate.others if each.angle_deg in estimate.modes_deg}
+    places = [
+        f"{mode:.2f} deg" + (f" ({named[mode].relative_db:+.1f} dB)" if mode in named else "")
+        for mode in estimate.modes_deg
+    ]
+    listed = f"{', '.join(places[:-1])} and {places[-1]}"
+    if not named:
+        return f"the samples fit a marker at each of {listed}"
+    return f"sources at {listed} may each be the marker: they are within 6 dB, as far as that is known"
+
+
+def angle_text(belief: AngleBelief) -> str:
+    """The angle that an answer names, or its angles, as precisely as it is known; empty if nothing was detected."""
+    estimate = belief.estimate
+    # The angle of a search that detected nothing is that of the noise.
+    if isinstance(estimate, NotFound):
+        return ""
+    if isinstance(estimate, Ambiguous):
+        return with_minus(" or ".join(f"{each:.1f}°" for each in estimate.modes_deg))
+    digits = 3 if belief.sigma_deg is None else digits_of(belief.sigma_deg)
+    return with_minus(f"{estimate.mean_deg:z.{digits}f}°")
+
+
+def digits_of(sigma_deg: float) -> int:
+    """Digits behind the point that show two significant digits of a standard deviation."""
+    # Rounded first: 0.0996 is 0.10 and not 0.100.
+    return 3 if sigma_deg <= 0 else max(0, 1 - math.floor(math.log10(float(f"{sigma_deg:.1e}"))))
+
+
+def with_minus(text: str) -> str:
+    """A text whose negative numbers have a minus sign instead of a hyphen."""
+    return re.sub(r"(?<![\w.])-(?=\d)", "−", text)
+
+
+def sigma_text(belief: AngleBelief) -> str:
+    """Its standard deviation with two significant digits; empty where the answer has none, or names several angles."""
+    sigma_deg = belief.sigma_deg
+    # That of an ambiguous answer is of one of its sources, and would be read as that of the last angle.
+    if sigma_deg is None or isinstance(belief.estimate, Ambiguous):
+        return ""
+    return f" ± {sigma_deg:.{digits_of(sigma_deg)}f}°"
+
+
+def interval_text(belief: AngleBelief) -> str:
+    """The 95 % interval of an angle, and how far it reaches from it at the marker, where that is known."""
+    # Of one source only where an answer names several.
+    if belief.interval95_deg is None or belief.sigma_deg is None or isinstance(belief.estimate, Ambiguous):
+        return ""
+    low, high = (f"{end_deg:z.{digits_of(belief.sigma_deg)}f}°" for end_deg in belief.interval95_deg)
+    estimate = belief.estimate
+    half_width_m = estimate.half_width_m if isinstance(estimate, Found | Unsure) else None
+    at_marker = "" if half_width_m is None else f", ±\N{NO-BREAK SPACE}{1e3 * half_width_m:.2g}\N{NO-BREAK SPACE}mm"
+    # What a bracket search has left is no probability.
+    name = "last bracket" if getattr(estimate, "interval_kind", None) == "bracket" else "95 %"
+    return with_minus(f"{name}: {low} to {high}{at_marker}")

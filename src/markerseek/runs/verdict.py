@@ -1,0 +1,201 @@
+"""What a run says in words: its verdict, and its numbers."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from markerseek.core import AngleBelief, Found, Unsure
+from markerseek.records import angle_text, answer_name, answer_reason, digits_of, interval_text, sigma_text, with_minus
+from markerseek.runs.run_view import RunView
+
+VerdictKind: TypeAlias = Literal["idle", "busy", "found", "unsure", "nothing", "stopped", "fault"]
+"""Kind of a verdict: its colour."""
+
+ON_MARKER_DEG = 0.05
+"""Distance from the angle of the marker below which the probe is on it, in degrees."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """What a run says, in the order in which it is read.
+
+    Attributes
+    ----------
+    word, kind
+        The word of the badge, and its colour.
+    lead
+        What the angle is if it is not claimed.
+    angle, sigma
+        The angle, and its standard deviation.
+    turn
+        How far the probe has to turn.
+    interval
+        Where the marker is with 95 %.
+    problem
+        What went wrong, with its cure; empty but for a fault.
+    reason
+        Why the answer is so, in one sentence; at a fault what laser and stage did.
+    next_step
+        What a person can do next; at the end of a recording, what a search would have said.
+    """
+
+    word: str = "READY"
+    kind: VerdictKind = "idle"
+    lead: str = ""
+    angle: str = ""
+    sigma: str = ""
+    turn: str = ""
+    interval: str = ""
+    problem: str = ""
+    reason: str = ""
+    next_step: str = ""
+
+    @property
+    def line(self) -> str:
+        """The word and the angle in one line."""
+        joined = " at" if self.kind == "found" else f", {self.lead}"
+        return self.word.lower() + ("" if self.angle in {"", "–"} else f"{joined} {self.angle}{self.sigma}")
+
+
+def verdict_of(view: RunView, *, next_step: str = "") -> Verdict:
+    """The verdict after an event; an angle counts as found only once the search is over and says so.
+
+    Parameters
+    ----------
+    view
+        The run.
+    next_step
+        What a person can do next if the run has ended without an answer.
+    """
+    word, kind = _word(view)
+    belief = view.belief
+    if view.asked_deg is not None:
+        # The line begins with what stands beside it in large letters.
+        read = view.line.partition(": ")[2]
+        angle = with_minus(f"{view.asked_deg:.1f}°")
+        return Verdict(word="TURN", kind=kind, lead="turn the probe to", angle=angle, reason=read)
+    next_step = next_step if kind in {"stopped", "fault"} else ""
+    if view.finished is not None and view.finished.searched is not None:
+        next_step = with_minus(f"a search would have said: {view.result().comparison}")
+    reason = with_minus(_reason(view))
+    if belief is None:
+        angle = "" if view.over or kind == "idle" else "–"
+        return Verdict(word=word, kind=kind, angle=angle, problem=view.problem, reason=reason, next_step=next_step)
+    angle = angle_text(belief) or "–"
+    # Where the badge says it all, or no more will come, there is no angle to wait for.
+    waits = not (kind == "nothing" and belief.claims) and not (view.over and angle == "–")
+    return Verdict(
+        word=word,
+        kind=kind,
+        lead=_lead(view, belief),
+        angle=angle if waits else "",
+        sigma=sigma_text(belief),
+        # At a fault what went wrong counts; the interval so far is in the chart.
+        interval="" if kind == "fault" else interval_text(belief),
+        turn=_turn(view, belief) if kind == "found" else "",
+        problem=view.problem,
+        reason=reason,
+        next_step=next_step,
+    )
+
+
+def _word(view: RunView) -> tuple[str, VerdictKind]:
+    if view.phase in {"fault", "cut off"}:
+        return "FAULT", "fault"
+    if view.phase == "stopped":
+        return "STOPPED", "stopped"
+    if view.phase == "finished" and view.belief is not None:
+        if not view.belief.claims:
+            return "NO CLAIM", "nothing"
+        name = answer_name(view.belief.estimate)
+        return name.upper(), "found" if name == "found" else "nothing" if name == "not found" else "unsure"
+    if view.number == 0:
+        return "READY", "idle"
+    return ("CHECKING" if view.phase == "checking" else "SEARCHING"), "busy"
+
+
+def _lead(view: RunView, belief: AngleBelief) -> str:
+    if view.phase != "finished":
+        return "so far"
+    if not belief.claims:
+        return "angle"
+    return {"found": "", "ambiguous": "either"}.get(answer_name(belief.estimate), "best guess")
+
+
+def _reason(view: RunView) -> str:
+    belief = view.belief
+    if view.phase in {"stopped", "fault", "cut off"}:
+        # The log says how it ended, in the words of the badge, and after the problem what laser and stage did.
+        said = view.line.removeprefix(f"{view.phase}: ")
+        return said.removeprefix(view.problem).removeprefix("; ")
+    if view.dark and not view.points:
+        return f"measuring the noise, laser off, {view.dark} of {max(view.dark, view.plan.dark_frames)}"
+    if belief is None:
+        return "" if view.number else "nothing measured yet"
+    if not belief.claims:
+        return "the paper's form of a method always answers, also where there is no marker"
+    reason = answer_reason(belief.estimate) or ""
+    if view.phase == "finished":
+        return reason
+    return f"so far {answer_name(belief.estimate)}" + (f": {reason}" if reason else "")
+
+
+def _turn(view: RunView, belief: AngleBelief) -> str:
+    """How far the probe has to turn to the marker; empty if nothing turns."""
+    if view.facts.kind == "replayed" or view.probe_deg is None:
+        return ""
+    turn_deg = belief.estimate.mean_deg - view.probe_deg
+    if abs(turn_deg) > ON_MARKER_DEG:
+        return with_minus(f"turn by {turn_deg:+.1f}°")
+    return with_minus(f"the probe is on it, turned by {view.probe_deg - view.start_deg:+.1f}°")
+
+
+def numbers_of(view: RunView, *, name: str, pulse_j: float | None = None) -> list[tuple[str, str]]:
+    """Names and formatted values of a run, besides its verdict.
+
+    Parameters
+    ----------
+    view
+        The run.
+    name
+        What is run: method, form and seed.
+    pulse_j
+        Energy of one pulse in joules; None if it is not known.
+    """
+    moves, belief = view.facts.kind != "replayed", view.belief
+    virtual = " (virtual)" if view.facts.kind == "simulated" else ""
+    rows = [
+        ("search", name),
+        ("acquisitions", str(view.acquisitions) + (f", {view.refused} refused" if view.refused else "")),
+        ("rotation", f"{view.travel_deg:.1f}°" if moves else "–"),
+        ("time", f"{view.elapsed_s:.0f} s{virtual}" if moves else "–"),
+        ("peak SNR", _snr(view)),
+        ("threshold", "unknown" if view.floor_level is None else f"{view.floor_level:.4g} {view.unit}"),
+        ("pulses", str(view.pulses) if moves else "–"),
+    ]
+    if belief is not None:
+        estimate = belief.estimate
+        others = [with_minus(f"{each.relative_db:+.1f} dB at {each.angle_deg:.2f}°") for each in estimate.others]
+        none = "none seen" if belief.angles_deg else "not looked for"
+        rows.append(("other sources", ", ".join(others[:2]) or none))
+        rows.append(("range checked", "–" if estimate.surveyed is None else f"{100 * estimate.surveyed:.1f} %"))
+        if isinstance(estimate, Found | Unsure) and estimate.other_probability:
+            percent = 100 * estimate.other_probability
+            rows.append(("wrong source", "< 0.1 %" if percent < 0.1 else f"{percent:.2g} %"))
+        if view.target_deg is not None and belief.choice_deg:
+            place = min(bisect_left(belief.choice_deg, view.target_deg), len(belief.choice_deg) - 1)
+            sigma_deg = belief.choice_sigma_deg[place]
+            rows.append(("expected next", f"± {sigma_deg:.{digits_of(sigma_deg)}f}°"))
+    if pulse_j is not None:
+        rows.append(("light", f"{view.pulses * pulse_j * 1e3:.3g} mJ"))
+    return rows
+
+
+def _snr(view: RunView) -> str:
+    """Largest intensity over the noise, or that it is below the threshold."""
+    if view.snr_db is None:
+        return "–"
+    below = view.floor_level is not None and view.strongest <= view.floor_level
+    return "below the threshold" if below else f"{view.snr_db:.1f} dB"
