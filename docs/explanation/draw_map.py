@@ -30,7 +30,6 @@ SHORT = {
     "guard": "limits, permits, admission",
     "wire": "protocols as bytes",
     "testing": "contract tests",
-    "adapters": "other people's optimisers",
     "search": "the next angle",
     "signals": "frame to reading",
     "acoustics": "angle to sound",
@@ -41,7 +40,7 @@ SHORT = {
 }
 
 
-PURE = {"core", "search", "signals", "acoustics", "calibration", "geometry", "vision", "adapters", "guard", "wire"}
+PURE = {"core", "search", "signals", "acoustics", "calibration", "geometry", "vision", "guard", "wire"}
 """Packages that know no clock, file, socket or thread."""
 
 

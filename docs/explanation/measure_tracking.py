@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.tracking import track
 from markerseek.runs import stage_period_s
 from markerseek.sim import GaussianCurve, IntensityCurve, PowerCurve, StageMotion
-from markerseek.studies import track
 
 RUNS, DURATION_S, FWHM_DEG, SNR_DB = 20, 20.0, 5.0, 40.0
 SPEEDS_DEG_S, RATES_HZ = (1.0, 5.0, 10.0), (30.0, 10.0, 5.0, 2.0, 1.0)

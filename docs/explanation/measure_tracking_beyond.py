@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 
+from benchmarks.tracking import SweptTrack, track_by_sweeps
 from markerseek.runs import TrackQuality
 from markerseek.search import Tracker, flank_deg
 from markerseek.sim import (
@@ -25,7 +26,6 @@ from markerseek.sim import (
     StageMotion,
     swing_deg,
 )
-from markerseek.studies import SweptTrack, track_by_sweeps
 
 FWHM_DEG, PERIOD_S, DURATION_S = 5.0, 0.05, 20.0
 PEAK, JITTER, CURVE_ERROR, CELLS = 25.0, 0.1, 0.05, 300

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from benchmarks.tracking import SweptTrack, track_by_sweeps
 from markerseek.runs import TrackQuality
 from markerseek.sim import (
     GaussianCurve,
@@ -19,7 +20,6 @@ from markerseek.sim import (
     SimulatedSettings,
     StageMotion,
 )
-from markerseek.studies import SweptTrack, track_by_sweeps
 
 RUNS, DURATION_S, FWHM_DEG = 20, 20.0, 5.0
 LIMITS, DRIVEN = StageMotion(speed_deg_s=25.0, acceleration_deg_s2=25.0), StageMotion()

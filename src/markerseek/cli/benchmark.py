@@ -13,7 +13,7 @@ from rich.table import Table
 from markerseek import studies
 from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report, file_line, table
-from markerseek.cli.terminal import announce_compilation, one_line, progress_bar, stderr, time_left
+from markerseek.cli.terminal import announce_compilation, one_line, stages_bar, stderr, time_left
 from markerseek.core import counted
 
 EXAMPLES = (
@@ -32,12 +32,16 @@ def command(
             "may be repeated."
         ),
     ] = None,
-    optimiser: Annotated[
+    method: Annotated[
         list[str] | None,
-        typer.Option(help="Also a method of another package: scikit-optimize or botorch; may be repeated."),
+        typer.Option(help="A policy of your own as module:name, which runs in our processes; may be repeated."),
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(min=0, help="Seed of the worlds; another one than the usual is another benchmark.")
+        int | None,
+        typer.Option(
+            min=0,
+            help="Seed of the worlds, to repeat a benchmark; without it entries meet a secret one, drawn for them.",
+        ),
     ] = None,
     scale: Annotated[
         float, typer.Option(help="Searches over the usual number, which takes a quarter of an hour on two cores.")
@@ -52,8 +56,8 @@ def command(
 ) -> None:
     """Run the benchmark of searches in simulated worlds, or the rest of it, and print its table."""
     entries = list(dict.fromkeys(studies.Entry.named(text) for text in entry or []))
-    optimisers = list(dict.fromkeys(optimiser or []))
-    others = len(entries) + len(optimisers)
+    methods = list(dict.fromkeys(method or []))
+    others = len(entries) + len(methods)
     size = studies.benchmark_size(scale=scale, others=others)
     count = studies.default_workers() if workers is None else workers
     stderr.print(
@@ -61,15 +65,15 @@ def command(
         f"{time_left(_TYPICAL_S * scale / count)} on a usual computer" + (" without those of others" if others else "")
     )
     announce_compilation()
-    with progress_bar(size, what="searching") as progress:
+    with stages_bar() as progress:
         results = studies.run_benchmark(
             out,
             entries=entries,
-            optimisers=optimisers,
+            methods=methods,
             seed=seed,
             scale=scale,
             workers=workers,
-            progress=lambda done: progress.update(progress.task_ids[0], completed=done),
+            progress=progress,
         )
     failed = [each for each in results.entries if each.failure]
     report = Report(
@@ -89,15 +93,15 @@ _TYPICAL_S = 1200.0
 def _shown(results: studies.BenchmarkResults, out: Path) -> Iterator[str | Table]:
     for tier, searches in results.searches.items():
         yield f"[bold]{tier}[/]: {searches} simulated searches of each method in each world"
-        yield table(_lines([score for score in results.scores if score.tier == tier]), left=("world", "method"), gap=1)
-        for bound in (bound for bound in results.bounds if bound.tier == tier):
-            yield (
-                f"[dim]{bound.world}: the mean error of {bound.acquisitions} acquisitions at their best angles is "
-                f"{bound.error_deg:.3f}° or more (Van Trees' bound, {bound.markers} markers)[/]"
-            )
+        scores = [score for score in (*results.scores, *results.totals) if score.tier == tier]
+        yield table(_lines(scores), left=("world", "method"), gap=1)
         yield ""
+    if results.entries:
+        known = "secret until the entries had ended" if results.secret else "known to the entries, by --seed"
+        yield f"[dim]seed: {results.seed}, {known}[/]"
+    yield "[dim]all: over all worlds of the tier[/]"
     yield "[dim]right: found within the tolerance; without a marker: not found[/]"
-    yield "[dim]N, time: acquisitions and simulated seconds of all searches, over those that found it so[/]"
+    yield "[dim]N, time: acquisitions and simulated seconds of searches for a marker, over those that found it so[/]"
     yield "[dim]error: of the angles found; covered: share of the 95 % intervals that hold the true angle[/]"
     yield "[dim]false: found where nothing is, or off by more than two tolerances; missed: answered not found[/]"
     yield file_line("results", out / "results.json")

@@ -48,10 +48,6 @@ def command(
         bool,
         typer.Option("--plot", help="Write error.png and error.svg into --out: mean error over the acquisitions."),
     ] = False,
-    bound: Annotated[
-        int | None,
-        typer.Option(min=1, help="Markers to search for again, to compare the errors with the bound of each."),
-    ] = None,
     beside: Annotated[
         list[Path] | None, typer.Option(help="File of another finished study, to draw its lines into the same picture.")
     ] = None,
@@ -63,14 +59,12 @@ def command(
         raise ConfigError("--workers are of this machine, and --scheduler has its own; leave one of them out")
     settings = studies.read_study(study)
     if row is not None:
-        _require_alone(out=out, workers=workers, scheduler=scheduler, plot=plot, bound=bound, beside=beside)
+        _require_alone(out=out, workers=workers, scheduler=scheduler, plot=plot, beside=beside)
         named = dict(zip(studies.columns(settings), studies.values_of(studies.run_row(settings, row)), strict=True))
         shown = facts((name, "–" if value is None else str(value)) for name, value in named.items())
         Output(as_json=as_json).show(Report(values=named, shown=[shown]))
     folder = out or Path("out") / study.stem
     _require_drawable(folder, beside or [], plot=plot)
-    if bound is not None:
-        studies.require_bound(settings)
     _announce(settings, workers=workers, scheduler=scheduler)
     try:
         with stages_bar() as advance:
@@ -83,14 +77,12 @@ def command(
             )
     except KeyboardInterrupt:
         _end_stopped(folder, as_json=as_json)
-    bounds = _bounds(settings, markers=bound) if bound is not None else []
     finished = [(settings, finish.summary), *(_finished(path) for path in beside or [])]
     faults = _faults(settings, finish)
-    more = {name: value for name, value in (("bound", bounds), ("faults", faults)) if value}
     report = Report(
-        values={**msgspec.to_builtins(finish.summary), **more} if more else finish.summary,
-        shown=_shown(finish, bounds),
-        pictures=_pictures(finished, markers=bound) if plot else {},
+        values={**msgspec.to_builtins(finish.summary), "faults": faults} if faults else finish.summary,
+        shown=_shown(finish),
+        pictures=_pictures(finished) if plot else {},
         notes=tuple(escape(f"error: {label}: {fault}") for label, fault in faults.items()),
         least_width=80,
         exit_code=1 if any(each.answers["failed"].hits == each.trials for each in finish.summary.policies) else 0,
@@ -130,10 +122,9 @@ def _faults(study: studies.Study, finish: studies.FinishedStudy) -> dict[str, st
         failed = sum(each.answers["failed"].hits for each in finish.summary.policies if each.policy == number)
         if failed:
             rows = studies.read_rows(finish.rows, study)
-            first = next(row.row for row in rows if row.policy == number and row.answer == "failed")
+            first = next(row for row in rows if row.policy == number and row.answer == "failed")
             many = "all" if failed == count else f"{failed} of {count}"
-            fault = studies.fault_of(study, first)
-            faults[str(policy)] = f"{many} searches failed, the first one (row {first}) by: {fault}"
+            faults[str(policy)] = f"{many} searches failed, the first one (row {first.row}) by: {first.fault}"
     return faults
 
 
@@ -164,42 +155,22 @@ def _require_alone(**given: object) -> None:
             raise ConfigError(f"--{name}{given_as}: --row runs one row and writes nothing; leave one of them out")
 
 
-def _bounds(study: studies.Study, *, markers: int) -> list[studies.BoundComparison]:
-    """Each policy in each cell compared with the bound."""
-    return [
-        studies.compare_with_bound(study, cell, policy=number, markers=min(markers, study.trials))
-        for cell in studies.cells(study)
-        for number in range(len(study.policies))
-    ]
-
-
 def _finished(path: Path) -> tuple[studies.Study, studies.Summary]:
     """A study and its summary, read from its usual folder, or run there."""
     study = studies.read_study(path)
     return study, studies.run_study(study, Path("out") / path.stem).summary
 
 
-def _pictures(
-    finished: list[tuple[studies.Study, studies.Summary]], *, markers: int | None
-) -> dict[str, Callable[[Path], object]]:
+def _pictures(finished: list[tuple[studies.Study, studies.Summary]]) -> dict[str, Callable[[Path], object]]:
     """The picture in both forms."""
     from markerseek.pictures import save_figure
 
-    study = finished[0][0]
-    counts = study.marks
-    bounds = {}
-    if markers is not None and counts:
-        for cell in studies.cells(study):
-            bounds[cell.index] = (counts, studies.mean_bounds(study, cell, markers=markers, acquisitions=counts))
-    figure = studies.error_figure(finished, bounds=bounds)
+    figure = studies.error_figure(finished)
     return {name: partial(save_figure, figure) for name in ("error.png", "error.svg")}
 
 
-def _shown(finish: studies.FinishedStudy, bounds: Sequence[studies.BoundComparison]) -> Iterator[str | Table]:
+def _shown(finish: studies.FinishedStudy) -> Iterator[str | Table]:
     yield from _summary(finish.summary)
-    if bounds:
-        yield "\nroot mean square error, bound for the best angles and for those taken, ratios"
-        yield _bound_table(bounds)
     yield file_line("rows", finish.rows)
     yield file_line("summary", finish.rows.with_name("summary.json"))
 
@@ -266,24 +237,6 @@ def _legend(summary: studies.Summary) -> list[str]:
     return lines
 
 
-def _bound_table(comparisons: Sequence[studies.BoundComparison]) -> Table:
-    """Each policy in each cell compared with the bound."""
-    return _table(
-        {
-            "cell": str(each.cell),
-            "": _number(each),
-            "markers": str(each.markers),
-            "N": str(each.acquisitions),
-            "rmse": f"{each.rmse_deg:.3g}°",
-            "best": f"{each.best_deg:.3g}°",
-            "taken": f"{each.taken_deg:.3g}°",
-            "ratio": f"{each.ratio_to_best:.3g}",
-            "to taken": f"{each.ratio_to_taken:.3g}",
-        }
-        for each in comparisons
-    )
-
-
 def _whatever_the_answer(policies: Sequence[studies.PolicySummary], *, failure_deg: float) -> Table:
     """Shares of all searches, also of those without an answer; without a marker, the share that found one."""
     if all(policy.missed.count == 0 for policy in policies):
@@ -320,7 +273,7 @@ def _table(rows: Iterable[Mapping[str, str | Text]]) -> Table:
     return table(rows, no_wrap=True, gap=1)
 
 
-def _number(each: studies.PolicySummary | studies.BoundComparison) -> Text:
+def _number(each: studies.PolicySummary) -> Text:
     return Text(str(each.policy), style="bold")
 
 

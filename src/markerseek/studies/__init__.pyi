@@ -1,13 +1,12 @@
 from .benchmark import WORLDS, BenchmarkResults, Entry, Score, benchmark_size, run_benchmark
-from .bound import BoundComparison, compare_with_bound, error_figure, mean_bounds, require_bound
+from .figure import error_figure
 from .policies import PolicySettings
 from .runner import FinishedStudy, columns, read_rows, run_study, values_of
 from .scene import ClutterAround, Repeats, SceneSettings, SecondSource
 from .statistics import Mean, Share
 from .study import Axis, Cell, CellWorld, CurveSettings, Study, cells, read_study
 from .summary import FAILURE_DEG, Difference, PolicySummary, Summary, TwoSources, summarise
-from .tracking import SweptTrack, Track, track, track_by_sweeps
-from .trial import Row, fault_of, run_row, run_trial
+from .trial import Row, run_row, run_trial
 from .workers import default_workers
 from .worlds import intensity_curve
 
@@ -16,7 +15,6 @@ __all__ = [
     "WORLDS",
     "Axis",
     "BenchmarkResults",
-    "BoundComparison",
     "Cell",
     "CellWorld",
     "ClutterAround",
@@ -35,27 +33,19 @@ __all__ = [
     "Share",
     "Study",
     "Summary",
-    "SweptTrack",
-    "Track",
     "TwoSources",
     "benchmark_size",
     "cells",
     "columns",
-    "compare_with_bound",
     "default_workers",
     "error_figure",
-    "fault_of",
     "intensity_curve",
-    "mean_bounds",
     "read_rows",
     "read_study",
-    "require_bound",
     "run_benchmark",
     "run_row",
     "run_study",
     "run_trial",
     "summarise",
-    "track",
-    "track_by_sweeps",
     "values_of",
 ]

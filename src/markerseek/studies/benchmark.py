@@ -1,7 +1,8 @@
-"""A benchmark of searches: frozen worlds and seeds in three tiers, which an entry from elsewhere meets like ours.
+"""A benchmark of searches: frozen worlds in three tiers, which an entry from elsewhere meets like our methods.
 
-Each world of a tier is a study whose settings and seed never change (`WORLDS`, a hash of them), so that equal methods
-have equal rows; more searches add rows. The tiers differ in what a search is told: one intensity, also the largest
+Each world of a tier is a study whose settings never change (`WORLDS`, a hash of them). Without entries its seed does
+not change either, so that equal methods have equal rows; entries meet worlds of a secret seed, and so do our methods
+beside them. More searches add rows. The tiers differ in what a search is told: one intensity, also the largest
 envelope of each block of the image, also the channel data. Methods are in groups of their own studies, as an entry
 must not change the rows of the others, and sweeps need a receiver set for single pulses.
 """
@@ -10,11 +11,15 @@ from __future__ import annotations
 
 import hashlib
 import math
+import random
+import secrets
 import shlex
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal, TypeAlias
 
@@ -30,23 +35,29 @@ from markerseek.sim import (
     SimulatedSettings,
     StageMotion,
 )
-from markerseek.studies.bound import mean_bounds
-from markerseek.studies.policies import PolicySettings
-from markerseek.studies.runner import read_rows, run_study, write_json
+from markerseek.studies import entry_child
+from markerseek.studies.policies import PolicySettings, is_own
+from markerseek.studies.runner import as_csv, read_json, read_rows, run_study, values_of, write_json
 from markerseek.studies.scene import ClutterAround, SceneSettings, SecondSource
 from markerseek.studies.statistics import Mean, Share
 from markerseek.studies.study import Axis, CurveSettings, Study, cells
 from markerseek.studies.summary import CLAIM_TOLERANCES, covers
-from markerseek.studies.trial import Row, fault_of
+from markerseek.studies.trial import Row, run_row
+from markerseek.studies.workers import default_workers, on_processes
 
 RESULTS = "results.json"
 """Name of the file of results in the benchmark's folder."""
 
+ENTERED = "entries.json"
+"""Name of the file of what entries did, in a folder of theirs."""
+
 SEED = 20261124
-"""Seed of all worlds, unless another one is given."""
+"""Seed of all worlds without entries."""
 
 MOST = 64
 """Most acquisitions that an entry may make in a search."""
+
+Progress: TypeAlias = Callable[[str, int, int], None]
 
 Tier: TypeAlias = Literal["intensities", "block maxima", "raw channels"]
 """What a search is told."""
@@ -68,14 +79,11 @@ _RIG = SimulatedSettings(
     receiver=ReceiverSettings(readout_s=0.05),
 )
 
-OPTIMISERS = ("scikit-optimize", "botorch")
-"""Methods of other packages that are run if they are asked for: they think for a tenth of a second at each step."""
+METHODS = ("ternary", "golden-section", "weighted-average", "posterior", "exhaustive")
+"""The paper's three, ours, and every angle."""
 
-BOUND_ACQUISITIONS = 8, 16
-"""Numbers of acquisitions for which the bound is computed."""
-
-METHODS = ("ternary", "golden-section", "weighted-average", "posterior", "exhaustive", "bounded-minimiser")
-"""The paper's three, ours, every angle, and SciPy's optimiser (Brent), whose answers are checked as the paper's."""
+OWN_ACQUISITIONS = 16
+"""Acquisitions of a policy that is named as ``module:name``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,7 +109,7 @@ class World:
         return Study(
             name=f"{group} {self.place}",
             policies=tuple(policies),
-            seed=seed,
+            seed=self._seed(seed),
             trials=math.ceil(searches / max(1, math.prod(len(axis.values) for axis in self.vary))),
             level=level,
             drawn="marker" if level == "curves" else "everything",
@@ -110,6 +118,11 @@ class World:
             scene=self.scene,
             vary=self.vary,
         )
+
+    def _seed(self, seed: int) -> int:
+        """Seed of the world: an entry must not meet a marker again that it has found in another tier."""
+        # The usual worlds were frozen with one seed; nobody is told a secret there.
+        return seed if seed == SEED else int(hashlib.sha256(f"{seed} {self.place}".encode()).hexdigest()[:15], 16)
 
 
 def _worlds() -> Iterator[World]:
@@ -160,18 +173,23 @@ class Entry:
             raise ConfigError(f"--entry {text}: it is no command: {problem}") from problem
         if not words:
             raise ConfigError("--entry is empty; give a command, or FILE.py:Class")
-        places = [Path(word) for word in words]
         file, _, name = words[-1].rpartition(":")
         if len(words) == 1 and file.endswith(".py") and name.isidentifier():
-            places = [Path(file)]
-            words = [sys.executable, "-P", "-m", "markerseek.studies.entry_server", words[0]]
-        if words[0] == sys.executable and not places[0].is_file():
-            raise ConfigError(f"--entry {text}: there is no file {file}; name the Python file and its class")
+            if not Path(file).is_file():
+                raise ConfigError(f"--entry {text}: there is no file {file}; name the Python file and its class")
+            return cls(
+                command=(sys.executable, "-P", entry_child.__file__, f"{Path(file).absolute()}:{name}"),
+                files=((Path(file).name, _sha256(Path(file))),),
+            )
         if shutil.which(words[0]) is None:
             raise ConfigError(
                 f"--entry {text}: {words[0]} is no program that can be started; give a command, or FILE.py:Class"
             )
-        files = tuple((place.name, _sha256(place)) for place in places if place.is_file())
+        # It begins in a folder of its own. A program on the PATH may have the name of a file that is here.
+        local = [bool(place) and Path(word).exists() for place, word in enumerate(words)]
+        local[0] = "/" in words[0]
+        words = [str(Path(word).absolute()) if here else word for word, here in zip(words, local, strict=True)]
+        files = tuple((Path(word).name, _sha256(Path(word))) for word in words if Path(word).is_file())
         return cls(command=tuple(words), files=files)
 
     @property
@@ -186,11 +204,11 @@ class Entry:
 
 
 class Score(msgspec.Struct, frozen=True, kw_only=True):
-    """One method in one world.
+    """One method in one world, or, with the world "all", in all worlds of a tier.
 
     ``right``: searches that found the marker within the tolerance, or, where there is none, found nothing.
-    ``acquisitions`` and ``seconds``: of all searches, over the number of those that found it within the tolerance; None
-    where none did. ``false_found``: found where there is none, or off by more than twice the tolerance.
+    ``acquisitions`` and ``seconds``: of all searches for a marker, over the number of those that found it within the
+    tolerance; None where none did. ``false_found``: found where there is none, or off by more than twice the tolerance.
     """
 
     tier: str
@@ -208,16 +226,6 @@ class Score(msgspec.Struct, frozen=True, kw_only=True):
     failed: int
 
 
-class Bound(msgspec.Struct, frozen=True, kw_only=True):
-    """Van Trees' bound on the mean error of a search of so many acquisitions for one point, at the best angles."""
-
-    tier: str
-    world: str
-    markers: int
-    acquisitions: int
-    error_deg: float
-
-
 class EntryResult(msgspec.Struct, frozen=True, kw_only=True):
     """What is known of an entry; ``failure``: in which world it failed, and how, empty where it did not."""
 
@@ -228,21 +236,34 @@ class EntryResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BenchmarkResults(msgspec.Struct, frozen=True, kw_only=True):
-    """The results: ``worlds`` is the hash of the worlds, ``files`` has the SHA-256 of each table of rows."""
+    """The results: ``worlds`` is the hash of the worlds, ``files`` has the SHA-256 of each table of rows.
+
+    ``secret``: whether ``seed`` was drawn for these entries, and known to nobody until they had ended. ``totals``: of
+    each method over all worlds of a tier.
+    """
 
     benchmark: int
     version: str
     worlds: str
     seed: int
+    secret: bool
     searches: dict[str, int]
     scores: list[Score]
-    bounds: list[Bound]
+    totals: list[Score]
     entries: list[EntryResult]
     files: dict[str, str]
 
 
+class _Entered(msgspec.Struct, frozen=True, kw_only=True):
+    """What entries have done, written once all have ended: lines of their rows by group and world."""
+
+    seed: int
+    failures: dict[str, str]
+    rows: dict[str, dict[str, str]]
+
+
 def benchmark_size(*, scale: float, others: int) -> int:
-    """Searches of a whole benchmark, ``others`` being the entries and optimisers."""
+    """Searches of a whole benchmark, ``others`` being the entries and policies of one's own."""
     methods = {world: sum(len(policies) for _, policies in _groups(world)) + others for world in WORLDS}
     return sum(_searches(world.tier, scale) * count for world, count in methods.items())
 
@@ -251,65 +272,67 @@ def run_benchmark(
     folder: Path,
     *,
     entries: Sequence[Entry] = (),
-    optimisers: Sequence[str] = (),
+    methods: Sequence[str] = (),
     scale: float = 1.0,
     seed: int | None = None,
     workers: int | None = None,
-    progress: Callable[[int], None] | None = None,
+    progress: Progress = lambda _stage, _done, _total: None,
 ) -> BenchmarkResults:
     """Run the benchmark, or the rest of it, and write `RESULTS` into its folder.
 
-    ``folder``: created if it does not exist. ``optimisers``: some of `OPTIMISERS`. ``scale``: searches over the usual
-    number. ``seed``: of all worlds, instead of `SEED`. ``progress``: receives the number of searches that are done.
+    An entry must not be able to compute the answer. Entries therefore run first, in worlds of a seed that is drawn for
+    them and written nowhere; their rows stay in the memory until all have ended. Then the seed and the rows are
+    written, and our methods search in the same worlds.
+
+    ``folder``: created if it does not exist. ``methods``: policies of one's own as ``module:name``, which run in our
+    processes. ``scale``: searches over the usual number. ``seed``: of all worlds; None: `SEED` without entries.
+    ``progress``: receives a stage, the number of its searches that are done, and of all.
     """
-    unknown = [name for name in optimisers if name not in OPTIMISERS]
-    if unknown:
-        raise ConfigError(f"--optimiser {unknown[0]} is unknown; there are: {', '.join(OPTIMISERS)}")
-    seed = SEED if seed is None else seed
+    asked = [(name.replace(":", "-"), (_own(name),)) for name in methods]
+    entered = _Entered(seed=SEED if seed is None else seed, failures={}, rows={})
+    rows_in = folder
+    if entries:
+        key = [[entry.group for entry in entries], scale, seed, __version__]
+        rows_in = folder / f"entries-{hashlib.sha256(msgspec.json.encode(key)).hexdigest()[:12]}"
+        entered = _entered(rows_in / ENTERED, entries, scale, seed, workers or default_workers(), progress)
     scores: list[Score] = []
-    bounds: list[Bound] = []
-    asked = [(name, (PolicySettings(method=name),)) for name in optimisers]
     files: dict[str, str] = {}
-    failures: dict[str, str] = {}
-    done = 0
+    by_method: dict[tuple[Tier, str], list[Row]] = {}
+    done, size = 0, benchmark_size(scale=scale, others=len(entered.rows) + len(methods))
     for world in WORLDS:
-        searches = _searches(world.tier, scale)
-        entered = [(entry.group, (_as_policy(entry, world.tier),)) for entry in entries if entry.group not in failures]
-        for group, policies in (*_groups(world), *asked, *entered):
-            study = world.study(group, policies, searches=searches, seed=seed)
-            # Its first search, before a world full of failures.
-            fault = fault_of(study, 0) if policies[0].command else ""
-            if fault:
-                failures[group] = f"{world.tier}, {world.name}: {fault}"
-                continue
-            finished = run_study(study, folder / group / f"{world.place}-{searches}", workers=workers)
+        entered_here = [(each.group, (_as_policy(each, world.tier),)) for each in entries if each.group in entered.rows]
+        for group, policies in (*_groups(world), *asked, *entered_here):
+            searches = _searches(world.tier, scale)
+            study = world.study(group, policies, searches=searches, seed=entered.seed)
+            finished = run_study(
+                study,
+                rows_in / group / f"{world.place}-{searches}",
+                workers=workers,
+                computed=[entered.rows[group][world.place].encode()] if group in entered.rows else None,
+                progress=partial(_advance, progress, done, size),
+            )
+            done += study.rows
             files[str(finished.rows.relative_to(folder))] = _sha256(finished.rows)
             rows = list(read_rows(finished.rows, study))
-            failed = next((row for row in rows if row.answer == "failed" and policies[row.policy].command), None)
-            if failed is not None:
-                failures[group] = f"{world.tier}, {world.name}: {fault_of(study, failed.row) or 'it failed once'}"
-            scores += [
-                _score(world, str(policy), [row for row in rows if row.policy == number])
-                for number, policy in enumerate(policies)
-            ]
-            done += study.rows
-            if progress is not None:
-                progress(done)
-        bounds += _bounds(world, searches=searches, seed=seed)
+            for number, policy in enumerate(policies):
+                of_policy = [row for row in rows if row.policy == number]
+                scores.append(_score(world.tier, world.name, str(policy), of_policy))
+                by_method.setdefault((world.tier, str(policy)), []).extend(of_policy)
     results = BenchmarkResults(
-        benchmark=1,
+        benchmark=2,
         version=__version__,
-        worlds=worlds_hash(seed),
-        seed=seed,
+        worlds=worlds_hash(entered.seed),
+        seed=entered.seed,
+        secret=bool(entries) and seed is None,
         searches={tier: _searches(tier, scale) for tier in _LEVELS},
         scores=scores,
-        bounds=bounds,
+        totals=[_score(tier, "all", method, rows) for (tier, method), rows in by_method.items()],
         entries=[
             EntryResult(
                 method=str(_as_policy(entry, "raw channels")),
                 command=entry.command,
                 files=dict(entry.files),
-                failure=failures.get(entry.group, ""),
+                failure=entered.failures.get(entry.group, ""),
             )
             for entry in entries
         ],
@@ -317,6 +340,54 @@ def run_benchmark(
     )
     write_json(folder / RESULTS, results)
     return results
+
+
+def _advance(progress: Progress, before: int, size: int, rows: int) -> None:
+    progress("searches", before + rows, size)
+
+
+def _entered(
+    path: Path, entries: Sequence[Entry], scale: float, seed: int | None, workers: int, progress: Progress
+) -> _Entered:
+    """What the entries did, read from a file, or else done, and written into it once all have ended."""
+    if path.exists():
+        return read_json(path, _Entered)
+    seed = secrets.randbits(60) if seed is None else seed
+    failures: dict[str, str] = {}
+    rows: dict[str, dict[str, str]] = {}
+    for entry in entries:
+        studies = [
+            world.study(entry.group, (_as_policy(entry, world.tier),), searches=_searches(world.tier, scale), seed=seed)
+            for world in WORLDS
+        ]
+        jobs = [(number, row) for number, study in enumerate(studies) for row in range(study.rows)]
+        # An entry that counts its searches must not know by that in which world it is.
+        random.SystemRandom().shuffle(jobs)
+        lines: dict[tuple[int, int], bytes] = {}
+        progress(f"searches of {entry.label}", 0, len(jobs))
+        with closing(on_processes(partial(_searched, studies), jobs, workers=workers)) as searched:
+            for (number, row), (line, fault) in zip(jobs, searched, strict=True):
+                if fault is not None:
+                    failures[entry.group] = f"{WORLDS[number].tier}, {WORLDS[number].name}: {fault}"
+                    break
+                lines[number, row] = line
+                progress(f"searches of {entry.label}", len(lines), len(jobs))
+            else:
+                rows[entry.group] = {
+                    world.place: b"".join(lines[number, row] for row in range(studies[number].rows)).decode()
+                    for number, world in enumerate(WORLDS)
+                }
+    entered = _Entered(seed=seed, failures=failures, rows=rows)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_json(path, entered)
+    return entered
+
+
+def _searched(studies: Sequence[Study], job: tuple[int, int]) -> tuple[bytes, str | None]:
+    """Line of one row of one of the studies, and the fault that ended it."""
+    number, place = job
+    row = run_row(studies[number], place)
+    return as_csv([values_of(row)]), row.fault
 
 
 def _searches(tier: Tier, scale: float) -> int:
@@ -333,37 +404,32 @@ def _groups(world: World) -> list[tuple[str, tuple[PolicySettings, ...]]]:
     return [ours, ("sweeps", (PolicySettings(method="posterior", sweep=True),))]
 
 
-def _bounds(world: World, *, searches: int, seed: int) -> Iterator[Bound]:
-    """The bounds in a world of one point; a closed form's curve has no distances, from which they are computed."""
-    if world.name != "one" or world.tier == "intensities":
-        return
-    study = world.study("bound", (PolicySettings(method="posterior"),), searches=searches, seed=seed)
-    errors_deg = mean_bounds(study, cells(study)[0], markers=searches, acquisitions=BOUND_ACQUISITIONS)
-    for count, error_deg in zip(BOUND_ACQUISITIONS, errors_deg, strict=True):
-        yield Bound(tier=world.tier, world=world.name, markers=searches, acquisitions=count, error_deg=error_deg)
-
-
 def _as_policy(entry: Entry, tier: Tier) -> PolicySettings:
     channels = tier == "raw channels"
     return PolicySettings(method=entry.label, acquisitions=MOST, command=entry.command, channels=channels)
 
 
-def _score(world: World, method: str, rows: Sequence[Row]) -> Score:
+def _own(method: str) -> PolicySettings:
+    if not is_own(method):
+        raise ConfigError(f"--method {method} is no policy of your own; name it as module:name")
+    return PolicySettings(method=method, acquisitions=OWN_ACQUISITIONS)
+
+
+def _score(tier: Tier, world: str, method: str, rows: Sequence[Row]) -> Score:
     marked = [row for row in rows if row.truth_deg is not None]
     found = [row for row in rows if row.answer == "found"]
-    errors_deg = [row.error_deg for row in found if row.error_deg is not None]
     within = sum(_within(row, 1.0) for row in found)
-    right = within if marked else sum(row.answer not in ("found", "failed") for row in rows)
+    nothing = sum(row.truth_deg is None and row.answer not in ("found", "failed") for row in rows)
     covering = [row for row in marked if row.low_deg is not None]
     return Score(
-        tier=world.tier,
-        world=world.name,
+        tier=tier,
+        world=world,
         method=method,
         searches=len(rows),
-        right=Share.of(right, len(rows)),
-        acquisitions=sum(row.acquisitions or 0 for row in rows) / within if within else None,
-        seconds=sum(row.elapsed_s or 0.0 for row in rows) / within if within else None,
-        error_deg=Mean.of(errors_deg),
+        right=Share.of(within + nothing, len(rows)),
+        acquisitions=sum(row.acquisitions or 0 for row in marked) / within if within else None,
+        seconds=sum(row.elapsed_s or 0.0 for row in marked) / within if within else None,
+        error_deg=Mean.of([row.error_deg for row in found if row.error_deg is not None]),
         covered=Share.of(sum(covers(row) for row in covering), len(covering)),
         false_found=Share.of(sum(not _within(row, CLAIM_TOLERANCES) for row in found), len(rows)),
         missed=Share.of(sum(row.answer == "not found" for row in marked), len(marked)),

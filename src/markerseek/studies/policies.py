@@ -1,4 +1,4 @@
-"""The policies of a study: those of `markerseek.search`, the optimisers of `markerseek.adapters`, and a user's own.
+"""The policies of a study: those of `markerseek.search`, and a user's own.
 
 A user's own policy is named ``module:name``: a class, or a function that makes one. It is called with ``limits`` and
 ``acquisitions`` by keyword and returns a `markerseek.core.Policy`. The module is imported in each worker process, so
@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import markerseek
-from markerseek.adapters import ADAPTERS, build_adapter
 from markerseek.core import (
     PAPER_RANGE,
     AnyPolicy,
@@ -28,7 +27,6 @@ from markerseek.core import (
     described,
 )
 from markerseek.search import (
-    METHODS,
     Method,
     build_sweeping,
     check_acquisitions,
@@ -41,14 +39,10 @@ from markerseek.studies.entry import EntryPolicy
 
 def _method_of(name: str) -> Method:
     """The method of that name; a `ConfigError` that lists the names if there is none."""
-    for method in ADAPTERS:
-        if method.name == name:
-            return method
     try:
         return method_named(name)
     except ConfigError as problem:
-        others = ", ".join(method.name for method in ADAPTERS)
-        raise ConfigError(f"{problem}; in a study also {others}, and a policy of your own as module:name") from problem
+        raise ConfigError(f"{problem}; in a study also a policy of your own as module:name") from problem
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -175,11 +169,6 @@ def build_policy(
         )
     if is_own(settings.method):
         return _build_own(settings.method, limits=limits, acquisitions=settings.most)
-    # The adapters are not in `build`, so that a search does not import them.
-    if settings.method not in {method.name for method in METHODS}:
-        return build_adapter(
-            settings.method, limits=limits, acquisitions=settings.most, as_published=settings.as_published
-        )
     return build_sweeping(
         PolicyPlan(
             method=settings.method,

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.tracking import track
 from markerseek.core import (
     MAX_ACQUISITIONS,
     ConfigError,
@@ -51,7 +52,6 @@ from markerseek.sim import (
     VirtualClock,
     swing_deg,
 )
-from markerseek.studies import track
 
 FWHM_DEG, PEAK = 5.0, 100.0
 

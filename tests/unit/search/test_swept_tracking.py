@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from benchmarks.tracking import track_by_sweeps
 from markerseek.core import (
     AcquisitionError,
     ConfigError,
@@ -42,7 +43,6 @@ from markerseek.sim import (
     SimulatedSettings,
     StageMotion,
 )
-from markerseek.studies import track_by_sweeps
 from tests.unit.scan.sweep_bench import SweepBench
 
 FWHM_DEG, PEAK = 5.0, 25.0

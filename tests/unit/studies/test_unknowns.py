@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from benchmarks.bounds.markers import compare_with_bound, marker_curve, mean_bounds
 from markerseek.core import ConfigError
 from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, SimulatedSettings
 from markerseek.studies import (
@@ -19,16 +20,13 @@ from markerseek.studies import (
     Study,
     cells,
     columns,
-    compare_with_bound,
     error_figure,
-    mean_bounds,
     read_rows,
     run_row,
     summarise,
     unknowns,
     values_of,
 )
-from markerseek.studies.bound import marker_curve
 from markerseek.studies.runner import as_csv
 from markerseek.studies.worlds import draw_trial, former_rig, study_rig
 

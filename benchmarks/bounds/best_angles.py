@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core import PAPER_RANGE, ConfigError, Float64, Int64, Interval
-from markerseek.search.bounds.information import (
+from benchmarks.bounds.information import (
     NUISANCES,
     IntensityNoise,
     Nuisance,
@@ -16,6 +15,7 @@ from markerseek.search.bounds.information import (
     angle_bound_deg,
     sample_information,
 )
+from markerseek.core import PAPER_RANGE, ConfigError, Float64, Int64, Interval
 
 STEP_DEG = 0.25
 """Step of the candidate angles, in degrees."""

@@ -1,41 +1,35 @@
 """Errors of a policy compared with the bound of each marker.
 
-The bound is Van Trees' Bayesian one (`markerseek.search.bounds`) with the marker's own noise-free curve, all nuisances
+The bound is Van Trees' Bayesian one (`benchmarks.bounds`) with the marker's own noise-free curve, all nuisances
 unknown and the ranges of the physics table as the prior: for the best angles of this marker, and for the angles of the
-policy. Both need a study in which everything is drawn. `error_figure` draws the bound beside the errors.
+policy. Both need a study in which everything is drawn.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
 
-from markerseek.core import ConfigError
-from markerseek.pictures import ERROR_BARS, panel_grid, shared_legend
-from markerseek.rigs import image_peak
-from markerseek.search.bounds import (
+from benchmarks.bounds.best_angles import best_angles
+from benchmarks.bounds.information import (
     TABLE_PRIOR,
     IntensityNoise,
     SampledCurve,
     angle_bound_deg,
-    best_angles,
     sample_information,
 )
+from markerseek.core import ConfigError
+from markerseek.rigs import image_peak
 from markerseek.studies.policies import build_policy
-from markerseek.studies.statistics import Mean, root_mean_square
+from markerseek.studies.statistics import root_mean_square
 from markerseek.studies.study import Cell, Study
-from markerseek.studies.summary import PolicySummary, Summary
 from markerseek.studies.trial import former_curve, searched
 from markerseek.studies.unknowns import Unknowns
 from markerseek.studies.worlds import draw_trial, study_rig
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _OFF_DEG = np.concatenate(
     [np.arange(0, 6, 0.25), np.arange(6, 14, 0.5), np.arange(14, 30, 1.0), np.arange(30, 70.1, 5.0)]
@@ -153,7 +147,7 @@ def mean_bounds(study: Study, cell: Cell, *, markers: int, acquisitions: Sequenc
 
 def _marker(study: Study, cell: Cell, trial: int) -> tuple[Unknowns, IntensityNoise, SampledCurve]:
     unknowns = draw_trial(study, cell, trial).unknowns
-    assert unknowns is not None  # noqa: S101 - of a study for which there is a bound
+    assert unknowns is not None
     rig = cell.world.rig
     noise = IntensityNoise(
         # The energy of an acquisition is the mean of its pulses.
@@ -161,93 +155,3 @@ def _marker(study: Study, cell: Cell, trial: int) -> tuple[Unknowns, IntensityNo
         jitter=rig.laser.energy_jitter / math.sqrt(unknowns.pulses),
     )
     return unknowns, noise, marker_curve(unknowns)
-
-
-_COLOURS = (
-    "#1f5fa8", "#c8501e", "#2a7f3f", "#8b4fa8",
-    "#b8860b", "#3a9bb0", "#a83f5b", "#5b6b2f",
-    "#7a5230", "#4a4a4a", "#d08fb0", "#98a42c"
-)  # fmt: skip
-
-_MARKS = "osD^v<>pXhP*"
-
-
-def error_figure(
-    runs: Sequence[tuple[Study, Summary]], *, bounds: Mapping[int, tuple[Sequence[int], Sequence[float]]]
-) -> Figure:
-    """Figure of the mean errors of all searches, whatever their answer, with 95 % intervals.
-
-    A policy with marks has a point at each mark up to its number of acquisitions; policies that differ only in that
-    number and have no marks below it share a line.
-
-    ``runs``: cells with the same index share a panel. ``bounds``: numbers of acquisitions and mean errors at the bound,
-    by cell. Raises `ConfigError` if nothing can be drawn: there are no marks and no markers.
-    """
-    settings = {policy.cell: policy.settings for policy in runs[0][1].policies}
-    figure, panels = panel_grid(
-        [", ".join(f"{key} = {value}" for key, value in varied.items()) for varied in settings.values()],
-        heading=f"mean error, whatever the answer ({_markers(runs)} simulated markers)",
-        x_label="acquisitions, at most",
-        y_label="mean error, degrees",
-        columns=2,
-        panel_in=(7.6, 4.6) if len(settings) == 1 else (5.0, 4.2),
-        y_scale="log",
-    )
-    for axes, cell in zip(panels, settings, strict=True):
-        lines = [line for study, summary in runs for line in _lines(study, summary, cell).items()]
-        if not lines and cell not in bounds:
-            raise ConfigError("figure: the study has no marks and no errors to draw; give it marks")
-        for number, (label, means) in enumerate(lines):
-            axes.errorbar(
-                list(means),
-                [mean.mean or 0.0 for mean in means.values()],
-                yerr=[_half(mean) for mean in means.values()],
-                label=label,
-                # Colour and mark change together, for readers who do not distinguish the colours.
-                color=_COLOURS[number % 12],
-                marker=_MARKS[number % 12],
-                **ERROR_BARS,
-            )
-        if cell in bounds:
-            axes.errorbar(*bounds[cell], label="bound, best angles", color="#000000", marker="_", **ERROR_BARS)
-    shared_legend(figure, columns=2)
-    return figure
-
-
-def _lines(study: Study, summary: Summary, cell: int) -> dict[str, dict[int, Mean]]:
-    """Means by number of acquisitions, rising, of each line of a cell by its label."""
-    lines: dict[str, dict[int, Mean]] = {}
-    for policy in summary.policies:
-        if policy.cell == cell:
-            means = lines.setdefault(_name(policy), {})
-            if not _plans_ahead(policy):
-                means.update(zip(study.marks, policy.marks_deg, strict=True))
-            means[policy.acquisitions_most] = policy.any_error_deg
-    known = {
-        # Policies of one line may be listed in any order; the line must run to the right.
-        name: {count: mean for count, mean in sorted(means.items(), key=lambda item: item[0]) if mean.mean is not None}
-        for name, means in lines.items()
-    }
-    return {name: means for name, means in known.items() if means}
-
-
-def _markers(runs: Sequence[tuple[Study, Summary]]) -> str:
-    """Markers behind each point, from the fewest to the most."""
-    counts = sorted({policy.trials for _, summary in runs for policy in summary.policies})
-    return str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-
-
-def _plans_ahead(policy: PolicySummary) -> bool:
-    """Whether its angles depend on their number, so that half a search is not a search of half as many."""
-    return policy.method in ("weighted-average", "exhaustive", "manual")
-
-
-def _name(policy: PolicySummary) -> str:
-    """Label of the policy without its number of acquisitions, and without the usual "no early end"."""
-    name = policy.label.replace(f", {policy.acquisitions_most}", "", 1).replace(", no early end", "")
-    return f"{name}, with early end" if policy.method == "posterior" and policy.early_end else name
-
-
-def _half(mean: Mean) -> float:
-    """Half the interval; on a logarithmic scale it must end above 0."""
-    return 0.0 if mean.half is None or mean.mean is None else min(mean.half, 0.95 * mean.mean)

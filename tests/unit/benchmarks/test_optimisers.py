@@ -8,8 +8,18 @@ import sys
 import pytest
 from scipy.optimize import minimize_scalar
 
-from markerseek.adapters import ADAPTERS, BoundedMinimiser, build_adapter
-from markerseek.core import ConfigError, Found, MissingExtraError, Policy, Reading, Sample, SearchError, Unsure
+from benchmarks.optimisers import BoTorch, BoundedMinimiser, ScikitOptimize, bounded_minimiser
+from markerseek.core import (
+    PAPER_RANGE,
+    ConfigError,
+    Found,
+    MissingExtraError,
+    Policy,
+    Reading,
+    Sample,
+    SearchError,
+    Unsure,
+)
 
 
 def curve(angle_deg: float) -> float:
@@ -57,12 +67,12 @@ def test_scikit_optimize_asks_what_it_asks_by_itself() -> None:
         asked.append(angle_deg)
         # it gets intensities relative to the first one
         alone.tell([angle_deg], -curve(angle_deg) / curve(asked[0]))
-    assert search(build_adapter("scikit-optimize", acquisitions=6, as_published=True)) == asked
+    assert search(ScikitOptimize(acquisitions=6)) == asked
 
 
 def test_botorch_finds_the_peak() -> None:
     pytest.importorskip("botorch", exc_type=ImportError)
-    policy = build_adapter("botorch", acquisitions=10, as_published=True)
+    policy = BoTorch(acquisitions=10)
     assert len(search(policy)) == 10
     assert policy.estimate().mean_deg == pytest.approx(7.3, abs=1.0)
 
@@ -80,12 +90,12 @@ def test_the_answer_lies_between_samples_that_are_clearly_weaker() -> None:
 
 
 def test_checked_an_optimiser_claims_only_what_it_knows() -> None:
-    policy = build_adapter("bounded-minimiser", acquisitions=12)
+    policy = bounded_minimiser(limits=PAPER_RANGE, acquisitions=12)
     for intensity in (0.010, 0.012, 0.011):
         policy.tell(Sample(angle_deg=0.0, reading=Reading(intensity=intensity), dark=True))
     search(policy)
     assert isinstance(policy.estimate(), Found | Unsure)
-    wide = build_adapter("bounded-minimiser", acquisitions=4)
+    wide = bounded_minimiser(limits=PAPER_RANGE, acquisitions=4)
     for intensity in (0.010, 0.012, 0.011):
         wide.tell(Sample(angle_deg=0.0, reading=Reading(intensity=intensity), dark=True))
     search(wide)
@@ -93,30 +103,28 @@ def test_checked_an_optimiser_claims_only_what_it_knows() -> None:
 
 
 @pytest.mark.parametrize(
-    ("method", "package", "extra"),
-    [("scikit-optimize", "skopt", "optimizers"), ("botorch", "botorch", "botorch")],
+    ("made_by", "package", "extra"), [(ScikitOptimize, "skopt", "optimizers"), (BoTorch, "botorch", "botorch")]
 )
-def test_a_missing_extra_is_named(method: str, package: str, extra: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_extra_is_named(
+    made_by: type[BoTorch] | type[ScikitOptimize], package: str, extra: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(MissingExtraError, match=rf"{method} needs the package .*\[{extra}\]"):
-        build_adapter(method)
+    with pytest.raises(MissingExtraError, match=rf"{made_by.name} needs the package .*\[{extra}\]"):
+        made_by()
 
 
-def test_unknown_adapters_and_budgets_are_refused() -> None:
-    with pytest.raises(ConfigError, match="adapters are bounded-minimiser, scikit-optimize, botorch"):
-        build_adapter("adam")
+def test_a_budget_that_is_none_is_refused_and_a_search_ends_with_it() -> None:
     with pytest.raises(ConfigError, match="at least 1 are needed"):
-        build_adapter("bounded-minimiser", acquisitions=0)
+        BoundedMinimiser(acquisitions=0)
     policy = BoundedMinimiser(acquisitions=2)
     search(policy)
     with pytest.raises(SearchError, match="it is over after 2 acquisitions"):
         policy.tell(sample(0.0))
-    assert [method.name for method in ADAPTERS] == ["bounded-minimiser", "scikit-optimize", "botorch"]
 
 
 def test_nothing_heavy_is_loaded_before_it_is_used() -> None:
     import subprocess
 
-    code = "import sys, markerseek.adapters; print([n for n in ('skopt', 'sklearn', 'torch') if n in sys.modules])"
+    code = "import sys, benchmarks.optimisers; print([n for n in ('skopt', 'sklearn', 'torch') if n in sys.modules])"
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert said.stdout.strip() == "[]"

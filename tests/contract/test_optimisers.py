@@ -4,26 +4,21 @@ from __future__ import annotations
 
 import pytest
 
-from markerseek.adapters import build_adapter
+from benchmarks.optimisers import BoTorch, BoundedMinimiser, ScikitOptimize, bounded_minimiser
 from markerseek.core import Interval, Policy
 from markerseek.testing import PolicyContract, policies
 
 
-@pytest.mark.parametrize("as_published", [True, False])
 class TestBoundedMinimiser(PolicyContract):
-    @pytest.fixture(autouse=True)
-    def _form(self, as_published: bool) -> None:
-        self.as_published = as_published
-
     def make(self, limits: Interval) -> Policy:
-        return build_adapter("bounded-minimiser", limits=limits, acquisitions=12, as_published=self.as_published)
+        return bounded_minimiser(limits=limits, acquisitions=12)
 
 
 class TestBoundedMinimiserInASmallRange(PolicyContract):
     limits = Interval(low_deg=3.0, high_deg=4.5)
 
     def make(self, limits: Interval) -> Policy:
-        return build_adapter("bounded-minimiser", limits=limits, acquisitions=100, as_published=True)
+        return BoundedMinimiser(limits=limits, acquisitions=100)
 
 
 class FewCurves(PolicyContract):
@@ -42,8 +37,6 @@ class TestScikitOptimize(FewCurves):
         pytest.importorskip("skopt")
 
     def make(self, limits: Interval) -> Policy:
-        from markerseek.adapters import ScikitOptimize
-
         # its model is fitted once it has received as many samples as its first design has
         policy = ScikitOptimize(limits=limits, acquisitions=3)
         policy._optimizer._n_initial_points = 2
@@ -56,4 +49,4 @@ class TestBoTorch(FewCurves):
         pytest.importorskip("botorch", exc_type=ImportError)
 
     def make(self, limits: Interval) -> Policy:
-        return build_adapter("botorch", limits=limits, acquisitions=5, as_published=True)
+        return BoTorch(limits=limits, acquisitions=5)

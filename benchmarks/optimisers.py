@@ -1,6 +1,9 @@
-"""Optimisers as policies: SciPy's bounded minimiser, scikit-optimize and BoTorch (extras of their names).
+"""Optimisers of other packages as search policies, for comparison: SciPy, scikit-optimize, BoTorch.
 
-They share the check of their package, and the strongest sample as the answer.
+Each maximises the intensity without a model of its curve, and answers with its strongest sample. In a study, or by
+``markerseek benchmark --method``, they are named ``benchmarks.optimisers:bounded_minimiser``, ``…:scikit_optimize`` and
+``…:botorch`` with the repository on the PYTHONPATH; their answers are then checked as those of all methods
+(`CheckedPolicy`). The classes, ``…:BoundedMinimiser``, are the bare optimisers, which always answer.
 """
 
 from __future__ import annotations
@@ -12,8 +15,8 @@ from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar
 
-from markerseek.core import PAPER_RANGE, Found, Interval, needs_package
-from markerseek.search import SearchPolicy, check_acquisitions
+from markerseek.core import PAPER_RANGE, Found, Interval, Policy, needs_package
+from markerseek.search import CheckedPolicy, SearchPolicy, check_acquisitions
 
 CLEARLY_WEAKER = 3.0
 """Standard deviations of the noise by which a sample must be weaker than the strongest to bound the maximum."""
@@ -46,9 +49,6 @@ class OptimiserPolicy(SearchPolicy):
     MissingExtraError
         If the package is not installed.
     """
-
-    summary: ClassVar[str]
-    """What it is, in one line."""
 
     least: ClassVar[int] = 2
     """Fewest acquisitions."""
@@ -143,7 +143,6 @@ class BoundedMinimiser(OptimiserPolicy):
     """
 
     name = "bounded-minimiser"
-    summary = "SciPy's bounded minimiser (Brent) on the intensity"
     least = 1
 
     def _propose(self, angles_deg: Sequence[float], values: Sequence[float]) -> float | None:
@@ -179,7 +178,6 @@ class ScikitOptimize(OptimiserPolicy):
     """
 
     name = "scikit-optimize"
-    summary = "scikit-optimize's Gaussian process with its own choice of the next angle"
     package, extra = "skopt", "optimizers"
 
     def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int = 16) -> None:
@@ -213,7 +211,6 @@ class BoTorch(OptimiserPolicy):
     """
 
     name = "botorch"
-    summary = "BoTorch's Gaussian process, next the largest expected improvement"
     package, extra = "botorch", "botorch"
 
     def _propose(self, angles_deg: Sequence[float], values: Sequence[float]) -> float | None:
@@ -243,3 +240,18 @@ class BoTorch(OptimiserPolicy):
             gain = qLogNoisyExpectedImprovement(model, X_baseline=angles)
             candidate, _ = optimize_acqf(gain, bounds=bounds, q=1, num_restarts=8, raw_samples=64)
         return float(candidate[0, 0])
+
+
+def bounded_minimiser(*, limits: Interval, acquisitions: int) -> Policy:
+    """SciPy's bounded minimiser, its answer checked."""
+    return CheckedPolicy(BoundedMinimiser(limits=limits, acquisitions=acquisitions), limits=limits)
+
+
+def scikit_optimize(*, limits: Interval, acquisitions: int) -> Policy:
+    """scikit-optimize's optimiser, its answer checked."""
+    return CheckedPolicy(ScikitOptimize(limits=limits, acquisitions=acquisitions), limits=limits)
+
+
+def botorch(*, limits: Interval, acquisitions: int) -> Policy:
+    """BoTorch's optimiser, its answer checked."""
+    return CheckedPolicy(BoTorch(limits=limits, acquisitions=acquisitions), limits=limits)

@@ -1,7 +1,7 @@
 """Lower bounds on the error of the marker's angle: Cramér and Rao's, with and without a prior (Van Trees). Pure."""
 
-from markerseek.search.bounds.best_angles import BestAngles, best_angles
-from markerseek.search.bounds.information import (
+from benchmarks.bounds.best_angles import BestAngles, best_angles
+from benchmarks.bounds.information import (
     NUISANCES,
     TABLE_PRIOR,
     IntensityNoise,

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from markerseek.core import ConfigError, Float64
-from markerseek.search.bounds import (
+from benchmarks.bounds import (
     NUISANCES,
     TABLE_PRIOR,
     IntensityNoise,
@@ -22,6 +21,7 @@ from markerseek.search.bounds import (
     best_angles,
     sample_information,
 )
+from markerseek.core import ConfigError, Float64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
