@@ -49,7 +49,7 @@ def _loop(effort: Effort) -> Single:
 
     def search() -> int:
         policy = markerseek.build(
-            markerseek.PolicyPlan(method="weighted-average", start_deg=rig.stage.angle_deg), limits=rig.limits.search
+            markerseek.SearchPlan(method="weighted-average", start_deg=rig.stage.angle_deg), limits=rig.limits.search
         )
         events = list(markerseek.run(policy, rig.scanner, rig.run_plan))
         return sum(isinstance(event, markerseek.Measured) for event in events)

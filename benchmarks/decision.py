@@ -20,7 +20,7 @@ STUDY = Path(__file__).parents[1] / "examples" / "studies" / "answers-points.tom
 
 OURS = "posterior"
 
-PEERS = {"scikit-optimize": "skopt", "botorch": "botorch"}
+PEERS = {"ScikitOptimize": "skopt", "BoTorch": "botorch"}
 """Methods to compare with, and the package that each needs."""
 
 PEER_ACQUISITIONS = 12
@@ -69,8 +69,8 @@ def main() -> None:
 
 def _search(method: str, trial: int) -> tuple[list[float], list[float]]:
     """Times of the decisions of one search, and of the imaging of its frames, in milliseconds of the clock."""
-    from markerseek.adapters import build_adapter
-    from markerseek.core import Estimate, Measured, PolicyPlan, RunPlan, Sample
+    from benchmarks import optimisers
+    from markerseek.core import Estimate, Measured, RunPlan, Sample, SearchPlan
     from markerseek.scan import run
     from markerseek.search import build
     from markerseek.studies import cells, read_study
@@ -80,9 +80,9 @@ def _search(method: str, trial: int) -> tuple[list[float], list[float]]:
     cell = next(cell for cell in cells(study) if cell.world.rig.noise.peak_snr_db == 40.0)
     rig = study_rig(study, cell, draw_trial(study, cell, trial))
     if method == OURS:
-        inner = build(PolicyPlan(method=method, acquisitions=study.policies[0].most), limits=rig.limits.search)
+        inner = build(SearchPlan(method=method, acquisitions=study.policies[0].most), limits=rig.limits.search)
     else:
-        inner = build_adapter(method, limits=rig.limits.search, acquisitions=PEER_ACQUISITIONS, as_published=True)
+        inner = getattr(optimisers, method)(limits=rig.limits.search, acquisitions=PEER_ACQUISITIONS)
     times_ms: list[float] = []
 
     class Timed:

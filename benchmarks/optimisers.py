@@ -1,9 +1,8 @@
-"""Optimisers of other packages as search policies, for comparison: SciPy, scikit-optimize, BoTorch.
+"""Optimisers of other packages as policies, for comparison: SciPy's bounded minimiser, scikit-optimize and BoTorch.
 
-Each maximises the intensity without a model of its curve, and answers with its strongest sample. In a study, or by
-``markerseek benchmark --method``, they are named ``benchmarks.optimisers:bounded_minimiser``, ``…:scikit_optimize`` and
-``…:botorch`` with the repository on the PYTHONPATH; their answers are then checked as those of all methods
-(`CheckedPolicy`). The classes, ``…:BoundedMinimiser``, are the bare optimisers, which always answer.
+Each maximises the intensity without a model of its curve, and answers with its strongest sample. A study takes them as
+policies of one's own, from the root of the repository: ``method = "benchmarks.optimisers:ScikitOptimize"``. The package
+must be installed: ``pip install scikit-optimize``, ``pip install botorch``.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar
 
-from markerseek.core import PAPER_RANGE, Found, Interval, Policy, needs_package
+from markerseek.core import PAPER_RANGE, Found, Interval
 from markerseek.search import CheckedPolicy, SearchPolicy, check_acquisitions
 
 CLEARLY_WEAKER = 3.0
@@ -46,7 +45,7 @@ class OptimiserPolicy(SearchPolicy):
     ------
     ConfigError
         If there are too few acquisitions.
-    MissingExtraError
+    ImportError
         If the package is not installed.
     """
 
@@ -54,18 +53,14 @@ class OptimiserPolicy(SearchPolicy):
     """Fewest acquisitions."""
 
     package: ClassVar[str | None] = None
-    """Optional package that it imports; None for those that are always installed."""
-
-    extra: ClassVar[str] = ""
-    """Extra of this package that installs it."""
+    """Package that it imports."""
 
     def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int = 16) -> None:
         super().__init__()
         self._budget = check_acquisitions(acquisitions, least=self.least, method=self.name)
         if self.package is not None:
             # Before the first acquisition, not at the end of the first design.
-            with needs_package(self.name, extra=self.extra, purpose=f"the method {self.name}", module=self.package):
-                importlib.import_module(self.package)
+            importlib.import_module(self.package)
         self._limits = limits
 
     @abstractmethod
@@ -170,6 +165,11 @@ class BoundedMinimiser(OptimiserPolicy):
         return None
 
 
+def checked_minimiser(*, limits: Interval = PAPER_RANGE, acquisitions: int = 16) -> CheckedPolicy:
+    """`BoundedMinimiser` with the checks that the paper's methods have here: it claims only what it knows."""
+    return CheckedPolicy(BoundedMinimiser(limits=limits, acquisitions=acquisitions), limits=limits)
+
+
 class ScikitOptimize(OptimiserPolicy):
     """`skopt.Optimizer` on the negative intensity: a Gaussian process with noise, acquisition function "gp_hedge".
 
@@ -178,7 +178,7 @@ class ScikitOptimize(OptimiserPolicy):
     """
 
     name = "scikit-optimize"
-    package, extra = "skopt", "optimizers"
+    package = "skopt"
 
     def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int = 16) -> None:
         super().__init__(limits=limits, acquisitions=acquisitions)
@@ -211,7 +211,7 @@ class BoTorch(OptimiserPolicy):
     """
 
     name = "botorch"
-    package, extra = "botorch", "botorch"
+    package = "botorch"
 
     def _propose(self, angles_deg: Sequence[float], values: Sequence[float]) -> float | None:
         initial = min(INITIAL, self._budget)
@@ -240,18 +240,3 @@ class BoTorch(OptimiserPolicy):
             gain = qLogNoisyExpectedImprovement(model, X_baseline=angles)
             candidate, _ = optimize_acqf(gain, bounds=bounds, q=1, num_restarts=8, raw_samples=64)
         return float(candidate[0, 0])
-
-
-def bounded_minimiser(*, limits: Interval, acquisitions: int) -> Policy:
-    """SciPy's bounded minimiser, its answer checked."""
-    return CheckedPolicy(BoundedMinimiser(limits=limits, acquisitions=acquisitions), limits=limits)
-
-
-def scikit_optimize(*, limits: Interval, acquisitions: int) -> Policy:
-    """scikit-optimize's optimiser, its answer checked."""
-    return CheckedPolicy(ScikitOptimize(limits=limits, acquisitions=acquisitions), limits=limits)
-
-
-def botorch(*, limits: Interval, acquisitions: int) -> Policy:
-    """BoTorch's optimiser, its answer checked."""
-    return CheckedPolicy(BoTorch(limits=limits, acquisitions=acquisitions), limits=limits)

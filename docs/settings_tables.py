@@ -19,7 +19,8 @@ from markerseek.drivers import BenchProbe, BenchSupervisor
 from markerseek.drivers.table import DRIVERS, entry_named
 from markerseek.guard import FiringLimits, Limits
 from markerseek.sim import SimulatedSettings
-from markerseek.studies import PolicySettings, Study
+from markerseek.studies import Study, study_policy
+from markerseek.studies.policies import OF_PLAN, OF_STUDY
 
 UNITS = {
     "per_deg": "1/°",
@@ -54,17 +55,20 @@ def tables_of(
     name: str = "",
     whole: Make = lambda part: part,
     leave_out: Sequence[str] = (),
+    only: Sequence[str] = (),
     by_default: bool = False,
 ) -> str:
     """A table in Markdown of the keys of settings, and those of their nested tables below it.
 
-    ``settings``: with their defaults. ``leave_out``: tables that another page has. ``by_default``: whether all of their
-    values are defaults, also of keys that the table must have where it is given.
+    ``settings``: with their defaults. ``leave_out``: tables that another page has. ``only``: the keys that are shown.
+    ``by_default``: whether all of their values are defaults, also of keys that the table must have where it is given.
     """
     kind = type(settings)
     rows, nested = ["| key | value | default | unit | range | meaning |", "|---|---|---|---|---|---|"], []
     hints, meanings = typing.get_type_hints(kind), _meanings(kind)
     for key, needed in _fields(kind):
+        if only and key not in only:
+            continue
         path, value = f"{name}.{key}" if name else key, getattr(settings, key)
         allowed = [each for each in _members(hints[key]) if _is_settings(each)]
         given = _is_settings(type(value))
@@ -195,6 +199,7 @@ def bench_rig() -> str:
 
 def study() -> str:
     """Keys of a study file."""
-    policy = PolicySettings(method="posterior")
+    policy = study_policy(method="posterior")
     whole = Study(name="study", policies=(policy,))
-    return f"{tables_of(whole, leave_out=('rig',))}\n\n{tables_of(policy, name='[policies]')}"
+    own = "\n".join(tables_of(policy, only=OF_STUDY).splitlines()[2:])
+    return f"{tables_of(whole, leave_out=('rig',))}\n\n{tables_of(policy.plan, name='[policies]', only=OF_PLAN)}\n{own}"

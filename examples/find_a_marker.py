@@ -14,7 +14,7 @@ print(policy.estimate())
 
 # `run` does the same, moves to the marker, confirms, and leaves the rig stopped whatever happens.
 policy = markerseek.build(
-    markerseek.PolicyPlan(method="weighted-average", start_deg=rig.stage.angle_deg), limits=rig.limits.search
+    markerseek.SearchPlan(method="weighted-average", start_deg=rig.stage.angle_deg), limits=rig.limits.search
 )
 for event in markerseek.run(policy, rig.scanner, rig.run_plan):
     if isinstance(event, markerseek.Finished):

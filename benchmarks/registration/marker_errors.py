@@ -17,7 +17,7 @@ import numpy as np
 from markerseek.core import SearchPlan
 from markerseek.files import replace_file
 from markerseek.rigs import draw_scene, simulated
-from markerseek.runs import REGISTRATION_TOLERANCE, new_session, plan_on
+from markerseek.runs import REGISTRATION_TOLERANCE_MM, new_session, plan_on
 from markerseek.sim import SimulatedSettings, tissue_named
 
 KEPT = "marker_errors.csv"
@@ -60,7 +60,7 @@ def search_errors(tissue: str, seeds: Sequence[int]) -> Iterator[MarkerError]:
     settings = SimulatedSettings(tissue=tissue)
     for seed in seeds:
         rig = simulated(seed=seed, settings=settings)
-        plan = SearchPlan(method="posterior", start_deg=rig.stage.angle_deg, tolerance=REGISTRATION_TOLERANCE)
+        plan = SearchPlan(method="posterior", start_deg=rig.stage.angle_deg, tolerance_mm=REGISTRATION_TOLERANCE_MM)
         session = new_session(rig, plan_on(rig, plan))
         with closing(session.events()) as events:
             for _ in events:

@@ -14,7 +14,7 @@ import numpy as np
 
 from markerseek.acoustics import Clutter, GaussianAbsorber
 from markerseek.sim import TISSUES, SimulatedSettings, Spot, Tissue
-from markerseek.studies import Axis, PolicySettings, PolicySummary, Share, Study, read_rows, run_study
+from markerseek.studies import Axis, PolicySummary, Share, Study, read_rows, run_study, study_policy
 
 SEED = 20261126
 FINE, COARSE = GaussianAbsorber(radius_m=0.08e-3), GaussianAbsorber(radius_m=0.2e-3)
@@ -54,7 +54,7 @@ def main() -> None:
         trials=int(sys.argv[1]),
         level="frames",
         drawn="everything",
-        policies=(PolicySettings(method="posterior"),),
+        policies=(study_policy(method="posterior"),),
         rig=SimulatedSettings(start_deg=-35.0),
         vary=(Axis(key="rig.tissue", values=tuple(SPOTS)),),
     )

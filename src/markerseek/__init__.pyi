@@ -9,10 +9,10 @@ from .core import (
     Measured,
     NotFound,
     Policy,
-    PolicyPlan,
     Reading,
     RunPlan,
     Sample,
+    SearchPlan,
     Unsure,
 )
 from .figures import bank_figure, search_figure
@@ -31,10 +31,10 @@ __all__ = [
     "Measured",
     "NotFound",
     "Policy",
-    "PolicyPlan",
     "Reading",
     "RunPlan",
     "Sample",
+    "SearchPlan",
     "Unsure",
     "__version__",
     "bank_figure",

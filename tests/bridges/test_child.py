@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 from markerseek import rigs
-from markerseek.bridges import ChildRun, Outcome, Searches, SearchOptions, SearchRequest
+from markerseek.bridges import AskedSearch, ChildRun, Outcome, Searches, SearchOptions
+from markerseek.bridges.igtl.commands import search_request
 from markerseek.core import ConfigError, Measured, SearchError, SearchPlan
 from markerseek.records.journal import Configuration, Entry, Interrupted, JournalItem, read_journal
 from markerseek.runs import new_session, plan_on
@@ -150,13 +151,13 @@ def test_an_error_is_one_sentence(tmp_path: Path) -> None:
 def test_a_second_search_is_refused_while_one_runs() -> None:
     searches = Searches(SearchOptions(pace=0.02))
     assert not searches.cancel()
-    with searches.start(SearchRequest(seed=1)) as child:
+    with searches.start(AskedSearch().changed(seed=1)) as child:
         with pytest.raises(SearchError, match="a search is running; cancel it, or wait for its result"):
-            searches.start(SearchRequest(seed=2))
+            searches.start(AskedSearch().changed(seed=2))
         assert searches.cancel()
         list(child.items())
         assert child.outcome().exit_code == 130
-    again = searches.start(SearchRequest(method="ternary", acquisitions=4))
+    again = searches.start(AskedSearch().changed(method="ternary", acquisitions=4))
     list(again.items())
     assert again.outcome().exit_code in (0, 3)
 
@@ -164,34 +165,26 @@ def test_a_second_search_is_refused_while_one_runs() -> None:
 @pytest.mark.parametrize(
     ("field", "value", "said"),
     [
-        ("method", "posterior --arm", "method"),
-        ("method", 7, "method is 7"),
-        ("acquisitions", 1, "acquisitions is 1, it must"),
-        ("acquisitions", 10_000, "acquisitions is 10000"),
-        ("acquisitions", float("nan"), "acquisitions is nan"),
-        ("seed", -1, "seed is -1"),
-        ("seed", "1 --arm", "seed is '1 --arm'"),
-        ("stay", "yes", "stay is 'yes'"),
-        ("sweep", 1, "sweep is 1"),
+        ("Method", "posterior --arm", "method"),
+        ("Acquisitions", "1", "at least 2"),
+        ("Acquisitions", "10000", "acquisitions is 10000"),
+        ("Acquisitions", "nan", "acquisitions is 'nan', it must be a whole number"),
+        ("Seed", "-1", "seed is -1"),
+        ("Seed", "1 --arm", "seed is '1 --arm', it must be a whole number"),
+        ("Stay", "yes", "stay is 'yes', it must be true or false"),
+        ("ToleranceMm", "nan", "tolerance is nan mm"),
+        ("Rig", "/dev/tty", "StartSearch has no Rig"),
     ],
 )
-def test_what_a_program_may_not_ask_for_is_refused_with_a_sentence(field: str, value: object, said: str) -> None:
+def test_what_a_program_may_not_ask_for_is_refused_with_a_sentence(field: str, value: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
-        SearchRequest(**{field: value})
+        search_request({field: value})
 
 
 def test_a_request_becomes_options_that_arm_nothing_and_name_no_file() -> None:
-    request = SearchRequest(method="ternary", acquisitions=8, as_published=True, stay=True, seed=5)
-    assert request.arguments() == [
-        "--method=ternary",
-        "--acquisitions=8",
-        "--seed=5",
-        "--as-published",
-        "--stay",
-    ]
-    assert SearchRequest(sweep=True).arguments() == ["--method=posterior", "--sweep"]
-    with pytest.raises(ConfigError, match="ternary: it asks for one angle after another; only posterior sweeps"):
-        SearchRequest(method="ternary", sweep=True)
+    asked = AskedSearch().changed(method="ternary", acquisitions=8, as_published=True, stay=True, seed=5)
+    method = ["--method=ternary", "--acquisitions=8", "--as-published", "--stay"]
+    assert asked.arguments() == [*method, "--seed=5"]
     assert json.dumps(SearchOptions(rig=Path("a.toml"), pace=1.0).arguments()) == ('["--rig=a.toml", "--pace=1.0"]')
 
 

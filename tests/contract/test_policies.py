@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from markerseek.core import Estimate, Found, Interval, Policy, PolicyPlan
+from markerseek.core import Estimate, Found, Interval, Policy, SearchPlan
 from markerseek.search import GOLDEN, METHODS, TERNARY, BracketSearch, build
 from markerseek.testing import PolicyContract
 
@@ -25,7 +25,7 @@ class TestSmallRange(PolicyContract):
     limits = Interval(low_deg=3.0, high_deg=4.5)
 
     def make(self, limits: Interval) -> Policy:
-        return build(PolicyPlan(method="golden-section-reuse", acquisitions=200), limits=limits)
+        return build(SearchPlan(method="golden-section-reuse", acquisitions=200), limits=limits)
 
 
 FORMS = [(method.name, as_published) for method in METHODS for as_published in (True, False)]
@@ -42,7 +42,7 @@ class TestMethods(PolicyContract):
     def make(self, limits: Interval) -> Policy:
         name, as_published = self.form
         acquisitions = 29 if name == "exhaustive" else None
-        return build(PolicyPlan(method=name, acquisitions=acquisitions, as_published=as_published), limits=limits)
+        return build(SearchPlan(method=name, acquisitions=acquisitions, as_published=as_published), limits=limits)
 
 
 class _Endless(BracketSearch):

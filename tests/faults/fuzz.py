@@ -13,7 +13,7 @@ from pathlib import Path
 
 import atheris
 
-with atheris.instrument_imports(include=["markerseek", "thorlabs_apt_protocol", "zipfile", "csv"]):
+with atheris.instrument_imports(include=["markerseek", "zipfile", "csv"]):
     from tests.faults import decoders, journal_decoders, wire_decoders
 
 _FILES = decoders.IN_THIS_PROCESS | journal_decoders.JOURNALS

@@ -22,7 +22,7 @@ from tests.emulated import WORLD, Emulation, emulation, markerseek
 
 pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")
-pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
+pytest.importorskip("serial", reason="needs the extra devices")
 
 TRIES = 6
 """Sweeps that other programs may hold up: longer than `SWEEP_READING_S` or a lease, which rightly ends them."""
@@ -68,11 +68,11 @@ def stage_line(devices: Emulation) -> Iterator[AptLine]:
 
 
 def speed_deg_s(line: AptLine) -> float:
-    return line.ask(apt.ask_velocity(), apt.VELOCITY, apt.Velocity).speed / apt.SPEED_WORD
+    return line.ask(apt.ask(apt.VELOCITY), apt.VELOCITY, apt.Velocity).speed / apt.SPEED_WORD
 
 
 def angle_deg(line: AptLine) -> float:
-    return apt.degrees_of(line.ask(apt.ask_status(), apt.STATUS, apt.Status).position)
+    return apt.degrees_of(line.ask(apt.ask(apt.STATUS), apt.STATUS, apt.Status).position)
 
 
 def pulses_seen(devices: Emulation) -> int:

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from markerseek import rigs
-from markerseek.core import Policy, PolicyPlan, RecordError, Started
+from markerseek.core import Policy, RecordError, SearchPlan, Started
 from markerseek.guard import State
 from markerseek.records.journal import Journal, read_journal, result_of, verify
 from markerseek.rigs import Rig
@@ -85,7 +85,7 @@ def test_a_file_that_may_not_grow_ends_the_run_with_an_error_and_loses_nothing(t
 def test_a_search_on_a_full_disk_stops_the_rig_and_is_resumed_with_room(small_disk: Path, tmp_path: Path) -> None:
     def begin() -> tuple[Policy, Rig]:
         rig = rigs.of_intensities(seed=3, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=4.0)
-        return build(PolicyPlan(method="ternary", acquisitions=16), limits=rig.limits.search), rig
+        return build(SearchPlan(method="ternary", acquisitions=16), limits=rig.limits.search), rig
 
     policy, rig = begin()
     path = small_disk / "run.journal"

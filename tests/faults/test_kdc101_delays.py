@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from markerseek.drivers import Kdc101Moves, Kdc101Settings, Kdc101Stage
+from markerseek.drivers import Kdc101Settings, Kdc101Stage
 from markerseek.drivers._apt_line import AptLine
 from markerseek.emulators import EmulatedKdc101
 from markerseek.emulators.kdc101 import Kdc101Emulator
@@ -52,8 +52,7 @@ def move_there(
         # Silence longer than this ends a move, and is tested elsewhere: three ways of 0.1 s are within it.
         age_s=1.0,
     )
-    moves = Kdc101Moves(renew_s=float(rng.choice([0.05, 0.1])))
-    stage = Kdc101Stage(port=port, clock=clock, settings=settings, moves=moves)
+    stage = Kdc101Stage(port=port, clock=clock, settings=settings)
     for target_deg in targets_deg:
         assert stage.move_to(target_deg) == pytest.approx(target_deg, abs=0.011)
     return len(targets_deg)
@@ -96,7 +95,7 @@ class LatePort:
 
 
 def ask(line: AptLine) -> int:
-    return line.ask(apt.ask_target(), apt.TARGET, apt.Counts).counts
+    return line.ask(apt.ask(apt.TARGET), apt.TARGET, apt.Counts).counts
 
 
 def test_an_answer_that_may_be_to_an_earlier_question_is_taken_to_be_as_old() -> None:

@@ -91,7 +91,7 @@ def test_the_laser_is_dark_long_before_its_pulses_would_end(how: str) -> None:
 
 
 def test_the_real_command_s_laser_is_disarmed_soon_after_a_kill() -> None:
-    pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
+    pytest.importorskip("serial", reason="needs the extra devices")
     (blow,) = laser_off.measure(kills=1, seed=1, how=signal.SIGKILL, busy=0, lease_s=1.0)
     assert blow.after_s < 1.0
     assert blow.threads > 1

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
+pytest.importorskip("serial", reason="needs the extra devices")
 
 from tests.faults.campaign.restart_counts import (  # type: ignore[import-not-found, unused-ignore]
     BURSTS,

@@ -31,7 +31,7 @@ from markerseek.sim import LaserSettings, MarkerSettings, ReceiverSettings, Simu
 
 pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")
-pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
+pytest.importorskip("serial", reason="needs the extra devices")
 
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGKILL", "SIGSTOP")
 PHASES = ("idle", "moving", "firing", "acquiring")

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import pytest
 
-from markerseek.bridges import Searches, SearchOptions, SearchRequest
+from markerseek.bridges import AskedSearch, Searches, SearchOptions
 from markerseek.bridges.page.security import Access
 from markerseek.bridges.page.server import Address
 from markerseek.cli import doctor
@@ -232,7 +232,8 @@ def test_b5_exposure_without_a_record_is_refused_with_the_cure(shell: Shell, tmp
 
 @pytest.mark.usefixtures("nobody")
 def test_b5_a_search_that_a_client_asks_for_runs_without_a_home() -> None:
-    with Searches(SearchOptions()).start(SearchRequest(method="ternary", acquisitions=4, as_published=True)) as child:
+    asked = AskedSearch().changed(method="ternary", acquisitions=4, as_published=True)
+    with Searches(SearchOptions()).start(asked) as child:
         items = list(child.items())
         assert child.outcome().answered
     assert any(isinstance(each, Entry) for each in items)

@@ -21,14 +21,14 @@ from pathlib import Path
 Path(__file__).with_name("it-ran").touch()
 {imports}
 class Stage:
-    def __init__(self, *, travel):
-        self.limits, self.angle_deg = travel, 0.0
-    def move_to(self, angle_deg):
-        if angle_deg not in self.limits:
-            from markerseek.core import LimitError
-            raise LimitError("nothing was moved")
+    speed_deg_s = 1000.0
+    def __init__(self):
+        self.angle_deg = 0.0
+    def read(self):
+        from markerseek.drivers import StageStatus
+        return StageStatus(angle_deg=self.angle_deg)
+    def go(self, angle_deg):
         self.angle_deg = angle_deg
-        return angle_deg
     def stop(self):
         pass
 """

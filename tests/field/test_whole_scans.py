@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from markerseek import replayed
-from markerseek.core import Ambiguous, Estimate, Found, PolicyPlan, Reading, Sample, Unsure
+from markerseek.core import Ambiguous, Estimate, Found, Reading, Sample, SearchPlan, Unsure
 from markerseek.records import answer_reason
 from markerseek.search import build
 from tests.field.independent_scans import ANGLES_DEG, HUMPS_ANGLES_DEG, humps_of, scan_of
@@ -65,7 +65,7 @@ def test_a3_a_single_source_is_the_louder_hump_and_never_ambiguous(tmp_path: Pat
 
 def _searched(at: dict[float, Sample], *, others: float | None) -> Iterator[tuple[list[float], Estimate]]:
     """Angles and answer after each acquisition of a search that is given recorded samples."""
-    policy = build(PolicyPlan(method="posterior", acquisitions=len(at), others=others, angles_deg=tuple(at)))
+    policy = build(SearchPlan(method="posterior", acquisitions=len(at), others=others, angles_deg=tuple(at)))
     taken: list[float] = []
     while (angle_deg := policy.ask()) is not None:
         taken.append(angle_deg)

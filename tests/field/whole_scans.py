@@ -16,7 +16,7 @@ from unittest import mock
 
 from markerseek import replayed
 from markerseek.cli import main
-from markerseek.core import Estimate, Found, NotFound, PolicyPlan
+from markerseek.core import Estimate, Found, NotFound, SearchPlan
 from markerseek.records import answer_name
 from markerseek.runs import answer_from_all
 from tests.field.independent_scans import Scan, humps_of, scan_of
@@ -66,7 +66,7 @@ def bank_of(scan: Scan, folder: Path) -> Path:
 
 def whole(path: Path, *, others: float | None = None) -> Estimate:
     """The answer from all angles of a recording; ``others``: 0 states a single source."""
-    answer = answer_from_all(replayed(path), PolicyPlan(method="posterior", others=others))
+    answer = answer_from_all(replayed(path), SearchPlan(method="posterior", others=others))
     assert answer is not None
     return answer
 

@@ -328,7 +328,6 @@ WRONG = [
     (("frame", "a.b32"), "a.b32: it is a .b32 (type 8), which is not read; export .b8"),
     (("frame", "broken.hdf5"), "no bank in HDF5 that can be read"),
     (("frame", "good.csv"), "a scan of many angles, not one frame"),
-    (("frame", "frames.npy", "--min-depth-mm", -5), "--min-depth-mm is -5, it must lie between 0 and 1000 mm"),
     (("frame", "frames.npy", "--number", 2), "only scans (HDF5) and Ultrasonix files"),
     (("replay", "good.csv", "--probe", "X1"), "probe 'X1' is not known"),
 ]

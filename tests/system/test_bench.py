@@ -21,7 +21,7 @@ from tests.emulated import emulation, fixed_bench, markerseek
 
 pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")
-pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
+pytest.importorskip("serial", reason="needs the extra devices")
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -168,7 +168,7 @@ def test_the_doctor_looks_at_a_rig_s_devices_and_moves_nothing(
         assert "KDC101 27000001 at" in finding["detail"]
         assert "stands at 0.000 deg, inside [-36.5, 36.5] deg" in finding["detail"]
         # Once is enough of the searches, and of the programs that compute for seconds to load the computer.
-        for other in ("_search", "_punctuality", "_punctuality_under_load"):
+        for other in ("_search", "_punctuality"):
             monkeypatch.setattr(doctor, other, lambda _: doctor.CheckResult(what="", state="ok", detail=""))
         usual = devices.rig.read_text()
         for name, wrong in (
@@ -205,11 +205,11 @@ def test_the_folder_can_be_emulated_alone_and_is_triggered_by_a_typed_line(tmp_p
     ("words", "message"),
     [
         (("--tissue", "liver"), "--tissue liver: only for a simulated rig, and .*rig.toml is one of devices"),
-        (("--pace", "1"), "--pace 1.0: only for a simulated rig"),
-        (("--no-marker", "--snr-db", "30"), "--no-marker and --snr-db 30.0: only for a simulated rig"),
+        (("--pace", "1"), "--pace 1: only for a simulated rig"),
+        (("--no-marker", "--snr-db", "30"), "--snr-db 30 and --no-marker: only for a simulated rig"),
         (("--seed", "1"), "--seed 1: only for a simulated rig"),
-        (("--snr-db", "30", "--readout-s", "0.1"), "--snr-db 30.0 and --readout-s 0.1: only for a simulated rig"),
-        (("--seed", "3", "--tissue", "liver"), "--tissue liver and --seed 3: only for a simulated rig"),
+        (("--snr-db", "30", "--readout-s", "0.1"), "--snr-db 30 and --readout-s 0.1: only for a simulated rig"),
+        (("--seed", "3", "--tissue", "liver"), "--seed 3 and --tissue liver: only for a simulated rig"),
         ((), "serial port /nowhere/laser cannot be opened|line .*cannot be opened|No such file"),
     ],
 )

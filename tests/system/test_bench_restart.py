@@ -14,7 +14,7 @@ from tests.emulated import emulation, markerseek
 
 pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")
-pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
+pytest.importorskip("serial", reason="needs the extra devices")
 
 SEARCH = ("--method", "posterior", "--single", "--json", "--no-journal", "--arm")
 

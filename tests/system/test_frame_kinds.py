@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from markerseek import build, run
-from markerseek.core import BModeFrame, ConfigError, Finished, Found, Measured, PolicyPlan, RFFrame
+from markerseek.core import BModeFrame, ConfigError, Finished, Found, Measured, RFFrame, SearchPlan
 from markerseek.records.journal import read_journal
 from markerseek.rigs import simulated
 from markerseek.runs import journal_bank
@@ -33,7 +33,7 @@ BOTH = SimulatedSettings(receiver=ReceiverSettings(b_mode=True, readout_s=0.05))
 
 def finished(settings, *, method="posterior", seed=1, **options):
     rig = simulated(seed=seed, settings=settings)
-    events = list(run(build(PolicyPlan(method=method, **options)), rig.scanner, rig.run_plan))
+    events = list(run(build(SearchPlan(method=method, **options)), rig.scanner, rig.run_plan))
     assert isinstance(events[-1], Finished)
     return rig, events
 
@@ -175,14 +175,14 @@ def test_settings_that_are_newer_than_the_hashes_do_not_change_them():
     ],
 )
 def test_studies_and_emulated_devices_have_channel_data_only(shell, tmp_path, receiver, said):
-    from markerseek.studies import PolicySettings, Study
+    from markerseek.studies import Study, study_policy
 
     with pytest.raises(ConfigError, match="a study computes channel data only"):
         Study(
             name="a",
             trials=1,
             seed=1,
-            policies=(PolicySettings(method="ternary"),),
+            policies=(study_policy(method="ternary"),),
             rig=SimulatedSettings(receiver=ReceiverSettings(**receiver)),
         )
     lines = "".join(f"{name} = {json.dumps(value)}\n" for name, value in receiver.items())

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from markerseek.drivers import Kdc101Moves, Kdc101Settings, Kdc101Stage, SerialPort, SystemClock
+from markerseek.drivers import Kdc101Settings, Kdc101Stage, SerialPort, SystemClock
 
 pytestmark = pytest.mark.real_time
 
@@ -26,7 +26,7 @@ with PtyLine(device=emulator, clock=SystemClock()) as line:
 
 # A busy machine answers late: what is late is tested in virtual time.
 PATIENT = Kdc101Settings(port="", zero_deg=0.0, speed_deg_s=25.0, acceleration_deg_s2=25.0, age_s=1.0)
-MOVES = Kdc101Moves(answer_s=0.5)
+ANSWER_S = 0.5
 
 
 @pytest.fixture
@@ -41,13 +41,13 @@ def path() -> Iterator[str]:
 
 def test_it_moves_over_a_pseudo_terminal_from_another_process(path: str) -> None:
     with SerialPort(path, handshake=True) as port:
-        stage = Kdc101Stage(port=port, clock=SystemClock(), settings=PATIENT, moves=MOVES)
+        stage = Kdc101Stage(port=port, clock=SystemClock(), settings=PATIENT, answer_s=ANSWER_S)
         assert stage.angle_deg == pytest.approx(1.0, abs=1e-3)
         for target_deg in (4.0, -2.5):
             assert stage.move_to(target_deg) == pytest.approx(target_deg, abs=1e-3)
         stage.stop()
     # Another program finds it where the first left it.
     with SerialPort(path, handshake=True) as port:
-        assert Kdc101Stage(port=port, clock=SystemClock(), settings=PATIENT, moves=MOVES).angle_deg == pytest.approx(
-            -2.5, abs=1e-3
-        )
+        assert Kdc101Stage(
+            port=port, clock=SystemClock(), settings=PATIENT, answer_s=ANSWER_S
+        ).angle_deg == pytest.approx(-2.5, abs=1e-3)

@@ -50,7 +50,7 @@ NUMBERS: tuple[tuple[tuple[object, ...], tuple[str, ...]], ...] = (
     (("bank", "import", SCAN, "new.hdf5"), ("--first-deg", "--step-deg", "--sampling-mhz", "--face-radius-mm")),
     (("bank", "import", SCAN, "new.hdf5"), ("--reference-deg", "--wavelength-nm", "--pulse-energy-mj")),
     (("bank", "export", SCAN, "new.igs.mha"), ("--face-radius-mm",)),
-    (("frame", "frame.npy"), ("--number", "--min-depth-mm", "--max-depth-mm")),
+    (("frame", "frame.npy"), ("--number",)),
     (("calibrate", SCAN), ("--source-deg",)),
     (("journal", "list"), ("--last",)),
     (("reproduce", "fig6", "--bank", SCAN), ("--markers", "--workers", "--seed", "--reference-deg")),

@@ -11,7 +11,6 @@ from markerseek.acoustics import Absorber, AcousticModel, Probe, RectanglePulse
 from markerseek.cli.frame import b_mode_under
 from markerseek.core import (
     BModeImage,
-    ConfigError,
     FrameHeader,
     LinearArray,
     PaImage,
@@ -104,16 +103,14 @@ def b8(path, pixels, corners):
 def test_the_corners_of_a_b8_place_its_region(tmp_path):
     corners = ((10, 20), (110, 20), (110, 220), (10, 220))
     path = b8(tmp_path / "a.b8", np.zeros((240, 130), np.uint8), corners)
-    geometry = b_mode_under(path, number=1, preset=PRESET, samples=SAMPLES, pixel_mm=None).geometry
+    geometry = b_mode_under(path, number=1, preset=PRESET, samples=SAMPLES).geometry
     width_m, depth_m = 128 * 0.43e-3, SAMPLES / 40e6 * 1540 / 2
     # The outer edges of the first and of the last pixel of the region.
     assert geometry.position_m(row=19.5, column=9.5) == pytest.approx((-width_m / 2, 0.0))
     assert geometry.position_m(row=219.5, column=109.5) == pytest.approx((width_m / 2, depth_m))
     odd = b8(tmp_path / "b.b8", np.zeros((240, 130), np.uint8), ((10, 20), (5, 20), (110, 220), (10, 220)))
     with pytest.raises(RecordError, match="make no rectangle"):
-        b_mode_under(odd, number=1, preset=PRESET, samples=SAMPLES, pixel_mm=None)
-    named = b_mode_under(odd, number=1, preset=PRESET, samples=SAMPLES, pixel_mm=0.2).geometry
-    assert named.position_m(row=-0.5, column=64.5) == pytest.approx((0.0, 0.0))
+        b_mode_under(odd, number=1, preset=PRESET, samples=SAMPLES)
 
 
 def test_the_command_draws_both(shell, tmp_path, rf):
@@ -128,15 +125,5 @@ def test_the_command_draws_both(shell, tmp_path, rf):
     assert (tmp_path / "pa.png").stat().st_size > 10_000
     code, _, err = shell(*words)
     assert (code, "add --plot" in err) == (2, True)
-    code, _, err = shell("frame", tmp_path / "pa.rf", "--spare", "--over-pixel-mm", 0.1)
-    assert (code, "only --over uses it" in err) == (2, True)
-
-
-def test_an_image_of_unknown_size_is_refused(tmp_path):
-    import cv2
-
-    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((50, 50), np.uint8))
-    with pytest.raises(ConfigError, match="does not say how large its pixels are"):
-        b_mode_under(tmp_path / "a.png", number=1, preset=PRESET, samples=SAMPLES, pixel_mm=None)
-    with pytest.raises(RecordError, match="there is no image 2, it holds 1"):
-        b_mode_under(tmp_path / "a.png", number=2, preset=PRESET, samples=SAMPLES, pixel_mm=0.1)
+    code, _, err = shell("frame", tmp_path / "pa.rf", "--spare", "--over", "us.png", "--plot", "--out", tmp_path)
+    assert (code, "--over us.png: it is no .b8" in err) == (2, True)

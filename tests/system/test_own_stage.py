@@ -84,8 +84,7 @@ def test_the_stage_of_the_page_passes_doctor_and_finds_the_marker(lab: Path) -> 
         assert findings["rig.toml"]["state"] == "ok", findings["rig.toml"]
         rules = findings["contract of stage toy_stage:Stage"]
         assert rules["state"] == "ok"
-        assert "refuses an angle beyond its limits, and NaN, by LimitError before it sends anything" in rules["detail"]
-        assert "NOT TRIED" not in rules["detail"]
+        assert "Its readback at rest is a finite number of degrees inside its limits" in rules["detail"]
         journal = lab / "run.journal"
         searched = subprocess.run(
             markerseek("search", "--rig", "rig.toml", "--arm", "--json", "--journal", journal),

@@ -11,7 +11,7 @@ import pytest
 from tests.emulated import emulation
 
 pytestmark = pytest.mark.real_time
-for needed in ("serial", "thorlabs_apt_protocol", "pyigtl"):
+for needed in ("serial", "pyigtl"):
     pytest.importorskip(needed, reason="needs the extras devices and igtl")
 
 Shell = Callable[..., tuple[int, str, str]]

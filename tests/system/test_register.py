@@ -12,6 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from markerseek.records import read_camera_images
+from markerseek.runs import read_registration
 from markerseek.runs.simulated_registration import CAMERA_ROLL_DEG, CAMERA_TILT_DEG
 from markerseek.sim import EndoscopeSettings, camera_above, endoscope, spot_images
 from markerseek.vision import find_spot
@@ -34,6 +35,21 @@ def table(
     rows = [",".join(map(repr, row)) for row in np.hstack([trus_m, camera_m]).tolist()]
     path.write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
     return path
+
+
+@pytest.fixture(autouse=True)
+def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_a_registration_is_written_into_a_file_and_a_simulated_one_is_not(shell: Shell, tmp_path: Path) -> None:
+    code, out, _ = shell("register", EXAMPLE, "--json")
+    assert code == 0
+    assert json.loads((tmp_path / "registration.json").read_text()) == json.loads(out)
+    assert read_registration(Path("registration.json")).simulated is False
+    (tmp_path / "registration.json").unlink()
+    assert shell("register", "--simulate", "--markers", 3)[0] in (0, 3)
+    assert not (tmp_path / "registration.json").exists()
 
 
 def test_exact_points_give_the_exact_transform_as_json(shell: Shell, tmp_path: Path) -> None:
@@ -391,12 +407,12 @@ def test_a_whole_registration_on_the_simulated_rig(shell: Shell) -> None:
     ("words", "said"),
     [
         (["register"], "no points: name a CSV, images by --frames LEFT RIGHT, or add --simulate"),
-        (["register", EXAMPLE, "--sweep"], "--sweep, --readout-s and --seed are for --simulate; leave them out"),
+        (["register", EXAMPLE, "--sweep"], "--sweep, --readout-s, --seed are for --simulate; leave them out"),
         (["register", EXAMPLE, "--simulate"], "--simulate makes its own points"),
         (["register", "--simulate", "--calibration-sigma-px", 1], "--simulate makes its own points"),
-        (["register", EXAMPLE, "--seed", 3], "--readout-s and --seed are for --simulate"),
+        (["register", EXAMPLE, "--seed", 3], "--readout-s, --seed are for --simulate"),
         (["register", "--simulate", "--markers", 5], "markers is 5, it must be one of 3, 4, 6, 9"),
-        (["register", EXAMPLE, "--simulated-frames", 25], "are for --simulate; leave them out"),
+        (["register", EXAMPLE, "--simulated-frames", 24], "are for --simulate; leave them out"),
         (["register", "--simulate", "--camera-mm", "nan"], "camera distance is nan mm"),
         (["register", EXAMPLE, "--target-mm", 0, "nan", 0], "must be finite"),
     ],

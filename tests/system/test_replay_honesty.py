@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from markerseek import Finished, Found, Unsure, build, replayed, run
-from markerseek.core import PolicyPlan
+from markerseek.core import SearchPlan
 from markerseek.search import method_named
 
 SCANS = 25
@@ -30,7 +30,7 @@ def test_the_interval_holds_the_marker_of_a_coarse_scan(
         rig = replayed(path)
         most = min(method_named(method).acquisitions, len(angles))
         policy = build(
-            PolicyPlan(method=method, acquisitions=most, start_deg=rig.stage.angle_deg), limits=rig.limits.search
+            SearchPlan(method=method, acquisitions=most, start_deg=rig.stage.angle_deg), limits=rig.limits.search
         )
         finished = next(event for event in run(policy, rig.scanner) if isinstance(event, Finished))
         estimate = finished.estimate

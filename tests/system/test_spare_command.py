@@ -69,9 +69,7 @@ def test_noise_is_no_source_and_without_spare_nothing_is_looked_for(shell, rf_fi
     ("options", "message"),
     [
         (("--spare", "--number", 3), "there is no frame 3, it holds 2"),
-        (("--receive-focus-mm", 30), "only --spare uses it"),
-        (("--spare", "--receive-focus-mm", 0), r"SPARE: receive_focus_m is 0.0 m"),
-        (("--spare", "--min-depth-mm", 2000), "must lie between 0 and 1000 mm"),
+        (("--over", "us.b8"), "add --plot"),
     ],
 )
 def test_what_does_not_fit_is_refused(shell, rf_file, options, message):

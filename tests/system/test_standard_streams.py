@@ -39,8 +39,10 @@ def test_a_good_search_with_its_output_closed_ends_well(words: tuple[str, ...], 
 def test_a_good_search_whose_output_is_full_says_so_in_one_sentence(words: tuple[str, ...], tmp_path: Path) -> None:
     done = ended(tmp_path, ">/dev/full", *words)
     assert done.returncode == 74
+    said = "" if words else f"journal: {tmp_path / 'run.journal'}\n"
     assert done.stderr == (
-        "error: the output cannot be written: No space left on device; a journal, if one is kept, holds the answer\n"
+        f"{said}error: the output cannot be written: No space left on device; "
+        "a journal, if one is kept, holds the answer\n"
     )
     assert (tmp_path / "run.journal").exists()
 

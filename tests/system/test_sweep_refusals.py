@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("serial", reason="needs the extra devices")
-pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
+pytest.importorskip("serial", reason="needs the extra devices")
 
 Shell = Callable[..., tuple[int, str, str]]
 

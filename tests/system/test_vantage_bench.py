@@ -16,8 +16,7 @@ from tests.emulated import emulation
 from tests.octave import NO_OCTAVE, has_octave_sockets
 
 pytestmark = pytest.mark.real_time
-for needed in ("serial", "thorlabs_apt_protocol"):
-    pytest.importorskip(needed, reason="needs the extra devices")
+pytest.importorskip("serial", reason="needs the extra devices")
 
 Shell = Callable[..., tuple[int, str, str]]
 SEARCH = ("--method", "weighted-average", "--as-published", "--acquisitions", "8", "--no-journal", "--json")

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_args
 
 import jaxtyping
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 
 import markerseek
 from markerseek.core import ConfigError, Interval, shapes
+from markerseek.search import METHODS, MethodName
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -29,10 +31,10 @@ def test_the_public_names_are_these() -> None:
         "Measured",
         "NotFound",
         "Policy",
-        "PolicyPlan",
         "Reading",
         "RunPlan",
         "Sample",
+        "SearchPlan",
         "Unsure",
         "__version__",
         "bank_figure",
@@ -58,12 +60,12 @@ def test_all_names_are_listed_before_they_are_used() -> None:
 def test_a_range_is_any_two_numbers() -> None:
     for limits in ((-35, 35), [-35.0, 35.0], (np.float32(-35), np.int64(35)), Interval(low_deg=-35.0, high_deg=35.0)):
         policy = markerseek.build(
-            markerseek.PolicyPlan(method="ternary", acquisitions=16, start_deg=2),
+            markerseek.SearchPlan(method="ternary", acquisitions=16, start_deg=2),
             limits=limits,
         )
         assert (
             policy.ask()
-            == markerseek.build(markerseek.PolicyPlan(method="ternary", acquisitions=16, start_deg=2)).ask()
+            == markerseek.build(markerseek.SearchPlan(method="ternary", acquisitions=16, start_deg=2)).ask()
         )
     for limits in ((1, 2, 3), (), (35, -35), (math.nan, 1)):
         with pytest.raises(ConfigError, match=r"limits is|interval \["):
@@ -136,3 +138,16 @@ def test_shapes_are_those_of_jaxtyping_in_tests_and_cost_nothing_elsewhere() -> 
     program = "from markerseek.core import shapes; print(shapes.CHECKED, shapes.Float64['2 3'])"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout == "False typing.Any\n"
+
+
+def test_an_editor_knows_the_names_of_all_methods() -> None:
+    assert get_args(MethodName) == tuple(method.name for method in METHODS)
+
+
+def test_a_simulated_rig_takes_what_the_command_line_takes() -> None:
+    rig = markerseek.simulated(4, snr_db=30, tissue="muscle", marker_deg=2, second_marker_deg=-9, readout_s=0.05)
+    assert "peak SNR 30 dB, seed 4, a second marker at -9.00 deg" in rig.facts.description
+    assert rig.facts.truth_deg == 2
+    assert markerseek.simulated(4, no_marker=True).facts.truth_deg is None
+    with pytest.raises(ConfigError, match="contradicts"):
+        markerseek.simulated(4, no_marker=True, marker_deg=2)

@@ -1,5 +1,6 @@
+from .asked import OPTIONS, AskedSearch
 from .child import ChildRun, Outcome
 from .recordings import Recording, open_recording
-from .searches import Searches, SearchOptions, SearchRequest
+from .searches import Searches, SearchOptions
 
-__all__ = ["ChildRun", "Outcome", "Recording", "SearchOptions", "SearchRequest", "Searches", "open_recording"]
+__all__ = ["OPTIONS", "AskedSearch", "ChildRun", "Outcome", "Recording", "SearchOptions", "Searches", "open_recording"]

@@ -1,4 +1,4 @@
-"""Searches that other programs ask for: what they may choose, and one at a time."""
+"""Searches that other programs ask for, one at a time."""
 
 from __future__ import annotations
 
@@ -8,60 +8,12 @@ import threading
 from dataclasses import dataclass
 from pathlib import Path
 
+from markerseek.bridges.asked import AskedSearch
 from markerseek.bridges.child import ChildRun
-from markerseek.core import MAX_ACQUISITIONS, ConfigError, PolicyPlan, RecordError, SearchError, Tolerance, is_whole
+from markerseek.core import RecordError, SearchError
 from markerseek.drivers import BenchSettings
 from markerseek.records.journal import default_journal, make_folder
 from markerseek.rigs import read_rig_file
-from markerseek.search import method_named, require_sweeping
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SearchRequest:
-    """What a program on the network may choose of a search: never a file, a rig, or whether it is armed."""
-
-    method: str = "posterior"
-    acquisitions: int | None = None
-    as_published: bool = False
-    stay: bool = False
-    sweep: bool = False
-    """Whether the probe turns while the laser fires."""
-    tolerance_mm: float | None = None
-    """How well the angle of a marker that is found must be known, as in `markerseek.core.Tolerance`; None: as usual."""
-    seed: int | None = None
-    """Seed of a simulated rig; None for its default."""
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.method, str):
-            raise ConfigError(f"method is {self.method!r}, it must be the name of a method")
-        method_named(self.method)
-        number = self.acquisitions
-        if number is not None and not (is_whole(number) and 2 <= number <= MAX_ACQUISITIONS):
-            raise ConfigError(
-                f"acquisitions is {number!r}, it must be a whole number from 2 to {MAX_ACQUISITIONS}; leave it out "
-                "for the number of the method"
-            )
-        for name in ("as_published", "stay", "sweep"):
-            if not isinstance(getattr(self, name), bool):
-                raise ConfigError(f"{name} is {getattr(self, name)!r}, it must be true or false")
-        if self.sweep:
-            require_sweeping(PolicyPlan(method=self.method, as_published=self.as_published))
-        if self.tolerance_mm is not None:
-            Tolerance(mm=self.tolerance_mm)
-        if self.seed is not None and not (is_whole(self.seed) and 0 <= self.seed < 2**63):
-            raise ConfigError(f"seed is {self.seed!r}, it must be a whole number from 0 to 2**63 - 1")
-
-    def arguments(self) -> list[str]:
-        """Options of ``markerseek search``."""
-        options = [f"--method={self.method}"]
-        if self.acquisitions is not None:
-            options.append(f"--acquisitions={self.acquisitions}")
-        if self.tolerance_mm is not None:
-            options.append(f"--tolerance-mm={self.tolerance_mm}")
-        if self.seed is not None:
-            options.append(f"--seed={self.seed}")
-        forms = {"--as-published": self.as_published, "--stay": self.stay, "--sweep": self.sweep}
-        return options + [name for name, wanted in forms.items() if wanted]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,7 +60,7 @@ class Searches:
         self._lock = threading.Lock()
         self._running: ChildRun | None = None
 
-    def start(self, request: SearchRequest, *, asked_by: str | None = None) -> ChildRun:
+    def start(self, asked: AskedSearch, *, asked_by: str | None = None) -> ChildRun:
         """Start a search.
 
         ``asked_by``: who asked, for the person who arms the rig; None for the user of the bridge's terminal. Raises
@@ -118,8 +70,8 @@ class Searches:
         with self._lock:
             if self._running is not None and self._running.running:
                 raise SearchError("a search is running; cancel it, or wait for its result")
-            arguments = ["search", *request.arguments(), *self._options.arguments()]
-            journal = self._options.new_journal(method=request.method)
+            arguments = ["search", *asked.arguments(), *self._options.arguments()]
+            journal = self._options.new_journal(method=asked.plan.method)
             arguments.append("--no-journal" if journal is None else f"--journal={journal}")
             if asked_by is not None:
                 arguments.append(f"--asked-by={asked_by}")

@@ -70,6 +70,9 @@ def main() -> NoReturn:
         if problem.filename is None and problem.errno in _OUTPUT:
             # What Python still holds for it would fail again at the end.
             sys.stdout = io.StringIO()
+            if problem.errno == errno.EPIPE:
+                # Its reader has read enough: markerseek --help | head.
+                sys.exit(NO_OUTPUT)
             _end(
                 f"the output cannot be written: {problem.strerror}; a journal, if one is kept, holds the answer",
                 kind="OSError",

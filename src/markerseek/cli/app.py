@@ -5,8 +5,9 @@ from __future__ import annotations
 import io
 import sys
 import warnings
-from collections.abc import Callable
 from functools import cache
+from itertools import pairwise
+from typing import Any
 
 import typer
 
@@ -32,12 +33,10 @@ from markerseek.cli import (
     tooltip,
     track,
 )
+from markerseek.cli.help import add_command, arranged
 from markerseek.cli.signals import Stopped
-from markerseek.cli.terminal import print_error, print_json, print_warning
-from markerseek.core import MarkerseekError
-
-WRONG_USAGE = 2
-"""Exit code after arguments that the command does not take."""
+from markerseek.cli.terminal import print_error, print_warning
+from markerseek.core import ConfigError, MarkerseekError
 
 app = typer.Typer(
     name="markerseek",
@@ -49,28 +48,18 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
-_COMMANDS = {
-    "search": search,
-    "page": page,
-    "igtl": igtl,
-    "replay": replay,
-    "resume": resume,
-    "frame": frame,
-    "calibrate": calibrate,
-    "register": register,
-    "tooltip": tooltip,
-    "track": track,
-    "reproduce": reproduce,
-    "study": study,
-    "benchmark": benchmark,
-    "emulate": emulate,
-    "doctor": doctor,
+_COMMANDS: dict[str, dict[str, Any]] = {
+    "Search": {"search": search, "resume": resume, "page": page, "igtl": igtl, "ros2": ros2.app},
+    "Recordings": {"replay": replay, "frame": frame, "tooltip": tooltip, "bank": bank.app, "journal": journal.app},
+    "Rig and robot": {"doctor": doctor, "calibrate": calibrate, "register": register, "track": track},
+    "Simulation and studies": {"emulate": emulate, "reproduce": reproduce, "study": study, "benchmark": benchmark},
 }
-for name, module in _COMMANDS.items():
-    app.command(name=name, epilog=module.EXAMPLES)(module.command)
-app.add_typer(bank.app)
-app.add_typer(ros2.app)
-app.add_typer(journal.app)
+for panel, commands in _COMMANDS.items():
+    for name, command in commands.items():
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, rich_help_panel=panel)
+        else:
+            add_command(app, name, command.command, command.EXAMPLES, panel=panel)
 
 
 def _print_version(asked: bool) -> None:
@@ -89,9 +78,13 @@ def _top(
 
 
 @cache
-def _built() -> Callable[[], object]:
+def _built() -> Any:
     """All commands, built once: it takes 40 ms, and a test runs many of them in its process."""
-    return typer.main.get_command(app)
+    return arranged(typer.main.get_command(app))
+
+
+_UsageError: Any = typer.BadParameter.__bases__[0]
+"""Typer's error of wrong arguments, which has no public name."""
 
 
 def run() -> None:
@@ -107,18 +100,53 @@ def run() -> None:
             stream.reconfigure(errors="replace")
     as_json = "--json" in sys.argv
     try:
-        _built()()
-    except Stopped:
-        raise
+        sys.exit(_built()(standalone_mode=False))
     except SystemExit as ended:
+        if isinstance(ended, Stopped):
+            raise
         if isinstance(ended.__context__, BrokenPipeError):
             # Click ends with exit code 1 and without a word.
             raise ended.__context__ from None
         if ended.code == STOPPED_BY_USER:
             print_error(MarkerseekError("stopped by the user"), as_json=as_json)
-        elif ended.code == WRONG_USAGE and as_json:
-            print_json({"error": "wrong usage; standard error says what is wrong", "kind": "UsageError"})
         raise
-    except MarkerseekError as error:
-        print_error(error, as_json=as_json)
+    except typer.Abort:
+        # So Click before its Typer had one of its own.
+        raise KeyboardInterrupt from None
+    except (_UsageError, MarkerseekError) as problem:
+        error = problem if isinstance(problem, MarkerseekError) else ConfigError(_in_words(problem))
+        # Where a group is called without a command, Typer has printed its help already.
+        if type(problem).__name__ != "NoArgsIsHelpError":
+            print_error(error, as_json=as_json)
         sys.exit(error.exit_code)
+
+
+_WORDS = {
+    "greater than or equal to": "at least",
+    "less than or equal to": "at most",
+    "valid integer": "whole number",
+    "valid number": "number",
+}
+"""Words of Typer's own messages, and ours."""
+
+
+def _in_words(problem: Any) -> str:
+    """What is wrong with the arguments: option, value, limit, and where to read on."""
+    text = problem.format_message().rstrip(".")
+    option = getattr(getattr(problem, "param", None), "opts", [""])[-1]
+    for begin in ("Input should be ", "is not "):
+        _, wrong, limit = problem.message.partition(begin)
+        if wrong and option.startswith("--"):
+            for theirs, ours in _WORDS.items():
+                limit = limit.replace(theirs, ours)
+            text = f"{option} is {_given(option)}, it must be {limit.partition(', unable')[0].rstrip('.')}"
+    path = problem.ctx.command_path if problem.ctx is not None else "markerseek"
+    return f"{text[:1].lower()}{text[1:]}; see '{path} --help'"
+
+
+def _given(option: str) -> str:
+    """The value of an option on the command line, the last where it stands there several times."""
+    words = sys.argv[1:]
+    values = [after for word, after in pairwise(words) if word == option]
+    values += [word.partition("=")[2] for word in words if word.startswith(f"{option}=")]
+    return repr(values[-1]) if values else "something else"

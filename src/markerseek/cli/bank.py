@@ -17,6 +17,7 @@ from rich.table import Table
 
 from markerseek import rigs, runs
 from markerseek.cli import bank_files, bank_scan
+from markerseek.cli.help import add_command
 from markerseek.cli.options import AsJson, Out, TableOptions, require_frames, with_values
 from markerseek.cli.report import Output, Report, drawn, facts, with_version
 from markerseek.cli.terminal import announce_compilation, one_line, progress_bar
@@ -27,9 +28,10 @@ if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank
     from markerseek.search import Peak
 
-_INFO_EXAMPLES = (
-    "Examples:\n\n  markerseek bank info scan.hdf5 --plot\n\n  markerseek bank info examples/simulated_scan.csv --json"
-)
+_INFO_EXAMPLES = """
+    markerseek bank info scan.hdf5 --plot
+    markerseek bank info examples/simulated_scan.csv --json
+"""
 
 
 @with_values
@@ -212,8 +214,6 @@ def _title(path: Path, bank: IntensityBank | FrameBank) -> str:
     return f"{path.name}{': ' if known else ''}{known}"
 
 
-_VERIFY_EXAMPLES = "Examples:\n\n  markerseek bank verify scan.hdf5\n\n  markerseek bank verify scan.hdf5 --json"
-
 DAMAGED = 1
 """Exit code if anything is wrong."""
 
@@ -258,9 +258,9 @@ app = typer.Typer(
 _COMMANDS = (
     ("scan", bank_scan.command, bank_scan.EXAMPLES),
     ("info", info, _INFO_EXAMPLES),
-    ("verify", verify, _VERIFY_EXAMPLES),
+    ("verify", verify, "markerseek bank verify scan.hdf5"),
     ("import", bank_files.import_bank, bank_files.IMPORT_EXAMPLES),
     ("export", bank_files.export_bank, bank_files.EXPORT_EXAMPLES),
 )
 for _name, _command, _examples in _COMMANDS:
-    app.command(name=_name, epilog=_examples)(_command)
+    add_command(app, _name, _command, _examples)

@@ -31,13 +31,12 @@ from markerseek.files import as_read_error
 if TYPE_CHECKING:
     from markerseek.records.banks import BankFacts, FrameBank, IntensityBank, Layout, TableFormat
 
-IMPORT_EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek bank import /data/scan-2024-05-03 scan.hdf5 --reference-deg -12.5\n\n"
-    "  markerseek bank import frames.npy scan.hdf5 --first-deg -35 --step-deg 0.5 --sampling-mhz 40\n\n"
-    "  markerseek bank import examples/simulated_scan.csv scan.hdf5\n\n"
-    "  markerseek bank import run.journal frames.hdf5"
-)
+IMPORT_EXAMPLES = """
+    markerseek bank import /data/scan-2024-05-03 scan.hdf5 --reference-deg -12.5
+    markerseek bank import frames.npy scan.hdf5 --first-deg -35 --step-deg 0.5 --sampling-mhz 40
+    markerseek bank import examples/simulated_scan.csv scan.hdf5
+    markerseek bank import run.journal frames.hdf5
+"""
 
 
 @with_values
@@ -165,12 +164,11 @@ def _read(source: Path, table: TableFormat, layout: Layout, *, blanked: int) -> 
     return read_bank(source, table, layout, blanked=blanked)
 
 
-EXPORT_EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek bank export scan.hdf5 scan.igs.mha\n\n"
-    "  markerseek bank export scan.hdf5 scan.zea.hdf5\n\n"
-    "  markerseek bank export scan.hdf5 scan.csv"
-)
+EXPORT_EXAMPLES = """
+    markerseek bank export scan.hdf5 scan.igs.mha
+    markerseek bank export scan.hdf5 scan.zea.hdf5
+    markerseek bank export scan.hdf5 scan.csv
+"""
 SUFFIXES = (".igs.mha", ".zea.hdf5", ".csv")
 
 Item = TypeVar("Item")

@@ -10,23 +10,22 @@ import typer
 from rich.markup import escape
 
 from markerseek import rigs, runs
-from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig, person
+from markerseek.cli.open_rig import arm_rig, open_rig, person
 from markerseek.cli.options import Arm, AsJson, RigFile, Trust
 from markerseek.cli.report import Output, Report, with_version
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_event, stderr
 from markerseek.cli.watched import Events, Heartbeat, WatchOptions
-from markerseek.core import ChannelFrame, Event, MarkerseekError, Measured, Refused, RFFrame, Sample
+from markerseek.core import ChannelFrame, Event, MarkerseekError, Measured, Refused, RFFrame, Sample, SimulationOptions
 
 if TYPE_CHECKING:
     from markerseek.records.journal import Journal
 
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek bank scan scan.hdf5 --seed 1\n\n"
-    "  markerseek bank scan scan.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.25 --wavelength-nm 760\n\n"
-    "  markerseek bank scan --continue scan.hdf5 --seed 1"
-)
+EXAMPLES = """
+    markerseek bank scan scan.hdf5 --seed 1
+    markerseek bank scan scan.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.25
+    markerseek bank scan --continue scan.hdf5 --seed 1
+"""
 
 
 class BModeNote:

@@ -32,10 +32,6 @@ def command(
             "may be repeated."
         ),
     ] = None,
-    method: Annotated[
-        list[str] | None,
-        typer.Option(help="A policy of your own as module:name, which runs in our processes; may be repeated."),
-    ] = None,
     seed: Annotated[
         int | None,
         typer.Option(
@@ -56,20 +52,17 @@ def command(
 ) -> None:
     """Run the benchmark of searches in simulated worlds, or the rest of it, and print its table."""
     entries = list(dict.fromkeys(studies.Entry.named(text) for text in entry or []))
-    methods = list(dict.fromkeys(method or []))
-    others = len(entries) + len(methods)
-    size = studies.benchmark_size(scale=scale, others=others)
+    size = studies.benchmark_size(scale=scale, entries=len(entries))
     count = studies.default_workers() if workers is None else workers
     stderr.print(
         f"{size} simulated searches in {counted(count, 'process', 'processes')}, "
-        f"{time_left(_TYPICAL_S * scale / count)} on a usual computer" + (" without those of others" if others else "")
+        f"{time_left(_TYPICAL_S * scale / count)} on a usual computer" + (" without the entries" if entries else "")
     )
     announce_compilation()
     with stages_bar() as progress:
         results = studies.run_benchmark(
             out,
             entries=entries,
-            methods=methods,
             seed=seed,
             scale=scale,
             workers=workers,

@@ -25,12 +25,11 @@ if TYPE_CHECKING:
     from markerseek.calibration import Fitted
     from markerseek.records.banks import FrameBank
 
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek bank scan point.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.5\n\n"
-    "  markerseek calibrate point.hdf5 --source-deg 12.5\n\n"
-    "  markerseek calibrate point.hdf5 --json"
-)
+EXAMPLES = """
+    markerseek bank scan point.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.5
+    markerseek calibrate point.hdf5 --source-deg 12.5
+    markerseek calibrate point.hdf5 --json
+"""
 
 
 NUMBERS = {

@@ -12,18 +12,17 @@ from markerseek import bridges, runs
 from markerseek.bridges import igtl
 from markerseek.cli.open_rig import read_rig
 from markerseek.cli.options import RigFile, Trust
-from markerseek.cli.signals import heeded
+from markerseek.cli.signals import Stopped, heeded
 from markerseek.cli.terminal import printable
 from markerseek.core import ConfigError
 
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek igtl\n\n"
-    "  markerseek igtl --rig examples/rigs/bench.toml\n\n"
-    "  markerseek igtl --play run.journal --pace 0.1\n\n"
-    "  markerseek igtl --registration registration.json\n\n"
-    "  markerseek igtl --host 192.0.2.10 --allow 192.0.2.7"
-)
+EXAMPLES = """
+    markerseek igtl
+    markerseek igtl --rig examples/rigs/bench.toml
+    markerseek igtl --play run.journal --pace 0.1
+    markerseek igtl --registration registration.json
+    markerseek igtl --host 192.0.2.10 --allow 192.0.2.7
+"""
 
 
 def command(
@@ -44,7 +43,7 @@ def command(
     ] = None,
     registration: Annotated[
         Path | None,
-        typer.Option(help="Also send the transform of the da Vinci camera: JSON of `markerseek register --json`."),
+        typer.Option(help="Also send the transform of the da Vinci camera that `markerseek register` wrote."),
     ] = None,
     pace: Annotated[
         float | None,
@@ -81,7 +80,7 @@ def command(
         on_note=_note,
     )
     code = asyncio.run(_serve(service, host, port, recording, pace=1.0 if pace is None else pace))
-    raise typer.Exit(code)
+    raise Stopped(code)
 
 
 def _address(text: str) -> igtl.IPAddress:

@@ -15,6 +15,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import runs
+from markerseek.cli.help import add_command
 from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report
 from markerseek.cli.terminal import announce_compilation, new_table, one_line, print_error, print_json, stdout
@@ -36,20 +37,12 @@ if TYPE_CHECKING:
     from markerseek.records.journal import Entry, JournalSummary, RecordedRun
 
 
-app = typer.Typer(
-    name="journal", help="List, print, follow, check and compute again the journals of runs.", no_args_is_help=True
-)
-
 _POLL_S = 0.02
 """Time between two looks for a new entry, in seconds."""
 
 _File = Annotated[Path, typer.Argument(help="Journal of a run.")]
 
 
-@app.command(
-    name="list",
-    epilog="Examples:\n\n  markerseek journal list\n\n  markerseek journal list /data/runs --last 100 --json",
-)
 def list_journals(
     folder: Annotated[
         Path | None, typer.Argument(help="Folder of journals.", show_default="that of runs that named no journal")
@@ -79,7 +72,6 @@ def list_journals(
     Output(as_json=as_json).show(Report(values=values, shown=lines))
 
 
-@app.command(epilog="Example:\n\n  markerseek journal show run.journal")
 def show(journal: _File, as_json: AsJson = False) -> None:
     """Print all entries; of a damaged journal those before the damage, then the error."""
     from markerseek.records.journal import run_state, salvage
@@ -105,10 +97,6 @@ def show(journal: _File, as_json: AsJson = False) -> None:
         raise typer.Exit(damage.exit_code)
 
 
-@app.command(
-    epilog="Examples:\n\n  markerseek journal follow run.journal\n\n"
-    "  markerseek journal follow run.journal | jq 'select(.kind == \"measured\").body.sample.reading.intensity'"
-)
 def follow(journal: _File) -> None:
     """Print each entry as a JSON line as soon as it is written, to the end of the run; the first has its configuration.
 
@@ -124,7 +112,6 @@ def follow(journal: _File) -> None:
         sys.stdout.buffer.flush()
 
 
-@app.command(epilog="Example:\n\n  markerseek journal verify run.journal")
 def verify(journal: _File, as_json: AsJson = False) -> None:
     """Check that all entries can be read and agree with their checksums; exit code 1 if anything is wrong."""
     from markerseek.records.journal import verify as verify_journal
@@ -145,7 +132,6 @@ def verify(journal: _File, as_json: AsJson = False) -> None:
     Output(as_json=as_json).show(report)
 
 
-@app.command(epilog="Example:\n\n  markerseek journal replay run.journal")
 def replay(journal: _File, as_json: AsJson = False) -> None:
     """Compute the answer again, from the samples and from the frames, and print both beside the recorded one."""
     from markerseek.records import answer_name
@@ -277,3 +263,20 @@ def _local(begun: str) -> str:
     # The file may be another's, and hold any text.
     except (ValueError, OverflowError, OSError):
         return begun
+
+
+app = typer.Typer(
+    name="journal", help="List, print, follow, check and compute again the journals of runs.", no_args_is_help=True
+)
+for _name, _command, _example in (
+    ("list", list_journals, "markerseek journal list /data/runs --last 100 --json"),
+    ("show", show, "markerseek journal show run.journal"),
+    (
+        "follow",
+        follow,
+        "markerseek journal follow run.journal | jq 'select(.kind == \"measured\").body.sample'",
+    ),
+    ("verify", verify, "markerseek journal verify run.journal"),
+    ("replay", replay, "markerseek journal replay run.journal"),
+):
+    add_command(app, _name, _command, _example)

@@ -9,83 +9,25 @@ import sys
 import termios
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 from rich.markup import escape
 
 from markerseek import drivers, rigs
 from markerseek.cli.terminal import one_line, print_json, print_warning, printable, stderr
-from markerseek.core import AnyPolicy, ConfigError
+from markerseek.core import USUAL_SEED, AnyPolicy, ConfigError, SimulationOptions
 
 if TYPE_CHECKING:
     from markerseek.sim import SimulatedSettings
-
-_USUAL_SEED = 1
-"""Default seed of a simulation."""
 
 NOT_ARMED = 4
 """Exit code if the rig was not armed: nothing moved, nothing was fired."""
 
 _LINE_BYTES = 4096
 """Longest line of a terminal."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SimulationOptions:
-    """Options of a simulated rig, which are an error for a rig of devices; None leaves the rig file's value."""
-
-    tissue: Annotated[
-        str | None, typer.Option(help="Simulated material, instead of the rig's; an unknown name lists them all.")
-    ] = None
-    no_marker: Annotated[bool, typer.Option("--no-marker", help="Simulate noise and clutter alone.")] = False
-    marker_deg: Annotated[
-        float | None, typer.Option(help="Angle of the simulated marker, in degrees.", show_default="drawn at random")
-    ] = None
-    second_marker_deg: Annotated[
-        float | None, typer.Option(help="Angle of a second simulated marker, as strong, elsewhere along the array.")
-    ] = None
-    snr_db: Annotated[
-        float | None,
-        typer.Option(help="Peak SNR of the simulated image with the probe on the marker, in dB.", show_default="40"),
-    ] = None
-    readout_s: Annotated[
-        float | None,
-        typer.Option(
-            help="Seconds to read one acquisition of a simulated rig, instead of the rig's.", show_default="10"
-        ),
-    ] = None
-    seed: Annotated[
-        int | None,
-        typer.Option(min=0, help="Seed of the simulation: the same seed gives the same search.", show_default="1"),
-    ] = None
-    pace: Annotated[float, typer.Option(help="Real seconds per virtual second: 0 does not wait, 1 is real time.")] = 0
-
-    def __post_init__(self) -> None:
-        if self.no_marker and (self.marker_deg, self.second_marker_deg) != (None, None):
-            raise ConfigError("--no-marker contradicts --marker-deg and --second-marker-deg; leave it or them out")
-
-    def given(self) -> list[str]:
-        """The options that were given, as they are typed."""
-        given = {each.name: value for each in fields(self) if (value := getattr(self, each.name)) != each.default}
-        return [f"--{name.replace('_', '-')}" + ("" if value is True else f" {value}") for name, value in given.items()]
-
-    def on(self, settings: SimulatedSettings) -> SimulatedSettings:
-        """The settings with the values of these options."""
-        from markerseek.sim import changed_settings
-
-        settings = changed_settings(settings, tissue=self.tissue, snr_db=self.snr_db, readout_s=self.readout_s)
-        if self.no_marker:
-            none = replace(settings.marker, present=False)
-            settings = replace(settings, marker=none, second=replace(settings.second, present=False))
-        if self.marker_deg is not None:
-            settings = replace(settings, marker=replace(settings.marker, present=True, angle_deg=self.marker_deg))
-        if self.second_marker_deg is not None:
-            second = replace(settings.second, present=True, angle_deg=self.second_marker_deg)
-            settings = replace(settings, second=second)
-        return settings
 
 
 class UntrustedError(ConfigError):
@@ -147,7 +89,7 @@ def open_rig(
     for the noise of single pulses. ``trust``: as of `read_rig`. Raises `DeviceError` if a device does not answer, or is
     not ready.
     """
-    from markerseek.sim import SimulatedSettings
+    from markerseek.sim import SimulatedSettings, with_options
 
     settings = SimulatedSettings() if path is None else rigs.read_rig_file(path)
     if isinstance(settings, drivers.BenchSettings):
@@ -161,10 +103,10 @@ def open_rig(
         with rigs.bench(settings) as rig:
             yield rig, rig.scanner.angle_deg
         return
-    settings = options.on(settings)
+    settings = with_options(settings, options)
     if sweeps:
         settings = replace(settings, receiver=replace(settings.receiver, single_pulses=True))
-    seed = _USUAL_SEED if options.seed is None else options.seed
+    seed = USUAL_SEED if options.seed is None else options.seed
     yield rigs.simulated(seed=seed, settings=settings, pace=options.pace), settings.start_deg
 
 

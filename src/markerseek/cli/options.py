@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import wraps
 from inspect import Parameter, signature
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_type_h
 
 import typer
 
-from markerseek.core import ConfigError, MarkerCurve, SearchPlan, Tolerance
+from markerseek.core import ConfigError, SearchPlan, options_of
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank, TableFormat
@@ -45,77 +45,46 @@ ProbeName: TypeAlias = Annotated[
     ),
 ]
 
-# A copy of `markerseek.search.METHODS`, compared by a test: importing that package would slow down every --help.
-USUAL_ACQUISITIONS = {
-    "posterior": 16,
-    "weighted-average": 57,
-    "golden-section": 28,
-    "golden-section-reuse": 16,
-    "ternary": 28,
-    "exhaustive": 141,
-    "manual": 28,
-}
-"""Most acquisitions of each method, where the user names no number."""
 
-
-def _completed(incomplete: str) -> Iterator[str]:
+def _named_methods(incomplete: str) -> Iterator[str]:
     """Names of methods for the shell."""
-    return (name for name in USUAL_ACQUISITIONS if name.startswith(incomplete))
+    from markerseek.search import METHODS
+
+    return (each.name for each in METHODS if each.name.startswith(incomplete))
 
 
-MethodName: TypeAlias = Annotated[
-    str,
-    typer.Option("--method", help="How to search; an unknown name lists them all.", autocompletion=_completed),
-]
-Acquisitions: TypeAlias = Annotated[
-    int | None,
-    typer.Option(
-        "--acquisitions",
-        min=2,
-        help="Most acquisitions.",
-        show_default=", ".join(f"{name} {number}" for name, number in USUAL_ACQUISITIONS.items()),
-    ),
-]
-ToleranceMm: TypeAlias = Annotated[
-    float | None,
-    typer.Option(
-        "--tolerance-mm",
-        help="How well the angle of a marker that is found must be known: 95 % within this at the marker.",
-        show_default="1",
-    ),
-]
-Sweeps: TypeAlias = Annotated[
-    bool,
-    typer.Option(
-        "--sweep",
-        help="Turn the probe while the laser fires, one frame a pulse: an answer in seconds (posterior only).",
-    ),
-]
-Stay: TypeAlias = Annotated[bool, typer.Option("--stay", help="Do not turn to the marker at the end.")]
+def option_of(kind: type, name: str) -> Any:
+    """The type of a command's parameter, for an option that is a field of a dataclass; see `markerseek.core.option`."""
+    found = next(each for each in options_of(kind) if each.name == name)
+    declared = typer.Option(
+        found.flag,
+        help=found.help,
+        min=found.least,
+        show_default=found.default is not None if found.shown is None else found.shown,
+        autocompletion=_named_methods if name == "method" else None,
+    )
+    return Annotated[found.kind if found.default is not None else found.kind | None, declared]
 
 
 def with_values(command: Callable[..., None]) -> Callable[..., None]:
     """A command, with an option for each field of the values that it takes as parameters, in their order.
 
-    A value is a dataclass whose fields are annotated as options; so an option is declared once for all commands.
+    A value is a dataclass whose fields are options (`markerseek.core.option`), or are annotated as options; so an
+    option is declared once for all commands.
     """
     hints = get_type_hints(command, include_extras=True)
     values: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
     options: list[Parameter] = []
     for name, parameter in signature(command).parameters.items():
-        if name not in values:
+        if name in values:
+            options += _options(values[name])
+        else:
             options.append(parameter.replace(kind=Parameter.KEYWORD_ONLY, annotation=hints[name]))
-            continue
-        of_fields = get_type_hints(values[name], include_extras=True)
-        options += [
-            Parameter(each.name, Parameter.KEYWORD_ONLY, default=each.default, annotation=of_fields[each.name])
-            for each in fields(values[name])
-        ]
 
     @wraps(command)
     def with_options(**given: Any) -> None:
         made = {
-            name: kind(**{each.name: given.pop(each.name) for each in fields(kind)}) for name, kind in values.items()
+            name: kind(**{each.name: given.pop(each.name) for each in _options(kind)}) for name, kind in values.items()
         }
         command(**given, **made)
 
@@ -124,60 +93,29 @@ def with_values(command: Callable[..., None]) -> Callable[..., None]:
     return with_options
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlanOptions:
-    """Options of a search's plan; see `markerseek.core.PolicyPlan`."""
-
-    method: MethodName = "posterior"
-    acquisitions: Acquisitions = None
-    as_published: Annotated[
-        bool, typer.Option("--as-published", help="The paper's form of the method, which always answers.")
-    ] = False
-    others: Annotated[
-        float | None,
-        typer.Option(
-            help="Probability that another source as loud is there as well, before the search; less takes fewer "
-            "acquisitions.",
-            show_default="0.05",
-        ),
-    ] = None
-    single: Annotated[
-        bool, typer.Option("--single", help="State that there is one source only, as --others 0 does.")
-    ] = False
-    tolerance_mm: ToleranceMm = None
-    tolerance_deg: Annotated[
-        float | None,
-        typer.Option(
-            help="The same in degrees, where the marker's distance from the axis is not known.", show_default="1"
-        ),
-    ] = None
-
-    def __post_init__(self) -> None:
-        if self.single and self.others:
-            raise ConfigError(f"--others is {self.others:g}, and --single states that it is 0; leave one of them out")
-        # A plan that cannot be is an error before devices are opened.
-        self.plan()
-
-    def plan(
-        self, *, start_deg: float | None = None, stay: bool = False, prior: MarkerCurve | None = None
-    ) -> SearchPlan:
-        """The plan, with what the rig and other options say of it."""
-        return SearchPlan(
-            method=self.method,
-            acquisitions=self.acquisitions,
-            as_published=self.as_published,
-            start_deg=start_deg,
-            stay=stay,
-            others=0.0 if self.single else self.others,
-            prior=prior,
-            tolerance=tolerance_of(self.tolerance_mm, self.tolerance_deg),
-        )
+def _options(kind: type[Any]) -> list[Parameter]:
+    """The parameters of a command for the fields of a value."""
+    if options_of(kind):
+        found = {each.name: (each.default, option_of(kind, each.name)) for each in options_of(kind)}
+    else:
+        hints = get_type_hints(kind, include_extras=True)
+        found = {each.name: (each.default, hints[each.name]) for each in fields(kind)}
+    return [
+        Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+        for name, (default, annotation) in found.items()
+    ]
 
 
-def tolerance_of(mm: float | None, deg: float | None) -> Tolerance:
-    """Tolerance from the options of a command; `ConfigError` if one is not positive."""
-    usual = Tolerance()
-    return Tolerance(mm=usual.mm if mm is None else mm, deg=usual.deg if deg is None else deg)
+Single: TypeAlias = Annotated[
+    bool, typer.Option("--single", help="State that there is one source only, as --others 0 does.")
+]
+
+
+def single_source(plan: SearchPlan, *, single: bool) -> SearchPlan:
+    """The plan with what ``--single`` states."""
+    if single and plan.others:
+        raise ConfigError(f"--others is {plan.others:g}, and --single states that it is 0; leave one of them out")
+    return replace(plan, others=0.0) if single else plan
 
 
 AngleField: TypeAlias = Annotated[

@@ -17,12 +17,11 @@ from markerseek.cli.terminal import announce_compilation, stdout
 from markerseek.core import ConfigError
 from markerseek.files import quoted
 
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek page\n\n"
-    "  markerseek page --rig examples/rigs/bench.toml\n\n"
-    "  markerseek page run.journal scan.hdf5"
-)
+EXAMPLES = """
+    markerseek page
+    markerseek page --rig examples/rigs/bench.toml
+    markerseek page run.journal scan.hdf5
+"""
 
 
 def command(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,24 +13,21 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import runs
-from markerseek.cli.options import AsJson, Out, Sweeps, with_values
+from markerseek.cli.options import AsJson, Out, with_values
 from markerseek.cli.report import Output, Report, drawn, facts, table
 from markerseek.cli.terminal import announce_compilation, progress_bar
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, SimulationOptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek register examples/points.csv\n\n"
-    "  markerseek register pixels.csv --cameras stereo.toml --journal a.journal --journal b.journal --journal c.journal"
-    "\n\n"
-    "  markerseek register --frames left/ right/ --cameras StereoCalibrationDVRK.ini --calibration-sigma-px 0.2 "
-    "--journal a.journal --journal b.journal --journal c.journal\n\n"
-    "  markerseek register --simulate --markers 4 --seed 1 --plot\n\n"
-    "  markerseek register --simulate --sweep --readout-s 0.05"
-)
+EXAMPLES = """
+    markerseek register examples/points.csv
+    markerseek register pixels.csv --cameras a.toml --journal a.journal --journal b.journal --journal c.journal
+    markerseek register --frames left right --cameras a.ini --journal a.journal --journal b.journal --journal c.journal
+    markerseek register --simulate --markers 4 --seed 1 --plot
+    markerseek register --simulate --sweep --readout-s 0.05
+"""
 
 
 SHOWN_SHARE = 0.7
@@ -39,42 +36,38 @@ SHOWN_SHARE = 0.7
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneOptions:
-    """Options of a simulated scene; None: as usual."""
+    """Options of a simulated scene."""
 
-    markers: Annotated[
-        int | None, typer.Option(help="Number of simulated markers: 3, 4, 6 or 9.", show_default="4")
-    ] = None
-    camera_mm: Annotated[
-        float | None, typer.Option(help="Distance of the simulated camera from the tissue.", show_default="100")
-    ] = None
-    simulated_frames: Annotated[
-        int | None, typer.Option(help="Simulated camera frames of each spot.", show_default="25")
-    ] = None
+    markers: Annotated[int, typer.Option(help="Number of simulated markers: 3, 4, 6 or 9.")] = 4
+    camera_mm: Annotated[float, typer.Option(help="Distance of the simulated camera from the tissue.")] = 100.0
+    simulated_frames: Annotated[int, typer.Option(help="Simulated camera frames of each spot.")] = 25
     rig: Annotated[
         Path | None,
         typer.Option(help="Rig file of the simulated rig: its stage, laser and noise.", show_default="the usual one"),
     ] = None
     tissue: Annotated[str | None, typer.Option(help="Simulated material.", show_default="plastisol-phantom")] = None
-    sweep: Sweeps = False
+    sweep: Annotated[bool, typer.Option("--sweep", help="Search each marker by sweeps.")] = False
     readout_s: Annotated[
         float | None, typer.Option(help="Seconds to read one acquisition of the simulated rig.", show_default="10")
     ] = None
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the simulation.", show_default="1")] = None
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 1
 
     def scene(self) -> runs.SimulatedScene:
         """The scene."""
         from markerseek.rigs import read_simulated
-        from markerseek.sim import EndoscopeSettings, changed_settings
+        from markerseek.sim import EndoscopeSettings, with_options
 
         settings = read_simulated(self.rig, cure="register --journal takes the searches of a rig of devices")
         return runs.SimulatedScene(
-            markers=4 if self.markers is None else self.markers,
-            camera_m=0.1 if self.camera_mm is None else self.camera_mm / 1e3,
-            camera=EndoscopeSettings(frames=25 if self.simulated_frames is None else self.simulated_frames),
-            rig=changed_settings(settings, tissue=self.tissue, readout_s=self.readout_s),
+            markers=self.markers,
+            camera_m=self.camera_mm / 1e3,
+            camera=EndoscopeSettings(frames=self.simulated_frames),
+            rig=with_options(settings, SimulationOptions(tissue=self.tissue, readout_s=self.readout_s)),
             sweep=self.sweep,
         )
 
+
+_REGISTRATION = Path("registration.json")
 
 NOT_SIMULATED = SceneOptions()
 """None of them."""
@@ -139,8 +132,10 @@ def command(
 ) -> None:
     """Find the transform from the da Vinci camera to the probe, with its errors.
 
-    At least three markers that are not on a line. Exit code 3 if the points do not fit: their residuals are larger than
-    the sigmas let expect (a chi-squared test at 1e-3; without sigmas 1 mm is assumed), or a mirror image fits better.
+    At least three markers that are not on a line. The registration is written into registration.json, which `markerseek
+    igtl --registration` and `markerseek ros2 search --registration` read. Exit code 3 if the points do not fit: their
+    residuals are larger than the sigmas let expect (a chi-squared test at 1e-3; without sigmas 1 mm is assumed), or a
+    mirror image fits better.
     """
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     target_m = None if target_mm is None else (target_mm[0] / 1e3, target_mm[1] / 1e3, target_mm[2] / 1e3)
@@ -157,17 +152,15 @@ def command(
         with progress_bar(scene.markers, what="searching markers") as progress:
             report, truth = runs.simulate_registration(
                 scene,
-                seed=1 if simulated.seed is None else simulated.seed,
+                seed=simulated.seed,
                 target_trus_m=target_m,
                 without=without or (),
                 on_search=lambda number: progress.update(progress.task_ids[0], completed=number),
             )
     else:
         if simulated != NOT_SIMULATED:
-            raise ConfigError(
-                "--markers, --camera-mm, --simulated-frames, --rig, --tissue, --sweep, --readout-s and --seed are for "
-                "--simulate; leave them out"
-            )
+            names = ", ".join(f"--{each.name.replace('_', '-')}" for each in fields(SceneOptions))
+            raise ConfigError(f"{names} are for --simulate; leave them out")
         title, pairs = _pairs(points, frames, journal or (), cameras, calibration_sigma_px)
         report = runs.register_pairs(pairs, target_trus_m=target_m, without=without or ())
     heading = f"{title}: FRE {1e3 * report.fre_m:.2f} mm, expected TRE {1e3 * report.tre_m:.2f} mm"
@@ -181,10 +174,13 @@ def command(
             notes = (f"no target.png: {escape(str(problem))}",)
         else:
             pictures["target.png"] = drawn(_target_figure, views, heading)
+    values = msgspec.to_builtins(report) | ({} if truth is None else {"simulation": msgspec.to_builtins(truth)})
+    written = report.registered and truth is None
     shown = Report(
-        values=msgspec.to_builtins(report) | ({} if truth is None else {"simulation": msgspec.to_builtins(truth)}),
+        values=values,
         shown=_shown(report, truth, title),
         pictures=pictures,
+        files={_REGISTRATION: msgspec.json.format(msgspec.json.encode(values))} if written else {},
         notes=notes,
         exit_code=0 if report.registered else 3,
     )

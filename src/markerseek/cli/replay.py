@@ -8,18 +8,17 @@ from typing import Annotated, Literal
 import typer
 
 from markerseek import rigs, runs
-from markerseek.cli.options import AsJson, Out, PlanOptions, ProbeName, Stay, TableOptions, with_values
+from markerseek.cli.options import AsJson, Out, ProbeName, Single, TableOptions, single_source, with_values
 from markerseek.cli.report import Output
 from markerseek.cli.terminal import announce_compilation
 from markerseek.cli.watched import Events, Heartbeat, WatchOptions
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, SearchPlan
 
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek replay examples/simulated_scan.csv --method posterior --reference-deg -8.25 --plot\n\n"
-    "  markerseek replay mine.csv --columns Winkel,Amplitude --unit mrad\n\n"
-    "  markerseek replay /data/scan-2024-05-03 --probe BPL9-5/55 --reference-deg -12.5"
-)
+EXAMPLES = """
+    markerseek replay examples/simulated_scan.csv --method posterior --reference-deg -8.25 --plot
+    markerseek replay mine.csv --columns Winkel,Amplitude --unit mrad
+    markerseek replay /data/scan-2024-05-03 --probe BPL9-5/55 --reference-deg -12.5
+"""
 
 
 @with_values
@@ -31,13 +30,13 @@ def command(
             "SonixDAQ sub-folder per angle."
         ),
     ],
-    options: PlanOptions,
+    plan: SearchPlan,
     table: TableOptions,
+    single: Single = False,
     probe: ProbeName = None,
     reference_deg: Annotated[
         float | None, typer.Option(help="Reference angle of the marker in degrees, for comparison.")
     ] = None,
-    stay: Stay = False,
     journal: Annotated[
         Path | None, typer.Option(help="Journal of the run, a new file; without it, none is kept.")
     ] = None,
@@ -61,16 +60,16 @@ def command(
     form = table.format()
     announce_compilation()
     # Only the paper's form gets invented data: its section 2.5 interpolates between recorded angles.
-    between: Literal["interpolated", "nearest"] = "interpolated" if options.as_published else "nearest"
+    between: Literal["interpolated", "nearest"] = "interpolated" if plan.as_published else "nearest"
     assembled = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between, table=form)
     if probe is not None and assembled.imaging is None:
         raise ConfigError(f"--probe is {probe}, and {bank} holds intensities, not channel data; leave it out")
     recorded = None if assembled.angles_deg is None else len(assembled.angles_deg)
-    if recorded is not None and options.acquisitions is not None and options.acquisitions > recorded:
+    if recorded is not None and plan.acquisitions is not None and plan.acquisitions > recorded:
         raise ConfigError(
-            f"--acquisitions is {options.acquisitions}, and {bank} holds {recorded} angles; ask for at most these"
+            f"--acquisitions is {plan.acquisitions}, and {bank} holds {recorded} angles; ask for at most these"
         )
-    plan = runs.plan_on(assembled, options.plan(start_deg=assembled.stage.angle_deg, stay=stay))
+    plan = runs.plan_on(assembled, single_source(plan, single=single))
     session = runs.new_session(assembled, plan)
     recorded_curve = None
     if plot and not plan.whole:
@@ -84,6 +83,5 @@ def command(
         name="replay",
         imaging=assembled.imaging,
         policy=session.policy,
-        journal=session.journal,
         recorded=recorded_curve,
     )

@@ -15,6 +15,7 @@ from rich.text import Text
 from markerseek._version import __version__
 from markerseek.cli.terminal import new_table, print_json, stderr, stdout
 from markerseek.core import ConfigError
+from markerseek.files import replace_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,6 +33,8 @@ class Report:
     """Lines (Rich markup) and tables for people; a generator of them does not run where a program reads the output."""
     pictures: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
     """For ``--plot``: names of files, and functions that write them."""
+    files: Mapping[Path, bytes] = field(default_factory=dict)
+    """Files that are written in any case, and replace what was there."""
     notes: tuple[str, ...] = ()
     """Lines for people behind the pictures, on standard error."""
     least_width: int = 0
@@ -86,8 +89,11 @@ class Output:
                 write(path)
                 # Where a program reads standard output, messages for people go to standard error.
                 (stderr if self.as_json else stdout).print(file_line("picture", path))
+        for path, content in report.files.items():
+            with replace_file(path) as new:
+                new.write_bytes(content)
         if not self.as_json:
-            for note in report.notes:
+            for note in (*(file_line("written", path) for path in report.files), *report.notes):
                 stderr.print(note)
         raise typer.Exit(report.exit_code)
 

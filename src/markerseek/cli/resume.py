@@ -19,12 +19,11 @@ from markerseek.core import ConfigError, Sweep, counted
 if TYPE_CHECKING:
     from markerseek.records.journal import RecordedRun
 
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek resume run.journal\n\n"
-    "  markerseek resume run.journal --arm --json\n\n"
-    "  markerseek resume run.journal --rig examples/rigs/bench.toml --arm"
-)
+EXAMPLES = """
+    markerseek resume run.journal
+    markerseek resume run.journal --arm --json
+    markerseek resume run.journal --rig examples/rigs/bench.toml --arm
+"""
 
 
 def command(

@@ -11,31 +11,32 @@ from typer.core import TyperGroup
 from markerseek import bridges, drivers, rigs, runs
 from markerseek.bridges import ros2
 from markerseek.cli import ros2_devices
+from markerseek.cli.help import add_command
 from markerseek.cli.open_rig import read_rig
-from markerseek.cli.options import Acquisitions, MethodName, RigFile, Stay, Sweeps, ToleranceMm, Trust
+from markerseek.cli.options import RigFile, Trust, with_values
 from markerseek.cli.ros2_devices import ros_node
-from markerseek.cli.signals import noted_signals
+from markerseek.cli.signals import Stopped, noted_signals
 from markerseek.cli.terminal import print_json, stderr
+from markerseek.core import SearchPlan, SimulationOptions
 from markerseek.ros import topics
 
-_SEARCH_EXAMPLES = "Examples:\n\n  markerseek ros2 search\n\n  markerseek ros2 search --once --rig ros2-rig.toml --json"
+_SEARCH_EXAMPLES = """
+    markerseek ros2 search
+    markerseek ros2 search --once --rig ros2-rig.toml --json
+"""
 
 
+@with_values
 def search(
     ctx: typer.Context,
+    plan: SearchPlan,
+    simulation: SimulationOptions,
     rig: RigFile = None,
     trust: Trust = False,
-    method: MethodName = "posterior",
-    acquisitions: Acquisitions = None,
-    tolerance_mm: ToleranceMm = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of a simulated rig.")] = None,
-    pace: Annotated[float, typer.Option(help="Real seconds per virtual second of a simulated rig.")] = 0,
     registration: Annotated[
         Path | None,
-        typer.Option(help="Also publish the transform of the da Vinci camera: JSON of `markerseek register --json`."),
+        typer.Option(help="Also publish the transform of the da Vinci camera that `markerseek register` wrote."),
     ] = None,
-    stay: Stay = False,
-    sweep: Sweeps = False,
     once: Annotated[
         bool, typer.Option("--once", help="Search at once, then end with the exit code of the search.")
     ] = False,
@@ -47,23 +48,21 @@ def search(
     armed, each time; no message arms it.
     """
     known = None if registration is None else runs.read_registration(registration)
-    request = bridges.SearchRequest(
-        method=method, acquisitions=acquisitions, stay=stay, sweep=sweep, tolerance_mm=tolerance_mm, seed=seed
-    )
+    asked = bridges.AskedSearch(plan=plan, simulation=simulation)
     if rig is not None:
         # Asked now, not when a node calls.
         read_rig(rig, trust=trust)
-    searches = bridges.Searches(bridges.SearchOptions(rig=rig, pace=pace))
+    searches = bridges.Searches(bridges.SearchOptions(rig=rig))
     parameters: dict[str, str | int] = {
-        "method": method,
-        "acquisitions": acquisitions or 0,
+        "method": plan.method,
+        "acquisitions": plan.acquisitions or 0,
         "rig": "simulated" if rig is None else str(rig),
     }
     made = ros_node("pa_search", parameters, publishes=topics.RESULT, arguments=ctx.obj)
     with made as node, noted_signals() as stopped:
         if known is not None:
             ros2.publish_registration(node, known)
-        served = ros2.SearchNode(node=node, searches=searches, request=request, publishes_angle=not _is_over_ros(rig))
+        served = ros2.SearchNode(node=node, searches=searches, asked=asked, publishes_angle=not _is_over_ros(rig))
         try:
             if once:
                 served.start()
@@ -80,7 +79,7 @@ def search(
             print_json(outcome.answer)
         stderr.print(outcome.message, markup=False)
         raise typer.Exit(outcome.exit_code)
-    raise typer.Exit(128 + stopped[0] if stopped else 0)
+    raise Stopped(128 + stopped[0] if stopped else 0)
 
 
 def _is_over_ros(rig: Path | None) -> bool:
@@ -111,8 +110,8 @@ app = typer.Typer(
 )
 for _name, _command, _examples in (
     ("search", search, _SEARCH_EXAMPLES),
-    ("stage", ros2_devices.stage, "Example:\n\n  markerseek ros2 stage --rig examples/rigs/bench.toml"),
-    ("acquire", ros2_devices.acquire, "Example:\n\n  markerseek ros2 acquire --rig examples/rigs/bench.toml"),
+    ("stage", ros2_devices.stage, "markerseek ros2 stage --rig examples/rigs/bench.toml"),
+    ("acquire", ros2_devices.acquire, "markerseek ros2 acquire --rig examples/rigs/bench.toml"),
     ("sim", ros2_devices.sim, ros2_devices.SIM_EXAMPLES),
 ):
-    app.command(name=_name, epilog=_examples)(_command)
+    add_command(app, _name, _command, _examples)

@@ -162,7 +162,7 @@ def _angles(limits: Limits) -> dict[str, float | str | int | bool]:
     }
 
 
-SIM_EXAMPLES = "Example:\n\n  markerseek ros2 sim --seed 3 --write-rig ros2-rig.toml"
+SIM_EXAMPLES = "markerseek ros2 sim --seed 3 --write-rig ros2-rig.toml"
 
 
 def sim(

@@ -12,33 +12,33 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import rigs, runs
-from markerseek.cli.open_rig import NO_OPTIONS, SimulationOptions, announce_sweeps, arm_rig, open_rig
-from markerseek.cli.options import Arm, AsJson, Out, PlanOptions, RigFile, Stay, Sweeps, Trust, with_values
+from markerseek.cli.open_rig import announce_sweeps, arm_rig, open_rig
+from markerseek.cli.options import Arm, AsJson, Out, RigFile, Single, Trust, single_source, with_values
 from markerseek.cli.report import Output, Report, drawn, table
 from markerseek.cli.terminal import announce_compilation
 from markerseek.cli.watched import Events, Heartbeat, WatchOptions
-from markerseek.core import ConfigError, MarkerCurve
+from markerseek.core import ConfigError, SearchPlan, SimulationOptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from markerseek.records import SearchResult
 
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek search --seed 1 --plot\n\n"
-    "  markerseek search --sweep --single --readout-s 0.05\n\n"
-    "  markerseek search --method ternary --acquisitions 16 --as-published\n\n"
-    "  markerseek search --marker-deg 10 --second-marker-deg -12 --snr-db 30\n\n"
-    "  markerseek search --compare posterior,golden-section,ternary --plot\n\n"
-    "  markerseek search --rig examples/rigs/simulated.toml --json\n\n"
-    "  markerseek search --rig examples/rigs/bench.toml --arm"
-)
+EXAMPLES = """
+    markerseek search --seed 1 --plot
+    markerseek search --sweep --single --readout-s 0.05
+    markerseek search --method ternary --acquisitions 16 --as-published
+    markerseek search --marker-deg 10 --second-marker-deg -12 --snr-db 30
+    markerseek search --compare posterior,golden-section,ternary --plot
+    markerseek search --rig examples/rigs/bench.toml --arm
+"""
 
 
 @with_values
 def command(
-    options: PlanOptions,
+    *,
+    plan: SearchPlan,
+    single: Single = False,
     prior: Annotated[
         Path | None,
         typer.Option(
@@ -55,9 +55,7 @@ def command(
     rig: RigFile = None,
     trust: Trust = False,
     arm: Arm = False,
-    simulation: SimulationOptions = NO_OPTIONS,
-    stay: Stay = False,
-    sweep: Sweeps = False,
+    simulation: SimulationOptions,
     journal: Annotated[
         Path | None,
         typer.Option(help="Journal of the run, a new file; without it, one in the user's data folder."),
@@ -74,34 +72,31 @@ def command(
     asked_by: Annotated[str | None, typer.Option(hidden=True, help="Who asked a bridge for this search.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find the marker on a rig: rotate, fire, measure, decide; then rotate to it and confirm."""
+    """Find the marker on a rig: rotate, fire, measure, decide; then rotate to it and confirm.
+
+    In a result, ± is one standard deviation.
+    """
     from markerseek.cli.session import require_journal_options, run_new_session
     from markerseek.cli.show_result import conclude
-    from markerseek.search import method_named, require_sweeping
+    from markerseek.search import require_plan
 
     # The folder for pictures is tested now: a search on tissue is not repeated for a picture.
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     watch = WatchOptions(events=events, heartbeat=heartbeat)
-    # An unknown method is an error before devices are opened.
-    method_named(options.method)
-    if sweep:
-        require_sweeping(options.plan())
-    curve = None if prior is None else runs.former_curve(prior)
+    plan = replace(single_source(plan, single=single), prior=None if prior is None else runs.former_curve(prior))
+    require_plan(plan)
     if compare is not None:
-        if sweep:
+        if plan.sweep:
             raise ConfigError("--compare names methods that stop for each acquisition; leave --sweep out")
-        if journal is not None or options.method != "posterior":
+        if journal is not None or plan.method != "posterior":
             raise ConfigError("--compare names the methods and keeps no journals; leave --method and --journal out")
         if watch != WatchOptions():
             raise ConfigError("--compare writes no --events and listens to no --heartbeat; leave them out")
-        _compare(compare, rig, simulation, options, output, stay=stay, prior=curve)
+        _compare(compare, rig, simulation, plan, output)
     require_journal_options(journal, keep=not no_journal, watch=watch)
-    with open_rig(rig, simulation, sweeps=sweep, trust=trust) as (assembled, start_deg):
-        plan = options.plan(start_deg=start_deg, stay=stay, prior=curve)
-        if sweep:
-            plan = replace(plan, sweep_speed_deg_s=assembled.scanner.sweeping.stage.fastest_sweep_deg_s)
+    with open_rig(rig, simulation, sweeps=plan.sweep, trust=trust) as (assembled, start_deg):
         session = runs.new_session(assembled, runs.plan_on(assembled, plan))
-        if sweep:
+        if plan.sweep:
             announce_sweeps(assembled, session.policy, start_deg=start_deg)
         announce_compilation()
         arm_rig(assembled, file=rig, arm=arm, what="search", as_json=as_json, asked_by=asked_by)
@@ -115,7 +110,6 @@ def command(
         name="search",
         imaging=assembled.imaging,
         policy=session.policy,
-        journal=session.journal,
     )
 
 
@@ -123,11 +117,8 @@ def _compare(
     methods: str,
     rig: Path | None,
     simulation: SimulationOptions,
-    options: PlanOptions,
+    plan: SearchPlan,
     output: Output,
-    *,
-    stay: bool,
-    prior: MarkerCurve | None,
 ) -> NoReturn:
     """Search the same simulated world with each method, and print one table; ends with exit code 0 if all found it.
 
@@ -147,14 +138,13 @@ def _compare(
     announce_compilation()
     sessions = []
     for name in names:
-        chosen, curve = replace(options, method=name), prior
+        chosen = replace(plan, method=name)
         if name != "posterior":
-            # What only the posterior can be told is told to it alone.
-            chosen, curve = replace(chosen, others=None, single=False), None
+            # Only the posterior has these settings.
+            chosen = replace(chosen, others=None, prior=None)
         # A new rig of the same seed, so that every method begins in the same world.
-        with open_rig(rig, simulation) as (assembled, start_deg):
-            plan = runs.plan_on(assembled, chosen.plan(start_deg=start_deg, stay=stay, prior=curve))
-            session = runs.new_session(assembled, plan)
+        with open_rig(rig, simulation) as (assembled, _):
+            session = runs.new_session(assembled, runs.plan_on(assembled, chosen))
             run_session(session, as_json=output.as_json)
         sessions.append(session)
     results = [session.result() for session in sessions]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from rich.markup import escape
 
+from markerseek.cli.report import file_line
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import print_warning, progress_bar, show_event, stderr
 from markerseek.cli.watched import WatchOptions
@@ -72,6 +73,9 @@ def run_new_session(
     """
     require_journal_options(journal, keep=keep, watch=watch)
     session = replace(session, journal=_new_journal(journal, session.configuration) if keep else None)
+    if session.journal is not None and not as_json:
+        # Before the first move: whatever happens to this process, the user knows where the record is.
+        stderr.print(file_line("journal", session.journal.path))
     if watch.events is not None:
         session = replace(session, journal=Journal.create(watch.events, session.configuration, kept=False))
     with closed_at_end(session.journal):
@@ -110,7 +114,7 @@ def _print_how_to_resume(journal: Journal | None, rig_file: Path | None) -> None
     """Print the command that resumes a run that ended with an error; none where only a new search helps."""
     if journal is None or not journal.path.exists():
         return
-    line = f"[dim]journal:[/] {escape(str(journal.path))}"
+    line = file_line("journal", journal.path)
     command = escape(resume_command(journal.path, rig_file))
     if isinstance(journal.last, Failed):
         line += f"; once the fault is repaired: {command} --reset-fault"

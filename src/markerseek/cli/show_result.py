@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import msgspec
 from rich.markup import escape
 
-from markerseek.cli.report import Output, Report, drawn, facts, file_line
+from markerseek.cli.report import Output, Report, drawn, facts
 from markerseek.core import AnyPolicy, ChannelFrame, Estimate, Floor, OtherSource, RFFrame, counted
 from markerseek.records import Recorder, SearchResult
-from markerseek.records.journal import Configuration, Journal
+from markerseek.records.journal import Configuration
 from markerseek.search import FALSE_FOUND, WholeRecording
 from markerseek.signals import AnyImageReader
 
@@ -69,13 +69,18 @@ def _others(result: SearchResult) -> list[tuple[str, str]]:
     """What else there is, or may be."""
     rows = [("other source", _other(other)) for other in result.others]
     if result.surveyed is not None:
-        rows.append(("surveyed", f"{100 * result.surveyed:.1f} % of the range, for a source as loud"))
+        rows.append(("range checked", f"{100 * result.surveyed:.1f} %, for a second source as strong"))
     # 0 is what the user stated.
     if result.other_probability:
         stated = "; --single states that there is none" if result.doubt == "source" else ""
-        percent = f"{100 * result.other_probability:.2g} %"
-        rows.append(("another source", f"is the marker with a probability of {percent}{stated}"))
+        rows.append(
+            ("another source", f"is the marker with a probability of {_percent(result.other_probability)}{stated}")
+        )
     return rows
+
+
+def _percent(share: float) -> str:
+    return "< 0.1 %" if share < 1e-3 else f"{100 * share:.2g} %"
 
 
 def _other(source: OtherSource) -> str:
@@ -104,7 +109,8 @@ def _answer(result: SearchResult) -> list[tuple[str, str]]:
     if result.interval95_deg is not None:
         low, high = result.interval95_deg
         name, kind = _KINDS[result.interval_kind or "propagated"]
-        at_marker = "" if result.half_width_m is None else f", ± {1e3 * result.half_width_m:.2g} mm at the marker"
+        # Not with "±", which is a standard deviation on every line.
+        at_marker = "" if result.half_width_m is None else f", within {1e3 * result.half_width_m:.2g} mm at the marker"
         rows.append((name, f"[{low:.3f}°, {high:.3f}°]{at_marker}, {kind}"))
     return rows
 
@@ -141,15 +147,13 @@ def conclude(
     name: str,
     imaging: AnyImageReader | None,
     policy: AnyPolicy | None,
-    journal: Journal | None = None,
     recorded: Curve | None = None,
 ) -> NoReturn:
     """Show the result of a search, and end the command with its exit code.
 
     ``configuration``: plan and rig of the search. ``name``: name of the picture's files. ``imaging``: imaging chain of
-    the rig's channel data; None where there are intensities only. ``journal``: None where there is none, or the user
-    named it. ``recorded``: recorded curve of the picture, as in `markerseek.pictures.search_figure`; None where there
-    is none, or the answer is from all of it.
+    the rig's channel data; None where there are intensities only. ``recorded``: recorded curve of the picture, as in
+    `markerseek.pictures.search_figure`; None where there is none, or the answer is from all of it.
     """
     result, rig = recorder.result(configuration.plan, configuration.facts), configuration.facts
     form = " as published" if result.as_published else ""
@@ -168,7 +172,6 @@ def conclude(
         values=result,
         shown=[f"[bold]{escape(title)}[/]", facts(facts_of(result))],
         pictures=pictures,
-        notes=() if journal is None or not journal.kept else (file_line("journal", journal.path),),
         exit_code=FOUND if result.found else OTHER_ANSWER,
     )
     output.show(report)

@@ -102,7 +102,8 @@ def _announce(study: studies.Study, *, workers: int | None, scheduler: str | Non
     count = studies.default_workers() if workers is None else workers
     slow, quick = _TYPICAL_S[study.level]
     each_s = sum(
-        _SWEEPING_S if policy.sweep else slow if policy.method == "posterior" else quick for policy in study.policies
+        _SWEEPING_S if policy.plan.sweep else slow if policy.plan.method == "posterior" else quick
+        for policy in study.policies
     )
     where, takes = f"on {scheduler}", ""
     if scheduler is None:

@@ -4,58 +4,40 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
-import msgspec
 import typer
 from rich.markup import escape
 from rich.text import Text
 
-from markerseek import __version__, rigs, runs
-from markerseek.cli.options import AsJson, Out, ToleranceMm, tolerance_of
-from markerseek.cli.report import Output, Report, drawn, facts
+from markerseek import rigs, runs
+from markerseek.cli.options import AsJson, Out
+from markerseek.cli.report import Output, Report, drawn, facts, with_version
 from markerseek.cli.terminal import announce_compilation
-from markerseek.core import ConfigError, Found, Refused, SearchError, SearchPlan, counted, require_range
+from markerseek.core import (
+    ConfigError,
+    Found,
+    Refused,
+    SearchError,
+    SearchPlan,
+    SimulationOptions,
+    counted,
+    require_range,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from markerseek.sim import OscillatingMotion, SimulatedSettings
 
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek track --rig examples/rigs/direct-drive.toml --speed-deg-per-s 5 --plot\n\n"
-    "  markerseek track --sweep --rig examples/rigs/prm1z8-limits.toml --speed-deg-per-s 5 --plot\n\n"
-    "  markerseek track --speed-deg-per-s 0.5 --json"
-)
+EXAMPLES = """
+    markerseek track --rig examples/rigs/direct-drive.toml --speed-deg-per-s 5 --plot
+    markerseek track --sweep --rig examples/rigs/prm1z8-limits.toml --speed-deg-per-s 5 --plot
+    markerseek track --speed-deg-per-s 0.5 --json
+"""
 
 _READOUT_S = 0.05
 """Readout of the rig without a rig file: that of a receiver that streams its frames."""
-
-
-class TrackReport(msgspec.Struct, frozen=True, kw_only=True):
-    """How well a moving marker was followed; of one that was lost, until then.
-
-    ``searched_again``: how often it was lost on the way and searched for, which only a track by sweeps does.
-
-    ``track`` has the fields of `TrackPoint` and the truth; its time counts from when the marker began to move.
-    """
-
-    rig: str
-    found_deg: float
-    speed_deg_s: float
-    frames: int
-    refused: int
-    frames_per_s: float | None
-    rms_error_deg: float | None
-    within_1_deg: float | None
-    lag_s: float | None
-    covered: float | None
-    swept: bool
-    searched_again: int
-    lost: bool
-    track: list[dict[str, float]]
-    version: str = __version__
 
 
 def command(
@@ -82,7 +64,6 @@ def command(
         ),
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 1,
-    tolerance_mm: ToleranceMm = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write track.png into --out.")] = False,
     out: Out = None,
     as_json: AsJson = False,
@@ -104,21 +85,23 @@ def command(
     assembled = rigs.simulated(seed=seed, settings=settings, swing=swing)
     if sweep:
         runs.require_streaming(assembled)
-    tolerance = tolerance_of(tolerance_mm, None)
-    plan = runs.plan_on(
-        assembled, SearchPlan(method="posterior", start_deg=settings.start_deg, others=0.0, tolerance=tolerance)
+    session = runs.new_session(
+        assembled,
+        runs.plan_on(assembled, SearchPlan(method="posterior", start_deg=settings.start_deg, others=0.0)),
     )
-    session = runs.new_session(assembled, plan)
     for _ in session.events():
         pass
-    found = _found(session)
-    policy, refused = _follow(assembled, session, found, settings, swing, duration_s=duration_s, sweep=sweep)
-    report = _followed(assembled, found, policy, swing, settings, refused=refused)
+    policy, refused = _follow(assembled, session, settings, swing, duration_s=duration_s, sweep=sweep)
+    values = _values(assembled, policy, swing, settings) | {
+        "found_deg": session.result().angle_deg,
+        "refused": refused,
+        "swept": sweep,
+    }
     shown = Report(
-        values=report,
-        shown=[f"[bold]{escape(report.rig)}[/]", facts(_rows(report))],
-        pictures={"track.png": drawn(_figure, report)} if report.track else {},
-        exit_code=3 if report.lost else 0,
+        values=with_version(**values),
+        shown=[f"[bold]{escape(values['rig'])}[/]", facts(_rows(values))],
+        pictures={"track.png": drawn(_figure, values)} if values["track"] else {},
+        exit_code=3 if policy.lost else 0,
     )
     output.show(shown)
 
@@ -132,12 +115,12 @@ def _settings(
     readout_s: float | None,
 ) -> SimulatedSettings:
     """Settings of the rig, with a marker that stays inside of the search range."""
-    from markerseek.sim import changed_settings
+    from markerseek.sim import with_options
 
     settings = rigs.read_simulated(path, cure="only a simulated marker can be made to move")
     if path is None and readout_s is None:
         readout_s = _READOUT_S
-    settings = changed_settings(settings, snr_db=snr_db, readout_s=readout_s)
+    settings = with_options(settings, SimulationOptions(snr_db=snr_db, readout_s=readout_s))
     angle_deg = next(each for each in (marker_deg, settings.marker.angle_deg, 0.0) if each is not None)
     for end_deg in (angle_deg - swing.reach_deg, angle_deg + swing.reach_deg):
         if end_deg not in settings.limits.search:
@@ -158,26 +141,20 @@ def _for_sweeps(settings: SimulatedSettings) -> SimulatedSettings:
     return replace(settings, receiver=replace(settings.receiver, single_pulses=True))
 
 
-def _found(session: runs.Session) -> Found:
-    finished = session.recorder.finished
-    if finished is None or not isinstance(finished.estimate, Found):
-        answer = "nothing" if finished is None else type(finished.estimate).__name__
-        raise SearchError(f"the marker was not found at rest (the answer is {answer}): there is nothing to follow")
-    return finished.estimate
-
-
 def _follow(
     rig: rigs.Rig,
     session: runs.Session,
-    found: Found,
     settings: SimulatedSettings,
     swing: OscillatingMotion,
     *,
     duration_s: float,
     sweep: bool,
 ) -> tuple[runs.AnyTrackingPolicy, int]:
-    """The policy after the run, and how many frames were refused."""
-    confirmation = session.recorder.confirmation
+    """The policy after the run, and the number of frames that were refused."""
+    finished, confirmation = session.recorder.finished, session.recorder.confirmation
+    if finished is None or not isinstance(finished.estimate, Found):
+        raise SearchError(f"the marker was not found at rest ({session.result().answer}): there is nothing to follow")
+    found = finished.estimate
     if confirmation is None or found.curve is None:
         raise SearchError("the search confirmed no angle, or states no curve: the marker cannot be followed")
     policy: runs.AnyTrackingPolicy
@@ -191,72 +168,64 @@ def _follow(
         policy = runs.tracking_policy(
             rig, found, confirmation, speed_deg_s=swing.speed_deg_s, duration_s=duration_s, period_s=period_s
         )
-    refused = sum(isinstance(event, Refused) for event in runs.track_run(rig, policy, swing))
-    return policy, refused
+    return policy, sum(isinstance(event, Refused) for event in runs.track_run(rig, policy, swing))
 
 
-def _followed(
-    rig: rigs.Rig,
-    found: Found,
-    policy: runs.AnyTrackingPolicy,
-    swing: OscillatingMotion,
-    settings: SimulatedSettings,
-    *,
-    refused: int,
-) -> TrackReport:
-    from markerseek.search import SweptTrackingPolicy
-
+def _values(
+    rig: rigs.Rig, policy: runs.AnyTrackingPolicy, swing: OscillatingMotion, settings: SimulatedSettings
+) -> dict[str, Any]:
+    """How well a marker was followed; of one that was lost, until then. Times count from when it began to move."""
     rest_deg = settings.marker.angle_deg or 0.0
     quality = runs.quality_of(policy, swing, rest_deg=rest_deg)
     times_s = [each.time_s for each in policy.track]
-    return TrackReport(
-        rig=f"{rig.facts.rig_name}: {rig.facts.description}",
-        found_deg=found.mean_deg,
-        speed_deg_s=swing.speed_deg_s,
-        frames=len(times_s),
-        refused=refused,
-        frames_per_s=(len(times_s) - 1) / (times_s[-1] - times_s[0]) if len(times_s) > 1 else None,
-        rms_error_deg=None if quality is None else quality.rms_deg,
-        within_1_deg=None if quality is None else quality.within_1_deg,
-        lag_s=None if quality is None else quality.lag_s,
-        covered=None if quality is None else quality.covered,
-        swept=isinstance(policy, SweptTrackingPolicy),
-        searched_again=policy.searched_again if isinstance(policy, SweptTrackingPolicy) else 0,
-        lost=policy.lost,
-        track=[
+    return {
+        "rig": f"{rig.facts.rig_name}: {rig.facts.description}",
+        "speed_deg_s": swing.speed_deg_s,
+        "frames": len(times_s),
+        "frames_per_s": (len(times_s) - 1) / (times_s[-1] - times_s[0]) if len(times_s) > 1 else None,
+        "rms_error_deg": None if quality is None else quality.rms_deg,
+        "within_1_deg": None if quality is None else quality.within_1_deg,
+        "lag_s": None if quality is None else quality.lag_s,
+        "covered": None if quality is None else quality.covered,
+        # Only a track by sweeps searches again for a marker that was lost.
+        "searched_again": getattr(policy, "searched_again", 0),
+        "lost": policy.lost,
+        "track": [
             asdict(each)
             | {"time_s": each.time_s - policy.began_s, "truth_deg": rest_deg + swing.moved_deg(each.time_s)}
             for each in policy.track
         ],
-    )
+    }
 
 
-def _rows(report: TrackReport) -> list[tuple[str, str | Text]]:
-    end = Text("lost", style="bold yellow") if report.lost else Text("followed to the end", style="bold green")
-    rows: list[tuple[str, str | Text]] = [("marker", end), ("found at rest", f"{report.found_deg:.2f}°")]
-    rate = "" if report.frames_per_s is None else f", {report.frames_per_s:.2f} a second"
-    rows.append(("frames", f"{report.frames}{rate}" + (f", {report.refused} refused" if report.refused else "")))
-    if report.rms_error_deg is not None and report.within_1_deg is not None and report.lag_s is not None:
-        rows.append(("error", f"{report.rms_error_deg:.2f}° (RMS), within 1° in {report.within_1_deg:.0%} of frames"))
-        rows.append(("lag", f"{report.lag_s:.2f} s"))
-    if report.covered is not None:
-        rows.append(("95 % band", f"holds the truth in {report.covered:.0%} of frames"))
-    if report.searched_again:
-        times = counted(report.searched_again, "time")
+def _rows(values: dict[str, Any]) -> list[tuple[str, str | Text]]:
+    end = Text("lost", style="bold yellow") if values["lost"] else Text("followed to the end", style="bold green")
+    rows: list[tuple[str, str | Text]] = [("marker", end), ("found at rest", f"{values['found_deg']:.2f}°")]
+    rate = "" if values["frames_per_s"] is None else f", {values['frames_per_s']:.2f} a second"
+    rows.append(("frames", f"{values['frames']}{rate}, {values['refused']} refused"))
+    if values["rms_error_deg"] is not None:
+        within = f"within 1° in {values['within_1_deg']:.0%} of frames"
+        rows += [
+            ("error", f"{values['rms_error_deg']:.2f}° (RMS), {within}"),
+            ("lag", f"{values['lag_s']:.2f} s"),
+            ("95 % band", f"holds the truth in {values['covered']:.0%} of frames"),
+        ]
+    if values["searched_again"]:
+        times = counted(values["searched_again"], "time")
         rows.append(("lost on the way", f"{times}, and searched for while the probe turned"))
-    if report.lost:
-        sweeps = "" if report.swept else "sweeps (--sweep), "
+    if values["lost"]:
+        sweeps = "" if values["swept"] else "sweeps (--sweep), "
         rows.append(("next", f"{sweeps}a faster rig (examples/rigs/direct-drive.toml), fewer pulses, or a lower speed"))
     return rows
 
 
-def _figure(report: TrackReport) -> Figure:
+def _figure(values: dict[str, Any]) -> Figure:
     from markerseek.pictures import track_figure
 
-    error = "" if report.rms_error_deg is None else f", error {report.rms_error_deg:.2f}° RMS"
+    error = "" if values["rms_error_deg"] is None else f", error {values['rms_error_deg']:.2f}° RMS"
     drawn = ("probe_deg", "angle_deg", "sigma_deg", "truth_deg")
     return track_figure(
-        [each["time_s"] for each in report.track],
-        **{name: [each[name] for each in report.track] for name in drawn},
-        title=f"{report.rig}: {'lost' if report.lost else 'followed'}{error}",
+        [each["time_s"] for each in values["track"]],
+        **{name: [each[name] for each in values["track"]] for name in drawn},
+        title=f"{values['rig']}: {'lost' if values['lost'] else 'followed'}{error}",
     )

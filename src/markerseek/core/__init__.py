@@ -52,10 +52,10 @@ from markerseek.core.frame import NO_HEADER, BModeFrame, ChannelFrame, Frame, Fr
 from markerseek.core.image import BModeImage, LinearArray, PaImage, ScanGeometry
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerPosition, marker_position
+from markerseek.core.options import Option, arguments_of, as_text, option, options_of
 from markerseek.core.permit import SWEEP_READING_S, Permit, SweepPermit
 from markerseek.core.plan import (
     ByHand,
-    PolicyPlan,
     RigFacts,
     RigKind,
     RunPlan,
@@ -92,6 +92,7 @@ from markerseek.core.reading import (
     Sample,
 )
 from markerseek.core.shapes import Bool, Complex128, Float32, Float64, Int16, Int32, Int64, UInt8
+from markerseek.core.simulation import MAX_PACE, USUAL_SEED, SimulationOptions, require_pace
 from markerseek.core.sweep import MAX_AHEAD_DEG, Pulse, StageReading, Sweep, SweepTiming, Triggers, fastest_sweep_deg_s
 
 __all__ = [
@@ -99,10 +100,12 @@ __all__ = [
     "MAX_AHEAD_DEG",
     "MAX_ARRIVALS",
     "MAX_INTENSITY",
+    "MAX_PACE",
     "MIN_INTENSITY",
     "NO_HEADER",
     "PAPER_RANGE",
     "SWEEP_READING_S",
+    "USUAL_SEED",
     "AcquisitionError",
     "Ambiguous",
     "AngleBelief",
@@ -151,11 +154,11 @@ __all__ = [
     "MoveError",
     "NotConnectedError",
     "NotFound",
+    "Option",
     "OtherSource",
     "PaImage",
     "Permit",
     "Policy",
-    "PolicyPlan",
     "Pulse",
     "RFFrame",
     "Reader",
@@ -176,6 +179,7 @@ __all__ = [
     "SearchError",
     "SearchPlan",
     "Searched",
+    "SimulationOptions",
     "SpotEnergy",
     "Stage",
     "StageReading",
@@ -195,7 +199,9 @@ __all__ = [
     "Turning",
     "UInt8",
     "Unsure",
+    "arguments_of",
     "as_interval",
+    "as_text",
     "counted",
     "described",
     "fastest_sweep_deg_s",
@@ -205,6 +211,9 @@ __all__ = [
     "listed",
     "marker_position",
     "needs_package",
+    "option",
+    "options_of",
+    "require_pace",
     "require_range",
     "rig_in_words",
 ]

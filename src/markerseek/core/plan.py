@@ -1,4 +1,4 @@
-"""Plan of a search (method, number of acquisitions, start and end), which no rig changes; and the facts of a rig."""
+"""Plan of a search: the one class of its settings; and the facts of a rig."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from markerseek.core.checks import is_finite, is_whole, require_range
 from markerseek.core.errors import ConfigError
 from markerseek.core.estimate import MarkerCurve
 from markerseek.core.interval import Interval
+from markerseek.core.options import option
 from markerseek.core.reading import MAX_ACQUISITIONS
 
 MAX_DARK_FRAMES = 100
@@ -89,40 +90,70 @@ class ByHand:
         return self.reach_deg + self.drift_deg
 
 
-# Without slots, here and below: a class with two slotted parents cannot be laid out, and a `SearchPlan` has two.
 @dataclass(frozen=True, kw_only=True)
-class PolicyPlan:
-    """How a policy searches; the range of angles belongs to the rig (`RigFacts.search`).
+class RunPlan:
+    """How a search on a rig begins and ends, whatever its policy.
 
     Raises
     ------
     ConfigError
-        If a number cannot be used; whether the method exists, and how many acquisitions it needs, is checked when the
-        policy is built.
+        If the number of dark frames cannot be used.
     """
 
-    method: str
-    """Name of the method, one of `markerseek.search.METHODS`."""
-    acquisitions: int | None = None
-    """Most acquisitions; None: the method's own number. An odd number is reduced by one where two are made per
-    iteration."""
-    as_published: bool = False
-    """The bare method of the paper, which always answers `Found` and begins at the low end; else the checked form."""
-    start_deg: float | None = None
-    """Angle of the probe, in degrees: checked sweeps and the manual search begin at the nearer end. None: they begin at
-    the low end."""
+    stay: bool = option(False)
+    """Do not turn to the marker at the end, and confirm nothing."""
+    dark_frames: int = 0
+    """Acquisitions without laser before the first, from which the policy learns the noise."""
+    closing_dark: bool = False
+    """End with a dark frame at the angle of the last acquisition with light. If frames are late by one, it holds that
+    light, and the run ends with a fault. For receivers that cannot prove which trigger a frame belongs to."""
+
+    def __post_init__(self) -> None:
+        if not (is_whole(self.dark_frames) and 0 <= self.dark_frames <= MAX_DARK_FRAMES):
+            raise ConfigError(f"dark_frames is {self.dark_frames}, it must lie between 0 and {MAX_DARK_FRAMES}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchPlan(RunPlan):
+    """Settings of a search: what a person chooses, and what follows from the rig.
+
+    The fields with `option` are what a person chooses: on the command line, on the page, over ROS 2 or OpenIGTLink, in
+    a study. Their documentation is the help there. `markerseek.runs.plan_on` fills in what follows from the rig, and a
+    journal holds the whole. The range of angles belongs to the rig (`RigFacts.search`).
+
+    Raises
+    ------
+    ConfigError
+        If a number cannot be used; `markerseek.search.require_plan` asks whether the method exists, and can do this.
+    """
+
+    method: str = option("posterior")
+    """How to search; an unknown name lists the methods."""
+    acquisitions: int | None = option(None, least=2, shown="that of the method")
+    """Most acquisitions. An odd number is reduced by one where a method makes two per iteration."""
+    tolerance_mm: float = option(1.0)
+    """How well the angle of a marker that is found must be known: 95 % within this length at the marker, to either
+    side, in mm."""
+    tolerance_deg: float = option(1.0)
+    """The same in degrees, where the marker's distance from the axis is not known."""
+    sweep: bool = option(False)
+    """Turn the probe while the laser fires, one frame a pulse: an answer in seconds (posterior only)."""
+    others: float | None = option(None, shown="0.05")
+    """Probability that another source as loud is there as well, before the search; less takes fewer acquisitions, 0
+    looks for none (posterior only)."""
+    as_published: bool = option(False)
+    """The paper's form of the method, which always answers."""
+
     early_end: bool = True
     """Whether a weighted average ends once its peak is recorded and passed, and a posterior once its angle is known
     well enough; the other methods have no early end."""
-    others: float | None = None
-    """Prior probability that there is another source as loud, for a posterior; 0: it looks for none, and ends earlier.
-    None: 0.05."""
     prior: MarkerCurve | None = None
     """Intensity curve of a former marker on this rig, from which a posterior begins; None if there was none."""
     cues: tuple[str, ...] | None = None
     """Features of a reading that a posterior uses, as for `markerseek.search.posterior.Posterior`; None: all."""
-    tolerance: Tolerance = field(default_factory=Tolerance)
-    """How well the angle of a marker that is found must be known."""
+    start_deg: float | None = None
+    """Angle of the probe before the search, in degrees: checked sweeps and the manual search begin at the nearer end.
+    None: where the probe of the rig is; without a rig, at the low end."""
     angles_deg: tuple[float, ...] | None = None
     """Angles that can be measured, each once, in degrees: those of a recording, among which a posterior chooses. None:
     any of the range."""
@@ -138,6 +169,7 @@ class PolicyPlan:
 
     def __post_init__(self) -> None:
         # Checked before any device is opened: a plan comes from a command line or a page.
+        super().__post_init__()
         number = self.acquisitions
         if number is not None and not (is_whole(number) and 0 <= number <= MAX_ACQUISITIONS):
             raise ConfigError(
@@ -151,38 +183,12 @@ class PolicyPlan:
         speed = self.sweep_speed_deg_s
         if speed is not None and not (is_finite(speed) and speed > 0):
             raise ConfigError(f"sweep_speed_deg_s is {speed} deg/s, it must be a positive number")
+        Tolerance(mm=self.tolerance_mm, deg=self.tolerance_deg)
 
-
-@dataclass(frozen=True, kw_only=True)
-class RunPlan:
-    """How a search on a rig begins and ends, whatever its policy.
-
-    Raises
-    ------
-    ConfigError
-        If the number of dark frames cannot be used.
-    """
-
-    dark_frames: int = 0
-    """Acquisitions without laser before the first, from which the policy learns the noise."""
-    stay: bool = False
-    """Leave the probe where the last acquisition was taken, and confirm nothing."""
-    closing_dark: bool = False
-    """End with a dark frame at the angle of the last acquisition with light. If frames are late by one, it holds that
-    light, and the run ends with a fault. For receivers that cannot prove which trigger a frame belongs to."""
-
-    def __post_init__(self) -> None:
-        if not (is_whole(self.dark_frames) and 0 <= self.dark_frames <= MAX_DARK_FRAMES):
-            raise ConfigError(f"dark_frames is {self.dark_frames}, it must lie between 0 and {MAX_DARK_FRAMES}")
-
-
-@dataclass(frozen=True, kw_only=True)
-class SearchPlan(RunPlan, PolicyPlan):
-    """Plan of a whole search, as a journal holds it: its policy is built from it, and it is run by it."""
-
-    def __post_init__(self) -> None:
-        PolicyPlan.__post_init__(self)
-        RunPlan.__post_init__(self)
+    @property
+    def tolerance(self) -> Tolerance:
+        """How well the angle of a marker that is found must be known."""
+        return Tolerance(mm=self.tolerance_mm, deg=self.tolerance_deg)
 
 
 RigKind: TypeAlias = Literal["simulated", "replayed", "bench"]

@@ -1,10 +1,9 @@
-from ._kdc101_move import Kdc101Moves
+from ._stage_move import StageLogic, StageRules, StageStatus
 from .clock import LONGEST_WAIT_S, SystemClock
 from .encoders import IgtlEncoder, Ros2Encoder
 from .energy_meter import EnergyMeter, metered
 from .entry import PARTS, AnyEntry, DeviceSettings, LaserSettings, Part, ReceiverSettings, StageSettings, is_emulated
 from .exposure import exposure_line
-from .foreign import DryLine, NamedLaser, NamedReceiver, NamedStage
 from .guided import GuidedStage, GuidedStageSettings
 from .kdc101 import Kdc101Settings, Kdc101Stage
 from .laserbox import LaserBox, LaserBoxSettings
@@ -16,6 +15,9 @@ from .serial_port import SerialPort
 from .settings import BenchProbe, BenchSettings, BenchSupervisor, bench_settings_from
 from .simulated import SimulatedLaserKeys, SimulatedReceiverKeys, SimulatedStageKeys
 from .sonixdaq import SonixDaqReceiver, SonixDaqSettings
+from .standard_laser import LaserLogic, StandardLaser
+from .standard_receiver import Messages, StandardReceiver
+from .standard_stage import StandardStage
 from .table import DRIVERS, entry_of
 from .typed_angle import TypedStage
 from .vantage import VantageReceiver, VantageSettings, await_sender
@@ -30,20 +32,17 @@ __all__ = [
     "BenchSettings",
     "BenchSupervisor",
     "DeviceSettings",
-    "DryLine",
     "EnergyMeter",
     "GuidedStage",
     "GuidedStageSettings",
     "IgtlEncoder",
-    "Kdc101Moves",
     "Kdc101Settings",
     "Kdc101Stage",
     "LaserBox",
     "LaserBoxSettings",
+    "LaserLogic",
     "LaserSettings",
-    "NamedLaser",
-    "NamedReceiver",
-    "NamedStage",
+    "Messages",
     "Part",
     "PicolasLaser",
     "PicolasSettings",
@@ -62,7 +61,13 @@ __all__ = [
     "SimulatedStageKeys",
     "SonixDaqReceiver",
     "SonixDaqSettings",
+    "StageLogic",
+    "StageRules",
     "StageSettings",
+    "StageStatus",
+    "StandardLaser",
+    "StandardReceiver",
+    "StandardStage",
     "SystemClock",
     "TypedStage",
     "VantageReceiver",

@@ -51,9 +51,11 @@ class AptLine:
         self._garbled = False
         self._unread = Unread()
 
-    def send(self, message: bytes) -> None:
-        """Send a message that has no answer."""
+    def send(self, message: bytes) -> float:
+        """Send a message that has no answer, and return the time just before, in seconds."""
+        now_s = self._clock.now_s()
         self._port.write(message)
+        return now_s
 
     def ask(self, question: bytes, ident: int, kind: type[_AnswerT]) -> _AnswerT:
         """Send a request and return its answer.

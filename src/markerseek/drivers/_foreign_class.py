@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.metadata
 import importlib.util
 import inspect
 import sys
@@ -12,18 +13,20 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from markerseek.core import ConfigError, DeviceTimeoutError, MarkerseekError, described, is_absent
-from markerseek.drivers._time_limit import time_limit
+from markerseek.core import ConfigError, MarkerseekError, described, is_absent
 from markerseek.drivers.entry import Part
 from markerseek.drivers.trust import module_beside
 from markerseek.files import data_folder, nearest_key, setting_from
 
 METHODS: dict[Part, tuple[str, ...]] = {
-    "stage": ("move_to", "stop"),
-    "laser": ("fire", "disarm"),
-    "receiver": ("settle", "arm", "acquire"),
+    "stage": ("read", "go", "stop"),
+    "laser": ("fire", "fired", "off"),
+    "receiver": ("read",),
 }
-"""Methods of the three protocols (`markerseek.core`), which a class must have."""
+"""Verbs that a class must have."""
+
+GROUP = "markerseek.drivers"
+"""Entry points of installed drivers: a name, and ``module:Class``."""
 
 
 OFFERED = {
@@ -36,9 +39,14 @@ OFFERED = {
 """What a class may ask for by name, besides ``line`` and the keys of its table."""
 
 
+def installed_drivers() -> dict[str, str]:
+    """Names of the drivers that are installed by entry points, each with its ``module:Class``."""
+    return {each.name: each.value for each in importlib.metadata.entry_points(group=GROUP)}
+
+
 def names_of(part: Part, driver: str) -> tuple[str, str]:
     """Names of the module and the class; `ConfigError` if it names none."""
-    module_name, _, class_name = driver.partition(":")
+    module_name, _, class_name = installed_drivers().get(driver, driver).partition(":")
     named = class_name.isidentifier() and all(word.isidentifier() for word in module_name.split("."))
     if not named or module_name.endswith(".py"):
         raise ConfigError(
@@ -57,7 +65,7 @@ def class_of(part: Part, driver: str, *, beside: str) -> type:
     module_name, class_name = names_of(part, driver)
     if not beside:
         raise ConfigError(f"{name}: a foreign driver is only imported for a rig file; name the rig file")
-    module = _module(module_name, beside, name=name)
+    module = _module(module_name, beside if ":" in driver else "", name=name)
     made = getattr(module, class_name, None)
     if not isinstance(made, type):
         there = [
@@ -78,19 +86,22 @@ def class_of(part: Part, driver: str, *, beside: str) -> type:
 
 
 def _module(module_name: str, beside: str, *, name: str) -> Any:
-    """The module, imported; one that lies beside the rig file only where it is trusted. ``name``: for messages."""
+    """The module, imported; one that lies beside the rig file only where it is trusted.
+
+    ``beside``: folder of the rig file; empty: only an installed one is meant. ``name``: for messages.
+    """
     file = Path(beside) / f"{module_name}.py"
-    found = module_beside(module_name, Path(beside))
+    found = module_beside(module_name, Path(beside)) if beside else None
     if found is not None and not found.is_trusted:
         raise ConfigError(
             f"{name}: {found.files[0]} comes with the rig file and is not trusted yet, or has changed; read it, then "
             "trust it by the question or --trust of: markerseek doctor --rig RIG.toml"
         )
     try:
-        with time_limit(f"importing {module_name}"):
-            if found is not None:
-                _find_beside(beside)
-            return _from_file(module_name, str(file)) if file.is_file() else importlib.import_module(module_name)
+        if found is not None:
+            _find_beside(beside)
+        is_beside = bool(beside) and file.is_file()
+        return _from_file(module_name, str(file)) if is_beside else importlib.import_module(module_name)
     except ModuleNotFoundError as problem:
         if not is_absent(module_name, problem):
             raise ConfigError(f"{name}: importing {module_name} failed: {problem}; install what it needs") from problem
@@ -98,8 +109,6 @@ def _module(module_name: str, beside: str, *, name: str) -> Any:
             f"{name}: there is no file {file}, and no module {module_name} is installed; correct the name, or put the "
             "file beside the rig file"
         ) from problem
-    except DeviceTimeoutError as problem:
-        raise ConfigError(f"{name}: {problem}") from problem
     except MarkerseekError:
         raise
     # Code of the user: any error in it is reported under its name, and not as one of this program.

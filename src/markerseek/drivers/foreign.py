@@ -1,8 +1,10 @@
 """A foreign driver: ``driver = "module:Class"`` in a rig file names a lab's own stage, laser or receiver.
 
-The class is made with keyword arguments: the keys of its table, and what a rig has for it and it asks for by name
-(`OFFERED`). It is found in the folder of the rig file or as Python finds any module, and never from a journal. What
-the supervisor can do for it stands in the class: with ``safe_command`` it gets a serial line that the supervisor holds.
+The class has the verbs of its part (`METHODS`); limits, deadlines, read-back, permits and stop are those of
+`StandardStage`, `StandardLaser` and `StandardReceiver`. It is made with keyword arguments: the keys of its table, and
+what a rig has for it and it asks for by name (`OFFERED`). It is found in the folder of the rig file, as Python finds
+any module, or by an entry point; never from a journal. With ``safe_command`` it gets a serial line that the supervisor
+holds.
 """
 
 from __future__ import annotations
@@ -10,29 +12,28 @@ from __future__ import annotations
 import sys
 import typing
 from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
-from typing import Any, Generic, TypeVar
+from contextlib import contextmanager
+from typing import Any, ClassVar
 
 import msgspec
+import numpy as np
 
 from markerseek.core import (
+    AcquisitionError,
     Clock,
     ConfigError,
     DeviceError,
-    Frame,
-    Interval,
-    Laser,
+    Int16,
     LaserError,
     MarkerseekError,
     MoveError,
     NotConnectedError,
-    Permit,
-    Receiver,
-    Stage,
     described,
+    is_finite,
 )
+from markerseek.drivers._approach import require_room
 from markerseek.drivers._foreign_class import OFFERED, arguments_of, class_of
-from markerseek.drivers._time_limit import time_limit
+from markerseek.drivers._stage_move import StageRules, StageStatus
 from markerseek.drivers.entry import (
     DeviceSettings,
     Entry,
@@ -42,6 +43,9 @@ from markerseek.drivers.entry import (
     ReceiverSettings,
     StageSettings,
 )
+from markerseek.drivers.standard_laser import StandardLaser
+from markerseek.drivers.standard_receiver import StandardReceiver, mean_counts
+from markerseek.drivers.standard_stage import StandardStage
 from markerseek.files import Line
 from markerseek.wire import Port
 
@@ -50,6 +54,13 @@ _NOT_REAL = ("markerseek.sim.", "markerseek.emulators.")
 
 _QUIET_S, _ANSWERED_S = 0.2, 2.0
 """Silence of a device that ends the answer to a safe command, and longest time until then, in seconds."""
+
+MAX_RESOLUTION_DEG = 0.1
+"""Coarsest resolution of a stage: further from its target than this, the guard takes a move for a fault."""
+
+_UNEXPECTED_DEG, _BEGIN_S, _BRAKE_S = 0.5, 1.0, 2.0
+"""Farthest that a stage of one's own may be from where it should be, in degrees; time without motion after which it
+counts as stuck, and time that it may take to stop where its acceleration is not known, in seconds."""
 
 
 class ForeignStage(StageSettings, frozen=True, kw_only=True):
@@ -132,36 +143,6 @@ def _line(part: Part, settings: AnyForeign) -> Line | None:
     )
 
 
-class DryLine:
-    """The line of a foreign driver; while it is dry, nothing that is written reaches the device."""
-
-    def __init__(self, line: Port) -> None:
-        self._line = line
-        self._is_dry = False
-
-    def write(self, data: bytes) -> None:
-        """Send all of it, or nothing while it is dry."""
-        if not self._is_dry:
-            self._line.write(data)
-
-    def read(self, size: int, *, timeout_s: float) -> bytes:
-        """As of the line."""
-        return self._line.read(size, timeout_s=timeout_s)
-
-    def close(self) -> None:
-        """Close the line."""
-        self._line.close()
-
-    @contextmanager
-    def dry(self) -> Iterator[None]:
-        """Keep from the device what is written meanwhile."""
-        self._is_dry = True
-        try:
-            yield
-        finally:
-            self._is_dry = False
-
-
 def _read_away(line: Port, clock: Clock) -> None:
     """Read until nothing comes: the supervisor has sent the safe command, and a device may answer that."""
     ends_s = clock.now_s() + _ANSWERED_S
@@ -169,16 +150,15 @@ def _read_away(line: Port, clock: Clock) -> None:
         pass
 
 
-DeviceT = TypeVar("DeviceT", Stage, Laser, Receiver)
+class OwnDevice:
+    """A device of a class of one's own, whose errors become errors of a device that name its driver."""
 
+    part: ClassVar[Part]
+    error: ClassVar[type[DeviceError]]
 
-class _Named(Generic[DeviceT]):
-    """A device with a foreign driver, whose own errors become errors of a device that name its driver."""
-
-    def __init__(self, part: Part, settings: AnyForeign, opening: Opening) -> None:
+    def __init__(self, settings: AnyForeign, opening: Opening) -> None:
         self.driver: str = settings.driver
-        self.dry_line: DryLine | None = None
-        made = class_of(part, settings.driver, beside=settings.beside)
+        made = class_of(self.part, settings.driver, beside=settings.beside)
         offered: dict[str, object] = {
             "clock": opening.clock,
             "travel": opening.limits.travel,
@@ -187,20 +167,16 @@ class _Named(Generic[DeviceT]):
             "sampling_hz": getattr(settings, "sampling_hz", None),
             "line": None,
         }
-        if _line(part, settings) is not None:
-            offered["line"] = self.dry_line = DryLine(opening.line)
-            _read_away(self.dry_line, opening.clock)
-        with self.in_time("connecting"), self.errors(NotConnectedError):
-            self.device: DeviceT = made(
-                **arguments_of(made, settings.keys, offered=offered, part=part, driver=settings.driver)
+        if _line(self.part, settings) is not None:
+            offered["line"] = opening.line
+            _read_away(opening.line, opening.clock)
+        with self._errors(NotConnectedError):
+            self.device: Any = made(
+                **arguments_of(made, settings.keys, offered=offered, part=self.part, driver=settings.driver)
             )
 
-    def in_time(self, what: str) -> AbstractContextManager[None]:
-        """Raise `DeviceTimeoutError` if what is done with it takes too long; nothing moves and nothing fires."""
-        return time_limit(f"{self.driver}: {what}")
-
     @contextmanager
-    def errors(self, kind: type[DeviceError]) -> Iterator[None]:
+    def _errors(self, kind: type[DeviceError]) -> Iterator[None]:
         """Give an error of the class its name."""
         try:
             yield
@@ -209,99 +185,190 @@ class _Named(Generic[DeviceT]):
         except (Exception, SystemExit) as problem:
             raise kind(f"{self.driver}: {described(problem)}; this is an error of that driver") from problem
 
+    def call(self, verb: str, *arguments: object) -> Any:
+        """What a verb of the class returns."""
+        with self._errors(self.error):
+            return getattr(self.device, verb)(*arguments)
+
+    def require(self, says: object, *kinds: type, verb: str, wanted: str) -> None:
+        """Refuse what a verb has returned where it is none of these kinds."""
+        if not isinstance(says, kinds) or isinstance(says, bool):
+            raise self.error(f"{self.driver}: {verb}() returned {says!r}, it must be {wanted}; correct that driver")
+
+    def number(self, name: str, default: float | None) -> float | None:
+        """A number that the class has as an attribute, or the default."""
+        with self._errors(NotConnectedError):
+            value = getattr(self.device, name, default)
+        if value is not default and not (is_finite(value) and value > 0):
+            raise NotConnectedError(f"{self.driver}: {name} is {value!r}, it must be a number above 0; correct it")
+        return value
+
     @property
     def emulated(self) -> bool:
         """Whether it says that it is an emulator, or is a simulated or emulated device of ours, whatever it says."""
         ours = any(each.__module__.startswith(_NOT_REAL) for each in type(self.device).__mro__)
-        with self.errors(NotConnectedError):
+        with self._errors(NotConnectedError):
             return ours or bool(getattr(self.device, "emulated", False))
 
     @property
     def description(self) -> str:
         """What it says of itself, after the name of its driver."""
-        with self.errors(NotConnectedError):
+        with self._errors(NotConnectedError):
             says = getattr(self.device, "description", None)
         return f"{self.driver} (foreign driver{f': {says}' if isinstance(says, str) else ''})"
 
 
-class NamedStage(_Named[Stage]):
-    """A stage with a foreign driver."""
+class OwnStage(OwnDevice):
+    """The verbs of a stage of one's own."""
 
-    @property
-    def limits(self) -> Interval:
-        """As of the class."""
-        with self.errors(MoveError):
-            return self.device.limits
+    part, error = "stage", MoveError
 
-    @property
-    def angle_deg(self) -> float:
+    def read(self) -> StageStatus:
         """As of the class."""
-        with self.errors(MoveError):
-            return self.device.angle_deg
+        status = self.call("read")
+        self.require(status, StageStatus, verb="read", wanted="a markerseek.drivers.StageStatus")
+        assert isinstance(status, StageStatus)  # noqa: S101  for mypy
+        if not is_finite(status.angle_deg):
+            raise MoveError(
+                f"{self.driver}: read() says {status.angle_deg!r} deg, which is no angle; correct that driver"
+            )
+        return status
 
-    def move_to(self, angle_deg: float) -> float:
+    def go(self, angle_deg: float) -> None:
         """As of the class."""
-        with self.errors(MoveError):
-            return self.device.move_to(angle_deg)
+        self.call("go", angle_deg)
 
     def stop(self) -> None:
         """As of the class."""
-        with self.errors(MoveError):
-            self.device.stop()
+        self.call("stop")
+
+    def rules(self) -> StageRules:
+        """How it moves, by its attributes."""
+        speed_deg_s = self.number("speed_deg_s", None)
+        if speed_deg_s is None:
+            raise NotConnectedError(f"{self.driver}: it has no speed_deg_s, its speed in deg/s; add the attribute")
+        resolution_deg = self.number("resolution_deg", MAX_RESOLUTION_DEG) or MAX_RESOLUTION_DEG
+        if resolution_deg > MAX_RESOLUTION_DEG:
+            raise NotConnectedError(
+                f"{self.driver}: resolution_deg is {resolution_deg!r}, it must be above 0 and at most "
+                f"{MAX_RESOLUTION_DEG} deg"
+            )
+        acceleration_deg_s2 = self.number("acceleration_deg_s2", None)
+        return StageRules(
+            speed_deg_s=speed_deg_s,
+            acceleration_deg_s2=acceleration_deg_s2,
+            resolution_deg=resolution_deg,
+            arrival_deg=resolution_deg,
+            unexpected_deg=_UNEXPECTED_DEG,
+            unsteady_deg=_UNEXPECTED_DEG,
+            begin_s=_BEGIN_S,
+            brake_s=_BRAKE_S if acceleration_deg_s2 is None else speed_deg_s / acceleration_deg_s2,
+            approach_deg=self.number("approach_deg", 0.0) or 0.0,
+        )
 
 
-class NamedLaser(_Named[Laser]):
-    """A laser with a foreign driver."""
+class OwnLaser(OwnDevice):
+    """The verbs of a laser of one's own."""
 
-    def fire(self, permit: Permit) -> int:
+    part, error = "laser", LaserError
+
+    def fire(self, pulses: int) -> None:
         """As of the class."""
-        with self.errors(LaserError):
-            return self.device.fire(permit)
+        self.call("fire", pulses)
 
-    def disarm(self) -> None:
+    def fired(self) -> int | None:
         """As of the class."""
-        with self.errors(LaserError):
-            self.device.disarm()
+        fired = self.call("fired")
+        self.require(fired, int, type(None), verb="fired", wanted="the number of pulses, or None while they go on")
+        return None if fired is None else int(fired)
 
-
-class NamedReceiver(_Named[Receiver]):
-    """A receiver with a foreign driver."""
-
-    def settle(self) -> None:
+    def off(self) -> None:
         """As of the class."""
-        with self.errors(DeviceError):
-            self.device.settle()
-
-    def arm(self, permit: Permit) -> None:
-        """As of the class."""
-        with self.errors(DeviceError):
-            self.device.arm(permit)
-
-    def acquire(self, permit: Permit) -> Frame:
-        """As of the class."""
-        with self.errors(DeviceError):
-            return self.device.acquire(permit)
+        self.call("off")
 
 
-STAGE_ENTRY: Entry[ForeignStage, NamedStage] = Entry(
+class OwnMessages(OwnDevice):
+    """The frames that a receiver of one's own reads, one for each trigger."""
+
+    part, error = "receiver", AcquisitionError
+    used = called = "frames"
+    cure = "the device must give one frame for each trigger"
+    check = "the trigger and the device"
+
+    def arm(self) -> None:
+        """As of the class, which need not have it."""
+        if hasattr(self.device, "arm"):
+            self.call("arm")
+
+    def take(self) -> tuple[list[np.ndarray], bool]:
+        """What the class has read."""
+        frames = self.call("read")
+        self.require(frames, list, verb="read", wanted="a list of frames")
+        for each in frames:
+            if not (isinstance(each, np.ndarray) and each.dtype == np.int16 and each.ndim == 2):
+                raise AcquisitionError(
+                    f"{self.driver}: read() gave a frame of {getattr(each, 'dtype', type(each).__name__)}, shape "
+                    f"{getattr(each, 'shape', ())}; channel data are int16 of channels x samples"
+                )
+        return list(frames), bool(frames)
+
+    def samples(self, messages: list[np.ndarray]) -> Int16[np.ndarray, "channels samples"]:
+        """Their mean; `AcquisitionError` if their shapes differ."""
+        if len({each.shape for each in messages}) > 1:
+            shapes = [each.shape for each in messages]
+            raise AcquisitionError(f"{self.driver}: frames of the shapes {shapes} in one acquisition")
+        return mean_counts(messages)
+
+    def close(self) -> None:
+        """Close the device, where its class can."""
+        if hasattr(self.device, "close"):
+            self.call("close")
+
+
+def _open_stage(settings: ForeignStage, opening: Opening) -> StandardStage[OwnStage]:
+    logic = OwnStage(settings, opening)
+    rules = logic.rules()
+    if rules.approach_deg:
+        require_room(opening.limits, approach_from="below", approach_deg=rules.approach_deg)
+    return StandardStage(logic, clock=opening.clock, travel=opening.limits.travel, rules=rules)
+
+
+def _open_laser(settings: ForeignLaser, opening: Opening) -> StandardLaser[OwnLaser]:
+    logic = OwnLaser(settings, opening)
+    return StandardLaser(logic, clock=opening.clock, rate_hz=settings.rate_hz, name=settings.driver)
+
+
+def _open_receiver(settings: ForeignReceiver, opening: Opening) -> StandardReceiver[OwnMessages]:
+    messages = OwnMessages(settings, opening)
+    return StandardReceiver(
+        messages,
+        clock=opening.clock,
+        dark_triggers=opening.pulses,
+        sampling_hz=settings.sampling_hz,
+        timeout_s=messages.number("timeout_s", 20.0) or 0.0,
+        quiet_s=messages.number("quiet_s", 0.2) or 0.0,
+    )
+
+
+STAGE_ENTRY: Entry[ForeignStage, StandardStage[OwnStage]] = Entry(
     settings=ForeignStage,
-    open=lambda settings, opening: NamedStage("stage", settings, opening),
-    describe=lambda _settings, stage: f"stage {stage.description}",
+    open=_open_stage,
+    describe=lambda _settings, stage: f"stage {stage.logic.description}",
     line=lambda settings: _line("stage", settings),
     same=("",),
 )
-LASER_ENTRY: Entry[ForeignLaser, NamedLaser] = Entry(
+LASER_ENTRY: Entry[ForeignLaser, StandardLaser[OwnLaser]] = Entry(
     settings=ForeignLaser,
-    open=lambda settings, opening: NamedLaser("laser", settings, opening),
-    describe=lambda _settings, laser: f"laser {laser.description}",
+    open=_open_laser,
+    describe=lambda _settings, laser: f"laser {laser.logic.description}",
     line=lambda settings: _line("laser", settings),
     same=("",),
     without_supervisor="a foreign driver's laser may have no lease of its own",
 )
-RECEIVER_ENTRY: Entry[ForeignReceiver, NamedReceiver] = Entry(
+RECEIVER_ENTRY: Entry[ForeignReceiver, StandardReceiver[OwnMessages]] = Entry(
     settings=ForeignReceiver,
-    open=lambda settings, opening: NamedReceiver("receiver", settings, opening),
-    describe=lambda _settings, receiver: f"receiver {receiver.description}",
+    open=_open_receiver,
+    describe=lambda _settings, receiver: f"receiver {receiver.messages.description}",
     line=lambda settings: _line("receiver", settings),
     same=("",),
 )

@@ -1,49 +1,44 @@
 """The rotation stage: a Thorlabs PRM1Z8 on a KDC101 or TDC001.
 
-It never homes: homing ignores the soft limits and turns through whatever is in the way. It never gives a target that
-is more than a few degrees ahead: a computer that dies leaves the stage there, and not at the end of a long move.
+It never homes: homing ignores the soft limits and turns through whatever is in the way.
 """
 
 from __future__ import annotations
 
 import math
-from contextlib import suppress
-from dataclasses import replace
-from typing import Literal
+from typing import Literal, TypeVar
 
 from markerseek.core import (
     Clock,
     ConfigError,
-    DeviceError,
     Interval,
     LimitError,
     MoveError,
-    StageReading,
+    NotConnectedError,
     Triggers,
-    fastest_sweep_deg_s,
     require_range,
 )
-from markerseek.drivers._approach import DOWN, UP, plan_approach, require_room, require_wide
+from markerseek.drivers._approach import require_room, require_wide
 from markerseek.drivers._apt_line import AptLine
-from markerseek.drivers._kdc101_move import DISABLED, Kdc101Moves, Move, MoveRules, counts_per_s
-from markerseek.drivers._kdc101_setup import (
-    TRIGGERING_MODELS,
-    enable,
-    set_up,
-    write_trigger_ports,
-    write_trigger_row,
-    write_velocity,
-)
-from markerseek.drivers._kdc101_sweep import SweepMove
+from markerseek.drivers._stage_move import StageRules, StageStatus
 from markerseek.drivers.entry import Entry, Opening, StageSettings
+from markerseek.drivers.standard_stage import StandardSweepingStage
 from markerseek.files import Line
 from markerseek.guard import Limits
 from markerseek.wire import Port, apt
 
-_STOP_S = 1.0
-_STOP_AGAIN_S = 0.02
-_SAME_COUNTS = 2
-_READS = 6
+_TRIES = 3
+_TRIGGERING = ("KDC101",)
+"""Controllers with trigger ports."""
+
+_MAX_COUNTS = 2**30
+"""Farthest from home that a stage can be: from there, targets still have 32 bits."""
+
+DISABLED = "its channel is disabled, and its motor gets no current: arming the rig enables it"
+
+_ValueT = TypeVar(
+    "_ValueT", apt.Velocity, apt.Counts, apt.SoftLimits, apt.TriggerPorts, apt.TriggerPositions, apt.Channel
+)
 
 
 class Kdc101Settings(
@@ -97,16 +92,200 @@ class Kdc101Settings(
         return 1 if self.direction == "forward" else -1
 
 
-class Kdc101Stage:
-    """A `markerseek.core.Stage` over APT. Making one connects, checks and configures it; nothing moves.
+class Kdc101Logic:
+    """The verbs of the controller. Making one connects, checks and configures it; nothing moves."""
+
+    def __init__(self, *, line: AptLine, settings: Kdc101Settings, travel: Interval) -> None:
+        self._line, self._settings, self._sense = line, settings, settings.sense
+        # Another program may have left the controller sending its status unasked, which would pass for answers.
+        line.send(apt.stop_updates())
+        self.identity = line.ask(apt.ask(apt.INFO), apt.INFO, apt.Info)
+        self._require_device()
+        status = self._status()
+        _require_ready(status)
+        self.enabled = status.enabled
+        # A rotary stage may have been turned any number of times: the probe's zero is the one in this turn.
+        turns = round((apt.degrees_of(status.position) - settings.zero_deg - self._sense * travel.centre_deg) / 360)
+        self._zero = apt.counts_of(settings.zero_deg + 360 * turns)
+        # With a reversed probe, the lowest reading of the stage belongs to the highest angle of the probe.
+        low_deg, high_deg = sorted((self._sense * travel.low_deg, self._sense * travel.high_deg))
+        # Rounded inwards: half a count too far would be outside the travel range.
+        low, high = math.ceil(low_deg * apt.COUNTS_PER_DEG), math.floor(high_deg * apt.COUNTS_PER_DEG)
+        self._limits = limits = apt.SoftLimits(low=self._zero + low, high=self._zero + high)
+        if not limits.low <= status.position <= limits.high:
+            raise LimitError(
+                f"the stage is at {self._angle_of(status.position):.2f} deg, outside its travel {travel}; with the "
+                "probe outside the patient, turn it back by the controller's wheel, or correct zero_deg or direction"
+            )
+        if self.identity.model in _TRIGGERING:
+            # First: a program that was killed may have left its triggers, or another one a port that begins moves.
+            self.end_triggers()
+        self.velocity = apt.Velocity(
+            acceleration=apt.acceleration_word(settings.acceleration_deg_s2),
+            speed=apt.speed_word(settings.speed_deg_s),
+        )
+        self.set_speed(None)
+        # The approach is the driver's: the controller's own overshoot could leave the travel range.
+        self._keep("backlash", apt.Counts(counts=0), apt.set_backlash(0), apt.BACKLASH)
+        self._keep("limits", limits, apt.set_limits(limits), apt.LIMITS)
+
+    @property
+    def emulated(self) -> bool:
+        """Whether the controller says that it is an emulator."""
+        return self.identity.emulated
+
+    def read(self) -> StageStatus:
+        """Its status; a controller that lost its home has a problem, as one that reports an error."""
+        status, problem = self._status(), ""
+        if status.faults:
+            problem = f"the stage reports: {', '.join(status.faults)}; look for an obstacle"
+        elif not status.homed or status.homing:
+            problem = (
+                "the stage is not homed any more: it lost power, or was told to home; take the probe out of the "
+                "patient and home it by the controller's menu"
+            )
+        return StageStatus(
+            angle_deg=self._angle_of(status.position),
+            moving=status.moving or status.homing,
+            problem=problem,
+            since_s=self._line.since_s,
+            cure="look for an obstacle" if status.enabled else DISABLED,
+        )
+
+    def go(self, angle_deg: float) -> float:
+        """Give a target, and let it go there only once the controller is known to have understood it."""
+        target = apt.Counts(counts=self._counts_of(angle_deg))
+        self._keep("target", target, apt.set_target(target.counts), apt.TARGET)
+        return self._line.send(apt.move())
+
+    def stop(self) -> None:
+        """Stop at once, without deceleration."""
+        self._line.send(apt.stop())
+
+    def brake(self) -> None:
+        """Stop with the deceleration that was set."""
+        self._line.send(apt.stop(profiled=True))
+
+    def enable(self) -> None:
+        """Give its motor current if it has none, as after it was switched on with its channel disabled; nothing moves.
+
+        Raises `MoveError` if the controller stays disabled. Raises `DeviceTimeoutError` if it does not answer.
+        """
+        if not self._status().enabled:
+            self._keep("channel enabled", apt.Channel(enabled=True), apt.enable_channel(), apt.CHANNEL_STATE)
+        self.enabled = True
+
+    def set_speed(self, speed_deg_s: float | None) -> float:
+        """Write the speed of what follows, and read it back; None: that of moves. The next start sets that again."""
+        speed = self.velocity.speed if speed_deg_s is None else apt.speed_word(speed_deg_s)
+        velocity = apt.Velocity(acceleration=self.velocity.acceleration, speed=speed)
+        self._keep("speed and acceleration", velocity, apt.set_velocity(velocity), apt.VELOCITY)
+        return speed / apt.SPEED_WORD
+
+    @property
+    def trigger_step_deg(self) -> float:
+        """One count; `ConfigError` if the controller has no triggers."""
+        if self.identity.model not in _TRIGGERING:
+            raise ConfigError(
+                f"this rig cannot sweep position-triggered: its stage's controller is a {self.identity.model}, which "
+                'gives no triggers; set laser.sweep_mode = "free-running"'
+            )
+        return 1 / apt.COUNTS_PER_DEG
+
+    def set_triggers(self, *, from_deg: float, to_deg: float, spacing_deg: float) -> Triggers:
+        """Make trigger port 1 give a pulse at each position of a row, none at its very ends; each is read back."""
+        start, way = self._counts_of(from_deg), self._counts_of(to_deg) - self._counts_of(from_deg)
+        interval = math.ceil(spacing_deg * apt.COUNTS_PER_DEG)
+        # A stage that comes to rest at its end may stay a count or two before it.
+        number = (abs(way) - 2) // interval
+        if number < 1:
+            raise ConfigError(
+                f"sweep: two triggers are {spacing_deg:.2f} deg apart, which leaves none from {from_deg:.2f} to "
+                f'{to_deg:g} deg; widen the search range, or set laser.sweep_mode = "free-running"'
+            )
+        step = interval if way > 0 else -interval
+        row = apt.TriggerRow(start=start + step, interval=interval, number=number)
+        positions = apt.TriggerPositions(up=row, down=row)
+        # Off first: no port that is set still has a row while another is written.
+        self.end_triggers()
+        self._keep("trigger positions", positions, apt.set_trigger_positions(positions), apt.TRIGGER_POSITIONS)
+        # Only now: a port takes over the positions when it is set.
+        self._set_port(apt.TRIGGER_STEPS_UP if way > 0 else apt.TRIGGER_STEPS_DOWN)
+        angles_deg = tuple(self._angle_of(start + step * index) for index in range(1, number + 1))
+        return Triggers(angles_deg=angles_deg, sigma_deg=self.trigger_step_deg / math.sqrt(12))
+
+    def end_triggers(self) -> None:
+        """Give no triggers any more."""
+        self._set_port(apt.TRIGGER_OFF)
+
+    def close(self) -> None:
+        """Close the line; the stage stays where it is. Allowed twice."""
+        self._line.close()
+
+    def _set_port(self, mode: int) -> None:
+        """Set what trigger port 1 does, and port 2 to nothing."""
+        ports = apt.TriggerPorts(first=mode)
+        self._keep("trigger ports", ports, apt.set_trigger_ports(ports), apt.TRIGGER_PORTS)
+
+    def _status(self) -> apt.Status:
+        return self._line.ask(apt.ask(apt.STATUS), apt.STATUS, apt.Status)
+
+    def _keep(self, name: str, value: _ValueT, message: bytes, ident: int) -> None:
+        """Write a parameter and read it back, more than once if bytes get lost."""
+        for _ in range(_TRIES):
+            # Written and requested together: whichever is lost, both are sent again.
+            read = self._line.ask(message + apt.ask(ident), ident, type(value))
+            if read == value:
+                return
+        raise MoveError(f"the stage does not keep its {name}: {value} was written, {read} read back; check its type")
+
+    def _require_device(self) -> None:
+        info, wanted = self.identity, self._settings.serial_number
+        if info.model not in apt.PRM1Z8.controllers:
+            known = ", ".join(apt.PRM1Z8.controllers)
+            raise NotConnectedError(f"a {info.model} is at the stage's port, expected one of: {known}")
+        if wanted is not None and info.serial_number != wanted:
+            raise NotConnectedError(
+                f"the stage's controller has the serial number {info.serial_number}, expected {wanted}; correct "
+                "serial_number or the port"
+            )
+
+    def _angle_of(self, counts: int) -> float:
+        return self._sense * apt.degrees_of(counts - self._zero)
+
+    def _counts_of(self, angle_deg: float) -> int:
+        """Nearest counts of an angle that are inside the travel range."""
+        counts = self._zero + apt.counts_of(self._sense * angle_deg)
+        return min(max(counts, self._limits.low), self._limits.high)
+
+
+def _require_ready(status: apt.Status) -> None:
+    if status.faults:
+        raise MoveError(f"the stage reports: {', '.join(status.faults)}; switch it off and on, and home it")
+    if status.moving or status.homing:
+        raise MoveError("the stage is moving; wait until it is at rest, and end other programs that use it")
+    # Never homed from here: homing ignores the soft limits.
+    if not status.homed:
+        raise MoveError(
+            "the stage has not been homed since it was switched on and does not know its angle; homing turns it up to "
+            "a whole turn whatever its limits: take the probe out of the patient, home it by the controller's menu, "
+            "and start again"
+        )
+    if not abs(status.position) <= _MAX_COUNTS:
+        raise MoveError(
+            f"the stage reads {status.position} counts, more than a thousand turns from home; switch "
+            "it off and on, and home it with the probe outside the patient"
+        )
+
+
+class Kdc101Stage(StandardSweepingStage[Kdc101Logic]):
+    """A stage over APT. Making one connects, checks and configures it; nothing moves.
 
     - ``port``: the line to the controller, for instance a `markerseek.drivers.serial_port.SerialPort`.
     - ``clock``: all waiting is done on it, so that each wait renews a lease.
     - ``settings``: None: those of a controller whose zero is the probe's.
     - ``travel``: angles at which the probe may be; written to the controller as its soft limits.
-    - ``enabled``: whether its motor gets current; if not, `enable` is the word of the person who arms the rig.
-    - ``approach_reversed``: whether the last target was approached from the other side, because the travel range ends
-      too soon: its angle is off by the backlash of the gears.
+    - ``answer_s``: time for an answer before the request is repeated.
 
     Raises `NotConnectedError` if it is no stage of this kind. Raises `MoveError` if it moves, is not homed, or does not
     keep what is written to it. Raises `LimitError` if it is outside its travel range. Raises `DeviceTimeoutError` if it
@@ -120,279 +299,36 @@ class Kdc101Stage:
         clock: Clock,
         settings: Kdc101Settings | None = None,
         travel: Interval | None = None,
-        moves: Kdc101Moves | None = None,
+        answer_s: float = 0.1,
     ) -> None:
-        settings, moves = settings or Kdc101Settings(port="", zero_deg=0.0), moves or Kdc101Moves()
-        self.limits = travel or Limits().travel
-        require_wide(self.limits, approach_deg=settings.approach_deg)
-        self._settings = settings
-        self._clock = clock
-        self._line = AptLine(port=port, clock=clock, answer_s=moves.answer_s, age_s=settings.age_s)
-        self.approach_reversed = False
-        self._usual = UP if settings.approach_from == "below" else DOWN
-        self._pushed: int | None = None
-        self._move: Move | None = None
-        self._sweep: SweepMove | None = None
-        self._has_speed_of_sweep = self._has_triggers = False
-        self._velocity = velocity = apt.Velocity(
-            acceleration=apt.acceleration_word(settings.acceleration_deg_s2),
-            speed=apt.speed_word(settings.speed_deg_s),
+        settings, travel = settings or Kdc101Settings(port="", zero_deg=0.0), travel or Limits().travel
+        require_wide(travel, approach_deg=settings.approach_deg)
+        line = AptLine(port=port, clock=clock, answer_s=answer_s, age_s=settings.age_s)
+        logic = Kdc101Logic(line=line, settings=settings, travel=travel)
+        rules = StageRules(
+            # As rounded to the controller's words, not as set: small accelerations are off by up to a third.
+            speed_deg_s=logic.velocity.speed / apt.SPEED_WORD,
+            acceleration_deg_s2=logic.velocity.acceleration / apt.ACCELERATION_WORD,
+            resolution_deg=1 / apt.COUNTS_PER_DEG,
+            begin_s=settings.begin_s,
+            approach_from=settings.approach_from,
+            approach_deg=settings.approach_deg,
         )
-        connected = set_up(
-            self._line,
-            travel=self.limits,
-            zero_deg=settings.zero_deg,
-            sense=settings.sense,
-            velocity=velocity,
-            serial_number=settings.serial_number,
-        )
-        self.identity = connected.info
-        self._zero, self.enabled = connected.zero, connected.enabled
-        self._rest: int | None = connected.position
-        self._rules = MoveRules.of(moves, limits=connected.limits, velocity=velocity, begin_s=settings.begin_s)
+        super().__init__(logic, clock=clock, travel=travel, rules=rules, play=settings.play_deg)
+        self.identity = logic.identity
+
+    @property
+    def enabled(self) -> bool:
+        """Whether its motor gets current; if not, `enable` is the word of the person who arms the rig."""
+        return self.logic.enabled
 
     def enable(self) -> None:
-        """Give its motor current if it has none, as after it was switched on with its channel disabled; nothing moves.
-
-        Raises `MoveError` if the controller stays disabled. Raises `DeviceTimeoutError` as `move_to`.
-        """
-        if not self._line.ask(apt.ask_status(), apt.STATUS, apt.Status).enabled:
-            enable(self._line)
-        self.enabled = True
-
-    @property
-    def emulated(self) -> bool:
-        """Whether the controller says that it is an emulator."""
-        return self.identity.emulated
-
-    @property
-    def seen_deg(self) -> float:
-        """Angle of the last reading while it turns, in degrees, without another one; NaN at rest."""
-        seen = None if self._move is None else self._move.seen
-        return math.nan if seen is None else self._angle_of(seen)
-
-    @property
-    def angle_deg(self) -> float:
-        """Readback of the angle, now, in degrees: two readings in a row that agree.
-
-        Raises `MoveError` if it reports an error, or has turned by itself since it came to rest. Raises `LimitError` if
-        it is outside its travel range; it was sent a stop.
-        """
-        try:
-            return self._angle_of(self._readback())
-        except DeviceError:
-            self._stop_after_error()
-            raise
-
-    def move_to(self, angle_deg: float) -> float:
-        """Move to an angle, approach it from the usual side, come to rest, and return the readback in degrees.
-
-        Raises `LimitError` if the angle is NaN or outside the travel range, and nothing moves; or if the stage left
-        that range. Raises `MoveError` if it does not arrive. Raises `DeviceTimeoutError` if it stops answering.
-        """
-        if angle_deg not in self.limits:
-            raise self._outside(angle_deg)
-        self.end_sweep()
-        here = self._readback()
-        approach = plan_approach(
-            angle_deg,
-            here_deg=self._angle_of(here),
-            pushed=self._pushed,
-            usual=self._usual,
-            room_deg=self._settings.approach_deg,
-            travel=self.limits,
-            same_deg=_SAME_COUNTS / 2 / apt.COUNTS_PER_DEG,
-        )
-        arrived = False
-        self._rest = self._pushed = None
-        try:
-            for stop_deg in approach.stops_deg:
-                self._move = Move(line=self._line, clock=self._clock, rules=self._rules)
-                here = self._move.go(self._counts_of(stop_deg), here)
-            arrived = True
-        finally:
-            # In `finally`, so that Ctrl-C stops the stage too.
-            self._move = None
-            if not arrived:
-                self._stop_after_error()
-        # From here on the stage must read this position: any other means that something turned it.
-        self._rest, self._pushed = here, approach.direction
-        self.approach_reversed = approach.reversed
-        return self._angle_of(here)
-
-    @property
-    def fastest_sweep_deg_s(self) -> float:
-        """Largest speed of a sweep, in degrees per second."""
-        return min(self._settings.speed_deg_s, fastest_sweep_deg_s(self.acceleration_deg_s2))
-
-    @property
-    def acceleration_deg_s2(self) -> float:
-        """Acceleration as the controller keeps it, in degrees per second squared."""
-        return self._velocity.acceleration / apt.ACCELERATION_WORD
-
-    def play_deg(self, forward: float) -> float:
-        """Largest play in a sweep in that direction: none where the gears push as in the approach of a target."""
-        return 0.0 if forward == self._usual else self._settings.play_deg
-
-    def prepare_sweep(self, *, speed_deg_s: float) -> None:
-        """Set the speed of a sweep, and read it back.
-
-        The next start sets that of moves again, if this program dies meanwhile. Raises `MoveError` if the controller
-        does not keep it. Raises `DeviceTimeoutError` if it does not answer in time.
-        """
-        velocity = replace(self._velocity, speed=apt.speed_word(speed_deg_s))
-        # Noted first: half of a write may have reached it.
-        self._has_speed_of_sweep = True
-        write_velocity(self._line, velocity)
-        self._sweep_rules = replace(self._rules, speed=counts_per_s(velocity))
-
-    @property
-    def trigger_step_deg(self) -> float:
-        """Least distance between two triggers, one count; `ConfigError` if the controller has none."""
-        if self.identity.model not in TRIGGERING_MODELS:
-            raise ConfigError(
-                f"this rig cannot sweep position-triggered: its stage's controller is a {self.identity.model}, which "
-                'gives no triggers; set laser.sweep_mode = "free-running"'
-            )
-        return 1 / apt.COUNTS_PER_DEG
-
-    def set_triggers(self, *, from_deg: float, to_deg: float, spacing_deg: float) -> Triggers:
-        """Give triggers at its port 1 in the sweep that follows, and read back that it will; none at its very ends.
-
-        They are taken away by `end_sweep`, by `stop` even where that raises, and by the next program that connects.
-        Raises as `prepare_sweep`.
-        """
-        start, way = self._counts_of(from_deg), self._counts_of(to_deg) - self._counts_of(from_deg)
-        interval = math.ceil(spacing_deg * apt.COUNTS_PER_DEG)
-        # A stage that comes to rest at its end may stay a count or two before it.
-        number = (abs(way) - _SAME_COUNTS) // interval
-        if number < 1:
-            raise ConfigError(
-                f"sweep: two triggers are {spacing_deg:.2f} deg apart, which leaves none from {from_deg:.2f} to "
-                f'{to_deg:g} deg; widen the search range, or set laser.sweep_mode = "free-running"'
-            )
-        step = interval if way > 0 else -interval
-        # Noted first: half of a write may have reached it.
-        self._has_triggers = True
-        write_trigger_row(
-            self._line,
-            apt.TriggerRow(start=start + step, interval=interval, number=number),
-            mode=apt.TRIGGER_STEPS_UP if way > 0 else apt.TRIGGER_STEPS_DOWN,
-        )
-        angles_deg = tuple(self._angle_of(start + step * index) for index in range(1, number + 1))
-        return Triggers(angles_deg=angles_deg, sigma_deg=self.trigger_step_deg / math.sqrt(12))
-
-    def begin_sweep(self, to_deg: float) -> None:
-        """Begin to turn there; refused by `LimitError` as `move_to`."""
-        if to_deg not in self.limits:
-            raise self._outside(to_deg)
-        # Not read again where it is known: the first reading of the sweep must come soon, and is compared with it.
-        start = self._readback() if self._rest is None else self._rest
-        self._rest = self._pushed = None
-        self._sweep = SweepMove(
-            line=self._line, clock=self._clock, rules=self._sweep_rules, target=self._counts_of(to_deg), start=start
-        )
-        self._move = self._sweep.move
-
-    def read_sweep(self) -> StageReading:
-        """Where it is, with the times of question and answer; gives it a target at most some degrees ahead.
-
-        Raises `MoveError` if it is where a sound stage cannot be, or reports an error. Raises `LimitError` if it left
-        its travel range. Raises `DeviceTimeoutError` if it does not answer in time.
-        """
-        if self._sweep is None:
-            raise MoveError("the stage does not sweep: it was stopped; begin the sweep again")
-        reading = self._sweep.read()
-        return StageReading(
-            angle_deg=self._angle_of(reading.counts), asked_s=reading.asked_s, answered_s=reading.answered_s
-        )
-
-    def brake(self) -> None:
-        """Begin to brake, with its acceleration."""
-        if self._sweep is not None:
-            self._sweep.brake()
-
-    def end_sweep(self) -> None:
-        """Give no triggers any more, and restore the speed of moves; raises as `prepare_sweep`."""
-        sweep, self._sweep, self._move = self._sweep, None, None
-        if sweep is not None:
-            self._rest = sweep.position
-            pushed = abs(sweep.position - sweep.start) >= self._settings.approach_deg * apt.COUNTS_PER_DEG
-            self._pushed = self._settings.sense * sweep.heading if pushed else None
-        # First: a speed that is not kept must leave no trigger behind.
-        self._end_triggers()
-        if self._has_speed_of_sweep:
-            write_velocity(self._line, self._velocity)
-            self._has_speed_of_sweep = False
-
-    def stop(self) -> None:
-        """Stop at once, and check that it is at rest; allowed at any time, also twice.
-
-        After a sweep it has the speed of moves again. Raises `MoveError` if it keeps moving. Raises
-        `DeviceTimeoutError` if it does not report whether it moves.
-        """
-        try:
-            status = self._come_to_rest()
-        except DeviceError:
-            # No later move may give triggers either; the error to report is that it keeps moving.
-            with suppress(DeviceError):
-                self._end_triggers()
-            raise
-        self.end_sweep()
-        if self._rest is None or abs(status.position - self._rest) > _SAME_COUNTS:
-            self._rest = self._pushed = None
-
-    def _come_to_rest(self) -> apt.Status:
-        """Stop, until two answers in a row say that it is at rest."""
-        ends_s = self._clock.now_s() + _STOP_S
-        before: int | None = None
-        while True:
-            # Sent again each time: without a checksum, a damaged stop is ignored and nobody reports it.
-            self._line.send(apt.stop())
-            status = self._line.ask(apt.ask_status(), apt.STATUS, apt.Status)
-            at_rest = not (status.moving or status.homing)
-            if at_rest and before is not None and abs(status.position - before) <= _SAME_COUNTS:
-                return status
-            if not self._clock.now_s() < ends_s:
-                raise MoveError("the stage was told to stop and keeps moving; cut its power")
-            before = status.position if at_rest else None
-            self._clock.wait(_STOP_AGAIN_S)
-
-    def _end_triggers(self) -> None:
-        """Give no triggers any more."""
-        if self._has_triggers:
-            write_trigger_ports(self._line, mode=apt.TRIGGER_OFF)
-            self._has_triggers = False
+        """As of the logic."""
+        self.logic.enable()
 
     def close(self) -> None:
         """Close the line; the stage stays where it is. Allowed twice."""
-        self._line.close()
-
-    def _stop_after_error(self) -> None:
-        """Stop after an error; a second error here must not hide the first."""
-        self._rest = self._pushed = None
-        with suppress(DeviceError):
-            self.stop()
-
-    def _outside(self, angle_deg: float) -> LimitError:
-        return LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
-
-    def _readback(self) -> int:
-        """Position in counts, read twice in a row: a garbled answer does not come twice."""
-        last: int | None = None
-        for _ in range(_READS):
-            status = Move(line=self._line, clock=self._clock, rules=self._rules, rest=self._rest).look()
-            if last is not None and abs(status.position - last) <= _SAME_COUNTS:
-                return status.position
-            last = status.position
-        raise MoveError("the stage turns without a command; keep hands off its wheel, and end other programs")
-
-    def _angle_of(self, counts: int) -> float:
-        return self._settings.sense * apt.degrees_of(counts - self._zero)
-
-    def _counts_of(self, angle_deg: float) -> int:
-        """Nearest counts of an angle that are inside the travel range."""
-        return min(max(self._zero + apt.counts_of(self._settings.sense * angle_deg), self._rules.low), self._rules.high)
+        self.logic.close()
 
 
 def _open(settings: Kdc101Settings, opening: Opening) -> Kdc101Stage:

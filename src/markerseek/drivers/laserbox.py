@@ -27,6 +27,7 @@ from markerseek.core import (
 from markerseek.drivers._laserbox_line import POLL_S, BoxLine, cure, require_known, stray_light
 from markerseek.drivers._laserbox_sweep import BoxSweep
 from markerseek.drivers.entry import Entry, LaserSettings, Opening
+from markerseek.drivers.standard_laser import Permits
 from markerseek.files import Line
 from markerseek.wire import Port
 from markerseek.wire import laserbox as wire
@@ -113,7 +114,7 @@ class LaserBox:
         self._dark_triggers = dark_triggers
         self._answer_s = answer_s
         self.position_triggered = position_triggered
-        self._used: set[str] = set()
+        self._permits = Permits("laser box", clock)
         self._settled = False
         self._seen = 0
         self._sweep: BoxSweep | None = None
@@ -134,22 +135,13 @@ class LaserBox:
         seen differ, or if the photodiode has seen light outside of firings. Raises `DeviceTimeoutError` if the box does
         not answer in time. Whatever is raised, DISARM was sent.
         """
-        if permit.token in self._used:
-            raise LaserError(f"laser box: the permit {permit.token!r} was used before; nothing was fired")
+        self._permits.require_unused(permit)
         if not self._settled:
             self._settle()
         self._finish_sweep(within_s=_LONGEST_TRAIN_S)
-        left_s = permit.expires_s - self._clock.now_s()
         triggers = permit.pulses or self._dark_triggers
         needed_s = triggers / self._rate_hz
-        # Refused here: the box would cut the train at the expiry, after pulses on the skin that no frame uses.
-        if not left_s >= needed_s:
-            raise LaserError(
-                f"laser box: the permit {permit.token!r} is good for {left_s:.2f} s more and its pulses take "
-                f"{needed_s:.2f} s; nothing was fired"
-            )
-        # Used up before the first byte is sent: a permit whose firing failed half-way must never be tried again.
-        self._used.add(permit.token)
+        left_s = self._permits.use(permit, needed_s=needed_s)
         try:
             with self._disarmed_by_errors():
                 return self._fire(permit.pulses, triggers, expiry_s=min(left_s, needed_s + _SPARE_S))
@@ -175,12 +167,7 @@ class LaserBox:
 
         Raises `NotConnectedError` if the box still sends the dark triggers of the sweep before.
         """
-        if permit.token in self._used:
-            raise LaserError(f"laser box: the permit {permit.token!r} was used before; nothing was fired")
-        left_s = permit.expires_s - self._clock.now_s()
-        if not left_s > 0:
-            raise LaserError(f"laser box: the permit {permit.token!r} has expired; nothing was fired")
-        self._used.add(permit.token)
+        left_s = self._permits.use(permit, needed_s=0.0)
         with self._disarmed_by_errors():
             if not self._settled:
                 self._settle(patience_s=0.0)

@@ -7,11 +7,10 @@ switches it off when the search dies. Prefer the laser box.
 
 from __future__ import annotations
 
-from contextlib import suppress
-
-from markerseek.core import Clock, ConfigError, DeviceTimeoutError, LaserError, NotConnectedError, Permit
+from markerseek.core import Clock, ConfigError, DeviceTimeoutError, LaserError, NotConnectedError
 from markerseek.drivers._unread import Unread
 from markerseek.drivers.entry import Entry, LaserSettings, Opening
+from markerseek.drivers.standard_laser import StandardLaser
 from markerseek.files import Line
 from markerseek.wire import Port
 
@@ -33,59 +32,38 @@ class PicolasSettings(
     """Serial port of the driver."""
 
 
-class PicolasLaser:
-    """A laser on a PicoLAS driver.
+class PicolasLogic:
+    """The verbs of the driver. The pulses that it reports are those commanded.
 
-    ``rate_hz``: pulses per second, a whole number. Raises `NotConnectedError` if nothing answers.
+    A permit of 0 pulses does nothing: it cannot trigger the acquisition alone, which must then run freely.
     """
 
-    def __init__(self, *, port: Port, clock: Clock, rate_hz: float = 100.0) -> None:
+    def __init__(self, *, port: Port, clock: Clock, rate_hz: float) -> None:
         if not 1 <= rate_hz <= 1000 or rate_hz != round(rate_hz):
             raise ConfigError(f"picolas: rate_hz is {rate_hz} Hz, it must be a whole number from 1 to 1000")
-        self._port = port
-        self._clock = clock
-        self._rate_hz = round(rate_hz)
-        self._used: set[str] = set()
+        self._port, self._clock, self._rate_hz = port, clock, round(rate_hz)
+        self._pulses, self._ends_s = 0, 0.0
         try:
-            self._send("laseroff")
+            self.off()
             self._send(f"sreprate {self._rate_hz}")
         except DeviceTimeoutError as error:
             raise NotConnectedError(str(error)) from error
 
-    def fire(self, permit: Permit) -> int:
-        """Fire the permitted pulses, switch off, and return how many were commanded.
-
-        A permit of 0 pulses does nothing: it cannot trigger the acquisition alone, which must then run freely.
-
-        Raises `LaserError` if the permit was used or is too short, or the driver refuses, and `DeviceTimeoutError` if
-        it does not answer in time; it is switched off then.
-        """
-        if permit.token in self._used:
-            raise LaserError(f"picolas: the permit {permit.token!r} was used before; nothing was fired")
-        needed_s = permit.pulses / self._rate_hz
-        if not permit.expires_s - self._clock.now_s() >= needed_s:
-            raise LaserError(f"picolas: the permit {permit.token!r} ends before its pulses do; nothing was fired")
-        self._used.add(permit.token)
+    def fire(self, pulses: int) -> None:
+        """Switch on for so many shots."""
+        self._pulses, self._ends_s = pulses, self._clock.now_s()
         # Not sent: whether this device takes 0 shots as none or as without end is not known.
-        if permit.pulses == 0:
-            return 0
-        try:
-            self._send(f"sshots {permit.pulses}")
+        if pulses:
+            self._send(f"sshots {pulses}")
             self._send("laseron")
-            self._clock.wait(needed_s + _SPARE_S)
-            self._send("laseroff")
-        except BaseException:
-            # If even this cannot be sent, the supervisor sends it; the first error is the one to report.
-            with suppress(NotConnectedError):
-                self._port.write(SAFE_COMMAND)
-            raise
-        return permit.pulses
+            self._ends_s = self._clock.now_s() + pulses / self._rate_hz + _SPARE_S
 
-    def disarm(self) -> None:
-        """Switch off.
+    def fired(self) -> int | None:
+        """As many as were commanded, once their time is over."""
+        return self._pulses if self._clock.now_s() >= self._ends_s else None
 
-        Raises `DeviceTimeoutError` if the driver does not confirm it. Raises `LaserError` if it refuses.
-        """
+    def off(self) -> None:
+        """Switch off; `DeviceTimeoutError` if the driver does not confirm it, `LaserError` if it refuses."""
         self._send("laseroff")
 
     def _send(self, command: str) -> None:
@@ -108,6 +86,17 @@ class PicolasLaser:
                 raise LaserError(f"picolas: {answer[:40]!r}... is no answer; check the port")
         if answer.split()[-1:] != [b"0"]:
             raise LaserError(f"picolas: {command!r} was answered by {answer!r}, expected a last line 0; see its manual")
+
+
+class PicolasLaser(StandardLaser[PicolasLogic]):
+    """A laser on a PicoLAS driver.
+
+    ``rate_hz``: pulses per second, a whole number. Raises `NotConnectedError` if nothing answers.
+    """
+
+    def __init__(self, *, port: Port, clock: Clock, rate_hz: float = 100.0) -> None:
+        logic = PicolasLogic(port=port, clock=clock, rate_hz=rate_hz)
+        super().__init__(logic, clock=clock, rate_hz=rate_hz, name="picolas")
 
 
 def _open(settings: PicolasSettings, opening: Opening) -> PicolasLaser:

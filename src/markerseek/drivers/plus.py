@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from itertools import pairwise
 from statistics import fmean
 
 import numpy as np
 
-from markerseek.core import AcquisitionError, ConfigError, Int16, NotConnectedError
-from markerseek.drivers._triggered import TriggeredReceiver, mean_counts, require_connection
-from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
+from markerseek.core import AcquisitionError, Clock, ConfigError, Int16, NotConnectedError
+from markerseek.drivers.entry import Entry, Opening
+from markerseek.drivers.standard_receiver import (
+    ConnectionMessages,
+    ConnectionSettings,
+    StandardReceiver,
+    mean_counts,
+)
 from markerseek.wire import igtl
 
 MAX_IMAGE_BYTES = 1 << 24
@@ -20,35 +26,19 @@ MAX_IMAGE_BYTES = 1 << 24
 
 
 class PlusSettings(
-    ReceiverSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="plus"
+    ConnectionSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="plus"
 ):
     """A PLUS server that sends one int16 IMAGE of channels x samples for each trigger."""
 
     device: str
     """Name of the images, as the server sends them: "RfVideo_Reference"."""
-    host: str = "127.0.0.1"
     port: int = 18944
-    """``host`` and ``port``: where the server is."""
     connect_s: float = 5.0
-    """Longest time until it answers."""
-    timeout_s: float = 20.0
-    """Longest time from the trigger to the last image."""
-    quiet_s: float = 0.2
-    """Time without an image that is waited for before a trigger and after the last image."""
-    clock_s: float = 0.05
-    """Largest difference between the server's clock and this computer's: images that are older than the trigger by more
-    are refused."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not (self.device.isascii() and 0 < len(self.device) <= 20):
             raise ConfigError(f"receiver: device is {self.device!r}, it must have 1 to 20 characters of ASCII")
-        require_connection(self)
-
-    @property
-    def varied(self) -> bool:
-        """Whether the number of pulses may vary: there is an image for each."""
-        return True
 
 
 def connect_plus(settings: PlusSettings) -> socket.socket:
@@ -74,29 +64,31 @@ def ask_for_metadata(connection: socket.socket, *, what: str) -> None:
         raise NotConnectedError(f"{what} has ended: {problem.strerror}; start the server again") from problem
 
 
-class PlusReceiver(TriggeredReceiver[PlusSettings, igtl.Message]):
-    """Images of a PLUS server as frames, each the mean of the images of one acquisition."""
+class PlusMessages(ConnectionMessages[igtl.Message]):
+    """The images of a PLUS server; ``unix_s``: time of day in seconds since 1970, which the images carry."""
 
-    driver, peer, messages = "plus", "server", "images"
+    driver, peer = "plus", "server"
+    called = "images"
     cure = "the device must send one image for each trigger"
 
-    def _begin(self) -> None:
+    def __init__(
+        self, connection: socket.socket, clock: Clock, settings: PlusSettings, unix_s: Callable[[], float]
+    ) -> None:
+        super().__init__(connection, clock)
+        self._settings, self._unix_s, self._armed_unix_s = settings, unix_s, 0.0
+        self.used = f"images of {settings.device}"
+        self.check = f"the trigger and the name of the device, {settings.device}"
         self._framer = igtl.Framer(most_bytes=MAX_IMAGE_BYTES)
         self._fields: list[Mapping[str, str]] = []
         self._version: int = 1
-        ask_for_metadata(self._connection, what="plus: the connection")
-        # An emulator says so when a client comes; other servers say nothing, and no image may come before a trigger.
-        self._until_quiet()
+        ask_for_metadata(connection, what="plus: the connection")
 
-    @property
-    def _used(self) -> str:
-        return f"images of {self._settings.device}"
+    def arm(self) -> None:
+        """Note the time of day."""
+        self._armed_unix_s = self._unix_s()
 
-    @property
-    def _check(self) -> str:
-        return f"the trigger and the name of the device, {self._settings.device}"
-
-    def _samples(self, messages: list[igtl.Message], armed_unix_s: float) -> Int16[np.ndarray, "channels samples"]:
+    def samples(self, messages: list[igtl.Message]) -> Int16[np.ndarray, "channels samples"]:
+        """Mean of the images; they must be later than the arming, and one later than the other."""
         stamps = [image.time_s for image in messages]
         if any(later <= earlier for earlier, later in pairwise(stamps)):
             raise AcquisitionError("plus: two images have the same time, or times that fall; the server repeats itself")
@@ -106,13 +98,12 @@ class PlusReceiver(TriggeredReceiver[PlusSettings, igtl.Message]):
         samples = _mean(messages)
         self._fields = [image.metadata for image in messages]
         self._version = min(image.version for image in messages)
-        for stamp_s in stamps:
-            age_s = armed_unix_s - stamp_s
-            if age_s > self._settings.clock_s:
-                raise AcquisitionError(
-                    f"plus: an image was sent {age_s:.3f} s before the receiver was armed, clock_s allows "
-                    f"{self._settings.clock_s:g} s; it is stale, or the clocks of the two computers differ"
-                )
+        early_s = self._armed_unix_s - min(stamps)
+        if early_s > self._settings.clock_s:
+            raise AcquisitionError(
+                f"plus: an image was sent {early_s:.3f} s before the receiver was armed, clock_s allows "
+                f"{self._settings.clock_s:g} s; it is stale, or the clocks of the two computers differ"
+            )
         return samples
 
     def energy_of(self, field: str) -> float:
@@ -131,7 +122,8 @@ class PlusReceiver(TriggeredReceiver[PlusSettings, igtl.Message]):
             ) from problem
         return fmean(values)
 
-    def _decoded(self, data: bytes) -> Iterator[igtl.Message | None]:
+    def decoded(self, data: bytes) -> Iterator[igtl.Message | None]:
+        """Images of the device that the rig file names."""
         for header, body in self._framer.feed(data):
             if (header.kind, header.device) == ("IMAGE", self._settings.device):
                 yield igtl.decode(header, body)
@@ -139,6 +131,34 @@ class PlusReceiver(TriggeredReceiver[PlusSettings, igtl.Message]):
             if header.kind == "STATUS":
                 self.emulated |= igtl.is_emulated(header, body)
             yield None
+
+
+class PlusReceiver(StandardReceiver[PlusMessages]):
+    """Images of a PLUS server as frames, each the mean of the images of one acquisition."""
+
+    def __init__(
+        self,
+        *,
+        connection: socket.socket,
+        clock: Clock,
+        settings: PlusSettings,
+        dark_triggers: int,
+        unix_s: Callable[[], float] = time.time,  # noqa: TID251  the time of day is part of the protocol
+    ) -> None:
+        super().__init__(
+            PlusMessages(connection, clock, settings, unix_s),
+            clock=clock,
+            dark_triggers=dark_triggers,
+            sampling_hz=settings.sampling_hz,
+            timeout_s=settings.timeout_s,
+            quiet_s=settings.quiet_s,
+        )
+        # An emulator says so when a client comes; other servers say nothing, and no image may come before a trigger.
+        self.until_quiet()
+
+    def energy_of(self, field: str) -> float:
+        """As of its messages."""
+        return self.messages.energy_of(field)
 
 
 def _mean(images: list[igtl.Message]) -> Int16[np.ndarray, "channels samples"]:

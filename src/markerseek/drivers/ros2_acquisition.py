@@ -21,9 +21,10 @@ from markerseek.core import (
     is_finite,
     require_range,
 )
-from markerseek.drivers._receivers import acquired_frame
 from markerseek.drivers._ros2_wait import require_found, wait_until
 from markerseek.drivers.entry import Entry, LaserSettings, Opening, ReceiverSettings
+from markerseek.drivers.standard_laser import Permits
+from markerseek.drivers.standard_receiver import acquired_frame
 from markerseek.ros import RosNode, messages, topics
 
 _STATE_S = 1.0
@@ -67,7 +68,7 @@ class Ros2Acquisition:
         self._wait_until = partial(wait_until, node, clock)
         # Tokens of two searches are alike; what an earlier search asked for must not answer this one.
         self._session = secrets.token_hex(4)
-        self._used: set[str] = set()
+        self._permits = Permits("laser", clock)
         self._armed: Permit | None = None
         self._fired: tuple[Permit, float] | None = None
         self._answers: dict[str, messages.Acquired] = {}
@@ -123,12 +124,7 @@ class Ros2Acquisition:
         Raises `LaserError` if the permit was used before or has expired, or the node refuses. Raises
         `DeviceTimeoutError` if the node does not answer.
         """
-        if permit.token in self._used:
-            raise LaserError(f"laser: the permit {permit.token!r} was used before; nothing was fired")
-        left_s = permit.expires_s - self._clock.now_s()
-        if not left_s > 0:
-            raise LaserError(f"laser: the permit {permit.token!r} has expired; nothing was fired")
-        self._used.add(permit.token)
+        self._permits.use(permit, needed_s=0.0)
         self._frames.clear()
         self._answers.clear()
         began_s = self._clock.now_s()

@@ -144,7 +144,7 @@ class BenchSettings:
         found = {
             part: module_beside(names_of(part, each.driver)[0], Path(each.beside))
             for part, each in self.foreign.items()
-            if each.beside
+            if each.beside and ":" in each.driver
         }
         return {part: module for part, module in found.items() if module is not None}
 

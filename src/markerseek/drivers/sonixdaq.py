@@ -31,9 +31,9 @@ from markerseek.core import (
     SweepPermit,
     require_range,
 )
-from markerseek.drivers._receivers import acquired_frame, armed_for
 from markerseek.drivers.daq_folder import DaqFolder, FolderState
 from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
+from markerseek.drivers.standard_receiver import acquired_frame, armed_for
 from markerseek.wire import sonixdaq as wire
 
 _POLL_S, _EXIT_POLL_S = 0.05, 0.02

@@ -1,7 +1,7 @@
 """The table of drivers: what the key ``driver`` of a rig file can name, and where it is.
 
-A driver of this package is one line here and one file. A name ``module:Class`` is a foreign driver
-(`markerseek.drivers.foreign`).
+A driver of this package is one line here and one file. A name ``module:Class``, or that of an entry point, is a foreign
+driver (`markerseek.drivers.foreign`).
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import importlib
 from collections.abc import Mapping
 
 from markerseek.core import ConfigError
+from markerseek.drivers._foreign_class import installed_drivers
 from markerseek.drivers.entry import AnyEntry, DeviceSettings, Part
 
 DRIVERS: dict[Part, dict[str, str]] = {
@@ -45,14 +46,16 @@ _FOREIGN: dict[Part, str] = {
 
 def entry_named(part: Part, driver: object) -> AnyEntry:
     """Entry of a driver by its name; only its file is imported."""
-    if isinstance(driver, str) and ":" in driver:
-        return _entry(_FOREIGN[part])
-    if not isinstance(driver, str) or driver not in DRIVERS[part]:
+    known = DRIVERS[part]
+    if not isinstance(driver, str) or (driver not in known and ":" not in driver):
+        installed = installed_drivers()
+        if driver in installed:
+            return _entry(_FOREIGN[part])
         raise ConfigError(
-            f"{part}.driver is {driver!r}, it must be one of: {', '.join(DRIVERS[part])}, or a class of your own as "
-            '"module:Class"'
+            f"{part}.driver is {driver!r}, it must be one of: {', '.join((*known, *installed))}, or a class of "
+            'your own as "module:Class"'
         )
-    return _entry(DRIVERS[part][driver])
+    return _entry(known.get(driver, _FOREIGN[part]))
 
 
 def entry_of(part: Part, settings: DeviceSettings) -> AnyEntry:

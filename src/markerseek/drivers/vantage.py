@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import closing
 
 import numpy as np
 
-from markerseek.core import AcquisitionError, Clock, ConfigError, Int16, NotConnectedError, Permit
-from markerseek.drivers._triggered import SLICE_S, TriggeredReceiver, mean_counts, require_connection
-from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
+from markerseek.core import AcquisitionError, Clock, ConfigError, Int16, NotConnectedError
+from markerseek.drivers.entry import Entry, Opening
+from markerseek.drivers.standard_receiver import (
+    SLICE_S,
+    ConnectionMessages,
+    ConnectionSettings,
+    StandardReceiver,
+    mean_counts,
+)
 from markerseek.wire import vantage as wire
 
 _GREETING_S = 5.0
@@ -18,26 +25,16 @@ _GREETING_S = 5.0
 
 
 class VantageSettings(
-    ReceiverSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="vantage"
+    ConnectionSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="vantage"
 ):
     """A Verasonics Vantage whose sequence calls ``markerseek_send`` once for each trigger of the laser."""
 
     probe: str
     """Name of the probe, as given to the sender: a frame of another is refused."""
-    host: str = "127.0.0.1"
     port: int = 18955
-    """``host`` and ``port``: address of this computer, and the port on which it waits for the sender."""
     peer: str = "127.0.0.1"
     """Address of the Vantage's computer; others are turned away."""
     connect_s: float = 60.0
-    """Longest time until the sender is opened in MATLAB."""
-    timeout_s: float = 20.0
-    """Longest time from the trigger to the last frame."""
-    quiet_s: float = 0.2
-    """Time without a frame that is waited for before a trigger and after the last frame."""
-    clock_s: float = 0.05
-    """Largest difference between the clocks of the two computers: frames that are older than the trigger by more, or
-    are sent later than now by more, are refused."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -45,12 +42,6 @@ class VantageSettings(
             raise ConfigError(
                 f"receiver: probe is {self.probe!r}, it must have 1 to {wire.MAX_PROBE_BYTES} characters of ASCII"
             )
-        require_connection(self)
-
-    @property
-    def varied(self) -> bool:
-        """Whether the number of pulses may vary: there is a frame for each."""
-        return True
 
 
 def await_sender(settings: VantageSettings, clock: Clock) -> socket.socket:
@@ -83,37 +74,37 @@ def await_sender(settings: VantageSettings, clock: Clock) -> socket.socket:
     )
 
 
-class VantageReceiver(TriggeredReceiver[VantageSettings, wire.VantageFrame]):
-    """Frames of a Vantage, one for each trigger, averaged.
+class VantageMessages(ConnectionMessages[wire.VantageFrame]):
+    """The frames of a sender; ``unix_s``: time of day in seconds since 1970, which the frames carry."""
 
-    The counters of an acquisition's frames are one after the other since the last frame that came; anything else is
-    refused. Raises `NotConnectedError` if the sender does not greet at once, or names another probe.
-    """
-
-    driver, peer, messages = "vantage", "sender", "frames"
+    driver, peer = "vantage", "sender"
+    used = called = "frames"
     cure = "the sequence must wait for the laser's trigger (triggerIn) before each acquisition"
-    _used = "frames"
-    _check = "the trigger, and that the sequence calls markerseek_send for each"
+    check = "the trigger, and that the sequence calls markerseek_send for each"
 
-    def _begin(self) -> None:
+    def __init__(
+        self, connection: socket.socket, clock: Clock, settings: VantageSettings, unix_s: Callable[[], float]
+    ) -> None:
+        super().__init__(connection, clock)
+        self._settings, self._unix_s, self._armed_unix_s = settings, unix_s, 0.0
         self._framer = wire.VantageFramer()
         self._counter = self._armed_counter = 0
         self._shape: tuple[int, ...] | None = None
         self.emulated = self._greeting().emulated
 
-    def arm(self, permit: Permit) -> None:
-        """As of `TriggeredReceiver`."""
-        super().arm(permit)
-        self._armed_counter = self._counter
+    def arm(self) -> None:
+        """Note the time of day, and the counter of the last frame."""
+        self._armed_unix_s, self._armed_counter = self._unix_s(), self._counter
 
-    def _samples(self, messages: list[wire.VantageFrame], armed_unix_s: float) -> Int16[np.ndarray, "channels samples"]:
+    def samples(self, messages: list[wire.VantageFrame]) -> Int16[np.ndarray, "channels samples"]:
+        """Mean of the frames, whose counters are one after the other since the last frame that came."""
         self._require_in_order(messages, self._armed_counter)
-        self._require_in_time(messages, armed_unix_s)
+        self._require_in_time(messages, self._armed_unix_s)
         return self._mean(messages)
 
     def _greeting(self) -> wire.VantageFrame:
         ends_s = self._clock.now_s() + _GREETING_S
-        while not (came := self._take()[0]):
+        while not (came := self.take()[0]):
             if not self._clock.now_s() <= ends_s:
                 raise NotConnectedError(
                     f"vantage: what has connected says nothing for {_GREETING_S:g} s; is it markerseek_send.m?"
@@ -177,11 +168,37 @@ class VantageReceiver(TriggeredReceiver[VantageSettings, wire.VantageFrame]):
         self._shape = frames[0].samples.shape
         return mean_counts([frame.samples for frame in frames])
 
-    def _decoded(self, data: bytes) -> Iterator[wire.VantageFrame]:
+    def decoded(self, data: bytes) -> Iterator[wire.VantageFrame]:
+        """Frames, each with its counter noted."""
         for frame in self._framer.feed(data):
             # Also of frames that are not used: the next acquisition begins after them.
             self._counter = frame.counter
             yield frame
+
+
+class VantageReceiver(StandardReceiver[VantageMessages]):
+    """Frames of a Vantage, one for each trigger, averaged.
+
+    Raises `NotConnectedError` if the sender does not greet at once, or names another probe.
+    """
+
+    def __init__(
+        self,
+        *,
+        connection: socket.socket,
+        clock: Clock,
+        settings: VantageSettings,
+        dark_triggers: int,
+        unix_s: Callable[[], float] = time.time,  # noqa: TID251  the time of day is part of the protocol
+    ) -> None:
+        super().__init__(
+            VantageMessages(connection, clock, settings, unix_s),
+            clock=clock,
+            dark_triggers=dark_triggers,
+            sampling_hz=settings.sampling_hz,
+            timeout_s=settings.timeout_s,
+            quiet_s=settings.quiet_s,
+        )
 
 
 def _open(settings: VantageSettings, opening: Opening) -> VantageReceiver:

@@ -9,29 +9,25 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from types import ModuleType
-from typing import Any, Literal
+from typing import Literal
 
 from markerseek.core import (
-    MAX_AHEAD_DEG,
     Clock,
     ConfigError,
     DeviceError,
-    DeviceTimeoutError,
     Interval,
-    LimitError,
     MoveError,
     NotConnectedError,
     needs_package,
     require_range,
 )
 from markerseek.drivers._approach import require_room
+from markerseek.drivers._stage_move import StageRules, StageStatus
 from markerseek.drivers.entry import Entry, Opening, StageSettings
-
-_RENEW_S = 0.05
-"""Time between two targets, in seconds."""
+from markerseek.drivers.standard_stage import StandardStage
 
 _UNEXPECTED_DEG = 0.5
-"""Most that the angle may change between two of them beyond what the speed explains, in degrees."""
+"""Farthest that it may be from where it should be, in degrees: nobody has measured what a sound one does."""
 
 _VIRTUAL = "xi-emu:"
 """How the address of a virtual device of the library begins."""
@@ -97,27 +93,17 @@ def _library() -> ModuleType:
     return module
 
 
-class XimcStage:
-    """A `markerseek.core.Stage` on an 8SMC5. Making one connects, checks and configures it; nothing moves.
+class XimcLogic:
+    """The verbs of an 8SMC5. Making one connects, checks and configures it; nothing moves."""
 
-    Without an encoder its angle is a count of the steps that it was told to make: steps that the motor loses do not
-    show.
-
-    ``travel``: angles at which the probe may be; written to the controller as its borders. Raises `NotConnectedError`
-    if it does not answer, or is another one. Raises `MoveError` if it moves, is not homed, or does not keep what is
-    written.
-    """
-
-    def __init__(self, *, settings: XimcSettings, clock: Clock, travel: Interval) -> None:
+    def __init__(self, *, settings: XimcSettings, travel: Interval) -> None:
         if not settings.uri.startswith("xi-"):
             raise ConfigError(
                 f"stage: uri is {settings.uri!r}, it must begin with xi-com:, xi-tcp:, xi-net: or xi-emu:"
             )
-        self.limits = travel
         self.emulated = settings.uri.startswith(_VIRTUAL)
-        self._settings, self._clock = settings, clock
+        self._settings, self._travel = settings, travel
         self._sense = 1 if settings.direction == "forward" else -1
-        self._pushed_up = False
         self.serial_number = 0
         self._microsteps = 1
         self._ximc = _library()
@@ -172,7 +158,7 @@ class XimcStage:
         flags = self._ximc.BorderFlags
         # By angle and not by switches, which a rotation stage need not have.
         borders.BorderFlags = flags.BORDER_IS_ENCODER | flags.BORDER_STOP_LEFT | flags.BORDER_STOP_RIGHT
-        low, high = sorted(self._own_deg(end_deg) for end_deg in (self.limits.low_deg, self.limits.high_deg))
+        low, high = sorted(self._own_deg(end_deg) for end_deg in (self._travel.low_deg, self._travel.high_deg))
         borders.LeftBorder, borders.uLeftBorder = self._split(low)
         borders.RightBorder, borders.uRightBorder = self._split(high)
         axis.set_edges_settings(borders)
@@ -181,7 +167,7 @@ class XimcStage:
         read = (kept.Speed, kept.Accel, kept.Decel, kept_borders.LeftBorder, kept_borders.RightBorder)
         if written != read or kept_borders.BorderFlags != borders.BorderFlags:
             raise MoveError(f"stage: it keeps {read} of the {written} that were written; check the controller")
-        status = self._status()
+        status = axis.get_status()
         if status.MvCmdSts & self._ximc.MvcmdStatus.MVCMD_RUNNING:
             raise MoveError("stage: it moves; stop it, and begin again")
         # A virtual device does not say that it is homed.
@@ -202,92 +188,69 @@ class XimcStage:
         """The stage's own reading at an angle of the probe."""
         return self._sense * angle_deg + self._settings.zero_deg
 
-    def _status(self) -> Any:
-        """Its status; `MoveError` if it says that something is wrong."""
+    @property
+    def step_deg(self) -> float:
+        """A microstep, in degrees."""
+        return 1 / (self._settings.steps_per_deg * self._microsteps)
+
+    def read(self) -> StageStatus:
+        """Its angle: of the encoder where the controller uses one, else the count of its steps; and its errors."""
         with self._errors(NotConnectedError, "asking for its status"):
             status = self._axis.get_status()
         flags, command = self._ximc.StateFlags, self._ximc.MvcmdStatus
         wrong = (
             flags.STATE_ALARM | flags.STATE_CTP_ERROR | flags.STATE_ENCODER_FAULT | flags.STATE_ENGINE_RESPONSE_ERROR
         )
+        problem = ""
         if status.Flags & wrong or status.MvCmdSts & command.MVCMD_ERROR:
-            raise MoveError(
-                f"stage: its controller reports {status.Flags & wrong!r}, {status.MvCmdSts!r}; look at the stage"
-            )
-        return status
-
-    def _angle_of(self, status: Any) -> float:
+            problem = f"stage: its controller reports {status.Flags & wrong!r}, {status.MvCmdSts!r}; look at the stage"
         steps = status.CurPosition + status.uCurPosition / self._microsteps
-        return float(self._sense * (steps / self._settings.steps_per_deg - self._settings.zero_deg))
+        return StageStatus(
+            angle_deg=float(self._sense * (steps / self._settings.steps_per_deg - self._settings.zero_deg)),
+            moving=bool(status.MvCmdSts & command.MVCMD_RUNNING),
+            problem=problem,
+        )
 
-    @property
-    def angle_deg(self) -> float:
-        """Angle in degrees: of the encoder where the controller uses one, else the count of its steps."""
-        return self._angle_of(self._status())
-
-    def move_to(self, angle_deg: float) -> float:
-        """Turn to an angle, from below, and return the angle read back in degrees.
-
-        Raises `LimitError` if the angle is NaN or outside the travel range; nothing moves. Raises `MoveError` if it is
-        stuck, jumps, leaves the travel range, or reports an error; `DeviceTimeoutError` if it does not arrive.
-        """
-        if angle_deg not in self.limits:
-            raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
-        here_deg, settings = self.angle_deg, self._settings
-        below_deg = max(angle_deg - settings.approach_deg, self.limits.low_deg)
-        is_below = here_deg <= below_deg or (self._pushed_up and here_deg <= angle_deg + settings.arrival_deg)
-        arrived = False
-        try:
-            if not is_below:
-                self._go(below_deg)
-            self._go(angle_deg)
-            arrived = self._pushed_up = True
-        finally:
-            if not arrived:
-                self._pushed_up = False
-                self.stop()
-        return self.angle_deg
-
-    def _go(self, target_deg: float) -> None:
-        """Turn to a target by targets that are never far ahead."""
-        settings = self._settings
-        before_deg = self.angle_deg
-        began_s = before_s = moved_s = self._clock.now_s()
-        ramp_s = settings.speed_deg_s / settings.acceleration_deg_s2
-        longest_s = 2 * (abs(target_deg - before_deg) / settings.speed_deg_s + ramp_s) + settings.begin_s + 5
-        while True:
-            ahead_deg = min(max(target_deg, before_deg - MAX_AHEAD_DEG), before_deg + MAX_AHEAD_DEG)
-            with self._errors(MoveError, "a move"):
-                self._axis.command_move(*self._split(self._own_deg(ahead_deg)))
-            self._clock.wait(_RENEW_S)
-            status, now_s = self._status(), self._clock.now_s()
-            here_deg = self._angle_of(status)
-            running = bool(status.MvCmdSts & self._ximc.MvcmdStatus.MVCMD_RUNNING)
-            if not running and abs(here_deg - target_deg) <= settings.arrival_deg:
-                return
-            most_deg = settings.speed_deg_s * (now_s - before_s) + _UNEXPECTED_DEG
-            if not abs(here_deg - before_deg) <= most_deg:
-                raise MoveError(
-                    f"stage: it went from {before_deg:.2f} to {here_deg:.2f} deg in {now_s - before_s:.3f} s, faster "
-                    f"than its {settings.speed_deg_s:g} deg/s; check the controller"
-                )
-            if not self.limits.low_deg - _UNEXPECTED_DEG <= here_deg <= self.limits.high_deg + _UNEXPECTED_DEG:
-                raise MoveError(f"stage: it is at {here_deg:.2f} deg, outside its travel {self.limits}")
-            if abs(here_deg - before_deg) > 1 / (settings.steps_per_deg * self._microsteps):
-                moved_s = now_s
-            elif now_s - moved_s > settings.begin_s:
-                raise MoveError(
-                    f"stage: sent to {target_deg:.2f} deg, it has stood at {here_deg:.2f} deg for "
-                    f"{settings.begin_s:g} s; look for an obstacle"
-                )
-            if not now_s - began_s <= longest_s:
-                raise DeviceTimeoutError(f"stage: it did not arrive at {target_deg:.2f} deg within {longest_s:.0f} s")
-            before_deg, before_s = here_deg, now_s
+    def go(self, angle_deg: float) -> None:
+        """Give a target."""
+        with self._errors(MoveError, "a move"):
+            self._axis.command_move(*self._split(self._own_deg(angle_deg)))
 
     def stop(self) -> None:
         """Brake: a stepper that is stopped at once loses steps, and its angle with them."""
         with self._errors(MoveError, "stopping"):
             self._axis.command_sstp()
+
+
+class XimcStage(StandardStage[XimcLogic]):
+    """A stage on an 8SMC5.
+
+    Without an encoder its angle is a count of the steps that it was told to make: steps that the motor loses do not
+    show.
+
+    ``travel``: angles at which the probe may be; written to the controller as its borders. Raises `NotConnectedError`
+    if it does not answer, or is another one. Raises `MoveError` if it moves, is not homed, or does not keep what is
+    written.
+    """
+
+    def __init__(self, *, settings: XimcSettings, clock: Clock, travel: Interval) -> None:
+        logic = XimcLogic(settings=settings, travel=travel)
+        rules = StageRules(
+            speed_deg_s=settings.speed_deg_s,
+            resolution_deg=logic.step_deg,
+            arrival_deg=settings.arrival_deg,
+            unexpected_deg=_UNEXPECTED_DEG,
+            unsteady_deg=_UNEXPECTED_DEG,
+            begin_s=settings.begin_s,
+            brake_s=settings.speed_deg_s / settings.acceleration_deg_s2,
+            approach_deg=settings.approach_deg,
+        )
+        super().__init__(logic, clock=clock, travel=travel, rules=rules)
+        self.serial_number = logic.serial_number
+
+    def close(self) -> None:
+        """Close the connection; allowed twice."""
+        self.logic.close()
 
 
 def _open(settings: XimcSettings, opening: Opening) -> XimcStage:

@@ -19,9 +19,6 @@ from markerseek.drivers import (
     BenchSettings,
     DeviceSettings,
     GuidedStageSettings,
-    NamedLaser,
-    NamedReceiver,
-    NamedStage,
     Part,
     SerialPort,
     SimulatedLaserKeys,
@@ -92,22 +89,19 @@ class OpenDevices:
         self._try(part, device)
         return device, entry.describe(settings, device)
 
-    def _try(self, part: Part, device: object) -> None:
+    def _try(self, part: Part, device: Any) -> None:
         """Try a foreign driver by the contract of its part; `NotConnectedError` if it does not keep it."""
-        if not isinstance(device, NamedStage | NamedLaser | NamedReceiver):
+        foreign = self._settings.foreign.get(part)
+        if foreign is None:
             return
-        dry = None if device.dry_line is None else device.dry_line.dry
-        with device.in_time("trying it by the contract"):
-            if isinstance(device, NamedStage):
-                checks = check_stage(device.device, search=self._settings.limits.search, dry=dry)
-            elif isinstance(device, NamedLaser):
-                checks = check_laser(device.device, dry=dry)
-            else:
-                checks = check_receiver(device.device)
+        if part == "stage":
+            checks = check_stage(device, search=self._settings.limits.search)
+        else:
+            checks = check_laser(device) if part == "laser" else check_receiver(device)
         broken = "; ".join(f"{each.rule!r} {each.problem}" for each in checks if each.problem)
         if broken:
-            raise NotConnectedError(f"{device.driver} breaks rules of a {part}: {broken}; correct the driver")
-        self.checks[f"{part} {device.driver}"] = checks
+            raise NotConnectedError(f"{foreign.driver} breaks rules of a {part}: {broken}; correct the driver")
+        self.checks[f"{part} {foreign.driver}"] = checks
 
     def beat(self) -> None:
         """Renew each lease: of the supervisor, and of a laser that has its own."""

@@ -11,7 +11,7 @@ from typing import SupportsFloat, SupportsIndex
 import numpy as np
 
 from markerseek.acoustics import Absorber
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, SimulationOptions
 from markerseek.rigs.rig import Rig, SimulatedRecipe
 from markerseek.rigs.rig_file import read_simulated
 from markerseek.rigs.scene import Scene, draw_marker, draw_scene, image_reader
@@ -26,15 +26,20 @@ from markerseek.sim import (
     SimulatedSettings,
     SimulatedWorld,
     VirtualClock,
+    with_options,
 )
 from markerseek.vision import TipReader, TipSettings
 
 
 def simulated(
-    *,
     seed: SupportsIndex,
+    *,
     tissue: str | None = None,
+    no_marker: bool = False,
     marker_deg: SupportsFloat | None = None,
+    second_marker_deg: SupportsFloat | None = None,
+    snr_db: SupportsFloat | None = None,
+    readout_s: SupportsFloat | None = None,
     settings: SimulatedSettings | str | Path | None = None,
     pace: SupportsFloat = 0.0,
     beat: Callable[[], None] | None = None,
@@ -49,8 +54,16 @@ def simulated(
         Seed of everything that is drawn, from 0 to 2**63 - 1.
     tissue
         Name of a simulated material, instead of that of the settings.
+    no_marker
+        Whether noise and clutter alone are simulated.
     marker_deg
         Angle of the marker in degrees, instead of that of the settings.
+    second_marker_deg
+        Angle of a second marker in degrees, as strong, elsewhere along the array.
+    snr_db
+        Peak SNR of the image with the probe on the marker, in dB, instead of that of the settings.
+    readout_s
+        Time to read one acquisition, in seconds, instead of that of the settings.
     settings
         All other settings, or the path of a rig file (kind simulated).
     pace
@@ -71,10 +84,15 @@ def simulated(
     if not isinstance(settings, SimulatedSettings):
         path = None if settings is None else Path(settings)
         settings = read_simulated(path, cure="a simulated rig is needed: name a file of kind simulated")
-    if tissue is not None:
-        settings = replace(settings, tissue=tissue)
-    if marker_deg is not None:
-        settings = replace(settings, marker=replace(settings.marker, angle_deg=float(marker_deg)))
+    chosen = SimulationOptions(
+        tissue=tissue,
+        no_marker=no_marker,
+        marker_deg=_number(marker_deg),
+        second_marker_deg=_number(second_marker_deg),
+        snr_db=_number(snr_db),
+        readout_s=_number(readout_s),
+    )
+    settings = with_options(settings, chosen)
     if swing is not None and (settings.receiver.b_mode or settings.receiver.data == "b-mode"):
         raise ConfigError("receiver: B-mode of a marker that moves is not simulated; leave b_mode out")
     rng, clock = np.random.default_rng(seed), VirtualClock(pace=pace, beat=beat)
@@ -111,6 +129,10 @@ def simulated(
         b_mode=b_mode,
         resumed_after=resumed_after,
     )
+
+
+def _number(value: SupportsFloat | None) -> float | None:
+    return None if value is None else float(value)
 
 
 def _scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:

@@ -35,7 +35,7 @@ from .shared_errors import FOCAL_LENGTH, camera_shared_m, focal_shared_m, trus_s
 from .simulated_registration import (
     GRID_STEP_M,
     MARKER_PLACES,
-    REGISTRATION_TOLERANCE,
+    REGISTRATION_TOLERANCE_MM,
     SimulatedScene,
     SimulatedTruth,
     simulate_registration,
@@ -57,7 +57,7 @@ __all__ = [
     "FOCAL_LENGTH",
     "GRID_STEP_M",
     "MARKER_PLACES",
-    "REGISTRATION_TOLERANCE",
+    "REGISTRATION_TOLERANCE_MM",
     "TARGET_DEPTH_M",
     "AnyTrackingPolicy",
     "Calibration",

@@ -351,14 +351,14 @@ def davinci_to_probe_home(rows: Sequence[Sequence[float]]) -> RigidTransform:
 def read_registration(path: Path) -> KnownRegistration:
     """The registration in a file.
 
-    ``path``: JSON of ``markerseek register --json``.
+    ``path``: ``registration.json`` of ``markerseek register``.
     """
     stored = read_json(
         path,
         _File,
         most_bytes=8 * MIB,
         what="a registration as JSON",
-        cure="make one with 'markerseek register points.csv --json > registration.json'",
+        cure="make one with 'markerseek register points.csv'",
     )
     if not stored.registered or stored.davinci_to_trus is None:
         raise RecordError(f"{path}: its registration was not accepted ({stored.reason}); register again")

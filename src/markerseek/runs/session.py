@@ -13,7 +13,6 @@ from markerseek.core import (
     Estimate,
     Event,
     Measured,
-    PolicyPlan,
     SearchPlan,
 )
 from markerseek.records import Recorder, SearchResult
@@ -23,7 +22,7 @@ from markerseek.runs.journalled import configuration_of, journalled, limits_of
 from markerseek.runs.rebuild import rebuild_policy
 from markerseek.runs.resume import resumed
 from markerseek.scan import run
-from markerseek.search import build_sweeping, method_named, most_acquisitions, posterior_of_all
+from markerseek.search import MethodName, build_sweeping, method_named, most_acquisitions, posterior_of_all
 
 
 @dataclass(slots=True, kw_only=True)
@@ -101,7 +100,10 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
     Raises `ConfigError` if a recording holds fewer angles than the method needs.
     """
     run = rig.run_plan
-    sweeps = plan.sweep_speed_deg_s is not None
+    speed_deg_s = plan.sweep_speed_deg_s
+    if plan.sweep and speed_deg_s is None:
+        speed_deg_s = rig.scanner.sweeping.stage.fastest_sweep_deg_s
+    sweeps = speed_deg_s is not None
     # The paper's methods measure no noise floor, and that of a single pulse is not that of an average.
     without = plan.as_published or sweeps
     in_bursts = sweeps and rig.scanner.sweeping.in_bursts
@@ -120,6 +122,8 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
         dark_frames=0 if without else run.dark_frames,
         # Each burst ends with a dark frame, and the number of its triggers is its own.
         closing_dark=run.closing_dark and not in_bursts,
+        start_deg=rig.scanner.angle_deg if plan.start_deg is None else plan.start_deg,
+        sweep_speed_deg_s=speed_deg_s,
         sweep_from_end=in_bursts,
         stay=plan.stay or run.stay,
         angles_deg=rig.angles_deg,
@@ -128,7 +132,7 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
     )
 
 
-def find_marker(rig: Rig, method: SearchPlan | str = "posterior", *, progress: bool = False) -> SearchResult:
+def find_marker(rig: Rig, method: SearchPlan | MethodName = "posterior", *, progress: bool = False) -> SearchResult:
     """Search for the marker on a rig, and return what was found; no record is kept.
 
     Of a recording, the answer is from all its angles; what a search of it would have taken and said is in the field
@@ -160,7 +164,7 @@ def find_marker(rig: Rig, method: SearchPlan | str = "posterior", *, progress: b
         raise ConfigError(
             f"rig is {rig!r}, it must be a rig, such as markerseek.replayed(path) or markerseek.simulated(seed=1)"
         )
-    asked = SearchPlan(method=method, start_deg=rig.stage.angle_deg) if isinstance(method, str) else method
+    asked = SearchPlan(method=method) if isinstance(method, str) else method
     session = new_session(rig, plan_on(rig, asked))
     for event in session.events():
         if progress and isinstance(event, Measured) and not event.sample.dark:
@@ -197,7 +201,7 @@ def resumed_session(rig: Rig, journal: Journal, recorded: RecordedRun, *, by: st
     return session
 
 
-def answer_from_all(rig: Rig, plan: PolicyPlan) -> Estimate:
+def answer_from_all(rig: Rig, plan: SearchPlan) -> Estimate:
     """Return the answer from every angle of a recording, without a search.
 
     ``rig``: a replayed rig that has measured nothing yet, not interpolated. ``plan``: of a search of it, whose method

@@ -20,7 +20,6 @@ from markerseek.core import (
     SearchError,
     SearchPlan,
     Swept,
-    Tolerance,
 )
 from markerseek.geometry import MIN_POINTS, RigidTransform, StereoCameras, triangulate
 from markerseek.records import SearchResult
@@ -40,7 +39,7 @@ GRID_STEP_M, RELIEF_M = 20e-3, 5e-3
 CAMERA_TILT_DEG, CAMERA_ROLL_DEG = (25.0, 35.0), (-60.0, 60.0)
 """Tilt of the line of sight against the tissue's normal, and rotation about it, in degrees; drawn evenly."""
 
-REGISTRATION_TOLERANCE = Tolerance(mm=0.3)
+REGISTRATION_TOLERANCE_MM = 0.3
 """Tolerance of searches for a registration: with the usual 1 mm markers are twice as far off along the turn, for two
 acquisitions less each. A search that does not reach it counts by its sigma."""
 
@@ -204,7 +203,7 @@ def _search(
         method="posterior",
         start_deg=start_deg,
         prior=prior,
-        tolerance=REGISTRATION_TOLERANCE,
+        tolerance_mm=REGISTRATION_TOLERANCE_MM,
         sweep_speed_deg_s=assembled.scanner.sweeping.stage.fastest_sweep_deg_s if scene.sweep else None,
     )
     session = new_session(assembled, plan_on(assembled, plan))

@@ -13,12 +13,14 @@ from markerseek.search.manual import ScriptedManual
 from markerseek.search.methods import (
     METHODS,
     Method,
+    MethodName,
     build,
     build_sweeping,
     method_named,
     most_acquisitions,
     posterior_of_all,
     refuse_posterior_settings,
+    require_plan,
     require_sweeping,
 )
 from markerseek.search.peak import Peak, peak_of
@@ -41,6 +43,7 @@ __all__ = [
     "Curve",
     "Exhaustive",
     "Method",
+    "MethodName",
     "Peak",
     "ScriptedManual",
     "SearchPolicy",
@@ -64,6 +67,7 @@ __all__ = [
     "peak_passed",
     "posterior_of_all",
     "refuse_posterior_settings",
+    "require_plan",
     "require_room",
     "require_sweeping",
     "weighted_average",

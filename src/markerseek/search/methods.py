@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, SupportsFloat
+from typing import TYPE_CHECKING, Literal, SupportsFloat, TypeAlias
 
 from markerseek.core import (
     MAX_ACQUISITIONS,
@@ -14,7 +14,7 @@ from markerseek.core import (
     ConfigError,
     Interval,
     Policy,
-    PolicyPlan,
+    SearchPlan,
     as_interval,
 )
 from markerseek.search.average import THRESHOLD
@@ -27,6 +27,12 @@ from markerseek.search.sweep import Exhaustive, WeightedAverage
 
 if TYPE_CHECKING:
     from markerseek.search.posterior import Posterior
+
+
+MethodName: TypeAlias = Literal[
+    "posterior", "weighted-average", "golden-section", "golden-section-reuse", "ternary", "exhaustive", "manual"
+]
+"""Names of the methods, for an editor and a type checker."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,7 +109,7 @@ def method_named(name: str) -> Method:
     raise ConfigError(f"method: {name!r} is unknown; {hint}methods are {', '.join(names)}")
 
 
-def build(plan: PolicyPlan | str, *, limits: Interval | Sequence[SupportsFloat] = PAPER_RANGE) -> Policy:
+def build(plan: SearchPlan | MethodName, *, limits: Interval | Sequence[SupportsFloat] = PAPER_RANGE) -> Policy:
     """Return a policy for one search.
 
     Parameters
@@ -120,7 +126,7 @@ def build(plan: PolicyPlan | str, *, limits: Interval | Sequence[SupportsFloat] 
         form that it does not have, or ``others``, a prior or cues are given to another method.
     """
     if isinstance(plan, str):
-        plan = PolicyPlan(method=plan)
+        plan = SearchPlan(method=plan)
     if plan.sweep_speed_deg_s is not None:
         raise ConfigError(f"{plan.method}: a plan of sweeps is given to a policy of single angles; use build_sweeping")
     searched = as_interval(limits, name="limits")
@@ -140,7 +146,7 @@ def build(plan: PolicyPlan | str, *, limits: Interval | Sequence[SupportsFloat] 
     )
 
 
-def _whole(plan: PolicyPlan, *, limits: Interval) -> WholeRecording:
+def _whole(plan: SearchPlan, *, limits: Interval) -> WholeRecording:
     """A search of a recording that goes on to its other angles."""
     search = replace(plan, whole=False)
     if plan.method != "posterior":
@@ -150,7 +156,7 @@ def _whole(plan: PolicyPlan, *, limits: Interval) -> WholeRecording:
     return WholeRecording(build(search, limits=limits), every, angles_deg=plan.angles_deg or ())
 
 
-def posterior_of_all(plan: PolicyPlan, *, limits: Interval) -> Posterior:
+def posterior_of_all(plan: SearchPlan, *, limits: Interval) -> Posterior:
     """Return the posterior that answers from all angles of a recording, whatever the method of its search.
 
     ``plan``: of the search, with the angles of the recording.
@@ -161,7 +167,7 @@ def posterior_of_all(plan: PolicyPlan, *, limits: Interval) -> Posterior:
     return _posterior(replace(plan, method="posterior", acquisitions=most, angles_deg=None), limits=limits)
 
 
-def build_sweeping(plan: PolicyPlan, *, limits: Interval) -> AnyPolicy:
+def build_sweeping(plan: SearchPlan, *, limits: Interval) -> AnyPolicy:
     """Return a policy for one search, as `build`, which sweeps where its plan says so.
 
     The most acquisitions of its plan are those at rest, which follow where sweeps are not enough.
@@ -180,13 +186,9 @@ def build_sweeping(plan: PolicyPlan, *, limits: Interval) -> AnyPolicy:
     )
 
 
-def _posterior(plan: PolicyPlan, *, limits: Interval, target_deg: float | None = None) -> Posterior:
+def _posterior(plan: SearchPlan, *, limits: Interval, target_deg: float | None = None) -> Posterior:
     """The posterior of a plan, at rest; ``target_deg``: None takes its own."""
-    if plan.as_published:
-        raise ConfigError(
-            "posterior: it is markerseek's own and was not published; leave out as_published, or name a method of "
-            "the paper, for instance weighted-average"
-        )
+    _refuse_published(plan)
     # Imported here: other methods need neither SciPy nor the compiled kernels.
     from markerseek.search.posterior import CUES, TARGET_SIGMA_DEG, USUAL_OTHERS, Posterior
 
@@ -205,12 +207,31 @@ def _posterior(plan: PolicyPlan, *, limits: Interval, target_deg: float | None =
     )
 
 
-def require_sweeping(plan: PolicyPlan) -> None:
+def require_plan(plan: SearchPlan) -> None:
+    """Refuse a plan that no policy can carry out, before devices are opened."""
+    _acquisitions(plan)
+    if plan.sweep:
+        require_sweeping(plan)
+    if plan.method == "posterior":
+        _refuse_published(plan)
+    else:
+        refuse_posterior_settings(plan.method, others=plan.others, prior=plan.prior, cues=plan.cues)
+
+
+def require_sweeping(plan: SearchPlan) -> None:
     """Refuse sweeps for a plan of another method, or of one that uses every acquisition."""
     if plan.method != "posterior" or plan.as_published:
         raise ConfigError(f"{plan.method}: it asks for one angle after another; only posterior sweeps")
     if not plan.early_end:
         raise ConfigError("posterior: early_end is False, and sweeps end once the angle is known; leave it out")
+
+
+def _refuse_published(plan: SearchPlan) -> None:
+    if plan.as_published:
+        raise ConfigError(
+            "posterior: it is markerseek's own and was not published; leave out as_published, or name a method of "
+            "the paper, for instance weighted-average"
+        )
 
 
 def refuse_posterior_settings(method: str, **settings: object) -> None:
@@ -223,7 +244,7 @@ def refuse_posterior_settings(method: str, **settings: object) -> None:
             raise ConfigError(f"{method}: {name} is given, but only the posterior has this setting; leave it out")
 
 
-def most_acquisitions(plan: PolicyPlan) -> int | None:
+def most_acquisitions(plan: SearchPlan) -> int | None:
     """Return the most acquisitions of a plan: its own number or that of its method, and those of a whole recording.
 
     None where it sweeps.
@@ -233,7 +254,7 @@ def most_acquisitions(plan: PolicyPlan) -> int | None:
     return _acquisitions(plan) + (len(plan.angles_deg or ()) if plan.whole else 0)
 
 
-def _acquisitions(plan: PolicyPlan) -> int:
+def _acquisitions(plan: SearchPlan) -> int:
     """The number of acquisitions of a plan, its own or that of its method, if a search can be made of it."""
     method = method_named(plan.method)
     number = method.acquisitions if plan.acquisitions is None else plan.acquisitions

@@ -39,6 +39,6 @@ def beyond_tolerance(found: Found, tolerance: Tolerance, *, radius_m: float | No
     if half_deg <= tolerance.half_width_deg(radius_m):
         return None
     if radius_m is None:
-        return f"the angle is known to ± {half_deg:.2g} deg, and {tolerance.deg:g} deg are tolerated"
+        return f"the angle is known to within {half_deg:.2g} deg, and {tolerance.deg:g} deg are tolerated"
     half_mm = 1e3 * radius_m * math.radians(half_deg)
-    return f"the angle is known to ± {half_mm:.2g} mm at the marker, and {tolerance.mm:g} mm is tolerated"
+    return f"the angle is known to within {half_mm:.2g} mm at the marker, and {tolerance.mm:g} mm is tolerated"

@@ -20,8 +20,8 @@ from markerseek.sim.settings import (
     NoiseSettings,
     ReceiverSettings,
     SimulatedSettings,
-    changed_settings,
     hashable_values,
+    with_options,
 )
 from markerseek.sim.stage import SimulatedStage, StageMotion
 from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
@@ -65,7 +65,6 @@ __all__ = [
     "VirtualClock",
     "World",
     "camera_above",
-    "changed_settings",
     "endoscope",
     "hashable_values",
     "post_beamformed",
@@ -73,4 +72,5 @@ __all__ = [
     "swing_deg",
     "tissue_named",
     "vary_last_flash",
+    "with_options",
 ]

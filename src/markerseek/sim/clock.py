@@ -6,13 +6,10 @@ import math
 import time
 from collections.abc import Callable
 
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, require_pace
 
 _SLICE_S = 0.02
 """Longest real time between two beats of a wait, in seconds."""
-
-MAX_PACE = 100.0
-"""Slowest simulation, in real seconds for a virtual one: a search of five minutes takes a working day."""
 
 
 class VirtualClock:
@@ -23,10 +20,7 @@ class VirtualClock:
     """
 
     def __init__(self, *, pace: float = 0.0, beat: Callable[[], None] | None = None) -> None:
-        if not 0 <= pace <= MAX_PACE:
-            raise ConfigError(
-                f"pace is {pace}, it must lie between 0 (does not wait) and {MAX_PACE:g}; 1 is real speed"
-            )
+        require_pace(pace)
         self._pace = pace
         self._beat = beat
         self._now_s = 0.0

@@ -8,10 +8,11 @@ from typing import Any, Literal
 import msgspec
 
 from markerseek.acoustics import Bursts, Probe
-from markerseek.core import ConfigError, Interval, require_range
+from markerseek.core import ConfigError, Interval, SimulationOptions, require_range
 from markerseek.guard import FiringLimits, Limits
 from markerseek.sim.bmode import BModeSettings
 from markerseek.sim.stage import StageMotion
+from markerseek.sim.tissues import tissue_named
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,24 +174,25 @@ class SimulatedSettings:
                 raise ConfigError(f"{name}: angle_deg is {angle_deg} deg, it must lie between -90 and 90 deg")
 
 
-def changed_settings(
-    settings: SimulatedSettings,
-    *,
-    tissue: str | None = None,
-    snr_db: float | None = None,
-    readout_s: float | None = None,
-) -> SimulatedSettings:
-    """Settings with some values changed; None leaves a value as it is.
-
-    ``snr_db``: peak SNR, as in `NoiseSettings`.
-    """
-    if tissue is not None:
-        settings = replace(settings, tissue=tissue)
-    if snr_db is not None:
-        settings = replace(settings, noise=replace(settings.noise, peak_snr_db=snr_db))
-    if readout_s is not None:
-        settings = replace(settings, receiver=replace(settings.receiver, readout_s=readout_s))
-    return settings
+def with_options(settings: SimulatedSettings, options: SimulationOptions) -> SimulatedSettings:
+    """Settings of a simulated rig with the values that a person has chosen."""
+    marker, second = settings.marker, settings.second
+    if options.no_marker:
+        marker, second = replace(marker, present=False), replace(second, present=False)
+    if options.marker_deg is not None:
+        marker = replace(marker, present=True, angle_deg=options.marker_deg)
+    if options.second_marker_deg is not None:
+        second = replace(second, present=True, angle_deg=options.second_marker_deg)
+    noise, receiver = settings.noise, settings.receiver
+    if options.snr_db is not None:
+        noise = replace(noise, peak_snr_db=options.snr_db)
+    if options.readout_s is not None:
+        receiver = replace(receiver, readout_s=options.readout_s)
+    tissue = settings.tissue
+    if options.tissue is not None:
+        tissue_named(options.tissue)
+        tissue = options.tissue
+    return replace(settings, tissue=tissue, noise=noise, receiver=receiver, marker=marker, second=second)
 
 
 _NEWER_RECEIVER = ("data", "receive_focus_m", "b_mode", "frame_period_s", "single_pulses")

@@ -1,6 +1,6 @@
 from .benchmark import WORLDS, BenchmarkResults, Entry, Score, benchmark_size, run_benchmark
 from .figure import error_figure
-from .policies import PolicySettings
+from .policies import StudyPolicy, study_policy
 from .runner import FinishedStudy, columns, read_rows, run_study, values_of
 from .scene import ClutterAround, Repeats, SceneSettings, SecondSource
 from .statistics import Mean, Share
@@ -23,7 +23,6 @@ __all__ = [
     "Entry",
     "FinishedStudy",
     "Mean",
-    "PolicySettings",
     "PolicySummary",
     "Repeats",
     "Row",
@@ -32,6 +31,7 @@ __all__ = [
     "SecondSource",
     "Share",
     "Study",
+    "StudyPolicy",
     "Summary",
     "TwoSources",
     "benchmark_size",
@@ -46,6 +46,7 @@ __all__ = [
     "run_row",
     "run_study",
     "run_trial",
+    "study_policy",
     "summarise",
     "values_of",
 ]

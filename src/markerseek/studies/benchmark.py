@@ -36,7 +36,7 @@ from markerseek.sim import (
     StageMotion,
 )
 from markerseek.studies import entry_child
-from markerseek.studies.policies import PolicySettings, is_own
+from markerseek.studies.policies import StudyPolicy, study_policy
 from markerseek.studies.runner import as_csv, read_json, read_rows, run_study, values_of, write_json
 from markerseek.studies.scene import ClutterAround, SceneSettings, SecondSource
 from markerseek.studies.statistics import Mean, Share
@@ -82,9 +82,6 @@ _RIG = SimulatedSettings(
 METHODS = ("ternary", "golden-section", "weighted-average", "posterior", "exhaustive")
 """The paper's three, ours, and every angle."""
 
-OWN_ACQUISITIONS = 16
-"""Acquisitions of a policy that is named as ``module:name``."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class World:
@@ -103,7 +100,7 @@ class World:
         """Name of its folder."""
         return f"{self.tier}-{self.name}".replace(" ", "-")
 
-    def study(self, group: str, policies: Sequence[PolicySettings], *, searches: int, seed: int = SEED) -> Study:
+    def study(self, group: str, policies: Sequence[StudyPolicy], *, searches: int, seed: int = SEED) -> Study:
         """The study of a group of policies in it."""
         level = _LEVELS[self.tier]
         return Study(
@@ -147,7 +144,7 @@ WORLDS: tuple[World, ...] = tuple(_worlds())
 
 def worlds_hash(seed: int = SEED) -> str:
     """Hash of the worlds: of the settings and seed from which every search is drawn."""
-    posterior = (PolicySettings(method="posterior"),)
+    posterior = (study_policy(method="posterior"),)
     drawn = [
         [world.place, seed, [cell.digest for cell in cells(world.study("hash", posterior, searches=1, seed=seed))]]
         for world in WORLDS
@@ -262,9 +259,9 @@ class _Entered(msgspec.Struct, frozen=True, kw_only=True):
     rows: dict[str, dict[str, str]]
 
 
-def benchmark_size(*, scale: float, others: int) -> int:
-    """Searches of a whole benchmark, ``others`` being the entries and policies of one's own."""
-    methods = {world: sum(len(policies) for _, policies in _groups(world)) + others for world in WORLDS}
+def benchmark_size(*, scale: float, entries: int) -> int:
+    """Searches of a whole benchmark, beside so many entries."""
+    methods = {world: sum(len(policies) for _, policies in _groups(world)) + entries for world in WORLDS}
     return sum(_searches(world.tier, scale) * count for world, count in methods.items())
 
 
@@ -272,7 +269,6 @@ def run_benchmark(
     folder: Path,
     *,
     entries: Sequence[Entry] = (),
-    methods: Sequence[str] = (),
     scale: float = 1.0,
     seed: int | None = None,
     workers: int | None = None,
@@ -284,11 +280,10 @@ def run_benchmark(
     them and written nowhere; their rows stay in the memory until all have ended. Then the seed and the rows are
     written, and our methods search in the same worlds.
 
-    ``folder``: created if it does not exist. ``methods``: policies of one's own as ``module:name``, which run in our
-    processes. ``scale``: searches over the usual number. ``seed``: of all worlds; None: `SEED` without entries.
-    ``progress``: receives a stage, the number of its searches that are done, and of all.
+    ``folder``: created if it does not exist. ``scale``: searches over the usual number. ``seed``: of all worlds; None:
+    `SEED`, or beside entries a secret one. ``progress``: receives a stage, and how many of its searches are done, of
+    how many.
     """
-    asked = [(name.replace(":", "-"), (_own(name),)) for name in methods]
     entered = _Entered(seed=SEED if seed is None else seed, failures={}, rows={})
     rows_in = folder
     if entries:
@@ -298,10 +293,10 @@ def run_benchmark(
     scores: list[Score] = []
     files: dict[str, str] = {}
     by_method: dict[tuple[Tier, str], list[Row]] = {}
-    done, size = 0, benchmark_size(scale=scale, others=len(entered.rows) + len(methods))
+    done, size = 0, benchmark_size(scale=scale, entries=len(entered.rows))
     for world in WORLDS:
         entered_here = [(each.group, (_as_policy(each, world.tier),)) for each in entries if each.group in entered.rows]
-        for group, policies in (*_groups(world), *asked, *entered_here):
+        for group, policies in (*_groups(world), *entered_here):
             searches = _searches(world.tier, scale)
             study = world.study(group, policies, searches=searches, seed=entered.seed)
             finished = run_study(
@@ -397,22 +392,16 @@ def _searches(tier: Tier, scale: float) -> int:
     return 2 * max(1, round(scale * USUAL_SEARCHES[tier] / 2))
 
 
-def _groups(world: World) -> list[tuple[str, tuple[PolicySettings, ...]]]:
-    ours = ("methods", tuple(PolicySettings(method=method) for method in METHODS))
+def _groups(world: World) -> list[tuple[str, tuple[StudyPolicy, ...]]]:
+    ours = ("methods", tuple(study_policy(method=method) for method in METHODS))
     if world.tier == "intensities":
         return [ours]
-    return [ours, ("sweeps", (PolicySettings(method="posterior", sweep=True),))]
+    return [ours, ("sweeps", (study_policy(method="posterior", sweep=True),))]
 
 
-def _as_policy(entry: Entry, tier: Tier) -> PolicySettings:
+def _as_policy(entry: Entry, tier: Tier) -> StudyPolicy:
     channels = tier == "raw channels"
-    return PolicySettings(method=entry.label, acquisitions=MOST, command=entry.command, channels=channels)
-
-
-def _own(method: str) -> PolicySettings:
-    if not is_own(method):
-        raise ConfigError(f"--method {method} is no policy of your own; name it as module:name")
-    return PolicySettings(method=method, acquisitions=OWN_ACQUISITIONS)
+    return study_policy(method=entry.label, acquisitions=MOST, command=entry.command, channels=channels)
 
 
 def _score(tier: Tier, world: str, method: str, rows: Sequence[Row]) -> Score:

@@ -1,4 +1,4 @@
-"""Figure of the errors of a study's policies over the number of acquisitions."""
+"""Figure of the mean errors of studies over the number of acquisitions."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def error_figure(
     A policy with marks has a point at each mark up to its number of acquisitions; policies that differ only in that
     number and have no marks below it share a line.
 
-    ``runs``: cells with the same index share a panel. ``bounds``: numbers of acquisitions and mean errors at a bound
-    (`benchmarks.bounds`), by cell. Raises `ConfigError` if nothing can be drawn: there are no marks and no markers.
+    ``runs``: cells with the same index share a panel. ``bounds``: numbers of acquisitions and mean errors at a bound,
+    by cell. Raises `ConfigError` if nothing can be drawn: there are no marks and no markers.
     """
     settings = {policy.cell: policy.settings for policy in runs[0][1].policies}
     figure, panels = panel_grid(

@@ -1,4 +1,4 @@
-"""The policies of a study: those of `markerseek.search`, and a user's own.
+"""The policies of a study: those of `markerseek.search`, entries of a benchmark, and a user's own.
 
 A user's own policy is named ``module:name``: a class, or a function that makes one. It is called with ``limits`` and
 ``acquisitions`` by keyword and returns a `markerseek.core.Policy`. The module is imported in each worker process, so
@@ -10,8 +10,9 @@ from __future__ import annotations
 import importlib
 import traceback
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import markerseek
 from markerseek.core import (
@@ -19,172 +20,132 @@ from markerseek.core import (
     AnyPolicy,
     ConfigError,
     Interval,
-    MarkerCurve,
     MarkerseekError,
     Policy,
-    PolicyPlan,
-    Tolerance,
+    SearchPlan,
     described,
+    options_of,
 )
+from markerseek.files import nearest_key, settings_from
 from markerseek.search import (
-    Method,
     build_sweeping,
     check_acquisitions,
     method_named,
     refuse_posterior_settings,
-    require_sweeping,
+    require_plan,
 )
 from markerseek.studies.entry import EntryPolicy
 
-
-def _method_of(name: str) -> Method:
-    """The method of that name; a `ConfigError` that lists the names if there is none."""
-    try:
-        return method_named(name)
-    except ConfigError as problem:
-        raise ConfigError(f"{problem}; in a study also a policy of your own as module:name") from problem
+OF_STUDY = ("prior", "command", "channels")
+OF_PLAN = (*(each.name for each in options_of(SearchPlan)), "early_end", "cues")
+"""Keys of a policy in a study: its own, and those of the plan."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PolicySettings:
-    """Settings of one policy, as for `markerseek.search.build`."""
+class StudyPolicy:
+    """One policy of a study; `study_policy` makes one of its keys."""
 
-    method: str
-    """Name of the method, or ``module:name`` of a user's own policy."""
-    acquisitions: int | None = None
-    """None: the method's own. Required for a user's own policy."""
-    as_published: bool = False
-    """The paper's form, which always answers; a user's own policy gets no dark frames then."""
-    early_end: bool = True
-    """Whether a weighted average or a posterior may end before its last angle."""
-    others: float | None = None
-    """Prior probability that there is another source as loud, for a posterior; 0: it looks for none. None: as usual."""
+    plan: SearchPlan
+    """Plan of its searches; ``method`` may also be ``module:name``, a policy of the user's own."""
     prior: bool = False
     """Whether a posterior is given the intensity curve of another marker on the same rig, which it has found before."""
-    cues: tuple[str, ...] | None = None
-    """Features of a reading that a posterior may use, as for `markerseek.search.posterior.Posterior`; None: all."""
-    sweep: bool = False
-    """Whether a posterior sweeps, at the fastest speed of the rig's stage."""
     command: tuple[str, ...] = ()
     """Words that start an entry, a search method of somebody else as a child process (`markerseek.studies.entry`);
     ``method`` is then its name only."""
     channels: bool = True
     """Whether an entry is told the channel data of a frame, too."""
-    tolerance_mm: float = 1.0
-    """How well the angle of a marker that is found must be known, as in `markerseek.core.Tolerance`."""
-
-    @property
-    def tolerance(self) -> Tolerance:
-        """The tolerance; `ConfigError` if it is not positive."""
-        return Tolerance(mm=self.tolerance_mm)
 
     def __post_init__(self) -> None:
-        _ = self.tolerance
+        plan = self.plan
         if self.command:
             self._refuse_ours("an entry")
-            check_acquisitions(self.acquisitions or 0, least=1, method=self.method)
+            check_acquisitions(plan.acquisitions or 0, least=1, method=plan.method)
             return
         if not self.channels:
             raise ConfigError(
-                f"{self.method}: channels is False, but only an entry, a policy with command, is told of channel data; "
+                f"{plan.method}: channels is False, but only an entry, a policy with command, is told of channel data; "
                 "leave it out"
             )
-        if is_own(self.method):
+        if is_own(plan.method):
             self._require_own()
             return
-        least = _method_of(self.method).least
-        if self.acquisitions is not None:
-            check_acquisitions(self.acquisitions, least=least, method=self.method)
-        if self.sweep:
-            require_sweeping(PolicyPlan(method=self.method, as_published=self.as_published, early_end=self.early_end))
-        if self.method != "posterior":
-            refuse_posterior_settings(self.method, others=self.others, prior=self.prior, cues=self.cues)
+        try:
+            method_named(plan.method)
+        except ConfigError as problem:
+            raise ConfigError(f"{problem}; in a study also a policy of your own as module:name") from problem
+        require_plan(plan)
+        if plan.method != "posterior":
+            refuse_posterior_settings(plan.method, prior=self.prior)
 
     def _require_own(self) -> None:
         """Refuse what a user's own policy cannot be given."""
-        if self.acquisitions is None:
-            raise ConfigError(
-                f"{self.method}: acquisitions is None, a policy of your own needs the number of them; give it"
-            )
-        number = check_acquisitions(self.acquisitions, least=1, method=self.method)
+        method = self.plan.method
+        if self.plan.acquisitions is None:
+            raise ConfigError(f"{method}: acquisitions is None, a policy of your own needs the number of them; give it")
+        number = check_acquisitions(self.plan.acquisitions, least=1, method=method)
         self._refuse_ours("a policy of your own")
         # A study may come from anyone, and its module may be any that is installed.
-        module = self.method.partition(":")[0]
-        warnings.warn(f"{self.method}: the study imports the module {module} and runs its code", stacklevel=3)
+        module = method.partition(":")[0]
+        warnings.warn(f"{method}: the study imports the module {module} and runs its code", stacklevel=3)
         # A module that cannot be imported is an error when the study is read, not in a worker process.
-        _build_own(self.method, limits=PAPER_RANGE, acquisitions=number)
+        _build_own(method, limits=PAPER_RANGE, acquisitions=number)
 
     def _refuse_ours(self, what: str) -> None:
         """Refuse settings that only methods of this package have."""
-        settings = (
-            ("early_end", self.early_end, True),
-            ("others", self.others, None),
-            ("prior", self.prior, False),
-            ("cues", self.cues, None),
-            ("sweep", self.sweep, False),
-        )
-        for name, value, usual in settings:
-            if value != usual:
-                raise ConfigError(f"{self.method}: {name} is {value}, {what} has no such setting")
+        usual = SearchPlan()
+        names = ("early_end", "others", "cues", "sweep")
+        given = [(name, getattr(self.plan, name), getattr(usual, name)) for name in names]
+        for name, value, default in (*given, ("prior", self.prior, False)):
+            if value != default:
+                raise ConfigError(f"{self.plan.method}: {name} is {value}, {what} has no such setting")
 
     @property
     def most(self) -> int:
         """Most acquisitions that it makes."""
-        return self.acquisitions or _method_of(self.method).acquisitions
+        return self.plan.acquisitions or method_named(self.plan.method).acquisitions
 
     def __str__(self) -> str:
-        form = " as published" if self.as_published else ""
+        plan = self.plan
+        form = " as published" if plan.as_published else ""
         # Named only where it has an effect: labels are the names of lines in a figure.
-        end = "" if self.early_end or self.method not in ("weighted-average", "posterior") else ", no early end"
-        others = "" if self.others is None else ", single" if self.others == 0 else f", others {self.others:g}"
+        end = "" if plan.early_end or plan.method not in ("weighted-average", "posterior") else ", no early end"
+        others = "" if plan.others is None else ", single" if plan.others == 0 else f", others {plan.others:g}"
         prior = ", with prior" if self.prior else ""
-        cues = "" if self.cues is None else f", {' and '.join(self.cues)} only"
-        sweep = ", sweeping" if self.sweep else ""
-        tolerance = "" if self.tolerance_mm == 1.0 else f", ± {self.tolerance_mm:g} mm"
-        return f"{self.method}{form}, {self.most}{end}{others}{prior}{cues}{sweep}{tolerance}"
+        cues = "" if plan.cues is None else f", {' and '.join(plan.cues)} only"
+        sweep = ", sweeping" if plan.sweep else ""
+        tolerance = "" if plan.tolerance_mm == 1.0 else f", ± {plan.tolerance_mm:g} mm"
+        return f"{plan.method}{form}, {self.most}{end}{others}{prior}{cues}{sweep}{tolerance}"
 
 
-def build_policy(
-    settings: PolicySettings,
-    *,
-    limits: Interval,
-    start_deg: float | None,
-    prior: MarkerCurve | None = None,
-    sweep_speed_deg_s: float | None = None,
-    sweep_from_end: bool = False,
-) -> AnyPolicy:
-    """Return a policy for one search.
+def study_policy(**keys: object) -> StudyPolicy:
+    """One policy of a study from its keys: those of a plan that a person chooses, and its own; `ConfigError`s as there.
 
-    ``prior``: intensity curve of a former marker on this rig, for a posterior. ``sweep_speed_deg_s``,
-    ``sweep_from_end``: of a plan, for one that sweeps.
+    ``keys``: plain values, as TOML has them; ``method`` is needed.
     """
-    if settings.command:
+    for key in keys:
+        nearest_key(key, (*OF_PLAN, *OF_STUDY), prefix="policies.")
+    if "method" not in keys:
+        raise ConfigError("the key policies.method is missing; add it")
+    plan = settings_from({key: keys[key] for key in keys if key in OF_PLAN}, SearchPlan, name="policies")
+    own = {key: keys[key] for key in keys if key in OF_STUDY}
+    return settings_from({"plan": plan, **own}, StudyPolicy, name="policies")
+
+
+def build_policy(policy: StudyPolicy, *, limits: Interval, **of_rig: Any) -> AnyPolicy:
+    """Return a policy for one search; ``of_rig``: fields of the plan that follow from the rig (`SearchPlan`)."""
+    plan = replace(policy.plan, **of_rig)
+    if policy.command:
         return EntryPolicy(
-            settings.command,
+            policy.command,
             limits=limits,
-            acquisitions=settings.most,
-            start_deg=start_deg,
-            tolerance=settings.tolerance,
-            channels=settings.channels,
+            acquisitions=policy.most,
+            start_deg=plan.start_deg,
+            tolerance=plan.tolerance,
+            channels=policy.channels,
         )
-    if is_own(settings.method):
-        return _build_own(settings.method, limits=limits, acquisitions=settings.most)
-    return build_sweeping(
-        PolicyPlan(
-            method=settings.method,
-            acquisitions=settings.acquisitions,
-            as_published=settings.as_published,
-            start_deg=start_deg,
-            early_end=settings.early_end,
-            others=settings.others,
-            prior=prior,
-            cues=settings.cues,
-            tolerance=settings.tolerance,
-            sweep_speed_deg_s=sweep_speed_deg_s,
-            sweep_from_end=sweep_from_end,
-        ),
-        limits=limits,
-    )
+    if is_own(plan.method):
+        return _build_own(plan.method, limits=limits, acquisitions=policy.most)
+    return build_sweeping(plan, limits=limits)
 
 
 def is_own(method: str) -> bool:

@@ -28,7 +28,7 @@ from markerseek._version import __version__
 from markerseek.core import ConfigError
 from markerseek.files import read_toml, require_key, setting_from, settings_from
 from markerseek.sim import PowerCurve, SimulatedSettings, hashable_values
-from markerseek.studies.policies import PolicySettings
+from markerseek.studies.policies import StudyPolicy, study_policy
 from markerseek.studies.scene import SceneSettings
 
 VERSION = 1
@@ -93,7 +93,7 @@ class Study:
     """Policies × cells × trials."""
 
     name: str
-    policies: tuple[PolicySettings, ...]
+    policies: tuple[StudyPolicy, ...]
     seed: int = 1
     trials: int = 100
     """Searches of each policy in each cell."""
@@ -146,7 +146,7 @@ class Study:
     @property
     def sweeps(self) -> bool:
         """Whether one of its policies sweeps."""
-        return any(policy.sweep for policy in self.policies)
+        return any(policy.plan.sweep for policy in self.policies)
 
     @property
     def digest(self) -> str:
@@ -312,13 +312,13 @@ def _tables(entries: object) -> list[dict[str, object]]:
     return entries
 
 
-def _policies(entry: dict[str, object]) -> list[PolicySettings]:
+def _policies(entry: dict[str, object]) -> list[StudyPolicy]:
     """One policy for each number of acquisitions."""
     numbers = entry.get("acquisitions", "none")
     if numbers == []:
         raise ConfigError(f"policies: acquisitions of {entry.get('method')} is an empty list; give at least one")
     return [
-        settings_from({**entry, "acquisitions": number}, PolicySettings, name="policies")
+        study_policy(**{**entry, "acquisitions": number})
         for number in (numbers if isinstance(numbers, list) else [numbers])
     ]
 

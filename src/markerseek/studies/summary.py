@@ -14,7 +14,7 @@ from itertools import combinations, groupby
 
 import msgspec
 
-from markerseek.studies.policies import PolicySettings
+from markerseek.studies.policies import StudyPolicy
 from markerseek.studies.statistics import Mean, Share, root_mean_square
 from markerseek.studies.study import Cell, Study, Value, cells
 from markerseek.studies.trial import ANSWERS, Row
@@ -138,7 +138,7 @@ def summarise(study: Study, rows: Iterable[Row]) -> Summary:
     )
 
 
-def compared(policies: tuple[PolicySettings, ...]) -> list[tuple[int, int]]:
+def compared(policies: tuple[StudyPolicy, ...]) -> list[tuple[int, int]]:
     """Pairs of policies that are compared, by their numbers; see `ALL_PAIRS`."""
     pairs = combinations(range(len(policies)), 2)
     if len(policies) <= ALL_PAIRS:
@@ -152,7 +152,7 @@ def _apart(one: list[Row], other: list[Row]) -> list[float]:
     return [a - b for a, b in errors if a is not None and b is not None]
 
 
-def _summary(cell: Cell, number: int, settings: PolicySettings, rows: Sequence[Row], *, marks: int) -> PolicySummary:
+def _summary(cell: Cell, number: int, policy: StudyPolicy, rows: Sequence[Row], *, marks: int) -> PolicySummary:
     """Summary of one policy in one cell."""
     marked = [row for row in rows if row.truth_deg is not None]
     errors_deg = _known(row.error_deg for row in rows)
@@ -160,11 +160,11 @@ def _summary(cell: Cell, number: int, settings: PolicySettings, rows: Sequence[R
         cell=cell.index,
         settings=dict(cell.varied),
         policy=number,
-        label=str(settings),
-        method=settings.method,
-        acquisitions_most=settings.most,
-        as_published=settings.as_published,
-        early_end=settings.early_end,
+        label=str(policy),
+        method=policy.plan.method,
+        acquisitions_most=policy.most,
+        as_published=policy.plan.as_published,
+        early_end=policy.plan.early_end,
         trials=len(rows),
         error_deg=Mean.of(_known(_found_error(row) for row in rows)),
         failures=_share((row for row in rows if row.answer == "found"), _failed),

@@ -31,7 +31,7 @@ from markerseek.core import (
 from markerseek.records import answer_name
 from markerseek.scan import Scanner, run
 from markerseek.studies.entry import EntryError
-from markerseek.studies.policies import PolicySettings, build_policy, is_own, own_lines
+from markerseek.studies.policies import StudyPolicy, build_policy, is_own, own_lines
 from markerseek.studies.study import Cell, Study, Value, cells
 from markerseek.studies.worlds import Draw, draw_trial, former_rig, hidden_noise, study_rig
 
@@ -110,7 +110,7 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
         fault = described(problem)
     except DeviceError as problem:
         # The guard refuses frames without noise as stale, and here no device is to blame.
-        hidden = hidden_noise(study, cell, draw, sweep=settings.sweep)
+        hidden = hidden_noise(study, cell, draw, sweep=settings.plan.sweep)
         fault = described(problem) if hidden is None else f"{hidden} ({described(problem)})"
     finished = found.finished if found is not None else None
     estimate = finished.estimate if finished is not None else None
@@ -127,10 +127,10 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
         trial=trial,
         policy=policy,
         settings=cell.varied,
-        method=settings.method,
+        method=settings.plan.method,
         acquisitions_most=settings.most,
-        as_published=settings.as_published,
-        early_end=settings.early_end,
+        as_published=settings.plan.as_published,
+        early_end=settings.plan.early_end,
         noise_seed=draw.noise_seed,
         answer="failed" if estimate is None else answer_name(estimate),
         mean_deg=mean_deg,
@@ -146,7 +146,7 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
         elapsed_s=None if finished is None else finished.elapsed_s,
         surveyed=None if estimate is None else estimate.surveyed,
         other_probability=estimate.other_probability if isinstance(estimate, Found | Unsure) else None,
-        tolerance_deg=settings.tolerance.half_width_deg(_radius_m(study, cell, draw)),
+        tolerance_deg=settings.plan.tolerance.half_width_deg(_radius_m(study, cell, draw)),
         second_deg=None if two is None else two.weaker_deg,
         second_db=None if draw.scene.second is None else 20 * math.log10(draw.scene.second.strength),
         nearest=None if two is None or mean_deg is None else two.nearest(mean_deg),
@@ -163,7 +163,7 @@ def _radius_m(study: Study, cell: Cell, draw: Draw) -> float | None:
     return cell.world.rig.marker.radius_m if draw.unknowns is None else draw.unknowns.marker.radius_m
 
 
-def former_curve(study: Study, cell: Cell, trial: int, settings: PolicySettings) -> MarkerCurve | None:
+def former_curve(study: Study, cell: Cell, trial: int, settings: StudyPolicy) -> MarkerCurve | None:
     """Return the curve of the former marker of a trial, by a search for it; None if none is asked for, or found."""
     if not settings.prior:
         return None
@@ -258,9 +258,9 @@ def searched(
     raise SearchError("the run ended without an answer")
 
 
-def _search(study: Study, settings: PolicySettings, rig: rigs.Rig, *, prior: MarkerCurve | None = None) -> SearchTrace:
+def _search(study: Study, settings: StudyPolicy, rig: rigs.Rig, *, prior: MarkerCurve | None = None) -> SearchTrace:
     """One search with its answers at the marks; `DeviceError` if a device ended it."""
-    devices = rig.scanner.sweeping if settings.sweep else None
+    devices = rig.scanner.sweeping if settings.plan.sweep else None
     policy = build_policy(
         settings,
         limits=rig.limits.search,
@@ -269,16 +269,16 @@ def _search(study: Study, settings: PolicySettings, rig: rigs.Rig, *, prior: Mar
         sweep_speed_deg_s=None if devices is None else devices.stage.fastest_sweep_deg_s,
         sweep_from_end=devices is not None and devices.in_bursts,
     )
-    dark_frames = 0 if settings.as_published or settings.sweep else rig.dark_frames
+    dark_frames = 0 if settings.plan.as_published or settings.plan.sweep else rig.dark_frames
     try:
         return searched(policy, rig.scanner, stay=study.stay, dark_frames=dark_frames, counts=study.marks)
     except Exception as problem:
-        if not is_own(settings.method):
+        if not is_own(settings.plan.method):
             raise
         if isinstance(problem, SearchError):
-            raise SearchError(f"{settings.method}: {problem}") from problem
+            raise SearchError(f"{settings.plan.method}: {problem}") from problem
         if isinstance(problem, MarkerseekError):
             raise
         raise SearchError(
-            f"{settings.method}: the policy failed: {described(problem)}{own_lines(problem)}"
+            f"{settings.plan.method}: the policy failed: {described(problem)}{own_lines(problem)}"
         ) from problem

@@ -8,7 +8,7 @@ import inspect
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import ClassVar, TypeGuard
+from typing import ClassVar
 
 from markerseek.core import (
     AcquisitionError,
@@ -44,11 +44,6 @@ MAX_RESOLUTION_DEG = 0.1
 """Coarsest resolution of a stage: further from its target than this, the guard takes a move for a fault."""
 
 
-def is_resolution(value: object) -> TypeGuard[float]:
-    """Whether it is a resolution that a stage can have, in degrees."""
-    return is_finite(value) and 0 < value <= MAX_RESOLUTION_DEG
-
-
 def _require_flag(device: object) -> None:
     """Fail where it says something else of being an emulator than yes or no."""
     says = getattr(device, "emulated", False)
@@ -64,9 +59,8 @@ class StageContract:
         Most that the readback may differ from an angle asked for, in degrees.
     reaches
         Angles that its limits must hold; None: any.
-    at_rest, held_dry
-        Names of the tests that neither move it nor need anything of it but a stop, and of those that would not either
-        if its line were held dry: what a rig tries before it is armed.
+    at_rest
+        Names of the tests that neither move it nor need anything of it but a stop: what a rig tries before it is armed.
     """
 
     resolution_deg: float = 1e-3
@@ -76,7 +70,6 @@ class StageContract:
         "test_its_readback_at_rest_is_an_angle_inside_its_limits",
         "test_stopping_is_allowed_at_any_time_and_twice",
     )
-    held_dry: ClassVar[tuple[str, ...]] = ("test_it_refuses_what_is_no_angle_inside_its_limits",)
 
     def make(self) -> Stage:
         """Return a stage at rest."""
@@ -98,10 +91,6 @@ class StageContract:
         stage = self.make()
         assert isinstance(stage, Stage), "one of them is missing"
         _require_flag(stage)
-        says = getattr(stage, "resolution_deg", MAX_RESOLUTION_DEG)
-        assert is_resolution(says), (
-            f"resolution_deg is {says!r}, it must be above 0 and at most {MAX_RESOLUTION_DEG} deg"
-        )
         _require_call(stage.move_to, 0.0)
         _require_call(stage.stop)
         assert isinstance(stage.limits, Interval), f"limits is {stage.limits!r}, not a markerseek.core.Interval"
@@ -166,15 +155,14 @@ class LaserContract:
 
     Attributes
     ----------
-    at_rest, held_dry
-        As of `StageContract`: tests without light, and those that have none if its line is held dry.
+    at_rest
+        As of `StageContract`: tests without light.
     """
 
     at_rest: ClassVar[tuple[str, ...]] = (
         "test_it_has_what_a_laser_has",
         "test_disarming_is_allowed_at_any_time_and_twice",
     )
-    held_dry: ClassVar[tuple[str, ...]] = ("test_an_expired_permit_fires_nothing",)
 
     def make(self) -> Laser:
         """Return a laser that has fired nothing."""
@@ -219,12 +207,11 @@ class ReceiverContract:
 
     Attributes
     ----------
-    at_rest, held_dry
-        As of `StageContract`: tests that need no trigger; none is held dry.
+    at_rest
+        As of `StageContract`: tests that need no trigger.
     """
 
     at_rest: ClassVar[tuple[str, ...]] = ("test_it_has_what_a_receiver_has", "test_without_arming_there_is_no_frame")
-    held_dry: ClassVar[tuple[str, ...]] = ()
 
     def make(self) -> tuple[Receiver, Laser]:
         """Return a receiver and the laser that triggers it."""

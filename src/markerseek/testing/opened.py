@@ -1,21 +1,14 @@
 """Tries an open device by those rules of its contract that need no light and no move.
 
-A rig does this with each foreign driver before a person is asked to arm it. What would reach the device if the
-rule were broken (a move beyond the limits, a shot under an expired permit) is tried with its line held dry, or not.
+A rig does this with each foreign driver before a person is asked to arm it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from typing import TypeAlias
 
 from markerseek.core import Interval, Laser, Receiver, Stage
-from markerseek.testing.devices import MAX_RESOLUTION_DEG, LaserContract, ReceiverContract, StageContract, is_resolution
-
-Dry: TypeAlias = Callable[[], AbstractContextManager[None]]
-"""Keeps what is written to the device from it, for the time of a block."""
+from markerseek.testing.devices import MAX_RESOLUTION_DEG, LaserContract, ReceiverContract, StageContract
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,56 +18,44 @@ class RuleCheck:
     rule: str
     """The rule in a sentence."""
     problem: str | None = None
-    """How it was broken; None if it was kept, or not tried."""
-    tried: bool = True
-    """False where it could not be tried without light, or without a move."""
+    """How it was broken; None if it was kept."""
 
 
-def check_stage(stage: Stage, *, search: Interval, dry: Dry | None) -> tuple[RuleCheck, ...]:
+def check_stage(stage: Stage, *, search: Interval) -> tuple[RuleCheck, ...]:
     """Try a stage that is open and at rest; it is told to stop, and not to move.
 
     Parameters
     ----------
     stage
-        The stage; its ``resolution_deg`` is used where it has one, else 0.1 degrees, which is also the most.
+        The stage.
     search
         Angles that the rig will send it to.
-    dry
-        Holds its line dry; None where it has none: what it refuses is then not tried.
     """
 
     class Opened(StageContract):
-        resolution_deg = _resolution_deg(stage)
+        resolution_deg = MAX_RESOLUTION_DEG
         reaches = search
 
         def make(self) -> Stage:
             return stage
 
-    return _checked(Opened(), dry)
+    return _checked(Opened())
 
 
-def _resolution_deg(stage: Stage) -> float:
-    """That of the stage; the usual where it says none, or none that is one, by which the first rule is broken."""
-    says = getattr(stage, "resolution_deg", None)
-    return says if is_resolution(says) else MAX_RESOLUTION_DEG
-
-
-def check_laser(laser: Laser, *, dry: Dry | None) -> tuple[RuleCheck, ...]:
-    """Try a laser that is open; it is told to disarm, and to fire only while its line is held dry.
+def check_laser(laser: Laser) -> tuple[RuleCheck, ...]:
+    """Try a laser that is open; it is told to disarm, and fires nothing.
 
     Parameters
     ----------
     laser
         The laser.
-    dry
-        As of `check_stage`.
     """
 
     class Opened(LaserContract):
         def make(self) -> Laser:
             return laser
 
-    return _checked(Opened(), dry)
+    return _checked(Opened())
 
 
 def check_receiver(receiver: Receiver) -> tuple[RuleCheck, ...]:
@@ -90,28 +71,20 @@ def check_receiver(receiver: Receiver) -> tuple[RuleCheck, ...]:
         def make_receiver(self) -> Receiver:
             return receiver
 
-    return _checked(Opened(), None)
+    return _checked(Opened())
 
 
-def _checked(contract: StageContract | LaserContract | ReceiverContract, dry: Dry | None) -> tuple[RuleCheck, ...]:
-    checks = [_tried(contract, name, nullcontext) for name in contract.at_rest]
-    if dry is None:
-        return (*checks, *(RuleCheck(rule=_rule(contract, name), tried=False) for name in contract.held_dry))
-    return (*checks, *(_tried(contract, name, dry) for name in contract.held_dry))
+def _checked(contract: StageContract | LaserContract | ReceiverContract) -> tuple[RuleCheck, ...]:
+    return tuple(_tried(contract, name) for name in contract.at_rest)
 
 
-def _tried(contract: object, name: str, held: Dry) -> RuleCheck:
+def _tried(contract: object, name: str) -> RuleCheck:
+    rule = (getattr(type(contract), name).__doc__ or name).splitlines()[0].removesuffix(".")
     try:
-        with held():
-            getattr(contract, name)()
+        getattr(contract, name)()
     # Code of somebody else: whatever it raises, the rule was not kept.
     except (Exception, SystemExit) as problem:  # noqa: BLE001
         said = " ".join(str(problem).split()) or "it does not"
         broken = said if isinstance(problem, AssertionError) else f"{type(problem).__name__}: {said}"
-        return RuleCheck(rule=_rule(contract, name), problem=f"({broken})")
-    return RuleCheck(rule=_rule(contract, name))
-
-
-def _rule(contract: object, name: str) -> str:
-    """The first line of a test's docstring, without its full stop."""
-    return (getattr(type(contract), name).__doc__ or name).splitlines()[0].removesuffix(".")
+        return RuleCheck(rule=rule, problem=f"({broken})")
+    return RuleCheck(rule=rule)

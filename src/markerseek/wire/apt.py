@@ -1,26 +1,45 @@
-"""Messages to and from a KDC101 or TDC001 with a PRM1Z8, as bytes, and the units of their numbers.
+"""Messages to and from a Thorlabs controller of one channel, as bytes, and the units of their numbers.
 
-The messages are packed and parsed by thorlabs-apt-protocol. The units are of this stage with this controller, whose
-clock ticks every 2048/6e6 s: counts per degree, and words for speed and acceleration. They are rounded, never
-truncated.
+Thorlabs, "APT Communications Protocol", issue 39. A message to a device has an identity ``SET`` or ``REQ``, and its
+answer ``GET``. Numbers are little-endian. Words for angle, speed and acceleration are rounded, never truncated.
 """
 
 from __future__ import annotations
 
 import math
+import struct
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
-from markerseek.core import ConfigError, DeviceError, needs_package
+from markerseek.core import ConfigError, DeviceError
 from markerseek.wire.apt_frames import CONTROLLER, HOST, AptMessage
 
-# Thorlabs, "APT Communications Protocol", PRM1-Z8 with TDC001 or KDC101: 1919.64, 42941.66 and 14.66.
-COUNTS_PER_DEG = 1919.6418578623391
-SPEED_WORD = 42941.66
-"""Word for 1 deg/s: counts per sampling interval of 2048/6e6 s, times 65536."""
-ACCELERATION_WORD = 14.6574
-"""Word for 1 deg/s²: counts per sampling interval squared, times 65536."""
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Actuator:
+    """A rotation stage with its controllers: words for a degree, for 1 deg/s and for 1 deg/s²."""
+
+    controllers: tuple[str, ...]
+    counts: float
+    speed: float
+    acceleration: float
+
+
+ACTUATORS = {
+    # A clock of 2048/6e6 s: speed = counts x T x 65536, acceleration = counts x T² x 65536.
+    "PRM1-Z8": Actuator(
+        controllers=("KDC101", "TDC001"), counts=1919.6418578623391, speed=42941.66, acceleration=14.6574
+    ),
+    "K10CR1": Actuator(controllers=("K10CR1",), counts=136533.333, speed=7329109.33, acceleration=1502.0277),
+    "HDR50": Actuator(controllers=("BSC201",), counts=75091.0, speed=4030885.0, acceleration=826.0),
+    "DDR25": Actuator(controllers=("KBD101",), counts=4000.0, speed=26843.5, acceleration=2.74878),
+}
+"""Scales by actuator, from the protocol's table of scaling factors. The driver is written for the PRM1-Z8 alone."""
+
+PRM1Z8 = ACTUATORS["PRM1-Z8"]
+COUNTS_PER_DEG, SPEED_WORD, ACCELERATION_WORD = PRM1Z8.counts, PRM1Z8.speed, PRM1Z8.acceleration
+"""Counts for a degree, and words for 1 deg/s and 1 deg/s²."""
 
 CHANNEL = 1
 
@@ -31,11 +50,22 @@ INFO, VELOCITY, BACKLASH, LIMITS, TARGET, STATUS = 0x0006, 0x0415, 0x043C, 0x042
 TRIGGER_PORTS, TRIGGER_POSITIONS, CHANNEL_STATE = 0x0525, 0x0528, 0x0212
 """Identities of the answers that `decode` knows."""
 
+_DATA = {
+    INFO: struct.Struct("<i8sH4B60s3H"),
+    VELOCITY: struct.Struct("<H3i"),
+    BACKLASH: struct.Struct("<Hi"),
+    LIMITS: struct.Struct("<3H2iH"),
+    TARGET: struct.Struct("<Hi"),
+    STATUS: struct.Struct("<HihHI"),
+    TRIGGER_PORTS: struct.Struct("<5H2x"),
+    TRIGGER_POSITIONS: struct.Struct("<H8i"),
+}
+"""Data of those answers, and of the messages that set the same: channel first, but of the identity."""
+
 TRIGGER_OFF, TRIGGER_STEPS_UP, TRIGGER_STEPS_DOWN = 0x00, 0x0D, 0x0E
 """Modes of a trigger port: nothing, or a pulse at each position while the counts rise, or fall.
 
-Thorlabs, "APT Communications Protocol", MGMSG_MOT_SET_KCUBETRIGIOCONFIG. 0x0B is high while it moves, and 0x0C while it
-turns at its full speed: either would give one edge a sweep.
+0x0B is high while it moves, and 0x0C while it turns at its full speed: either would give one edge a sweep.
 """
 
 TRIGGER_US = 50
@@ -43,21 +73,18 @@ TRIGGER_US = 50
 
 _ACTIVE_HIGH = 1
 
-_KNOWN = (INFO, VELOCITY, BACKLASH, LIMITS, TARGET, STATUS, TRIGGER_PORTS, TRIGGER_POSITIONS, CHANNEL_STATE)
-
-_UNSIGNED = 2**32
-
+_MOVING, _HOMING, _HOMED, _ENABLED = 0xF0, 0x200, 0x400, 0x80000000
 _FAULTS = {
-    "motion_error": "motion error",
-    "instrument_error": "instrument error",
-    "overtemp": "too hot",
-    "voltage_fault": "supply voltage",
-    "commutation_error": "commutation error",
-    "motor_current_limit_reached": "motor current at its limit",
-    "encoder_fault": "encoder fault",
-    "overcurrent": "too much current",
-    "current_fault": "current fault",
-    "error": "error",
+    0x4000: "motion error",
+    0x8000: "instrument error",
+    0x20000: "too hot",
+    0x40000: "supply voltage",
+    0x80000: "commutation error",
+    0x1000000: "motor current at its limit",
+    0x2000000: "encoder fault",
+    0x4000000: "too much current",
+    0x8000000: "current fault",
+    0x40000000: "error",
 }
 """Status bits that end a move, and their names. The limit switches are missing: a PRM1Z8 touches one at home."""
 
@@ -182,136 +209,76 @@ def acceleration_word(acceleration_deg_s2: float) -> int:
 
 
 def _word(value: float, meaning: str) -> int:
-    if not (math.isfinite(value) and -_UNSIGNED // 2 <= round(value) < _UNSIGNED // 2):
+    if not (math.isfinite(value) and -(2**31) <= round(value) < 2**31):
         raise ConfigError(f"{meaning} cannot be sent to the stage's controller, whose words have 32 bits")
     return round(value)
 
 
+def _short(ident: int, first: int = 0, second: int = 0) -> bytes:
+    return struct.pack("<H4B", ident, first, second, CONTROLLER, HOST)
+
+
+def _set(answer: int, *values: int) -> bytes:
+    """Message that sets what an answer says: its identity is lower by two."""
+    data = _DATA[answer].pack(CHANNEL, *values)
+    return struct.pack("<HHBB", answer - 2, len(data), CONTROLLER | 0x80, HOST) + data
+
+
+def ask(answer: int) -> bytes:
+    """Request of an answer, whose identity is lower by one."""
+    return _short(answer - 1, 0 if answer == INFO else CHANNEL)
+
+
 def stop_updates() -> bytes:
     """Send nothing unasked."""
-    return _packed("hw_stop_updatemsgs")
-
-
-def ask_info() -> bytes:
-    """Ask for model, serial number and firmware."""
-    return _packed("hw_req_info")
-
-
-def ask_status() -> bytes:
-    """Ask for the status: position, motion, faults."""
-    return _packed("mot_req_dcstatusupdate", chan_ident=CHANNEL)
+    return _short(0x0012)
 
 
 def enable_channel() -> bytes:
     """Give the motor current; nothing moves."""
-    return _packed("mod_set_chanenablestate", chan_ident=CHANNEL, enable_state=1)
-
-
-def ask_channel() -> bytes:
-    """Ask whether the channel is enabled."""
-    return _packed("mod_req_chanenablestate", chan_ident=CHANNEL)
+    return _short(0x0210, CHANNEL, 1)
 
 
 def set_velocity(velocity: Velocity) -> bytes:
     """Set speed and acceleration of later moves."""
-    return _packed(
-        "mot_set_velparams",
-        chan_ident=CHANNEL,
-        min_velocity=0,
-        acceleration=velocity.acceleration,
-        max_velocity=velocity.speed,
-    )
-
-
-def ask_velocity() -> bytes:
-    """Ask for speed and acceleration."""
-    return _packed("mot_req_velparams", chan_ident=CHANNEL)
+    return _set(VELOCITY, 0, velocity.acceleration, velocity.speed)
 
 
 def set_backlash(counts: int) -> bytes:
     """Set by how many counts downward moves overshoot and come back."""
-    return _packed("mot_set_genmoveparams", chan_ident=CHANNEL, backlash_distance=counts)
-
-
-def ask_backlash() -> bytes:
-    """Ask for that overshoot."""
-    return _packed("mot_req_genmoveparams", chan_ident=CHANNEL)
+    return _set(BACKLASH, counts)
 
 
 def set_limits(limits: SoftLimits) -> bytes:
     """Set the soft limits."""
-    return _packed(
-        "mot_set_limswitchparams",
-        chan_ident=CHANNEL,
-        cw_hardlimit=limits.switches,
-        ccw_hardlimit=limits.switches,
-        cw_softlimit=limits.high % _UNSIGNED,
-        ccw_softlimit=limits.low % _UNSIGNED,
-        soft_limit_mode=limits.mode,
-    )
-
-
-def ask_limits() -> bytes:
-    """Ask for the soft limits."""
-    return _packed("mot_req_limswitchparams", chan_ident=CHANNEL)
+    return _set(LIMITS, limits.switches, limits.switches, limits.high, limits.low, limits.mode)
 
 
 def set_target(counts: int) -> bytes:
     """Store a target; nothing moves yet."""
-    return _packed("mot_set_moveabsparams", chan_ident=CHANNEL, absolute_position=counts)
-
-
-def ask_target() -> bytes:
-    """Ask for the stored target."""
-    return _packed("mot_req_moveabsparams", chan_ident=CHANNEL)
+    return _set(TARGET, counts)
 
 
 def set_trigger_positions(positions: TriggerPositions) -> bytes:
     """Set where a port gives pulses; it does so from the next `set_trigger_ports` on."""
-    return _packed(
-        "mot_set_kcubeposttrigparams",
-        chan_ident=CHANNEL,
-        start_pos_fwd=positions.up.start,
-        interval_fwd=positions.up.interval,
-        num_pulses_fwd=positions.up.number,
-        start_pos_rev=positions.down.start,
-        interval_rev=positions.down.interval,
-        num_pulses_rev=positions.down.number,
-        pulse_width=positions.pulse_us,
-        num_cycles=positions.cycles,
-    )
-
-
-def ask_trigger_positions() -> bytes:
-    """Ask where a port gives pulses."""
-    return _packed("mot_req_kcubeposttrigparams", chan_ident=CHANNEL)
+    up, down = positions.up, positions.down
+    rows = (up.start, up.interval, up.number, down.start, down.interval, down.number)
+    return _set(TRIGGER_POSITIONS, *rows, positions.pulse_us, positions.cycles)
 
 
 def set_trigger_ports(ports: TriggerPorts) -> bytes:
     """Set what the trigger ports do."""
-    return _packed(
-        "mot_set_kcubetrigioconfig",
-        chan_ident=CHANNEL,
-        trig1_mode=ports.first,
-        trig1_polarity=ports.polarities[0],
-        trig2_mode=ports.second,
-        trig2_polarity=ports.polarities[1],
-    )
-
-
-def ask_trigger_ports() -> bytes:
-    """Ask what the trigger ports do."""
-    return _packed("mot_req_kcubetrigconfig", chan_ident=CHANNEL)
+    return _set(TRIGGER_PORTS, ports.first, ports.polarities[0], ports.second, ports.polarities[1])
 
 
 def move() -> bytes:
     """Move to the stored target, also during another move."""
-    return _packed("mot_move_absolute", chan_ident=CHANNEL)
+    return _short(0x0453, CHANNEL)
 
 
 def stop(*, profiled: bool = False) -> bytes:
     """Stop at once, without deceleration, or with the one that was set."""
-    return _packed("mot_move_stop", chan_ident=CHANNEL, stop_mode=2 if profiled else 1)
+    return _short(0x0465, CHANNEL, 2 if profiled else 1)
 
 
 def decode(message: AptMessage) -> Answer | None:
@@ -319,93 +286,66 @@ def decode(message: AptMessage) -> Answer | None:
 
     Raises `DeviceError` if it is of another channel, or no controller can have sent it.
     """
-    if message.ident not in _KNOWN:
-        return None
-    fields = _library().parsing.id_to_func[message.ident](message.raw)
-    if message.ident == INFO:
-        # The library skips the notes of the manufacturer, 60 bytes from byte 24 on.
-        return _info(fields, notes=message.raw[24:84])
-    if fields["chan_ident"] != CHANNEL:
-        raise DeviceError(f"a stage's answer is of channel {fields['chan_ident']}, there is only channel {CHANNEL}")
-    if message.ident == STATUS:
-        return _status(fields)
-    if message.ident == LIMITS:
-        return _limits(fields)
-    if message.ident == VELOCITY:
-        return Velocity(acceleration=fields["acceleration"], speed=fields["max_velocity"])
-    if message.ident == TRIGGER_PORTS:
-        return TriggerPorts(
-            first=fields["trig1_mode"],
-            second=fields["trig2_mode"],
-            polarities=(fields["trig1_polarity"], fields["trig2_polarity"]),
-        )
-    if message.ident == TRIGGER_POSITIONS:
-        return _trigger_positions(fields)
     if message.ident == CHANNEL_STATE:
-        return Channel(enabled=fields["enabled"])
-    return Counts(counts=fields["backlash_distance" if message.ident == BACKLASH else "absolute_position"])
+        _require_channel(message.raw[2])
+        return Channel(enabled=message.raw[3] == 1)
+    layout = _DATA.get(message.ident)
+    if layout is None:
+        return None
+    channel, *words = layout.unpack(message.data)
+    if message.ident == INFO:
+        return _info(channel, *words)
+    _require_channel(channel)
+    return _CONTENTS[message.ident](words)
 
 
-def _info(fields: dict[str, Any], *, notes: bytes) -> Info:
+def _require_channel(channel: int) -> None:
+    if channel != CHANNEL:
+        raise DeviceError(f"a stage's answer is of channel {channel}, there is only channel {CHANNEL}")
+
+
+def _info(serial_number: int, name: bytes, _kind: int, *rest: Any) -> Info:
+    minor, interim, major, _unused, notes, *_hardware = rest
     # The field is padded by zeros or blanks. Anything but letters and digits shows that the message is damaged.
-    model = fields["model_number"].rstrip(b"\x00 ")
+    model = name.rstrip(b"\x00 ")
     if not model.isalnum():
         raise DeviceError(f"the stage's controller reports the model {model!r}, which is no model name")
-    firmware = ".".join(str(part) for part in fields["firmware_version"])
     return Info(
         model=model.decode("ascii"),
-        serial_number=fields["serial_number"],
-        firmware=firmware,
+        serial_number=serial_number,
+        firmware=f"{major}.{interim}.{minor}",
         notes=notes.rstrip(b"\x00 ").decode("ascii", "replace"),
     )
 
 
-def _limits(fields: dict[str, Any]) -> SoftLimits:
-    if fields["cw_hardlimit"] != fields["ccw_hardlimit"]:
+def _limits(upper_switch: int, lower_switch: int, high: int, low: int, mode: int) -> SoftLimits:
+    if upper_switch != lower_switch:
         raise DeviceError("the stage's two limit switches are set differently")
-    return SoftLimits(
-        low=_signed(fields["ccw_softlimit"]),
-        high=_signed(fields["cw_softlimit"]),
-        mode=fields["soft_limit_mode"],
-        switches=fields["cw_hardlimit"],
-    )
+    return SoftLimits(low=low, high=high, mode=mode, switches=upper_switch)
 
 
-def _trigger_positions(fields: dict[str, Any]) -> TriggerPositions:
-    up, down = (
-        TriggerRow(
-            start=fields[f"start_pos_{way}"], interval=fields[f"interval_{way}"], number=fields[f"num_pulses_{way}"]
-        )
-        for way in ("fwd", "rev")
-    )
-    return TriggerPositions(up=up, down=down, pulse_us=fields["pulse_width"], cycles=fields["num_cycles"])
-
-
-def _status(fields: dict[str, Any]) -> Status:
-    directions = ("moving_forward", "moving_reverse", "jogging_forward", "jogging_reverse")
+def _status(position: int, bits: int) -> Status:
     return Status(
-        position=fields["position"],
-        moving=any(fields[name] for name in directions),
-        homing=fields["homing"],
-        homed=fields["homed"],
-        faults=tuple(words for name, words in _FAULTS.items() if fields[name]),
-        enabled=fields["channel_enabled"],
+        position=position,
+        moving=bool(bits & _MOVING),
+        homing=bool(bits & _HOMING),
+        homed=bool(bits & _HOMED),
+        faults=tuple(words for bit, words in _FAULTS.items() if bits & bit),
+        enabled=bool(bits & _ENABLED),
     )
 
 
-# The library packs soft limits unsigned, and a reading may lie below home: two's complement by hand.
-def _signed(word: int) -> int:
-    return word - _UNSIGNED if word >= _UNSIGNED // 2 else word
-
-
-def _packed(name: str, **fields: int) -> bytes:
-    return bytes(getattr(_library().functions, name)(CONTROLLER, HOST, **fields))
-
-
-@cache
-def _library() -> Any:
-    # Imported on first use: it is an optional package, and rigs without a Thorlabs stage run without it.
-    with needs_package("thorlabs-apt-protocol", extra="devices", purpose="a Thorlabs stage"):
-        import thorlabs_apt_protocol.functions
-        import thorlabs_apt_protocol.parsing
-    return thorlabs_apt_protocol
+_CONTENTS: dict[int, Callable[[list[int]], Answer]] = {
+    VELOCITY: lambda words: Velocity(acceleration=words[1], speed=words[2]),
+    BACKLASH: lambda words: Counts(counts=words[0]),
+    LIMITS: lambda words: _limits(*words),
+    TARGET: lambda words: Counts(counts=words[0]),
+    STATUS: lambda words: _status(words[0], words[3]),
+    TRIGGER_PORTS: lambda words: TriggerPorts(first=words[0], second=words[2], polarities=(words[1], words[3])),
+    TRIGGER_POSITIONS: lambda words: TriggerPositions(
+        up=TriggerRow(start=words[0], interval=words[1], number=words[2]),
+        down=TriggerRow(start=words[3], interval=words[4], number=words[5]),
+        pulse_us=words[6],
+        cycles=words[7],
+    ),
+}

@@ -20,7 +20,6 @@ from markerseek.core import (
     Int16,
     MarkerseekError,
     Measured,
-    PolicyPlan,
     Refused,
     RigFacts,
     SearchPlan,
@@ -207,7 +206,7 @@ class ByteRun:
             rig = self.rig()
             guard = rig.scanner.guard
             policy = build(
-                PolicyPlan(method=self.method, acquisitions=self.acquisitions, start_deg=self.settings.start_deg),
+                SearchPlan(method=self.method, acquisitions=self.acquisitions, start_deg=self.settings.start_deg),
                 limits=rig.limits.search,
             )
             plan = plan_on(

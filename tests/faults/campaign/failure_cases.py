@@ -10,7 +10,7 @@ import numpy as np
 
 from markerseek import rigs
 from markerseek.acoustics import Bursts
-from markerseek.core import Found, MarkerseekError, PolicyPlan, Receiver
+from markerseek.core import Found, MarkerseekError, Receiver, SearchPlan
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.scan import Scanner
 from markerseek.search import build
@@ -184,7 +184,7 @@ def _guarded(run: FaultRun, method: AnyMethod) -> float | None:
         pulses=settings.laser.pulses,
         arms_itself=True,
     )
-    policy = build(PolicyPlan(method=BUILT[method], start_deg=rig.stage.angle_deg), limits=rig.limits.search)
+    policy = build(SearchPlan(method=BUILT[method], start_deg=rig.stage.angle_deg), limits=rig.limits.search)
     try:
         estimate = searched(policy, scanner, dark_frames=rig.dark_frames).finished.estimate
     # A refusal of the guard, of the policy or of a device: none of them claims an angle.

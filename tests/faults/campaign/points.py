@@ -14,9 +14,9 @@ from markerseek.core import (
     Finished,
     LaserError,
     MoveError,
-    PolicyPlan,
     Refused,
     RunPlan,
+    SearchPlan,
 )
 from markerseek.guard import State
 from markerseek.rigs import Rig
@@ -97,7 +97,7 @@ def _points(device: str, verb: str, make: Callable[[], Exception], broken: list[
         scanner = rig.scanner
         blown = _Blown(getattr(scanner, f"_{device}"), verb, at, make(), once=once)
         setattr(scanner, f"_{device}", blown)
-        policy = build(PolicyPlan(method="golden-section", acquisitions=6), limits=rig.limits.search)
+        policy = build(SearchPlan(method="golden-section", acquisitions=6), limits=rig.limits.search)
         events = []
         raised: Exception | None = None
         try:

@@ -26,10 +26,10 @@ from markerseek.core import (
     MarkerseekError,
     Measured,
     Permit,
-    PolicyPlan,
     Refused,
     RunPlan,
     Sample,
+    SearchPlan,
 )
 from markerseek.drivers import Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings, sonixdaq
 from markerseek.emulators import DirectPort, EmulatedBench
@@ -288,6 +288,6 @@ class Restart:
         )
         limits = self._settings.limits.search
         policy = build(
-            PolicyPlan(method=self._method, acquisitions=self._acquisitions, start_deg=stage.angle_deg), limits=limits
+            SearchPlan(method=self._method, acquisitions=self._acquisitions, start_deg=stage.angle_deg), limits=limits
         )
         return run(policy, scanner, RunPlan(dark_frames=DARK_FRAMES, closing_dark=not self._bare))

@@ -19,7 +19,6 @@ from markerseek.core import (
     MarkerseekError,
     NotFound,
     Permit,
-    PolicyPlan,
     RigFacts,
     Sample,
     SearchPlan,
@@ -334,7 +333,7 @@ def _policy(plan: Plan, rig: Rig) -> AnyPolicy:
     if plan.method == SWEEPS:
         return Sweeps(plan, fastest_deg_s=rig.scanner.sweeping.stage.fastest_sweep_deg_s)
     return build(
-        PolicyPlan(method=plan.method, acquisitions=plan.acquisitions, start_deg=plan.start_deg), limits=limits
+        SearchPlan(method=plan.method, acquisitions=plan.acquisitions, start_deg=plan.start_deg), limits=limits
     )
 
 

@@ -13,7 +13,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from markerseek.core import Found, NotFound, PolicyPlan, Reading, Sample, Tolerance, Unsure
+from markerseek.core import Found, NotFound, Reading, Sample, SearchPlan, Tolerance, Unsure
 from markerseek.search import build, noise_of
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes")
@@ -49,7 +49,7 @@ def campaign(name, *, sigma, searches, seed, acquisitions=None):
     return [
         (
             search(
-                build(PolicyPlan(method=name, acquisitions=acquisitions)),
+                build(SearchPlan(method=name, acquisitions=acquisitions)),
                 rng=rng,
                 sigma=sigma,
                 marker_deg=(marker_deg := rng.uniform(-35, 35)),

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.optimize import golden
 
-from markerseek.core import PolicyPlan, Reading, Sample
+from markerseek.core import Reading, Sample, SearchPlan
 from markerseek.search import GOLDEN, TERNARY, BracketSearch, WeightedAverage, build, weighted_average
 
 MARKERS = 20_000
@@ -121,7 +121,7 @@ def test_published_rules_answer_without_a_marker(ratio):
 def test_published_methods_always_answer(name):
     rng = np.random.default_rng(3)
     for intensity in (lambda _: rng.rayleigh(), lambda _: 0.0, lambda _: 1.0):
-        _, estimate = run(build(PolicyPlan(method=name, as_published=True)), intensity)
+        _, estimate = run(build(SearchPlan(method=name, as_published=True)), intensity)
         assert type(estimate).__name__ == "Found"
 
 

@@ -10,7 +10,7 @@ import pytest
 from markerseek import rigs
 from markerseek.rigs import draw_scene
 from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
-from markerseek.studies import Axis, CurveSettings, PolicySettings, Study, cells, intensity_curve, run_trial, summarise
+from markerseek.studies import Axis, CurveSettings, Study, cells, intensity_curve, run_trial, study_policy, summarise
 
 pytestmark = [pytest.mark.long, pytest.mark.usefixtures("unchecked_shapes")]
 
@@ -72,7 +72,7 @@ def test_searches_are_as_wrong_from_curves_as_from_frames() -> None:
         trials=14,
         stay=True,
         policies=tuple(
-            PolicySettings(method=method, acquisitions=number, as_published=True, early_end=False)
+            study_policy(method=method, acquisitions=number, as_published=True, early_end=False)
             for method, number in (("weighted-average", 15), ("ternary", 12))
         ),
         # The former height: at the receiver's own gain these 14 trials happen to err less than 60 of them do.

@@ -15,27 +15,6 @@ from markerseek.core import ConfigError
 @pytest.mark.parametrize(
     ("late_s", "lease_s", "state", "words"),
     [
-        (0.0, 0.1, "ok", "0.1 ms late"),
-        (0.033, 0.1, "ok", "33.0 ms"),
-        (0.034, 0.1, "broken", "priority"),
-        (0.034, 1.0, "ok", "after 1 s"),
-    ],
-)
-def test_a_computer_that_wakes_up_late_is_reported(
-    monkeypatch: pytest.MonkeyPatch, late_s: float, lease_s: float, state: str, words: str
-) -> None:
-    naps = iter([0.01] * 57 + [0.01 + late_s] + [0.0101] * 42)
-    monkeypatch.setattr(doctor, "_timed_nap", lambda: next(naps))
-    finding = doctor._punctuality(lease_s)
-    assert finding.state == state
-    assert words in finding.detail
-    assert not finding.needed or state == "ok"
-    assert next(naps, None) is None
-
-
-@pytest.mark.parametrize(
-    ("late_s", "lease_s", "state", "words"),
-    [
         (0.07, 0.1, "ok", "of the lease of 0.1 s 10 ms are left"),
         (0.09, 0.1, "broken", "nothing is left: a search on a busy computer would be stopped in the middle"),
         (0.09, 1.0, "ok", "890 ms are left"),
@@ -47,7 +26,7 @@ def test_what_is_left_of_the_lease_under_load_is_reported(
     steps = iter([0.015] * 57 + [0.015 + late_s] + [0.0151] * 42)
     monkeypatch.setattr(doctor, "_timed_step", lambda: next(steps))
     monkeypatch.setattr(doctor, "_busy", lambda programs: nullcontext())
-    finding = doctor._punctuality_under_load(lease_s)
+    finding = doctor._punctuality(lease_s)
     assert (finding.state, finding.needed) == (state, state == "ok")
     assert words in finding.detail
 
@@ -75,10 +54,6 @@ def test_a_package_that_is_not_needed_is_called_optional(
     assert (finding.state, finding.needed) == ("absent", False)
     assert finding.detail == "not installed; a picture needs it: pip install 'markerseek[plot]'"
     assert "optional" in doctor._STATES[finding.state, finding.needed]
-
-
-def test_a_nap_is_timed() -> None:
-    assert doctor._timed_nap() >= doctor._NAP_S
 
 
 def test_a_simulated_rig_has_no_lease(tmp_path: Path) -> None:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from dataclasses import fields as fields_of
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from markerseek.core import Interval, NotConnectedError
-from markerseek.drivers import Kdc101Moves, Kdc101Settings, Kdc101Stage
+from markerseek.drivers import Kdc101Settings, Kdc101Stage
 from markerseek.emulators import DirectPort, EmulatedKdc101
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
@@ -64,11 +63,10 @@ class WatchedPort(DirectPort):
 
 
 def kdc101_stage(*, port: Any, clock: Any, **fields: Any) -> Kdc101Stage:
-    """The driver with keys of a rig file, a travel range and what no rig file changes, all by their names."""
+    """The driver with keys of a rig file, and a travel range, all by their names."""
     travel = fields.pop("travel", None)
-    moves = {each.name: fields.pop(each.name) for each in fields_of(Kdc101Moves) if each.name in fields}
     settings = Kdc101Settings(**{"port": "", "zero_deg": 0.0} | fields)
-    return Kdc101Stage(port=port, clock=clock, settings=settings, travel=travel, moves=Kdc101Moves(**moves))
+    return Kdc101Stage(port=port, clock=clock, settings=settings, travel=travel)
 
 
 @dataclass

@@ -27,9 +27,9 @@ from markerseek.core import (
     Measured,
     NotConnectedError,
     Permit,
-    PolicyPlan,
     Receiver,
     RunPlan,
+    SearchPlan,
     SweepPermit,
 )
 from markerseek.drivers import EnergyMeter, LaserBoxSettings, metered
@@ -75,7 +75,7 @@ def found_on(folder: Path, laser: LaserSettings, keys: LaserBoxSettings) -> tupl
     )
     scanner.guard.arm(by="test")
     # The vertex of a parabola through the top: a function of the intensities alone.
-    policy = build(PolicyPlan(method="exhaustive", acquisitions=9, as_published=True), limits=NEAR)
+    policy = build(SearchPlan(method="exhaustive", acquisitions=9, as_published=True), limits=NEAR)
     events = list(run(policy, scanner, RunPlan(dark_frames=1)))
     finished = events[-1]
     assert isinstance(finished, Finished)

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from markerseek.drivers import StageRules
 from markerseek.drivers._approach import DOWN, UP, plan_approach
-from markerseek.drivers._kdc101_move import MoveRules
 from markerseek.emulators._prm1z8 import Motor
 from markerseek.sim import StageMotion
 from tests.unit.drivers.kdc101_bench import TRAVEL, bench
@@ -102,13 +102,10 @@ def test_no_motor_of_its_speed_and_acceleration_gets_further(
     speed: float, acceleration: float, duration_s: float
 ) -> None:
     """Against the emulated motor, whose speed is integrated phase by phase."""
-    rules = MoveRules(
-        low=-(10**9), high=10**9, speed=speed, acceleration=acceleration,
-        lead=1, renew_s=0.1, arrival=1, unexpected=1, begin_s=0.5,
-    )  # fmt: skip
+    rules = StageRules(speed_deg_s=speed, acceleration_deg_s2=acceleration, resolution_deg=1e-3)
     motor = Motor(angle_deg=0.0, target_deg=1e6, top_speed_deg_s=speed, acceleration_deg_s2=acceleration)
     motor.advance(duration_s)
-    assert rules.reach(duration_s) == pytest.approx(1.25 * motor.angle_deg, rel=1e-9, abs=1e-12)
+    assert rules.reach_deg(duration_s) == pytest.approx(1.25 * motor.angle_deg, rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +114,7 @@ def test_no_motor_of_its_speed_and_acceleration_gets_further(
 def test_a_sound_stage_is_never_too_fast_however_it_is_set(speed_deg_s: float, acceleration_deg_s2: float) -> None:
     """An acceleration of 0.1024 is rounded to a word that is a third more."""
     rig = bench()
-    stage = rig.stage(speed_deg_s=speed_deg_s, acceleration_deg_s2=acceleration_deg_s2, arrival_deg=0.001)
+    stage = rig.stage(speed_deg_s=speed_deg_s, acceleration_deg_s2=acceleration_deg_s2)
     for target in (-1.0, 1.0, 1.02, 1.3):
         assert stage.move_to(target) == pytest.approx(target, abs=1e-3)
 

@@ -15,7 +15,7 @@ def test_it_identifies_itself_and_writes_the_settings_that_power_up_lost() -> No
     rig = bench()
     stage = rig.stage(speed_deg_s=12.0, acceleration_deg_s2=15.0)
     assert (stage.identity.model, stage.identity.serial_number) == ("KDC101", 27000001)
-    rig.port.write(apt.ask_velocity() + apt.ask_backlash() + apt.ask_limits())
+    rig.port.write(apt.ask(apt.VELOCITY) + apt.ask(apt.BACKLASH) + apt.ask(apt.LIMITS))
     answers = [apt.decode(message) for message in AptFramer().feed(rig.port.read(4096, timeout_s=0.0))]
     assert answers == [
         apt.Velocity(acceleration=220, speed=515300),  # 15 x 14.6574 = 219.9; 12 x 42941.66 = 515299.9
@@ -75,7 +75,6 @@ def test_nobody_there() -> None:
         {"speed_deg_s": 0.0},
         {"speed_deg_s": float("nan")},
         {"acceleration_deg_s2": 26.0},
-        {"lead_deg": 5.1},
         {"zero_deg": 1000.0},
         {"approach_from": "left"},
         {"travel": Interval(low_deg=-0.5, high_deg=0.5)},

@@ -292,7 +292,7 @@ def test_a_port_that_another_program_left_as_output_or_input_is_off_after_the_st
     it.port.write(apt.set_trigger_ports(apt.TriggerPorts(first=mode)))
     it.stage()
     it.port.read(4096, timeout_s=0.0)
-    it.port.write(apt.ask_trigger_ports())
+    it.port.write(apt.ask(apt.TRIGGER_PORTS))
     answers = [apt.decode(message) for message in AptFramer().feed(it.port.read(4096, timeout_s=0.0))]
     assert answers == [apt.TriggerPorts(first=apt.TRIGGER_OFF)]
     assert edges_of_a_move(it) == 0
@@ -309,7 +309,7 @@ def test_what_a_sweep_may_be_follows_from_its_keys() -> None:
     stage = bench().stage(acceleration_deg_s2=25.0, speed_deg_s=20.0, play_deg=0.3)
     assert stage.fastest_sweep_deg_s == pytest.approx(12.5, abs=0.02)
     assert stage.fastest_sweep_deg_s <= fastest_sweep_deg_s(stage.acceleration_deg_s2)
-    assert bench().stage(speed_deg_s=3.0).fastest_sweep_deg_s == 3.0
+    assert bench().stage(speed_deg_s=3.0).fastest_sweep_deg_s == pytest.approx(3.0, rel=1e-6)
     assert (stage.play_deg(1.0), stage.play_deg(-1.0)) == (0.0, 0.3)
     above = bench().stage(approach_from="above", play_deg=0.3)
     assert (above.play_deg(1.0), above.play_deg(-1.0)) == (0.3, 0.0)

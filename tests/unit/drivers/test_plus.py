@@ -1,6 +1,6 @@
 """The driver of a PLUS server against an emulated one: which images count as an acquisition.
 
-What it shares with the Vantage's (`TriggeredReceiver`) is tested there.
+What it shares with the Vantage's (`StandardReceiver`) is tested there.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.core import ConfigError, DeviceError, Found, LaserError, Measured, Policy, PolicyPlan, RunPlan
+from markerseek.core import ConfigError, DeviceError, Found, LaserError, Measured, Policy, RunPlan, SearchPlan
 from markerseek.drivers import LONGEST_WAIT_S, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings, SystemClock
 from markerseek.emulators import DirectPort, EmulatedBench, PtyLine, require_pace, serve
 from markerseek.emulators.bench import BenchClock, ServingClock
@@ -48,7 +48,7 @@ class VirtualBench:
 
 
 def golden() -> Policy:
-    return build(PolicyPlan(method="golden-section", acquisitions=10, as_published=True), limits=SETTINGS.limits.search)
+    return build(SearchPlan(method="golden-section", acquisitions=10, as_published=True), limits=SETTINGS.limits.search)
 
 
 @pytest.mark.parametrize("sdk", [5, 6])

@@ -37,7 +37,7 @@ class Talk:
         return self._framer.feed(self.emulator.advance(self.now_s))
 
     def status(self) -> apt.Status:
-        (message,) = self.say(apt.ask_status())
+        (message,) = self.say(apt.ask(apt.STATUS))
         said = apt.decode(message)
         assert isinstance(said, apt.Status)
         return said
@@ -94,7 +94,7 @@ def test_a_motor_that_is_sent_elsewhere_keeps_its_speed_and_acceleration(
 def test_it_powers_up_with_default_parameters() -> None:
     talk = Talk()
     velocity, backlash, limits = (
-        apt.decode(message) for message in talk.say(apt.ask_velocity(), apt.ask_backlash(), apt.ask_limits())
+        apt.decode(message) for message in talk.say(apt.ask(apt.VELOCITY), apt.ask(apt.BACKLASH), apt.ask(apt.LIMITS))
     )
     assert isinstance(velocity, apt.Velocity)
     assert velocity.speed > apt.speed_word(10)

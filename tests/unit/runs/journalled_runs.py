@@ -14,7 +14,6 @@ from markerseek.core import (
     Event,
     Frame,
     Policy,
-    PolicyPlan,
     Reader,
     Reading,
     SearchPlan,
@@ -54,7 +53,7 @@ def begin(*, marker_deg: float = MARKER_DEG, snr_db: float = 40.0) -> tuple[Poli
     )
     rig.scanner._reader = Refusing(rig.scanner._reader)
     start_deg = rig.stage.angle_deg
-    policy = build(PolicyPlan(method=METHOD, acquisitions=ACQUISITIONS, start_deg=start_deg), limits=rig.limits.search)
+    policy = build(SearchPlan(method=METHOD, acquisitions=ACQUISITIONS, start_deg=start_deg), limits=rig.limits.search)
     return policy, rig, configured(rig)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.core import ChannelFrame, Measured, PolicyPlan, RecordError, Sample, SearchPlan
+from markerseek.core import ChannelFrame, Measured, RecordError, Sample, SearchPlan
 from markerseek.records.banks import IntensityBank
 from markerseek.records.journal import Journal, RecordedRun, read_journal
 from markerseek.runs import configuration_of, journal_bank
@@ -28,7 +28,7 @@ def measured(held: RecordedRun) -> Iterator[Sample]:
 def test_frames_of_a_run_come_back_with_their_angles_and_headers(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     rig = rigs.simulated(seed=3)
-    policy = build(PolicyPlan(method="ternary", acquisitions=6, as_published=True), limits=rig.limits.search)
+    policy = build(SearchPlan(method="ternary", acquisitions=6, as_published=True), limits=rig.limits.search)
     kept = configuration_of(
         rig, SearchPlan(method="ternary", acquisitions=6, as_published=True, start_deg=0.0, dark_frames=2, stay=False)
     )

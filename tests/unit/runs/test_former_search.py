@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.core import ConfigError, MarkerCurve, PolicyPlan, Reading, RecordError, Sample, SearchPlan
+from markerseek.core import ConfigError, MarkerCurve, Reading, RecordError, Sample, SearchPlan
 from markerseek.records.journal import Journal
 from markerseek.runs import former_curve, new_session, plan_on, rebuild_policy
 from markerseek.search import build
@@ -72,9 +72,9 @@ def test_a_file_that_says_nothing_of_a_curve_is_refused(tmp_path: Path, text: st
 
 def test_other_methods_take_no_prior() -> None:
     with pytest.raises(ConfigError, match="prior is given, but only the posterior"):
-        build(PolicyPlan(method="ternary", prior=MarkerCurve(fwhm_deg=6.0, peak=100.0)))
+        build(SearchPlan(method="ternary", prior=MarkerCurve(fwhm_deg=6.0, peak=100.0)))
     with pytest.raises(ConfigError, match="others is given, but only the posterior"):
-        build(PolicyPlan(method="ternary", others=0.0))
+        build(SearchPlan(method="ternary", others=0.0))
 
 
 def test_the_prior_of_the_width_is_that_of_the_former_marker() -> None:

@@ -7,7 +7,7 @@ from contextlib import closing
 from pathlib import Path
 
 from markerseek import rigs
-from markerseek.core import PolicyPlan, SearchPlan
+from markerseek.core import SearchPlan
 from markerseek.records.journal import Journal, read_journal
 from markerseek.runs import configuration_of
 from markerseek.runs.journalled import journalled
@@ -16,7 +16,7 @@ from markerseek.search import build
 
 def test_each_event_is_on_the_disk_when_it_is_handed_out(tmp_path: Path) -> None:
     rig = rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)
-    policy = build(PolicyPlan(method="ternary", start_deg=0.0, acquisitions=6), limits=rig.limits.search)
+    policy = build(SearchPlan(method="ternary", start_deg=0.0, acquisitions=6), limits=rig.limits.search)
     plan = SearchPlan(method="ternary", acquisitions=6, as_published=False, start_deg=0.0, dark_frames=0, stay=False)
     path, copy = tmp_path / "run.journal", tmp_path / "copy.journal"
     with Journal.create(path, configuration_of(rig, plan)) as journal, closing(journalled(policy, rig, journal)) as run:

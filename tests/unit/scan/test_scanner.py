@@ -17,7 +17,6 @@ from markerseek.core import (
     Frame,
     Measured,
     Permit,
-    PolicyPlan,
     Refused,
     RunPlan,
     SearchPlan,
@@ -112,7 +111,7 @@ def closing(behind: bool, *, stay: bool = False) -> tuple[rigs.Rig, Iterator[Eve
 
     receiver.acquire = one_behind  # type: ignore[method-assign]
     # Without a confirmation the last acquisition must be of the source, and none of a survey: a single source has none.
-    policy = build(PolicyPlan(method="posterior", others=0.0 if stay else None), limits=rig.limits.search)
+    policy = build(SearchPlan(method="posterior", others=0.0 if stay else None), limits=rig.limits.search)
     return rig, run(policy, made, RunPlan(dark_frames=3, stay=stay, closing_dark=True))
 
 
@@ -156,7 +155,7 @@ def test_a_journal_with_a_closing_dark_frame_is_replayed_equal(tmp_path) -> None
     path = tmp_path / "run.journal"
     with Journal.create(path, configuration) as journal:
         events = list(
-            journalled(build(PolicyPlan(method="posterior", acquisitions=6), limits=rig.limits.search), rig, journal)
+            journalled(build(SearchPlan(method="posterior", acquisitions=6), limits=rig.limits.search), rig, journal)
         )
     held = read_journal(path)
     assert held.configuration.plan.closing_dark

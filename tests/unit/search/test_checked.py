@@ -14,10 +14,10 @@ from markerseek.core import (
     Found,
     Interval,
     NotFound,
-    PolicyPlan,
     Reading,
     Sample,
     SearchError,
+    SearchPlan,
     Tolerance,
     Unsure,
 )
@@ -145,7 +145,7 @@ ANSWERS = {
 @pytest.mark.parametrize("name", ALL)
 def test_answers(name, curve, kind):
     acquisitions = 28 if name == "golden-section-reuse" else None
-    _, estimate = run(build(PolicyPlan(method=name, acquisitions=acquisitions)), curve, darks=DARKS)
+    _, estimate = run(build(SearchPlan(method=name, acquisitions=acquisitions)), curve, darks=DARKS)
     assert isinstance(estimate, kind)
     assert estimate.floor is not None
     assert estimate.floor.source == "dark frames"
@@ -164,19 +164,19 @@ def test_before_the_first_sample(name):
 
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_as_published_always_answers(name):
-    assert isinstance(build(PolicyPlan(method=name, as_published=True)).estimate(), Found)
+    assert isinstance(build(SearchPlan(method=name, as_published=True)).estimate(), Found)
 
 
 def test_posterior_was_not_published():
     with pytest.raises(ConfigError, match="leave out as_published"):
-        build(PolicyPlan(method="posterior", as_published=True))
+        build(SearchPlan(method="posterior", as_published=True))
 
 
 def test_two_markers_are_no_answer_between_them():
     def both(angle):
         return max(lorentzian(-20.0)(angle), lorentzian(20.0)(angle))
 
-    _, estimate = run(build(PolicyPlan(method="weighted-average", early_end=False)), both, darks=DARKS)
+    _, estimate = run(build(SearchPlan(method="weighted-average", early_end=False)), both, darks=DARKS)
     assert isinstance(estimate, Unsure)
     assert estimate.doubt == "source"
     assert "weaker than the one at" in estimate.reason
@@ -220,12 +220,12 @@ def test_a_sound_from_one_place_need_not_be_coherent(spread_m, found):
 
 
 def test_unknown_floor_asks_for_ten_times_the_smallest():
-    _, weak = run(build(PolicyPlan(method="golden-section", acquisitions=8)), lambda angle: 1 + lorentzian(3.0)(angle))
+    _, weak = run(build(SearchPlan(method="golden-section", acquisitions=8)), lambda angle: 1 + lorentzian(3.0)(angle))
     assert isinstance(weak, NotFound)
     assert "10 times" in weak.reason
     assert weak.floor is not None
     assert weak.floor.level is None
-    _, strong = run(build(PolicyPlan(method="golden-section", acquisitions=10)), lorentzian(3.0))
+    _, strong = run(build(SearchPlan(method="golden-section", acquisitions=10)), lorentzian(3.0))
     assert isinstance(strong, Unsure)
 
 
@@ -234,14 +234,16 @@ def test_unknown_floor_asks_for_ten_times_the_smallest():
     [
         (Tolerance(), None, None),
         (Tolerance(mm=0.1), None, None),
-        (Tolerance(deg=0.1), None, "the angle is known to ± 0.58 deg, and 0.1 deg are tolerated"),
+        (Tolerance(deg=0.1), None, "the angle is known to within 0.58 deg, and 0.1 deg are tolerated"),
         (Tolerance(), 0.05, None),
-        (Tolerance(mm=0.1), 0.05, "the angle is known to ± 0.61 mm at the marker, and 0.1 mm is tolerated"),
+        (Tolerance(mm=0.1), 0.05, "the angle is known to within 0.61 mm at the marker, and 0.1 mm is tolerated"),
     ],
 )
 def test_the_interval_of_what_is_found_lies_within_the_tolerance(tolerance, depth_m, said):
     """Too few acquisitions are reported, with what would help; where frames say no depth, degrees count."""
-    policy = build(PolicyPlan(method="weighted-average", acquisitions=15, tolerance=tolerance))
+    policy = build(
+        SearchPlan(method="weighted-average", acquisitions=15, tolerance_mm=tolerance.mm, tolerance_deg=tolerance.deg)
+    )
     depth = {} if depth_m is None else {"depth_m": lambda _: depth_m}
     _, estimate = run(policy, lorentzian(7.3, fwhm_deg=4.0), darks=DARKS, **depth)
     if said is None:
@@ -262,11 +264,11 @@ def test_early_end_waits_for_evidence():
         return 0.05 if angle == -35 else lorentzian(20.0, fwhm_deg=5.0)(angle) if angle > 5 else 0.001
 
     published, _ = run(
-        build(PolicyPlan(method="weighted-average", acquisitions=57, as_published=True)), spike_then_marker
+        build(SearchPlan(method="weighted-average", acquisitions=57, as_published=True)), spike_then_marker
     )
     assert len(published) == 3
     checked, estimate = run(
-        build(PolicyPlan(method="weighted-average", acquisitions=57)), spike_then_marker, darks=DARKS
+        build(SearchPlan(method="weighted-average", acquisitions=57)), spike_then_marker, darks=DARKS
     )
     assert 40 < len(checked) < 57
     assert estimate.mean_deg == pytest.approx(20, abs=0.5)
@@ -275,7 +277,7 @@ def test_early_end_waits_for_evidence():
 def test_the_inner_answer_is_kept():
     bare, checked = (
         BracketSearch(ratio=GOLDEN, acquisitions=24),
-        build(PolicyPlan(method="golden-section", acquisitions=24)),
+        build(SearchPlan(method="golden-section", acquisitions=24)),
     )
     run(bare, lorentzian(7.3))
     _, estimate = run(checked, lorentzian(7.3), darks=DARKS)
@@ -315,7 +317,7 @@ class TestMethods:
     def test_limits_and_acquisitions_are_kept(self, name):
         limits = Interval(low_deg=-12.0, high_deg=3.0)
         policy = build(
-            PolicyPlan(method=name, acquisitions=12, as_published=name in PUBLISHED, early_end=False), limits=limits
+            SearchPlan(method=name, acquisitions=12, as_published=name in PUBLISHED, early_end=False), limits=limits
         )
         asked, _ = run(policy, lorentzian(1.0))
         assert len(asked) <= 12
@@ -325,7 +327,7 @@ class TestMethods:
     @pytest.mark.parametrize("name", ALL)
     def test_refuses_fewer_acquisitions_than_the_method_needs(self, name, acquisitions):
         with pytest.raises(ConfigError, match=f"{name}: acquisitions is .*at least {method_named(name).least}"):
-            build(PolicyPlan(method=name, acquisitions=acquisitions))
+            build(SearchPlan(method=name, acquisitions=acquisitions))
 
     @pytest.mark.parametrize(
         ("wrong", "meant"),
@@ -340,9 +342,9 @@ class TestMethods:
             build("xyz")
 
     def test_checked_sweeps_begin_at_the_nearer_end(self):
-        assert build(PolicyPlan(method="weighted-average", start_deg=20.0)).ask() == 35
-        assert build(PolicyPlan(method="weighted-average", start_deg=20.0, as_published=True)).ask() == -35
-        assert build(PolicyPlan(method="manual", start_deg=20.0)).ask() == 35
+        assert build(SearchPlan(method="weighted-average", start_deg=20.0)).ask() == 35
+        assert build(SearchPlan(method="weighted-average", start_deg=20.0, as_published=True)).ask() == -35
+        assert build(SearchPlan(method="manual", start_deg=20.0)).ask() == 35
 
 
 def test_a_class_of_ones_own_is_no_method_of_a_command():

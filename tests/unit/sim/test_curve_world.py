@@ -19,8 +19,8 @@ from markerseek.core import (
     Interval,
     Laser,
     NotFound,
-    PolicyPlan,
     Receiver,
+    SearchPlan,
     Stage,
 )
 from markerseek.scan import run
@@ -181,7 +181,7 @@ def test_on_the_same_seed_a_rig_of_intensities_gives_the_same_search_and_the_tru
         rig = rigs.of_intensities(seed=seed, curve=SechCurve(fwhm_deg=8.0), marker_deg=12.5, settings=settings)
         assert rig.facts.truth_deg == 12.5
         *_, last = run(
-            build(PolicyPlan(method="weighted-average", start_deg=0.0)),
+            build(SearchPlan(method="weighted-average", start_deg=0.0)),
             rig.scanner,
             rig.run_plan,
         )
@@ -195,7 +195,7 @@ def test_on_the_same_seed_a_rig_of_intensities_gives_the_same_search_and_the_tru
 
 def test_without_a_marker_a_checked_search_finds_nothing_and_there_is_no_truth() -> None:
     rig = rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)
-    *_, last = run(build(PolicyPlan(method="weighted-average", acquisitions=29)), rig.scanner, rig.run_plan)
+    *_, last = run(build(SearchPlan(method="weighted-average", acquisitions=29)), rig.scanner, rig.run_plan)
     assert rig.facts.truth_deg is None
     assert isinstance(last, Finished)
     assert isinstance(last.estimate, NotFound)

@@ -15,7 +15,7 @@ import pytest
 from markerseek.core import ConfigError
 from markerseek.studies import Share, benchmark
 from markerseek.studies.benchmark import WORLDS, Entry, run_benchmark, worlds_hash
-from markerseek.studies.policies import PolicySettings
+from markerseek.studies.policies import study_policy
 from markerseek.studies.study import cells
 from markerseek.studies.trial import run_trial
 from markerseek.studies.worlds import draw_trial
@@ -69,8 +69,8 @@ def test_an_entry_is_told_the_channel_data_in_the_last_tier_only():
 def test_a_row_is_the_same_whatever_else_is_run():
     """Common random numbers: a method meets the same marker alone, beside others, and in a larger benchmark."""
     one, others = (
-        (PolicySettings(method="ternary"),),
-        (PolicySettings(method="manual"), PolicySettings(method="ternary")),
+        (study_policy(method="ternary"),),
+        (study_policy(method="manual"), study_policy(method="ternary")),
     )
     small = world("intensities", "one").study("a", one, searches=1)
     large = world("intensities", "one").study("b", others, searches=9)
@@ -80,7 +80,7 @@ def test_a_row_is_the_same_whatever_else_is_run():
 
 def test_another_seed_is_another_benchmark():
     assert worlds_hash(7) != worlds_hash()
-    policies = (PolicySettings(method="ternary"),)
+    policies = (study_policy(method="ternary"),)
     rows = []
     for given in ({}, {"seed": 7}):
         study = world("intensities", "one").study("a", policies, searches=1, **given)
@@ -90,7 +90,7 @@ def test_another_seed_is_another_benchmark():
 
 def test_another_seed_gives_each_tier_markers_of_its_own():
     """Else an entry could meet in one tier a marker that it has found in another."""
-    policies = (PolicySettings(method="ternary"),)
+    policies = (study_policy(method="ternary"),)
     drawn = {}
     for seed in (benchmark.SEED, 7):
         for tier in ("block maxima", "raw channels"):
@@ -107,16 +107,6 @@ def test_a_scale_that_is_none_is_refused_before_anything_is_announced(shell, sca
         2,
         f"error: scale is {scale}, it must lie in (0, 1000]; 1 takes the usual number of searches\n",
     )
-
-
-@pytest.mark.filterwarnings("ignore:.*imports the module")
-def test_a_policy_of_ones_own_is_scored_if_it_is_asked_for(two_worlds, tmp_path):
-    name = "benchmarks.optimisers:bounded_minimiser"
-    results = run_benchmark(tmp_path, methods=[name], scale=0.02, workers=1)
-    assert [each.method for each in results.scores if each.world == "one"][-1] == f"{name}, 16"
-    assert not results.secret
-    with pytest.raises(ConfigError, match="--method nope is no policy of your own; name it as module:name"):
-        run_benchmark(tmp_path, methods=["nope"])
 
 
 @pytest.fixture
@@ -204,14 +194,14 @@ def everything():
 def numbers():
     return {int(found) for text in everything() for found in re.findall(rb"[0-9]+", text) if int(found) < 2**63}
 
-from markerseek.studies import PolicySettings, WORLDS, cells
+from markerseek.studies import WORLDS, cells, study_policy
 from markerseek.studies.worlds import draw_trial
 
 def markers():
     for seed in {20261124, *numbers()}:
         for world in WORLDS:
             if world.tier == "intensities" and world.name == "one":
-                study = world.study("a", (PolicySettings(method="ternary"),), searches=2, seed=seed)
+                study = world.study("a", (study_policy(method="ternary"),), searches=2, seed=seed)
                 yield from (draw_trial(study, cells(study)[0], trial).marker_deg for trial in range(2))
 
 known = None
@@ -237,7 +227,7 @@ def test_an_entry_that_looks_everywhere_does_not_find_the_answers(two_worlds, tm
     # Another one's results are there.
     (out / "before").mkdir(parents=True)
     (out / "before" / "study.json").write_text('{"seed": 5}')
-    two = "from markerseek.studies import benchmark as b; b.WORLDS = b.WORLDS[:2]; b.METHODS = ('ternary',)\n"
+    two = "from markerseek.studies import benchmark as b; b.WORLDS = b.WORLDS[1:2]; b.METHODS = ('ternary',)\n"
     code = f"{two}from markerseek.cli import main\nif __name__ == '__main__': main()"
     ended = subprocess.run(
         [sys.executable, "-c", code, *words], capture_output=True, text=True, cwd=tmp_path, check=False
@@ -248,7 +238,7 @@ def test_an_entry_that_looks_everywhere_does_not_find_the_answers(two_worlds, tm
     rows = [line.split(",") for line in next(out.rglob("*one*/rows.csv")).read_text().splitlines()]
     truths = {float(row[rows[0].index("truth_deg")]) for row in rows[1:]}
     guessed = [set(json.loads(line)) for line in seen.read_text().splitlines()]
-    assert len(guessed) >= 4
+    assert len(guessed) >= 2
     assert all(len(each) > 10 for each in guessed), "the spy has read numbers and drawn worlds of them"
     assert all(bool(truths & each) is known for each in guessed)
 

@@ -13,7 +13,7 @@ import pytest
 from markerseek.core import ConfigError, Found, Interval, NotFound, Reading, Sample, Tolerance, Unsure
 from markerseek.studies import entry
 from markerseek.studies.benchmark import WORLDS
-from markerseek.studies.policies import PolicySettings
+from markerseek.studies.policies import study_policy
 from markerseek.studies.study import cells
 from markerseek.studies.trial import run_trial
 
@@ -207,7 +207,7 @@ def test_a_program_that_is_not_there_is_a_failed_entry():
 
 def study_of(tier, world, body, *, channels=True):
     (held,) = [each for each in WORLDS if (each.tier, each.name) == (tier, world)]
-    settings = PolicySettings(method="mine", acquisitions=5, command=command(body), channels=channels)
+    settings = study_policy(method="mine", acquisitions=5, command=command(body), channels=channels)
     return held.study("test", (settings,), searches=1)
 
 
@@ -245,4 +245,4 @@ def test_a_failed_entry_is_a_row_without_an_angle_and_with_its_fault():
 def test_a_setting_that_no_entry_has_is_refused(setting):
     """They were dropped without a word."""
     with pytest.raises(ConfigError, match=f"mine: {next(iter(setting))} is .*, an entry has no such setting"):
-        PolicySettings(method="mine", acquisitions=5, command=("mine",), **setting)
+        study_policy(method="mine", acquisitions=5, command=("mine",), **setting)

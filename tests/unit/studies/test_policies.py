@@ -108,7 +108,7 @@ def test_a_policy_of_one_s_own_is_run_as_the_method_of_the_same_rule(folder: Pat
         ("mine_of_this_test:made", "acquisitions = 9\nearly_end = false", "early_end is False, a policy of your own"),
         ("mine_of_this_test:made", "acquisitions = 9\nchannels = false", "channels is False, but only an entry"),
         ("ternary", "channels = false", "ternary: channels is False, but only an entry, a policy with command"),
-        ("unheard-of", "", "and a policy of your own as module:name"),
+        ("unheard-of", "", "in a study also a policy of your own as module:name"),
     ],
 )
 def test_what_cannot_be_a_policy_is_refused_when_the_study_is_read(

@@ -17,7 +17,6 @@ from markerseek.studies import (
     Axis,
     ClutterAround,
     CurveSettings,
-    PolicySettings,
     Repeats,
     SceneSettings,
     SecondSource,
@@ -25,6 +24,7 @@ from markerseek.studies import (
     cells,
     read_study,
     run_row,
+    study_policy,
     summarise,
 )
 from markerseek.studies.scene import DrawnScene, draw_extra_sources
@@ -33,7 +33,7 @@ from markerseek.studies.worlds import draw_trial, hidden_noise, study_rig
 
 LIMITS = Interval(low_deg=-35.0, high_deg=35.0)
 MARKER = Absorber(radius_m=0.05, angle_deg=-20.0, lateral_m=6e-3)
-TERNARY = PolicySettings(method="ternary", acquisitions=4, as_published=True)
+TERNARY = study_policy(method="ternary", acquisitions=4, as_published=True)
 FRAMES = Study(
     name="scenes",
     policies=(TERNARY,),
@@ -156,7 +156,7 @@ def test_two_sources_that_overlap_do_not_saturate_the_frames() -> None:
 
 def test_a_search_that_fails_for_want_of_noise_says_so_and_names_no_device() -> None:
     quiet = SimulatedSettings(start_deg=-35.0, noise=NoiseSettings(peak_snr_db=60.0))
-    checked = PolicySettings(method="ternary", acquisitions=4)
+    checked = study_policy(method="ternary", acquisitions=4)
     study = replace(FRAMES, policies=(checked,), scene=SceneSettings(), rig=quiet, seed=20261141)
     row = run_row(study, 0)
     fault = row.fault or ""

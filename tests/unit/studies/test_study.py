@@ -16,7 +16,6 @@ from markerseek.sim import MarkerSettings, NoiseSettings, SimulatedSettings
 from markerseek.studies import (
     Axis,
     CurveSettings,
-    PolicySettings,
     Row,
     Study,
     cells,
@@ -25,6 +24,7 @@ from markerseek.studies import (
     read_study,
     run_row,
     run_trial,
+    study_policy,
     summarise,
     values_of,
 )
@@ -34,8 +34,8 @@ from markerseek.studies.worlds import draw_trial
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "studies"
 
-TERNARY = PolicySettings(method="ternary", acquisitions=8, as_published=True)
-AVERAGE = PolicySettings(method="weighted-average", acquisitions=15, as_published=True)
+TERNARY = study_policy(method="ternary", acquisitions=8, as_published=True)
+AVERAGE = study_policy(method="weighted-average", acquisitions=15, as_published=True)
 SMALL = Study(
     name="small",
     policies=(TERNARY, AVERAGE),
@@ -56,7 +56,7 @@ def all_rows(study: Study) -> list[Row]:
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)
-@pytest.mark.filterwarnings("ignore:own_policy.*the study imports the module:UserWarning")
+@pytest.mark.filterwarnings("ignore:.*the study imports the module:UserWarning")
 def test_the_examples_are_studies(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(path.parents[1])
     study = read_study(path)
@@ -84,7 +84,7 @@ def test_a_file_becomes_the_study_that_it_says(tmp_path: Path) -> None:
     study = read_study(write(tmp_path, text))
     assert study == Study(
         name="mine",
-        policies=(TERNARY, dataclasses.replace(TERNARY, acquisitions=10)),
+        policies=(TERNARY, study_policy(method="ternary", acquisitions=10, as_published=True)),
         trials=5,
         curve=CurveSettings(family="sech", fwhm_deg=8.0),
         rig=SimulatedSettings(noise=NoiseSettings(coloured=0.5)),
@@ -153,10 +153,10 @@ def test_the_hash_covers_the_settings_of_the_study_and_nothing_else() -> None:
 @given(
     seed=st.integers(0, 2**40),
     trial=st.integers(0, 4),
-    policies=st.permutations([TERNARY, AVERAGE, PolicySettings(method="manual")]),
+    policies=st.permutations([TERNARY, AVERAGE, study_policy(method="manual")]),
 )
 def test_the_draws_of_a_trial_depend_only_on_seed_cell_and_number(
-    seed: int, trial: int, policies: list[PolicySettings]
+    seed: int, trial: int, policies: list[study_policy]
 ) -> None:
     one = dataclasses.replace(SMALL, seed=seed)
     other = dataclasses.replace(
@@ -183,7 +183,13 @@ def test_markers_are_drawn_uniformly_over_the_search_range() -> None:
 def test_policies_of_one_trial_search_in_the_same_world() -> None:
     """Also in noise: two policies whose first angle is the same receive the same frame there."""
     same = dataclasses.replace(
-        SMALL, policies=(AVERAGE, dataclasses.replace(AVERAGE, early_end=False)), vary=(), trials=8
+        SMALL,
+        policies=(
+            AVERAGE,
+            study_policy(method="weighted-average", acquisitions=15, as_published=True, early_end=False),
+        ),
+        vary=(),
+        trials=8,
     )
     for trial in range(8):
         early, full = (run_trial(same, cells(same)[0], trial, policy) for policy in (0, 1))
@@ -283,7 +289,7 @@ def test_a_summary_agrees_with_its_rows() -> None:
 
 
 def test_a_marker_found_where_there_is_none_is_a_failure_and_not_found_is_none() -> None:
-    checked = PolicySettings(method="weighted-average", acquisitions=29)
+    checked = study_policy(method="weighted-average", acquisitions=29)
     nothing = SimulatedSettings(marker=MarkerSettings(present=False))
     study = Study(
         name="nothing", trials=10, policies=(TERNARY, checked), rig=nothing, curve=CurveSettings(family="sech")
@@ -296,7 +302,7 @@ def test_a_marker_found_where_there_is_none_is_a_failure_and_not_found_is_none()
 
 def test_many_policies_are_compared_at_equal_acquisitions() -> None:
     many = tuple(
-        PolicySettings(method=method, acquisitions=number)
+        study_policy(method=method, acquisitions=number)
         for method in ("ternary", "golden-section")
         for number in (8, 12, 16, 20)
     )

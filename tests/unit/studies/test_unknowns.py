@@ -11,11 +11,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks.bounds.markers import compare_with_bound, marker_curve, mean_bounds
 from markerseek.core import ConfigError
-from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, SimulatedSettings
+from markerseek.sim import MarkerSettings, NoiseSettings, SimulatedSettings
 from markerseek.studies import (
-    PolicySettings,
     Row,
     Study,
     cells,
@@ -23,16 +21,17 @@ from markerseek.studies import (
     error_figure,
     read_rows,
     run_row,
+    study_policy,
     summarise,
     unknowns,
     values_of,
 )
 from markerseek.studies.runner import as_csv
-from markerseek.studies.worlds import draw_trial, former_rig, study_rig
+from markerseek.studies.worlds import draw_trial, former_rig
 
-TERNARY = PolicySettings(method="ternary", acquisitions=6, as_published=True)
-AVERAGE = PolicySettings(method="weighted-average", acquisitions=9, as_published=True)
-POSTERIOR = PolicySettings(method="posterior", acquisitions=4, early_end=False)
+TERNARY = study_policy(method="ternary", acquisitions=6, as_published=True)
+AVERAGE = study_policy(method="weighted-average", acquisitions=9, as_published=True)
+POSTERIOR = study_policy(method="posterior", acquisitions=4, early_end=False)
 DRAWN = Study(
     name="drawn",
     policies=(TERNARY, AVERAGE, POSTERIOR),
@@ -69,15 +68,15 @@ def test_what_cannot_be_studied_is_refused(changes: dict[str, object], message: 
     ],
 )
 def test_some_settings_are_the_posteriors(setting: dict[str, object], label: str) -> None:
-    assert str(dataclasses.replace(POSTERIOR, **setting)) == label  # type: ignore[arg-type]
+    assert str(study_policy(method="posterior", acquisitions=4, early_end=False, **setting)) == label
     with pytest.raises(ConfigError, match="only the posterior has this setting"):
-        dataclasses.replace(TERNARY, **setting)  # type: ignore[arg-type]
+        study_policy(method="ternary", acquisitions=6, as_published=True, **setting)
 
 
 @pytest.mark.long
 def test_a_prior_is_the_curve_of_another_marker_on_the_same_rig() -> None:
     # A tolerance that the curve of the former marker helps to reach.
-    policy = PolicySettings(method="posterior", others=0.0, tolerance_mm=0.2)
+    policy = study_policy(method="posterior", others=0.0, tolerance_mm=0.2)
     study = dataclasses.replace(
         DRAWN, policies=(policy, dataclasses.replace(policy, prior=True)), marks=(), trials=12, stay=True
     )
@@ -90,8 +89,6 @@ def test_a_prior_is_the_curve_of_another_marker_on_the_same_rig() -> None:
     assert [row.truth_deg for row in without] == [row.truth_deg for row in with_prior]
     assert sum(a.mean_deg != b.mean_deg for a, b in zip(without, with_prior, strict=True)) >= 8
     assert sum(row.acquisitions or 0 for row in with_prior) <= sum(row.acquisitions or 0 for row in without)
-    against = compare_with_bound(study, cell, policy=1, markers=3)
-    assert against.rmse_deg == pytest.approx(math.sqrt(np.mean([row.error_deg**2 for row in with_prior[:3]])), rel=1e-6)  # type: ignore[operator]
 
 
 def test_a_setting_that_came_later_changes_no_seed() -> None:
@@ -137,7 +134,11 @@ def test_rows_keep_marks_and_intervals_and_are_read_back(tmp_path: Path) -> None
         if row.acquisitions <= 8:  # type: ignore[operator]
             assert row.marks_deg[-1] == row.mean_deg
     # a bracket after four acquisitions is that of a search of four
-    short = dataclasses.replace(DRAWN, policies=(dataclasses.replace(TERNARY, acquisitions=4),), marks=())
+    short = dataclasses.replace(
+        DRAWN,
+        policies=(dataclasses.replace(TERNARY, plan=dataclasses.replace(TERNARY.plan, acquisitions=4)),),
+        marks=(),
+    )
     for trial in range(3):
         assert run_row(short, trial).mean_deg == rows[3 * trial].marks_deg[1]
     path = tmp_path / "rows.csv"
@@ -182,59 +183,13 @@ def test_every_marker_counts_whatever_the_answer() -> None:
     assert (said.false_found.hits, said.false_found.count, said.missed.count) == (1, 2, 0)
 
 
-def test_a_policy_is_set_against_the_bound_of_each_marker() -> None:
-    # The confirmation of a marker that is found changes its angle, and is no part of the comparison.
-    study = dataclasses.replace(DRAWN, stay=True)
-    cell = cells(study)[0]
-    against = compare_with_bound(study, cell, policy=2, markers=3)
-    rows = [run_row(study, 3 * trial + 2) for trial in range(3)]
-    rmse_deg = math.sqrt(np.mean([row.error_deg**2 for row in rows]))  # type: ignore[operator]
-    assert against.rmse_deg == pytest.approx(rmse_deg, rel=1e-6)
-    assert 0 < against.best_deg < against.taken_deg
-    assert against.ratio_to_best == pytest.approx(against.rmse_deg / against.best_deg)
-    bounds = mean_bounds(study, cell, markers=3, acquisitions=(2, 4, 8))
-    assert bounds[0] > bounds[1] > bounds[2] > 0
-
-
-def test_a_curve_is_that_of_the_marker() -> None:
-    cell = cells(DRAWN)[0]
-    drawn = draw_trial(DRAWN, cell, 1)
-    assert drawn.unknowns is not None
-    curve = marker_curve(drawn.unknowns)
-    assert curve.value(np.zeros(1)) == pytest.approx([1.0])
-    assert marker_curve(drawn.unknowns) is curve
-    quiet = SimulatedSettings(noise=NoiseSettings(peak_snr_db=45.0), laser=LaserSettings(energy_jitter=0.0))
-    study = dataclasses.replace(DRAWN, rig=quiet)
-    measure = study_rig(study, cells(study)[0], drawn).scanner.measure
-    top, *others = (measure(drawn.marker_deg + off_deg).reading.intensity for off_deg in (0.0, 1.5, 5.0))
-    # 45 dB: 0.6 % of the peak.
-    assert curve.value(np.array([1.5, 5.0])) == pytest.approx(np.array(others) / top, rel=0.05, abs=0.01)
-
-
-def test_behind_the_face_a_marker_gives_no_signal() -> None:
-    drawn = draw_trial(DRAWN, cells(DRAWN)[0], 0).unknowns
-    assert drawn is not None
-    # At 70 degrees 0.1 mm behind the plane of the face.
-    radius_m = (drawn.model.probe.face_radius_m - 1e-4) / math.cos(math.radians(70))
-    near = dataclasses.replace(drawn, marker=dataclasses.replace(drawn.marker, radius_m=radius_m))
-    assert marker_curve(near).value(np.array([70.0])) == pytest.approx([1e-6])
-
-
-def test_the_bound_needs_drawn_markers_and_a_probe_at_rest() -> None:
-    """A policy that sweeps was searched without its sweeps, and named as sweeping."""
-    plain = dataclasses.replace(DRAWN, level="curves", drawn="marker")
-    sweeping = dataclasses.replace(DRAWN, policies=(PolicySettings(method="posterior", sweep=True),))
-    for study, cure in ((plain, 'drawn = "everything"'), (sweeping, "leave the policies that sweep out")):
-        with pytest.raises(ConfigError, match=cure):
-            mean_bounds(study, cells(study)[0], markers=1, acquisitions=(4,))
-        with pytest.raises(ConfigError, match=cure):
-            compare_with_bound(study, cells(study)[0], policy=0, markers=1)
-
-
 def test_the_figure_has_a_line_for_each_policy_and_the_bound() -> None:
     pytest.importorskip("matplotlib")
     study = dataclasses.replace(
-        DRAWN, policies=(TERNARY, AVERAGE, dataclasses.replace(AVERAGE, acquisitions=5)), marks=(2, 4), trials=2
+        DRAWN,
+        policies=(TERNARY, AVERAGE, study_policy(method="weighted-average", acquisitions=5, as_published=True)),
+        marks=(2, 4),
+        trials=2,
     )
     summary = summarise(study, [run_row(study, row) for row in range(study.rows)])
     figure = error_figure([(study, summary)], bounds={0: ((2, 4), (0.1, 0.05))})

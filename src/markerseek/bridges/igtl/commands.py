@@ -13,9 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-import msgspec
-
-from markerseek.bridges.searches import SearchRequest
+from markerseek.bridges.asked import OPTIONS, AskedSearch
 from markerseek.core import ConfigError
 from markerseek.wire import igtl
 
@@ -87,32 +85,18 @@ def answer_message(asked: igtl.Message, answer: CommandAnswer, *, time_s: float)
     return igtl.Message(device=device, content=content, time_s=time_s, metadata=metadata, version=asked.version)
 
 
-def search_request(values: Mapping[str, str]) -> SearchRequest:
-    """What is asked of a search."""
-    unknown = sorted(set(values) - set(_VALUES))
-    if unknown:
-        raise ConfigError(
-            f"StartSearch has no {unknown[0]}; it has {', '.join(_VALUES)}. A rig is named, and armed, where the "
-            "bridge runs"
-        )
-    return SearchRequest(**{_VALUES[name][0]: _value(name, text) for name, text in values.items()})
+def search_request(values: Mapping[str, str]) -> AskedSearch:
+    """The search that is asked for."""
+    asked: dict[str, Any] = {}
+    for name, text in values.items():
+        if name not in _NAMES:
+            raise ConfigError(
+                f"StartSearch has no {name}; it has {', '.join(_NAMES)}. A rig is named, and armed, where the "
+                "bridge runs"
+            )
+        asked[_NAMES[name]] = OPTIONS[_NAMES[name]].read(text)
+    return AskedSearch().changed(**asked)
 
 
-def _value(name: str, text: str) -> Any:
-    _, kind, what = _VALUES[name]
-    try:
-        return msgspec.convert(text[:80], kind, strict=False)
-    except msgspec.ValidationError:
-        raise ConfigError(f"{name} is {text[:40]!r}, it must be {what}") from None
-
-
-_VALUES: dict[str, tuple[str, type, str]] = {
-    "Method": ("method", str, "the name of a method"),
-    "Acquisitions": ("acquisitions", int, "a whole number"),
-    "ToleranceMm": ("tolerance_mm", float, "a positive number, such as 1.5"),
-    "Seed": ("seed", int, "a whole number"),
-    "Stay": ("stay", bool, "true or false"),
-    "AsPublished": ("as_published", bool, "true or false"),
-    "Sweep": ("sweep", bool, "true or false"),
-}
-"""Field of a `SearchRequest`, type, and what its text must be, by the name in a command."""
+_NAMES = {name.title().replace("_", ""): name for name in OPTIONS}
+"""Names of the options by their names in a command: ``ToleranceMm``."""

@@ -11,12 +11,12 @@ from contextlib import asynccontextmanager
 from fastapi import FastAPI, Request, Response
 from nicegui import Client, ui
 
+from markerseek.bridges.page.controls import USUAL
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.race_page import build_race_page
 from markerseek.bridges.page.replay_page import ReplayPage
 from markerseek.bridges.page.search_page import build_search_page
 from markerseek.bridges.page.security import App
-from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.turn_page import build_turn_page
 
 WATCH_S = 0.5
@@ -54,11 +54,11 @@ def page_application(searches: PageSearches) -> App:
 
     @ui.page("/")
     def search(request: Request) -> None:
-        build_search_page(searches, PageSettings.of_query(request.query_params))
+        build_search_page(searches, USUAL.with_query(request.query_params))
 
     @ui.page("/race")
     def race(request: Request) -> None:
-        build_race_page(searches, PageSettings.of_query(request.query_params))
+        build_race_page(searches, USUAL.with_query(request.query_params))
 
     @ui.page("/turn")
     def turn() -> None:

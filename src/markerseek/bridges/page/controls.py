@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict
-from typing import Any
+from typing import Any, TypeAlias
 
 from nicegui import ui
 
+from markerseek.bridges.asked import OPTIONS, AskedSearch
 from markerseek.bridges.page.page_shell import PageShell
-from markerseek.bridges.page.settings import REAL_TIME_READOUT_S, SONIXDAQ_READOUT_S, LinkSettings, PageSettings
 from markerseek.bridges.page.state import with_minus
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, SimulationOptions
 from markerseek.search import METHODS
 from markerseek.sim import TISSUES
+
+USUAL = AskedSearch(simulation=SimulationOptions(seed=1, pace=0.05))
+"""What the page begins with: a search of two minutes is shown in six seconds."""
+
+LinkSettings: TypeAlias = tuple[AskedSearch, tuple[str, ...]]
+"""Settings of a link, and what is wrong with each of its values that are left out."""
 
 PACES = {1.0: "real time", 0.2: "5 × faster", 0.05: "20 × faster", 0.01: "100 × faster", 0.0: "no waiting"}
 """Speeds that can be chosen for a simulated rig, by their pace."""
 
-READOUTS = {SONIXDAQ_READOUT_S: "SonixDAQ, 10 s", REAL_TIME_READOUT_S: "streams, 0.1 s"}
+READOUTS = {10.0: "SonixDAQ, 10 s", 0.1: "streams, 0.1 s"}
 """Receivers that can be chosen, by the time in seconds to read one acquisition."""
 
 METHOD_FIELDS = ("method", "acquisitions", "tolerance_mm", "as_published")
@@ -37,13 +42,13 @@ class SettingsRow:
 
     def __init__(
         self,
-        settings: PageSettings,
+        settings: AskedSearch,
         names: Iterable[str],
         *,
         problems: Iterable[str] = (),
-        on_change: Callable[[PageSettings], None] | None = None,
+        on_change: Callable[[AskedSearch], None] | None = None,
     ) -> None:
-        self._values = asdict(settings)
+        self._values = settings.values
         self._on_change = on_change
         self._fields: dict[str, ui.element] = {}
         self.usable = True
@@ -68,9 +73,9 @@ class SettingsRow:
         self._say("; ".join(f"link: {each}; it is left out" for each in problems))
 
     @property
-    def settings(self) -> PageSettings:
+    def settings(self) -> AskedSearch:
         """What the fields show."""
-        return PageSettings(**self._values)
+        return USUAL.changed(**self._values)
 
     def _box(self, name: str, label: str, tip: str) -> None:
         box = ui.checkbox(label, value=self._values[name])
@@ -99,7 +104,7 @@ class SettingsRow:
 
     def _set(self, name: str, value: object) -> None:
         # Kept as it is shown, right or wrong: a search with other settings than those on the page must not start.
-        self._values[name] = value
+        self._values[name] = OPTIONS[name].default if value is None else value
         for field in self._fields.values():
             field.props(remove="error")
         try:
@@ -155,11 +160,11 @@ def start_button(text: str, *, icon: str = "play_arrow") -> ui.button:
     return ui.button(text, icon=icon, color=None).props("dense padding='6px 10px'").classes("ms-go")
 
 
-def hold_in_link(path: str) -> Callable[[PageSettings], None]:
+def hold_in_link(path: str) -> Callable[[AskedSearch], None]:
     """What puts settings into the address of a page, so that its link holds them."""
 
-    def hold(settings: PageSettings) -> None:
-        query = settings.query()
+    def hold(settings: AskedSearch) -> None:
+        query = settings.query(usual=USUAL)
         ui.navigate.history.replace(f"{path}?{query}" if query else path)
 
     return hold

@@ -11,8 +11,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from markerseek.bridges.asked import AskedSearch
 from markerseek.bridges.page.child_search import ChildSearch, Launch
-from markerseek.bridges.page.settings import PageSettings
 from markerseek.core import Interval, RecordError, SearchError
 from markerseek.drivers import BenchSettings
 from markerseek.records.journal import default_journal, journals_folder, journals_in, make_folder
@@ -104,15 +104,15 @@ class PageSearches:
     def _runs(self) -> tuple[ChildSearch, ...]:
         return (*self.race, *(each for each in (self.search, self.bank) if each is not None))
 
-    def start(self, settings: PageSettings, *, asked_by: str) -> None:
+    def start(self, asked: AskedSearch, *, asked_by: str) -> None:
         """Start a search, for somebody whom the terminal names where it asks whether to arm.
 
         Raises `SearchError` if one runs. Raises `OSError` if the folder of journals cannot be made.
         """
-        journal = default_journal(method=settings.method)
+        journal = default_journal(method=asked.plan.method)
         make_folder(journal.parent)
         with self._idle():
-            arguments = ["search", *self._rig_arguments(), *settings.arguments(simulated=self.rig.simulated)]
+            arguments = ["search", *self._rig_arguments(), *asked.arguments(simulated=self.rig.simulated)]
             arguments += ["--journal", str(journal), f"--asked-by={asked_by}"]
             self.search = self._live(arguments, journal=journal)
 
@@ -138,17 +138,17 @@ class PageSearches:
             return False
         return run is None or run.snapshots[-1].phase not in {"finished", "fault"}
 
-    def start_race(self, one: PageSettings, other: PageSettings) -> None:
+    def start_race(self, one: AskedSearch, other: AskedSearch) -> None:
         """Start two searches on the same simulated rig, side by side; they keep no journal."""
         with self._idle():
             if not self.rig.simulated:
                 raise SearchError("a race needs two rigs: it is for simulated ones only")
             self.race = tuple(
-                self._live(["search", *self._rig_arguments(), *each.arguments(simulated=True), "--no-journal"])
+                self._live(["search", *self._rig_arguments(), *each.arguments(), "--no-journal"])
                 for each in (one, other)
             )
 
-    def replay(self, name: str, settings: PageSettings) -> ChildSearch:
+    def replay(self, name: str, asked: AskedSearch) -> ChildSearch:
         """Search a recorded bank with a method; no device and no journal is involved.
 
         ``name``: one of `recordings`.
@@ -157,7 +157,7 @@ class PageSearches:
         with self._idle():
             if path is None:
                 raise SearchError(f"{name[:80]!r}: no such recording; choose one from the list")
-            self.bank = self._live(["replay", str(path), *settings.arguments(simulated=False)])
+            self.bank = self._live(["replay", str(path), *asked.arguments(simulated=False)])
             return self.bank
 
     def stop(self) -> None:

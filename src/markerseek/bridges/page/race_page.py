@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from nicegui import ui
 
+from markerseek.bridges.asked import AskedSearch
 from markerseek.bridges.page.child_search import ChildSearch
-from markerseek.bridges.page.controls import METHOD_FIELDS, RIG_FIELDS, SettingsRow, hold_in_link, start_button
+from markerseek.bridges.page.controls import (
+    METHOD_FIELDS,
+    RIG_FIELDS,
+    USUAL,
+    LinkSettings,
+    SettingsRow,
+    hold_in_link,
+    start_button,
+)
 from markerseek.bridges.page.curve import race_options
 from markerseek.bridges.page.elements import Chart
 from markerseek.bridges.page.page_searches import PageSearches
@@ -15,7 +22,6 @@ from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.panels import CurvePanel, FanPanel, VerdictPanel, panel
 from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.search_page import verdict_before
-from markerseek.bridges.page.settings import LinkSettings, PageSettings
 from markerseek.bridges.page.state import Snapshot
 from markerseek.bridges.page.verdict import verdict_of
 from markerseek.core import Interval, counted
@@ -30,7 +36,7 @@ class Lane:
     def __init__(self, method: str, search: Interval) -> None:
         with panel(method, "lane") as self._title:
             with ui.element("div").classes("ms-controls"):
-                self._row = SettingsRow(PageSettings(method=method), METHOD_FIELDS)
+                self._row = SettingsRow(USUAL.changed(method=method), METHOD_FIELDS)
             self._verdict = VerdictPanel()
             with ui.element("div").classes("ms-lane"):
                 self._fan, self._curve = FanPanel(search), CurvePanel(search)
@@ -40,10 +46,10 @@ class Lane:
         """Whether a search can have its settings."""
         return self._row.usable
 
-    def settings(self, shared: PageSettings) -> PageSettings:
+    def settings(self, shared: AskedSearch) -> AskedSearch:
         """Settings of this racer, with those that both share."""
-        own = self._row.settings
-        return replace(shared, **{name: getattr(own, name) for name in METHOD_FIELDS})
+        own = self._row.settings.values
+        return shared.changed(**{name: own[name] for name in METHOD_FIELDS})
 
     def show(self, live: ChildSearch, *, reveal: bool, leads: bool) -> None:
         """Show where the racer is."""

@@ -11,14 +11,13 @@ import msgspec
 from nicegui import run, ui
 
 from markerseek.bridges.page.child_search import ChildSearch
-from markerseek.bridges.page.controls import METHOD_FIELDS, SettingsRow, start_button
+from markerseek.bridges.page.controls import METHOD_FIELDS, USUAL, SettingsRow, start_button
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.panels import VerdictPanel
 from markerseek.bridges.page.results import ResultRow
 from markerseek.bridges.page.run_history import RunHistory, watched_journal
 from markerseek.bridges.page.search_page import status_text, verdict_before
-from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.state import with_minus
 from markerseek.bridges.page.timeline import RunView
 from markerseek.core import MarkerseekError
@@ -52,7 +51,7 @@ class ReplayPage:
             self._chosen = ui.select(names, label="recording", with_input=True, on_change=self._choose)
             self._chosen.props("dense outlined options-dense").classes("ms-recording")
             with ui.element("div").classes("ms-controls") as self._methods:
-                self._row = SettingsRow(PageSettings(), METHOD_FIELDS)
+                self._row = SettingsRow(USUAL, METHOD_FIELDS)
                 search = start_button("Search it")
         self._methods.visible = False
         self._frame.on_click(search, self._search_bank)

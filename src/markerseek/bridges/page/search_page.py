@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from markerseek.bridges.page.child_search import ChildSearch
-from markerseek.bridges.page.controls import SearchControls
+from markerseek.bridges.page.controls import LinkSettings, SearchControls
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.panels import VerdictPanel
 from markerseek.bridges.page.results import ResultRow
-from markerseek.bridges.page.settings import LinkSettings
 from markerseek.bridges.page.timeline import RunView
 from markerseek.bridges.page.verdict import Verdict, verdict_of
 

@@ -7,19 +7,19 @@ from dataclasses import dataclass, replace
 from nicegui import run, ui
 from nicegui.events import KeyEventArguments
 
-from markerseek.bridges.page.controls import SettingsRow, start_button
+from markerseek.bridges.asked import AskedSearch
+from markerseek.bridges.page.controls import USUAL, SettingsRow, start_button
 from markerseek.bridges.page.elements import Slider
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.panels import Panels, VerdictPanel
 from markerseek.bridges.page.run_history import RunHistory
-from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.state import Snapshot, with_minus
 from markerseek.bridges.page.verdict import Verdict
 from markerseek.core import Asked, LimitError, MarkerseekError, Measured, SearchError, SearchPlan, Started, counted
 from markerseek.rigs import simulated
 from markerseek.runs import new_session
-from markerseek.sim import SimulatedSettings, changed_settings
+from markerseek.sim import SimulatedSettings, with_options
 
 HELP = (
     "Turn the probe with the slider or the arrow keys, press Measure (Enter), and find where the signal is strongest."
@@ -50,9 +50,9 @@ class ManualSearch:
     ``chosen``: seed, tissue, noise and receiver; method and speed do not matter.
     """
 
-    def __init__(self, base: SimulatedSettings, chosen: PageSettings) -> None:
-        settings = changed_settings(base, tissue=chosen.tissue, snr_db=chosen.snr_db, readout_s=chosen.readout_s)
-        self.rig = simulated(seed=chosen.seed, settings=settings)
+    def __init__(self, base: SimulatedSettings, chosen: AskedSearch) -> None:
+        simulation = chosen.simulation
+        self.rig = simulated(seed=simulation.seed or 0, settings=with_options(base, simulation))
         self.chosen = chosen
         # The plan names a method because every plan does; no policy decides here.
         session = new_session(self.rig, SearchPlan(method="exhaustive", stay=True))
@@ -114,7 +114,7 @@ class TurnPage:
             ui.button("Begin again", on_click=self._begin).props("dense outline padding='6px 10px'")
             names = ("tissue", "snr_db", "seed", "readout_s")
             # Other settings are another scene.
-            self._row = SettingsRow(PageSettings(seed=2), names, on_change=lambda _: self._forget())
+            self._row = SettingsRow(USUAL.changed(seed=2), names, on_change=lambda _: self._forget())
         with ui.element("div").classes("ms-foot"):
             self._slider = Slider(min=limits.low_deg, max=limits.high_deg, step=0.1, value=start_deg)
             # Else the arrow keys would be the slider's, which turns by a tenth of a degree.
@@ -173,8 +173,8 @@ class TurnPage:
 
     def _let_search(self) -> None:
         chosen = self._row.settings if self._turn is None else self._turn.chosen
-        self._frame.searches.start(replace(chosen, method="posterior"), asked_by=self._frame.viewer)
-        ui.navigate.to("/?" + chosen.query())
+        self._frame.searches.start(chosen.changed(method="posterior"), asked_by=self._frame.viewer)
+        ui.navigate.to("/?" + chosen.query(usual=USUAL))
 
     def _update(self) -> None:
         self._name.set_enabled(self._turn is not None and self._score is None)

@@ -6,10 +6,11 @@ import queue
 import threading
 from typing import Any
 
+from markerseek.bridges.asked import AskedSearch
 from markerseek.bridges.child import ChildRun, Outcome
 from markerseek.bridges.ros2.sample_topics import SampleTopics
 from markerseek.bridges.ros2.serving import Diagnostics
-from markerseek.bridges.searches import Searches, SearchRequest
+from markerseek.bridges.searches import Searches
 from markerseek.core import Failed, Measured, RecordError, Refused, SearchError
 from markerseek.records.journal import Configuration, Entry, JournalItem
 from markerseek.ros import RosNode, messages, topics
@@ -18,16 +19,14 @@ from markerseek.ros import RosNode, messages, topics
 class SearchNode:
     """Runs searches as child processes, one at a time.
 
-    ``request``: what a search is asked for; a std_srvs/Trigger carries nothing. ``publishes_angle``: whether the angle
+    ``asked``: the search; a std_srvs/Trigger carries nothing. ``publishes_angle``: whether the angle
     of the probe is published: not if the rig is one of ROS 2 nodes, of which one does it.
     """
 
-    def __init__(
-        self, *, node: RosNode, searches: Searches, request: SearchRequest, publishes_angle: bool = True
-    ) -> None:
+    def __init__(self, *, node: RosNode, searches: Searches, asked: AskedSearch, publishes_angle: bool = True) -> None:
         self.node = node
         self.outcome: Outcome | None = None
-        self._searches, self._request = searches, request
+        self._searches, self._asked = searches, asked
         self._topics = SampleTopics(node=node, publishes_angle=publishes_angle)
         self._child: ChildRun | None = None
         self._items: queue.SimpleQueue[JournalItem | Outcome] = queue.SimpleQueue()
@@ -63,7 +62,7 @@ class SearchNode:
         """Start a search, as `Searches.start` does; `SearchError` if one is running."""
         if self.running:
             raise SearchError("a search is running; cancel it, or wait for its result")
-        self._child = self._searches.start(self._request, asked_by=asked_by)
+        self._child = self._searches.start(self._asked, asked_by=asked_by)
         self.outcome = None
         self._counts["searches"] += 1
         self._publish_result({"state": "running", "process_id": self._child.process_id})

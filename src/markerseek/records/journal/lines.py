@@ -45,6 +45,16 @@ class _First(msgspec.Struct, frozen=True):
     """``record`` and ``journal``: version of the format; the second is of files of version 1."""
 
 
+def _with_flat_tolerance(configuration: msgspec.Raw) -> bytes:
+    """A configuration as it is written now: journals of version 0.3 have one value for both tolerances of the plan."""
+    values = msgspec.json.decode(configuration)
+    tolerance = values.get("plan", {}).pop("tolerance", None)
+    if tolerance is None:
+        return bytes(configuration)
+    values["plan"] |= {f"tolerance_{unit}": value for unit, value in tolerance.items()}
+    return msgspec.json.encode(values)
+
+
 class _Line(msgspec.Struct, frozen=True, kw_only=True):
     number: int = 0
     block: int = 0
@@ -158,7 +168,7 @@ class EntryReader:
                     f"{self.path}: it was written by a newer markerseek: the journal has version {first.record}, this "
                     f"one reads up to {VERSION}; install a newer one"
                 )
-            configuration = msgspec.json.decode(first.configuration, type=Configuration)
+            configuration = msgspec.json.decode(_with_flat_tolerance(first.configuration), type=Configuration)
         except (msgspec.MsgspecError, ValueError, RecursionError) as problem:
             # Its checksum agrees, so that it is not damaged.
             raise RecordError(

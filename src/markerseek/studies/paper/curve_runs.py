@@ -28,7 +28,7 @@ from markerseek.studies.paper.methods import (
 )
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.section import Answer
-from markerseek.studies.policies import PolicySettings, build_policy
+from markerseek.studies.policies import StudyPolicy, build_policy, study_policy
 from markerseek.studies.study import Cell, CurveSettings, Study, cells
 from markerseek.studies.trial import searched
 from markerseek.studies.worlds import Draw, draw_trial, intensity_curve, study_rig
@@ -102,12 +102,12 @@ def study_of(
     return Study(
         name="paper",
         policies=(
-            *(PolicySettings(method=BUILT[name], acquisitions=most, as_published=True) for name in BRACKETS),
+            *(study_policy(method=BUILT[name], acquisitions=most, as_published=True) for name in BRACKETS),
             *(
-                PolicySettings(method=BUILT["WA"], acquisitions=count, as_published=True, early_end=False)
+                study_policy(method=BUILT["WA"], acquisitions=count, as_published=True, early_end=False)
                 for count in sweeps
             ),
-            *([PolicySettings(method=BUILT["WA"], acquisitions=ONLINE_STEPS, as_published=True)] if early else []),
+            *([study_policy(method=BUILT["WA"], acquisitions=ONLINE_STEPS, as_published=True)] if early else []),
         ),
         seed=seed,
         trials=trials,
@@ -147,13 +147,13 @@ def answers_of_trial(trial_of: TrialOf) -> MarkerAnswers:
     for settings in study.policies:
         if settings in at_once:
             continue
-        name = names[settings.method]
+        name = names[settings.plan.method]
         rig = study_rig(study, cell, draw)
         policy = build_policy(settings, limits=rig.limits.search, start_deg=rig.stage.angle_deg)
         found = searched(
             policy,
             rig.scanner,
-            dark_frames=0 if settings.as_published else rig.dark_frames,
+            dark_frames=0 if settings.plan.as_published else rig.dark_frames,
             counts=() if name == "WA" else BRACKET_ACQUISITIONS,
         )
         # WA may end early, and stands under the number that it was given.
@@ -162,8 +162,8 @@ def answers_of_trial(trial_of: TrialOf) -> MarkerAnswers:
     return answers
 
 
-def _is_full_scan(settings: PolicySettings) -> bool:
-    return settings.method == BUILT["WA"] and not settings.early_end
+def _is_full_scan(settings: StudyPolicy) -> bool:
+    return settings.plan.method == BUILT["WA"] and not settings.plan.early_end
 
 
 def _full_scans(study: Study, cell: Cell, draw: Draw, counts: Sequence[int]) -> MarkerAnswers:

@@ -36,7 +36,7 @@ from markerseek.studies.paper.section import (
     summary_of,
 )
 from markerseek.studies.paper.style import Panel, errors_figure
-from markerseek.studies.policies import PolicySettings
+from markerseek.studies.policies import study_policy
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,7 +48,7 @@ FITTED = Condition(source_radius_m=0.35e-3, peak_snr_db=80.0)
 POSTERIOR_SHARE = 0.2
 """Share of the markers that the posterior searches for: it computes a hundred times as long as TS."""
 
-_ALL_OF_THE_POSTERIOR = PolicySettings(method="posterior", acquisitions=28, early_end=False, others=0.0)
+_ALL_OF_THE_POSTERIOR = study_policy(method="posterior", acquisitions=28, early_end=False, others=0.0)
 
 _Summary: TypeAlias = Mapping[tuple[AnyMethod, int], Errors]
 """Errors over the markers, by method and number of acquisitions."""

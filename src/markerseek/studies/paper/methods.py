@@ -9,9 +9,9 @@ from markerseek.core import (
     Estimate,
     Interval,
     Policy,
-    PolicyPlan,
     Reading,
     Sample,
+    SearchPlan,
 )
 from markerseek.search import build
 from markerseek.sim import StageMotion
@@ -63,7 +63,7 @@ def policy_of(
     the posterior once the angle is known well enough.
     """
     return build(
-        PolicyPlan(
+        SearchPlan(
             method=BUILT[name],
             acquisitions=acquisitions,
             as_published=name != "posterior",

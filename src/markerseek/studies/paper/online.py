@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 import numpy as np
 
 from markerseek import rigs
-from markerseek.core import PAPER_RANGE, Estimate, Policy, PolicyPlan, SearchError
+from markerseek.core import PAPER_RANGE, Estimate, Policy, SearchError, SearchPlan
 from markerseek.pictures import panel_grid, shared_legend
 from markerseek.search import build
 from markerseek.sim import MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
@@ -179,7 +179,7 @@ def _policy(method: OnlineMethod) -> Policy:
         case "WA":
             return policy_of(method, acquisitions=ONLINE_STEPS, early_end=True)
         case "posterior, survey":
-            return build(PolicyPlan(method="posterior", start_deg=start_deg))
+            return build(SearchPlan(method="posterior", start_deg=start_deg))
     return policy_of("posterior", acquisitions=TABLE_ACQUISITIONS, start_deg=start_deg, early_end=method == "posterior")
 
 

@@ -313,8 +313,8 @@ def test_what_is_not_within_the_tolerance_is_unsure_for_its_width_and_says_what_
     assert isinstance(unsure, Unsure)
     assert unsure.doubt == "width"
     assert re.match(
-        r"the angle is known to ± 0\.\d+ mm at the marker, and 0.3 mm is tolerated; more acquisitions will not narrow "
-        "it: the source is not known to be a point",
+        r"the angle is known to within 0\.\d+ mm at the marker, and 0.3 mm is tolerated; more acquisitions will not "
+        "narrow it: the source is not known to be a point",
         unsure.reason,
     )
     # It does not use its acquisitions up for what they cannot improve.

@@ -15,8 +15,8 @@ from msgspec import structs
 from markerseek import rigs
 from markerseek.bridges.child import Outcome
 from markerseek.bridges.page.child_search import ChildSearch
+from markerseek.bridges.page.controls import USUAL
 from markerseek.bridges.page.page_searches import PageRig, PageSearches
-from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.state import STOPPED as STOPPED_LINE
 from markerseek.bridges.page.state import Snapshot
 from markerseek.bridges.page.verdict import verdict_of
@@ -257,11 +257,11 @@ def searches(children, tmp_path, monkeypatch, **rig):
 
 def test_one_search_at_a_time(stream, tmp_path, monkeypatch):
     shared, asked = searches([ScriptedChild(stream[:5], endless=True)], tmp_path, monkeypatch)
-    shared.start(PageSettings(seed=4), asked_by=BROWSER)
+    shared.start(USUAL.changed(seed=4), asked_by=BROWSER)
     for another in (
-        lambda: shared.start(PageSettings(), asked_by=BROWSER),
-        lambda: shared.start_race(PageSettings(), PageSettings()),
-        lambda: shared.replay("x", PageSettings()),
+        lambda: shared.start(USUAL, asked_by=BROWSER),
+        lambda: shared.start_race(USUAL, USUAL),
+        lambda: shared.replay("x", USUAL),
         shared.go_on,
     ):
         with pytest.raises(SearchError, match="a search runs"):
@@ -269,26 +269,26 @@ def test_one_search_at_a_time(stream, tmp_path, monkeypatch):
     shared.close()
     assert not shared.busy
     assert len(asked) == 1
-    assert asked[0][:6] == ["search", "--method", "posterior", "--seed", "4", "--pace"]
+    assert asked[0][:3] == ["search", "--seed=4", "--pace=0.05"]
 
 
 def test_rig_of_devices_is_never_armed_from_the_page(stream, tmp_path, monkeypatch):
     children = [ScriptedChild(stream[:5], endless=True)]
     settings = read_rig_file(Path("examples/rigs/bench.toml"))
     shared, asked = searches(children, tmp_path, monkeypatch, file=tmp_path / "rig.toml", settings=settings)
-    shared.start(PageSettings(seed=4, tissue="liver"), asked_by=BROWSER)
+    shared.start(USUAL.changed(seed=4, tissue="liver"), asked_by=BROWSER)
     shared.search.journal.touch()
     shared.stop()
     assert shared.search.join(10)
-    assert asked[0][:5] == ["search", "--rig", str(tmp_path / "rig.toml"), "--method", "posterior"]
-    assert not {"--arm", "--reset-fault", "--seed", "--tissue"} & set(asked[0])
+    assert asked[0][:4] == ["search", "--rig", str(tmp_path / "rig.toml"), "--journal"]
+    assert not any(each.startswith(("--arm", "--reset-fault", "--seed", "--tissue")) for each in asked[0])
     # For the question in the terminal.
     assert asked[0][-1] == "--asked-by=a browser at 127.0.0.1"
     assert not shared.paused
     with pytest.raises(SearchError, match="resume it in the terminal"):
         shared.go_on()
     with pytest.raises(SearchError, match="simulated"):
-        shared.start_race(PageSettings(), PageSettings())
+        shared.start_race(USUAL, USUAL)
 
 
 def test_stop_while_a_race_starts_stops_both(stream, tmp_path, monkeypatch):
@@ -306,7 +306,7 @@ def test_stop_while_a_race_starts_stops_both(stream, tmp_path, monkeypatch):
         return run
 
     monkeypatch.setattr(shared, "_live", slowly)
-    shared.start_race(PageSettings(), PageSettings())
+    shared.start_race(USUAL, USUAL)
     for each in pressed:
         each.join()
     assert all(each.join(10) for each in shared.race)
@@ -317,14 +317,14 @@ def test_nothing_starts_after_the_end(tmp_path, monkeypatch):
     shared, asked = searches([], tmp_path, monkeypatch)
     shared.close()
     with pytest.raises(SearchError, match="is being closed"):
-        shared.start(PageSettings(), asked_by=BROWSER)
+        shared.start(USUAL, asked_by=BROWSER)
     assert asked == []
 
 
 def test_pause_while_a_search_goes_on_can_go_on_again(stream, tmp_path, monkeypatch):
     children = [ScriptedChild(stream[:5], endless=True), ScriptedChild(endless=True), ScriptedChild(stream)]
     shared, asked = searches(children, tmp_path, monkeypatch)
-    shared.start(PageSettings(), asked_by=BROWSER)
+    shared.start(USUAL, asked_by=BROWSER)
     while shared.search.run is None or len(shared.search.run.snapshots) < 3:
         time.sleep(0.01)
     shared.search.journal.touch()
@@ -354,7 +354,7 @@ def test_child_that_does_not_stop_is_killed(stream, tmp_path, monkeypatch):
     child = ScriptedChild(stream[:5], endless=True)
     child.stop = lambda: None
     shared, _ = searches([child], tmp_path, monkeypatch)
-    shared.start(PageSettings(), asked_by=BROWSER)
+    shared.start(USUAL, asked_by=BROWSER)
     shared.close()
     assert child.stopped.is_set()
 
@@ -374,5 +374,5 @@ def test_only_named_recordings_are_replayed(tmp_path, monkeypatch):
     shared, asked = searches([], tmp_path, monkeypatch)
     for name in ("/etc/passwd", "../../etc/passwd", "scan.hdf5"):
         with pytest.raises(SearchError, match="no such recording"):
-            shared.replay(name, PageSettings())
+            shared.replay(name, USUAL)
     assert asked == []

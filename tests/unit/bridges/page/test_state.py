@@ -35,7 +35,6 @@ from markerseek.core import (
     MoveError,
     NotFound,
     OtherSource,
-    PolicyPlan,
     Refused,
     RigFacts,
     SearchPlan,
@@ -110,7 +109,7 @@ def test_density_of_the_posterior():
 
 def test_bracket_is_that_of_the_published_search():
     session, events = finished_run("golden-section")
-    published = build(PolicyPlan(method="golden-section", as_published=True))
+    published = build(SearchPlan(method="golden-section", as_published=True))
     assert isinstance(published, BracketSearch)
     for (event, _), snapshot in zip(events, shown(session, events), strict=True):
         if isinstance(event, Measured) and event.role == "search":

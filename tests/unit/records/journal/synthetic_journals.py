@@ -36,7 +36,6 @@ from markerseek.core import (
     Sample,
     SearchPlan,
     Started,
-    Tolerance,
     Unsure,
 )
 from markerseek.records.journal import Checked, Configuration, Entry, Interrupted, Journal, JournalEvent, Resuming
@@ -84,9 +83,7 @@ FULL_READING = Reading(
 
 def configuration(**changes: object) -> Configuration:
     plain = Configuration(
-        plan=SearchPlan(
-            method="golden-section", acquisitions=10, start_deg=0.0, dark_frames=3, tolerance=Tolerance(mm=0.7)
-        ),
+        plan=SearchPlan(method="golden-section", acquisitions=10, start_deg=0.0, dark_frames=3, tolerance_mm=0.7),
         facts=RigFacts(
             kind="simulated",
             description="a test's rig",

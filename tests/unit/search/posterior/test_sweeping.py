@@ -13,10 +13,10 @@ from markerseek.core import (
     Found,
     Interval,
     NotFound,
-    PolicyPlan,
     Reading,
     Sample,
     SearchError,
+    SearchPlan,
     Sweep,
     SweepTiming,
 )
@@ -51,7 +51,7 @@ class Search:
         from_end: bool = False,
     ) -> None:
         self.dark_deg = dark_deg
-        plan = PolicyPlan(
+        plan = SearchPlan(
             method="posterior",
             start_deg=start_deg,
             others=others,
@@ -144,7 +144,7 @@ def test_it_begins_with_the_nearer_end(start_deg: float, ends_deg: list[int]) ->
 
 
 def test_a_narrow_range_is_swept_whole() -> None:
-    plan = PolicyPlan(method="posterior", start_deg=1.4, sweep_speed_deg_s=SPEED)
+    plan = SearchPlan(method="posterior", start_deg=1.4, sweep_speed_deg_s=SPEED)
     policy = build_sweeping(plan, limits=Interval(low_deg=0.0, high_deg=2.0))
     assert isinstance(policy, SweepPosterior)
     assert [sweep.to_deg for sweep in policy.sweeps] == [2.0, 0.0]
@@ -253,16 +253,16 @@ def test_dark_frames_are_of_a_search_at_rest_only() -> None:
 
 
 def test_a_plan_that_sweeps_is_of_the_posterior() -> None:
-    plan = PolicyPlan(method="posterior", sweep_speed_deg_s=10.0)
+    plan = SearchPlan(method="posterior", sweep_speed_deg_s=10.0)
     assert most_acquisitions(plan) is None
     assert isinstance(build_sweeping(plan, limits=PAPER_RANGE), SweepPosterior)
     with pytest.raises(ConfigError, match="use build_sweeping"):
         build(plan)
     for wrong, said in (
-        (PolicyPlan(method="ternary"), "ternary: it asks for one angle after another"),
-        (PolicyPlan(method="posterior", as_published=True), "only posterior sweeps"),
-        (PolicyPlan(method="posterior", early_end=False), "early_end"),
+        (SearchPlan(method="ternary"), "ternary: it asks for one angle after another"),
+        (SearchPlan(method="posterior", as_published=True), "only posterior sweeps"),
+        (SearchPlan(method="posterior", early_end=False), "early_end"),
     ):
         with pytest.raises(ConfigError, match=said):
             require_sweeping(wrong)
-    assert not isinstance(build_sweeping(PolicyPlan(method="ternary"), limits=PAPER_RANGE), SweepPosterior)
+    assert not isinstance(build_sweeping(SearchPlan(method="ternary"), limits=PAPER_RANGE), SweepPosterior)

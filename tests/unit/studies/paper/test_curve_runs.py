@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.core import PolicyPlan
+from markerseek.core import SearchPlan
 from markerseek.search import build
 from markerseek.sim import CurveWorld, LaserSettings, MarkerSettings, NoiseSettings, PowerCurve, SimulatedSettings
 from markerseek.studies import CurveSettings, cells
@@ -55,11 +55,11 @@ def test_full_scans_answer_as_those_of_the_loop(monkeypatch: pytest.MonkeyPatch,
             draw = draw_trial(here, cell, trial)
             for settings in here.policies[2:]:
                 policy = build(
-                    PolicyPlan(
-                        method=settings.method,
-                        acquisitions=settings.acquisitions,
+                    SearchPlan(
+                        method=settings.plan.method,
+                        acquisitions=settings.plan.acquisitions,
                         as_published=True,
-                        early_end=settings.early_end,
+                        early_end=settings.plan.early_end,
                     )
                 )
                 found = searched(policy, study_rig(here, cell, draw).scanner)

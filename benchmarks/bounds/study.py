@@ -1,32 +1,36 @@
-"""Errors of a policy compared with the bound of each marker.
+"""Errors of the policies of a study compared with the bound of each marker: ``python -m benchmarks.bounds.study``.
 
-The bound is Van Trees' Bayesian one (`benchmarks.bounds`) with the marker's own noise-free curve, all nuisances
-unknown and the ranges of the physics table as the prior: for the best angles of this marker, and for the angles of the
-policy. Both need a study in which everything is drawn.
+The bound is Van Trees' Bayesian one (`benchmarks.bounds`) with the marker's own noise-free curve, all nuisances unknown
+and the ranges of the physics table as the prior: for the best angles of this marker, and for the angles of the policy.
+Both need a study in which everything is drawn, and acquisitions at rest. ``--plot`` draws the errors of the study, and
+of others that were run (``--beside``), with the bound.
 """
 
 from __future__ import annotations
 
+import argparse
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from functools import lru_cache
+from pathlib import Path
 
-import msgspec
 import numpy as np
 
-from benchmarks.bounds.best_angles import best_angles
-from benchmarks.bounds.information import (
+from benchmarks.bounds import (
     TABLE_PRIOR,
     IntensityNoise,
     SampledCurve,
     angle_bound_deg,
+    best_angles,
     sample_information,
 )
 from markerseek.core import ConfigError
+from markerseek.pictures import save_figure
 from markerseek.rigs import image_peak
+from markerseek.studies import Cell, Study, cells, error_figure, read_study, run_study
 from markerseek.studies.policies import build_policy
 from markerseek.studies.statistics import root_mean_square
-from markerseek.studies.study import Cell, Study
 from markerseek.studies.trial import former_curve, searched
 from markerseek.studies.unknowns import Unknowns
 from markerseek.studies.worlds import draw_trial, study_rig
@@ -40,7 +44,8 @@ MEAN_OF_ROOT = math.sqrt(2 / math.pi)
 """Mean magnitude of a normal error over its standard deviation."""
 
 
-class BoundComparison(msgspec.Struct, frozen=True, kw_only=True):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoundComparison:
     """Errors of a policy and the bounds, over the first markers of a study.
 
     ``rmse_deg`` is of ``mean_deg`` whatever the answer; ``best_deg`` and ``taken_deg`` are root mean squares of the
@@ -95,7 +100,7 @@ def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -
         rig = study_rig(study, cell, draw_trial(study, cell, trial))
         prior = former_curve(study, cell, trial, settings)
         searcher = build_policy(settings, limits=limits, start_deg=rig.stage.angle_deg, prior=prior)
-        dark_frames = 0 if settings.as_published else rig.dark_frames
+        dark_frames = 0 if settings.plan.as_published else rig.dark_frames
         # Without the confirmation at the end, which no bound on the angle takes into account.
         samples = searched(searcher, rig.scanner, dark_frames=dark_frames).samples
         marker_deg = unknowns.marker.angle_deg
@@ -155,3 +160,39 @@ def _marker(study: Study, cell: Cell, trial: int) -> tuple[Unknowns, IntensityNo
         jitter=rig.laser.energy_jitter / math.sqrt(unknowns.pulses),
     )
     return unknowns, noise, marker_curve(unknowns)
+
+
+def main() -> None:
+    """Run the study, or read its rows, and print one line for each policy in each cell."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.bounds.study", description=__doc__)
+    parser.add_argument("study", type=Path, help="study file (TOML)")
+    parser.add_argument("--markers", type=int, default=60, help="markers to search for again (default 60)")
+    parser.add_argument("--beside", type=Path, nargs="*", default=[], help="other studies, for the picture")
+    parser.add_argument("--plot", type=Path, help="picture to write")
+    arguments = parser.parse_args()
+    study = read_study(arguments.study)
+    require_bound(study)
+    markers = min(arguments.markers, study.trials)
+    names = [each.name for each in fields(BoundComparison)]
+    print(f"| {' | '.join(names)} |\n|{' --- |' * len(names)}")
+    for cell in cells(study):
+        for number in range(len(study.policies)):
+            found = compare_with_bound(study, cell, policy=number, markers=markers)
+            values = [getattr(found, name) for name in names]
+            print(f"| {' | '.join(f'{each:.3g}' if isinstance(each, float) else str(each) for each in values)} |")
+    if arguments.plot is not None:
+        runs = [
+            (each, run_study(each, Path("out") / path.stem).summary)
+            for path in (arguments.study, *arguments.beside)
+            for each in (read_study(path),)
+        ]
+        bounds = {
+            cell.index: (study.marks, mean_bounds(study, cell, markers=markers, acquisitions=study.marks))
+            for cell in cells(study)
+            if study.marks
+        }
+        save_figure(error_figure(runs, bounds=bounds), arguments.plot)
+
+
+if __name__ == "__main__":
+    main()

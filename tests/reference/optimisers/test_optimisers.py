@@ -3,23 +3,13 @@
 from __future__ import annotations
 
 import math
-import sys
 
 import pytest
 from scipy.optimize import minimize_scalar
 
-from benchmarks.optimisers import BoTorch, BoundedMinimiser, ScikitOptimize, bounded_minimiser
-from markerseek.core import (
-    PAPER_RANGE,
-    ConfigError,
-    Found,
-    MissingExtraError,
-    Policy,
-    Reading,
-    Sample,
-    SearchError,
-    Unsure,
-)
+from benchmarks.optimisers import BoTorch, BoundedMinimiser, ScikitOptimize, checked_minimiser
+from markerseek.core import Found, Interval, Policy, Reading, Sample, Unsure
+from markerseek.testing import PolicyContract
 
 
 def curve(angle_deg: float) -> float:
@@ -90,41 +80,18 @@ def test_the_answer_lies_between_samples_that_are_clearly_weaker() -> None:
 
 
 def test_checked_an_optimiser_claims_only_what_it_knows() -> None:
-    policy = bounded_minimiser(limits=PAPER_RANGE, acquisitions=12)
+    policy = checked_minimiser(acquisitions=12)
     for intensity in (0.010, 0.012, 0.011):
         policy.tell(Sample(angle_deg=0.0, reading=Reading(intensity=intensity), dark=True))
     search(policy)
     assert isinstance(policy.estimate(), Found | Unsure)
-    wide = bounded_minimiser(limits=PAPER_RANGE, acquisitions=4)
+    wide = checked_minimiser(acquisitions=4)
     for intensity in (0.010, 0.012, 0.011):
         wide.tell(Sample(angle_deg=0.0, reading=Reading(intensity=intensity), dark=True))
     search(wide)
     assert isinstance(wide.estimate(), Unsure)
 
 
-@pytest.mark.parametrize(
-    ("made_by", "package", "extra"), [(ScikitOptimize, "skopt", "optimizers"), (BoTorch, "botorch", "botorch")]
-)
-def test_a_missing_extra_is_named(
-    made_by: type[BoTorch] | type[ScikitOptimize], package: str, extra: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(MissingExtraError, match=rf"{made_by.name} needs the package .*\[{extra}\]"):
-        made_by()
-
-
-def test_a_budget_that_is_none_is_refused_and_a_search_ends_with_it() -> None:
-    with pytest.raises(ConfigError, match="at least 1 are needed"):
-        BoundedMinimiser(acquisitions=0)
-    policy = BoundedMinimiser(acquisitions=2)
-    search(policy)
-    with pytest.raises(SearchError, match="it is over after 2 acquisitions"):
-        policy.tell(sample(0.0))
-
-
-def test_nothing_heavy_is_loaded_before_it_is_used() -> None:
-    import subprocess
-
-    code = "import sys, benchmarks.optimisers; print([n for n in ('skopt', 'sklearn', 'torch') if n in sys.modules])"
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert said.stdout.strip() == "[]"
+class TestBoundedMinimiser(PolicyContract):
+    def make(self, limits: Interval) -> Policy:
+        return BoundedMinimiser(limits=limits, acquisitions=12)

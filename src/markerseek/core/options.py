@@ -1,0 +1,114 @@
+"""Options from the fields of a dataclass: their names, types, defaults and documentation stand there, and only there.
+
+A command line, a page, a link and a message of a network offer the same options.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import types
+import typing
+from dataclasses import dataclass, field, fields, is_dataclass
+from itertools import pairwise
+from textwrap import dedent
+from typing import Any
+
+from markerseek.core.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Option:
+    """One setting that a person can choose."""
+
+    name: str
+    """Name of the field."""
+    kind: type[bool] | type[int] | type[float] | type[str]
+    """Type of its value; ``None`` is possible where it is the default."""
+    default: Any
+    """Value that it has without being chosen."""
+    shown: str | None
+    """What to show for a default of ``None``."""
+    least: int | None
+    """Smallest value that can be meant."""
+    help: str
+    """The field's documentation, on one line."""
+
+    @property
+    def flag(self) -> str:
+        """How it is typed: ``--tolerance-mm``."""
+        return f"--{self.name.replace('_', '-')}"
+
+    def read(self, text: str) -> bool | float | str:
+        """The value of a text; `ConfigError` if it is none of this type."""
+        try:
+            if self.kind is bool:
+                return _TRUTH[text.lower()]
+            return self.kind(text)
+        except (KeyError, ValueError):
+            raise ConfigError(
+                f"{self.name} is {text[:40]!r}, it must be {_IN_WORDS[self.kind]}; correct it, or leave it out"
+            ) from None
+
+
+_TRUTH = {"true": True, "1": True, "false": False, "0": False}
+_IN_WORDS: dict[type, str] = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
+
+
+def option(default: Any, *, shown: str | None = None, least: int | None = None) -> Any:
+    """A field of a dataclass that is also an option; arguments as of `Option`."""
+    return field(default=default, metadata={_OPTION: (shown, least)})
+
+
+_OPTION = "option"
+
+
+def options_of(kind: type[Any]) -> tuple[Option, ...]:
+    """The options among the fields of a dataclass, in their order; those of a parent come last."""
+    types_, documented = typing.get_type_hints(kind), documentation(kind)
+    return tuple(
+        Option(
+            name=each.name,
+            kind=_required(types_[each.name]),
+            default=each.default,
+            shown=each.metadata[_OPTION][0],
+            least=each.metadata[_OPTION][1],
+            help=documented[each.name],
+        )
+        for each in sorted(fields(kind), key=lambda each: each.name not in kind.__annotations__)
+        if _OPTION in each.metadata
+    )
+
+
+def documentation(kind: type[Any]) -> dict[str, str]:
+    """The documentation of each field of a dataclass: the text below it in the source, on one line."""
+    found: dict[str, str] = {}
+    for owner in reversed([each for each in kind.__mro__ if is_dataclass(each)]):
+        tree = ast.parse(dedent(inspect.getsource(owner))).body[0]
+        for before, after in pairwise(typing.cast("ast.ClassDef", tree).body):
+            match before, after:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
+                    found[name] = " ".join(text.split())
+    return found
+
+
+def _required(kind: Any) -> Any:
+    """The type without ``None``."""
+    if isinstance(kind, types.UnionType) or typing.get_origin(kind) is typing.Union:
+        return next(each for each in typing.get_args(kind) if each is not types.NoneType)
+    return kind
+
+
+def arguments_of(settings: Any) -> list[str]:
+    """The options of these settings that differ from their defaults, as they are typed: ``--seed=3``."""
+    given = [(each, getattr(settings, each.name)) for each in options_of(type(settings))]
+    return [
+        each.flag if value is True else f"{each.flag}={as_text(value)}"
+        for each, value in given
+        if value != each.default
+    ]
+
+
+def as_text(value: object) -> str:
+    """A value as it is written, without a loss: a whole number without its zero, a truth value as 0 or 1."""
+    return str(int(value)) if isinstance(value, bool) else str(value).removesuffix(".0")

@@ -1,0 +1,365 @@
+"""One move of a stage: a target that is renewed, and the checks of all that the stage says on its way.
+
+A stage on its way does not turn back, and changes its speed no faster than it was set to (`Course`). An encoder that
+jumps in mid-move shows itself there: backwards as a fall-back, or either way as a speed that no motor with the
+acceleration that was set can have.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from markerseek.core import (
+    MAX_AHEAD_DEG,
+    Clock,
+    DeviceError,
+    Interval,
+    LimitError,
+    MoveError,
+    StageReading,
+    require_range,
+)
+
+_POLL_S, _NEAR_POLL_S = 0.05, 0.02
+_STABLE_READS = 3
+_TICK_S = 1e-6
+_MAX_TIMES = 5
+"""On a computer that is held up, a move may take so many times as long."""
+_TOO_FAST = 1.25
+"""Share of speed and acceleration set that is put down to the servo and to the age of two readings."""
+_APART_S = 0.015
+"""Readings closer together than this give no speed."""
+_KEPT = 6
+"""Readings that are compared with: a short way back the speed is recent, a long way back it is well known."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageStatus:
+    """What a stage says of itself."""
+
+    angle_deg: float
+    """Angle of the probe by the stage's own encoder or count, in degrees."""
+    moving: bool = False
+    """Whether the stage says that it moves; some deny it for a moment after a command."""
+    problem: str = ""
+    """Why the stage must not be used, with its cure; empty if all is well. It is asked a second time before this is
+    believed."""
+    since_s: float | None = None
+    """Earliest time at which the angle can have been taken, in seconds of the clock; None: when it was asked for."""
+    cure: str = "look for an obstacle"
+    """What to do where the stage does not move."""
+
+
+class StageLogic(Protocol):
+    """The verbs of a stage, in degrees of the probe. Each returns at once; waiting and checking is `StandardStage`'s.
+
+    A class may have the attributes ``emulated``, whether it is no real device, and ``description``.
+    """
+
+    def read(self) -> StageStatus:
+        """What the stage says now."""
+
+    def go(self, angle_deg: float) -> float | None:
+        """Begin to turn to an angle; it is called on the way again, with the next target.
+
+        Returns when it was told to, in seconds of the clock; None: when this was called.
+        """
+
+    def stop(self) -> None:
+        """Begin to stop; it is called again until the stage is at rest."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageRules:
+    """How a stage is moved and checked; angles in degrees of the probe."""
+
+    speed_deg_s: float
+    """Speed of its moves, as the stage keeps it."""
+    acceleration_deg_s2: float | None = None
+    """Its acceleration, as the stage keeps it; None: not known, and only the speed is checked."""
+    resolution_deg: float
+    """Step of its readback; two readings at rest differ by two steps at most."""
+    arrival_deg: float = 0.01
+    """Largest distance from its target at which it counts as arrived."""
+    unexpected_deg: float = 0.2
+    """Largest distance from where it should be on its way, and at rest."""
+    unsteady_deg: float = 0.0105
+    """How far a servo may be ahead of its set point, at any speed."""
+    lead_deg: float = MAX_AHEAD_DEG
+    """How far ahead a target may be."""
+    renew_s: float = 0.1
+    """How often a target is renewed, in seconds."""
+    begin_s: float = 0.5
+    """Time without motion after which it counts as stuck, in seconds."""
+    brake_s: float = 0.0
+    """Time that it takes to come to rest after a stop, in seconds."""
+    approach_from: Literal["below", "above"] = "below"
+    approach_deg: float = 0.0
+    """``approach_from`` and ``approach_deg``: side from which every target is approached, and over what distance."""
+
+    def __post_init__(self) -> None:
+        for name, high in (("speed_deg_s", 1e4), ("resolution_deg", 0.1), ("arrival_deg", 0.2), ("begin_s", 60)):
+            require_range(f"stage: {name}", getattr(self, name), low=0, high=high, open_low=True)
+
+    @property
+    def same_deg(self) -> float:
+        """Most by which two readings at rest differ."""
+        return 2.01 * self.resolution_deg
+
+    @property
+    def ramp_s(self) -> float:
+        """Time to its full speed."""
+        return 0.0 if self.acceleration_deg_s2 is None else self.speed_deg_s / self.acceleration_deg_s2
+
+    def longest_s(self, way_deg: float) -> float:
+        """Longest time that a move of that length may take, in seconds."""
+        # A fast stage waits for its next target.
+        speed_deg_s = min(self.speed_deg_s, self.lead_deg / (2 * self.renew_s))
+        return 2 * (way_deg / speed_deg_s + self.ramp_s) + 2 * self.begin_s
+
+    def reach_deg(self, duration_s: float) -> float:
+        """Farthest that a motor gets from rest in that time, with what it may exceed its settings by."""
+        ramp_s = min(duration_s, self.ramp_s)
+        ramp_deg = 0.0 if self.acceleration_deg_s2 is None else self.acceleration_deg_s2 * ramp_s**2 / 2
+        return _TOO_FAST * (ramp_deg + self.speed_deg_s * (duration_s - ramp_s))
+
+
+class Course:
+    """The readings of one move from rest, in one direction.
+
+    Each reading was taken at some time between the question and its answer; every bound takes the ends of these times
+    that speak for the stage. What holds up the computer, the line or the answers widens these times and with them the
+    bounds: it hides small jumps, and makes no jump of a sound stage.
+
+    ``start_deg``: where it stands. ``heading``: 1 for upwards, -1 for downwards. ``acceleration_deg_s2``: largest
+    acceleration, with what a motor may exceed its setting by. ``unsteady_deg``: how far a servo may be off the way that
+    it was set: noise of the encoder, and settling at the end.
+    """
+
+    def __init__(
+        self, *, start_deg: float, heading: int, now_s: float, acceleration_deg_s2: float, unsteady_deg: float
+    ) -> None:
+        self._heading = heading
+        self._acceleration = acceleration_deg_s2
+        self._unsteady_deg = unsteady_deg
+        self._farthest_deg = start_deg
+        first = StageReading(angle_deg=start_deg, asked_s=now_s, answered_s=now_s)
+        self._last: deque[StageReading] = deque([first], maxlen=_KEPT)
+
+    def objection(self, reading: StageReading) -> str:
+        """Why a stage on this course cannot be there; empty if it can."""
+        back_deg = self._heading * (self._farthest_deg - reading.angle_deg)
+        cure = "switch it off and on, home it with the probe outside the patient"
+        if back_deg > self._unsteady_deg:
+            return (
+                f"the stage fell back by {back_deg:.3f} deg on its way, to {reading.angle_deg:.3f} deg; its encoder or "
+                f"its coupling slips: {cure}"
+            )
+        if len(self._last) < 2:
+            return ""
+        *earlier, last = self._last
+        bounds = [self._advances(first, last, reading) for first in earlier]
+        low_deg, high_deg = max(low for low, _ in bounds), min(high for _, high in bounds)
+        advance_deg = self._heading * (reading.angle_deg - last.angle_deg)
+        if low_deg <= advance_deg <= high_deg:
+            return ""
+        return (
+            f"the stage advanced by {advance_deg:.3f} deg where its acceleration allows {low_deg:.3f} to "
+            f"{high_deg:.3f} deg; its encoder jumped, or its motor slips: {cure}"
+        )
+
+    def _advances(self, first: StageReading, second: StageReading, third: StageReading) -> tuple[float, float]:
+        """Least and largest advance from the second reading to the third, by the speed between the first two."""
+        advance_deg, unsteady_deg = self._heading * (second.angle_deg - first.angle_deg), self._unsteady_deg
+        change = self._acceleration * (third.answered_s - first.asked_s)
+        slowest = (advance_deg - unsteady_deg) / (second.answered_s - first.asked_s) - change
+        fastest = (advance_deg + unsteady_deg) / max(second.asked_s - first.answered_s, 1e-3) + change
+        low_deg = max(slowest, 0.0) * max(third.asked_s - second.answered_s, 0.0) - unsteady_deg
+        return low_deg, max(fastest, 0.0) * (third.answered_s - second.asked_s) + unsteady_deg
+
+    def add(self, reading: StageReading) -> None:
+        """Add a reading that has passed all checks."""
+        if self._heading * (reading.angle_deg - self._farthest_deg) > 0:
+            self._farthest_deg = reading.angle_deg
+        if reading.asked_s - self._last[-1].answered_s >= _APART_S:
+            self._last.append(reading)
+
+
+class Move:
+    """A stage on its way, or at rest between two moves.
+
+    ``rest_deg``: where it stands, if it should not move; None if that is not known. ``seen_deg``: angle of the last
+    reading; None before the first.
+    """
+
+    def __init__(
+        self, *, logic: StageLogic, clock: Clock, rules: StageRules, travel: Interval, rest_deg: float | None = None
+    ) -> None:
+        self._logic, self._clock, self._rules, self._travel = logic, clock, rules, travel
+        self._corridor = (travel.low_deg, travel.high_deg) if rest_deg is None else (rest_deg, rest_deg)
+        self._asked_s = 0.0
+        self.seen_deg: float | None = None
+        self._course: Course | None = None
+        self._from_deg: float | None = None
+        self._begun_s: float | None = None
+
+    def look(self) -> StageStatus:
+        """Status that is what it can be; a suspicious one is asked for again, since a garbled one does not come twice.
+
+        Raises `MoveError` if it reports an error, was switched off, homes, fell back on its way, or is where it cannot
+        be. Raises `LimitError` if it is outside its travel range.
+        """
+        return self.look_dated()[0]
+
+    def look_dated(self) -> tuple[StageStatus, StageReading]:
+        """As `look`, with the times between which it was taken."""
+        status, reading = self._ask()
+        if self._objection(status, reading) is not None:
+            status, reading = self._ask()
+            objection = self._objection(status, reading)
+            if objection is not None:
+                raise objection
+        self._asked_s, self.seen_deg = reading.asked_s, reading.angle_deg
+        if self._course is not None:
+            self._course.add(reading)
+        return status, reading
+
+    def _ask(self) -> tuple[StageStatus, StageReading]:
+        asked_s = self._clock.now_s()
+        status = self._logic.read()
+        since_s = asked_s if status.since_s is None else status.since_s
+        return status, StageReading(angle_deg=status.angle_deg, asked_s=since_s, answered_s=self._clock.now_s())
+
+    def go(self, target_deg: float, start_deg: float) -> float:
+        """Go from one angle to another, and return the angle at which it came to rest.
+
+        Raises `MoveError` or `LimitError` as `look` says, and if it does not begin, does not go on, or stops elsewhere.
+        """
+        rules = self._rules
+        heading = 1 if target_deg > start_deg else -1
+        self.begin(target_deg, start_deg)
+        longest_s = rules.longest_s(abs(target_deg - start_deg))
+        aimed_s = advanced_s = looked_s = began_s = self._clock.now_s()
+        ends_s, pause_s = began_s + longest_s, 0.0
+        aim_deg: float | None = None
+        sent_s: float | None = math.inf
+        farthest_deg = farthest_aim_deg = start_deg
+        settled: list[float] = []
+        while True:
+            status, reading = self.look_dated()
+            now_s = self._clock.now_s()
+            # A target that is renewed late costs the stage that time twice: it brakes, and speeds up again.
+            late_s = now_s - looked_s - pause_s
+            ends_s, looked_s = min(ends_s + 2 * late_s, began_s + _MAX_TIMES * longest_s), now_s
+            if self._settles(status, target_deg, settled):
+                return status.angle_deg
+            if heading * (status.angle_deg - farthest_deg) > rules.same_deg:
+                farthest_deg, advanced_s = status.angle_deg, reading.answered_s
+            if sent_s is not None and reading.asked_s >= sent_s:
+                # Only now has it surely received its target: both may have waited in one place on their way.
+                sent_s, advanced_s = None, reading.answered_s
+            if sent_s is None and not settled and not reading.asked_s - advanced_s < rules.begin_s:
+                raise self._stuck(status, target_deg, began=farthest_deg != start_deg)
+            if not now_s < ends_s:
+                raise MoveError(f"the stage has not arrived in {now_s - began_s:.1f} s; it is too slow")
+            if now_s - aimed_s >= rules.renew_s - _TICK_S or aim_deg is None:
+                # The nearer of two readings: one that is garbled must not carry the target further.
+                here_deg = min(status.angle_deg, self.look().angle_deg, key=lambda angle_deg: heading * angle_deg)
+                next_deg = self.ahead_deg(target_deg, here_deg, heading)
+                if next_deg != aim_deg or not (status.moving or settled):
+                    self.aim(next_deg)
+                if heading * (next_deg - farthest_aim_deg) > rules.same_deg:
+                    # At the target before it may have come to rest, if this one is late.
+                    farthest_aim_deg, sent_s = next_deg, self._clock.now_s()
+                aim_deg, aimed_s = next_deg, now_s
+            pause_s = self._pause_s(abs(target_deg - status.angle_deg))
+            self._clock.wait(pause_s)
+
+    def begin(self, target_deg: float, start_deg: float) -> None:
+        """Take every reading from now on as one on the way from one angle to another; nothing moves yet."""
+        self._corridor = (min(start_deg, target_deg), max(start_deg, target_deg))
+        self._asked_s, self.seen_deg = self._clock.now_s(), start_deg
+        self._from_deg, self._begun_s = start_deg, None
+        if self._rules.acceleration_deg_s2 is not None:
+            self._course = Course(
+                start_deg=start_deg,
+                heading=1 if target_deg > start_deg else -1,
+                now_s=self._clock.now_s(),
+                acceleration_deg_s2=_TOO_FAST * self._rules.acceleration_deg_s2,
+                unsteady_deg=self._rules.unsteady_deg,
+            )
+
+    def ahead_deg(self, target_deg: float, here_deg: float, heading: int) -> float:
+        """The target, or the angle as far ahead as allowed."""
+        # Less two steps of the readback, since the motor may be anywhere within the step that is read.
+        lead_deg = self._rules.lead_deg - 2 * self._rules.resolution_deg
+        return target_deg if heading * (target_deg - here_deg) <= lead_deg else here_deg + heading * lead_deg
+
+    def aim(self, angle_deg: float) -> None:
+        """Give a target."""
+        asked_s = self._clock.now_s()
+        told_s = self._logic.go(angle_deg)
+        if self._begun_s is None:
+            self._begun_s = asked_s if told_s is None else told_s
+
+    def _settles(self, status: StageStatus, target_deg: float, settled: list[float]) -> bool:
+        """Whether it stands at the target for some readings in a row."""
+        if status.moving or abs(status.angle_deg - target_deg) > self._rules.arrival_deg:
+            settled.clear()
+            return False
+        settled.append(status.angle_deg)
+        last = settled[-_STABLE_READS:]
+        return len(last) == _STABLE_READS and max(last) - min(last) <= self._rules.same_deg
+
+    def _pause_s(self, left_deg: float) -> float:
+        return min(_POLL_S, max(_NEAR_POLL_S, left_deg / self._rules.speed_deg_s))
+
+    def _objection(self, status: StageStatus, reading: StageReading) -> DeviceError | None:
+        spare_deg, angle_deg = self._rules.unexpected_deg, status.angle_deg
+        if status.problem:
+            return MoveError(status.problem)
+        if not self._travel.low_deg - spare_deg <= angle_deg <= self._travel.high_deg + spare_deg:
+            return LimitError(
+                f"the stage has left its travel range {self._travel}, by its reading of {angle_deg:.3f} deg"
+            )
+        low_deg, high_deg = self._corridor
+        if not low_deg - spare_deg <= angle_deg <= high_deg + spare_deg:
+            return MoveError(
+                f"the stage is at {angle_deg:.3f} deg, which is not on its way from {low_deg:.3f} to {high_deg:.3f} "
+                "deg; did somebody turn its wheel, or does another program use it?"
+            )
+        said = self._too_fast(angle_deg) or ("" if self._course is None else self._course.objection(reading))
+        return MoveError(said) if said else None
+
+    def _too_fast(self, angle_deg: float) -> str:
+        """Why it cannot have got there by now, at the speed and acceleration that were set; empty if it can.
+
+        The times are the longest that it can have turned, however slow the line is: from before it was asked last, or
+        sent on its way, until now. That a stage stands where it was sent is thereby not believed before it can be so.
+        """
+        rules, now_s = self._rules, self._clock.now_s()
+        ways: list[tuple[float, float, float]] = []
+        if self.seen_deg is not None:
+            turned_s = now_s - self._asked_s
+            ways.append((self.seen_deg, turned_s, _TOO_FAST * rules.speed_deg_s * turned_s))
+        if self._from_deg is not None:
+            turned_s = 0.0 if self._begun_s is None else now_s - self._begun_s
+            ways.append((self._from_deg, turned_s, rules.reach_deg(turned_s)))
+        for start_deg, turned_s, most_deg in ways:
+            if not abs(angle_deg - start_deg) <= most_deg + rules.unsteady_deg:
+                return (
+                    f"the stage went from {start_deg:.3f} to {angle_deg:.3f} deg in {turned_s:.3f} s, faster than it "
+                    "was set to; switch it off and on, home it with the probe outside the patient"
+                )
+        return ""
+
+    @staticmethod
+    def _stuck(status: StageStatus, target_deg: float, *, began: bool) -> MoveError:
+        what = "came to rest" if began else "did not begin to move"
+        return MoveError(
+            f"the stage {what} at {status.angle_deg:.3f} deg, {abs(target_deg - status.angle_deg):.3f} deg from its "
+            f"target; {status.cure}"
+        )

@@ -1,0 +1,322 @@
+"""A receiver from its messages, one for each trigger: how many make a frame, and which are of another acquisition."""
+
+from __future__ import annotations
+
+import socket
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from itertools import islice
+from typing import ClassVar, Generic, Protocol, TypeVar, TypeVarTuple
+
+import numpy as np
+
+from markerseek.core import (
+    AcquisitionError,
+    ChannelFrame,
+    Clock,
+    DeviceError,
+    DeviceTimeoutError,
+    FrameHeader,
+    Int16,
+    NotConnectedError,
+    Permit,
+    require_range,
+)
+from markerseek.drivers.entry import ReceiverSettings
+
+_READ_BYTES = 1 << 16
+_MAX_TAKEN_BYTES, _MAX_TAKEN = 1 << 24, 500
+"""Most that is taken between two beats of the clock, in bytes and in messages: the lease is renewed in each."""
+
+_FLOOD_PER_S = 5000
+"""More messages in a second than any server or sender has reason to send: a tracker gives some hundred."""
+
+SLICE_S = 0.005
+"""Longest wait between two looks at the messages."""
+
+MessageT = TypeVar("MessageT")
+Noted = TypeVarTuple("Noted")
+
+
+def armed_for(permit: Permit, armed: tuple[Permit, *Noted] | None, *, driver: str) -> tuple[Permit, *Noted]:
+    """What a receiver noted when it was armed; `AcquisitionError` if that was not for this permit."""
+    if armed is None or armed[0] != permit:
+        raise AcquisitionError(f"{driver}: it was not armed for the permit {permit.token!r}; arm it before firing")
+    return armed
+
+
+def acquired_frame(
+    samples: Int16[np.ndarray, "channels samples"],
+    permit: Permit,
+    *,
+    sequence: int,
+    pulses: int,
+    started_s: float,
+    clock: Clock,
+    sampling_hz: float,
+    energy: float | None = None,
+) -> ChannelFrame:
+    """Channel data as the frame of a permit; the acquisition ends now."""
+    header = FrameHeader(
+        sequence=sequence,
+        token=permit.token,
+        pulses=pulses,
+        commanded_deg=permit.commanded_deg,
+        started_s=started_s,
+        ended_s=clock.now_s(),
+        energy=energy,
+    )
+    return ChannelFrame(header=header, samples=samples, sampling_hz=sampling_hz)
+
+
+def mean_counts(each: list[Int16[np.ndarray, "channels samples"]]) -> Int16[np.ndarray, "channels samples"]:
+    """Mean of channel data, rounded to counts."""
+    mean: Int16[np.ndarray, "channels samples"] = np.rint(np.mean(each, axis=0)).astype(np.int16)
+    return mean
+
+
+class Messages(Protocol[MessageT]):
+    """The messages of a device, one for each trigger.
+
+    ``driver``, ``used``, ``called``: names of the driver, of the messages that are used, and of a message, in an error.
+    ``cure``: what must be so that no message comes without a trigger. ``check``: what to check where too few come.
+    """
+
+    driver: str
+    used: str
+    called: str
+    cure: str
+    check: str
+
+    def arm(self) -> None:
+        """A trigger follows; what came until now is of no acquisition."""
+
+    def take(self) -> tuple[list[MessageT], bool]:
+        """Messages that have come, without waiting, and whether there may be more."""
+
+    def samples(self, messages: list[MessageT]) -> Int16[np.ndarray, "channels samples"]:
+        """The mean of messages; `AcquisitionError` if one is not of this acquisition."""
+
+    def close(self) -> None:
+        """Close the connection; allowed twice."""
+
+
+MessagesT = TypeVar("MessagesT", bound=Messages)  # type: ignore[type-arg]
+
+
+class StandardReceiver(Generic[MessagesT]):
+    """A `markerseek.core.Receiver` whose frame is the mean of as many messages as pulses were permitted.
+
+    All are sent between `arm` and the end of the firing. Any other number is refused: one too many, or too few, may be
+    of another acquisition.
+
+    ``clock``: real time, or virtual time in tests. ``dark_triggers``: messages of a dark frame. ``timeout_s``: longest
+    time from the trigger to the last message. ``quiet_s``: time without a message that is waited for before a trigger
+    and after the last message.
+    """
+
+    def __init__(
+        self,
+        messages: MessagesT,
+        *,
+        clock: Clock,
+        dark_triggers: int,
+        sampling_hz: float,
+        timeout_s: float = 20.0,
+        quiet_s: float = 0.2,
+    ) -> None:
+        self.messages, self._clock, self._dark_triggers = messages, clock, dark_triggers
+        self._sampling_hz, self._timeout_s, self._quiet_s = sampling_hz, timeout_s, quiet_s
+        self._armed: tuple[Permit, float] | None = None
+        self._sequence = 0
+
+    @property
+    def emulated(self) -> bool:
+        """Whether an emulator sends."""
+        return bool(getattr(self.messages, "emulated", False))
+
+    def close(self) -> None:
+        """Close the connection; allowed twice."""
+        self.messages.close()
+
+    def settle(self) -> None:
+        """Wait until no message comes.
+
+        Raises `AcquisitionError` if some came although nothing was triggered; they are not used. Raises
+        `NotConnectedError` if the connection has ended.
+        """
+        self._armed = None
+        if late := self.until_quiet():
+            said = self.messages
+            raise AcquisitionError(
+                f"{said.driver}: {len(late)} {said.used} came although nothing was triggered; they are not used"
+            )
+
+    def arm(self, permit: Permit) -> None:
+        """Forget what came before, and check that no message comes without a trigger.
+
+        Raises `AcquisitionError` if messages come although nothing is triggered. Raises `NotConnectedError` if the
+        connection has ended.
+        """
+        self._armed = None
+        ends_s = self._clock.now_s() + self._timeout_s
+        # What waits was sent before: it is of no acquisition that will be asked for.
+        while self.messages.take()[1] and self._clock.now_s() <= ends_s:
+            self._clock.wait(0.0)
+        if self.until_quiet():
+            said = self.messages
+            raise AcquisitionError(f"{said.driver}: {said.used} come although nothing is triggered; {said.cure}")
+        self._armed = permit, self._clock.now_s()
+        self.messages.arm()
+
+    def acquire(self, permit: Permit) -> ChannelFrame:
+        """Mean of the messages since `arm`.
+
+        Raises `AcquisitionError` if it was not armed for this permit, or the messages are not those of the permitted
+        pulses. Raises `DeviceTimeoutError` if too few come in time. Raises `NotConnectedError` if the connection has
+        ended.
+        """
+        _, started_s = armed_for(permit, self._armed, driver=self.messages.driver)
+        # Disarmed before reading: a frame that was refused cannot be asked for again.
+        self._armed = None
+        samples = self.messages.samples(self._exactly(permit.pulses or self._dark_triggers))
+        self._sequence += 1
+        return acquired_frame(
+            samples,
+            permit,
+            sequence=self._sequence,
+            pulses=permit.pulses,
+            started_s=started_s,
+            clock=self._clock,
+            sampling_hz=self._sampling_hz,
+        )
+
+    def until_quiet(self) -> list[object]:
+        """Messages that come before none came for a while: none, or the first that is too many and those with it."""
+        quiet_s = self._clock.now_s() + self._quiet_s
+        while self._clock.now_s() < quiet_s:
+            if new := self.messages.take()[0]:
+                return list(new)
+            self._clock.wait(SLICE_S)
+        return []
+
+    def _exactly(self, count: int) -> list[object]:
+        """So many messages, where the firing has ended.
+
+        Raises `DeviceTimeoutError` if too few come in time, `AcquisitionError` if too many come.
+        """
+        came: list[object] = []
+        said, ends_s = self.messages, self._clock.now_s() + self._timeout_s
+        while len(came) < count:
+            came += self.messages.take()[0]
+            if len(came) < count:
+                if not self._clock.now_s() <= ends_s:
+                    raise DeviceTimeoutError(
+                        f"{said.driver}: {len(came)} of {count} {said.called} came within {self._timeout_s:g} s; "
+                        f"check {said.check}"
+                    )
+                self._clock.wait(SLICE_S)
+        came += self.until_quiet()
+        if len(came) > count:
+            raise AcquisitionError(
+                f"{said.driver}: {len(came)} {said.called} came for {count} pulses; which are of this "
+                "acquisition is not known"
+            )
+        return came
+
+
+class ConnectionSettings(ReceiverSettings, frozen=True, kw_only=True):
+    """Keys of a receiver behind a connection that gives a message for each trigger."""
+
+    host: str = "127.0.0.1"
+    """Address of the server; of one that waits for its sender, this computer's."""
+    port: int
+    """Port of the server, or that on which it waits."""
+    connect_s: float
+    """Longest time until the connection is there."""
+    timeout_s: float = 20.0
+    """Longest time from the trigger to the last message."""
+    quiet_s: float = 0.2
+    """Time without a message that is waited for before a trigger and after the last message."""
+    clock_s: float = 0.05
+    """Largest difference between the clocks of the two computers: what is older than the trigger by more is refused."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_range("receiver: port", self.port, low=1, high=65535)
+        for name, high in (("connect_s", 600), ("timeout_s", 600), ("quiet_s", 60)):
+            require_range(f"receiver: {name}", getattr(self, name), low=0, high=high, unit="s", open_low=True)
+        require_range("receiver: clock_s", self.clock_s, low=0, high=60, unit="s")
+
+    @property
+    def varied(self) -> bool:
+        """Whether the number of pulses may vary: there is a message for each."""
+        return True
+
+
+class ConnectionMessages(ABC, Generic[MessageT]):
+    """Messages over a connection, which is closed by `close`; ``peer``: name of what sends, in an error."""
+
+    driver: ClassVar[str]
+    peer: ClassVar[str]
+
+    def __init__(self, connection: socket.socket, clock: Clock) -> None:
+        connection.setblocking(False)
+        self.connection, self._clock = connection, clock
+        self._decoding: Iterator[MessageT | None] = iter(())
+        self._came, self._since_s = 0, clock.now_s()
+        self.emulated = False
+
+    @abstractmethod
+    def decoded(self, data: bytes) -> Iterator[MessageT | None]:
+        """Messages that are complete with more bytes, None for one that is not used; a `DeviceError` ends all."""
+
+    def close(self) -> None:
+        """Close the connection; allowed twice."""
+        self.connection.close()
+
+    def take(self) -> tuple[list[MessageT], bool]:
+        """As `Messages.take`.
+
+        Raises `NotConnectedError` if the connection has ended, or so many come that they cannot be taken.
+        """
+        messages: list[MessageT] = []
+        room, taken = _MAX_TAKEN, 0
+        while taken < _MAX_TAKEN_BYTES:
+            try:
+                some = list(islice(self._decoding, room))
+            except DeviceError as problem:
+                # No next message begins at a known place.
+                self.close()
+                raise NotConnectedError(f"{self.driver}: {problem}; the connection is closed") from problem
+            messages += [message for message in some if message is not None]
+            self._came += len(some)
+            room -= len(some)
+            if not room:
+                break
+            try:
+                data = self.connection.recv(_READ_BYTES)
+            except BlockingIOError:
+                # Nothing waits: what comes next is counted anew.
+                self._came, self._since_s = 0, self._clock.now_s()
+                return messages, False
+            except ConnectionResetError:
+                data = b""
+            except OSError as problem:
+                raise NotConnectedError(f"{self.driver}: the connection has ended: {problem.strerror}") from problem
+            if not data:
+                raise NotConnectedError(f"{self.driver}: the {self.peer} has closed the connection; start it again")
+            taken += len(data)
+            self._decoding = self.decoded(data)
+        self._require_no_flood()
+        return messages, True
+
+    def _require_no_flood(self) -> None:
+        passed_s = self._clock.now_s() - self._since_s
+        if self._came > _FLOOD_PER_S * (1 + passed_s):
+            self.close()
+            raise NotConnectedError(
+                f"{self.driver}: the {self.peer} floods: {self._came} messages came in {passed_s:.2f} s without a "
+                f"pause, at most {_FLOOD_PER_S} a second are taken; the connection is closed; start the {self.peer} "
+                "again, and let it send nothing but what each trigger gives"
+            )

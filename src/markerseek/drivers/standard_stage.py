@@ -1,0 +1,358 @@
+"""A stage from its verbs: limits, approach, read-back, deadlines and stop of every stage with a motor stand here.
+
+No target is ever more than a few degrees ahead: a computer that dies leaves the stage there, and not at the end of a
+long move.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from dataclasses import replace
+from typing import Generic, Protocol, TypeVar
+
+from markerseek.core import (
+    Clock,
+    DeviceError,
+    Interval,
+    LimitError,
+    MoveError,
+    StageReading,
+    Triggers,
+    fastest_sweep_deg_s,
+)
+from markerseek.drivers._approach import DOWN, UP, plan_approach, require_wide
+from markerseek.drivers._stage_move import Move, StageLogic, StageRules
+
+_STOP_S, _STOP_AGAIN_S = 1.0, 0.02
+_READS = 6
+_PROMPT_S = 0.02
+"""Time of an answer in a sweep from which on the stage is asked once more: it turns by a quarter of a degree
+meanwhile."""
+
+
+class SweepLogic(StageLogic, Protocol):
+    """The verbs of a stage that can sweep."""
+
+    def set_speed(self, speed_deg_s: float | None) -> float:
+        """Set the speed of what follows, None for that of moves, and return it as the stage keeps it."""
+
+    def brake(self) -> None:
+        """Begin to brake with the acceleration that was set; called again until the sweep is over."""
+
+    @property
+    def trigger_step_deg(self) -> float:
+        """Least distance between two triggers in degrees; `ConfigError` if it has none."""
+
+    def set_triggers(self, *, from_deg: float, to_deg: float, spacing_deg: float) -> Triggers:
+        """Give triggers in the sweep that follows."""
+
+    def end_triggers(self) -> None:
+        """Give no triggers any more."""
+
+
+LogicT = TypeVar("LogicT", bound=StageLogic)
+
+
+class StandardStage(Generic[LogicT]):
+    """A `markerseek.core.Stage` that turns by the verbs of its logic.
+
+    - ``logic``: the stage's verbs; it is connected, and nothing moves.
+    - ``clock``: all waiting is done on it, so that each wait renews a lease.
+    - ``travel``: angles at which the probe may be.
+    - ``rules``: how it moves, and what is believed of it.
+    - ``approach_reversed``: whether the last target was approached from the other side, because the travel range ends
+      too soon: its angle is off by the backlash of the gears.
+    """
+
+    def __init__(self, logic: LogicT, *, clock: Clock, travel: Interval, rules: StageRules) -> None:
+        require_wide(travel, approach_deg=rules.approach_deg)
+        self.logic, self.limits, self.rules = logic, travel, rules
+        self._clock = clock
+        self.approach_reversed = False
+        self._usual = UP if rules.approach_from == "below" else DOWN
+        self._pushed: int | None = None
+        self._move: Move | None = None
+        self._rest_deg: float | None = None
+
+    @property
+    def emulated(self) -> bool:
+        """Whether the device says that it is an emulator."""
+        return bool(getattr(self.logic, "emulated", False))
+
+    @property
+    def driver(self) -> str:
+        """Name of the driver, in an error."""
+        return str(getattr(self.logic, "driver", type(self).__name__))
+
+    @property
+    def seen_deg(self) -> float:
+        """Angle of the last reading while it turns, in degrees, without another one; NaN at rest."""
+        seen_deg = None if self._move is None else self._move.seen_deg
+        return math.nan if seen_deg is None else seen_deg
+
+    @property
+    def angle_deg(self) -> float:
+        """Readback of the angle, now, in degrees: two readings in a row that agree.
+
+        Raises `MoveError` if it reports an error, or has turned by itself since it came to rest. Raises `LimitError` if
+        it is outside its travel range; it was sent a stop.
+        """
+        try:
+            return self._readback()
+        except DeviceError:
+            self._stop_after_error()
+            raise
+
+    def move_to(self, angle_deg: float) -> float:
+        """Move to an angle, approach it from the usual side, come to rest, and return the readback in degrees.
+
+        Raises `LimitError` if the angle is NaN or outside the travel range, and nothing moves; or if the stage left
+        that range. Raises `MoveError` if it does not arrive. Raises `DeviceTimeoutError` if it stops answering.
+        """
+        self._require_inside(angle_deg)
+        here_deg = self._readback()
+        approach = plan_approach(
+            angle_deg,
+            here_deg=here_deg,
+            pushed=self._pushed,
+            usual=self._usual,
+            room_deg=self.rules.approach_deg,
+            travel=self.limits,
+            same_deg=self.rules.resolution_deg,
+        )
+        arrived = False
+        self._rest_deg = self._pushed = None
+        try:
+            for stop_deg in approach.stops_deg:
+                self._move = self._way()
+                here_deg = self._move.go(stop_deg, here_deg)
+            arrived = True
+        finally:
+            # In `finally`, so that Ctrl-C stops the stage too.
+            self._move = None
+            if not arrived:
+                self._stop_after_error()
+        # From here on the stage must read this position: any other means that something turned it.
+        self._rest_deg, self._pushed = here_deg, approach.direction
+        self.approach_reversed = approach.reversed
+        return here_deg
+
+    def stop(self) -> None:
+        """Stop at once, and check that it is at rest; allowed at any time, also twice.
+
+        Raises `MoveError` if it keeps moving. Raises `DeviceTimeoutError` if it does not report whether it moves.
+        """
+        self._note_rest(self._come_to_rest())
+
+    def _note_rest(self, angle_deg: float) -> None:
+        if self._rest_deg is None or not abs(angle_deg - self._rest_deg) <= self.rules.same_deg:
+            self._rest_deg = self._pushed = None
+
+    def _come_to_rest(self) -> float:
+        """Stop, until two answers in a row say that it is at rest; returns where, in degrees."""
+        ends_s = self._clock.now_s() + _STOP_S + self.rules.brake_s
+        before_deg: float | None = None
+        while True:
+            # Sent again each time: without a checksum, a damaged stop is ignored and nobody reports it.
+            self.logic.stop()
+            status = self.logic.read()
+            here_deg = status.angle_deg
+            if not status.moving and before_deg is not None and abs(here_deg - before_deg) <= self.rules.same_deg:
+                return here_deg
+            if not self._clock.now_s() < ends_s:
+                raise MoveError("the stage was told to stop and keeps moving; cut its power")
+            before_deg = None if status.moving else here_deg
+            self._clock.wait(_STOP_AGAIN_S)
+
+    def _stop_after_error(self) -> None:
+        """Stop after an error; a second error here must not hide the first."""
+        self._rest_deg = self._pushed = None
+        with suppress(DeviceError):
+            self.stop()
+
+    def _require_inside(self, angle_deg: float) -> None:
+        # NaN is in no interval.
+        if angle_deg not in self.limits:
+            raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
+
+    def _way(self, *, rest_deg: float | None = None, rules: StageRules | None = None) -> Move:
+        return Move(
+            logic=self.logic, clock=self._clock, rules=rules or self.rules, travel=self.limits, rest_deg=rest_deg
+        )
+
+    def _readback(self) -> float:
+        """Angle, read twice in a row: a garbled answer does not come twice."""
+        last_deg: float | None = None
+        for _ in range(_READS):
+            angle_deg = self._way(rest_deg=self._rest_deg).look().angle_deg
+            if last_deg is not None and abs(angle_deg - last_deg) <= self.rules.same_deg:
+                return angle_deg
+            last_deg = angle_deg
+        raise MoveError("the stage turns without a command; keep hands off its wheel, and end other programs")
+
+
+SweepLogicT = TypeVar("SweepLogicT", bound=SweepLogic)
+
+
+class StandardSweepingStage(StandardStage[SweepLogicT]):
+    """A `markerseek.core.TriggeringStage`; as `StandardStage`.
+
+    ``play``: largest play of the gears in degrees, in a sweep away from the side of approach.
+    """
+
+    def __init__(
+        self, logic: SweepLogicT, *, clock: Clock, travel: Interval, rules: StageRules, play: float = 0.0
+    ) -> None:
+        super().__init__(logic, clock=clock, travel=travel, rules=rules)
+        self._play_deg = play
+        self._sweep: Sweep | None = None
+        self._sweep_rules = rules
+        self._has_speed_of_sweep = self._has_triggers = False
+
+    @property
+    def acceleration_deg_s2(self) -> float:
+        """Acceleration as the stage keeps it, in degrees per second squared."""
+        return self.rules.acceleration_deg_s2 or 0.0
+
+    @property
+    def fastest_sweep_deg_s(self) -> float:
+        """Largest speed of a sweep, in degrees per second."""
+        return min(self.rules.speed_deg_s, fastest_sweep_deg_s(self.acceleration_deg_s2))
+
+    @property
+    def trigger_step_deg(self) -> float:
+        """Least distance between two triggers; `ConfigError` if the controller has none."""
+        return self.logic.trigger_step_deg
+
+    def play_deg(self, forward: float) -> float:
+        """Largest play in a sweep in that direction: none where the gears push as in the approach of a target."""
+        return 0.0 if forward == self._usual else self._play_deg
+
+    def move_to(self, angle_deg: float) -> float:
+        """As of `StandardStage`, with the speed of moves."""
+        self._require_inside(angle_deg)
+        self.end_sweep()
+        return super().move_to(angle_deg)
+
+    def prepare_sweep(self, *, speed_deg_s: float) -> None:
+        """Set the speed of a sweep, and read it back.
+
+        Raises `MoveError` if the controller does not keep it. Raises `DeviceTimeoutError` if it does not answer in
+        time.
+        """
+        # Noted first: half of a write may have reached it.
+        self._has_speed_of_sweep = True
+        self._sweep_rules = replace(self.rules, speed_deg_s=self.logic.set_speed(speed_deg_s))
+
+    def set_triggers(self, *, from_deg: float, to_deg: float, spacing_deg: float) -> Triggers:
+        """Give triggers in the sweep that follows, and read back that it will; none at its very ends.
+
+        They are taken away by `end_sweep`, by `stop` even where that raises, and by the next program that connects.
+        Raises as `prepare_sweep`.
+        """
+        self._has_triggers = True
+        return self.logic.set_triggers(from_deg=from_deg, to_deg=to_deg, spacing_deg=spacing_deg)
+
+    def begin_sweep(self, to_deg: float) -> None:
+        """Begin to turn there; refused by `LimitError` as `move_to`."""
+        self._require_inside(to_deg)
+        # Not read again where it is known: the first reading of the sweep must come soon, and is compared with it.
+        start_deg = self._readback() if self._rest_deg is None else self._rest_deg
+        self._rest_deg = self._pushed = None
+        self._move = self._way(rules=self._sweep_rules)
+        self._sweep = Sweep(self.logic, self._move, self._clock, self._sweep_rules, to_deg=to_deg, start_deg=start_deg)
+
+    def read_sweep(self) -> StageReading:
+        """Where it is, with the times of question and answer; gives it a target at most some degrees ahead.
+
+        Raises `MoveError` if it is where a sound stage cannot be, or reports an error. Raises `LimitError` if it left
+        its travel range. Raises `DeviceTimeoutError` if it does not answer in time.
+        """
+        if self._sweep is None:
+            raise MoveError("the stage does not sweep: it was stopped; begin the sweep again")
+        return self._sweep.read()
+
+    def brake(self) -> None:
+        """Begin to brake, with its acceleration."""
+        if self._sweep is not None:
+            self._sweep.brake()
+
+    def end_sweep(self) -> None:
+        """Give no triggers any more, and restore the speed of moves; raises as `prepare_sweep`."""
+        sweep, self._sweep, self._move = self._sweep, None, None
+        if sweep is not None:
+            self._rest_deg = sweep.here_deg
+            pushed = abs(sweep.here_deg - sweep.start_deg) >= self.rules.approach_deg
+            self._pushed = sweep.heading if pushed else None
+        # First: a speed that is not kept must leave no trigger behind.
+        self._end_triggers()
+        if self._has_speed_of_sweep:
+            self.logic.set_speed(None)
+            self._has_speed_of_sweep = False
+
+    def stop(self) -> None:
+        """As of `StandardStage`; after a sweep it has the speed of moves again."""
+        try:
+            angle_deg = self._come_to_rest()
+        except DeviceError:
+            # No later move may give triggers either; the error to report is that it keeps moving.
+            with suppress(DeviceError):
+                self._end_triggers()
+            raise
+        self.end_sweep()
+        self._note_rest(angle_deg)
+
+    def _end_triggers(self) -> None:
+        if self._has_triggers:
+            self.logic.end_triggers()
+            self._has_triggers = False
+
+
+class Sweep:
+    """A stage that sweeps from rest to rest, and gets a target some degrees ahead at each reading.
+
+    Making one begins to turn it. ``rules``: with the speed of the sweep.
+    """
+
+    def __init__(
+        self, logic: SweepLogic, move: Move, clock: Clock, rules: StageRules, *, to_deg: float, start_deg: float
+    ) -> None:
+        self._logic, self._move, self._rules = logic, move, rules
+        self.start_deg = self.here_deg = start_deg
+        self.heading = 1 if to_deg > start_deg else -1
+        self._to_deg = to_deg
+        self._aim_deg: float | None = None
+        self._braking = False
+        move.begin(to_deg, start_deg)
+        self._read_s = clock.now_s()
+        self._aim_from(start_deg, moving=False)
+
+    def read(self) -> StageReading:
+        """Where it is, checked as in a move; gives it its next target, unless it brakes."""
+        status, reading = self._move.look_dated()
+        if reading.answered_s - reading.asked_s > _PROMPT_S:
+            status, reading = self._move.look_dated()
+        if self._braking:
+            # Sent again: without a checksum, a damaged stop is ignored and nobody reports it.
+            self._logic.brake()
+        else:
+            # No farther than its speed can have carried it: a garbled reading must not carry the target further.
+            most_deg = self.here_deg + self.heading * self._rules.speed_deg_s * (reading.answered_s - self._read_s)
+            here_deg = min(reading.angle_deg, most_deg, key=lambda angle_deg: self.heading * angle_deg)
+            self._aim_from(here_deg, moving=status.moving)
+        self.here_deg, self._read_s = reading.angle_deg, reading.asked_s
+        return reading
+
+    def brake(self) -> None:
+        """Begin to brake, with the deceleration that was set."""
+        self._braking = True
+        self._logic.brake()
+
+    def _aim_from(self, here_deg: float, *, moving: bool) -> None:
+        """Give the target that is as far ahead as allowed; the same one again to a stage that has not begun."""
+        aim_deg = self._move.ahead_deg(self._to_deg, here_deg, self.heading)
+        left_deg = self.heading * (self._to_deg - here_deg)
+        if aim_deg != self._aim_deg or (not moving and left_deg > self._rules.arrival_deg):
+            self._aim_deg = aim_deg
+            self._move.aim(aim_deg)

@@ -1,0 +1,103 @@
+"""Drivers of a lab from the templates of `examples/plugin`: installed by entry points, and a receiver that searches."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.emulated import markerseek
+
+PLUGIN = Path(__file__).parents[2] / "examples" / "plugin"
+PAGE = Path(__file__).parents[2] / "docs" / "tutorials" / "own-stage.md"
+
+pytest.importorskip("serial", reason="needs the extra devices")
+
+
+@pytest.fixture
+def installed(tmp_path: Path) -> dict[str, str]:
+    """The environment of a computer on which the plugin is installed."""
+    site = tmp_path / "site"
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "install", "--quiet", "--no-deps"]
+    subprocess.run([*pip, "--no-build-isolation", "--target", site, copied(tmp_path)], check=True)
+    return os.environ | {"PYTHONPATH": str(site), "XDG_DATA_HOME": str(tmp_path / "data")}
+
+
+def copied(folder: Path) -> Path:
+    """The plugin, in a folder in which it may be built."""
+    copy = folder / "plugin"
+    copy.mkdir()
+    for path in PLUGIN.iterdir():
+        if path.is_file():
+            (copy / path.name).write_bytes(path.read_bytes())
+    return copy
+
+
+def test_a_template_is_short_and_is_the_page_s() -> None:
+    for name in ("toy_stage.py", "toy_receiver.py"):
+        assert len((PLUGIN / name).read_text(encoding="utf-8").splitlines()) <= 40
+    assert (PLUGIN / "toy_stage.py").read_text(encoding="utf-8") in PAGE.read_text(encoding="utf-8")
+
+
+def test_an_installed_driver_is_found_by_its_name(installed: dict[str, str], tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    tables = '[laser]\ndriver = "simulated"\n[receiver]\ndriver = "simulated"\n'
+    rig.write_text(f'kind = "bench"\n[stage]\ndriver = "toy"\nport = "{tmp_path}/none"\n{tables}')
+
+    def doctor() -> str:
+        told = subprocess.run(
+            markerseek("doctor", "--rig", rig), env=installed, capture_output=True, text=True, check=False
+        )
+        return " ".join((told.stdout + told.stderr).split())
+
+    # Nobody is asked to trust it: it is installed. Its keys are those of the class.
+    assert "the key stage.zero_deg is missing; add it: toy needs it" in doctor()
+    rig.write_text(rig.read_text().replace('driver = "toy"', 'driver = "toys"'))
+    assert "it must be one of: kdc101, ros2, guided, ximc, simulated, toy, toy-receiver, or a class" in doctor()
+
+
+@pytest.mark.real_time
+def test_a_receiver_of_ones_own_finds_the_marker(installed: dict[str, str], tmp_path: Path) -> None:
+    bench, journal = tmp_path / "bench", tmp_path / "run.journal"
+    emulator = subprocess.Popen(
+        markerseek("emulate", "bench", "--dir", bench, "--seed", 3, "--pace", 0.05, "--receiver", "vantage"),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        rig, ends_s = bench / "rig.toml", time.monotonic() + 60
+        while not rig.exists():
+            assert time.monotonic() < ends_s
+            time.sleep(0.05)
+        text = rig.read_text(encoding="utf-8")
+        ours = re.sub(
+            r'driver = "vantage"\nprobe = "\w+"\nport = (\d+)\nquiet_s = 0.5',
+            r'driver = "toy-receiver"\nport = \1\nemulated = true',
+            text,
+        )
+        assert ours != text
+        rig.write_text(ours, encoding="utf-8")
+        told = subprocess.run(
+            markerseek("search", "--rig", rig, "--arm", "--json", "--journal", journal),
+            env=installed,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    finally:
+        emulator.send_signal(2)
+        said = emulator.communicate()[1]
+    assert told.returncode == 0, told.stderr
+    result = json.loads(told.stdout)
+    assert result["answer"] == "found"
+    assert "receiver" in result["emulated"]
+    truth = re.search(r"the marker is at (\S+) deg", said)
+    assert truth is not None
+    assert result["angle_deg"] == pytest.approx(float(truth[1]), abs=0.5)

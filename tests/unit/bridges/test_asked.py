@@ -1,0 +1,119 @@
+"""A search that is asked for: a link holds all of it, and what a search would refuse is refused at once."""
+
+from __future__ import annotations
+
+import re
+from urllib.parse import parse_qsl
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from markerseek.bridges import OPTIONS, AskedSearch
+from markerseek.core import ConfigError, SimulationOptions
+from markerseek.rigs import simulated
+from markerseek.search import METHODS
+from markerseek.sim import TISSUES, SimulatedSettings, with_options
+
+USUAL = AskedSearch().changed(seed=1, pace=0.05)
+
+searches = st.fixed_dictionaries(
+    {
+        "method": st.sampled_from([each.name for each in METHODS]),
+        "acquisitions": st.none() | st.integers(20, 200),
+        "tolerance_mm": st.floats(0.1, 5.0),
+        "stay": st.booleans(),
+        "tissue": st.none() | st.sampled_from(list(TISSUES)),
+        "snr_db": st.none() | st.integers(-20, 100).map(float),
+        "readout_s": st.none() | st.sampled_from([0.0, 0.1, 10.0]),
+        "marker_deg": st.none() | st.floats(-35.0, 35.0),
+        "seed": st.integers(0, 2**63 - 1),
+        "pace": st.floats(0.0, 100.0),
+    }
+).map(lambda values: USUAL.changed(**values))
+
+
+@given(searches)
+def test_link_holds_all_settings(chosen):
+    assert USUAL.with_query(dict(parse_qsl(chosen.query(usual=USUAL)))) == (chosen, ())
+
+
+@given(searches)
+def test_the_command_line_reads_the_arguments_as_they_were_meant(chosen):
+    given = dict(each.lstrip("-").partition("=")[::2] for each in chosen.arguments())
+    read = {name.replace("-", "_"): OPTIONS[name.replace("-", "_")].read(text or "1") for name, text in given.items()}
+    assert AskedSearch().changed(**read) == chosen
+
+
+def test_usual_settings_need_no_query():
+    assert USUAL.query(usual=USUAL) == ""
+    assert USUAL.with_query({}) == (USUAL, ())
+
+
+@pytest.mark.parametrize(
+    ("query", "message"),
+    [
+        ({"method": "magic"}, "'magic' is unknown"),
+        ({"seed": "-1"}, "seed is -1"),
+        ({"seed": "one"}, "^seed is 'one', it must be a whole number; correct it, or leave it out$"),
+        ({"snr_db": ""}, "^snr_db is '', it must be a number"),
+        ({"acquisitions": "1"}, "at least 2"),
+        ({"acquisitions": "1e9"}, "acquisitions"),
+        ({"tissue": "jelly"}, "tissue 'jelly' is unknown"),
+        ({"snr_db": "nan"}, "peak_snr_db is nan"),
+        ({"snr_db": "101"}, "peak_snr_db is 101"),
+        ({"readout_s": "inf"}, "readout_s is inf"),
+        ({"pace": "nan"}, "pace is nan"),
+        ({"pace": "101"}, "pace is 101"),
+        ({"as_published": "1"}, "was not published"),
+        ({"rig": "/etc/passwd"}, "'rig' is no setting"),
+        ({"journal": "x"}, "'journal' is no setting"),
+    ],
+)
+def test_value_of_a_link_that_cannot_be_used_is_named_and_left_out(query, message):
+    settings, problems = USUAL.with_query(query | {"tissue": query.get("tissue", "liver")})
+    assert len(problems) == 1
+    assert re.search(message, problems[0])
+    assert settings == USUAL.changed(tissue=None if "tissue" in query else "liver")
+
+
+def test_all_that_is_wrong_with_a_link_is_named():
+    query = {"as_published": "1", "seed": "-5", "rig": "x", "method": "ternary", "snr_db": "much"}
+    settings, problems = USUAL.with_query(query)
+    # The order in the link does not matter: "as published" is possible with ternary.
+    assert settings == USUAL.changed(method="ternary", as_published=True)
+    assert [each.split()[0] for each in problems] == ["'rig'", "seed", "snr_db"]
+
+
+def test_arguments_are_those_of_the_command():
+    chosen = USUAL.changed(method="ternary", acquisitions=16, as_published=True, tissue="liver", seed=3, pace=0.0)
+    method = ["--method=ternary", "--acquisitions=16", "--as-published"]
+    assert chosen.arguments() == [*method, "--seed=3", "--tissue=liver"]
+    # A rig of devices has no seed, tissue or pace.
+    assert chosen.arguments(simulated=False) == method
+
+
+def test_a_sweep_is_asked_for_by_its_option():
+    settings, problems = USUAL.with_query({"sweep": "1", "method": "ternary"})
+    assert settings == USUAL.changed(method="ternary")
+    assert problems == ("ternary: it asks for one angle after another; only posterior sweeps",)
+    assert USUAL.changed(sweep=True).arguments(simulated=False) == ["--sweep"]
+
+
+def test_change_is_checked():
+    assert USUAL.changed(seed=5).simulation.seed == 5
+    with pytest.raises(ConfigError, match="seed is"):
+        USUAL.changed(seed=0.5)
+
+
+def test_simulated_rig_has_the_noise_and_the_receiver_that_were_asked_for():
+    usual = SimulatedSettings()
+    assert with_options(usual, SimulationOptions()) == usual
+    changed = with_options(usual, SimulationOptions(tissue="liver", snr_db=30.0, readout_s=0.1))
+    assert (changed.tissue, changed.noise.peak_snr_db, changed.receiver.readout_s) == ("liver", 30.0, 0.1)
+    noisy = with_options(usual, SimulationOptions(snr_db=20.0))
+    rigs = [simulated(seed=1, settings=each, marker_deg=0.0) for each in (usual, noisy)]
+    readings = [each.scanner.measure(0.0).reading for each in rigs]
+    # The gain differs, because marker and noise must fit into the converter; 20 dB less is a tenth of the ratio.
+    ratios = [each.intensity / each.noise_sigma for each in readings]
+    assert ratios[0] / ratios[1] == pytest.approx(10, rel=0.2)
