@@ -40,7 +40,7 @@ SHORT = {
 }
 
 
-PURE = {"core", "search", "signals", "acoustics", "calibration", "geometry", "vision", "adapters", "guard", "wire"}
+PURE = {"core", "search", "signals", "acoustics", "calibration", "geometry", "vision", "guard", "wire"}
 """Packages that know no clock, file, socket or thread."""
 
 

@@ -54,7 +54,7 @@ NUMBERS: tuple[tuple[tuple[object, ...], tuple[str, ...]], ...] = (
     (("calibrate", SCAN), ("--source-deg",)),
     (("journal", "list"), ("--last",)),
     (("reproduce", "fig6", "--bank", SCAN), ("--markers", "--workers", "--seed", "--reference-deg")),
-    (("study", STUDY), ("--row", "--workers", "--bound")),
+    (("study", STUDY), ("--row", "--workers")),
     (("emulate", "daq", "--dir", "emulated"), ("--seed", "--pace", "--sdk")),
 )
 """Commands, and their options that take a number."""

@@ -13,7 +13,7 @@ from rich.table import Table
 from markerseek import studies
 from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report, file_line, table
-from markerseek.cli.terminal import announce_compilation, one_line, progress_bar, stderr, time_left
+from markerseek.cli.terminal import announce_compilation, one_line, stages_bar, stderr, time_left
 from markerseek.core import counted
 
 EXAMPLES = (
@@ -35,7 +35,8 @@ def command(
     seed: Annotated[
         int | None,
         typer.Option(
-            min=0, help="Seed of the worlds, without --entry; another one than the usual is another benchmark."
+            min=0,
+            help="Seed of the worlds, to repeat a benchmark; without it entries meet a secret one, drawn for them.",
         ),
     ] = None,
     scale: Annotated[
@@ -58,14 +59,14 @@ def command(
         f"{time_left(_TYPICAL_S * scale / count)} on a usual computer" + (" without the entries" if entries else "")
     )
     announce_compilation()
-    with progress_bar(size, what="searching") as progress:
+    with stages_bar() as progress:
         results = studies.run_benchmark(
             out,
             entries=entries,
             seed=seed,
             scale=scale,
             workers=workers,
-            progress=lambda done: progress.update(progress.task_ids[0], completed=done),
+            progress=progress,
         )
     failed = [each for each in results.entries if each.failure]
     report = Report(
@@ -85,10 +86,15 @@ _TYPICAL_S = 1200.0
 def _shown(results: studies.BenchmarkResults, out: Path) -> Iterator[str | Table]:
     for tier, searches in results.searches.items():
         yield f"[bold]{tier}[/]: {searches} simulated searches of each method in each world"
-        yield table(_lines([score for score in results.scores if score.tier == tier]), left=("world", "method"), gap=1)
+        scores = [score for score in (*results.scores, *results.totals) if score.tier == tier]
+        yield table(_lines(scores), left=("world", "method"), gap=1)
         yield ""
+    if results.entries:
+        known = "secret until the entries had ended" if results.secret else "known to the entries, by --seed"
+        yield f"[dim]seed: {results.seed}, {known}[/]"
+    yield "[dim]all: over all worlds of the tier[/]"
     yield "[dim]right: found within the tolerance; without a marker: not found[/]"
-    yield "[dim]N, time: acquisitions and simulated seconds of all searches, over those that found it so[/]"
+    yield "[dim]N, time: acquisitions and simulated seconds of searches for a marker, over those that found it so[/]"
     yield "[dim]error: of the angles found; covered: share of the 95 % intervals that hold the true angle[/]"
     yield "[dim]false: found where nothing is, or off by more than two tolerances; missed: answered not found[/]"
     yield file_line("results", out / "results.json")

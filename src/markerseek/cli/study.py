@@ -123,10 +123,9 @@ def _faults(study: studies.Study, finish: studies.FinishedStudy) -> dict[str, st
         failed = sum(each.answers["failed"].hits for each in finish.summary.policies if each.policy == number)
         if failed:
             rows = studies.read_rows(finish.rows, study)
-            first = next(row.row for row in rows if row.policy == number and row.answer == "failed")
+            first = next(row for row in rows if row.policy == number and row.answer == "failed")
             many = "all" if failed == count else f"{failed} of {count}"
-            fault = studies.fault_of(study, first)
-            faults[str(policy)] = f"{many} searches failed, the first one (row {first}) by: {fault}"
+            faults[str(policy)] = f"{many} searches failed, the first one (row {first.row}) by: {first.fault}"
     return faults
 
 

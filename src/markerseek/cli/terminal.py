@@ -127,7 +127,8 @@ def print_error(error: MarkerseekError, *, as_json: bool) -> None:
 class ProgressLines:
     """Lines of a long task on standard error, where that is no terminal: what begins, and now and then what is left.
 
-    The second line of a stage comes after some 2 seconds, each further one after twice the time.
+    The second line of a stage comes after some 2 seconds, each further one after twice the time, and after 30 seconds
+    at the latest.
     """
 
     def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
@@ -146,10 +147,10 @@ class ProgressLines:
         if passed_s >= next_s and before < done < total:
             left_s = passed_s * (total - done) / (done - before)
             stderr.print(f"{escape(stage)}: {done} of {total}, {time_left(left_s)} left")
-            self._stages[stage] = (began_s, before, 2 * passed_s)
+            self._stages[stage] = (began_s, before, min(2 * passed_s, passed_s + _MOST_S))
 
 
-_FIRST_LINE_S = 2.0
+_FIRST_LINE_S, _MOST_S = 2.0, 30.0
 
 
 def time_left(seconds: float) -> str:

@@ -6,7 +6,7 @@ from .scene import ClutterAround, Repeats, SceneSettings, SecondSource
 from .statistics import Mean, Share
 from .study import Axis, Cell, CellWorld, CurveSettings, Study, cells, read_study
 from .summary import FAILURE_DEG, Difference, PolicySummary, Summary, TwoSources, summarise
-from .trial import Row, fault_of, run_row, run_trial
+from .trial import Row, run_row, run_trial
 from .workers import default_workers
 from .worlds import intensity_curve
 
@@ -39,7 +39,6 @@ __all__ = [
     "columns",
     "default_workers",
     "error_figure",
-    "fault_of",
     "intensity_curve",
     "read_rows",
     "read_study",

@@ -1,22 +1,25 @@
 """A benchmark of searches: frozen worlds in three tiers, which an entry from elsewhere meets like our methods.
 
-Each world of a tier is a study whose settings never change (`WORLDS`, a hash of them). Without entries the seed never
-changes either, so that equal methods have equal rows; more searches add rows. The tiers differ in what a search is
-told: one intensity, also the largest envelope of each block of the image, also the channel data. Methods are in groups
-of their own studies, as an entry must not change the rows of the others, and sweeps need a receiver set for single
-pulses.
+Each world of a tier is a study whose settings never change (`WORLDS`, a hash of them). Without entries its seed does
+not change either, so that equal methods have equal rows; entries meet worlds of a secret seed, and so do our methods
+beside them. More searches add rows. The tiers differ in what a search is told: one intensity, also the largest
+envelope of each block of the image, also the channel data. Methods are in groups of their own studies, as an entry
+must not change the rows of the others, and sweeps need a receiver set for single pulses.
 """
 
 from __future__ import annotations
 
 import hashlib
 import math
+import random
 import secrets
 import shlex
 import shutil
 import sys
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal, TypeAlias
 
@@ -32,34 +35,29 @@ from markerseek.sim import (
     SimulatedSettings,
     StageMotion,
 )
+from markerseek.studies import entry_child
 from markerseek.studies.policies import StudyPolicy, study_policy
-from markerseek.studies.runner import (
-    ROWS,
-    computed_rows,
-    read_rows,
-    recorded_seed,
-    rows_of,
-    run_study,
-    write_json,
-    write_rows,
-)
+from markerseek.studies.runner import as_csv, read_json, read_rows, run_study, values_of, write_json
 from markerseek.studies.scene import ClutterAround, SceneSettings, SecondSource
 from markerseek.studies.statistics import Mean, Share
 from markerseek.studies.study import Axis, CurveSettings, Study, cells
 from markerseek.studies.summary import CLAIM_TOLERANCES, covers
-from markerseek.studies.trial import Row, fault_of
+from markerseek.studies.trial import Row, run_row
+from markerseek.studies.workers import default_workers, on_processes
 
 RESULTS = "results.json"
 """Name of the file of results in the benchmark's folder."""
 
-FAULT = "fault.txt"
-"""Name of the file with the fault of an entry, in its folder of the world in which it failed."""
+ENTERED = "entries.json"
+"""Name of the file of what entries did, in a folder of theirs."""
 
 SEED = 20261124
-"""Seed of all worlds, unless another one is given."""
+"""Seed of all worlds without entries."""
 
 MOST = 64
 """Most acquisitions that an entry may make in a search."""
+
+Progress: TypeAlias = Callable[[str, int, int], None]
 
 Tier: TypeAlias = Literal["intensities", "block maxima", "raw channels"]
 """What a search is told."""
@@ -108,7 +106,7 @@ class World:
         return Study(
             name=f"{group} {self.place}",
             policies=tuple(policies),
-            seed=seed,
+            seed=self._seed(seed),
             trials=math.ceil(searches / max(1, math.prod(len(axis.values) for axis in self.vary))),
             level=level,
             drawn="marker" if level == "curves" else "everything",
@@ -117,6 +115,11 @@ class World:
             scene=self.scene,
             vary=self.vary,
         )
+
+    def _seed(self, seed: int) -> int:
+        """Seed of the world: an entry must not meet a marker again that it has found in another tier."""
+        # The usual worlds were frozen with one seed; nobody is told a secret there.
+        return seed if seed == SEED else int(hashlib.sha256(f"{seed} {self.place}".encode()).hexdigest()[:15], 16)
 
 
 def _worlds() -> Iterator[World]:
@@ -167,18 +170,23 @@ class Entry:
             raise ConfigError(f"--entry {text}: it is no command: {problem}") from problem
         if not words:
             raise ConfigError("--entry is empty; give a command, or FILE.py:Class")
-        places = [Path(word) for word in words]
         file, _, name = words[-1].rpartition(":")
         if len(words) == 1 and file.endswith(".py") and name.isidentifier():
-            places = [Path(file)]
-            words = [sys.executable, "-P", "-m", "markerseek.studies.entry_server", words[0]]
-        if words[0] == sys.executable and not places[0].is_file():
-            raise ConfigError(f"--entry {text}: there is no file {file}; name the Python file and its class")
+            if not Path(file).is_file():
+                raise ConfigError(f"--entry {text}: there is no file {file}; name the Python file and its class")
+            return cls(
+                command=(sys.executable, "-P", entry_child.__file__, f"{Path(file).absolute()}:{name}"),
+                files=((Path(file).name, _sha256(Path(file))),),
+            )
         if shutil.which(words[0]) is None:
             raise ConfigError(
                 f"--entry {text}: {words[0]} is no program that can be started; give a command, or FILE.py:Class"
             )
-        files = tuple((place.name, _sha256(place)) for place in places if place.is_file())
+        # It begins in a folder of its own. A program on the PATH may have the name of a file that is here.
+        local = [bool(place) and Path(word).exists() for place, word in enumerate(words)]
+        local[0] = "/" in words[0]
+        words = [str(Path(word).absolute()) if here else word for word, here in zip(words, local, strict=True)]
+        files = tuple((Path(word).name, _sha256(Path(word))) for word in words if Path(word).is_file())
         return cls(command=tuple(words), files=files)
 
     @property
@@ -193,11 +201,11 @@ class Entry:
 
 
 class Score(msgspec.Struct, frozen=True, kw_only=True):
-    """One method in one world.
+    """One method in one world, or, with the world "all", in all worlds of a tier.
 
     ``right``: searches that found the marker within the tolerance, or, where there is none, found nothing.
-    ``acquisitions`` and ``seconds``: of all searches, over the number of those that found it within the tolerance; None
-    where none did. ``false_found``: found where there is none, or off by more than twice the tolerance.
+    ``acquisitions`` and ``seconds``: of all searches for a marker, over the number of those that found it within the
+    tolerance; None where none did. ``false_found``: found where there is none, or off by more than twice the tolerance.
     """
 
     tier: str
@@ -225,24 +233,34 @@ class EntryResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BenchmarkResults(msgspec.Struct, frozen=True, kw_only=True):
-    """The results.
+    """The results: ``worlds`` is the hash of the worlds, ``files`` has the SHA-256 of each table of rows.
 
-    ``worlds``: hash of the worlds. ``seeds``: the seed of each world by its folder's name. ``files``: SHA-256 of each
-    table of rows.
+    ``secret``: whether ``seed`` was drawn for these entries, and known to nobody until they had ended. ``totals``: of
+    each method over all worlds of a tier.
     """
 
     benchmark: int
     version: str
     worlds: str
-    seeds: dict[str, int]
+    seed: int
+    secret: bool
     searches: dict[str, int]
     scores: list[Score]
+    totals: list[Score]
     entries: list[EntryResult]
     files: dict[str, str]
 
 
+class _Entered(msgspec.Struct, frozen=True, kw_only=True):
+    """What entries have done, written once all have ended: lines of their rows by group and world."""
+
+    seed: int
+    failures: dict[str, str]
+    rows: dict[str, dict[str, str]]
+
+
 def benchmark_size(*, scale: float, entries: int) -> int:
-    """Searches of a whole benchmark with so many entries."""
+    """Searches of a whole benchmark, beside so many entries."""
     methods = {world: sum(len(policies) for _, policies in _groups(world)) + entries for world in WORLDS}
     return sum(_searches(world.tier, scale) * count for world, count in methods.items())
 
@@ -254,63 +272,62 @@ def run_benchmark(
     scale: float = 1.0,
     seed: int | None = None,
     workers: int | None = None,
-    progress: Callable[[int], None] | None = None,
+    progress: Progress = lambda _stage, _done, _total: None,
 ) -> BenchmarkResults:
     """Run the benchmark, or the rest of it, and write `RESULTS` into its folder.
 
-    An entry could compute the marker from the seed of its world. So the seed of a world that entries search is drawn,
-    another one for each world, and only this process has it, in its memory, until all of them have searched the world.
-    Then their rows are written, and our methods search the same world.
+    An entry must not be able to compute the answer. Entries therefore run first, in worlds of a seed that is drawn for
+    them and written nowhere; their rows stay in the memory until all have ended. Then the seed and the rows are
+    written, and our methods search in the same worlds.
 
-    ``folder``: created if it does not exist. ``scale``: searches over the usual number. ``seed``: of all worlds,
-    instead of `SEED`, where no entry is there. ``progress``: receives the number of searches that are done.
+    ``folder``: created if it does not exist. ``scale``: searches over the usual number. ``seed``: of all worlds; None:
+    `SEED`, or beside entries a secret one. ``progress``: receives a stage, and how many of its searches are done, of
+    how many.
     """
-    if entries and seed is not None:
-        raise ConfigError(f"--seed is {seed}, and an entry could compute the markers from it; leave --seed out")
+    entered = _Entered(seed=SEED if seed is None else seed, failures={}, rows={})
+    rows_in = folder
+    if entries:
+        key = [[entry.group for entry in entries], scale, seed, __version__]
+        rows_in = folder / f"entries-{hashlib.sha256(msgspec.json.encode(key)).hexdigest()[:12]}"
+        entered = _entered(rows_in / ENTERED, entries, scale, seed, workers or default_workers(), progress)
     scores: list[Score] = []
     files: dict[str, str] = {}
-    failures: dict[str, str] = {}
-    seeds: dict[str, int] = {}
-    done = 0
+    by_method: dict[tuple[Tier, str], list[Row]] = {}
+    done, size = 0, benchmark_size(scale=scale, entries=len(entered.rows))
     for world in WORLDS:
-        searches = _searches(world.tier, scale)
-        place = f"{world.place}-{searches}"
-        left = [entry for entry in entries if entry.group not in failures]
-        policies = {entry.group: (_as_policy(entry, world.tier),) for entry in left}
-        seeds[place] = _seed_of(folder, place, policies) if policies else SEED if seed is None else seed
-        studies = {
-            group: world.study(group, each, searches=searches, seed=seeds[place])
-            for group, each in (*policies.items(), *_groups(world))
-        }
-        failures |= _run_entries(
-            folder, place, {group: studies[group] for group in policies}, world=world, workers=workers
-        )
-        for group, study in studies.items():
-            if group in failures and not (folder / group / place / ROWS).exists():
-                continue
-            finished = run_study(study, folder / group / place, workers=workers)
+        entered_here = [(each.group, (_as_policy(each, world.tier),)) for each in entries if each.group in entered.rows]
+        for group, policies in (*_groups(world), *entered_here):
+            searches = _searches(world.tier, scale)
+            study = world.study(group, policies, searches=searches, seed=entered.seed)
+            finished = run_study(
+                study,
+                rows_in / group / f"{world.place}-{searches}",
+                workers=workers,
+                computed=[entered.rows[group][world.place].encode()] if group in entered.rows else None,
+                progress=partial(_advance, progress, done, size),
+            )
+            done += study.rows
             files[str(finished.rows.relative_to(folder))] = _sha256(finished.rows)
             rows = list(read_rows(finished.rows, study))
-            scores += [
-                _score(world, str(policy), [row for row in rows if row.policy == number])
-                for number, policy in enumerate(study.policies)
-            ]
-            done += study.rows
-            if progress is not None:
-                progress(done)
+            for number, policy in enumerate(policies):
+                of_policy = [row for row in rows if row.policy == number]
+                scores.append(_score(world.tier, world.name, str(policy), of_policy))
+                by_method.setdefault((world.tier, str(policy)), []).extend(of_policy)
     results = BenchmarkResults(
         benchmark=2,
         version=__version__,
-        worlds=worlds_hash(),
-        seeds=seeds,
+        worlds=worlds_hash(entered.seed),
+        seed=entered.seed,
+        secret=bool(entries) and seed is None,
         searches={tier: _searches(tier, scale) for tier in _LEVELS},
         scores=scores,
+        totals=[_score(tier, "all", method, rows) for (tier, method), rows in by_method.items()],
         entries=[
             EntryResult(
                 method=str(_as_policy(entry, "raw channels")),
                 command=entry.command,
                 files=dict(entry.files),
-                failure=failures.get(entry.group, ""),
+                failure=entered.failures.get(entry.group, ""),
             )
             for entry in entries
         ],
@@ -320,46 +337,52 @@ def run_benchmark(
     return results
 
 
-def _seed_of(folder: Path, place: str, groups: Collection[str]) -> int:
-    """The seed of a world that all of these entries have searched; else one that nobody knows, in an empty place."""
-    known = {recorded_seed(folder / group / place) for group in groups}
-    if len(known) == 1 and (found := known.pop()) is not None:
-        return found
-    # What is there is of a seed that an entry may have read.
-    for before in folder.glob(f"*/{place}"):
-        shutil.rmtree(before)
-    return secrets.randbits(62)
+def _advance(progress: Progress, before: int, size: int, rows: int) -> None:
+    progress("searches", before + rows, size)
 
 
-def _run_entries(
-    folder: Path, place: str, studies: Mapping[str, Study], *, world: World, workers: int | None
-) -> dict[str, str]:
-    """Let entries search a world, then write their rows; returns the faults of those that failed.
+def _entered(
+    path: Path, entries: Sequence[Entry], scale: float, seed: int | None, workers: int, progress: Progress
+) -> _Entered:
+    """What the entries did, read from a file, or else done, and written into it once all have ended."""
+    if path.exists():
+        return read_json(path, _Entered)
+    seed = secrets.randbits(60) if seed is None else seed
+    failures: dict[str, str] = {}
+    rows: dict[str, dict[str, str]] = {}
+    for entry in entries:
+        studies = [
+            world.study(entry.group, (_as_policy(entry, world.tier),), searches=_searches(world.tier, scale), seed=seed)
+            for world in WORLDS
+        ]
+        jobs = [(number, row) for number, study in enumerate(studies) for row in range(study.rows)]
+        # An entry that counts its searches must not know by that in which world it is.
+        random.SystemRandom().shuffle(jobs)
+        lines: dict[tuple[int, int], bytes] = {}
+        progress(f"searches of {entry.label}", 0, len(jobs))
+        with closing(on_processes(partial(_searched, studies), jobs, workers=workers)) as searched:
+            for (number, row), (line, fault) in zip(jobs, searched, strict=True):
+                if fault is not None:
+                    failures[entry.group] = f"{WORLDS[number].tier}, {WORLDS[number].name}: {fault}"
+                    break
+                lines[number, row] = line
+                progress(f"searches of {entry.label}", len(lines), len(jobs))
+            else:
+                rows[entry.group] = {
+                    world.place: b"".join(lines[number, row] for row in range(studies[number].rows)).decode()
+                    for number, world in enumerate(WORLDS)
+                }
+    entered = _Entered(seed=seed, failures=failures, rows=rows)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_json(path, entered)
+    return entered
 
-    Nothing of the world is written before, and no argument or variable holds it.
-    """
-    faults: dict[str, str] = {}
-    tables: dict[str, bytes] = {}
-    for group, study in studies.items():
-        if (before := folder / group / place / FAULT).exists():
-            faults[group] = before.read_text(encoding="utf-8")
-            continue
-        if (folder / group / place / ROWS).exists():
-            continue
-        # Its first search, before a world full of failures.
-        fault = fault_of(study, 0)
-        if not fault:
-            table = computed_rows(study, workers=workers)
-            failed = next((row for row in rows_of(table, study) if row.answer == "failed"), None)
-            fault = "" if failed is None else fault_of(study, failed.row) or "it failed once"
-            tables[group] = table
-        if fault:
-            faults[group] = f"{world.tier}, {world.name}: {fault}"
-    for group in studies:
-        write_rows(studies[group], folder / group / place, tables.get(group))
-        if group in faults:
-            (folder / group / place / FAULT).write_text(faults[group], encoding="utf-8")
-    return faults
+
+def _searched(studies: Sequence[Study], job: tuple[int, int]) -> tuple[bytes, str | None]:
+    """Line of one row of one of the studies, and the fault that ended it."""
+    number, place = job
+    row = run_row(studies[number], place)
+    return as_csv([values_of(row)]), row.fault
 
 
 def _searches(tier: Tier, scale: float) -> int:
@@ -381,22 +404,21 @@ def _as_policy(entry: Entry, tier: Tier) -> StudyPolicy:
     return study_policy(method=entry.label, acquisitions=MOST, command=entry.command, channels=channels)
 
 
-def _score(world: World, method: str, rows: Sequence[Row]) -> Score:
+def _score(tier: Tier, world: str, method: str, rows: Sequence[Row]) -> Score:
     marked = [row for row in rows if row.truth_deg is not None]
     found = [row for row in rows if row.answer == "found"]
-    errors_deg = [row.error_deg for row in found if row.error_deg is not None]
     within = sum(_within(row, 1.0) for row in found)
-    right = within if marked else sum(row.answer not in ("found", "failed") for row in rows)
+    nothing = sum(row.truth_deg is None and row.answer not in ("found", "failed") for row in rows)
     covering = [row for row in marked if row.low_deg is not None]
     return Score(
-        tier=world.tier,
-        world=world.name,
+        tier=tier,
+        world=world,
         method=method,
         searches=len(rows),
-        right=Share.of(right, len(rows)),
-        acquisitions=sum(row.acquisitions or 0 for row in rows) / within if within else None,
-        seconds=sum(row.elapsed_s or 0.0 for row in rows) / within if within else None,
-        error_deg=Mean.of(errors_deg),
+        right=Share.of(within + nothing, len(rows)),
+        acquisitions=sum(row.acquisitions or 0 for row in marked) / within if within else None,
+        seconds=sum(row.elapsed_s or 0.0 for row in marked) / within if within else None,
+        error_deg=Mean.of([row.error_deg for row in found if row.error_deg is not None]),
         covered=Share.of(sum(covers(row) for row in covering), len(covering)),
         false_found=Share.of(sum(not _within(row, CLAIM_TOLERANCES) for row in found), len(rows)),
         missed=Share.of(sum(row.answer == "not found" for row in marked), len(marked)),

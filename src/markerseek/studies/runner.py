@@ -60,13 +60,14 @@ def run_study(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
+    computed: Iterable[bytes] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> FinishedStudy:
     """Run a study, or the rest of it, and summarise it.
 
     ``folder``: created if it does not exist. ``workers``: processes of this machine; None: as many as it has cores.
-    ``scheduler``: address of a Dask scheduler, to run on its workers instead. ``progress``: receives the number of
-    finished rows before the first chunk and after each.
+    ``scheduler``: address of a Dask scheduler, to run on its workers instead. ``computed``: lines of all rows, where
+    they are computed already. ``progress``: receives the number of finished rows before the first chunk and after each.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -77,18 +78,20 @@ def run_study(
     with _alone(folder):
         _claim(folder, study)
         if not (folder / ROWS).exists():
-            _add_rows(study, folder / PART, workers=workers, scheduler=scheduler, progress=progress)
+            if computed is not None:
+                (folder / PART).unlink(missing_ok=True)
+            _add_rows(study, folder / PART, workers, scheduler, computed, progress or (lambda _: None))
             (folder / PART).replace(folder / ROWS)
             sync_folder(folder)
         if progress is not None:
             progress(study.rows)
         if not (folder / SUMMARY).exists():
             write_json(folder / SUMMARY, summarise(study, read_rows(folder / ROWS, study)))
-        summary = _read(folder / SUMMARY, Summary, cure="; delete it, and it is computed again")
+        summary = read_json(folder / SUMMARY, Summary, cure="; delete it, and it is computed again")
         return FinishedStudy(rows=folder / ROWS, summary=summary)
 
 
-def _read(path: Path, kind: type[Kind], *, cure: str = "") -> Kind:
+def read_json(path: Path, kind: type[Kind], *, cure: str = "") -> Kind:
     """Content of a JSON file."""
     try:
         return msgspec.json.decode(read_input(path, most_bytes=_MAX_JSON_BYTES), type=kind)
@@ -109,7 +112,7 @@ def _claim(folder: Path, study: Study) -> None:
     """Record the study of the folder, or refuse the folder of another; remove files that were not finished."""
     path = folder / STUDY
     if path.exists():
-        found = _read(path, dict)
+        found = read_json(path, dict)
         if found.get("hash") != study.digest:
             made_by = found.get("version")
             cause = f"was begun by version {made_by}" if made_by != __version__ else "holds another study"
@@ -126,25 +129,25 @@ def _claim(folder: Path, study: Study) -> None:
 def _add_rows(
     study: Study,
     path: Path,
-    *,
     workers: int | None,
     scheduler: str | None,
-    progress: Callable[[int], None] | None,
+    computed: Iterable[bytes] | None,
+    progress: Callable[[int], None],
 ) -> None:
     """Compute the rows that an unfinished table lacks, and add each chunk as it is ready."""
     with _opened(path) as table:
         done = _whole_trials(table, study)
         left = chunks(study, first=done)
-        if progress is not None:
-            progress(done * len(study.policies))
-        if scheduler is not None:
-            computed: Iterator[bytes] = on_cluster(run_chunk, study, left, address=scheduler)
+        progress(done * len(study.policies))
+        if computed is not None:
+            parts = (lines for lines in computed)
+        elif scheduler is not None:
+            parts = on_cluster(run_chunk, study, left, address=scheduler)
         else:
-            count = default_workers() if workers is None else workers
-            computed = on_processes(partial(run_chunk, study), left, workers=count)
+            parts = on_processes(partial(run_chunk, study), left, workers=workers or default_workers())
         # Closed at Ctrl-C too: the processes would otherwise continue their jobs.
-        with closing(computed):  # type: ignore[type-var]
-            for lines in computed:
+        with closing(parts):
+            for lines in parts:
                 # The hash of a study contains the version of the package that computed it.
                 if not lines.startswith(study.digest.encode()):
                     raise ConfigError(
@@ -152,8 +155,7 @@ def _add_rows(
                     )
                 _append(table, lines, path)
                 done += lines.count(b"\n") // len(study.policies)
-                if progress is not None:
-                    progress(done * len(study.policies))
+                progress(done * len(study.policies))
 
 
 def _whole_trials(table: IO[bytes], study: Study) -> int:
@@ -213,36 +215,6 @@ def _alone(folder: Path) -> Iterator[None]:
         except OSError as problem:
             raise RecordError(f"{folder}: another process is running this study; wait for it") from problem
         yield
-
-
-def computed_rows(study: Study, *, workers: int | None = None) -> bytes:
-    """Lines of all rows of a study, kept in memory; `write_rows` writes them."""
-    count = default_workers() if workers is None else workers
-    with closing(on_processes(partial(run_chunk, study), chunks(study), workers=count)) as computed:  # type: ignore[type-var]
-        return b"".join(computed)
-
-
-def write_rows(study: Study, folder: Path, lines: bytes | None) -> None:
-    """Make the folder of a study, with its table where there are lines; a table that is there stays."""
-    folder.mkdir(parents=True, exist_ok=True)
-    _claim(folder, study)
-    if lines is not None and not (folder / ROWS).exists():
-        with replace_file(folder / ROWS) as unfinished:
-            unfinished.write_bytes(as_csv([columns(study)]) + lines)
-
-
-def rows_of(lines: bytes, study: Study) -> Iterator[Row]:
-    """Rows of the lines of `computed_rows`."""
-    by_cell = [cell.varied for cell in cells(study)]
-    return (_row(line, by_cell) for line in csv.reader(io.StringIO(lines.decode("utf-8"))))
-
-
-def recorded_seed(folder: Path) -> int | None:
-    """Seed of the study of a folder; None where there is none."""
-    try:
-        return int(_read(folder / STUDY, dict)["study"]["seed"])
-    except (RecordError, KeyError):
-        return None
 
 
 def columns(study: Study) -> tuple[str, ...]:

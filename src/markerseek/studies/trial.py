@@ -52,7 +52,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     and all results after a device failed. ``low_deg`` and ``high_deg`` are the ends of the 95 % interval, and
     ``marks_deg`` the answers after as many acquisitions as the study's marks. ``surveyed`` and
     ``other_probability`` are the answer's.
-    ``tolerance_deg`` is the policy's tolerance at the marker's true distance from the axis.
+    ``tolerance_deg`` is the policy's tolerance at the marker's true distance from the axis. ``fault`` says why a search
+    failed.
 
     Where the scene holds a second source, ``second_deg`` is its angle and ``second_db`` its loudness over the marker's,
     ``nearest`` says which of the two the answer's angle is that of (within `SOURCE_DEG`), and ``other_deg`` is the
@@ -89,6 +90,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     second_db: float | None = None
     nearest: Literal["stronger", "weaker", "between", "outside"] | None = None
     other_deg: float | None = None
+    fault: str | None = None
 
 
 def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
@@ -100,11 +102,16 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
     draw = draw_trial(study, cell, trial)
     rig = study_rig(study, cell, draw)
     prior = former_curve(study, cell, trial, settings)
+    found, fault = None, None
+    # Simulated faults are part of a study, and so are those of entries. Other errors are of its settings, and end it.
     try:
         found = _search(study, settings, rig, prior=prior)
-    # Simulated faults are part of a study, and so are those of entries. Other errors are of its settings, and end it.
-    except (DeviceError, EntryError):
-        found = None
+    except EntryError as problem:
+        fault = described(problem)
+    except DeviceError as problem:
+        # The guard refuses frames without noise as stale, and here no device is to blame.
+        hidden = hidden_noise(study, cell, draw, sweep=settings.plan.sweep)
+        fault = described(problem) if hidden is None else f"{hidden} ({described(problem)})"
     finished = found.finished if found is not None else None
     estimate = finished.estimate if finished is not None else None
     # A search that ended before a mark has its final answer there.
@@ -144,6 +151,8 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
         second_db=None if draw.scene.second is None else 20 * math.log10(draw.scene.second.strength),
         nearest=None if two is None or mean_deg is None else two.nearest(mean_deg),
         other_deg=None if two is None or estimate is None else two.other_named(estimate),
+        # A row is one line of the table.
+        fault=None if fault is None else " ".join(fault.split()),
     )
 
 
@@ -198,33 +207,9 @@ def run_row(study: Study, row: int) -> Row:
     """Run the search of a row again, by its index in the table of the study."""
     if not 0 <= row < study.rows:
         raise ConfigError(f"row is {row}, the study {study.name} has the rows 0 to {study.rows - 1}")
-    return run_trial(study, *_place(study, row))
-
-
-def _place(study: Study, row: int) -> tuple[Cell, int, int]:
-    """Cell, trial and policy of a row."""
     place, policy = divmod(row, len(study.policies))
     cell, trial = divmod(place, study.trials)
-    return cells(study)[cell], trial, policy
-
-
-def fault_of(study: Study, row: int) -> str:
-    """Return in words the fault that ends the search of a row, which is run again; empty if none ends it.
-
-    ``row``: its index in the table; the first rows are the first searches of the policies.
-    """
-    cell, trial, policy = _place(study, row)
-    draw = draw_trial(study, cell, trial)
-    settings = study.policies[policy]
-    try:
-        _search(study, settings, study_rig(study, cell, draw), prior=former_curve(study, cell, trial, settings))
-    except EntryError as problem:
-        return described(problem)
-    except DeviceError as problem:
-        # The guard refuses frames without noise as stale, and here no device is to blame.
-        hidden = hidden_noise(study, cell, draw, sweep=settings.plan.sweep)
-        return described(problem) if hidden is None else f"{hidden} ({described(problem)})"
-    return ""
+    return run_trial(study, cells(study)[cell], trial, policy)
 
 
 class SearchTrace(NamedTuple):

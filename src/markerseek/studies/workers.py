@@ -12,12 +12,12 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from markerseek.core import ConfigError, MarkerseekError, needs_package
 
@@ -38,7 +38,7 @@ def default_workers() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, workers: int) -> Iterator[Done]:
+def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, workers: int) -> Generator[Done]:
     """Result of each job, in their order; closing the iterator ends the processes.
 
     ``function``: a function of a module, or `functools.partial` of one, which other processes can import. ``workers``:
@@ -54,11 +54,12 @@ def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, worker
     os.environ["PYTHONSAFEPATH"] = "1"
     # Spawned, because a fork would copy the locks that threads of this process hold.
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(max_workers=workers, mp_context=context, initializer=_begin)
+    # The function goes to each worker once, when it starts: no pipe holds what it carries, which an entry could read.
+    pool = ProcessPoolExecutor(max_workers=workers, mp_context=context, initializer=_begin, initargs=(function,))
     others = set(multiprocessing.active_children())
     over = False
     try:
-        yield from _in_order(partial(_submit, pool, function), jobs, ahead=_AHEAD * workers)
+        yield from _in_order(partial(_submit, pool), jobs, ahead=_AHEAD * workers)
         over = True
     except BrokenProcessPool as problem:
         raise MarkerseekError(
@@ -78,10 +79,10 @@ def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, worker
             os.environ["PYTHONSAFEPATH"] = before
 
 
-def _submit(pool: ProcessPoolExecutor, function: Callable[[Job], Done], job: Job) -> Future[Done]:
+def _submit(pool: ProcessPoolExecutor, job: object) -> Future[Any]:
     """Submit a job, which may start a process; Ctrl-C takes effect afterwards."""
     with _interrupt_later():
-        return pool.submit(function, job)
+        return pool.submit(_work, job)
 
 
 @contextmanager
@@ -121,7 +122,7 @@ def _in_order(submit: Callable[[Job], Future[Done]], jobs: Iterable[Job], *, ahe
 
 def on_cluster(
     function: Callable[[Shared, Job], Done], shared: Shared, jobs: Iterable[Job], *, address: str
-) -> Iterator[Done]:
+) -> Generator[Done]:
     """Result of each job, in their order; closing the iterator cancels the rest.
 
     ``function``: a function of a module; the workers need the same version of this package. ``shared``, ``jobs``: its
@@ -146,8 +147,17 @@ def on_cluster(
             raise MarkerseekError(f"the cluster failed: {problem}; run the same command again to continue") from problem
 
 
-def _begin() -> None:
-    """In a new worker: leave Ctrl-C to the parent, and end when the parent does."""
+_function: list[Callable[[Any], Any]] = []
+"""In a worker: the function of its jobs."""
+
+
+def _work(job: object) -> Any:
+    return _function[0](job)
+
+
+def _begin(function: Callable[[Any], Any]) -> None:
+    """In a new worker: keep the function, leave Ctrl-C to the parent, and end when the parent does."""
+    _function.append(function)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

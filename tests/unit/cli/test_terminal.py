@@ -10,7 +10,7 @@ from markerseek.cli.doctor import CheckResult
 from markerseek.cli.terminal import ProgressLines, print_json, time_left
 
 
-def test_lines_say_what_begins_and_ever_more_rarely_what_is_left(capsys: pytest.CaptureFixture[str]) -> None:
+def test_lines_say_what_begins_and_at_least_every_30_s_what_is_left(capsys: pytest.CaptureFixture[str]) -> None:
     clock = iter(range(1000))
     lines = ProgressLines(now_s=lambda: float(next(clock)))
     # One step a second, of which 100 were done by an earlier run.
@@ -24,9 +24,14 @@ def test_lines_say_what_begins_and_ever_more_rarely_what_is_left(capsys: pytest.
         "108 of 400, some 5 min left",
         "116 of 400, some 5 min left",
         "132 of 400, some 4 min left",
-        "164 of 400, some 4 min left",
-        "228 of 400, some 3 min left",
-        "356 of 400, some 44 s left",
+        "162 of 400, some 4 min left",
+        "192 of 400, some 3 min left",
+        "222 of 400, some 3 min left",
+        "252 of 400, some 2 min left",
+        "282 of 400, some 2 min left",
+        "312 of 400, some 88 s left",
+        "342 of 400, some 58 s left",
+        "372 of 400, some 28 s left",
     ]
 
 

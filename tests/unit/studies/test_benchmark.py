@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 import shutil
@@ -10,14 +9,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from markerseek.core import ConfigError
-from markerseek.studies import benchmark
+from markerseek.studies import Share, benchmark
 from markerseek.studies.benchmark import WORLDS, Entry, run_benchmark, worlds_hash
 from markerseek.studies.policies import study_policy
 from markerseek.studies.study import cells
 from markerseek.studies.trial import run_trial
+from markerseek.studies.worlds import draw_trial
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "benchmark_entry.py"
 
@@ -87,6 +88,18 @@ def test_another_seed_is_another_benchmark():
     assert rows[0].truth_deg != rows[1].truth_deg
 
 
+def test_another_seed_gives_each_tier_markers_of_its_own():
+    """Else an entry could meet in one tier a marker that it has found in another."""
+    policies = (study_policy(method="ternary"),)
+    drawn = {}
+    for seed in (benchmark.SEED, 7):
+        for tier in ("block maxima", "raw channels"):
+            study = world(tier, "one").study("a", policies, searches=1, seed=seed)
+            drawn[seed, tier] = draw_trial(study, cells(study)[0], 0).marker_deg
+    assert drawn[benchmark.SEED, "block maxima"] == drawn[benchmark.SEED, "raw channels"]
+    assert drawn[7, "block maxima"] != drawn[7, "raw channels"]
+
+
 @pytest.mark.parametrize("scale", [0, -1, math.nan])
 def test_a_scale_that_is_none_is_refused_before_anything_is_announced(shell, scale):
     code, _, err = shell("benchmark", "--scale", scale)
@@ -115,18 +128,24 @@ def test_entries_are_scored_beside_our_methods_and_a_failed_one_is_said(two_worl
     words = [f"{sys.executable} {tmp_path / name}.py" for name in ("good", "bad")]
     entries = [part for each in words for part in ("--entry", each)]
     command = ("benchmark", *entries, "--scale", 0.04, "--workers", 1, "--out", tmp_path / "out")
-    code, _, err = shell(*command)
+    code, out, err = shell(*command)
     assert code == 1
-    assert "failed entry: bad.py, 64: in intensities, none: EntryError: it replied b'hello'" in " ".join(err.split())
+    assert "EntryError: it replied b'hello'" in " ".join(err.split())
+    # Where nobody looks on: what is done, line by line.
+    assert "searches of good.py: 8 to do" in err
+    assert "searches: 24 to do" in err
     results = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert f"seed: {results['seed']}, secret until the entries had ended" in " ".join(out.split())
     scores = {(each["world"], each["method"]): each for each in results["scores"]}
     assert len(scores) == 6
     assert scores["none", "good.py, 64"]["right"]["share"] == 1.0
     assert scores["one", "good.py, 64"]["missed"]["share"] == 1.0
     assert scores["one", "good.py, 64"]["acquisitions"] is None
-    assert scores["one", "exhaustive, 141"]["right"]["share"] == 1.0
     assert scores["one", "exhaustive, 141"]["acquisitions"] == 141.0
     assert scores["one", "exhaustive, 141"]["travel_deg"]["mean"] > 60
+    totals = {each["method"]: each for each in results["totals"]}
+    assert (totals["good.py, 64"]["searches"], totals["good.py, 64"]["right"]["hits"]) == (8, 4)
+    assert totals["exhaustive, 141"]["acquisitions"] == 141.0
     assert [bool(each["failure"]) for each in results["entries"]] == [False, True]
     for name, digest in results["files"].items():
         summed = subprocess.run(["sha256sum", tmp_path / "out" / name], capture_output=True, text=True, check=True)
@@ -135,65 +154,93 @@ def test_entries_are_scored_beside_our_methods_and_a_failed_one_is_said(two_worl
     before = (tmp_path / "out" / "results.json").read_bytes()
     assert shell(*command, "--json")[0] == 1
     assert (tmp_path / "out" / "results.json").read_bytes() == before
+    # The published seed gives the same rows; now the entry could have known it.
+    again = run_benchmark(
+        tmp_path / "again", entries=[Entry.named(words[0])], scale=0.04, seed=results["seed"], workers=1
+    )
+    assert (again.secret, again.worlds) == (False, results["worlds"])
+    assert {each.right for each in again.scores} == {
+        msgspec.convert(each["right"], Share, strict=False) for each in results["scores"]
+    }
 
 
 SPY = """
-import json, os, pathlib, re, sys
-from markerseek.studies import WORLDS, cells, study_policy
-from markerseek.studies.worlds import draw_trial
+import json, os, re, stat, sys
+from pathlib import Path
+
+def ancestors():
+    pid = os.getppid()
+    while pid > 1:
+        yield Path("/proc") / str(pid)
+        if b"--entry" in (Path("/proc") / str(pid) / "cmdline").read_bytes():
+            return
+        pid = int((Path("/proc") / str(pid) / "stat").read_text().rpartition(")")[2].split()[1])
 
 def content(path):
     try:
-        return pathlib.Path(path).read_bytes()
+        return path.read_bytes() if stat.S_ISREG(path.stat().st_mode) else b""
     except OSError:
         return b""
 
-def readable():
-    # Arguments, environment and open files of all that started this process, and every file of the benchmark.
-    yield from map(content, pathlib.Path(sys.argv[1]).rglob("*.*"))
-    process = os.getpid()
-    while process > 1:
-        yield from (content(f"/proc/{process}/{name}") for name in ("cmdline", "environ"))
-        yield " ".join(os.path.realpath(each) for each in pathlib.Path(f"/proc/{process}/fd").glob("*")).encode()
-        process = int(content(f"/proc/{process}/stat").rsplit(b")")[-1].split()[1])
+def everything():
+    for place in ancestors():
+        # Files of /proc are regular, and so may be what is open.
+        yield from (content(place / name) for name in ("cmdline", "environ"))
+        yield from map(content, (place / "fd").iterdir())
+        yield from map(content, (place / "cwd").glob("*.*"))
+    yield from map(content, Path(OUT).rglob("*.*"))
+    yield " ".join(os.environ.values()).encode()
 
-world = next(each for each in WORLDS if (each.tier, each.name) == ("intensities", "one"))
-guesses = []
-for line in sys.stdin:
-    numbers = {int(each) for each in re.findall(rb"[0-9]{1,19}", b" ".join(readable()))} | {20261124}
-    policies = (study_policy(method="ternary"),)
-    drawn = [world.study("spy", policies, searches=2, seed=seed) for seed in numbers if seed < 2**63]
-    guesses.append([draw_trial(study, cells(study)[0], trial).marker_deg for study in drawn for trial in range(4)])
-    pathlib.Path(sys.argv[2]).write_text(json.dumps(guesses))
-    print('{"answer": "not found"}', flush=True)
+def numbers():
+    return {int(found) for text in everything() for found in re.findall(rb"[0-9]+", text) if int(found) < 2**63}
+
+from markerseek.studies import WORLDS, cells, study_policy
+from markerseek.studies.worlds import draw_trial
+
+def markers():
+    for seed in {20261124, *numbers()}:
+        for world in WORLDS:
+            if world.tier == "intensities" and world.name == "one":
+                study = world.study("a", (study_policy(method="ternary"),), searches=2, seed=seed)
+                yield from (draw_trial(study, cells(study)[0], trial).marker_deg for trial in range(2))
+
+known = None
+for line in map(json.loads, sys.stdin):
+    if line["type"] == "search":
+        known = set(markers())
+        with open(SEEN, "a") as file:
+            file.write(json.dumps(sorted(known)) + "\\n")
+        print('{"angle_deg": 0}', flush=True)
+    else:
+        print('{"answer": "not found"}', flush=True)
 """
 
 
-@pytest.mark.parametrize("drawn", [True, False])
-def test_an_entry_cannot_compute_the_marker_from_what_it_can_read(monkeypatch, tmp_path, drawn):
-    """Its world's seed was in its parent's arguments and in study.json, and the rows of our methods beside it."""
-    monkeypatch.setattr(benchmark, "WORLDS", (world("intensities", "one"),))
-    monkeypatch.setattr(benchmark, "METHODS", ("ternary",))
-    if not drawn:
-        # The spy works: it finds a marker whose seed is known.
-        monkeypatch.setattr(benchmark.secrets, "randbits", lambda _bits: benchmark.SEED)
-    (tmp_path / "spy.py").write_text(SPY)
-    out, said = tmp_path / "out", tmp_path / "guesses.json"
-    entry = Entry.named(f"{sys.executable} {tmp_path / 'spy.py'} {out} {said}")
-    # Twice: what the first one wrote must not help in the second.
-    for scale in (0.02, 0.04):
-        results = run_benchmark(out, entries=[entry], scale=scale, workers=1)
-        assert not results.entries[0].failure
-        (table,) = out.glob(f"methods/intensities-one-{round(100 * scale)}/rows.csv")
-        markers = [float(row["truth_deg"]) for row in csv.DictReader(table.open())]
-        guesses = json.loads(said.read_text())
-        found = [any(math.isclose(each, marker, abs_tol=1e-9) for each in guesses[0]) for marker in markers]
-        assert all(found) if not drawn else not any(found)
-
-
-def test_a_seed_is_refused_beside_an_entry(tmp_path):
-    with pytest.raises(ConfigError, match="an entry could compute the markers from it"):
-        run_benchmark(tmp_path, entries=[Entry.named("python3")], seed=3)
+@pytest.mark.parametrize("known", [False, True])
+def test_an_entry_that_looks_everywhere_does_not_find_the_answers(two_worlds, tmp_path, known):
+    """Arguments, environment, open files and folders of all processes above it; a seed by --seed is found there."""
+    out, seen = tmp_path / "out", tmp_path / "seen"
+    head = f"import sys; sys.path[:0] = {sys.path!r}\nOUT, SEEN = {str(out)!r}, {str(seen)!r}\n"
+    (tmp_path / "spy.py").write_text(head + SPY)
+    words = ["benchmark", "--entry", f"{sys.executable} {tmp_path / 'spy.py'}", "--scale", "0.02", "--workers", "2"]
+    words += ["--out", str(out), *(["--seed", "7654321"] if known else [])]
+    # Another one's results are there.
+    (out / "before").mkdir(parents=True)
+    (out / "before" / "study.json").write_text('{"seed": 5}')
+    two = "from markerseek.studies import benchmark as b; b.WORLDS = b.WORLDS[1:2]; b.METHODS = ('ternary',)\n"
+    code = f"{two}from markerseek.cli import main\nif __name__ == '__main__': main()"
+    ended = subprocess.run(
+        [sys.executable, "-c", code, *words], capture_output=True, text=True, cwd=tmp_path, check=False
+    )
+    assert ended.returncode == 0, ended.stderr
+    results = json.loads((out / "results.json").read_text())
+    assert results["secret"] is not known
+    rows = [line.split(",") for line in next(out.rglob("*one*/rows.csv")).read_text().splitlines()]
+    truths = {float(row[rows[0].index("truth_deg")]) for row in rows[1:]}
+    guessed = [set(json.loads(line)) for line in seen.read_text().splitlines()]
+    assert len(guessed) >= 2
+    assert all(len(each) > 10 for each in guessed), "the spy has read numbers and drawn worlds of them"
+    assert all(bool(truths & each) is known for each in guessed)
 
 
 def test_another_content_of_an_entry_is_another_entry(tmp_path):

@@ -143,7 +143,7 @@ def test_a_table_torn_anywhere_is_continued_from_its_last_whole_trial(whole: dic
         assert (tmp_path / "rows.csv").read_bytes() == table
 
 
-@pytest.mark.parametrize("step", ["sync_folder", "summarise", "_read"])
+@pytest.mark.parametrize("step", ["sync_folder", "summarise", "read_json"])
 def test_a_study_that_ends_while_it_is_put_together_is_put_together_again(
     whole: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
@@ -229,7 +229,7 @@ def test_ctrl_c_that_a_librarys_thread_takes_does_not_interrupt_the_start_of_a_w
     mask, handler = signal.pthread_sigmask(signal.SIG_BLOCK, ()), signal.getsignal(signal.SIGINT)
     pool = cast("ProcessPoolExecutor", SimpleNamespace(submit=start))
     with pytest.raises(KeyboardInterrupt):
-        workers._submit(pool, abs, "job")
+        workers._submit(pool, "job")
     assert started == ["job"]
     assert (signal.pthread_sigmask(signal.SIG_BLOCK, ()), signal.getsignal(signal.SIGINT)) == (mask, handler)
 

@@ -22,7 +22,6 @@ from markerseek.studies import (
     SecondSource,
     Study,
     cells,
-    fault_of,
     read_study,
     run_row,
     study_policy,
@@ -159,8 +158,9 @@ def test_a_search_that_fails_for_want_of_noise_says_so_and_names_no_device() -> 
     quiet = SimulatedSettings(start_deg=-35.0, noise=NoiseSettings(peak_snr_db=60.0))
     checked = study_policy(method="ternary", acquisitions=4)
     study = replace(FRAMES, policies=(checked,), scene=SceneSettings(), rig=quiet, seed=20261141)
-    assert run_row(study, 0).answer == "failed"
-    fault = fault_of(study, 0)
+    row = run_row(study, 0)
+    fault = row.fault or ""
+    assert row.answer == "failed"
     assert fault.startswith("noise: peak_snr_db is 60 dB, which leaves 0.0")
     assert "the steps of the converter hide it; lower peak_snr_db to at most " in fault
     most_db = float(fault.split(" at most ")[1].split(" dB")[0])

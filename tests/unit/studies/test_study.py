@@ -227,6 +227,7 @@ def test_a_fault_of_a_device_is_a_row_without_an_angle() -> None:
     row = run_row(study, 0)
     assert (row.answer, row.mean_deg, row.error_deg, row.acquisitions) == ("failed", None, None, None)
     assert row.truth_deg == 0.0
+    assert "full scale" in (row.fault or "")
 
 
 def test_chunks_cover_every_trial_once_and_in_order() -> None:
