@@ -144,3 +144,12 @@ def test_a_file_that_a_page_shows_is_shown_as_it_is() -> None:
         assert text == (ROOT / name).read_text(encoding="utf-8").rstrip(), (
             f"{page.name}: copy {name} into the page again"
         )
+
+
+def test_an_excerpt_stands_in_its_source() -> None:
+    """Blocks of code that a page has cut from a file."""
+    text = (DOCS / "explanation" / "a-search.md").read_text(encoding="utf-8")
+    cut = re.findall(r"<!-- from (\S+) -->\n```python\n(.*?)\n```", text, re.DOTALL)
+    assert len(cut) == text.count("```") // 2 > 7
+    for name, excerpt in cut:
+        assert excerpt in (ROOT / name).read_text(encoding="utf-8"), f"cut {name} again: {excerpt.splitlines()[0]}"
