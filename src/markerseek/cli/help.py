@@ -27,6 +27,7 @@ PANELS = {
         *("--axes", "--first-frame", "--without-channel", "--angle-field", "--angle-transform", "--sampling-mhz"),
         "--face-radius-mm",
     ),
+    "Images": ("--roi", "--pixel-mm"),
     "Tables": ("--columns", "--unit", "--db", "--skip-invalid"),
     "Simulation": (*(each.flag for each in options_of(SimulationOptions)), "--markers"),
     "Output": ("--out", "--no-journal", "--events"),

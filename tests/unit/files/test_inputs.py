@@ -123,15 +123,26 @@ def test_a_shape_that_holds_true_is_no_shape(tmp_path: Path) -> None:
         load_frame(tmp_path / "a.npy")
 
 
+WORDS = dict.fromkeys(("kind", "word", "angle", "sigma", "lead", "interval", "reason", "next_step"), "")
+REST = {
+    "note": None,
+    "verdict": WORDS,
+    "curve": "",
+    "facts": [],
+    "picture_uri": "",
+    "alt": "",
+    "rows": [[]],
+    "json": "",
+}
+
+
 @pytest.mark.parametrize("make", [lambda path, _: os.mkfifo(path), lambda path, target: path.symlink_to(target)])
 def test_nothing_is_written_through_a_link_or_a_pipe(make: Callable[[Path, Path], None], tmp_path: Path) -> None:
     target, place = tmp_path / "precious", tmp_path / "search.html"
     target.write_text("precious")
     make(place, target)
     with pytest.raises(RecordError, match=r"search\.html: it is a symbolic link, a pipe or a device"):
-        write_page(
-            place, "search.html.jinja", title="", note=None, facts=[], picture_uri="", alt="", rows=[[]], json=""
-        )
+        write_page(place, "search.html.jinja", title="", **REST)
     with pytest.raises(RecordError), replace_file(place) as part:
         part.write_text("another")
     assert target.read_text() == "precious"
@@ -148,8 +159,6 @@ def test_a_page_that_cannot_be_finished_leaves_the_one_before(tmp_path: Path) ->
     place = tmp_path / "search.html"
     place.write_text("the page before")
     with pytest.raises(UnicodeEncodeError):
-        write_page(
-            place, "search.html.jinja", title="\udcff", note=None, facts=[], picture_uri="", alt="", rows=[[]], json=""
-        )
+        write_page(place, "search.html.jinja", title="\udcff", **REST)
     assert place.read_text() == "the page before"
     assert list(tmp_path.iterdir()) == [place]
