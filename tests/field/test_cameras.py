@@ -30,6 +30,12 @@ TURN = Rotation.from_euler("xz", [165, 33], degrees=True)
 MOVE_M = TRUS_M.mean(axis=0) - TURN.apply([0.002, 0.001, 0.1])
 
 
+@pytest.fixture(autouse=True)
+def _elsewhere(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """``register`` writes registration.json into the current folder."""
+    monkeypatch.chdir(tmp_path_factory.mktemp("here"))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
     """What one camera reads of its sensor."""

@@ -29,6 +29,12 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "points.csv"
 TRUS, CAMERA = "trus_x_m,trus_y_m,trus_z_m", "camera_x_m,camera_y_m,camera_z_m"
 
 
+@pytest.fixture(autouse=True)
+def _elsewhere(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """``register`` writes registration.json into the current folder."""
+    monkeypatch.chdir(tmp_path_factory.mktemp("here"))
+
+
 def table(
     path: Path, trus_m: np.ndarray = TRUS_M, camera_m: np.ndarray = CAMERA_M, head: str = f"{TRUS},{CAMERA}"
 ) -> Path:
