@@ -12,7 +12,6 @@ from urllib.parse import urlencode
 
 from fastapi import FastAPI, Request, Response
 from nicegui import Client, ui
-from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse, RedirectResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -35,7 +34,7 @@ MAX_VIEWERS = 16
 
 
 class Gate:
-    """Lets a request or a WebSocket through if its cookie holds the token and it comes from the page itself.
+    """Lets a request or a WebSocket through if it names this page, its cookie holds the token, and it comes from there.
 
     ``token``: secret of this page. ``once``: secret that opens the page one time, for the browser that the page itself
     starts. ``origins``: values of the Origin header that are accepted. ``cookie``: name of the cookie that holds the
@@ -47,6 +46,7 @@ class Gate:
     ) -> None:
         self.app = app
         self._token, self._once, self._origins, self._cookie, self._secure = token, once, origins, cookie, secure
+        self._hosts = {each.partition("://")[2] for each in origins}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request, one WebSocket, or the start and end of the server."""
@@ -56,6 +56,8 @@ class Gate:
     def _answered(self, asked: HTTPConnection) -> Response | None:
         """The answer to a link or to a stranger; None for all others."""
         query, origin = asked.query_params, asked.headers.get("origin")
+        if asked.headers.get("host", "").lower() not in self._hosts:
+            return _refusal(f"the Host header is not the address of this page; {_TUNNEL}")
         reads = asked.scope.get("method") in {"GET", "HEAD"}
         opened = _same(query.get("once", ""), self._once)
         if reads and (opened or _same(query.get("token", ""), self._token)):
@@ -93,11 +95,8 @@ def _viewers() -> int:
     return sum(client.has_socket_connection for client in Client.instances.values())
 
 
-def page_application(searches: PageSearches, *, hosts: Collection[str], **gate: Any) -> FastAPI:
-    """The application with all pages.
-
-    ``hosts``: names in the Host header that are accepted, without the port. ``gate``: arguments of `Gate`.
-    """
+def page_application(searches: PageSearches, **gate: Any) -> FastAPI:
+    """The application with all pages; ``gate``: arguments of `Gate`."""
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
@@ -108,7 +107,6 @@ def page_application(searches: PageSearches, *, hosts: Collection[str], **gate: 
 
     application = FastAPI(docs_url=None, redoc_url=None, openapi_url=None, lifespan=lifespan)
     application.add_middleware(Gate, **gate)
-    application.add_middleware(TrustedHostMiddleware, allowed_hosts=sorted(hosts), www_redirect=False)
 
     @application.post("/stop")
     async def stop() -> Response:

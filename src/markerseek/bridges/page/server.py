@@ -161,7 +161,6 @@ def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str, 
         token, once = secrets.token_urlsafe(32), secrets.token_urlsafe(32)
         application = page_application(
             searches,
-            hosts=names | ({urlsplit(address.public).hostname or ""} if address.public else set()),
             origins=own | ({address.public} if address.public else set()),
             token=token,
             once=once,
