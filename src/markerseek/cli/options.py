@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_type_h
 
 import typer
 
-from markerseek.core import ConfigError, SearchPlan, options_of
+from markerseek.core import ConfigError, Option, SearchPlan, options_of
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank, TableFormat
@@ -53,15 +53,14 @@ def _named_methods(incomplete: str) -> Iterator[str]:
     return (each.name for each in METHODS if each.name.startswith(incomplete))
 
 
-def option_of(kind: type, name: str) -> Any:
+def _annotated(found: Option) -> Any:
     """The type of a command's parameter, for an option that is a field of a dataclass; see `markerseek.core.option`."""
-    found = next(each for each in options_of(kind) if each.name == name)
     declared = typer.Option(
         found.flag,
         help=found.help,
         min=found.least,
         show_default=found.default is not None if found.shown is None else found.shown,
-        autocompletion=_named_methods if name == "method" else None,
+        autocompletion=_named_methods if found.name == "method" else None,
     )
     return Annotated[found.kind if found.default is not None else found.kind | None, declared]
 
@@ -95,8 +94,8 @@ def with_values(command: Callable[..., None]) -> Callable[..., None]:
 
 def _options(kind: type[Any]) -> list[Parameter]:
     """The parameters of a command for the fields of a value."""
-    if options_of(kind):
-        found = {each.name: (each.default, option_of(kind, each.name)) for each in options_of(kind)}
+    if options := options_of(kind):
+        found = {each.name: (each.default, _annotated(each)) for each in options}
     else:
         hints = get_type_hints(kind, include_extras=True)
         found = {each.name: (each.default, hints[each.name]) for each in fields(kind)}

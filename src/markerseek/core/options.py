@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import ast
 import inspect
+import sys
 import types
 import typing
 from dataclasses import dataclass, field, fields, is_dataclass
 from itertools import pairwise
-from textwrap import dedent
 from typing import Any
 
 from markerseek.core.errors import ConfigError
@@ -65,6 +65,19 @@ _OPTION = "option"
 
 def options_of(kind: type[Any]) -> tuple[Option, ...]:
     """The options among the fields of a dataclass, in their order; those of a parent come last."""
+    if kind not in _known:
+        _known[kind] = _options_of(kind)
+    return _known[kind]
+
+
+_known: dict[type[Any], tuple[Option, ...]] = {}
+"""Options of the classes that were asked for: their source is read once, and a command line asks for each option."""
+
+
+def _options_of(kind: type[Any]) -> tuple[Option, ...]:
+    chosen = [each for each in fields(kind) if _OPTION in each.metadata]
+    if not chosen:
+        return ()
     types_, documented = typing.get_type_hints(kind), documentation(kind)
     return tuple(
         Option(
@@ -75,8 +88,7 @@ def options_of(kind: type[Any]) -> tuple[Option, ...]:
             least=each.metadata[_OPTION][1],
             help=documented[each.name],
         )
-        for each in sorted(fields(kind), key=lambda each: each.name not in kind.__annotations__)
-        if _OPTION in each.metadata
+        for each in sorted(chosen, key=lambda each: each.name not in kind.__annotations__)
     )
 
 
@@ -84,12 +96,17 @@ def documentation(kind: type[Any]) -> dict[str, str]:
     """The documentation of each field of a dataclass: the text below it in the source, on one line."""
     found: dict[str, str] = {}
     for owner in reversed([each for each in kind.__mro__ if is_dataclass(each)]):
-        tree = ast.parse(dedent(inspect.getsource(owner))).body[0]
-        for before, after in pairwise(typing.cast("ast.ClassDef", tree).body):
+        for before, after in pairwise(_body(owner.__module__, owner.__name__)):
             match before, after:
                 case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
                     found[name] = " ".join(text.split())
     return found
+
+
+def _body(module: str, name: str) -> list[ast.stmt]:
+    """What stands in a class of a module. Not by `inspect.getsource` of the class, which reads the file twice."""
+    body = ast.parse(inspect.getsource(sys.modules[module])).body
+    return next(each.body for each in body if isinstance(each, ast.ClassDef) and each.name == name)
 
 
 def _required(kind: Any) -> Any:

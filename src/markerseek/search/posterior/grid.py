@@ -136,7 +136,8 @@ class Grid:
         """Return marginal probabilities; ``log_angle`` is ln of the angle's prior and of its other likelihoods."""
         power = MAX_STRONG / max(self._strong, MAX_STRONG)
         log_shape = self._shapes.log_prior[self.members]
-        tops = power * self._cells.max(axis=1) + log_shape[self._member]
+        # Of a copy turned round: NumPy reduces a short last axis three times as slowly.
+        tops = power * np.ascontiguousarray(self._cells.T).max(axis=0) + log_shape[self._member]
         # Without the prior of the angle, which the moments of arrival still change.
         alive = tops >= tops.max() - DROPPED_BELOW
         if not alive.all():
