@@ -93,7 +93,7 @@ from markerseek.core.reading import (
 )
 from markerseek.core.shapes import Bool, Complex128, Float32, Float64, Int16, Int32, Int64, UInt8
 from markerseek.core.simulation import MAX_PACE, USUAL_SEED, SimulationOptions, require_pace
-from markerseek.core.sweep import MAX_AHEAD_DEG, Pulse, StageReading, Sweep, SweepTiming, Triggers, fastest_sweep_deg_s
+from markerseek.core.sweep import MAX_AHEAD_DEG, Pulse, StageReading, Sweep, SweepTiming, Triggers
 
 __all__ = [
     "MAX_ACQUISITIONS",
@@ -204,7 +204,6 @@ __all__ = [
     "as_text",
     "counted",
     "described",
-    "fastest_sweep_deg_s",
     "is_absent",
     "is_finite",
     "is_whole",

@@ -155,7 +155,9 @@ class Finished:
     travel_deg
         Sum of all rotations by the stage's readback, in degrees.
     elapsed_s
-        Time on the rig's clock from `Started`, in seconds.
+        Time on the rig's clock from `Started`, in seconds: to the probe at the marker, where one was found.
+    known_s
+        The same to the answer, before the probe turned to the marker; None where none was found.
     searched
         What the search alone would have said, where the answer is from all angles of a recording; else None.
     belief
@@ -167,6 +169,7 @@ class Finished:
     acquisitions: int
     travel_deg: float
     elapsed_s: float
+    known_s: float | None = None
     searched: Searched | None = None
     belief: AngleBelief | None = field(default=None, compare=False)
 

@@ -58,16 +58,18 @@ class Permit:
 class SweepPermit(Permit):
     """Permits single pulses while the probe turns from ``angle_deg`` to ``to_deg``, until a moment, once.
 
+    The stage is sent to the end of the permit: it stops there by itself, whoever dies.
+
     Attributes
     ----------
     to_deg
-        Angle at which it ends, in degrees.
+        Angle at which it ends, or turns back, in degrees.
+    back_deg
+        Angle at which it ends after it has turned back at ``to_deg``; None: it does not turn back.
     slowest_deg_s, fastest_deg_s
         Speeds between which the probe may be lit, in degrees per second, in either direction.
     period_s
         Least time between two pulses, in seconds.
-    spacing_deg
-        Least angle between two pulses, in degrees.
 
     Raises
     ------
@@ -79,25 +81,32 @@ class SweepPermit(Permit):
     slowest_deg_s: float
     fastest_deg_s: float
     period_s: float
-    spacing_deg: float = 0.0
+    back_deg: float | None = None
 
     def __post_init__(self) -> None:
         if not (is_finite(self.angle_deg) and is_finite(self.to_deg) and self.to_deg != self.angle_deg):
             raise ConfigError(
                 f"sweep permit: from {self.angle_deg} to {self.to_deg} deg, these must be two different angles"
             )
+        if self.back_deg is not None and not self.forward * (self.to_deg - self.back_deg) > 0:
+            raise ConfigError(
+                f"sweep permit: from {self.angle_deg} to {self.to_deg} and back to {self.back_deg} deg, it must turn "
+                "back there"
+            )
         name = "sweep permit: slowest_deg_s"
         require_range(name, self.slowest_deg_s, low=0, high=self.fastest_deg_s, unit="deg/s", open_low=True)
         require_range("sweep permit: fastest_deg_s", self.fastest_deg_s, low=0, high=360, unit="deg/s")
         require_range("sweep permit: period_s", self.period_s, low=1e-6, high=10, unit="s")
-        most_deg = self.slowest_deg_s * self.period_s
-        cure = "raise slowest_deg_s or period_s"
-        require_range("sweep permit: spacing_deg", self.spacing_deg, low=0, high=most_deg, unit="deg", cure=cure)
 
     @property
     def forward(self) -> float:
         """1 where the angle rises, -1 where it falls."""
         return math.copysign(1.0, self.to_deg - self.angle_deg)
+
+    @property
+    def end_deg(self) -> float:
+        """Angle at which the light ends, in degrees."""
+        return self.to_deg if self.back_deg is None else self.back_deg
 
     @property
     def pulses_in_1_s(self) -> int:

@@ -121,7 +121,7 @@ class SweepingStage(Stage, Protocol):
 
     @property
     def fastest_sweep_deg_s(self) -> float:
-        """Largest speed of a sweep in degrees per second, at most `markerseek.core.fastest_sweep_deg_s`."""
+        """Largest speed of a sweep in degrees per second: the stage's own."""
 
     @property
     def acceleration_deg_s2(self) -> float:
@@ -137,10 +137,10 @@ class SweepingStage(Stage, Protocol):
         """Set the speed of a sweep; nothing moves."""
 
     def begin_sweep(self, to_deg: float) -> None:
-        """Begin to turn there, and return at once; no target is more than `MAX_AHEAD_DEG` ahead."""
+        """Begin to turn there, the end of the permit, and return at once."""
 
     def read_sweep(self) -> StageReading:
-        """Where it is; gives it its next target too, without which it comes to rest."""
+        """Where it is; a target that a line has lost is given again."""
 
     def brake(self) -> None:
         """Begin to brake, and return at once."""
@@ -183,6 +183,10 @@ class SweepingLaser(Laser, Protocol):
     @property
     def delay_sigma_s(self) -> float:
         """Standard deviation of the unknown delay between a pulse and its time, the same for all, in seconds."""
+
+    @property
+    def stamp_delay_s(self) -> float:
+        """Time from the stamp of a pulse to its light as far as it is known, the same for all, in seconds."""
 
     def begin_sweep(self, permit: SweepPermit) -> None:
         """Begin to fire the permitted pulses, one every ``permit.period_s``, and return at once."""

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from markerseek.core.checks import is_finite, is_whole, require_range
 from markerseek.core.errors import ConfigError
-from markerseek.core.permit import SWEEP_READING_S
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,13 +18,10 @@ class Sweep:
         Angle at which the sweep ends unless it is ended before, in degrees.
     speed_deg_s
         Speed between run-up and braking, in degrees per second, positive in either direction.
-    spacing_deg
-        Least angle between two pulses in degrees; 0 uses every pulse of the laser.
     from_deg
         Angle at which it begins, to which the probe is moved without light; None: where the probe is.
-    lit_braking
-        Whether the light goes on while the probe brakes, where the policy ends the sweep before its end: until the
-        probe would be slower than its permit allows by the next reading.
+    back_deg
+        Angle to which the probe turns back in light once it has reached `to_deg`, in degrees; None: it stays there.
     wait_deg
         Angle to which the probe is moved without light after it, while its frames are read, in degrees; None: it stays
         where the sweep ends, as it does where reading them takes no longer than the way there.
@@ -34,23 +29,26 @@ class Sweep:
     Raises
     ------
     ConfigError
-        If a number is not finite, the speed is not positive, or the spacing is negative.
+        If a number is not finite, or the speed is not positive.
     """
 
     to_deg: float
     speed_deg_s: float
-    spacing_deg: float = 0.0
     from_deg: float | None = None
-    lit_braking: bool = False
+    back_deg: float | None = None
     wait_deg: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("to_deg", "from_deg", "wait_deg"):
+        for name in ("to_deg", "from_deg", "back_deg", "wait_deg"):
             angle_deg = getattr(self, name)
             if not is_finite(angle_deg) and not (angle_deg is None and name != "to_deg"):
                 raise ConfigError(f"sweep: {name} is {angle_deg} deg, it must be a finite number")
         require_range("sweep: speed_deg_s", self.speed_deg_s, low=0, high=360, unit="deg/s", open_low=True)
-        require_range("sweep: spacing_deg", self.spacing_deg, low=0, high=360, unit="deg")
+
+    @property
+    def end_deg(self) -> float:
+        """Angle at which the light ends, in degrees."""
+        return self.to_deg if self.back_deg is None else self.back_deg
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,14 +150,5 @@ class Triggers:
 
 
 MAX_AHEAD_DEG = 5.0
-"""Most that a target lies ahead of a stage that turns, in degrees: it turns no further if the host dies."""
-
-
-def fastest_sweep_deg_s(acceleration_deg_s2: float) -> float:
-    """Largest speed of a sweep in degrees per second, for a stage of this acceleration.
-
-    v²/2a + T·v <= `MAX_AHEAD_DEG`: the stage must not begin to brake before it gets its next target, which comes after
-    T = `SWEEP_READING_S` at the latest.
-    """
-    slope = acceleration_deg_s2 * SWEEP_READING_S
-    return math.sqrt(slope**2 + 2 * acceleration_deg_s2 * MAX_AHEAD_DEG) - slope
+"""Most that a target lies ahead of a stage that moves without a permit, in degrees: it turns no further if the host
+dies. The target of a sweep is the end of its permit."""

@@ -46,10 +46,6 @@ _LONGEST_TRAIN_S = wire.MAX_EXPIRY_MS / 1e3 + 1
 _TIME_S, _ROUND_TRIPS = 0.03, 6
 """Longest time for an answer of the box's clock in a sweep, in seconds, and how often it is asked before one."""
 
-_DELAY_SIGMA_S = 5e-3
-"""Standard deviation of the delay that nobody knows between a stamp and the stage's readings, in seconds: the laser's
-own, and that of the controller's readout."""
-
 _LIGHT_SIGMA_S = 2 * wire.LIGHT_LATE_US / 1e6 / math.sqrt(3)
 """The same of the delay from the stage's trigger to the light: both it and the box's may be `wire.LIGHT_LATE_US`
 late."""
@@ -66,9 +62,16 @@ class LaserBoxSettings(
     """Longest time for its answer."""
     sweep_mode: Literal["free-running", "position-triggered"] = "free-running"
     """What gives the pulses of a sweep: the box, at its own pace, or the triggers of a KDC101 at its trigger input."""
+    stamp_delay_s: float = 0.0
+    """Time from the stamp of a pulse to its light against the stage's readings, as ``markerseek calibrate --delay``
+    measures it."""
+    stamp_delay_sigma_s: float = 10e-3
+    """Standard deviation of that time; the default is for a rig on which nobody has measured it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        require_range("laser: stamp_delay_s", self.stamp_delay_s, low=-0.1, high=0.1, unit="s")
+        require_range("laser: stamp_delay_sigma_s", self.stamp_delay_sigma_s, low=1e-4, high=0.1, unit="s")
         if self.sweep_mode not in ("free-running", "position-triggered"):
             raise ConfigError(
                 f"laser: sweep_mode is {self.sweep_mode!r}, it must be 'free-running' or 'position-triggered'"
@@ -80,7 +83,8 @@ class LaserBox:
 
     ``rate_hz``: pulses per second, a whole number. ``dark_triggers``: how often the acquisition is triggered for a dark
     frame: as often as for a lit one, so that both average alike. ``answer_s``: longest time for an answer.
-    ``position_triggered``: whether edges at the box's trigger input give the pulses of a sweep. Raises
+    ``position_triggered``: whether edges at the box's trigger input give the pulses of a sweep. ``stamp_delay_s`` and
+    ``stamp_delay_sigma_s``: time from the stamp of a pulse to its light, and its standard deviation. Raises
     `NotConnectedError` if no box of this protocol answers, or it keeps triggering for longer than any firing takes.
 
     ``metered``: whether its photodiode measures the light of the pulses as well. ``light_per_pulse``: what it read of a
@@ -96,6 +100,8 @@ class LaserBox:
         dark_triggers: int = 16,
         answer_s: float = 0.5,
         position_triggered: bool = False,
+        stamp_delay_s: float = 0.0,
+        stamp_delay_sigma_s: float = 10e-3,
     ) -> None:
         if not 1 <= rate_hz <= wire.MAX_RATE_HZ or rate_hz != round(rate_hz):
             raise ConfigError(
@@ -114,6 +120,8 @@ class LaserBox:
         self._dark_triggers = dark_triggers
         self._answer_s = answer_s
         self.position_triggered = position_triggered
+        self.stamp_delay_s = stamp_delay_s
+        self._delay_sigma_s = stamp_delay_sigma_s
         self._permits = Permits("laser box", clock)
         self._settled = False
         self._seen = 0
@@ -156,7 +164,7 @@ class LaserBox:
     @property
     def delay_sigma_s(self) -> float:
         """Standard deviation of the delay of all pulses, in seconds."""
-        return _LIGHT_SIGMA_S if self.position_triggered else _DELAY_SIGMA_S
+        return _LIGHT_SIGMA_S if self.position_triggered else self._delay_sigma_s
 
     def light_of_pulse(self, index: int) -> int | None:
         """What the light meter read of a pulse of the last sweep, counted from 0; None if the box did not report it."""
@@ -368,6 +376,8 @@ def _open(settings: LaserBoxSettings, opening: Opening) -> LaserBox:
         dark_triggers=opening.pulses,
         answer_s=settings.answer_s,
         position_triggered=settings.sweep_mode == "position-triggered",
+        stamp_delay_s=settings.stamp_delay_s,
+        stamp_delay_sigma_s=settings.stamp_delay_sigma_s,
     )
     opening.beat_with(box.beat)
     return box

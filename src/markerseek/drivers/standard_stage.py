@@ -1,7 +1,7 @@
 """A stage from its verbs: limits, approach, read-back, deadlines and stop of every stage with a motor stand here.
 
-No target is ever more than a few degrees ahead: a computer that dies leaves the stage there, and not at the end of a
-long move.
+The target of a move is never more than a few degrees ahead: a computer that dies leaves the stage there, and not at the
+end of a long move. The target of a sweep is the end of its permit, where the stage stops by itself.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from markerseek.core import (
     MoveError,
     StageReading,
     Triggers,
-    fastest_sweep_deg_s,
 )
 from markerseek.drivers._approach import DOWN, UP, plan_approach, require_inside, require_wide
 from markerseek.drivers._stage_move import Move, StageLogic, StageRules
@@ -212,7 +211,7 @@ class StandardSweepingStage(StandardStage[SweepLogicT]):
     @property
     def fastest_sweep_deg_s(self) -> float:
         """Largest speed of a sweep, in degrees per second."""
-        return min(self.rules.speed_deg_s, fastest_sweep_deg_s(self.acceleration_deg_s2))
+        return self.rules.speed_deg_s
 
     @property
     def trigger_step_deg(self) -> float:
@@ -255,10 +254,10 @@ class StandardSweepingStage(StandardStage[SweepLogicT]):
         start_deg = self._readback() if self._rest_deg is None else self._rest_deg
         self._rest_deg = self._pushed = None
         self._move = self._way(rules=self._sweep_rules)
-        self._sweep = Sweep(self.logic, self._move, self._clock, self._sweep_rules, to_deg=to_deg, start_deg=start_deg)
+        self._sweep = Sweep(self.logic, self._move, self._sweep_rules, to_deg=to_deg, start_deg=start_deg)
 
     def read_sweep(self) -> StageReading:
-        """Where it is, with the times of question and answer; gives it a target at most some degrees ahead.
+        """Where it is, with the times of question and answer.
 
         Raises `MoveError` if it is where a sound stage cannot be, or reports an error. Raises `LimitError` if it left
         its travel range. Raises `DeviceTimeoutError` if it does not answer in time.
@@ -304,49 +303,35 @@ class StandardSweepingStage(StandardStage[SweepLogicT]):
 
 
 class Sweep:
-    """A stage that sweeps from rest to rest, and gets a target some degrees ahead at each reading.
+    """A stage that sweeps from rest to rest, to the end of its permit.
 
     Making one begins to turn it. ``rules``: with the speed of the sweep.
     """
 
-    def __init__(
-        self, logic: SweepLogic, move: Move, clock: Clock, rules: StageRules, *, to_deg: float, start_deg: float
-    ) -> None:
+    def __init__(self, logic: SweepLogic, move: Move, rules: StageRules, *, to_deg: float, start_deg: float) -> None:
         self._logic, self._move, self._rules = logic, move, rules
         self.start_deg = self.here_deg = start_deg
         self.heading = 1 if to_deg > start_deg else -1
         self._to_deg = to_deg
-        self._aim_deg: float | None = None
         self._braking = False
         move.begin(to_deg, start_deg)
-        self._read_s = clock.now_s()
-        self._aim_from(start_deg, moving=False)
+        move.aim(to_deg)
 
     def read(self) -> StageReading:
-        """Where it is, checked as in a move; gives it its next target, unless it brakes."""
+        """Where it is, checked as in a move."""
         status, reading = self._move.look_dated()
         if reading.answered_s - reading.asked_s > _PROMPT_S:
             status, reading = self._move.look_dated()
         if self._braking:
             # Sent again: without a checksum, a damaged stop is ignored and nobody reports it.
             self._logic.brake()
-        else:
-            # No farther than its speed can have carried it: a garbled reading must not carry the target further.
-            most_deg = self.here_deg + self.heading * self._rules.speed_deg_s * (reading.answered_s - self._read_s)
-            here_deg = min(reading.angle_deg, most_deg, key=lambda angle_deg: self.heading * angle_deg)
-            self._aim_from(here_deg, moving=status.moving)
-        self.here_deg, self._read_s = reading.angle_deg, reading.asked_s
+        elif not status.moving and self.heading * (self._to_deg - reading.angle_deg) > self._rules.arrival_deg:
+            # A line may have lost the target.
+            self._move.aim(self._to_deg)
+        self.here_deg = reading.angle_deg
         return reading
 
     def brake(self) -> None:
         """Begin to brake, with the deceleration that was set."""
         self._braking = True
         self._logic.brake()
-
-    def _aim_from(self, here_deg: float, *, moving: bool) -> None:
-        """Give the target that is as far ahead as allowed; the same one again to a stage that has not begun."""
-        aim_deg = self._move.ahead_deg(self._to_deg, here_deg, self.heading)
-        left_deg = self.heading * (self._to_deg - here_deg)
-        if aim_deg != self._aim_deg or (not moving and left_deg > self._rules.arrival_deg):
-            self._aim_deg = aim_deg
-            self._move.aim(aim_deg)

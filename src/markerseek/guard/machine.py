@@ -138,9 +138,10 @@ class Guard:
         return permit
 
     def issue_sweep(self, wanted: SweepPermit, *, now_s: float) -> SweepPermit:
-        """The permit that is wanted for one sweep, which must end in the search range; the state stays ARMED."""
+        """The permit that is wanted for one sweep, which must stay in the search range; the state stays ARMED."""
         self._require("permit pulses", State.ARMED)
         self.limits.require_search(wanted.to_deg)
+        self.limits.require_search(wanted.end_deg)
         self._issued_s = now_s
         return self._permits.issue_sweep(wanted, now_s=now_s)
 
@@ -156,23 +157,30 @@ class Guard:
         self._state, self._firing = State.FIRING, permit.pulses
         if isinstance(permit, SweepPermit):
             self._state, self._sweep, self._read = State.SWEEPING, permit, (angle_deg, now_s)
+            self._way = permit.angle_deg, permit.to_deg
 
     def read_sweep(self, angle_deg: float, *, now_s: float) -> bool:
         """Whether the probe may be lit at this readback of a sweep: not while it is slower than permitted.
 
         Faster, backwards, out of its angles, or later than `SWEEP_READING_S` after the readback before ends in FAULT.
+        A sweep that is permitted to turn back may be slow where it does, and turns the other way from there on.
         """
         self._require("sweep", State.SWEEPING)
         sweep, angle_deg, (before_deg, before_s) = self._sweep, self.readback(angle_deg), self._read
-        turned_deg, elapsed_s = sweep.forward * (angle_deg - before_deg), now_s - before_s
-        beyond_deg = max(sweep.forward * (angle_deg - sweep.to_deg), sweep.forward * (sweep.angle_deg - angle_deg))
+        turns = sweep.back_deg is not None and abs(before_deg - sweep.to_deg) <= self._arrival_deg
+        if turns:
+            self._way = sweep.to_deg, sweep.end_deg
+        from_deg, to_deg = self._way
+        forward = math.copysign(1.0, to_deg - from_deg)
+        turned_deg, elapsed_s = forward * (angle_deg - before_deg), now_s - before_s
+        beyond_deg = max(forward * (angle_deg - to_deg), forward * (from_deg - angle_deg))
         in_time = 0 < elapsed_s <= SWEEP_READING_S and now_s <= sweep.expires_s
         most_deg = sweep.fastest_deg_s * elapsed_s + self._arrival_deg
         if not (in_time and beyond_deg <= self._arrival_deg and -self._arrival_deg <= turned_deg <= most_deg):
             why = f"the probe turned by {turned_deg:.3f} deg in {elapsed_s:.3f} s to {angle_deg:.3f} deg"
             raise self._failed(MoveError(f"{why} at {now_s:.3f} s, outside {sweep}; check stage and host"))
         self._read = angle_deg, now_s
-        return turned_deg >= sweep.slowest_deg_s * elapsed_s
+        return turns or turned_deg >= sweep.slowest_deg_s * elapsed_s
 
     def end_sweep(self, angle_deg: float, *, pulses: int, now_s: float) -> None:
         """SWEEPING -> ARMED, at rest at that readback, after no more pulses than permitted."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +20,6 @@ from markerseek.core import (
     Refused,
     Sample,
     SaturationError,
-    Sweep,
     SweepingPolicy,
     Swept,
 )
@@ -162,7 +160,7 @@ def pulses_before(entries: Iterable[Entry], *, pulses: int, attempts: int) -> in
         match entry.event:
             case Asked(role=role, sweep=sweep):
                 swept += open_sweep
-                open_sweep = 0 if sweep is None else most_pulses(sweep)
+                open_sweep = 0 if sweep is None else FiringLimits().pulses_per_sweep
                 lit = role != "dark" and sweep is None
                 permits += lit
             case Refused():
@@ -172,14 +170,6 @@ def pulses_before(entries: Iterable[Entry], *, pulses: int, attempts: int) -> in
             case Resuming(check_deg=check_deg):
                 permits += attempts * (check_deg is not None)
     return permits * pulses + swept + open_sweep
-
-
-def most_pulses(sweep: Sweep) -> int:
-    """Most pulses that a sweep may have been permitted: by its spacing, else by the guard."""
-    most = FiringLimits().pulses_per_sweep
-    if sweep.from_deg is None or not sweep.spacing_deg > 0:
-        return most
-    return min(most, 2 * math.ceil(abs(sweep.to_deg - sweep.from_deg) / sweep.spacing_deg) + 2)
 
 
 def _recall(rig: Rig, entries: Sequence[Entry]) -> None:

@@ -225,7 +225,7 @@ def run(
                 travel_deg += abs(sample.angle_deg - place_deg)
                 place_deg = sample.angle_deg
                 policy.tell(sample)
-            estimate = policy.estimate()
+            estimate, known_s = policy.estimate(), scanner.clock.now_s() - began_s
             searching = isinstance(estimate, Found) and not plan.stay
             if searching:
                 if kept is None:
@@ -249,6 +249,7 @@ def run(
             acquisitions=acquisitions,
             travel_deg=travel_deg,
             elapsed_s=scanner.clock.now_s() - began_s,
+            known_s=known_s if isinstance(estimate, Found) else None,
             searched=policy.searched if isinstance(policy, RecordingPolicy) else None,
         )
     except Exception as error:
@@ -354,6 +355,7 @@ def _swept(
 def _require_inside(sweep: Sweep, limits: Limits) -> None:
     """Refuse a sweep that would leave the range, before anything moves."""
     limits.require_search(sweep.to_deg)
+    limits.require_search(sweep.end_deg)
     if sweep.wait_deg is not None:
         limits.require_search(sweep.wait_deg)
 

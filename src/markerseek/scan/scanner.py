@@ -165,10 +165,9 @@ class Scanner:
         """Turn the probe while the laser fires: a sample for each pulse, or why its frame was refused; then `Swept`.
 
         ``number``: number of the sweep in its run. ``goes_on``: whether more of it is wanted; if not, the light ends
-        and the probe brakes, or with `lit_braking` the light ends on the way to rest. Raises `ConfigError` if the rig
-        cannot sweep so; `LimitError` as `measure`. Raises `AcquisitionError` if frames and pulses do not belong
-        together, which refuses the sweep as a whole. Raises `DeviceError` if a device did not do its part; the guard is
-        in FAULT then.
+        and the probe brakes. Raises `ConfigError` if the rig cannot sweep so; `LimitError` as `measure`. Raises
+        `AcquisitionError` if frames and pulses do not belong together, which refuses the sweep as a whole. Raises
+        `DeviceError` if a device did not do its part; the guard is in FAULT then.
         """
         devices = self.sweeping
         if sweep.from_deg is not None and not abs(self.angle_deg - sweep.from_deg) <= _THERE_DEG:
@@ -202,7 +201,6 @@ class Scanner:
             at=StageReading(angle_deg=from_deg, asked_s=now_s, answered_s=now_s),
             admit_dark=self._admit_dark,
             triggers=triggers,
-            lit_braking=sweep.lit_braking,
             turn_away=None if wait_deg is None else partial(self._move, wait_deg),
         )
         # Closed here, and not by the garbage collector, which would print an error of the lease that ends with it.

@@ -6,6 +6,7 @@ triggers the laser by its position, it is the encoder's at the trigger, and the 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
@@ -33,11 +34,21 @@ READ_S = 0.05
 BEGIN_S = 1.0
 """Time within which a stage must have begun to turn, and within which it must have come to rest after braking."""
 
-IN_FUTURE_S = 2e-3
-"""Most by which a pulse may be stamped later than it is reported: the clocks are compared to 1 ms."""
+CLOCKS_S = 2e-3
+"""Most by which the clocks of stage and stamps differ: they are compared to 1 ms. A stamp is later than its report by
+that, and by what the delay of the stamps may be."""
+
+STAMP_SIGMA_S = 1.5e-3
+"""Standard deviation of a stamp by itself, in seconds, where the laser states less: fast ones jitter by up to 3 ms."""
+
+RATE_SPARE_S = 0.02
+"""Time by which pulses may come earlier than the rate of their permit allows, jitter of the stamps included."""
 
 DARK_PERIODS = 3
 """Periods of the laser in which at least one pulse must come."""
+
+TURN_DEG = 0.02
+"""Distance from the angle where it turns back at which a probe at rest has reached it."""
 
 AT_REST_DEG = 0.005
 """Most by which two readings of a stage at rest differ: ten counts of a PRM1Z8's encoder."""
@@ -61,8 +72,8 @@ class SweepInProgress:
 
     ``held``: holds the watchdog's lease while the probe turns. ``at``: readback and time at which the permit was used.
     ``admit_dark``: refuses a dark frame that holds a source. ``triggers``: where the stage triggers the laser; None
-    where that runs free. ``lit_braking``: as of the `Sweep`. ``turn_away``: turns the probe to where it waits for the
-    frames of a burst, and returns its angle; None: it stays.
+    where that runs free. ``turn_away``: turns the probe to where it waits for the frames of a burst, and returns its
+    angle; None: it stays.
     """
 
     def __init__(
@@ -78,7 +89,6 @@ class SweepInProgress:
         at: StageReading,
         admit_dark: Callable[[Frame], None],
         triggers: Triggers | None = None,
-        lit_braking: bool = False,
         turn_away: Callable[[], float] | None = None,
     ) -> None:
         self._devices = devices
@@ -90,9 +100,10 @@ class SweepInProgress:
         self._held = held
         self._number = number
         self._admit_dark = admit_dark
-        self._lit_braking = lit_braking
         self._turn_away = turn_away
         self._braked_s: float | None = None
+        self._turns_back = permit.back_deg is not None
+        self._turning_s: float | None = None
         self._readings = [at]
         self._pulses: list[Pulse] = []
         self._frames: list[Frame] = []
@@ -103,9 +114,8 @@ class SweepInProgress:
 
         Those of a burst come all at once, and are admitted before the first is used: none grows old meanwhile.
 
-        ``goes_on``: whether more of the sweep is wanted; if not, the light ends, then the motion, or both together
-        where the sweep says so. `AcquisitionError` refuses the sweep as a whole: frames and pulses do not belong
-        together.
+        ``goes_on``: whether more of the sweep is wanted; if not, the light ends, then the motion. `AcquisitionError`
+        refuses the sweep as a whole: frames and pulses do not belong together.
         """
         stage, laser, receiver = self._devices.stage, self._devices.laser, self._devices.receiver
         with self._held:
@@ -115,23 +125,15 @@ class SweepInProgress:
             laser.begin_sweep(self._permit)
             # A probe that is too slow ends the light: it stalls, or has reached the end.
             wanted = True
-            while self._read():
-                if wanted and not (wanted := goes_on()):
-                    if not self._lit_braking:
-                        break
-                    self._brake()
-                if not wanted:
-                    self._require_braking()
-                    if self._too_slow_next():
-                        break
+            while self._read() and (wanted := goes_on()):
                 self._take(laser.pulses())
                 self._keep(receiver.frames())
                 yield self._matched()
+                self._turn_back()
             fired = self._end(lit_s=lit_s)
         stage.end_sweep()
-        last_deg = self._readings[-1].angle_deg
-        if wanted and not abs(last_deg - self._permit.to_deg) <= SHORT_DEG:
-            to_deg = self._permit.to_deg
+        last_deg, to_deg = self._readings[-1].angle_deg, self._permit.end_deg
+        if wanted and not (abs(last_deg - to_deg) <= SHORT_DEG and not self._turns_back):
             raise MoveError(
                 f"the probe stopped at {last_deg:.3f} deg on its way to {to_deg:.3f} deg; look for an obstacle"
             )
@@ -162,13 +164,18 @@ class SweepInProgress:
         self._readings.append(reading)
         return self._guard.read_sweep(reading.angle_deg, now_s=reading.at_s)
 
-    def _too_slow_next(self) -> bool:
-        """Whether a probe that brakes would be too slow for light by the next reading."""
+    def _turn_back(self) -> None:
+        """Send the stage back once it is at rest where it turns; `MoveError` if it then stays there."""
+        if self._permit.back_deg is None:
+            return
         before, last = self._readings[-2:]
-        interval_s = last.at_s - before.at_s
-        # The mean speed is that of the middle of the interval, and the next reading is one interval ahead.
-        lost_deg_s = 1.5 * interval_s * self._devices.stage.acceleration_deg_s2
-        return abs(last.angle_deg - before.angle_deg) / interval_s - lost_deg_s < self._permit.slowest_deg_s
+        rests = abs(last.angle_deg - before.angle_deg) <= AT_REST_DEG
+        there = abs(last.angle_deg - self._permit.to_deg) <= TURN_DEG
+        if rests and there and self._turns_back:
+            self._turns_back, self._turning_s = False, self._clock.now_s()
+            self._devices.stage.begin_sweep(self._permit.back_deg)
+        elif rests and self._turning_s is not None and not self._clock.now_s() - self._turning_s < BEGIN_S:
+            raise MoveError(f"the stage has not turned back at {last.angle_deg:.3f} deg; look for an obstacle")
 
     def _end(self, *, lit_s: float) -> int:
         """End the light that began then, brake, come to rest, and return how many pulses were fired."""
@@ -208,23 +215,31 @@ class SweepInProgress:
             )
 
     def _take(self, pulses: Sequence[Pulse]) -> None:
-        """Keep the times of pulses, which come in order and no faster than permitted."""
-        now_s = self._clock.now_s()
-        for pulse in pulses:
-            if not pulse.at_s <= now_s + IN_FUTURE_S + 4 * pulse.sigma_s:
+        """Keep the times of pulses, as far as the delay of their stamps is known; none comes faster than permitted."""
+        now_s, laser = self._clock.now_s(), self._devices.laser
+        latest_s = now_s + CLOCKS_S + 4 * math.hypot(laser.delay_sigma_s, STAMP_SIGMA_S)
+        for stamped in pulses:
+            pulse = replace(
+                stamped,
+                at_s=stamped.at_s + laser.stamp_delay_s,
+                sigma_s=max(stamped.sigma_s, 0.0 if self._triggers else STAMP_SIGMA_S),
+            )
+            if not pulse.at_s <= latest_s + 4 * stamped.sigma_s:
                 raise LaserError(
-                    f"a pulse is stamped {pulse.at_s:.3f} s and it is {now_s:.3f} s: its clock is wrong; compare the "
+                    f"a pulse is stamped {stamped.at_s:.3f} s and it is {now_s:.3f} s: its clock is wrong; compare the "
                     "clocks, and start again"
                 )
-            if self._pulses:
-                apart_s = pulse.at_s - self._pulses[-1].at_s
-                least_s = 0.9 * self._permit.period_s - 4 * pulse.sigma_s
-                if not apart_s >= least_s:
-                    raise LaserError(
-                        f"two pulses came {1e3 * apart_s:.2f} ms apart, {1e3 * self._permit.period_s:.2f} ms is the "
-                        "least that was permitted; check the laser's trigger"
-                    )
             self._pulses.append(pulse)
+        # Of many pulses and not of two: a stamp may be milliseconds off by itself.
+        count = len(self._pulses) - 1
+        if count > 0:
+            took_s = self._pulses[-1].at_s - self._pulses[0].at_s
+            least_s = 0.9 * count * self._permit.period_s - RATE_SPARE_S
+            if not took_s >= least_s:
+                raise LaserError(
+                    f"{count + 1} pulses came within {took_s:.3f} s, {1e3 * self._permit.period_s:.2f} ms between two "
+                    "is the least that was permitted; check the laser's trigger"
+                )
 
     def _keep(self, frames: Sequence[Frame]) -> None:
         """Keep frames; each is of the trigger after that of the frame before."""
@@ -261,8 +276,12 @@ class SweepInProgress:
         """A frame with the angle of its pulse, and what that angle may be off by."""
         stamped = stamped_angle(pulse, self._readings)
         angle_deg, sigma_deg = stamped.angle_deg, stamped.sigma_deg
+        # A controller that answers late may do so each time: its readings are then old by the same time, all of them.
+        answer_s = max(each.answered_s - each.asked_s for each in (stamped.lower, stamped.upper)) / math.sqrt(12)
+        delay_s = math.hypot(self._devices.laser.delay_sigma_s, answer_s)
         if self._triggers is not None:
             angle_deg, sigma_deg = self._triggers.angle_deg(pulse, stamped), self._triggers.sigma_deg
+            delay_s = self._devices.laser.delay_sigma_s
         header = replace(
             frame.header, angle_before_deg=stamped.lower.angle_deg, angle_after_deg=stamped.upper.angle_deg
         )
@@ -273,7 +292,7 @@ class SweepInProgress:
             timing=SweepTiming(
                 number=self._number,
                 speed_deg_s=stamped.speed_deg_s,
-                delay_sigma_s=self._devices.laser.delay_sigma_s,
-                play_sigma_deg=self._devices.stage.play_deg(self._permit.forward),
+                delay_sigma_s=delay_s,
+                play_sigma_deg=self._devices.stage.play_deg(math.copysign(1.0, stamped.speed_deg_s)),
             ),
         )

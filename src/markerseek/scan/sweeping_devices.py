@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import cast
 
 from markerseek.core import (
-    MAX_AHEAD_DEG,
     ConfigError,
     Laser,
     Receiver,
@@ -22,12 +21,12 @@ from markerseek.core import (
 )
 from markerseek.scan._pulse_angle import AGREE_DEG, READ_LATE_S
 
-SLOWEST, FASTEST = 0.2, 1.25
-"""Speeds between which the probe is lit, as shares of the speed of the sweep: pulses on the ramps count, too."""
+SLOWEST, FASTEST = 0.08, 1.25
+"""Speeds between which the probe is lit, as shares of the speed of the sweep: its ramps are in the light, and a probe
+that stalls is not."""
 
-HIGHEST_FLOOR = 0.8
-"""Highest speed from which the probe is lit where the spacing of the pulses asks for one, as a share of that of the
-sweep: it leaves room below it."""
+TURN_S = 0.5
+"""Time in which a stage has turned back: it comes to rest, and is told its next target."""
 
 LEAST_WAY_DEG = 0.5
 """Way from rest to rest below which the probe need not be lit."""
@@ -95,7 +94,7 @@ class SweepingDevices:
         """Where the probe waits for the frames of a sweep; None: where it ends, for they are read sooner than that."""
         if sweep.wait_deg is None:
             return None
-        way_s = self.duration_s(replace(sweep, to_deg=sweep.wait_deg), from_deg=sweep.to_deg)
+        way_s = self._way_s(sweep.wait_deg - sweep.end_deg, speed_deg_s=sweep.speed_deg_s)
         return sweep.wait_deg if self.receiver.sweep_readout_s > way_s else None
 
     def permit(self, sweep: Sweep, *, from_deg: float, dark: int = 0, mark: int = 0) -> SweepPermit:
@@ -106,15 +105,12 @@ class SweepingDevices:
         speed, fastest = sweep.speed_deg_s, self.stage.fastest_sweep_deg_s
         if not speed <= fastest:
             raise ConfigError(
-                f"sweep: {speed:g} deg/s is too fast for this stage, whose targets lie at most {MAX_AHEAD_DEG:g} deg "
-                f"ahead: at most {math.floor(100 * fastest) / 100:g} deg/s"
+                f"sweep: {speed:g} deg/s is too fast for this stage: at most {math.floor(100 * fastest) / 100:g} deg/s"
             )
-        # The floor of the speed keeps two pulses apart by the spacing also on the ramps. On a short way the probe turns
-        # back to rest before it reaches its speed: at half of what it reaches, three quarters of the way are lit.
+        # On a short way the probe is at rest again before it reaches the speed of the sweep.
         way_deg = abs(sweep.to_deg - from_deg)
         reached = math.sqrt(max(way_deg, LEAST_WAY_DEG) * self.stage.acceleration_deg_s2)
-        highest_floor = min(HIGHEST_FLOOR * speed, reached / 2)
-        period_s = max(self.least_period_s, sweep.spacing_deg / highest_floor)
+        period_s = self.least_period_s
         if self.triggering is None:
             lasts = self.duration_s(sweep, from_deg=from_deg) / period_s
             pulses = max(math.ceil(SLOWER * lasts) + 1, math.ceil(lasts) + dark)
@@ -126,11 +122,10 @@ class SweepingDevices:
             pulses=pulses + mark,
             expires_s=0.0,
             to_deg=sweep.to_deg,
-            # By a billionth more, so that rounding does not put two pulses nearer than the spacing.
-            slowest_deg_s=max(min(SLOWEST * speed, highest_floor), (1 + 1e-9) * sweep.spacing_deg / period_s),
+            back_deg=sweep.back_deg,
+            slowest_deg_s=SLOWEST * min(speed, reached),
             fastest_deg_s=FASTEST * speed,
             period_s=period_s,
-            spacing_deg=sweep.spacing_deg,
         )
 
     def set_triggers(self, sweep: Sweep, permit: SweepPermit) -> Triggers | None:
@@ -138,6 +133,8 @@ class SweepingDevices:
         stage = self.triggering
         if stage is None:
             return None
+        if sweep.back_deg is not None:
+            raise ConfigError("sweep: a stage that triggers the laser triggers on one way only; leave back_deg out")
         return stage.set_triggers(
             from_deg=permit.angle_deg,
             to_deg=permit.to_deg,
@@ -151,8 +148,7 @@ class SweepingDevices:
         trigger.
         """
         return max(
-            # Where the spacing makes the period longer, that is at most twice the spacing at the speed that is reached.
-            TRIGGER_SPARE * max(sweep.speed_deg_s * self.least_period_s, 2 * sweep.spacing_deg),
+            TRIGGER_SPARE * sweep.speed_deg_s * self.least_period_s,
             2 * (AGREE_DEG + READ_LATE_S * sweep.speed_deg_s),
         )
 
@@ -167,8 +163,14 @@ class SweepingDevices:
 
     def duration_s(self, sweep: Sweep, *, from_deg: float) -> float:
         """Time of a sweep in seconds, run-up and braking included."""
-        way_deg = abs(sweep.to_deg - from_deg)
-        speed, acceleration = sweep.speed_deg_s, self.stage.acceleration_deg_s2
-        if way_deg <= speed**2 / acceleration:
+        there_s = self._way_s(sweep.to_deg - from_deg, speed_deg_s=sweep.speed_deg_s)
+        if sweep.back_deg is None:
+            return there_s
+        return there_s + TURN_S + self._way_s(sweep.back_deg - sweep.to_deg, speed_deg_s=sweep.speed_deg_s)
+
+    def _way_s(self, way_deg: float, *, speed_deg_s: float) -> float:
+        """Time from rest to rest, in seconds."""
+        way_deg, acceleration = abs(way_deg), self.stage.acceleration_deg_s2
+        if way_deg <= speed_deg_s**2 / acceleration:
             return 2 * math.sqrt(way_deg / acceleration)
-        return way_deg / speed + speed / acceleration
+        return way_deg / speed_deg_s + speed_deg_s / acceleration

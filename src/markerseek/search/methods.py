@@ -182,7 +182,8 @@ def build_sweeping(plan: SearchPlan, *, limits: Interval) -> AnyPolicy:
         limits=limits,
         speed_deg_s=plan.sweep_speed_deg_s,
         start_deg=plan.start_deg,
-        from_end=plan.sweep_from_end,
+        in_bursts=plan.sweep_from_end,
+        turns_back=plan.sweep_turns_back,
     )
 
 

@@ -11,9 +11,9 @@ import numpy as np
 from markerseek.core import Clock, ConfigError, LaserError, Permit, Pulse, SweepPermit
 from markerseek.sim.world import SimulatedWorld
 
-DELAY_SIGMA_S = 5e-3
-"""Standard deviation of the delay between the laser's stamps and the stage's readings, where nothing triggers one by
-the other."""
+DELAY_SIGMA_S = 10e-3
+"""Standard deviation of the delay between the laser's stamps and the stage's readings, where nobody has measured it and
+nothing triggers one by the other."""
 
 TRIGGER_SIGMA_S = 1.2e-3
 """Standard deviation of the delay from the stage's trigger to the light: within two milliseconds, as of a laser box."""
@@ -26,8 +26,10 @@ class SimulatedLaser:
     """Laser of a simulated world.
 
     ``rate_hz``: pulses per second. ``energy_spread``: standard deviation of ln energy from one acquisition to the next,
-    beside that of the pulses. ``energy_drift_per_min``: change of ln energy in a minute. ``stamp_delay_s``: time from
-    the stamp of a pulse to its light. ``probe_deg``: true angle of the probe at a time of a sweep; None: at rest.
+    beside that of the pulses. ``energy_drift_per_min``: change of ln energy in a minute. ``true_delay_s``: time from
+    the stamp of a pulse to its light. ``delay_sigma_s``: standard deviation to which the rig knows it; None: nobody has
+    measured it. ``stamp_jitter_s``: standard deviation of a stamp by itself. ``without_light``: share of the pulses
+    that give no light. ``probe_deg``: true angle of the probe at a time of a sweep; None: at rest.
     ``triggered_s``: times of the stage's triggers until a time, each once, which then give the pulses of a sweep; None:
     it runs free.
     """
@@ -40,20 +42,32 @@ class SimulatedLaser:
         rate_hz: float = 100.0,
         energy_spread: float = 0.0,
         energy_drift_per_min: float = 0.0,
-        stamp_delay_s: float = 0.0,
+        true_delay_s: float = 0.0,
+        delay_sigma_s: float | None = None,
+        stamp_jitter_s: float = 0.0,
+        without_light: float = 0.0,
         probe_deg: Callable[[float], float] | None = None,
         triggered_s: Callable[[float], Sequence[float]] | None = None,
         rng: np.random.Generator | None = None,
     ) -> None:
-        if energy_spread > 0 and rng is None:
-            raise ConfigError(f"laser: energy_spread is {energy_spread}, and there is no rng to draw the energies from")
+        if max(energy_spread, stamp_jitter_s, without_light, delay_sigma_s or 0.0) > 0 and rng is None:
+            raise ConfigError(
+                "laser: its energies, stamps, pulses without light and known delay are drawn, and there is no rng to "
+                "draw them from"
+            )
         if not 0 < rate_hz < math.inf:
             raise ConfigError(f"laser: rate_hz is {rate_hz} Hz, it must be positive and finite")
         self._world = world
         self._clock = clock
         self._rate_hz = rate_hz
         self._energy_spread, self._energy_drift_per_min = energy_spread, energy_drift_per_min
-        self._stamp_delay_s = stamp_delay_s
+        self._true_delay_s, self._stamp_jitter_s = true_delay_s, stamp_jitter_s
+        self._without_light = without_light
+        self._delay_sigma_s = delay_sigma_s
+        # What a calibration of the rig has found: the true delay, as well as it was measured.
+        self.stamp_delay_s = 0.0
+        if rng is not None and delay_sigma_s is not None:
+            self.stamp_delay_s = true_delay_s + delay_sigma_s * float(rng.standard_normal())
         self._probe_deg = probe_deg
         self._triggered_s = triggered_s
         self._rng = rng
@@ -83,7 +97,9 @@ class SimulatedLaser:
     @property
     def delay_sigma_s(self) -> float:
         """Standard deviation of the unknown delay of all pulses, in seconds."""
-        return TRIGGER_SIGMA_S if self.position_triggered else DELAY_SIGMA_S
+        if self.position_triggered:
+            return TRIGGER_SIGMA_S
+        return DELAY_SIGMA_S if self._delay_sigma_s is None else self._delay_sigma_s
 
     @property
     def position_triggered(self) -> bool:
@@ -144,7 +160,9 @@ class SimulatedLaser:
         """One pulse of a sweep, and its stamp."""
         self._flash(1, at_s, angle_deg=None if self._probe_deg is None else self._probe_deg(at_s))
         self._fired += 1
-        stamp_s = at_s - self._stamp_delay_s + CLOCK_DRIFT * (at_s - self._began_s)
+        stamp_s = at_s - self._true_delay_s + CLOCK_DRIFT * (at_s - self._began_s)
+        if self._rng is not None and self._stamp_jitter_s > 0:
+            stamp_s += self._stamp_jitter_s * float(self._rng.standard_normal())
         self._untold.append(Pulse(at_s=stamp_s, edge=edge))
 
     def _flash(self, pulses: int, at_s: float, *, angle_deg: float | None) -> None:
@@ -153,6 +171,10 @@ class SimulatedLaser:
         vary_last_flash(
             self._world, spread=self._energy_spread, drift_per_min=self._energy_drift_per_min, now_s=at_s, rng=self._rng
         )
+        if self._rng is not None and self._without_light > 0:
+            flash = self._world.flashes[-1]
+            lit = pulses - int(self._rng.binomial(pulses, self._without_light))
+            self._world.flashes[-1] = replace(flash, energy=flash.energy * lit / pulses)
         if angle_deg is not None:
             self._world.flashes[-1] = replace(self._world.flashes[-1], angle_deg=angle_deg)
 

@@ -55,7 +55,14 @@ class LaserSettings:
     energy_drift_per_min: float = 0.0
     """Change of ln energy in a minute."""
     stamp_delay_s: float = 0.0
-    """Time from the stamp of a pulse to its light in a sweep, which nothing in the rig knows."""
+    """True time from the stamp of a pulse to its light in a sweep."""
+    stamp_delay_sigma_s: float | None = None
+    """Standard deviation to which the rig knows it, as after ``markerseek calibrate --delay``; None: it does not, and
+    takes 0 ± 10 ms."""
+    stamp_jitter_s: float = 0.0
+    """Standard deviation of the stamp of one pulse by itself."""
+    without_light: float = 0.0
+    """Share of the pulses that give no light."""
     sweep_mode: Literal["free-running", "position-triggered"] = "free-running"
     """What gives the pulses of a sweep: the laser, at its own pace, or the stage's triggers by position."""
     energy_meter_noise: float | None = None
@@ -73,6 +80,9 @@ class LaserSettings:
                 f"laser: sweep_mode is {self.sweep_mode!r}, it must be 'free-running' or 'position-triggered'"
             )
         require_range("laser: stamp_delay_s", self.stamp_delay_s, low=-0.1, high=0.1, unit="s")
+        require_range("laser: stamp_delay_sigma_s", self.stamp_delay_sigma_s or 0.0, low=0, high=0.1, unit="s")
+        require_range("laser: stamp_jitter_s", self.stamp_jitter_s, low=0, high=0.01, unit="s")
+        require_range("laser: without_light", self.without_light, low=0, high=0.5)
         require_range("laser: rate_hz", self.rate_hz, low=0, high=1000, unit="Hz", open_low=True)
         most = FiringLimits().pulses_per_permit
         if not 1 <= self.pulses <= most:
@@ -196,7 +206,10 @@ def with_options(settings: SimulatedSettings, options: SimulationOptions) -> Sim
 
 
 _NEWER_RECEIVER = ("data", "receive_focus_m", "b_mode", "frame_period_s", "single_pulses")
-_NEWER_LASER = ("energy_spread", "energy_drift_per_min", "energy_meter_noise", "stamp_delay_s", "sweep_mode")
+_NEWER_LASER = (
+    *("energy_spread", "energy_drift_per_min", "energy_meter_noise", "stamp_delay_s", "sweep_mode"),
+    *("stamp_delay_sigma_s", "stamp_jitter_s", "without_light"),
+)
 
 
 def hashable_values(settings: SimulatedSettings) -> dict[str, Any]:
@@ -208,6 +221,7 @@ def hashable_values(settings: SimulatedSettings) -> dict[str, Any]:
     usual: dict[str, Any] = msgspec.to_builtins(SimulatedSettings())
     newer = [("receiver", name) for name in _NEWER_RECEIVER]
     newer += [("laser", name) for name in _NEWER_LASER]
+    newer += [("stage", "stated_backlash_deg")]
     for part, name in newer:
         if values[part][name] == usual[part][name]:
             del values[part][name]

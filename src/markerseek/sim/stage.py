@@ -7,14 +7,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from markerseek.core import (
-    MAX_AHEAD_DEG,
     Clock,
     ConfigError,
     Interval,
     LimitError,
     StageReading,
     Triggers,
-    fastest_sweep_deg_s,
     require_range,
 )
 from markerseek.sim.trapezoid import Leg
@@ -33,6 +31,8 @@ class StageMotion:
     """Encoder counts for one degree."""
     backlash_deg: float = 0.1
     """Play between the motor, which carries the encoder, and the probe."""
+    stated_backlash_deg: float | None = None
+    """What the rig takes it for; None: it is known."""
     approach_deg: float = 1.0
     """How far a move downwards goes beyond its target, to come back to it from below and leave the play on the same
     side always; 0 does not."""
@@ -113,7 +113,7 @@ class SimulatedStage:
     @property
     def fastest_sweep_deg_s(self) -> float:
         """Largest speed of a sweep, in degrees per second."""
-        return min(self._motion.speed_deg_s, fastest_sweep_deg_s(self._motion.acceleration_deg_s2))
+        return self._motion.speed_deg_s
 
     @property
     def acceleration_deg_s2(self) -> float:
@@ -122,7 +122,9 @@ class SimulatedStage:
 
     def play_deg(self, forward: float) -> float:
         """Play between encoder and probe where the angle falls, in degrees."""
-        return self._motion.backlash_deg if forward < 0 else 0.0
+        motion = self._motion
+        stated_deg = motion.backlash_deg if motion.stated_backlash_deg is None else motion.stated_backlash_deg
+        return stated_deg if forward < 0 else 0.0
 
     def prepare_sweep(self, *, speed_deg_s: float) -> None:
         """Set the speed of a sweep."""
@@ -168,14 +170,11 @@ class SimulatedStage:
         self._legs = [self._leg(self.angle_deg, 0.0)]
 
     def read_sweep(self) -> StageReading:
-        """Where the encoder is, read some time after it was asked; the next target is given with the answer."""
+        """Where the encoder is, read some time after it was asked."""
         asked_s = self._clock.now_s()
         self._clock.wait(_READ_AFTER * _ANSWER_S)
         angle_deg = self.angle_deg
         self._clock.wait((1 - _READ_AFTER) * _ANSWER_S)
-        if self._legs:
-            here_deg, speed_deg_s = self._legs[-1].at(self._clock.now_s())
-            self._legs.append(self._leg(here_deg, speed_deg_s))
         return StageReading(angle_deg=angle_deg, asked_s=asked_s, answered_s=self._clock.now_s())
 
     def brake(self) -> None:
@@ -206,13 +205,12 @@ class SimulatedStage:
         return self._pushed_deg(leg.at(at_s)[0], before_deg=self._sweep_from_deg)
 
     def _leg(self, here_deg: float, speed_deg_s: float) -> Leg:
-        """The way to a target that is at most some degrees ahead."""
-        left_deg = self._sweep_to_deg - here_deg
+        """The way to the end of the sweep, or to where it can come to rest."""
         return Leg(
             began_s=self._clock.now_s(),
             start_deg=here_deg,
             speed_deg_s=speed_deg_s,
-            target_deg=here_deg + math.copysign(min(abs(left_deg), MAX_AHEAD_DEG), left_deg),
+            target_deg=self._sweep_to_deg,
             top_deg_s=self._sweep_deg_s,
             acceleration_deg_s2=self._motion.acceleration_deg_s2,
         )

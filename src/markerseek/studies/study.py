@@ -99,9 +99,10 @@ class Study:
     """Searches of each policy in each cell."""
     level: Literal["curves", "frames"] = "curves"
     """From intensity curves, or from simulated channel data, which is hundreds of times slower."""
-    drawn: Literal["marker", "everything"] = "marker"
-    """What is drawn in each trial besides noise: the marker's angle and place, or everything that is unknown in the
-    physics table (`markerseek.studies.unknowns`), which needs frames."""
+    drawn: Literal["marker", "everything", "everything-and-timing"] = "marker"
+    """What is drawn in each trial besides noise: the marker's angle and place; everything that is unknown in the
+    physics table (`markerseek.studies.unknowns`), which needs frames; or that and what a sweep does not know of stage
+    and laser."""
     marks: tuple[int, ...] = ()
     """Numbers of acquisitions, rising, after which the answer of the search so far is recorded."""
     stay: bool = False
@@ -131,8 +132,8 @@ class Study:
             raise ConfigError(f"vary: a key is named twice in {', '.join(keys)}")
         if any(later <= earlier for earlier, later in itertools.pairwise((0, *self.marks))):
             raise ConfigError(f"study: marks are {list(self.marks)}, they must be positive and rise")
-        if self.level == "curves" and self.drawn == "everything":
-            raise ConfigError('study: level "curves" cannot have drawn = "everything"; set level = "frames"')
+        if self.level == "curves" and self.drawn != "marker":
+            raise ConfigError(f'study: level "curves" cannot have drawn = "{self.drawn}"; set level = "frames"')
         if self.level == "frames" and any(key.startswith("curve.") for key in keys):
             raise ConfigError("study: curve settings have no effect at the level frames; leave them out of vary")
         # Made here: a combination that cannot be is refused when the study is read, not hours later.
@@ -190,9 +191,9 @@ def cells(study: Study) -> tuple[Cell, ...]:
         if world.rig.noise.bursts is not None and study.level != "frames":
             raise ConfigError('rig.noise.bursts: bursts are simulated in frames only; set level = "frames"')
         _require_scene(study, world)
-        if world.rig.second.present and (study.level != "frames" or study.drawn == "everything"):
+        if world.rig.second.present and (study.level != "frames" or study.drawn != "marker"):
             raise ConfigError('rig.second.present: a second marker needs level = "frames" and a rig that is not drawn')
-        if study.drawn == "everything":
+        if study.drawn != "marker":
             _require_default(world.rig)
         # Of the settings without the version and the index: a cell keeps its markers when others are added.
         digest = int.from_bytes(_hashed(_hashable(world)).digest()[:8], "big")

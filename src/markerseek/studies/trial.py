@@ -83,6 +83,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     refused: int
     travel_deg: float | None
     elapsed_s: float | None
+    known_s: float | None = None
     surveyed: float | None = None
     other_probability: float | None = None
     tolerance_deg: float = 1.0
@@ -144,6 +145,7 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
         refused=0 if found is None else found.refused,
         travel_deg=None if finished is None else finished.travel_deg,
         elapsed_s=None if finished is None else finished.elapsed_s,
+        known_s=None if finished is None else finished.known_s,
         surveyed=None if estimate is None else estimate.surveyed,
         other_probability=estimate.other_probability if isinstance(estimate, Found | Unsure) else None,
         tolerance_deg=settings.plan.tolerance.half_width_deg(_radius_m(study, cell, draw)),
@@ -268,6 +270,7 @@ def _search(study: Study, settings: StudyPolicy, rig: rigs.Rig, *, prior: Marker
         prior=prior,
         sweep_speed_deg_s=None if devices is None else devices.stage.fastest_sweep_deg_s,
         sweep_from_end=devices is not None and devices.in_bursts,
+        sweep_turns_back=devices is not None and devices.in_bursts and devices.triggering is None,
     )
     dark_frames = 0 if settings.plan.as_published or settings.plan.sweep else rig.dark_frames
     try:

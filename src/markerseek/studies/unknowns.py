@@ -7,7 +7,7 @@ to that of soft tissue. The receiver's settings (sampling, samples, noise) are t
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from markerseek.acoustics import (
     Probe,
     RectanglePulse,
 )
-from markerseek.sim import ReceiverSettings
+from markerseek.sim import ReceiverSettings, SimulatedSettings
 
 ELEMENT_HEIGHT_M = (3e-3, 6e-3)
 """Element height in metres."""
@@ -56,6 +56,21 @@ CENTRE_HZ = (4e6, 7e6)
 
 ATTENUATION_DB_CM_MHZ = (0.05, 0.5)
 """Attenuation in dB/(cm MHz)."""
+
+STAMP_DELAY_S = (-10e-3, 20e-3)
+"""Time from the stamp of a pulse to its light, in seconds."""
+
+STAMP_JITTER_S = (0.5e-3, 3e-3)
+"""Standard deviation of a stamp by itself, in seconds."""
+
+BACKLASH_DEG = (0.05, 0.2)
+"""Backlash between encoder and probe, in degrees; the rig states 0.1."""
+
+WITHOUT_LIGHT = 0.01
+"""Share of the pulses that give no light."""
+
+DRIFT_PER_MIN = (-0.08, 0.08)
+"""Change of ln energy in a minute."""
 
 PULSES = (1, 128)
 """Pulses averaged, evenly spread in their logarithm."""
@@ -107,6 +122,20 @@ def draw_unknowns(
         source=GaussianAbsorber(radius_m=log_uniform(rng, *SOURCE_RADIUS_M)),
     )
     return Unknowns(model=model, marker=marker, pulses=round(log_uniform(rng, *PULSES)))
+
+
+def with_timing(settings: SimulatedSettings, rng: np.random.Generator) -> SimulatedSettings:
+    """The settings with what a sweep does not know of stage and laser, drawn."""
+    laser = replace(
+        settings.laser,
+        stamp_delay_s=float(rng.uniform(*STAMP_DELAY_S)),
+        stamp_jitter_s=float(rng.uniform(*STAMP_JITTER_S)),
+        energy_drift_per_min=float(rng.uniform(*DRIFT_PER_MIN)),
+        without_light=WITHOUT_LIGHT,
+    )
+    backlash_deg = float(rng.uniform(*BACKLASH_DEG))
+    stage = replace(settings.stage, backlash_deg=backlash_deg, stated_backlash_deg=settings.stage.backlash_deg)
+    return replace(settings, laser=laser, stage=stage)
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:

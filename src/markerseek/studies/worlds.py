@@ -36,7 +36,7 @@ from markerseek.sim import (
 )
 from markerseek.studies.scene import LATERAL_M, DrawnScene, draw_extra_sources
 from markerseek.studies.study import Cell, CurveSettings, Study
-from markerseek.studies.unknowns import MARKER_RADIUS_M, Unknowns, draw_unknowns
+from markerseek.studies.unknowns import MARKER_RADIUS_M, Unknowns, draw_unknowns, with_timing
 
 _LARGEST_COUNTS = 2000.0
 """Largest count in a channel, of all sources and `_NOISE_SIGMAS` of noise; full scale is 2047."""
@@ -81,7 +81,7 @@ def draw_trial(study: Study, cell: Cell, trial: int) -> Draw:
     lateral_m = place_m if marker.lateral_m is None else marker.lateral_m
     curve, noise_seed = int(rng.integers(world.curve.draws)), int(rng.integers(2**63))
     unknowns = None
-    if study.drawn == "everything":
+    if study.drawn != "marker":
         unknowns = draw_unknowns(rng, marker_deg=marker_deg, lateral_m=lateral_m, receiver=receiver)
     # Only its angle and lateral position are known where nothing else is drawn, and nothing else is needed.
     beside = Absorber(radius_m=marker.radius_m, angle_deg=marker_deg, lateral_m=lateral_m)
@@ -168,6 +168,8 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, dr
     """Rig with everything drawn."""
     model, rng = unknowns.model, np.random.default_rng(draw.noise_seed)
     settings = _drawn_settings(study, settings, unknowns)
+    if study.drawn == "everything-and-timing":
+        settings = with_timing(settings, np.random.default_rng((draw.noise_seed, 1)))
     return rig_in_world(
         _scene(unknowns, settings, draw.scene, rng).world(settings, rng),
         settings,

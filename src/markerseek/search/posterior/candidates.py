@@ -46,8 +46,8 @@ PLACE_SHARE = 0.01
 DIP_SIGMAS, DOUBTFUL_DIP_SIGMAS = 3.0, 2.0
 """Standard deviations of noise and laser by which a dip must be deeper than both humps, and for doubt."""
 
-SAMPLE_ERROR = 0.03
-"""Relative error of one sample by itself, the laser's energy."""
+SAMPLE_ERROR, PULSE_ERROR = 0.03, 0.12
+"""Relative error of one sample by itself, the laser's energy: at rest, and of a single pulse of a sweep."""
 
 MIN_DIP, NEAR_FIELD_DIP = 0.1, 0.35
 """Least depth of a dip over the lower hump, for intensities alone, and for frames, where the near field is excluded."""
@@ -351,12 +351,13 @@ def dip_deg(at: Sequence[Sample], *, sigma: float, level: float, single: bool = 
         return None
     order = sorted(at, key=lambda sample: sample.angle_deg)
     angle_deg = np.array([sample.angle_deg for sample in order])
-    hump, bottom = _without_bursts(angle_deg, _heights(order))
+    height, error = _heights(order)
+    hump, bottom = _without_bursts(angle_deg, height)
     has_positions = all(sample.reading.local_maxima is not None for sample in at)
     lower = np.minimum(np.maximum.accumulate(hump)[:-2], np.maximum.accumulate(hump[::-1])[::-1][2:])
     drop = lower - bottom[1:-1]
     least = np.maximum(
-        DIP_SIGMAS * np.hypot(1.5 * sigma, SAMPLE_ERROR * lower),
+        DIP_SIGMAS * np.hypot(1.5 * sigma, error[1:-1] * lower),
         (NEAR_FIELD_DIP if has_positions or single else MIN_DIP) * lower,
     )
     # Where the humps are that a sample lies between.
@@ -370,16 +371,14 @@ def dip_deg(at: Sequence[Sample], *, sigma: float, level: float, single: bool = 
     return float(angle_deg[1:-1][np.argmax(deep)]) if deep.any() else None
 
 
-def _heights(order: Sequence[Sample]) -> Float64[np.ndarray, " samples"]:
-    """Intensities; of a sample of a sweep the median of those about it, for one pulse of hundreds may be weak."""
+def _heights(order: Sequence[Sample]) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, " samples"]]:
+    """Intensities and relative errors; of a pulse the median of those about it, for one of hundreds may be weak."""
     height = np.array([sample.reading.intensity for sample in order])
     angle_deg = np.array([sample.angle_deg for sample in order])
     sweep = np.array([0 if sample.sweep is None else sample.sweep.number for sample in order])
     alike = (np.abs(angle_deg[:, None] - angle_deg) <= ALIKE_DEG / 2) & (sweep[:, None] == sweep)
-    return np.array(
-        [float(np.median(height[alike[k]])) if sweep[k] else float(height[k]) for k in range(len(order))],
-        dtype=np.float64,
-    )
+    error = np.where(sweep > 0, PULSE_ERROR / np.sqrt(alike.sum(axis=1)), SAMPLE_ERROR)
+    return np.array([np.median(height[alike[k]]) if sweep[k] else height[k] for k in range(len(order))]), error
 
 
 def _without_bursts(
@@ -416,9 +415,10 @@ def asymmetric_sample(at: Sequence[Sample], *, centre_deg: float, sigma: float, 
     """
     order = sorted(at, key=lambda sample: abs(sample.angle_deg - centre_deg))
     angle_deg = np.array([sample.angle_deg for sample in order])
-    hump, bottom = _without_bursts(angle_deg, _heights(order))
+    height, error = _heights(order)
+    hump, bottom = _without_bursts(angle_deg, height)
     drop = hump - np.minimum.accumulate(bottom)
-    least = np.maximum(DOUBTFUL_DIP_SIGMAS * np.hypot(1.5 * sigma, SAMPLE_ERROR * hump), ASYMMETRY_SHARE * hump)
+    least = np.maximum(DOUBTFUL_DIP_SIGMAS * np.hypot(1.5 * sigma, error * hump), ASYMMETRY_SHARE * hump)
     excess = np.where((drop > least) & (hump > level), drop, 0.0)
     return order[int(np.argmax(excess))] if excess.any() else None
 

@@ -388,9 +388,11 @@ def refine(
         best = grid.marginals(log_prior(grid.angles_deg), particles=particles)
     fwhm_deg = float(best.shape @ shapes.fwhm_deg[grid.members])
     if grid is coarse or not symmetric:
+        # The likelihood of a symmetric curve knows of the delay of a sweep, the grid's does not.
+        angles_deg, probability = blurred(grid.angles_deg, best.angle, sigma_deg=delay_sigma_deg(observations))
         return Centre(
-            angles_deg=grid.angles_deg,
-            probability=best.angle,
+            angles_deg=angles_deg,
+            probability=probability,
             particles=best.particles,
             fwhm_deg=fwhm_deg,
             strong=[],
@@ -441,6 +443,28 @@ def refine(
         log_gain=log_gain,
         sample_error=sample_error,
     )
+
+
+def delay_sigma_deg(observations: Sequence[Observation]) -> float:
+    """By how much the delay of sweeps may shift the angle: ways there and back shift it against one another."""
+    swept = [(each.noise**-2, each.sweep) for each in observations if each.sweep is not None]
+    if not swept:
+        return 0.0
+    shift_deg = sum(weight * sweep.speed_deg_s * sweep.delay_sigma_s for weight, sweep in swept)
+    return abs(shift_deg) / sum(weight for weight, _ in swept)
+
+
+def blurred(
+    angles_deg: Float64[np.ndarray, " angles"], probability: Float64[np.ndarray, " angles"], *, sigma_deg: float
+) -> tuple[Float64[np.ndarray, " wider"], Float64[np.ndarray, " wider"]]:
+    """Angles and probabilities after a normal error of this standard deviation was added."""
+    step_deg = float(angles_deg[1] - angles_deg[0])
+    reach = math.ceil(4 * sigma_deg / step_deg)
+    if reach < 2:
+        return angles_deg, probability
+    kernel = np.exp(-0.5 * (step_deg * np.arange(-reach, reach + 1) / sigma_deg) ** 2)
+    wider_deg = angles_deg[0] + step_deg * np.arange(-reach, angles_deg.size + reach)
+    return wider_deg, np.convolve(probability, kernel / kernel.sum())
 
 
 def _drawn(

@@ -36,6 +36,7 @@ from markerseek.search.posterior.next_angle import (
     planned_deg,
     step_near_deg,
 )
+from markerseek.search.posterior.pulses import later, with_light
 from markerseek.search.posterior.survey import (
     LATE_WORTH,
     STATED,
@@ -163,6 +164,7 @@ class Posterior(SearchPolicy):
         self._by_hand = by_hand
         self._asked = 0
         self._range_swept = False
+        self._delay_s = 0.0
         self._confirmation_taken = False
         self._confirmation_failure: str | None = None
         self._cached: Analysis | None = None
@@ -212,6 +214,16 @@ class Posterior(SearchPolicy):
         self._next = self._cached = None
 
     @property
+    def lit(self) -> list[Sample]:
+        """Samples with the laser on as they were told, without pulses that gave no light."""
+        return with_light(self._lit)
+
+    def take_out_delay(self, delay_s: float) -> None:
+        """Take for granted that the light of sweeps comes later than their angles say, by this in seconds."""
+        self._delay_s = delay_s
+        self._next = self._cached = None
+
+    @property
     def single(self) -> bool:
         """Whether it takes for granted that there is one source at most."""
         return self._single
@@ -249,7 +261,7 @@ class Posterior(SearchPolicy):
         if not self._lit:
             return NotFound(mean_deg=self._limits.centre_deg, reason="nothing has been measured yet")
         return answer_of(
-            self._lit,
+            self._counted,
             self._analysis.state,
             limits=self._limits,
             others=self._others,
@@ -289,7 +301,7 @@ class Posterior(SearchPolicy):
         """What the samples say so far."""
         if self._cached is None:
             self._cached = Analysis(
-                self._lit,
+                self._counted,
                 self._dark,
                 candidates=self._candidates,
                 shapes=self._shapes,
@@ -297,6 +309,11 @@ class Posterior(SearchPolicy):
                 single=self._single,
             )
         return self._cached
+
+    @property
+    def _counted(self) -> list[Sample]:
+        """The samples as they count."""
+        return later(self.lit, self._delay_s)
 
     def _next_deg(self) -> float | None:
         wanted_deg = self._wanted_deg()

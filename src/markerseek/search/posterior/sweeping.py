@@ -3,51 +3,51 @@
 1. It sweeps from where the probe is to the nearer end of the range, and from there to the other end, whatever it sees:
    the last degrees cost tenths of a second, and a louder source may be there. Where there is only one source, the
    sweep is over once the marker is known and both of its flanks are swept. Where the frames of a sweep are read at its
-   end, a second sweep would cost a second read-out: the probe turns to the nearer end without light. While they are
-   read it turns to the middle of the range, which is nearer to most markers.
-2. Where the centre of the curve is not known well enough by then, it sweeps back over the flanks, and ends that sweep
-   once it is. That also separates the delay between pulse and angle from the angle, for it shifts the two directions
-   against one another. Where another source may still hide, it sweeps back over the whole range.
+   end, the probe turns to the nearer end without light, and sweeps there and back in one burst: the order of its frames
+   is not believed. While they are read it turns to the middle of the range, which is nearer to most markers.
+2. It sweeps back over the flanks where the delay between pulse and angle may shift the angle by too much, since that
+   shifts the two directions against one another (11), and where the centre is not known well enough, the slower the
+   more is missing. Where another source may still hide, it sweeps back over the whole range.
 3. What is still missing is measured at rest, as `Posterior` does: another look at a source, more precision. Where
    nothing was detected, a search at rest begins, because the mean of some pulses shows what a single one does not.
-
-The light of a sweep goes out before its end. A marker there shows one flank alone, and where its curve ends is only
-assumed. So the end of the range is measured at rest where the curve does not fall to half its height in the light.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
-from markerseek.core import Estimate, Found, Interval, Sample, Sweep, Unsure
+from markerseek.core import AcquisitionError, Estimate, Found, Interval, Sample, Sweep, Unsure
 from markerseek.search.policy import check_sample
 from markerseek.search.posterior.next_angle import Belief
-from markerseek.search.posterior.policy import Posterior
+from markerseek.search.posterior.policy import Posterior, Progress
+from markerseek.search.posterior.pulses import Centre, Delay, delay_of
 from markerseek.search.posterior.survey import STATED
 
 JUDGED_EVERY_S = 0.1
 """Time between two judgements during a sweep, at its speed: no laser is too fast for them then."""
 
 SWEPT_SIGMA_DEG = 0.3
-"""Standard deviation at which a search by sweeps ends, in degrees, unless the tolerance needs less: from 0.2 to 0.3 it
-would take six acquisitions at rest, longer than the sweep took."""
+"""Standard deviation at which a search by sweeps ends, in degrees, unless the tolerance needs less."""
 
-LEAST_SPACING_DEG = 0.1
-"""Least angle between two pulses: a twentieth of the narrowest curve."""
+DELAY_SHARE = 0.5
+"""Share of the standard deviation that is allowed up to which the delay may add to it: of many markers it is the same,
+and no further pulse averages it."""
 
 AT_END_DEG, AT_END = 1.0, 0.05
 """Distance from an end of the range within which a sweep to it is not worth its light; and of the range at most."""
 
 MARGIN = 0.8
-"""Share of the probability that is stated of another source up to which a sweep back ends: the confirmation changes it
+"""Share of the probability that is stated of another source up to which a sweep ends early: the confirmation changes it
 by some per cent, and must not begin the search again."""
-
-LIT_FLANK = 0.5
-"""Distance from the centre up to which its flank must have been in the light, over the full width at half maximum."""
 
 FLANK = 0.8
 """Distance from the centre up to which its flank is swept, over the full width at half maximum."""
+
+MOST_BACK = 2
+"""Most sweeps over the flanks: what they leave open is measured at rest."""
+
+SLOWEST = 8.0
+"""Most by which such a sweep is slower than that over the range."""
 
 
 class SweepPosterior:
@@ -60,11 +60,13 @@ class SweepPosterior:
     limits
         Range to search.
     speed_deg_s
-        Speed of the sweeps.
+        Speed of the sweeps over the range.
     start_deg
         Present angle of the probe, in degrees; None: the low end.
-    from_end
-        Whether the first sweep begins at the nearer end, to which the probe turns without light.
+    in_bursts
+        Whether the frames of a sweep are read at its end: it begins at the nearer end of the range then.
+    turns_back
+        Whether such a burst may turn back in light.
     """
 
     name = "posterior"
@@ -76,49 +78,38 @@ class SweepPosterior:
         limits: Interval,
         speed_deg_s: float,
         start_deg: float | None = None,
-        from_end: bool = False,
+        in_bursts: bool = False,
+        turns_back: bool = True,
     ) -> None:
         self._make = make
         self._posterior = make()
         self._limits = limits
         self._speed_deg_s = speed_deg_s
+        self._in_bursts, self._turns_back = in_bursts, turns_back
         self._dark: list[Sample] = []
-        ends_deg = [limits.low_deg, limits.high_deg]
+        self._lit: list[Sample] = []
+        near_deg, far_deg = limits.low_deg, limits.high_deg
         if start_deg is not None and start_deg > limits.centre_deg:
-            ends_deg.reverse()
-        self._from_deg: float | None = None
-        self._wait_deg = limits.centre_deg if from_end else None
+            near_deg, far_deg = far_deg, near_deg
         at_end_deg = min(AT_END_DEG, AT_END * (limits.high_deg - limits.low_deg))
-        if start_deg is None or abs(start_deg - ends_deg[0]) <= at_end_deg:
-            ends_deg = ends_deg[1:]
-        elif from_end:
-            self._from_deg, *ends_deg = ends_deg
-        self._to_deg = ends_deg
-        self._swept_to_deg: float | None = None
-        """End at which the probe is after the sweep over the range, until it is decided what follows."""
-        self._lit_deg: list[float] = []
-        self._ends_deg: list[float] = []
-        """Ends of the range that were asked for at rest."""
-        self._swept_back = False
+        at_end = start_deg is None or abs(start_deg - near_deg) <= at_end_deg
+        if in_bursts:
+            self.sweeps = [self._burst(near_deg, far_deg, wait_deg=limits.centre_deg, here=at_end)]
+        else:
+            self.sweeps = [Sweep(to_deg=to_deg, speed_deg_s=speed_deg_s) for to_deg in (near_deg, far_deg)[at_end:]]
+        self._back = 0
+        self._range_swept = self._known = False
         self._judged_deg: float | None = None
         self._next: tuple[float | Sweep | None] | None = None
 
-    def ask(self) -> float | Sweep | None:
-        """Next sweep, or next angle in degrees; None at the end of the search."""
-        if self._next is None:
-            self._next = (self._chosen(),)
-        return self._next[0]
+    sweeps: list[Sweep]
+    """The sweeps that it will ask for unless the marker is found before; others may follow."""
 
-    def _chosen(self) -> float | Sweep | None:
-        if self._swept_to_deg is not None:
-            dark_deg = self._dark_end_deg()
-            if dark_deg is not None:
-                self._ends_deg.append(dark_deg)
-                # A sweep back begins where the probe then is.
-                self._swept_to_deg = dark_deg
-                return dark_deg
-            self._to_deg, self._swept_to_deg = self._after_range(self._swept_to_deg), None
-        return self.sweeps[0] if self._to_deg else self._posterior.ask()
+    def ask(self) -> float | Sweep | None:
+        """Next sweep, or next angle in degrees; None at the end of the search, or of a sweep that is ended early."""
+        if self._next is None:
+            self._next = (None if self._known else self.sweeps[0] if self.sweeps else self._posterior.ask(),)
+        return self._next[0]
 
     def tell(self, sample: Sample) -> None:
         """Take one sample: a dark one, one of a sweep, or one at rest.
@@ -134,22 +125,26 @@ class SweepPosterior:
             self._dark.append(sample)
         elif sample.sweep is not None:
             self._posterior.tell_swept(sample)
-            self._lit_deg.append(sample.angle_deg)
+            self._lit.append(sample)
             self._judge(sample)
         else:
-            # The posterior did not ask for an end.
-            tell = self._posterior.tell if self._swept_to_deg is None else self._posterior.tell_swept
-            tell(sample)
+            self._posterior.tell(sample)
             self._next = None
 
     def end_sweep(self) -> None:
-        """Choose what follows a sweep that went to its end; one that was ended by the answer is over already."""
-        self._from_deg = None
-        if self._to_deg:
-            if len(self._to_deg) == 1:
-                self._swept_to_deg = self._to_deg[0]
-            self._to_deg = self._to_deg[1:]
-            self._next = None
+        """Choose what follows a sweep.
+
+        Raises
+        ------
+        AcquisitionError
+            If the ways there and back differ by more than any delay of this rig explains: the frames are not of the
+            pulses in their order, or the stage is not where it says.
+        """
+        ended, self._next, self._judged_deg = self.sweeps[0], None, None
+        self.sweeps = [] if self._known else self.sweeps[1:]
+        self._known = False
+        if not self.sweeps:
+            self.sweeps = self._following(ended)
 
     def confirm(self, sample: Sample) -> None:
         """Take the acquisition at the angle found, as `Posterior.confirm`."""
@@ -165,63 +160,23 @@ class SweepPosterior:
         """What is believed of the marker's angle, for a picture of it; None before the first sample."""
         return self._posterior.belief
 
-    @property
-    def sweeps(self) -> list[Sweep]:
-        """The sweeps that it will ask for unless the marker is found before; others may follow."""
-        # A beginning is given where there is one sweep alone.
-        return [
-            Sweep(
-                to_deg=to_deg,
-                speed_deg_s=self._speed_deg_s,
-                spacing_deg=LEAST_SPACING_DEG,
-                from_deg=self._from_deg,
-                wait_deg=self._wait_deg,
-            )
-            for to_deg in self._to_deg
-        ]
-
     def _judge(self, sample: Sample) -> None:
-        """End a sweep that may be ended, if the marker is known; asked every tenth of a second."""
-        # The light is off before the probe brakes; samples that come after a sweep was ended are used like any others.
-        if not self._to_deg:
-            self._next = None
-            return
-        if not (self._swept_back or self._posterior.single):
+        """End a sweep over the range once the only source is known; asked every tenth of a second."""
+        if self._range_swept or not self._posterior.single or len(self.sweeps) > 1 or self._in_bursts:
             return
         last_deg = self._judged_deg
         if last_deg is not None and abs(sample.angle_deg - last_deg) < self._speed_deg_s * JUDGED_EVERY_S:
             return
         self._judged_deg = sample.angle_deg
-        if self._is_known(sample.angle_deg):
-            self._to_deg = []
-            self._next = None
-
-    def _is_known(self, at_deg: float) -> bool:
-        """Whether the marker is found, its centre known well enough, and both of its flanks swept."""
         progress = self._posterior.progress
-        if progress is None or progress.sigma_deg > progress.target_deg:
-            return False
-        if not self._swept_back and abs(at_deg - progress.mean_deg) < FLANK * progress.fwhm_deg:
-            return False
+        if progress is None or abs(sample.angle_deg - progress.mean_deg) < FLANK * progress.fwhm_deg:
+            return
         answer = self._posterior.estimate()
-        return isinstance(answer, Found) and (answer.other_probability or 0.0) <= MARGIN * STATED
+        if isinstance(answer, Found) and (answer.other_probability or 0.0) <= MARGIN * STATED:
+            self._known, self._next = True, None
 
-    def _dark_end_deg(self) -> float | None:
-        """End of the range near which a flank of the marker's curve was not in the light; None: there is none."""
-        progress = self._posterior.progress
-        if progress is None:
-            return None
-        half_deg = LIT_FLANK * progress.fwhm_deg
-        for end_deg, left_deg in (
-            (self._limits.high_deg, max(self._lit_deg) - progress.mean_deg),
-            (self._limits.low_deg, progress.mean_deg - min(self._lit_deg)),
-        ):
-            if left_deg < half_deg and end_deg not in self._ends_deg:
-                return end_deg
-        return None
-
-    def _after_range(self, end_deg: float) -> list[float]:
-        """Ends of the sweeps that follow once the range has been swept to that end."""
+    def _following(self, ended: Sweep) -> list[Sweep]:
+        """The sweep that follows once the range has been swept; none where what is left is measured at rest."""
         progress = self._posterior.progress
         if progress is None:
             # Single pulses show nothing: a search at rest begins, with the noise of its own frames.
@@ -229,21 +184,79 @@ class SweepPosterior:
             for dark in self._dark:
                 self._posterior.tell(dark)
             return []
+        self._range_swept = True
         self._posterior.state_swept()
-        if self._swept_back:
+        delay = self._measured_delay()
+        progress = self._posterior.progress or progress
+        if self._back >= MOST_BACK:
             return []
         answer = self._posterior.estimate()
-        back_deg = 1.0 if end_deg < self._limits.centre_deg else -1.0
-        if isinstance(answer, Unsure) and (answer.other_probability or 0.0) > STATED:
-            # What may hide beside the marker is looked for at some thirty angles in the time of five acquisitions.
-            reach_deg = math.inf
-        elif progress.sigma_deg > progress.target_deg:
-            reach_deg = abs(progress.mean_deg - end_deg) + FLANK * progress.fwhm_deg
-        else:
+        if isinstance(answer, Unsure) and (answer.other_probability or 0.0) > STATED and self._back == 0:
+            # What may hide beside the marker is looked for at many angles in the time of five acquisitions.
+            self._back = MOST_BACK
+            return [self._over(self._limits.low_deg, self._limits.high_deg, ended, speed_deg_s=self._speed_deg_s)]
+        slower = (progress.sigma_deg / progress.target_deg) ** 2 - 1
+        if slower <= 0 and not self._delay_counts(progress, delay):
             return []
-        self._swept_back = True
-        if self._wait_deg is not None:
-            # The probe is no longer there.
-            self._from_deg = end_deg
-            self._wait_deg = self._limits.nearest(progress.mean_deg)
-        return [self._limits.nearest(end_deg + back_deg * reach_deg)]
+        self._back += 1
+        reach_deg = FLANK * progress.fwhm_deg
+        return [
+            self._over(
+                self._limits.nearest(progress.mean_deg - reach_deg),
+                self._limits.nearest(progress.mean_deg + reach_deg),
+                ended,
+                speed_deg_s=self._speed_deg_s / min(max(slower, 1.0), SLOWEST),
+            )
+        ]
+
+    def _delay_counts(self, progress: Progress, delay: Delay | None) -> bool:
+        """Whether the delay, or the order of the frames, may still shift the angle by too much."""
+        if delay is not None:
+            return False
+        sigmas_deg = [abs(each.sweep.speed_deg_s) * each.sweep.delay_sigma_s for each in self._lit if each.sweep]
+        return self._in_bursts or max(sigmas_deg) > DELAY_SHARE * progress.target_deg
+
+    def _measured_delay(self) -> Delay | None:
+        """What the ways there and back say of the delay, which is taken out of the angles; None if one is missing."""
+        delay = delay_of(self._posterior.lit, self._centre_of)
+        if delay is None:
+            return None
+        if delay.unexplained:
+            raise AcquisitionError(
+                f"the sweeps there and back differ as if the light came {1e3 * delay.measured_s:.0f} ± "
+                f"{1e3 * delay.sigma_s:.0f} ms after its stamps, and the rig states 0 ± {1e3 * delay.prior_s:.1f} ms: "
+                "frames are late by one or more, the stage answers late, or laser.stamp_delay_s is wrong; check the "
+                "trigger's cable, and measure the delay: markerseek calibrate --delay"
+            )
+        self._posterior.take_out_delay(delay.mean_s)
+        return delay
+
+    def _centre_of(self, samples: Sequence[Sample]) -> Centre | None:
+        """The centre of the curve of some samples by themselves."""
+        alone = self._make()
+        for sample in samples:
+            alone.tell_swept(sample)
+        progress = alone.progress
+        return None if progress is None else (progress.mean_deg, progress.sigma_deg, progress.fwhm_deg)
+
+    def _over(self, low_deg: float, high_deg: float, ended: Sweep, *, speed_deg_s: float) -> Sweep:
+        """A sweep from the side on which the probe is, which ends on the other."""
+        from_deg, to_deg = (high_deg, low_deg) if ended.end_deg > (low_deg + high_deg) / 2 else (low_deg, high_deg)
+        if self._in_bursts:
+            # While its frames are read, the probe turns to the marker.
+            return self._burst(from_deg, to_deg, wait_deg=(low_deg + high_deg) / 2, here=False, speed_deg_s=speed_deg_s)
+        # A turn without light to where a slow sweep begins, and none to where one at the same speed does.
+        slow = speed_deg_s < self._speed_deg_s
+        return Sweep(to_deg=to_deg, speed_deg_s=speed_deg_s, from_deg=from_deg if slow else None)
+
+    def _burst(
+        self, from_deg: float, to_deg: float, *, wait_deg: float, here: bool, speed_deg_s: float | None = None
+    ) -> Sweep:
+        """A sweep there and back whose frames are read at its end."""
+        return Sweep(
+            to_deg=to_deg,
+            speed_deg_s=self._speed_deg_s if speed_deg_s is None else speed_deg_s,
+            from_deg=None if here else from_deg,
+            back_deg=from_deg if self._turns_back else None,
+            wait_deg=wait_deg,
+        )

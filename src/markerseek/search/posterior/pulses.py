@@ -1,0 +1,149 @@
+"""Pulses of sweeps before they count: those without light go, and the delay that two ways show is taken out.
+
+The angle of a pulse is the stage's when it was stamped. Light that comes later by d, at a speed v, comes at an angle
+that is v·d further on. So a curve that is swept there and back has two centres, with the speeds either way
+
+    c_down − c_up = (|v_up| + |v_down|)·d.                                                                     (11)
+
+Whatever shifts all angles of a sweep alike (stamps, answers of the stage, frames that are late by one) is such a delay.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+
+import numpy as np
+
+from markerseek.core import Sample, SweepTiming
+from markerseek.search.floor import noise_factor
+
+LIT_RATIO = 1.3
+"""Height of the pulses before and after, over the largest of noise, from which one at the noise had no light."""
+
+NOISE_SHARE = 0.01
+"""Probability with which noise alone has a larger peak in one frame than a pulse without light."""
+
+UNEXPLAINED_SIGMAS = 3.0
+"""Standard deviations of what is known of the delay by which the two ways may differ."""
+
+LEAST_FLANK = 0.5
+"""Distance from the centre up to which both flanks must be swept, over the full width at half maximum."""
+
+
+def with_light(samples: Sequence[Sample]) -> list[Sample]:
+    """Return the samples without the pulses of sweeps that gave no light.
+
+    Such a pulse is no higher than noise, and the pulses before and after it in its sweep are clear of the noise.
+    """
+    kept: list[Sample] = []
+    for sweep, group in groupby(samples, key=lambda sample: None if sample.sweep is None else sample.sweep.number):
+        own = list(group)
+        kept += own if sweep is None else _lit(own)
+    return kept
+
+
+def _lit(swept: Sequence[Sample]) -> list[Sample]:
+    """The pulses of one sweep that gave light."""
+    level = np.array([_noise_level(sample) for sample in swept])
+    height = np.array([sample.reading.intensity for sample in swept])
+    quiet, clear = height <= level, height >= LIT_RATIO * level
+    dark = np.zeros(len(swept), dtype=bool)
+    dark[1:-1] = quiet[1:-1] & clear[:-2] & clear[2:]
+    return [sample for sample, off in zip(swept, dark, strict=True) if not off]
+
+
+def _noise_level(sample: Sample) -> float:
+    """Height that noise seldom exceeds; 0 where the noise is not known."""
+    reading = sample.reading
+    if reading.noise_sigma is None or reading.cells is None:
+        return 0.0
+    return reading.noise_sigma * noise_factor(cells=reading.cells, frames=1, false_found=NOISE_SHARE)
+
+
+def later(samples: Sequence[Sample], delay_s: float) -> list[Sample]:
+    """Return the samples with the angles of a light that comes later by this."""
+    return [
+        sample
+        if sample.sweep is None
+        else replace(sample, angle_deg=sample.angle_deg + sample.sweep.speed_deg_s * delay_s)
+        for sample in samples
+    ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Way:
+    """The centre of the curve by the pulses of one direction, and its standard deviation, in degrees."""
+
+    centre_deg: float
+    sigma_deg: float
+    speed_deg_s: float
+    """Mean speed, positive."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Delay:
+    """What the two ways say of the delay beyond the one that the rig states, in seconds."""
+
+    measured_s: float
+    sigma_s: float
+    """Standard deviation of the measurement."""
+    prior_s: float
+    """Standard deviation of what the rig states."""
+
+    @property
+    def mean_s(self) -> float:
+        """Mean, both together."""
+        return self.measured_s * self.prior_s**2 / (self.prior_s**2 + self.sigma_s**2)
+
+    @property
+    def unexplained(self) -> bool:
+        """Whether no delay that the rig may have makes such a difference."""
+        return abs(self.measured_s) > UNEXPLAINED_SIGMAS * math.hypot(self.prior_s, self.sigma_s)
+
+
+Centre = tuple[float, float, float]
+"""Centre of a curve, its standard deviation, and its full width at half maximum, in degrees."""
+
+
+def delay_of(samples: Sequence[Sample], centre_of: Callable[[Sequence[Sample]], Centre | None]) -> Delay | None:
+    """Return the delay by (11); None unless both flanks were swept both ways.
+
+    ``samples``: all samples with light. ``centre_of``: fits a curve to samples; None where they show none.
+    """
+    swept = [(sample, sample.sweep) for sample in samples if sample.sweep is not None]
+    up, down = (
+        _way([(sample, sweep) for sample, sweep in swept if sign * sweep.speed_deg_s > 0], centre_of)
+        for sign in (1, -1)
+    )
+    if up is None or down is None:
+        return None
+    speed = up.speed_deg_s + down.speed_deg_s
+    backlash_deg = max(sweep.play_sigma_deg for _, sweep in swept)
+    return Delay(
+        measured_s=(down.centre_deg - up.centre_deg) / speed,
+        sigma_s=math.hypot(up.sigma_deg, down.sigma_deg, backlash_deg) / speed,
+        prior_s=max(sweep.delay_sigma_s for _, sweep in swept),
+    )
+
+
+def _way(
+    swept: Sequence[tuple[Sample, SweepTiming]], centre_of: Callable[[Sequence[Sample]], Centre | None]
+) -> Way | None:
+    """The centre by the pulses of one direction; None unless both flanks are among them."""
+    if not swept:
+        return None
+    # By themselves: what they share with the other direction is what is asked for.
+    alone = [replace(sample, sweep=replace(sweep, delay_sigma_s=0.0, play_sigma_deg=0.0)) for sample, sweep in swept]
+    centre = centre_of(alone)
+    if centre is None:
+        return None
+    mean_deg, sigma_deg, fwhm_deg = centre
+    angles_deg = [sample.angle_deg for sample in alone]
+    if not min(angles_deg) + LEAST_FLANK * fwhm_deg <= mean_deg <= max(angles_deg) - LEAST_FLANK * fwhm_deg:
+        return None
+    near = [sweep for sample, sweep in swept if abs(sample.angle_deg - mean_deg) <= fwhm_deg] or [swept[0][1]]
+    speed = float(np.mean([abs(sweep.speed_deg_s) for sweep in near]))
+    return Way(centre_deg=mean_deg, sigma_deg=sigma_deg, speed_deg_s=speed)
