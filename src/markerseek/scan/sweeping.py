@@ -47,8 +47,8 @@ RATE_SPARE_S = 0.02
 DARK_PERIODS = 3
 """Periods of the laser in which at least one pulse must come."""
 
-TURN_DEG = 0.02
-"""Distance from the angle where it turns back at which a probe at rest has reached it."""
+TURN_DEG = 0.1
+"""Distance from the angle where it turns back at which a probe at rest has reached it: within it, it is lit at rest."""
 
 AT_REST_DEG = 0.005
 """Most by which two readings of a stage at rest differ: ten counts of a PRM1Z8's encoder."""
@@ -108,6 +108,7 @@ class SweepInProgress:
         self._pulses: list[Pulse] = []
         self._frames: list[Frame] = []
         self._told = 0
+        self._latest_s = -math.inf
 
     def frames(self, goes_on: Callable[[], bool]) -> Generator[list[SweptFrame], None, Swept]:
         """Turn, and return the frames with their angles as they come, then where the probe came to rest.
@@ -168,14 +169,22 @@ class SweepInProgress:
         """Send the stage back once it is at rest where it turns; `MoveError` if it then stays there."""
         if self._permit.back_deg is None:
             return
-        before, last = self._readings[-2:]
-        rests = abs(last.angle_deg - before.angle_deg) <= AT_REST_DEG
-        there = abs(last.angle_deg - self._permit.to_deg) <= TURN_DEG
-        if rests and there and self._turns_back:
+        if self._rests and self._at_turn and self._turns_back:
             self._turns_back, self._turning_s = False, self._clock.now_s()
             self._devices.stage.begin_sweep(self._permit.back_deg)
-        elif rests and self._turning_s is not None and not self._clock.now_s() - self._turning_s < BEGIN_S:
-            raise MoveError(f"the stage has not turned back at {last.angle_deg:.3f} deg; look for an obstacle")
+        elif self._rests and self._turning_s is not None and not self._clock.now_s() - self._turning_s < BEGIN_S:
+            at_deg = self._readings[-1].angle_deg
+            raise MoveError(f"the stage has not turned back at {at_deg:.3f} deg; look for an obstacle")
+
+    @property
+    def _rests(self) -> bool:
+        """Whether the last two readings are those of a stage at rest."""
+        return abs(self._readings[-1].angle_deg - self._readings[-2].angle_deg) <= AT_REST_DEG
+
+    @property
+    def _at_turn(self) -> bool:
+        """Whether the probe is where it turns back, and may be lit at rest."""
+        return self._permit.back_deg is not None and abs(self._readings[-1].angle_deg - self._permit.to_deg) <= TURN_DEG
 
     def _end(self, *, lit_s: float) -> int:
         """End the light that began then, brake, come to rest, and return how many pulses were fired."""
@@ -190,7 +199,7 @@ class SweepInProgress:
         self._take(self._devices.laser.pulses())
         self._brake()
         # The first reading encloses the last pulse; the others show that the probe is at rest.
-        while self._read() or abs(self._readings[-1].angle_deg - self._readings[-2].angle_deg) > AT_REST_DEG:
+        while (self._read() and not self._at_turn) or not self._rests:
             self._require_braking()
         self._clock.wait(READ_S)
         last = self._devices.stage.read_sweep()
@@ -229,17 +238,16 @@ class SweepInProgress:
                     f"a pulse is stamped {stamped.at_s:.3f} s and it is {now_s:.3f} s: its clock is wrong; compare the "
                     "clocks, and start again"
                 )
-            self._pulses.append(pulse)
-        # Of many pulses and not of two: a stamp may be milliseconds off by itself.
-        count = len(self._pulses) - 1
-        if count > 0:
-            took_s = self._pulses[-1].at_s - self._pulses[0].at_s
-            least_s = 0.9 * count * self._permit.period_s - RATE_SPARE_S
-            if not took_s >= least_s:
+            # Against all pulses before, and not that before alone: a stamp may be milliseconds off by itself.
+            behind_s = pulse.at_s - 0.9 * self._permit.period_s * len(self._pulses)
+            self._latest_s = max(self._latest_s, behind_s)
+            if not behind_s >= self._latest_s - RATE_SPARE_S:
                 raise LaserError(
-                    f"{count + 1} pulses came within {took_s:.3f} s, {1e3 * self._permit.period_s:.2f} ms between two "
-                    "is the least that was permitted; check the laser's trigger"
+                    f"pulse {len(self._pulses) + 1} came {1e3 * (self._latest_s - behind_s):.0f} ms too early after "
+                    f"those before, {1e3 * self._permit.period_s:.2f} ms between two is the least that was permitted; "
+                    "check the laser's trigger"
                 )
+            self._pulses.append(pulse)
 
     def _keep(self, frames: Sequence[Frame]) -> None:
         """Keep frames; each is of the trigger after that of the frame before."""
