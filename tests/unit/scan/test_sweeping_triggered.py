@@ -63,7 +63,7 @@ def test_each_sample_is_where_the_encoder_was_whatever_the_stamps_are_off_by(
     bench.start_deg = -to_deg
     bench.__post_init__()
     offsets_deg = stamp_offsets_deg(monkeypatch)
-    samples = swept(bench, Sweep(to_deg=to_deg, speed_deg_s=12.0, spacing_deg=0.1))
+    samples = swept(bench, Sweep(to_deg=to_deg, speed_deg_s=12.0))
     assert len(samples) > (80 if rate_hz == 20.0 else 140)
     truth_deg = np.array([flash.angle_deg for flash in bench.flashes()])
     angles_deg = np.array([sample.angle_deg for sample in samples])
