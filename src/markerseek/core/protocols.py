@@ -128,7 +128,7 @@ class SweepingStage(Stage, Protocol):
         """Acceleration at both ends of a sweep, in degrees per second squared."""
 
     def play_deg(self, forward: float) -> float:
-        """Largest play between encoder and probe in a sweep in that direction, 1 or -1, in degrees.
+        """Backlash between encoder and probe in a sweep in that direction, 1 or -1, in degrees: the probe lags by it.
 
         0 in the direction in which it approaches the angle of a single acquisition.
         """

@@ -64,7 +64,8 @@ class Kdc101Settings(
     """``approach_from`` and ``approach_deg``: side, by the probe's angle, from which every target is approached, and
     over what distance, in degrees: longer than the gears' play."""
     play_deg: float = 0.1
-    """Largest play of the gears: by so much the probe may lag in a sweep away from the side of approach."""
+    """Backlash of the gears: by so much the probe lags in a sweep away from the side of approach, as ``markerseek
+    calibrate --delay`` measures it."""
     begin_s: float = 0.5
     """Time without motion after which it counts as stuck."""
     age_s: float = 0.3

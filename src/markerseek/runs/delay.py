@@ -2,10 +2,10 @@
 
 Each way has a curve whose centre is, by the stage's readings, at
 
-    c = θ − v·d + sign(v)·b,                                                                                    (1)
+    c = θ − v·d + sign(v)·b,                                                                                   (1)
 
-with the marker at θ, the light d after its stamp, and the backlash b in the direction away from the side of approach.
-Two speeds tell the delay from the backlash.
+with the marker at θ, the light d after its stamp, and the backlash b in the direction away from the side of approach,
+each beyond what the rig states. Two speeds tell the delay from the backlash.
 """
 
 from __future__ import annotations
@@ -117,6 +117,7 @@ class DelayRun:
             ends = ((low_deg, high_deg), (high_deg, low_deg))
             each = [Sweep(from_deg=at, to_deg=to, speed_deg_s=speed) for speed in speeds for at, to in ends]
         self._policy = ThereAndBack(each)
+        self._stated_backlash_deg = max(self._devices.stage.play_deg(sign) for sign in (1.0, -1.0))
 
     def events(self) -> Generator[Event, None, None]:
         """Sweep; closing it stops the stage and takes the light away. Raises as `markerseek.scan.run`."""
@@ -157,7 +158,7 @@ class DelayRun:
         return MeasuredDelay(
             stamp_delay_s=self._devices.laser.stamp_delay_s + float(values[1]),
             stamp_delay_sigma_s=max(float(sigmas[1]), LEAST_SIGMA_S),
-            backlash_deg=max(0.0, float(values[2])),
+            backlash_deg=max(0.0, self._stated_backlash_deg + float(values[2])),
             backlash_sigma_deg=float(sigmas[2]),
             marker_deg=float(values[0]),
             ways=len(table),

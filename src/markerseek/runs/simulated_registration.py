@@ -205,6 +205,8 @@ def _search(
         prior=prior,
         tolerance_mm=REGISTRATION_TOLERANCE_MM,
         sweep_speed_deg_s=assembled.scanner.sweeping.stage.fastest_sweep_deg_s if scene.sweep else None,
+        # The next marker is searched from where this search ends.
+        stay=scene.sweep,
     )
     session = new_session(assembled, plan_on(assembled, plan))
     with closing(session.events()) as events:

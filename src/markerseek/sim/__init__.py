@@ -14,6 +14,7 @@ from markerseek.sim.laser import CLOCK_DRIFT, SimulatedLaser, vary_last_flash
 from markerseek.sim.machine import RFWorld, post_beamformed
 from markerseek.sim.receiver import SimulatedReceiver
 from markerseek.sim.settings import (
+    STREAMING,
     LaserSettings,
     MarkerSettings,
     NoiseSettings,
@@ -28,6 +29,7 @@ from markerseek.sim.world import Flash, SimulatedWorld, World
 
 __all__ = [
     "CLOCK_DRIFT",
+    "STREAMING",
     "TISSUES",
     "BModeSettings",
     "BModeWorld",

@@ -184,6 +184,12 @@ class SimulatedSettings:
                 raise ConfigError(f"{name}: angle_deg is {angle_deg} deg, it must lie between -90 and 90 deg")
 
 
+STREAMING = SimulatedSettings(
+    stage=StageMotion(speed_deg_s=25.0, acceleration_deg_s2=25.0), receiver=ReceiverSettings(readout_s=0.02)
+)
+"""A rig for sweeps: a PRM1Z8 at its limits, and a receiver that streams 20 frames a second."""
+
+
 def with_options(settings: SimulatedSettings, options: SimulationOptions) -> SimulatedSettings:
     """Settings of a simulated rig with the values that a person has chosen."""
     marker, second = settings.marker, settings.second
