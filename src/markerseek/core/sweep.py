@@ -155,6 +155,10 @@ MAX_AHEAD_DEG = 5.0
 """Most that a target lies ahead of a stage that turns, in degrees: it turns no further if the host dies."""
 
 
+MAX_RESOLUTION_DEG = 0.1
+"""Coarsest resolution of a stage, in degrees: further from its target than this, the guard takes a move for a fault."""
+
+
 def fastest_sweep_deg_s(acceleration_deg_s2: float) -> float:
     """Largest speed of a sweep in degrees per second, for a stage of this acceleration.
 

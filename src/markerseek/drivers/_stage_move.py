@@ -10,17 +10,19 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Annotated, Literal, Protocol
 
 from markerseek.core import (
     MAX_AHEAD_DEG,
+    MAX_RESOLUTION_DEG,
     Clock,
     DeviceError,
     Interval,
     LimitError,
     MoveError,
     StageReading,
-    require_range,
+    Within,
+    require_fields,
 )
 
 _POLL_S, _NEAR_POLL_S = 0.05, 0.02
@@ -76,13 +78,13 @@ class StageLogic(Protocol):
 class StageRules:
     """How a stage is moved and checked; angles in degrees of the probe."""
 
-    speed_deg_s: float
+    speed_deg_s: Annotated[float, Within(0, 1e4, "deg/s", open_low=True)]
     """Speed of its moves, as the stage keeps it."""
     acceleration_deg_s2: float | None = None
     """Its acceleration, as the stage keeps it; None: not known, and only the speed is checked."""
-    resolution_deg: float
+    resolution_deg: Annotated[float, Within(0, MAX_RESOLUTION_DEG, "deg", open_low=True)]
     """Step of its readback; two readings at rest differ by two steps at most."""
-    arrival_deg: float = 0.01
+    arrival_deg: Annotated[float, Within(0, 0.2, "deg", open_low=True)] = 0.01
     """Largest distance from its target at which it counts as arrived."""
     unexpected_deg: float = 0.2
     """Largest distance from where it should be on its way, and at rest."""
@@ -92,7 +94,7 @@ class StageRules:
     """How far ahead a target may be."""
     renew_s: float = 0.1
     """How often a target is renewed, in seconds."""
-    begin_s: float = 0.5
+    begin_s: Annotated[float, Within(0, 60, "s", open_low=True)] = 0.5
     """Time without motion after which it counts as stuck, in seconds."""
     brake_s: float = 0.0
     """Time that it takes to come to rest after a stop, in seconds."""
@@ -101,8 +103,7 @@ class StageRules:
     """``approach_from`` and ``approach_deg``: side from which every target is approached, and over what distance."""
 
     def __post_init__(self) -> None:
-        for name, high in (("speed_deg_s", 1e4), ("resolution_deg", 0.1), ("arrival_deg", 0.2), ("begin_s", 60)):
-            require_range(f"stage: {name}", getattr(self, name), low=0, high=high, open_low=True)
+        require_fields(self, "stage")
 
     @property
     def same_deg(self) -> float:

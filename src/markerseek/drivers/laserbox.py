@@ -55,9 +55,7 @@ _LIGHT_SIGMA_S = 2 * wire.LIGHT_LATE_US / 1e6 / math.sqrt(3)
 late."""
 
 
-class LaserBoxSettings(
-    LaserSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="laserbox"
-):
+class LaserBoxSettings(LaserSettings, frozen=True, kw_only=True, tag="laserbox"):
     """Keys of the laser box in a rig file."""
 
     port: str
@@ -66,13 +64,6 @@ class LaserBoxSettings(
     """Longest time for its answer."""
     sweep_mode: Literal["free-running", "position-triggered"] = "free-running"
     """What gives the pulses of a sweep: the box, at its own pace, or the triggers of a KDC101 at its trigger input."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.sweep_mode not in ("free-running", "position-triggered"):
-            raise ConfigError(
-                f"laser: sweep_mode is {self.sweep_mode!r}, it must be 'free-running' or 'position-triggered'"
-            )
 
 
 class LaserBox:

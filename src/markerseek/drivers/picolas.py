@@ -23,9 +23,7 @@ _SPARE_S = 0.1
 _LONGEST = 256
 
 
-class PicolasSettings(
-    LaserSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="picolas"
-):
+class PicolasSettings(LaserSettings, frozen=True, kw_only=True, tag="picolas"):
     """Keys of a PicoLAS driver in a rig file."""
 
     port: str

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from itertools import pairwise
 from statistics import fmean
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from markerseek.core import AcquisitionError, Clock, ConfigError, Int16, NotConnectedError
+from markerseek.core import AcquisitionError, Clock, ConfigError, Int16, NotConnectedError, Within
 from markerseek.drivers.entry import Entry, Opening
 from markerseek.drivers.standard_receiver import (
     ConnectionMessages,
@@ -25,15 +25,13 @@ MAX_IMAGE_BYTES = 1 << 24
 """Largest message: 128 channels of 65,536 samples."""
 
 
-class PlusSettings(
-    ConnectionSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="plus"
-):
+class PlusSettings(ConnectionSettings, frozen=True, kw_only=True, tag="plus"):
     """A PLUS server that sends one int16 IMAGE of channels x samples for each trigger."""
 
     device: str
     """Name of the images, as the server sends them: "RfVideo_Reference"."""
-    port: int = 18944
-    connect_s: float = 5.0
+    port: Annotated[int, Within(1, 65535)] = 18944
+    connect_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 5.0
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -16,7 +16,7 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import ClassVar, Literal, TypeVar
+from typing import Annotated, ClassVar, Literal, TypeVar
 
 from markerseek.core import (
     AcquisitionError,
@@ -29,7 +29,7 @@ from markerseek.core import (
     Permit,
     RecordError,
     SweepPermit,
-    require_range,
+    Within,
 )
 from markerseek.drivers.daq_folder import DaqFolder, FolderState
 from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
@@ -44,41 +44,36 @@ _HELD_S = 2.0
 ReadT = TypeVar("ReadT")
 
 
-class SonixDaqSettings(
-    ReceiverSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="sonixdaq"
-):
+class SonixDaqSettings(ReceiverSettings, frozen=True, kw_only=True, tag="sonixdaq"):
     """Keys of a SonixDAQ in a rig file."""
 
     channels: ClassVar[int | None] = wire.CHANNELS
 
     folder: str
     """Where its software writes the channel files, of either SDK, over those of the acquisition before."""
-    timeout_s: float = 60.0
+    timeout_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 60.0
     """Longest time from the trigger to the complete files; they take about 10 s (paper, section 4)."""
     stable_s: float = 0.2
     """Time for which complete files must stay unchanged before they are read."""
-    readout_s: float = 12.0
+    readout_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 12.0
     """Longest time from a trigger to the last file: a folder unchanged for that long is settled."""
     frames: Literal["triggered", "fixed"] = "fixed"
     """How many pulses it records: as many as it is triggered, or a fixed number. With ``triggered`` their number varies
     from acquisition to acquisition, so that a file shows which trigger it answers."""
-    sweep_period_s: float = 0.05
+    sweep_period_s: Annotated[float, Within(1e-3, 10, "s")] = 0.05
     """Least time between two triggers of a sweep, each of which gives a frame of its own."""
     start_command: tuple[str, ...] | None = None
     """Program and arguments that prepare the device for a trigger; no shell is involved, and ``{frames}`` in them is
     replaced by the number of pulses to come. None: it is always ready."""
-    start_timeout_s: float = 10.0
+    start_timeout_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 10.0
     """Longest duration of that command."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("timeout_s", "readout_s", "start_timeout_s"):
-            require_range(f"sonixdaq: {name}", getattr(self, name), low=0, high=600, unit="s", open_low=True)
-        require_range("sonixdaq: sweep_period_s", self.sweep_period_s, low=1e-3, high=10, unit="s")
         if not 0 <= self.stable_s < self.timeout_s:
-            raise ConfigError(f"sonixdaq: stable_s is {self.stable_s} s, it must lie in [0, {self.timeout_s:g}) s")
+            raise ConfigError(f"receiver: stable_s is {self.stable_s} s, it must lie in [0, {self.timeout_s:g}) s")
         if self.start_command is not None and not (self.start_command and self.start_command[0]):
-            raise ConfigError("sonixdaq: start_command is empty; leave it out, or name a program and its arguments")
+            raise ConfigError("receiver: start_command is empty; leave it out, or name a program and its arguments")
 
     @property
     def varied(self) -> bool:

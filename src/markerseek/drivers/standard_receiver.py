@@ -7,7 +7,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from itertools import islice
-from typing import Any, ClassVar, Generic, Protocol, TypeVar, TypeVarTuple
+from typing import Annotated, Any, ClassVar, Generic, Protocol, TypeVar, TypeVarTuple
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from markerseek.core import (
     Int16,
     NotConnectedError,
     Permit,
-    require_range,
+    Within,
 )
 from markerseek.drivers.entry import ReceiverSettings
 
@@ -231,23 +231,16 @@ class ConnectionSettings(ReceiverSettings, frozen=True, kw_only=True):
 
     host: str = "127.0.0.1"
     """Address of the server; of one that waits for its sender, this computer's."""
-    port: int
+    port: Annotated[int, Within(1, 65535)]
     """Port of the server, or that on which it waits."""
-    connect_s: float
+    connect_s: Annotated[float, Within(0, 600, "s", open_low=True)]
     """Longest time until the connection is there."""
-    timeout_s: float = 20.0
+    timeout_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 20.0
     """Longest time from the trigger to the last message."""
-    quiet_s: float = 0.2
+    quiet_s: Annotated[float, Within(0, 60, "s", open_low=True)] = 0.2
     """Time without a message that is waited for before a trigger and after the last message."""
-    clock_s: float = 0.05
+    clock_s: Annotated[float, Within(0, 60, "s")] = 0.05
     """Largest difference between the clocks of the two computers: what is older than the trigger by more is refused."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_range("receiver: port", self.port, low=1, high=65535)
-        for name, high in (("connect_s", 600), ("timeout_s", 600), ("quiet_s", 60)):
-            require_range(f"receiver: {name}", getattr(self, name), low=0, high=high, unit="s", open_low=True)
-        require_range("receiver: clock_s", self.clock_s, low=0, high=60, unit="s")
 
     @property
     def varied(self) -> bool:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from typing import Annotated
 
 import numpy as np
 
-from markerseek.core import AcquisitionError, Clock, ConfigError, Int16, NotConnectedError
+from markerseek.core import AcquisitionError, Clock, ConfigError, Int16, NotConnectedError, Within
 from markerseek.drivers.entry import Entry, Opening
 from markerseek.drivers.standard_receiver import (
     SLICE_S,
@@ -23,17 +24,15 @@ _GREETING_S = 5.0
 """Longest time from a connection to its greeting, in seconds."""
 
 
-class VantageSettings(
-    ConnectionSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="vantage"
-):
+class VantageSettings(ConnectionSettings, frozen=True, kw_only=True, tag="vantage"):
     """A Verasonics Vantage whose sequence calls ``markerseek_send`` once for each trigger of the laser."""
 
     probe: str
     """Name of the probe, as given to the sender: a frame of another is refused."""
-    port: int = 18955
+    port: Annotated[int, Within(1, 65535)] = 18955
     peer: str = "127.0.0.1"
     """Address of the Vantage's computer; others are turned away."""
-    connect_s: float = 60.0
+    connect_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 60.0
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from types import ModuleType
-from typing import Literal
+from typing import Annotated, Literal
 
 from markerseek.core import (
     Clock,
@@ -18,8 +18,8 @@ from markerseek.core import (
     Interval,
     MoveError,
     NotConnectedError,
+    Within,
     needs_package,
-    require_range,
 )
 from markerseek.drivers._approach import require_room
 from markerseek.drivers._stage_move import StageRules, StageStatus
@@ -33,48 +33,37 @@ _VIRTUAL = "xi-emu:"
 """How the address of a virtual device of the library begins."""
 
 
-class XimcSettings(
-    StageSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="ximc"
-):
+class XimcSettings(StageSettings, frozen=True, kw_only=True, tag="ximc"):
     """A rotation stage on an 8SMC5 controller."""
 
     uri: str
     """Address as the library has it: "xi-com:/dev/ttyACM0"; "xi-emu:///tmp/stage.bin" is a virtual device."""
-    steps_per_deg: float
+    steps_per_deg: Annotated[float, Within(1, 10_000)]
     """Whole motor steps for a degree, from the data sheet of the stage."""
-    zero_deg: float
+    zero_deg: Annotated[float, Within(-360, 360, "deg")]
     """The stage's own reading at which the image plane points at 0."""
     direction: Literal["forward", "reverse"] = "forward"
     """``reverse`` if the probe's angle falls while the stage's reading grows."""
     serial_number: int | None = None
     """Serial number that the controller must have; None accepts any."""
-    speed_deg_s: float = 10.0
-    acceleration_deg_s2: float = 10.0
+    speed_deg_s: Annotated[float, Within(0.1, 25, "deg/s")] = 10.0
+    acceleration_deg_s2: Annotated[float, Within(0.1, 25, "deg/s²")] = 10.0
     """``speed_deg_s`` and ``acceleration_deg_s2``: speed and acceleration of its moves, in degrees per second and per
     second squared; at most 25."""
-    approach_deg: float = 1.0
+    approach_deg: Annotated[float, Within(0.01, 5, "deg")] = 1.0
     """Distance over which every target is approached from below, in degrees: longer than the gears' play."""
-    arrival_deg: float = 0.02
+    arrival_deg: Annotated[float, Within(0.001, 0.1, "deg")] = 0.02
     """Largest distance from its target at which it counts as arrived."""
-    begin_s: float = 0.5
+    begin_s: Annotated[float, Within(0.1, 5, "s")] = 0.5
     """Time without motion after which it counts as stuck."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.uri.startswith(_VIRTUAL) and not self.uri.endswith(".bin"):
             raise ConfigError(
                 f"stage: uri is {self.uri!r}; the file of a virtual device must end in .bin, because the library "
                 "overwrites what it names"
             )
-        for name, low, high, unit in (
-            ("steps_per_deg", 1, 10_000, ""),
-            ("zero_deg", -360, 360, "deg"),
-            ("speed_deg_s", 0.1, 25, "deg/s"),
-            ("acceleration_deg_s2", 0.1, 25, "deg/s²"),
-            ("approach_deg", 0.01, 5, "deg"),
-            ("arrival_deg", 0.001, 0.1, "deg"),
-            ("begin_s", 0.1, 5, "s"),
-        ):
-            require_range(f"stage: {name}", getattr(self, name), low=low, high=high, unit=unit)
         if self.arrival_deg * self.steps_per_deg < 1 / 256:
             raise ConfigError(
                 f"stage: arrival_deg is {self.arrival_deg} deg, less than a microstep; "

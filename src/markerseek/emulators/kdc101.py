@@ -10,10 +10,11 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from markerseek.core import ConfigError, require_range
+from markerseek.core import ConfigError, Within, require_fields
 from markerseek.emulators._kdc101_motion import (
     BACKLASH,
     HOME,
@@ -47,11 +48,11 @@ class EmulatedKdc101:
     """Whether it was homed since it was switched on."""
     talking: bool = False
     """Whether it sends its status ten times a second, unasked."""
-    zero_deg: float = 0.0
+    zero_deg: Annotated[float, Within(-360, 360, "deg")] = 0.0
     """The stage's own angle at which the probe points at 0."""
-    turns: int = 0
+    turns: Annotated[int, Within(-10, 10)] = 0
     """Whole turns that the position counter is ahead: with 1, a probe at -35 deg reads 325."""
-    play_deg: float = 0.1
+    play_deg: Annotated[float, Within(0, 5, "deg")] = 0.1
     """Backlash between motor and probe."""
     mirrored: bool = False
     """Whether the probe is mounted the other way round: its angle falls while the stage's own reading grows."""
@@ -62,9 +63,7 @@ class EmulatedKdc101:
     """``model`` and ``serial_number``: model and serial number that it reports."""
 
     def __post_init__(self) -> None:
-        require_range("emulated stage: play_deg", self.play_deg, low=0, high=5, unit="deg")
-        require_range("emulated stage: zero_deg", self.zero_deg, low=-360, high=360, unit="deg")
-        require_range("emulated stage: turns", self.turns, low=-10, high=10)
+        require_fields(self, "emulated stage")
 
 
 class Kdc101Emulator:

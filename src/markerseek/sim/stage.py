@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 from markerseek.core import (
     MAX_AHEAD_DEG,
@@ -14,8 +15,9 @@ from markerseek.core import (
     LimitError,
     StageReading,
     Triggers,
+    Within,
     fastest_sweep_deg_s,
-    require_range,
+    require_fields,
 )
 from markerseek.sim.trapezoid import Leg
 from markerseek.sim.world import SimulatedWorld
@@ -25,26 +27,22 @@ from markerseek.sim.world import SimulatedWorld
 class StageMotion:
     """How a stage moves; the defaults are a PRM1Z8 on a KDC101."""
 
-    speed_deg_s: float = 10.0
+    speed_deg_s: Annotated[float, Within(0, 2000, "deg/s", open_low=True)] = 10.0
     """Largest speed; a PRM1Z8 reaches 25, direct drives some hundreds."""
-    acceleration_deg_s2: float = 10.0
+    acceleration_deg_s2: Annotated[float, Within(0, 50_000, "deg/s²", open_low=True)] = 10.0
     """Acceleration; a PRM1Z8 reaches 25."""
-    counts_per_deg: float = 1919.6418578623391
+    counts_per_deg: Annotated[float, Within(0, 1e9, open_low=True)] = 1919.6418578623391
     """Encoder counts for one degree."""
-    backlash_deg: float = 0.1
+    backlash_deg: Annotated[float, Within(0, 360, "deg")] = 0.1
     """Play between the motor, which carries the encoder, and the probe."""
-    approach_deg: float = 1.0
+    approach_deg: Annotated[float, Within(0, 360, "deg")] = 1.0
     """How far a move downwards goes beyond its target, to come back to it from below and leave the play on the same
     side always; 0 does not."""
-    settle_s: float = 0.1
+    settle_s: Annotated[float, Within(0, 3600, "s")] = 0.1
     """Rest after a move."""
 
     def __post_init__(self) -> None:
-        for name, most in (("speed_deg_s", 2000.0), ("acceleration_deg_s2", 50_000.0), ("counts_per_deg", 1e9)):
-            if not 0 < getattr(self, name) <= most:
-                raise ConfigError(f"stage motion: {name} is {getattr(self, name)}, it must lie in (0, {most}]")
-        for name, most in (("backlash_deg", 360.0), ("approach_deg", 360.0), ("settle_s", 3600.0)):
-            require_range(f"stage motion: {name}", getattr(self, name), low=0, high=most)
+        require_fields(self, "stage motion")
 
     def duration_s(self, distance_deg: float) -> float:
         """Seconds that a move takes from rest to rest, with a trapezoidal speed, without settling.
