@@ -305,6 +305,7 @@ def _open(settings: GuidedStageSettings, opening: Opening) -> Stage:
         encoder = opening.keep(
             closing(
                 IgtlEncoder(
+                    clock=clock,
                     host=settings.host,
                     port=settings.port,
                     connect_s=settings.connect_s,

@@ -26,6 +26,7 @@ from markerseek.core import (
 )
 from markerseek.drivers._laserbox_line import POLL_S, BoxLine, cure, require_known, stray_light
 from markerseek.drivers._laserbox_sweep import BoxSweep
+from markerseek.drivers.clock import polls
 from markerseek.drivers.entry import Entry, LaserSettings, Opening
 from markerseek.drivers.standard_laser import Permits
 from markerseek.files import Line
@@ -285,16 +286,14 @@ class LaserBox:
 
     def _greet(self, *, patience_s: float, boot_s: float) -> wire.Greeting:
         """Answer to HELLO, once the box has ended an earlier train; `NotConnectedError` if it does not fit."""
-        ends_s = self._clock.now_s() + patience_s
-        while isinstance(greeting := self._hello(boot_s), wire.Refusal):
-            if not self._clock.now_s() <= ends_s:
-                raise NotConnectedError(
-                    f"laser box: it still sends the triggers of an earlier firing after {patience_s:g} s; "
-                    "switch it off and on, or check its firmware"
-                )
-            self._clock.wait(_BUSY_POLL_S)
-        require_known(greeting)
-        return greeting
+        for _ in polls(self._clock, within_s=patience_s, every_s=_BUSY_POLL_S):
+            if isinstance(greeting := self._hello(boot_s), wire.Greeting):
+                require_known(greeting)
+                return greeting
+        raise NotConnectedError(
+            f"laser box: it still sends the triggers of an earlier firing after {patience_s:g} s; switch it off and "
+            "on, or check its firmware"
+        )
 
     def _hello(self, within_s: float) -> wire.Greeting | wire.Refusal:
         """Answer to HELLO, or BUSY."""

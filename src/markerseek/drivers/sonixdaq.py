@@ -31,6 +31,7 @@ from markerseek.core import (
     SweepPermit,
     Within,
 )
+from markerseek.drivers.clock import polls
 from markerseek.drivers.daq_folder import DaqFolder, FolderState
 from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
 from markerseek.drivers.standard_receiver import acquired_frame, armed_for
@@ -107,20 +108,18 @@ class SonixDaqReceiver:
         read.
         """
         before, since_s = self._untouched or (self._state(), self._clock.now_s())
-        ends_s = self._clock.now_s() + self._settings.timeout_s + self._settings.readout_s
-        seen = before
-        while True:
+        seen, longest_s = before, self._settings.timeout_s + self._settings.readout_s
+        for _ in polls(self._clock, within_s=longest_s, every_s=_POLL_S):
             state, now_s = self._state(), self._clock.now_s()
             if state != seen:
                 seen, since_s = state, now_s
             if now_s - since_s >= self._settings.readout_s:
                 break
-            if not now_s <= ends_s:
-                raise DeviceTimeoutError(
-                    f"sonixdaq: files keep arriving in {self._settings.folder} although nothing is triggered; end the "
-                    "other program that writes or triggers there"
-                )
-            self._clock.wait(_POLL_S)
+        else:
+            raise DeviceTimeoutError(
+                f"sonixdaq: files keep arriving in {self._settings.folder} although nothing is triggered; end the "
+                "other program that writes or triggers there"
+            )
         self._untouched = seen, since_s
         arrived = sorted(name for name, file in seen.items() if before.get(name) != file)
         if arrived:
@@ -259,9 +258,8 @@ class SonixDaqReceiver:
 
     def _await_files(self, before: FolderState, read: Callable[[list[str]], ReadT]) -> ReadT:
         """What is read of the new files, by their names, once they are complete and unchanged."""
-        ends_s = self._clock.now_s() + self._settings.timeout_s
         seen, since_s = before, self._clock.now_s()
-        while True:
+        for _ in polls(self._clock, within_s=self._settings.timeout_s, every_s=_POLL_S):
             names: list[str] = []
             # What cannot be read now may still be held by its writer: it is not complete yet.
             try:
@@ -278,13 +276,11 @@ class SonixDaqReceiver:
                     raise AcquisitionError("sonixdaq: the files changed while they were read; take the frame again")
             except NotConnectedError as problem:
                 missing = str(problem)
-            if not self._clock.now_s() <= ends_s:
-                raise DeviceTimeoutError(
-                    f"sonixdaq: after {self._settings.timeout_s:g} s {len(names)} of {wire.CHANNELS} channel files in "
-                    f"{self._settings.folder} are new{f' and not all are complete: {missing}' if missing else ''}; "
-                    "check trigger, folder and free space, or raise timeout_s"
-                )
-            self._clock.wait(_POLL_S)
+        raise DeviceTimeoutError(
+            f"sonixdaq: after {self._settings.timeout_s:g} s {len(names)} of {wire.CHANNELS} channel files in "
+            f"{self._settings.folder} are new{f' and not all are complete: {missing}' if missing else ''}; check "
+            "trigger, folder and free space, or raise timeout_s"
+        )
 
 
 def _numbered(names: Iterable[str]) -> list[str]:
@@ -328,14 +324,13 @@ def run_to_its_end(command: Sequence[str], *, timeout_s: float, clock: Clock) ->
 
 def _await_exit(process: subprocess.Popen[bytes], program: str, *, timeout_s: float, clock: Clock) -> None:
     # Polled, since `Popen.wait` would block this thread, whose waits on the clock renew the lease.
-    ends_s = clock.now_s() + timeout_s
-    while process.poll() is None:
-        if not clock.now_s() <= ends_s:
-            raise DeviceTimeoutError(
-                f"sonixdaq: the start command {program!r} took more than {timeout_s:g} s and was ended; try it by hand "
-                "or raise start_timeout_s"
-            )
-        clock.wait(_EXIT_POLL_S)
+    for _ in polls(clock, within_s=timeout_s, every_s=_EXIT_POLL_S):
+        if process.poll() is not None:
+            return
+    raise DeviceTimeoutError(
+        f"sonixdaq: the start command {program!r} took more than {timeout_s:g} s and was ended; try it by hand or "
+        "raise start_timeout_s"
+    )
 
 
 def _open(settings: SonixDaqSettings, opening: Opening) -> SonixDaqReceiver:

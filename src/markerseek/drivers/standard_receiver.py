@@ -23,6 +23,7 @@ from markerseek.core import (
     Permit,
     Within,
 )
+from markerseek.drivers.clock import polls
 from markerseek.drivers.entry import ReceiverSettings
 
 _READ_BYTES = 1 << 16
@@ -194,11 +195,9 @@ class StandardReceiver(Generic[MessagesT]):
 
     def until_quiet(self) -> list[object]:
         """Messages that come before none came for a while: none, or the first that is too many and those with it."""
-        quiet_s = self._clock.now_s() + self._quiet_s
-        while self._clock.now_s() < quiet_s:
+        for _ in polls(self._clock, within_s=self._quiet_s, every_s=SLICE_S):
             if new := self.messages.take()[0]:
                 return list(new)
-            self._clock.wait(SLICE_S)
         return []
 
     def _exactly(self, count: int) -> list[object]:
@@ -207,16 +206,16 @@ class StandardReceiver(Generic[MessagesT]):
         Raises `DeviceTimeoutError` if too few come in time, `AcquisitionError` if too many come.
         """
         came: list[object] = []
-        said, ends_s = self.messages, self._clock.now_s() + self._timeout_s
-        while len(came) < count:
+        said = self.messages
+        for _ in polls(self._clock, within_s=self._timeout_s, every_s=SLICE_S):
             came += self.messages.take()[0]
-            if len(came) < count:
-                if not self._clock.now_s() <= ends_s:
-                    raise DeviceTimeoutError(
-                        f"{said.driver}: {len(came)} of {count} {said.called} came within {self._timeout_s:g} s; "
-                        f"check {said.check}"
-                    )
-                self._clock.wait(SLICE_S)
+            if len(came) >= count:
+                break
+        else:
+            raise DeviceTimeoutError(
+                f"{said.driver}: {len(came)} of {count} {said.called} came within {self._timeout_s:g} s; check "
+                f"{said.check}"
+            )
         came += self.until_quiet()
         if len(came) > count:
             raise AcquisitionError(
@@ -312,7 +311,7 @@ class ConnectionMessages(ABC, Generic[MessageT]):
             raise NotConnectedError(
                 f"{self.driver}: the {self.peer} floods: {self._came} messages came in {passed_s:.2f} s without a "
                 f"pause, at most {_FLOOD_PER_S} a second are taken; the connection is closed; start the {self.peer} "
-                "again, and let it send nothing but what each trigger gives"
+                "again, and let it send only what the search needs"
             )
 
 

@@ -10,6 +10,7 @@ from typing import Annotated
 import numpy as np
 
 from markerseek.core import AcquisitionError, Clock, ConfigError, Int16, NotConnectedError, Within
+from markerseek.drivers.clock import polls
 from markerseek.drivers.entry import Entry, Opening
 from markerseek.drivers.standard_receiver import (
     SLICE_S,
@@ -54,13 +55,11 @@ def await_sender(settings: VantageSettings, clock: Clock) -> socket.socket:
         ) from problem
     with server:
         server.setblocking(False)
-        ends_s = clock.now_s() + settings.connect_s
         refused = ""
-        while clock.now_s() <= ends_s:
+        for _ in polls(clock, within_s=settings.connect_s, every_s=SLICE_S):
             try:
                 connection, (address, *_) = server.accept()
             except BlockingIOError:
-                clock.wait(SLICE_S)
                 continue
             if address == settings.peer:
                 return connection
@@ -101,13 +100,13 @@ class VantageMessages(ConnectionMessages[wire.VantageFrame]):
         return self._mean(messages)
 
     def _greeting(self) -> wire.VantageFrame:
-        ends_s = self._clock.now_s() + _GREETING_S
-        while not (came := self.take()[0]):
-            if not self._clock.now_s() <= ends_s:
-                raise NotConnectedError(
-                    f"vantage: what has connected says nothing for {_GREETING_S:g} s; is it markerseek_send.m?"
-                )
-            self._clock.wait(SLICE_S)
+        for _ in polls(self._clock, within_s=_GREETING_S, every_s=SLICE_S):
+            if came := self.take()[0]:
+                break
+        else:
+            raise NotConnectedError(
+                f"vantage: what has connected says nothing for {_GREETING_S:g} s; is it markerseek_send.m?"
+            )
         if came[0].counter != 0:
             raise NotConnectedError(f"vantage: the first frame has the counter {came[0].counter}, no greeting came")
         if came[0].probe != self._settings.probe:

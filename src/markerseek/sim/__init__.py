@@ -24,6 +24,7 @@ from markerseek.sim.settings import (
 )
 from markerseek.sim.stage import SimulatedStage, StageMotion
 from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
+from markerseek.sim.trapezoid import phases
 from markerseek.sim.world import Flash, SimulatedWorld, World
 
 __all__ = [
@@ -62,6 +63,7 @@ __all__ = [
     "camera_above",
     "endoscope",
     "hashable_values",
+    "phases",
     "post_beamformed",
     "spot_images",
     "tissue_named",

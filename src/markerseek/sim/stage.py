@@ -19,7 +19,7 @@ from markerseek.core import (
     fastest_sweep_deg_s,
     require_fields,
 )
-from markerseek.sim.trapezoid import Leg
+from markerseek.sim.trapezoid import Leg, phases
 from markerseek.sim.world import SimulatedWorld
 
 
@@ -49,12 +49,8 @@ class StageMotion:
 
         ``distance_deg``: length of the move, of either sign.
         """
-        distance = abs(distance_deg)
-        # v²/a: the distance of speeding up and braking together. A shorter move never reaches the full speed.
-        ramp = self.speed_deg_s**2 / self.acceleration_deg_s2
-        if distance <= ramp:
-            return 2 * math.sqrt(distance / self.acceleration_deg_s2)
-        return distance / self.speed_deg_s + self.speed_deg_s / self.acceleration_deg_s2
+        way = phases(distance_deg, top_deg_s=self.speed_deg_s, acceleration_deg_s2=self.acceleration_deg_s2)
+        return sum(seconds for seconds, _ in way)
 
 
 _ANSWER_S, _READ_AFTER = 4e-3, 0.75
@@ -180,8 +176,7 @@ class SimulatedStage:
         """Begin to brake: the target is where it can come to rest."""
         if self._legs:
             here_deg, speed_deg_s = self._legs[-1].at(self._clock.now_s())
-            way_deg = speed_deg_s**2 / (2 * self._motion.acceleration_deg_s2)
-            self._sweep_to_deg = here_deg + math.copysign(way_deg, self._sweep_to_deg - here_deg)
+            self._sweep_to_deg = here_deg + speed_deg_s * abs(speed_deg_s) / (2 * self._motion.acceleration_deg_s2)
             self._legs.append(self._leg(here_deg, speed_deg_s))
 
     def end_sweep(self) -> None:
@@ -191,7 +186,7 @@ class SimulatedStage:
 
     def _come_to_rest(self) -> None:
         if self._legs:
-            while self._legs[-1].at(self._clock.now_s())[1] > 0:
+            while self._legs[-1].at(self._clock.now_s())[1] != 0:
                 self._clock.wait(0.01)
             self._follow()
             self._legs = []

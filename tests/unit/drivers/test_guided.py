@@ -24,7 +24,15 @@ from markerseek.core import (
     Stage,
     Turning,
 )
-from markerseek.drivers import BenchSettings, GuidedStage, GuidedStageSettings, IgtlEncoder, Ros2Encoder, TypedStage
+from markerseek.drivers import (
+    BenchSettings,
+    GuidedStage,
+    GuidedStageSettings,
+    IgtlEncoder,
+    Ros2Encoder,
+    SystemClock,
+    TypedStage,
+)
 from markerseek.guard import Limits, State
 from markerseek.records.exports import probe_to_probe_home
 from markerseek.runs import scan_angles
@@ -166,6 +174,7 @@ class Server:
         self.listening = socket.create_server(("127.0.0.1", 0))
         self.now_s = 1.75e9
         self.encoder = IgtlEncoder(
+            clock=SystemClock(),
             host="127.0.0.1",
             port=self.listening.getsockname()[1],
             connect_s=2.0,
