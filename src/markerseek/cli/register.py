@@ -16,7 +16,7 @@ from markerseek import runs
 from markerseek.cli.options import AsJson, Out, with_values
 from markerseek.cli.report import Output, Report, drawn, facts, table
 from markerseek.cli.terminal import announce_compilation, progress_bar
-from markerseek.core import ConfigError, SimulationOptions
+from markerseek.core import ConfigError, RecordError, SimulationOptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -65,15 +65,19 @@ class SceneOptions:
 _REGISTRATION = Path("registration.json")
 
 
-def _file_of(values: object, *, replace: bool) -> dict[Path, bytes]:
-    """The file of a registration and its content; a different one that is there must not be lost unseen."""
-    content = msgspec.json.format(msgspec.json.encode(values))
-    if _REGISTRATION.is_file() and not replace and _REGISTRATION.read_bytes() != content:
-        raise ConfigError(
-            f"{_REGISTRATION}: another registration is in this folder; --force replaces it, or run the command in "
-            "another folder"
-        )
-    return {_REGISTRATION: content}
+def _file_of(report: runs.RegistrationReport, *, force: bool) -> dict[Path, bytes]:
+    """The file of a registration, and its content; another registration that is there is replaced by force only."""
+    if _REGISTRATION.exists() and not force:
+        try:
+            known = runs.read_registration(_REGISTRATION).davinci_to_trus.matrix.tolist()
+        except RecordError:
+            known = None
+        if known != report.davinci_to_trus:
+            raise ConfigError(
+                f"{_REGISTRATION}: another registration is in this folder; --force replaces it, or run the command in "
+                "another folder"
+            )
+    return {_REGISTRATION: msgspec.json.format(msgspec.json.encode(report))}
 
 
 NOT_SIMULATED = SceneOptions()
@@ -191,7 +195,7 @@ def command(
         values=values,
         shown=_shown(report, truth, title),
         pictures=pictures,
-        files=_file_of(values, replace=force) if written else {},
+        files=_file_of(report, force=force) if written else {},
         notes=notes,
         exit_code=0 if report.registered else 3,
     )

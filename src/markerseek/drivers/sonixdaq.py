@@ -309,7 +309,15 @@ def run_to_its_end(command: Sequence[str], *, timeout_s: float, clock: Clock) ->
                 "file"
             ) from error
         try:
-            _await_exit(process, command[0], timeout_s=timeout_s, clock=clock)
+            # Polled, since `Popen.wait` would block this thread, whose waits on the clock renew the lease.
+            for _ in polls(clock, within_s=timeout_s, every_s=_EXIT_POLL_S):
+                if process.poll() is not None:
+                    break
+            else:
+                raise DeviceTimeoutError(
+                    f"sonixdaq: the start command {command[0]!r} took more than {timeout_s:g} s and was ended; try it "
+                    "by hand or raise start_timeout_s"
+                )
         finally:
             process.kill()
             process.wait()
@@ -320,17 +328,6 @@ def run_to_its_end(command: Sequence[str], *, timeout_s: float, clock: Clock) ->
                 f"sonixdaq: the start command {command[0]!r} ended with code {process.returncode}"
                 f"{': ' + last if last else ''}; try it by hand"
             )
-
-
-def _await_exit(process: subprocess.Popen[bytes], program: str, *, timeout_s: float, clock: Clock) -> None:
-    # Polled, since `Popen.wait` would block this thread, whose waits on the clock renew the lease.
-    for _ in polls(clock, within_s=timeout_s, every_s=_EXIT_POLL_S):
-        if process.poll() is not None:
-            return
-    raise DeviceTimeoutError(
-        f"sonixdaq: the start command {program!r} took more than {timeout_s:g} s and was ended; try it by hand or "
-        "raise start_timeout_s"
-    )
 
 
 def _open(settings: SonixDaqSettings, opening: Opening) -> SonixDaqReceiver:

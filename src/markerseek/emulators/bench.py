@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from markerseek.core import Clock, ConfigError, require_range
+from markerseek.core import Clock, ConfigError
 from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.emulators.lines import PtyLine
@@ -184,8 +184,3 @@ def serve(
         finally:
             ended.set()
         writing.result()
-
-
-def require_pace(pace: float) -> None:
-    """Refuse a pace that is no number from 0.01, a hundredth of the time, to 1, all of it."""
-    require_range("pace", pace, low=0.01, high=1)

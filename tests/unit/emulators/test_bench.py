@@ -13,7 +13,7 @@ import pytest
 from markerseek import rigs
 from markerseek.core import ConfigError, DeviceError, Found, LaserError, Measured, Policy, RunPlan, SearchPlan
 from markerseek.drivers import LONGEST_WAIT_S, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings, SystemClock
-from markerseek.emulators import DirectPort, EmulatedBench, PtyLine, require_pace, serve
+from markerseek.emulators import DirectPort, EmulatedBench, PtyLine, serve
 from markerseek.emulators.bench import BenchClock, ServingClock
 from markerseek.guard import Admission, FiringLimits, Guard, State
 from markerseek.rigs import image_reader
@@ -128,12 +128,6 @@ def test_a_serving_clock_leaves_out_what_the_computer_held_up() -> None:
         real.wait(step_s)
         clock.now_s()
     assert clock.now_s() == pytest.approx(0.002 + 0.01 + 0.02 + 0.002)
-
-
-@pytest.mark.parametrize("pace", [0.0, 0.001, 1.01, float("nan")])
-def test_a_pace_that_cannot_be_kept_is_refused(pace: float) -> None:
-    with pytest.raises(ConfigError, match="pace is"):
-        require_pace(pace)
 
 
 def test_the_clock_of_real_devices_beats_in_every_slice_and_a_late_beat_is_detected() -> None:
