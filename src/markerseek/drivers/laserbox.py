@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import Literal
+from typing import Annotated, Literal
 
 from markerseek.core import (
     SWEEP_READING_S,
@@ -22,6 +22,7 @@ from markerseek.core import (
     Permit,
     Pulse,
     SweepPermit,
+    Within,
     require_range,
 )
 from markerseek.drivers._laserbox_line import POLL_S, BoxLine, cure, require_known, stray_light
@@ -61,7 +62,7 @@ class LaserBoxSettings(LaserSettings, frozen=True, kw_only=True, tag="laserbox")
 
     port: str
     """Serial port of the laser box."""
-    answer_s: float = 0.5
+    answer_s: Annotated[float, Within(0.1, 5, "s")] = 0.5
     """Longest time for its answer."""
     sweep_mode: Literal["free-running", "position-triggered"] = "free-running"
     """What gives the pulses of a sweep: the box, at its own pace, or the triggers of a KDC101 at its trigger input."""

@@ -246,16 +246,12 @@ class TestStartCommand:
 @pytest.mark.parametrize(
     "change",
     [
-        {"sampling_hz": math.nan},
-        {"timeout_s": 0.0},
-        {"timeout_s": math.inf},
         {"stable_s": -0.1},
         {"stable_s": 60.0},
         {"start_command": ()},
         {"start_command": ("",)},
-        {"start_timeout_s": math.nan},
     ],
 )
 def test_settings_that_cannot_be_used_are_refused(tmp_path: Path, change: dict[str, object]) -> None:
-    with pytest.raises(ConfigError, match=f"(sonixdaq|receiver): {next(iter(change))} is "):
+    with pytest.raises(ConfigError, match=f"receiver: {next(iter(change))} is "):
         SonixDaqSettings(folder=str(tmp_path), **change)  # type: ignore[arg-type]

@@ -76,16 +76,6 @@ def test_each_of_several_edges_that_a_process_that_was_held_up_takes_at_once_has
     ]
 
 
-def test_the_output_is_low_at_the_lease_s_end_and_no_beat_brings_it_back() -> None:
-    bench = Bench()
-    assert bench.say(pulses_of(1), wire.Fire(token=1), at_s=0.0) == [wire.Permitted(token=1, seen=0)]
-    assert bench.say(wire.Beat(step=1), at_s=0.05) == []
-    assert bench.say(at_s=0.151) == []
-    assert bench.say(wire.Beat(step=2), wire.Fire(token=1), at_s=0.2) == [wire.Refusal(reason="TOKEN")]
-    assert bench.say(at_s=0.5) == [wire.Done(token=1, sent=15, photodiode=15)]  # 0, 10, ... 140 ms: none at 150 ms
-    assert max(pulse.at_s for pulse in bench.box.pulses) < 0.15
-
-
 def test_a_beat_that_does_not_count_up_takes_the_permit_away() -> None:
     for step in (4, 5):
         bench = Bench()
