@@ -147,8 +147,8 @@ def command(
     """Find the transform from the da Vinci camera to the probe, with its errors.
 
     At least three markers that are not on a line. The registration is written into registration.json of the current
-    folder, which `markerseek igtl --registration` and `markerseek ros2 search --registration` read; another one that is
-    there is replaced by --force only. Exit code 3 if the points do not fit: their
+    folder, which `markerseek igtl --registration` and `markerseek ros2 search --registration` read; --force replaces
+    another registration in that file. Exit code 3 if the points do not fit: their
     residuals are larger than the sigmas let expect (a chi-squared test at 1e-3; without sigmas 1 mm is assumed), or a
     mirror image fits better.
     """

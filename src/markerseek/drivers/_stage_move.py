@@ -29,7 +29,7 @@ _POLL_S, _NEAR_POLL_S = 0.05, 0.02
 _STABLE_READS = 3
 _TICK_S = 1e-6
 _MAX_TIMES = 5
-"""On a computer that is held up, a move may take so many times as long."""
+"""Multiple of its usual longest time that a move may take on a computer that is held up."""
 _TOO_FAST = 1.25
 """Share of speed and acceleration set that is put down to the servo and to the age of two readings."""
 _APART_S = 0.015
@@ -67,7 +67,7 @@ class StageLogic(Protocol):
     def go(self, angle_deg: float) -> float | None:
         """Begin to turn to an angle; it is called on the way again, with the next target.
 
-        Returns when it was told to, in seconds of the clock; None: when this was called.
+        Returns when the command was sent, in seconds of the clock; None: when this was called.
         """
 
     def stop(self) -> None:
@@ -267,7 +267,7 @@ class Move:
             if not now_s < ends_s:
                 raise MoveError(f"the stage has not arrived in {now_s - began_s:.1f} s; it is too slow")
             if now_s - aimed_s >= rules.renew_s - _TICK_S or aim_deg is None:
-                # The nearer of two readings: one that is garbled must not carry the target further.
+                # The nearer of two readings: a garbled reading must not carry the target further.
                 here_deg = min(status.angle_deg, self.look().angle_deg, key=lambda angle_deg: heading * angle_deg)
                 next_deg = self.ahead_deg(target_deg, here_deg, heading)
                 if next_deg != aim_deg or not (status.moving or settled):
@@ -302,9 +302,9 @@ class Move:
     def aim(self, angle_deg: float) -> None:
         """Give a target."""
         asked_s = self._clock.now_s()
-        told_s = self._logic.go(angle_deg)
+        sent_at_s = self._logic.go(angle_deg)
         if self._begun_s is None:
-            self._begun_s = asked_s if told_s is None else told_s
+            self._begun_s = asked_s if sent_at_s is None else sent_at_s
 
     def _settles(self, status: StageStatus, target_deg: float, settled: list[float]) -> bool:
         """Whether it stands at the target for some readings in a row."""

@@ -195,7 +195,7 @@ class OwnDevice:
             return getattr(self.device, verb)(*arguments)
 
     def require(self, says: object, *kinds: type, verb: str, wanted: str) -> None:
-        """Refuse what a verb has returned where it is none of these kinds."""
+        """Refuse what a verb has returned if it has another type."""
         if not isinstance(says, kinds) or isinstance(says, bool):
             raise self.error(f"{self.driver}: {verb}() returned {says!r}, it must be {wanted}; correct that driver")
 

@@ -236,7 +236,7 @@ class GuidedStage:
         return False
 
     def _take(self) -> bool:
-        """Whether the encoder has reported a new angle; `MoveError` if it is none, or has jumped."""
+        """Whether the encoder has reported a new angle; `MoveError` if the angle is not finite, or has jumped."""
         told_deg = self._encoder.read()
         if told_deg is None:
             return False

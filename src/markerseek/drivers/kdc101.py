@@ -117,7 +117,7 @@ class Kdc101Logic:
         return self.identity.emulated
 
     def read(self) -> StageStatus:
-        """Its status; a controller that lost its home has a problem, as one that reports an error."""
+        """Status of the controller; an error that it reports, or a lost home, is a problem."""
         status, problem = self._status(), ""
         if status.faults:
             problem = f"the stage reports: {', '.join(status.faults)}; look for an obstacle"

@@ -203,7 +203,7 @@ class LaserBox:
             return sweep.untold()
 
     def end_sweep(self) -> int:
-        """End the light, and return how many pulses were fired, each of which has a stamp.
+        """End the light, and return how many pulses were fired; each has a stamp.
 
         Raises `LaserError` if pulses sent, seen and stamped differ. Raises `DeviceTimeoutError` if the box does not
         confirm it.

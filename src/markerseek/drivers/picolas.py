@@ -49,7 +49,7 @@ class PicolasLogic:
             raise NotConnectedError(str(error)) from error
 
     def fire(self, pulses: int) -> None:
-        """Switch on for so many shots."""
+        """Switch on for this number of shots."""
         self._pulses, self._ends_s = pulses, self._clock.now_s()
         # Not sent: whether this device takes 0 shots as none or as without end is not known.
         if pulses:

@@ -104,7 +104,7 @@ class Ros2Stage:
             )
 
     def _finds_state(self) -> bool:
-        """Whether its state was heard or is not needed; the publisher decides its type."""
+        """Whether a state has come or is not needed; the publisher decides the type of its message."""
         topic, node = self._settings.state_topic, self._node
         if topic is None or self._states > 0:
             return True

@@ -18,7 +18,7 @@ class LaserLogic(Protocol):
     """
 
     def fire(self, pulses: int) -> None:
-        """Begin to fire so many pulses and no more; 0: trigger the acquisition alone, or do nothing."""
+        """Begin to fire this number of pulses; 0: trigger the acquisition alone, or do nothing."""
 
     def fired(self) -> int | None:
         """How many were fired since `fire`; None while they go on."""
@@ -41,7 +41,7 @@ class Permits:
         self._used: set[str] = set()
 
     def require_unused(self, permit: Permit | SweepPermit) -> None:
-        """Refuse one that was used; `LaserError`."""
+        """Refuse a permit that was used; `LaserError`."""
         if permit.token in self._used:
             raise LaserError(f"{self._name}: the permit {permit.token!r} was used before; nothing was fired")
 

@@ -229,7 +229,7 @@ class ConnectionSettings(ReceiverSettings, frozen=True, kw_only=True):
     """Keys of a receiver behind a connection that gives a message for each trigger."""
 
     host: str = "127.0.0.1"
-    """Address of the server; of one that waits for its sender, this computer's."""
+    """Address of the server. A receiver that waits for its sender has the address of this computer here."""
     port: Annotated[int, Within(1, 65535)]
     """Port of the server, or that on which it waits."""
     connect_s: Annotated[float, Within(0, 600, "s", open_low=True)]
@@ -262,7 +262,7 @@ class ConnectionMessages(ABC, Generic[MessageT]):
 
     @abstractmethod
     def decoded(self, data: bytes) -> Iterator[MessageT | None]:
-        """Messages that are complete with more bytes, None for one that is not used; a `DeviceError` ends all."""
+        """Messages that these bytes complete, None for an unused message; a `DeviceError` ends the connection."""
 
     def close(self) -> None:
         """Close the connection; allowed twice."""
@@ -271,7 +271,7 @@ class ConnectionMessages(ABC, Generic[MessageT]):
     def take(self) -> tuple[list[MessageT], bool]:
         """As `Messages.take`.
 
-        Raises `NotConnectedError` if the connection has ended, or so many come that they cannot be taken.
+        Raises `NotConnectedError` if the connection has ended, or more messages come than can be taken.
         """
         messages: list[MessageT] = []
         room, taken = _MAX_TAKEN, 0
@@ -290,7 +290,7 @@ class ConnectionMessages(ABC, Generic[MessageT]):
             try:
                 data = self.connection.recv(_READ_BYTES)
             except BlockingIOError:
-                # Nothing waits: what comes next is counted anew.
+                # Nothing waits: the count of a flood begins again.
                 self._came, self._since_s = 0, self._clock.now_s()
                 return messages, False
             except ConnectionResetError:

@@ -218,7 +218,7 @@ class StandardSweepingStage(StandardStage[SweepLogicT]):
         return self.logic.trigger_step_deg
 
     def play_deg(self, forward: float) -> float:
-        """Largest play in a sweep in that direction: none where the gears push as in the approach of a target."""
+        """Largest play in a sweep in that direction: 0 where the gears push as in the approach of a target."""
         return 0.0 if forward == self._usual else self._play_deg
 
     def move_to(self, angle_deg: float) -> float:

@@ -214,8 +214,7 @@ class XimcLogic:
 class XimcStage(StandardStage[XimcLogic]):
     """A stage on an 8SMC5.
 
-    Without an encoder its angle is a count of the steps that it was told to make: steps that the motor loses do not
-    show.
+    Without an encoder the angle is a count of commanded steps: steps that the motor loses do not show.
 
     ``travel``: angles at which the probe may be; written to the controller as its borders. Raises `NotConnectedError`
     if it does not answer, or is another one. Raises `MoveError` if it moves, is not homed, or does not keep what is

@@ -171,7 +171,7 @@ class MotionControl:
             self._arrive()
 
     def stop(self, *, profiled: bool = False) -> None:
-        """Stop at once, without deceleration, or with the one that was set."""
+        """Stop at once, without deceleration, or with the deceleration that was set."""
         if self._fault("ignores stop") is None:
             if profiled:
                 motor, acceleration = self._motor, self._acceleration_deg_s2

@@ -79,7 +79,7 @@ class EmulatedBench:
             moment=self._turned,
             edges=self.stage.edges,
         )
-        self.laser_box.faults.clock_drift = CLOCK_DRIFT
+        self.laser_box.faults.inject("clock drift", CLOCK_DRIFT)
 
     def _turned(self, now_s: float) -> float:
         """Turn the probe to where it is at a time of the devices, and return that time."""

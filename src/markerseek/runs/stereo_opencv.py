@@ -66,7 +66,7 @@ def read_opencv(paths: Sequence[Path], texts: Sequence[str]) -> dict[str, Float6
 
 
 def numbers_of(found: dict[str, Float64[np.ndarray, " numbers"]], what: str, *counts: int) -> list[float]:
-    """The numbers of one name; `ConfigError` if they are missing, or not so many."""
+    """The numbers of one name; `ConfigError` if they are missing, or their count is another."""
     names = ", ".join(NAMES[what])
     if what not in found:
         raise ConfigError(f"the {what} is missing; it is read as one of: {names}")

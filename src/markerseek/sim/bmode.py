@@ -125,7 +125,7 @@ class BModeWorld:
         )
 
     def flash(self, *, pulses: int, at_s: float) -> None:
-        """Take so many images; there is no light, and the energy is 0."""
+        """Take this number of images; there is no light, and the energy is 0."""
         self.flashes.append(Flash(at_s=at_s, pulses=pulses, energy=0.0))
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> BModeFrame:
@@ -135,7 +135,7 @@ class BModeWorld:
         return BModeFrame(header=header, pixels=image.pixels, geometry=image.geometry)
 
     def image(self, *, images: int = 1) -> BModeImage:
-        """B-mode image at the present angle, the mean of so many."""
+        """B-mode image at the present angle, the mean of this number of images."""
         return BModeImage(pixels=self.pixels(images=images), geometry=self._settings.geometry)
 
     def pixels(self, *, images: int = 1) -> UInt8[np.ndarray, "rows columns"]:

@@ -116,7 +116,7 @@ class SimulatedSettings:
     """A simulated rig; every part may be left at its default."""
 
     tissue: str = "plastisol-phantom"
-    """Name of the material, a simulated stand-in."""
+    """Name of the simulated material."""
     start_deg: float = 0.0
     """Angle of the probe at the start."""
     marker: MarkerSettings = field(default_factory=MarkerSettings)

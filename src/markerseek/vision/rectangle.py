@@ -29,7 +29,7 @@ class Rectangle:
         return replace(self, row=round(row - (self.rows - 1) / 2), column=round(column - (self.columns - 1) / 2))
 
     def grown(self, rows: int, columns: int, *, shape: tuple[int, int]) -> Rectangle:
-        """Larger by so many pixels on each side, as far as the image reaches."""
+        """Larger by these numbers of pixels on each side, as far as the image reaches."""
         row, column = max(0, self.row - rows), max(0, self.column - columns)
         return Rectangle(
             row=row,

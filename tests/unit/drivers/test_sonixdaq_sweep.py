@@ -131,7 +131,7 @@ def test_a_trigger_that_is_lost_or_doubled_refuses_the_sweep_whole(
 
 def test_files_that_do_not_come_end_in_time(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
-    bench.daq.faults.files = 100
+    bench.daq.faults.inject("part of the files", 100)
     with pytest.raises(DeviceTimeoutError, match=r"100 of 128 channel files|101 of 128 channel files"):
         bench.sweep()
 

@@ -48,7 +48,7 @@ def test_light_outside_of_a_firing_is_in_the_count() -> None:
 
 def test_light_that_comes_later_than_the_photodiode_is_read_is_not_of_the_firing() -> None:
     bench = Bench()
-    bench.faults.light_late_us = 1500
+    bench.faults.inject("late light", 1500)
     bench.say(pulses_of(1, pulses=3), wire.Fire(token=1), at_s=0.0)
     assert bench.say(at_s=0.09) == [wire.Done(token=1, sent=3, photodiode=2)]
     assert bench.say(pulses_of(2)) == [wire.Permitted(token=2, seen=3)]
