@@ -145,10 +145,10 @@ class GuidedStage:
         self.limits: Interval = limits.travel
         self._encoder, self._clock, self._settings, self._asks = encoder, clock, settings, asks
         self._search = limits.search
-        self._angle_deg, self._heard_s = 0.0, -1.0
-        self._heard = False
+        self._angle_deg, self._read_s = 0.0, -1.0
+        self._was_read = False
         self._reached: tuple[float, float] | None = None
-        if not self._hears_within(settings.connect_s):
+        if not self._reads_within(settings.connect_s):
             raise NotConnectedError(
                 f"stage: no angle came from its encoder within {settings.connect_s:g} s{self._why}; start it, and "
                 "compare its name and address with the rig file"
@@ -161,13 +161,13 @@ class GuidedStage:
 
     @property
     def angle_deg(self) -> float:
-        """Angle in degrees of a message that comes after this is asked.
+        """Angle in degrees of a message that comes after the question.
 
-        Raises `DeviceTimeoutError` if none comes in time, `MoveError` if the angle is none or has jumped.
+        Raises `DeviceTimeoutError` if none comes in time, `MoveError` if the angle is not finite or has jumped.
         """
         # What waits was sent before.
         self._take()
-        if not self._hears_within(self._settings.age_s):
+        if not self._reads_within(self._settings.age_s):
             raise self._silent()
         return self._angle_deg
 
@@ -191,7 +191,7 @@ class GuidedStage:
         # An encoder that stands still would be near the next angle by chance: it must be seen to turn.
         turned = abs(start_deg - angle_deg) <= settings.steady_deg
         while True:
-            if not self._hears_within(settings.age_s):
+            if not self._reads_within(settings.age_s):
                 raise self._silent()
             now_s, here_deg = self._clock.now_s(), self._angle_deg
             turned = turned or abs(here_deg - start_deg) > settings.steady_deg
@@ -226,7 +226,7 @@ class GuidedStage:
             return False
         return abs(self._angle_deg - self._reached[1]) <= self._settings.drift_deg and self._is_at(angle_deg)
 
-    def _hears_within(self, wait_s: float) -> bool:
+    def _reads_within(self, wait_s: float) -> bool:
         """Whether a new angle comes in that time."""
         ends_s = self._clock.now_s() + wait_s
         while self._clock.now_s() < ends_s:
@@ -237,24 +237,24 @@ class GuidedStage:
 
     def _take(self) -> bool:
         """Whether the encoder has reported a new angle; `MoveError` if the angle is not finite, or has jumped."""
-        told_deg = self._encoder.read()
-        if told_deg is None:
+        read_deg = self._encoder.read()
+        if read_deg is None:
             return False
-        if not is_finite(told_deg):
-            raise MoveError(f"stage: its encoder reports {told_deg} deg, which is no angle; look at the encoder")
+        if not is_finite(read_deg):
+            raise MoveError(f"stage: its encoder reports {read_deg} deg, which is no angle; look at the encoder")
         settings = self._settings
         sign = 1.0 if settings.direction == "forward" else -1.0
         # The encoder's zero may be anywhere on the circle.
-        here_deg = (sign * (told_deg - settings.zero_deg) + 180.0) % 360.0 - 180.0
+        here_deg = (sign * (read_deg - settings.zero_deg) + 180.0) % 360.0 - 180.0
         now_s = self._clock.now_s()
-        if self._heard:
-            way_deg, elapsed_s = abs(here_deg - self._angle_deg), now_s - self._heard_s
+        if self._was_read:
+            way_deg, elapsed_s = abs(here_deg - self._angle_deg), now_s - self._read_s
             if not way_deg <= settings.fastest_deg_s * elapsed_s + settings.steady_deg:
                 raise MoveError(
                     f"stage: its angle jumped from {self._angle_deg:.2f} to {here_deg:.2f} deg in {elapsed_s:.3f} s, "
                     f"faster than a hand turns it ({settings.fastest_deg_s:g} deg/s); look at the encoder"
                 )
-        self._angle_deg, self._heard_s, self._heard = here_deg, now_s, True
+        self._angle_deg, self._read_s, self._was_read = here_deg, now_s, True
         return True
 
     @property

@@ -59,7 +59,7 @@ class SonixDaqSettings(ReceiverSettings, frozen=True, kw_only=True, tag="sonixda
     readout_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 12.0
     """Longest time from a trigger to the last file: a folder unchanged for that long is settled."""
     frames: Literal["triggered", "fixed"] = "fixed"
-    """How many pulses the device records: as many as it is triggered, or a fixed number. With ``triggered`` their number
+    """How many pulses the device records: as many as it is triggered, or a fixed number. With ``triggered`` the number
     varies from acquisition to acquisition, so that a file shows which trigger it answers."""
     sweep_period_s: Annotated[float, Within(1e-3, 10, "s")] = 0.05
     """Least time between two triggers of a sweep; each gives a frame."""

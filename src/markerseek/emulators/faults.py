@@ -85,7 +85,7 @@ FAULTS: dict[DeviceName, dict[str, Fault]] = {
             "part of the files",
             "stuck",
             100,
-            "only this number of channel files is written; the next file is written half",
+            "only this number of files is written; the next file is written half",
         ),
         ("repeats", "stuck", 0, "the acquisition before is written again"),
         ("one behind", "delayed", 0, "each trigger gives the acquisition of the trigger before"),
