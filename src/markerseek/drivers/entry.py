@@ -51,6 +51,31 @@ class StageSettings(DeviceSettings, frozen=True, kw_only=True):
     part = "stage"
 
 
+class MotorSettings(StageSettings, frozen=True, kw_only=True):
+    """Keys of a stage with a motor of its own; angles are the probe's unless they are called the stage's own."""
+
+    zero_deg: Annotated[float, Within(-360, 360, "deg")]
+    """The stage's own reading at which the probe points at 0."""
+    direction: Literal["forward", "reverse"] = "forward"
+    """How the probe is mounted: "forward" if its angle grows with the stage's own reading, "reverse" if it falls. The
+    default is an assumption: ``markerseek doctor --rig RIG.toml --source-deg ANGLE`` tests it."""
+    serial_number: int | None = None
+    """Serial number that the controller must have; None accepts any."""
+    speed_deg_s: Annotated[float, Within(0.1, 25, "deg/s")] = 10.0
+    """Speed of moves."""
+    acceleration_deg_s2: Annotated[float, Within(0.1, 25, "deg/s²")] = 10.0
+    """Acceleration of moves."""
+    approach_deg: Annotated[float, Within(0.01, 5, "deg")] = 1.0
+    """Distance over which every target is approached from one side: longer than the gears' play."""
+    begin_s: Annotated[float, Within(0.1, 5, "s")] = 0.5
+    """Time without motion after which the stage counts as stuck."""
+
+    @property
+    def sense(self) -> int:
+        """1 if the probe's angle grows with the stage's own reading, -1 if it falls."""
+        return 1 if self.direction == "forward" else -1
+
+
 LIGHT = ("wavelength_nm", "pulse_energy_j", "pulse_width_s", "spot_diameter_m")
 """Keys of the light on the skin. Their ranges are those in which the limits of skin exposure hold, or which a suitable
 laser can have."""

@@ -21,7 +21,7 @@ from markerseek.core import (
 from markerseek.drivers._approach import require_room, require_wide
 from markerseek.drivers._apt_line import AptLine
 from markerseek.drivers._stage_move import StageRules, StageStatus
-from markerseek.drivers.entry import Entry, Opening, StageSettings
+from markerseek.drivers.entry import Entry, MotorSettings, Opening
 from markerseek.drivers.standard_stage import StandardSweepingStage
 from markerseek.files import Line
 from markerseek.guard import Limits
@@ -41,37 +41,17 @@ _ValueT = TypeVar(
 )
 
 
-class Kdc101Settings(StageSettings, frozen=True, kw_only=True, tag="kdc101"):
-    """Keys of the stage in a rig file; angles are the probe's unless they are called the stage's own."""
+class Kdc101Settings(MotorSettings, frozen=True, kw_only=True, tag="kdc101"):
+    """Keys of the stage in a rig file."""
 
     port: str
     """Serial port of its controller."""
-    zero_deg: Annotated[float, Within(-360, 360, "deg")]
-    """The stage's own reading at which the probe points at 0."""
-    direction: Literal["forward", "reverse"] = "forward"
-    """How the probe is mounted: "forward" if its angle grows with the stage's own reading, "reverse" if it falls. The
-    default is an assumption: ``markerseek doctor --rig RIG.toml --source-deg ANGLE`` tests it."""
-    serial_number: int | None = None
-    """Serial number that the controller must have; None accepts any."""
-    speed_deg_s: Annotated[float, Within(0.1, 25, "deg/s")] = 10.0
-    acceleration_deg_s2: Annotated[float, Within(0.1, 25, "deg/s²")] = 10.0
-    """``speed_deg_s`` and ``acceleration_deg_s2``: speed and acceleration of its moves, in degrees per second and per
-    second squared; at most 25."""
     approach_from: Literal["below", "above"] = "below"
-    approach_deg: Annotated[float, Within(0.01, 5, "deg")] = 1.0
-    """``approach_from`` and ``approach_deg``: side, by the probe's angle, from which every target is approached, and
-    over what distance, in degrees: longer than the gears' play."""
+    """Side, by the probe's angle, from which every target is approached."""
     play_deg: Annotated[float, Within(0, 5, "deg")] = 0.1
-    """Largest play of the gears: by so much the probe may lag in a sweep away from the side of approach."""
-    begin_s: Annotated[float, Within(0.1, 5, "s")] = 0.5
-    """Time without motion after which it counts as stuck."""
+    """Largest play of the gears: the most that the probe lags in a sweep away from the side of approach."""
     age_s: Annotated[float, Within(0.01, 1, "s")] = 0.3
     """Greatest age of the controller's answer."""
-
-    @property
-    def sense(self) -> int:
-        """1 if the probe's angle grows with the stage's own reading, -1 if it falls."""
-        return 1 if self.direction == "forward" else -1
 
 
 class Kdc101Logic:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from types import ModuleType
-from typing import Annotated, Literal
+from typing import Annotated
 
 from markerseek.core import (
     Clock,
@@ -23,7 +23,7 @@ from markerseek.core import (
 )
 from markerseek.drivers._approach import require_room
 from markerseek.drivers._stage_move import StageRules, StageStatus
-from markerseek.drivers.entry import Entry, Opening, StageSettings
+from markerseek.drivers.entry import Entry, MotorSettings, Opening
 from markerseek.drivers.standard_stage import StandardStage
 
 _UNEXPECTED_DEG = 0.5
@@ -33,29 +33,15 @@ _VIRTUAL = "xi-emu:"
 """How the address of a virtual device of the library begins."""
 
 
-class XimcSettings(StageSettings, frozen=True, kw_only=True, tag="ximc"):
-    """A rotation stage on an 8SMC5 controller."""
+class XimcSettings(MotorSettings, frozen=True, kw_only=True, tag="ximc"):
+    """A rotation stage on an 8SMC5 controller; every target is approached from below."""
 
     uri: str
     """Address as the library has it: "xi-com:/dev/ttyACM0"; "xi-emu:///tmp/stage.bin" is a virtual device."""
     steps_per_deg: Annotated[float, Within(1, 10_000)]
     """Whole motor steps for a degree, from the data sheet of the stage."""
-    zero_deg: Annotated[float, Within(-360, 360, "deg")]
-    """The stage's own reading at which the image plane points at 0."""
-    direction: Literal["forward", "reverse"] = "forward"
-    """``reverse`` if the probe's angle falls while the stage's reading grows."""
-    serial_number: int | None = None
-    """Serial number that the controller must have; None accepts any."""
-    speed_deg_s: Annotated[float, Within(0.1, 25, "deg/s")] = 10.0
-    acceleration_deg_s2: Annotated[float, Within(0.1, 25, "deg/s²")] = 10.0
-    """``speed_deg_s`` and ``acceleration_deg_s2``: speed and acceleration of its moves, in degrees per second and per
-    second squared; at most 25."""
-    approach_deg: Annotated[float, Within(0.01, 5, "deg")] = 1.0
-    """Distance over which every target is approached from below, in degrees: longer than the gears' play."""
     arrival_deg: Annotated[float, Within(0.001, 0.1, "deg")] = 0.02
     """Largest distance from its target at which it counts as arrived."""
-    begin_s: Annotated[float, Within(0.1, 5, "s")] = 0.5
-    """Time without motion after which it counts as stuck."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -92,7 +78,7 @@ class XimcLogic:
             )
         self.emulated = settings.uri.startswith(_VIRTUAL)
         self._settings, self._travel = settings, travel
-        self._sense = 1 if settings.direction == "forward" else -1
+        self._sense = settings.sense
         self.serial_number = 0
         self._microsteps = 1
         self._ximc = _library()

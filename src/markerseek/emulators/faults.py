@@ -104,6 +104,8 @@ class Faults:
     ``device``: whose faults they are. ``step``: number of the present step of the device.
     """
 
+    __slots__ = ("_device", "_held", "_step")
+
     def __init__(self, device: DeviceName, *, step: Callable[[], int] = lambda: 0) -> None:
         self._device, self._step = device, step
         self._held: dict[str, Fault] = {}

@@ -55,12 +55,11 @@ def test_a_permit_that_ends_before_its_pulses_fires_none(expires_s: float) -> No
     assert bench.box.pulses == []
 
 
-@pytest.mark.parametrize("change", [{"laser_dead": True}, {"photodiode_dead": True}, {"extra_pulses": 1}])
-def test_pulses_that_do_not_agree_end_in_an_error_with_the_three_numbers(change: dict[str, bool | int]) -> None:
+@pytest.mark.parametrize(("fault", "amount"), [("dead lamp", 0), ("blind photodiode", 0), ("extra pulses", 1)])
+def test_pulses_that_do_not_agree_end_in_an_error_with_the_three_numbers(fault: str, amount: int) -> None:
     bench = Bench()
     driver = bench.driver()
-    for name, value in change.items():
-        setattr(bench.faults, name, value)
+    bench.faults.inject(fault, amount)
     with pytest.raises(LaserError, match=r"16 pulses were permitted, 1[67] sent and (0|17) seen"):
         driver.fire(permit())
     assert not bench.box.permitted

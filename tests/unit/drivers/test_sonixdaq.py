@@ -155,9 +155,9 @@ def test_old_files_are_no_frame_whatever_their_date(bench: Bench) -> None:
         bench.receiver.acquire(permit)
 
 
-@pytest.mark.parametrize("fault", ["swapped", "garbage"])
+@pytest.mark.parametrize("fault", ["swapped channels", "garbled headers"])
 def test_files_that_are_out_of_order_or_noise_are_refused(bench: Bench, fault: str) -> None:
-    setattr(bench.daq.faults, fault, True)
+    bench.daq.faults.inject(fault)
     with pytest.raises((AcquisitionError, DeviceTimeoutError), match=r"out of order|not all are complete"):
         bench.take()
 

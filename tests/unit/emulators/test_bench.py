@@ -74,17 +74,17 @@ def test_a_search_receives_count_for_count_what_the_simulation_receives(tmp_path
 @pytest.mark.parametrize(
     "break_it",
     [
-        lambda bench: setattr(bench.laser_box.faults, "laser_dead", True),
-        lambda bench: setattr(bench.laser_box.faults, "photodiode_dead", True),
-        lambda bench: setattr(bench.laser_box.faults, "extra_pulses", 2),
-        lambda bench: setattr(bench.laser_box.faults, "silent", True),
+        lambda bench: bench.laser_box.faults.inject("dead lamp"),
+        lambda bench: bench.laser_box.faults.inject("blind photodiode"),
+        lambda bench: bench.laser_box.faults.inject("extra pulses", 2),
+        lambda bench: bench.laser_box.faults.inject("silent"),
         lambda bench: bench.laser_box.open_interlock(),
-        lambda bench: setattr(bench.daq.faults, "off", True),
-        lambda bench: setattr(bench.daq.faults, "delay_s", 9.0),
-        lambda bench: setattr(bench.daq.faults, "files", 77),
-        lambda bench: setattr(bench.daq.faults, "stuck", True),
-        lambda bench: setattr(bench.daq.faults, "swapped", True),
-        lambda bench: setattr(bench.daq.faults, "garbage", True),
+        lambda bench: bench.daq.faults.inject("off"),
+        lambda bench: bench.daq.faults.inject("late files", 9.0),
+        lambda bench: bench.daq.faults.inject("part of the files", 77),
+        lambda bench: bench.daq.faults.inject("repeats"),
+        lambda bench: bench.daq.faults.inject("swapped channels"),
+        lambda bench: bench.daq.faults.inject("garbled headers"),
     ],
 )
 def test_each_fault_ends_the_run_in_a_fault_without_an_angle(
