@@ -199,15 +199,6 @@ class SweepingLaser(Laser, Protocol):
 
 
 @runtime_checkable
-class TriggeredLaser(SweepingLaser, Protocol):
-    """A laser whose pulses the stage's triggers may give."""
-
-    @property
-    def position_triggered(self) -> bool:
-        """Whether a sweep is: each pulse then comes at a trigger of the stage, and says at which (`Pulse.edge`)."""
-
-
-@runtime_checkable
 class Receiver(Protocol):
     """Records the sound that the laser's pulses make."""
 

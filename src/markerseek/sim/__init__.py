@@ -8,7 +8,7 @@ from markerseek.sim.camera import EndoscopeSettings, camera_above, endoscope, sp
 from markerseek.sim.clock import VirtualClock
 from markerseek.sim.curve_world import CurveWorld
 from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, RecordedCurve, SechCurve, TwoHumps
-from markerseek.sim.faults import Fault, FaultKind
+from markerseek.sim.faults import DeviceName, Fault, FaultKind
 from markerseek.sim.hand import HandMotion, SimulatedHand
 from markerseek.sim.laser import CLOCK_DRIFT, SimulatedLaser, vary_last_flash
 from markerseek.sim.machine import RFWorld, post_beamformed
@@ -25,6 +25,7 @@ from markerseek.sim.settings import (
 )
 from markerseek.sim.stage import SimulatedStage, StageMotion
 from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
+from markerseek.sim.trapezoid import phases
 from markerseek.sim.world import Flash, SimulatedWorld, World
 
 __all__ = [
@@ -34,6 +35,7 @@ __all__ = [
     "BModeSettings",
     "BModeWorld",
     "CurveWorld",
+    "DeviceName",
     "EndoscopeSettings",
     "Fault",
     "FaultKind",
@@ -64,6 +66,7 @@ __all__ = [
     "camera_above",
     "endoscope",
     "hashable_values",
+    "phases",
     "post_beamformed",
     "spot_images",
     "tissue_named",
