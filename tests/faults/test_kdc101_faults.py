@@ -18,7 +18,7 @@ from markerseek.core import (
 )
 from markerseek.drivers import Kdc101Stage
 from markerseek.emulators import DirectPort, EmulatedKdc101
-from markerseek.emulators.faults import STAGE_FAULTS
+from markerseek.emulators.faults import FAULTS
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import Fault, FaultKind, VirtualClock
 from markerseek.wire import apt
@@ -95,15 +95,15 @@ LIVED_WITH = {"done too early", "hides its moves", "garbled answers", "garbled c
 
 
 def test_every_fault_is_accounted_for() -> None:
-    observable = {name for name, fault in STAGE_FAULTS.items() if fault.observable}
+    observable = {name for name, fault in FAULTS["stage"].items() if fault.observable}
     assert observable == set(REFUSED) | LIVED_WITH
-    assert {fault.kind for fault in STAGE_FAULTS.values()} == set(FaultKind)
+    assert {fault.kind for fault in FAULTS["stage"].values()} == set(FaultKind)
 
 
 @pytest.mark.parametrize("from_step", [0, 1, 4])
 @pytest.mark.parametrize("name", sorted(REFUSED))
 def test_a_fault_is_refused_by_name_and_does_no_harm(name: str, from_step: int) -> None:
-    outcome = tour(replace(STAGE_FAULTS[name], from_step=from_step))
+    outcome = tour(replace(FAULTS["stage"][name], from_step=from_step))
     error, words = REFUSED[name]
     assert isinstance(outcome.error, error)
     assert outcome.error.args[0]
@@ -115,7 +115,7 @@ def test_a_fault_is_refused_by_name_and_does_no_harm(name: str, from_step: int) 
 def test_an_encoder_that_loses_half_a_degree_fell_back_and_one_that_loses_less_slowed_down_too_soon(
     amount: float, words: str
 ) -> None:
-    outcome = tour(replace(STAGE_FAULTS["jump on its way"], amount=amount), targets=(20.0,))
+    outcome = tour(replace(FAULTS["stage"]["jump on its way"], amount=amount), targets=(20.0,))
     assert isinstance(outcome.error, MoveError)
     assert words in str(outcome.error)
 
@@ -124,27 +124,27 @@ def test_an_encoder_that_loses_half_a_degree_fell_back_and_one_that_loses_less_s
 @pytest.mark.parametrize("share", [1e-3, 1e-2, 1e-1])
 @pytest.mark.parametrize("name", ["garbled answers", "garbled commands", "lost bytes"])
 def test_a_bad_line_gives_the_right_angle_or_none(name: str, share: float, seed: int) -> None:
-    fault = replace(STAGE_FAULTS[name], amount=share, from_step=seed % 3)
+    fault = replace(FAULTS["stage"][name], amount=share, from_step=seed % 3)
     require_harmless(tour(fault, seed=seed, targets=TARGETS[:3]))
 
 
 def test_a_byte_lost_now_and_then_does_not_end_a_search() -> None:
-    outcome = tour(replace(STAGE_FAULTS["lost bytes"], amount=3e-4), seed=3)
+    outcome = tour(replace(FAULTS["stage"]["lost bytes"], amount=3e-4), seed=3)
     assert outcome.error is None
     assert len(outcome.misses_deg) == len(TARGETS)
 
 
 def test_a_stage_that_reports_done_before_it_moves_is_waited_for() -> None:
-    outcome = tour(STAGE_FAULTS["done too early"])
+    outcome = tour(FAULTS["stage"]["done too early"])
     assert outcome.error is None
     require_harmless(outcome)
-    late = tour(replace(STAGE_FAULTS["done too early"], amount=1.0))
+    late = tour(replace(FAULTS["stage"]["done too early"], amount=1.0))
     assert isinstance(late.error, MoveError)
     require_harmless(late)
 
 
 def test_a_stage_that_reports_rest_is_not_believed_before_its_angle_is_steady() -> None:
-    outcome = tour(STAGE_FAULTS["hides its moves"], targets=tuple(np.linspace(-35, 35, 15).tolist()))
+    outcome = tour(FAULTS["stage"]["hides its moves"], targets=tuple(np.linspace(-35, 35, 15).tolist()))
     assert outcome.error is None
     # Where it was read is where it came to rest, to the count.
     assert max(abs(miss) for miss in outcome.misses_deg) <= 1.5 / apt.COUNTS_PER_DEG
@@ -156,12 +156,12 @@ def test_a_stage_that_does_not_stop_is_reported_as_moving() -> None:
     emulator = Kdc101Emulator(probe=probe)
     port = DirectPort(device=emulator, clock=clock)
     stage = Kdc101Stage(port=port, clock=clock)
-    emulator.inject(replace(STAGE_FAULTS["ignores stop"]))
+    emulator.faults.inject(replace(FAULTS["stage"]["ignores stop"]))
     port.write(apt.set_target(apt.counts_of(30.0)) + apt.move())
     clock.wait(0.5)
     with pytest.raises(MoveError, match="cut its power"):
         stage.stop()
-    emulator.heal()
+    emulator.faults.heal()
     stage.stop()
     there = probe.angle_deg
     clock.wait(5.0)
@@ -174,7 +174,7 @@ def test_a_stage_that_only_reports_arrival_is_not_believed_over_short_moves_eith
     late_s: float, most_deg: float
 ) -> None:
     """Way by way: what it would be off by, and whether that is noticed, also where the answers come late."""
-    lie = STAGE_FAULTS["says it is there"]
+    lie = FAULTS["stage"]["says it is there"]
     said = {way_deg: _lie(way_deg, late_s=late_s, fault=lie) for way_deg in np.linspace(0.005, 1.2, 40).tolist()}
     assert max((way_deg for way_deg, refusal in said.items() if refusal is None), default=0.0) <= most_deg
     assert all("faster than" in str(refusal) for refusal in said.values() if refusal is not None)
@@ -189,12 +189,12 @@ def test_a_sound_stage_is_believed_however_late_its_answers_are(late_s: float) -
 def _lie(way_deg: float, *, late_s: float, fault: Fault | None) -> DeviceError | None:
     """The refusal of a short move that a stage claims to have made; None if it is accepted."""
     clock, probe = VirtualClock(), SimpleNamespace(angle_deg=-1.5)
-    late = replace(STAGE_FAULTS["late answers"], amount=late_s)
+    late = replace(FAULTS["stage"]["late answers"], amount=late_s)
     emulator = Kdc101Emulator(probe=probe, settings=EmulatedKdc101(play_deg=0.0), faults=[late] if late_s else [])
     stage = Kdc101Stage(port=DirectPort(device=emulator, clock=clock), clock=clock)
     stage.move_to(0.0)
     if fault is not None:
-        emulator.inject(fault)
+        emulator.faults.inject(fault)
     try:
         stage.move_to(way_deg)
     except MoveError as refusal:
@@ -204,8 +204,8 @@ def _lie(way_deg: float, *, late_s: float, fault: Fault | None) -> DeviceError |
 
 @pytest.mark.parametrize(("name", "most_deg"), [("slip", 2.0), ("scale", 0.02 * 36.5), ("more play", 0.5)])
 def test_what_cannot_be_observed_is_off_by_what_was_injected_and_no_more(name: str, most_deg: float) -> None:
-    assert not STAGE_FAULTS[name].observable
-    outcome = tour(replace(STAGE_FAULTS[name], from_step=1), targets=(36.4, -35.4, 36.4))
+    assert not FAULTS["stage"][name].observable
+    outcome = tour(replace(FAULTS["stage"][name], from_step=1), targets=(36.4, -35.4, 36.4))
     assert outcome.error is None
     low_deg, high_deg = outcome.truth_deg
     assert high_deg <= 36.5 + most_deg
@@ -215,15 +215,15 @@ def test_what_cannot_be_observed_is_off_by_what_was_injected_and_no_more(name: s
 
 def test_a_fault_that_a_stage_does_not_have_is_refused() -> None:
     emulator = Kdc101Emulator(probe=SimpleNamespace(angle_deg=0.0))
-    fault = replace(STAGE_FAULTS["stall"], name="bored")
+    fault = replace(FAULTS["stage"]["stall"], name="bored")
     with pytest.raises(ConfigError, match="bored"):
-        emulator.inject(fault)
+        emulator.faults.inject(fault)
     with pytest.raises(ConfigError, match="laser"):
-        emulator.inject(replace(STAGE_FAULTS["stall"], device="laser"))
+        emulator.faults.inject(replace(FAULTS["stage"]["stall"], device="laser"))
 
 
 def test_a_fault_holds_for_its_steps() -> None:
-    fault = replace(STAGE_FAULTS["stall"], from_step=2, to_step=4)
+    fault = replace(FAULTS["stage"]["stall"], from_step=2, to_step=4)
     assert [fault.holds_at(step) for step in range(6)] == [False, False, True, True, False, False]
     for wrong in ({"from_step": -1}, {"to_step": 2}, {"amount": float("nan")}):
         with pytest.raises(ConfigError, match=next(iter(wrong))):

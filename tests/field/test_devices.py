@@ -96,7 +96,7 @@ def test_b2_the_energy_in_the_fields_of_images_comes_with_version_2(highest: int
     keys = LaserBoxSettings(port="", energy_from="metadata", energy_field="PulseEnergy", usual_energy=2.0)
     settings = PlusSettings(device=DEVICE, quiet_s=0.05, timeout_s=2.0)
     with ImpoliteServer(highest=highest, streams=False) as server:
-        connection = connect_plus(PlusSettings(device=DEVICE, port=server.port))
+        connection = connect_plus("127.0.0.1", server.port, within_s=5.0)
         plain = PlusReceiver(connection=connection, clock=SystemClock(), settings=settings, dark_triggers=3)
         # Nothing of this laser is used.
         receiver = metered(keys, None, plain, full_scale=2047)  # type: ignore[arg-type]

@@ -20,7 +20,7 @@ from markerseek.drivers import (
 )
 from markerseek.drivers.kdc101 import ENTRY
 from markerseek.emulators import DirectPort, EmulatedKdc101
-from markerseek.emulators.faults import STAGE_FAULTS
+from markerseek.emulators.faults import FAULTS
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.emulators.lines import ByteDevice
 from markerseek.rigs import read_rig_file
@@ -145,7 +145,7 @@ def test_c_bytes_of_a_picolas_driver_that_cannot_be_read_are_no_silence(says: by
 def test_c_a_box_that_restarts_when_its_port_is_opened_is_greeted_again(boot_s: float, keeps: bool) -> None:
     """One that keeps what came while it was deaf answers each HELLO, and none of these answers is taken for another."""
     box = LaserBoxBench()
-    box.faults.boot_s = 0.0 if keeps else boot_s
+    box.faults.inject("restart", 0.0 if keeps else boot_s)
     kept = bytearray()
 
     class Keeping:
@@ -173,7 +173,7 @@ def test_c_a_box_that_restarts_when_its_port_is_opened_is_greeted_again(boot_s: 
 
 def test_c_a_box_that_stays_deaf_is_given_up_in_time() -> None:
     box = LaserBoxBench()
-    box.faults.boot_s = 60.0
+    box.faults.inject("restart", 60.0)
     with pytest.raises(NotConnectedError, match=r"no answer to HELLO in time: .*bytes came .*\('MicroPython v1\.2"):
         box.driver()
     assert 2.5 < box.clock.now_s() < 4
@@ -202,7 +202,7 @@ def test_c_a_channel_that_stays_disabled_is_said() -> None:
 
 def test_c_an_obstacle_is_still_an_obstacle() -> None:
     stage_bench = kdc101_bench()
-    stage_bench.emulator.inject(STAGE_FAULTS["frozen motor"])
+    stage_bench.emulator.faults.inject(FAULTS["stage"]["frozen motor"])
     with pytest.raises(MoveError, match="look for an obstacle"):
         stage_bench.stage().move_to(5.0)
 

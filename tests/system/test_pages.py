@@ -122,7 +122,7 @@ def test_the_tables_of_keys_have_the_keys_of_the_examples(monkeypatch: pytest.Mo
         for key in keys(table):
             assert f"| `{key}` |" in made[table["kind"]] or key in ("kind", "driver"), f"{path.name}: {key}"
     assert "| `zero_deg` | number | **required** | ° | in [-360, 360] deg |" in made["bench"]
-    assert "| `peak_snr_db` | number | `40` | dB | between -20 and 100 dB |" in made["simulated"]
+    assert "| `peak_snr_db` | number | `40` | dB | in [-20, 100] dB |" in made["simulated"]
     assert "| `trials` | whole number | `100` |  | between 1 and 1,000,000,000 |" in settings_tables.study()
 
 

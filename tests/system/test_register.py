@@ -58,6 +58,18 @@ def test_a_registration_is_written_into_a_file_and_a_simulated_one_is_not(shell:
     assert not (tmp_path / "registration.json").exists()
 
 
+def test_another_registration_is_replaced_by_force_only(shell: Shell, tmp_path: Path) -> None:
+    first, second = table(tmp_path / "a.csv"), table(tmp_path / "b.csv", camera_m=CAMERA_M + 0.01)
+    kept = tmp_path / "registration.json"
+    assert [shell("register", first)[0], shell("register", first)[0]] == [0, 0]
+    held = kept.read_bytes()
+    code, _, err = shell("register", second)
+    assert (code, kept.read_bytes()) == (2, held)
+    assert "registration.json: another registration is in this folder; --force replaces it" in " ".join(err.split())
+    assert shell("register", second, "--force")[0] == 0
+    assert kept.read_bytes() != held
+
+
 def test_exact_points_give_the_exact_transform_as_json(shell: Shell, tmp_path: Path) -> None:
     code, out, err = shell("register", table(tmp_path / "p.csv"), "--json")
     assert (code, err) == (0, "")

@@ -69,7 +69,7 @@ def test_noise_is_no_source_and_without_spare_nothing_is_looked_for(shell, rf_fi
     ("options", "message"),
     [
         (("--spare", "--number", 3), "there is no frame 3, it holds 2"),
-        (("--over", "us.b8"), "add --plot"),
+        (("--over", "us.b8"), "holds no channel data"),
     ],
 )
 def test_what_does_not_fit_is_refused(shell, rf_file, options, message):

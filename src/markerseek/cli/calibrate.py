@@ -19,7 +19,7 @@ from markerseek.cli.direction import steadiness
 from markerseek.cli.options import AsJson, ProbeName
 from markerseek.cli.report import Output, Report, table, with_version
 from markerseek.cli.terminal import announce_compilation, progress_bar
-from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, RecordError, Sample, SearchError, require_range
+from markerseek.core import ChannelFrame, ConfigError, RecordError, Sample, SearchError, require_range
 
 if TYPE_CHECKING:
     from markerseek.calibration import Fitted
@@ -110,18 +110,16 @@ def command(
 
 
 def _samples(bank: Path, scan: FrameBank, preset: signals.ProbePreset) -> list[Sample]:
-    """The frames of a scan with their readings."""
-    imaging = signals.ImageReader(preset)
+    """The frames of a scan with light, and their readings."""
     samples = []
     with progress_bar(len(scan.angles_deg), what="imaging") as progress:
-        for index, angle_deg in enumerate(scan.angles_deg):
-            frame = scan.frame(index)
-            try:
-                reading = imaging.read(frame)
-            except AcquisitionError as problem:
-                raise RecordError(f"{bank}: at {angle_deg:g} deg: {problem}") from problem
-            samples.append(Sample(angle_deg=angle_deg, reading=reading, frame=frame))
-            progress.advance(progress.task_ids[0])
+        try:
+            for sample in runs.bank_samples(scan, probe=preset):
+                if not sample.dark:
+                    samples.append(sample)
+                    progress.advance(progress.task_ids[0])
+        except RecordError as problem:
+            raise RecordError(f"{bank}: {problem}") from problem
     return samples
 
 

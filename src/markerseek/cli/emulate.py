@@ -14,7 +14,7 @@ import typer
 from markerseek import drivers, emulators, rigs
 from markerseek.cli.signals import noted_signals
 from markerseek.cli.terminal import stderr, stdout
-from markerseek.core import ConfigError, counted
+from markerseek.core import ConfigError, counted, require_range
 from markerseek.files import quoted, replace_file
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def command(
     """Emulate a rig's devices on pseudo-terminals and in a folder, until Ctrl-C; then print the true state."""
     import numpy as np
 
-    emulators.require_pace(pace)
+    require_range("--pace", pace, low=0.01, high=1)
     writes = device == "daq" or (device == "bench" and receiver == "sonixdaq")
     _refuse(f"--receiver {receiver}", device, given=receiver != "sonixdaq", known=device == "bench")
     _refuse(f"--pace {pace:g}", device, given=pace != 1.0, known=device in ("daq", "bench"))

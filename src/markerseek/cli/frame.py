@@ -69,7 +69,8 @@ def command(
         bool, typer.Option("--spare", help="Find a source in an .rf by SPARE: its lines are focused again, one way.")
     ] = False,
     over: Annotated[
-        Path | None, typer.Option(help="B-mode image (.b8) of the same frames under the picture, with --plot.")
+        Path | None,
+        typer.Option(help="B-mode image (.b8) of the same frames, drawn under the picture."),
     ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write a picture of the frame into --out.")] = False,
     out: Out = None,
@@ -78,21 +79,21 @@ def command(
     """Find the sources in one frame of channel data, or say that there is none."""
     from markerseek.records.banks import HDF5_SUFFIXES, ULTRASONIX_SUFFIXES
 
-    output = Output.asked(as_json=as_json, plot=plot, out=out)
+    output = Output.asked(as_json=as_json, plot=plot or over is not None, out=out)
     suffix = file.suffix.lower()
     if spare and suffix != ".rf":
         raise ConfigError(f"--spare: {file} is no .rf; it needs lines that a machine has beamformed")
-    if over is not None and not plot:
-        raise ConfigError(f"--over {over}: it is drawn under the picture, and none is asked for; add --plot")
-    if suffix in ULTRASONIX_SUFFIXES and not spare:
-        for option, value in (("--probe", probe), ("--over", over)):
-            if value is not None:
-                raise ConfigError(f"{option} is for channel data, which an Ultrasonix file does not hold; leave it out")
+    machine = suffix in ULTRASONIX_SUFFIXES and not spare
+    for option, given, fits in (
+        ("--probe", probe is not None, not machine),
+        ("--over", over is not None, not machine),
+        ("--number", number != 1, suffix in (*ULTRASONIX_SUFFIXES, *HDF5_SUFFIXES)),
+    ):
+        if given and not fits:
+            why = "holds no channel data" if machine else "holds one frame"
+            raise ConfigError(f"{option}: {file} {why}; leave it out")
+    if machine:
         output.show(_described(file, number=number))
-    if number != 1 and not (spare or suffix in HDF5_SUFFIXES):
-        raise ConfigError(
-            f"--number is {number}, and only scans (HDF5) and Ultrasonix files hold more than one frame; leave it out"
-        )
     reader, frame = _read(file, probe, number=number, spare=spare)
     preset = reader.preset
     # Before the frame is imaged: a wrong name is said at once.

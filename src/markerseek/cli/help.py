@@ -30,7 +30,7 @@ PANELS = {
     "Images": ("--roi", "--pixel-mm"),
     "Tables": ("--columns", "--unit", "--db", "--skip-invalid"),
     "Simulation": (*(each.flag for each in options_of(SimulationOptions)), "--markers"),
-    "Output": ("--out", "--no-journal", "--events"),
+    "Output": ("--out", "--force", "--no-journal", "--events"),
 }
 """Panels of the other options; "More" has those that no panel names."""
 

@@ -85,13 +85,19 @@ def open_rig(
 ) -> Iterator[tuple[rigs.Rig, float]]:
     """The rig of a rig file and the angle of its probe in degrees; its devices are closed at the end.
 
-    ``path``: None for the simulated rig with its defaults. ``sweeps``: whether the gain of a simulated one leaves room
-    for the noise of single pulses. ``trust``: as of `read_rig`. Raises `DeviceError` if a device does not answer, or is
-    not ready.
+    ``path``: None for the simulated rig with its defaults. ``sweeps``: whether it is to sweep: the one without a file
+    then streams its frames, and the gain of a simulated one leaves room for the noise of single pulses. ``trust``: as
+    of `read_rig`. Raises `DeviceError` if a device does not answer, or is not ready.
     """
-    from markerseek.sim import SimulatedSettings, with_options
+    from markerseek.sim import STREAMING, SimulatedSettings, with_options
 
-    settings = SimulatedSettings() if path is None else rigs.read_rig_file(path)
+    usual = STREAMING if sweeps else SimulatedSettings()
+    settings = usual if path is None else rigs.read_rig_file(path)
+    if sweeps and path is None:
+        stderr.print(
+            f"[dim]simulated: a PRM1Z8 at its limits ({usual.stage.speed_deg_s:g} deg/s), and a receiver that streams "
+            f"{1 / usual.receiver.frame_period_s:g} frames a second[/]"
+        )
     if isinstance(settings, drivers.BenchSettings):
         if options.given():
             raise ConfigError(

@@ -16,7 +16,7 @@ from markerseek import runs
 from markerseek.cli.options import AsJson, Out, with_values
 from markerseek.cli.report import Output, Report, drawn, facts, table
 from markerseek.cli.terminal import announce_compilation, progress_bar
-from markerseek.core import ConfigError, SimulationOptions
+from markerseek.core import ConfigError, RecordError, SimulationOptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -63,6 +63,22 @@ class SceneOptions:
 
 
 _REGISTRATION = Path("registration.json")
+
+
+def _file_of(report: runs.RegistrationReport, *, force: bool) -> dict[Path, bytes]:
+    """The file of a registration, and its content; another registration that is there is replaced by force only."""
+    if _REGISTRATION.exists() and not force:
+        try:
+            known = runs.read_registration(_REGISTRATION).davinci_to_trus.matrix.tolist()
+        except RecordError:
+            known = None
+        if known != report.davinci_to_trus:
+            raise ConfigError(
+                f"{_REGISTRATION}: another registration is in this folder; --force replaces it, or run the command in "
+                "another folder"
+            )
+    return {_REGISTRATION: msgspec.json.format(msgspec.json.encode(report))}
+
 
 NOT_SIMULATED = SceneOptions()
 """None of them."""
@@ -123,12 +139,16 @@ def command(
         typer.Option("--plot", help="Write register.png into --out, and with --frames target.png: the target there."),
     ] = False,
     out: Out = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace another registration.json in the current folder.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Find the transform from the da Vinci camera to the probe, with its errors.
 
-    At least three markers that are not on a line. The registration is written into registration.json, which `markerseek
-    igtl --registration` and `markerseek ros2 search --registration` read. Exit code 3 if the points do not fit: their
+    At least three markers that are not on a line. The registration is written into registration.json of the current
+    folder, which `markerseek igtl --registration` and `markerseek ros2 search --registration` read; --force replaces
+    another registration in that file. Exit code 3 if the points do not fit: their
     residuals are larger than the sigmas let expect (a chi-squared test at 1e-3; without sigmas 1 mm is assumed), or a
     mirror image fits better.
     """
@@ -175,7 +195,7 @@ def command(
         values=values,
         shown=_shown(report, truth, title),
         pictures=pictures,
-        files={_REGISTRATION: msgspec.json.format(msgspec.json.encode(values))} if written else {},
+        files=_file_of(report, force=force) if written else {},
         notes=notes,
         exit_code=0 if report.registered else 3,
     )

@@ -34,7 +34,7 @@ class Report:
     pictures: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
     """For ``--plot``: names of files, and functions that write them."""
     files: Mapping[Path, bytes] = field(default_factory=dict)
-    """Files that are written in any case, and replace what was there."""
+    """Files that are written whether or not pictures are asked for, and replace those that are there."""
     notes: tuple[str, ...] = ()
     """Lines for people behind the pictures, on standard error."""
     least_width: int = 0

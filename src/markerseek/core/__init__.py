@@ -1,7 +1,7 @@
 """Values, protocols, events and errors that all other packages share. Pure; it imports none of them."""
 
 from markerseek.core.arrival import Arrival, LocalMaxima, SpotEnergy
-from markerseek.core.checks import is_finite, is_whole, require_range
+from markerseek.core.checks import Within, is_finite, is_whole, require_fields, require_range
 from markerseek.core.errors import (
     AcquisitionError,
     ConfigError,
@@ -80,7 +80,6 @@ from markerseek.core.protocols import (
     SweepingPolicy,
     SweepingReceiver,
     SweepingStage,
-    TriggeredLaser,
     TriggeringStage,
 )
 from markerseek.core.reading import (
@@ -93,7 +92,15 @@ from markerseek.core.reading import (
 )
 from markerseek.core.shapes import Bool, Complex128, Float32, Float64, Int16, Int32, Int64, UInt8
 from markerseek.core.simulation import MAX_PACE, USUAL_SEED, SimulationOptions, require_pace
-from markerseek.core.sweep import MAX_AHEAD_DEG, Pulse, StageReading, Sweep, SweepTiming, Triggers
+from markerseek.core.sweep import (
+    MAX_AHEAD_DEG,
+    MAX_RESOLUTION_DEG,
+    Pulse,
+    StageReading,
+    Sweep,
+    SweepTiming,
+    Triggers,
+)
 
 __all__ = [
     "MAX_ACQUISITIONS",
@@ -101,6 +108,7 @@ __all__ = [
     "MAX_ARRIVALS",
     "MAX_INTENSITY",
     "MAX_PACE",
+    "MAX_RESOLUTION_DEG",
     "MIN_INTENSITY",
     "NO_HEADER",
     "PAPER_RANGE",
@@ -193,12 +201,12 @@ __all__ = [
     "SweepingStage",
     "Swept",
     "Tolerance",
-    "TriggeredLaser",
     "TriggeringStage",
     "Triggers",
     "Turning",
     "UInt8",
     "Unsure",
+    "Within",
     "arguments_of",
     "as_interval",
     "as_text",
@@ -212,6 +220,7 @@ __all__ = [
     "needs_package",
     "option",
     "options_of",
+    "require_fields",
     "require_pace",
     "require_range",
     "rig_in_words",

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+import typing
+from dataclasses import dataclass
+from functools import cache
 from numbers import Integral, Real
-from typing import TypeGuard
+from typing import Any, TypeGuard
 
 from markerseek.core.errors import ConfigError
 
@@ -48,3 +51,59 @@ def require_range(
     after = f" {unit}" if unit else ""
     allowed = f"{'(' if open_low else '['}{low:g}, {high:g}{')' if math.isinf(high) else ']'}{after}"
     raise ConfigError(f"{name} is {value}{after}, it must lie in {allowed}" + (f"; {cure}" if cure else ""))
+
+
+@dataclass(frozen=True, slots=True)
+class Within:
+    """Limits of a number, as the annotation of its field: ``Annotated[float, Within(0, 5, "deg")]``.
+
+    Attributes
+    ----------
+    low, high
+        The limits, both included.
+    unit
+        Unit of the number, for the message.
+    open_low
+        Whether the lower limit itself is outside.
+    cure
+        What to do about a number outside, where the limits do not show it.
+    """
+
+    low: float
+    high: float
+    unit: str = ""
+    open_low: bool = False
+    cure: str = ""
+
+
+def require_fields(settings: Any, owner: str) -> None:
+    """Refuse a field outside its `Within`, or that is none of the words of its `Literal`; None passes.
+
+    ``owner``: what the settings are of, for the message: "stage".
+    """
+    for name, limits, words in _checked(settings.__class__):
+        value = getattr(settings, name)
+        if limits is not None and value is not None:
+            require_range(
+                f"{owner}: {name}",
+                value,
+                low=limits.low,
+                high=limits.high,
+                unit=limits.unit,
+                open_low=limits.open_low,
+                cure=limits.cure,
+            )
+        if words and value not in words:
+            raise ConfigError(f"{owner}: {name} is {value!r}, it must be {' or '.join(map(repr, words))}")
+
+
+@cache
+def _checked(kind: type) -> tuple[tuple[str, Within | None, tuple[Any, ...]], ...]:
+    """Fields of settings that have limits or words, each with these."""
+    found = []
+    for name, hint in typing.get_type_hints(kind, include_extras=True).items():
+        limits = next((each for each in getattr(hint, "__metadata__", ()) if isinstance(each, Within)), None)
+        words = typing.get_args(hint) if typing.get_origin(hint) is typing.Literal else ()
+        if limits is not None or words:
+            found.append((name, limits, words))
+    return tuple(found)

@@ -128,7 +128,7 @@ class SweepingStage(Stage, Protocol):
         """Acceleration at both ends of a sweep, in degrees per second squared."""
 
     def play_deg(self, forward: float) -> float:
-        """Largest play between encoder and probe in a sweep in that direction, 1 or -1, in degrees.
+        """Backlash between encoder and probe in a sweep in that direction, 1 or -1, in degrees: the probe lags by it.
 
         0 in the direction in which it approaches the angle of a single acquisition.
         """
@@ -196,15 +196,6 @@ class SweepingLaser(Laser, Protocol):
 
     def end_sweep(self) -> int:
         """End the light, and return how many pulses were fired in all; `pulses` returns those not reported yet."""
-
-
-@runtime_checkable
-class TriggeredLaser(SweepingLaser, Protocol):
-    """A laser whose pulses the stage's triggers may give."""
-
-    @property
-    def position_triggered(self) -> bool:
-        """Whether a sweep is: each pulse then comes at a trigger of the stage, and says at which (`Pulse.edge`)."""
 
 
 @runtime_checkable

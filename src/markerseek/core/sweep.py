@@ -152,3 +152,6 @@ class Triggers:
 MAX_AHEAD_DEG = 5.0
 """Most that a target lies ahead of a stage that moves without a permit, in degrees: it turns no further if the host
 dies. The target of a sweep is the end of its permit."""
+
+MAX_RESOLUTION_DEG = 0.1
+"""Coarsest resolution of a stage, in degrees: further from its target than this, the guard takes a move for a fault."""

@@ -24,7 +24,7 @@ _AnswerT = TypeVar(
 _POLL_S = 1e-3
 _READ_BYTES = 4096
 _LOST_AGES = 2
-"""After so many ages allowed, no answer to a question comes any more."""
+"""Multiple of the age allowed after which a question counts as lost."""
 
 
 class AptLine:

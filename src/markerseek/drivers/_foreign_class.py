@@ -86,7 +86,7 @@ def class_of(part: Part, driver: str, *, beside: str) -> type:
 
 
 def _module(module_name: str, beside: str, *, name: str) -> Any:
-    """The module, imported; one that lies beside the rig file only where it is trusted.
+    """The module, imported; a module that lies beside the rig file must be trusted.
 
     ``beside``: folder of the rig file; empty: only an installed one is meant. ``name``: for messages.
     """

@@ -9,6 +9,7 @@ from typing import TypeGuard, TypeVar
 from markerseek.core import Clock, DeviceTimeoutError, LaserError, NotConnectedError
 from markerseek.drivers._laserbox_sweep import BoxSweep
 from markerseek.drivers._unread import Unread
+from markerseek.drivers.clock import polls
 from markerseek.wire import Port
 from markerseek.wire import laserbox as wire
 
@@ -102,17 +103,16 @@ class BoxLine:
 
     def next(self, *, within_s: float, after: str) -> wire.Reply:
         """Next reply; the lease is renewed meanwhile. Raises `DeviceTimeoutError` if none comes in time."""
-        ends_s = self._clock.now_s() + within_s
-        while not self._replies:
-            if not self._clock.now_s() <= ends_s:
-                raise DeviceTimeoutError(
-                    f"laser box: no answer to {after} in time: "
-                    + self._unread.said(cure="check its cable and its power, and that laser.port is its port")
-                )
+        for _ in polls(self._clock, within_s=within_s, every_s=POLL_S):
+            if not self._replies:
+                self._receive()
+            if self._replies:
+                return wire.decode_reply(self._replies.pop(0))
             self.beat()
-            self._clock.wait(POLL_S)
-            self._receive()
-        return wire.decode_reply(self._replies.pop(0))
+        raise DeviceTimeoutError(
+            f"laser box: no answer to {after} in time: "
+            + self._unread.said(cure="check its cable and its power, and that laser.port is its port")
+        )
 
     def drop_replies(self) -> None:
         """Drop all that has come so far."""

@@ -10,24 +10,26 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Annotated, Literal, Protocol
 
 from markerseek.core import (
     MAX_AHEAD_DEG,
+    MAX_RESOLUTION_DEG,
     Clock,
     DeviceError,
     Interval,
     LimitError,
     MoveError,
     StageReading,
-    require_range,
+    Within,
+    require_fields,
 )
 
 _POLL_S, _NEAR_POLL_S = 0.05, 0.02
 _STABLE_READS = 3
 _TICK_S = 1e-6
 _MAX_TIMES = 5
-"""On a computer that is held up, a move may take so many times as long."""
+"""Multiple of its usual longest time that a move may take on a computer that is held up."""
 _TOO_FAST = 1.25
 """Share of speed and acceleration set that is put down to the servo and to the age of two readings."""
 _APART_S = 0.015
@@ -65,7 +67,7 @@ class StageLogic(Protocol):
     def go(self, angle_deg: float) -> float | None:
         """Begin to turn to an angle; it is called on the way again, with the next target.
 
-        Returns when it was told to, in seconds of the clock; None: when this was called.
+        Returns when the command was sent, in seconds of the clock; None: when this was called.
         """
 
     def stop(self) -> None:
@@ -76,13 +78,13 @@ class StageLogic(Protocol):
 class StageRules:
     """How a stage is moved and checked; angles in degrees of the probe."""
 
-    speed_deg_s: float
+    speed_deg_s: Annotated[float, Within(0, 1e4, "deg/s", open_low=True)]
     """Speed of its moves, as the stage keeps it."""
     acceleration_deg_s2: float | None = None
     """Its acceleration, as the stage keeps it; None: not known, and only the speed is checked."""
-    resolution_deg: float
+    resolution_deg: Annotated[float, Within(0, MAX_RESOLUTION_DEG, "deg", open_low=True)]
     """Step of its readback; two readings at rest differ by two steps at most."""
-    arrival_deg: float = 0.01
+    arrival_deg: Annotated[float, Within(0, 0.2, "deg", open_low=True)] = 0.01
     """Largest distance from its target at which it counts as arrived."""
     unexpected_deg: float = 0.2
     """Largest distance from where it should be on its way, and at rest."""
@@ -92,7 +94,7 @@ class StageRules:
     """How far ahead a target may be."""
     renew_s: float = 0.1
     """How often a target is renewed, in seconds."""
-    begin_s: float = 0.5
+    begin_s: Annotated[float, Within(0, 60, "s", open_low=True)] = 0.5
     """Time without motion after which it counts as stuck, in seconds."""
     brake_s: float = 0.0
     """Time that it takes to come to rest after a stop, in seconds."""
@@ -101,8 +103,7 @@ class StageRules:
     """``approach_from`` and ``approach_deg``: side from which every target is approached, and over what distance."""
 
     def __post_init__(self) -> None:
-        for name, high in (("speed_deg_s", 1e4), ("resolution_deg", 0.1), ("arrival_deg", 0.2), ("begin_s", 60)):
-            require_range(f"stage: {name}", getattr(self, name), low=0, high=high, open_low=True)
+        require_fields(self, "stage")
 
     @property
     def same_deg(self) -> float:
@@ -266,7 +267,7 @@ class Move:
             if not now_s < ends_s:
                 raise MoveError(f"the stage has not arrived in {now_s - began_s:.1f} s; it is too slow")
             if now_s - aimed_s >= rules.renew_s - _TICK_S or aim_deg is None:
-                # The nearer of two readings: one that is garbled must not carry the target further.
+                # The nearer of two readings: a garbled reading must not carry the target further.
                 here_deg = min(status.angle_deg, self.look().angle_deg, key=lambda angle_deg: heading * angle_deg)
                 next_deg = self.ahead_deg(target_deg, here_deg, heading)
                 if next_deg != aim_deg or not (status.moving or settled):
@@ -301,9 +302,9 @@ class Move:
     def aim(self, angle_deg: float) -> None:
         """Give a target."""
         asked_s = self._clock.now_s()
-        told_s = self._logic.go(angle_deg)
+        sent_at_s = self._logic.go(angle_deg)
         if self._begun_s is None:
-            self._begun_s = asked_s if told_s is None else told_s
+            self._begun_s = asked_s if sent_at_s is None else sent_at_s
 
     def _settles(self, status: StageStatus, target_deg: float, settled: list[float]) -> bool:
         """Whether it stands at the target for some readings in a row."""

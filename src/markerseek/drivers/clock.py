@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
-from markerseek.core import ConfigError
+from markerseek.core import Clock, ConfigError
 
 LONGEST_WAIT_S = 0.02
 """Longest time between two beats of a clock that waits, in seconds."""
+
+
+def polls(clock: Clock, *, within_s: float, every_s: float) -> Iterator[None]:
+    """Looks at a device until a deadline, at least one; the clock waits between two looks."""
+    ends_s = clock.now_s() + within_s
+    while True:
+        yield
+        if not clock.now_s() <= ends_s:
+            return
+        clock.wait(every_s)
 
 
 class SystemClock:

@@ -53,7 +53,7 @@ class DaqFolder:
     def incomplete(self, name: str) -> str:
         """Why a file does not have the size given by its header, or cannot be opened yet; empty if it is complete."""
         try:
-            # Of any size: one that is too large is complete, and reading it says what is wrong with it.
+            # Of any size: a file that is too large is complete, and reading the file says what is wrong.
             with open_input(self._path / name, most_bytes=sys.maxsize) as file:
                 size = os.fstat(file.fileno()).st_size
                 wire.decode_header(file.read(wire.HEADER_BYTES), size=size, name=name)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-import socket
 import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from markerseek.core import DeviceError, Float64, MoveError, NotConnectedError
-from markerseek.drivers.plus import MAX_IMAGE_BYTES, VERSION_CURE, ask_for_metadata
+from markerseek.core import Clock, Float64, MoveError
+from markerseek.drivers.plus import VERSION_CURE, IgtlMessages, connect_plus
 from markerseek.ros import RosNode, joint_angle_deg, messages, reach, topics
 from markerseek.wire import igtl
 
@@ -23,10 +22,6 @@ MAX_TILT = 0.02
 
 MAX_SHIFT_MM = 2.0
 """Most that a transform may shift the probe besides, in millimetres: its depth is no part of a search."""
-
-_READ_BYTES = 1 << 16
-_MAX_READS, _MAX_TAKEN = 64, 2000
-"""Most reads and messages for one angle: a server that floods must not hold up the control loop."""
 
 _MAX_WAITING = 200
 """Most messages of ROS 2 that are handled for one angle."""
@@ -98,7 +93,7 @@ class _Stamps:
         return False
 
 
-class IgtlEncoder:
+class IgtlEncoder(IgtlMessages):
     """A TRANSFORM of a PLUS server, or of another server of OpenIGTLink.
 
     Only the newest message counts, and only if it is of now by its own time. ``device``: its name. ``axis``: index of
@@ -107,9 +102,12 @@ class IgtlEncoder:
     Raises `NotConnectedError` if no server answers.
     """
 
+    driver, peer, content = "stage", "server of its encoder", "TRANSFORM"
+
     def __init__(
         self,
         *,
+        clock: Clock,
         host: str,
         port: int,
         connect_s: float,
@@ -119,24 +117,11 @@ class IgtlEncoder:
         states: bool = True,
         unix_s: Callable[[], float] = time.time,  # noqa: TID251  the time of day is part of the protocol
     ) -> None:
-        self._device, self._unix_s, self._states = device, unix_s, states
+        connection = connect_plus(host, port, within_s=connect_s, driver=self.driver)
+        super().__init__(connection, clock, device=device)
+        self._unix_s, self._states = unix_s, states
         self._transforms, self._stamps = _Transforms(axis), _Stamps(age_s)
-        self._framer = igtl.Framer(most_bytes=MAX_IMAGE_BYTES)
         self._said = ""
-        self.emulated = False
-        try:
-            self._connection = socket.create_connection((host, port), timeout=connect_s)
-        except OSError as problem:
-            raise NotConnectedError(
-                f"stage: no server on {host}, port {port}: {problem.strerror or problem}; start PlusServer, or correct "
-                "host and port"
-            ) from problem
-        self._connection.setblocking(False)
-        ask_for_metadata(self._connection, what="stage: the connection to its encoder")
-
-    def close(self) -> None:
-        """Close the connection; allowed twice."""
-        self._connection.close()
 
     @property
     def unused(self) -> str:
@@ -149,9 +134,10 @@ class IgtlEncoder:
         Raises `MoveError` if the transform is no rotation about the axis, or shifts the probe. Raises
         `NotConnectedError` if the connection has ended, or what comes is no OpenIGTLink.
         """
-        newest = self._newest()
-        if newest is None:
+        came, _ = self.take()
+        if not came:
             return None
+        newest = came[-1]
         self._said = self._objection(newest)
         if self._said or not self._stamps.is_used(newest.time_s, self._unix_s()):
             return None
@@ -167,35 +153,6 @@ class IgtlEncoder:
                 return f"{said}: it came in header version 1; {VERSION_CURE}, or set stage.require_status = false"
             return f"{said}; let the server send it, or set stage.require_status = false if it never can"
         return "" if status in (None, "OK") else f"it says that its transform is {status[:20]!r}"
-
-    def _newest(self) -> igtl.Message | None:
-        newest: tuple[igtl.Header, bytes] | None = None
-        ended, reads, taken = False, 0, 0
-        try:
-            while reads < _MAX_READS and taken < _MAX_TAKEN:
-                reads += 1
-                try:
-                    data = self._connection.recv(_READ_BYTES)
-                except BlockingIOError:
-                    break
-                if ended := not data:
-                    break
-                for header, body in self._framer.feed(data):
-                    taken += 1
-                    if (header.kind, header.device) == ("TRANSFORM", self._device):
-                        newest = header, body
-                    elif header.kind == "STATUS":
-                        self.emulated |= igtl.is_emulated(header, body)
-            message = None if newest is None else igtl.decode(*newest)
-        except OSError as problem:
-            raise NotConnectedError(f"stage: the connection to its encoder has ended: {problem.strerror}") from problem
-        except DeviceError as problem:
-            # No next message begins at a known place.
-            self._connection.close()
-            raise NotConnectedError(f"stage: {problem}; the connection is closed") from problem
-        if ended:
-            raise NotConnectedError("stage: the server of its encoder has closed the connection; start it again")
-        return message
 
 
 class Ros2Encoder:

@@ -10,11 +10,11 @@ import math
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Literal, Protocol, TypeAlias, TypeVar
 
 import msgspec
 
-from markerseek.core import ByHand, Clock, ConfigError, Receiver, require_range
+from markerseek.core import ByHand, Clock, ConfigError, Receiver, Within, require_fields
 from markerseek.files import Line
 from markerseek.guard import Limits
 from markerseek.wire import Port
@@ -30,8 +30,14 @@ PARTS: tuple[Part, ...] = ("stage", "laser", "receiver")
 OpenedT = TypeVar("OpenedT")
 
 
-class DeviceSettings(msgspec.Struct, frozen=True, kw_only=True):
+class DeviceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver"):
     """The keys of one table of a rig file; each driver has its own, tagged with its name."""
+
+    part: ClassVar[Part]
+    """Name of the table."""
+
+    def __post_init__(self) -> None:
+        require_fields(self, self.part)
 
     @property
     def driver(self) -> str:
@@ -42,34 +48,59 @@ class DeviceSettings(msgspec.Struct, frozen=True, kw_only=True):
 class StageSettings(DeviceSettings, frozen=True, kw_only=True):
     """Keys of any stage."""
 
+    part = "stage"
 
-LIGHT = {
-    "wavelength_nm": (400, 1400, "nm"),
-    "pulse_energy_j": (1e-9, 10, "J"),
-    "pulse_width_s": (1e-9, 1e-3, "s"),
-    "spot_diameter_m": (1e-5, 1, "m"),
-}
-"""Ranges in which the limits of skin exposure hold (wavelength, pulse width), or which a suitable laser can have."""
+
+class MotorSettings(StageSettings, frozen=True, kw_only=True):
+    """Keys of a stage with a motor of its own; angles are the probe's unless they are called the stage's own."""
+
+    zero_deg: Annotated[float, Within(-360, 360, "deg")]
+    """The stage's own reading at which the probe points at 0."""
+    direction: Literal["forward", "reverse"] = "forward"
+    """How the probe is mounted: "forward" if its angle grows with the stage's own reading, "reverse" if it falls. The
+    default is an assumption: ``markerseek doctor --rig RIG.toml --source-deg ANGLE`` tests it."""
+    serial_number: int | None = None
+    """Serial number that the controller must have; None accepts any."""
+    speed_deg_s: Annotated[float, Within(0.1, 25, "deg/s")] = 10.0
+    """Speed of moves."""
+    acceleration_deg_s2: Annotated[float, Within(0.1, 25, "deg/s²")] = 10.0
+    """Acceleration of moves."""
+    approach_deg: Annotated[float, Within(0.01, 5, "deg")] = 1.0
+    """Distance over which every target is approached from one side: longer than the gears' play."""
+    begin_s: Annotated[float, Within(0.1, 5, "s")] = 0.5
+    """Time without motion after which the stage counts as stuck."""
+
+    @property
+    def sense(self) -> int:
+        """1 if the probe's angle grows with the stage's own reading, -1 if it falls."""
+        return 1 if self.direction == "forward" else -1
+
+
+LIGHT = ("wavelength_nm", "pulse_energy_j", "pulse_width_s", "spot_diameter_m")
+"""Keys of the light on the skin. Their ranges are those in which the limits of skin exposure hold, or which a suitable
+laser can have."""
 
 
 class LaserSettings(DeviceSettings, frozen=True, kw_only=True):
     """Keys of any laser."""
 
-    pulses: int = 16
+    part = "laser"
+
+    pulses: Annotated[int, Within(1, 1024)] = 16
     """Pulses averaged in one acquisition."""
-    rate_hz: float = 100.0
+    rate_hz: Annotated[float, Within(0, 1000, "Hz", open_low=True)] = 100.0
     """Pulses per second."""
-    wavelength_nm: float | None = None
-    pulse_energy_j: float | None = None
-    pulse_width_s: float | None = None
-    spot_diameter_m: float | None = None
+    wavelength_nm: Annotated[float | None, Within(400, 1400, "nm")] = None
+    pulse_energy_j: Annotated[float | None, Within(1e-9, 10, "J")] = None
+    pulse_width_s: Annotated[float | None, Within(1e-9, 1e-3, "s")] = None
+    spot_diameter_m: Annotated[float | None, Within(1e-5, 1, "m")] = None
     """``wavelength_nm``, ``pulse_energy_j``, ``pulse_width_s`` and ``spot_diameter_m``: the light on the skin:
     wavelength in nm, energy and duration of a pulse in J and s, and diameter of the lit spot in metres. They only serve
     to show the exposure of skin when the rig is armed; None if not known."""
     energy_from: Literal["photodiode", "pickup", "metadata"] | None = None
     """What measures the energy of each acquisition, by which readings are divided: the photodiode of a laser box with a
     light meter, the laser's pick-up in the channels, or a field of a PLUS server's images. None: nothing does."""
-    usual_energy: float | None = None
+    usual_energy: Annotated[float | None, Within(0, 1e12, open_low=True)] = None
     """What it says of a usual pulse, in a unit of its own; None: it is measured and not used."""
     pickup_us: tuple[float, float] | None = None
     """Where the pick-up is: first and last moment after the trigger, in microseconds."""
@@ -77,12 +108,7 @@ class LaserSettings(DeviceSettings, frozen=True, kw_only=True):
     """Name of the field of a PLUS server's images."""
 
     def __post_init__(self) -> None:
-        for name, (low, high, unit) in LIGHT.items():
-            value = getattr(self, name)
-            if value is not None:
-                require_range(f"laser: {name}", value, low=low, high=high, unit=unit)
-        if self.usual_energy is not None:
-            require_range("laser: usual_energy", self.usual_energy, low=0, high=1e12, open_low=True)
+        super().__post_init__()
         for name, source in (("pickup_us", "pickup"), ("energy_field", "metadata")):
             if (getattr(self, name) is None) == (self.energy_from == source):
                 raise ConfigError(
@@ -93,23 +119,23 @@ class LaserSettings(DeviceSettings, frozen=True, kw_only=True):
             raise ConfigError(
                 f"laser: pickup_us is {list(self.pickup_us)} us, it must be a first and a later moment of 0 to 1000 us"
             )
-        require_range("laser: pulses", self.pulses, low=1, high=1024)
-        require_range("laser: rate_hz", self.rate_hz, low=0, high=1000, unit="Hz", open_low=True)
 
 
 class ReceiverSettings(DeviceSettings, frozen=True, kw_only=True):
     """Keys of any receiver."""
 
+    part = "receiver"
+
     channels: ClassVar[int | None] = None
     """Channels that it records; None: as many as the probe has elements."""
 
-    sampling_hz: float = 40e6
+    sampling_hz: Annotated[float, Within(0, 1e9, "Hz", open_low=True)] = 40e6
     """Sampling frequency, which frames of a device do not hold."""
     noise_ratio: float = 2.0
     """Factor by which a frame's noise may differ from that of the run's first, see `markerseek.guard.Admission`."""
 
     def __post_init__(self) -> None:
-        require_range("receiver: sampling_hz", self.sampling_hz, low=0, high=1e9, unit="Hz", open_low=True)
+        super().__post_init__()
         if not 1 < self.noise_ratio < math.inf:
             raise ConfigError(f"receiver: noise_ratio is {self.noise_ratio}, it must be a finite factor above 1")
 

@@ -19,6 +19,7 @@ import msgspec
 import numpy as np
 
 from markerseek.core import (
+    MAX_RESOLUTION_DEG,
     AcquisitionError,
     Clock,
     ConfigError,
@@ -55,15 +56,12 @@ _NOT_REAL = ("markerseek.sim.", "markerseek.emulators.")
 _QUIET_S, _ANSWERED_S = 0.2, 2.0
 """Silence of a device that ends the answer to a safe command, and longest time until then, in seconds."""
 
-MAX_RESOLUTION_DEG = 0.1
-"""Coarsest resolution of a stage: further from its target than this, the guard takes a move for a fault."""
-
 _UNEXPECTED_DEG, _BEGIN_S, _BRAKE_S = 0.5, 1.0, 2.0
 """Farthest that a stage of one's own may be from where it should be, in degrees; time without motion after which it
 counts as stuck, and time that it may take to stop where its acceleration is not known, in seconds."""
 
 
-class ForeignStage(StageSettings, frozen=True, kw_only=True):
+class ForeignStage(StageSettings, frozen=True, kw_only=True, tag=False):
     """A stage with a foreign driver."""
 
     driver: str
@@ -73,7 +71,7 @@ class ForeignStage(StageSettings, frozen=True, kw_only=True):
     """Folder of the rig file, in which its module may lie; empty for one of a journal, which is never imported."""
 
 
-class ForeignLaser(LaserSettings, frozen=True, kw_only=True):
+class ForeignLaser(LaserSettings, frozen=True, kw_only=True, tag=False):
     """A laser with a foreign driver."""
 
     driver: str
@@ -81,7 +79,7 @@ class ForeignLaser(LaserSettings, frozen=True, kw_only=True):
     beside: str = ""
 
 
-class ForeignReceiver(ReceiverSettings, frozen=True, kw_only=True):
+class ForeignReceiver(ReceiverSettings, frozen=True, kw_only=True, tag=False):
     """A receiver with a foreign driver; it records as many pulses as it is triggered."""
 
     driver: str
@@ -197,7 +195,7 @@ class OwnDevice:
             return getattr(self.device, verb)(*arguments)
 
     def require(self, says: object, *kinds: type, verb: str, wanted: str) -> None:
-        """Refuse what a verb has returned where it is none of these kinds."""
+        """Refuse what a verb has returned if it has another type."""
         if not isinstance(says, kinds) or isinstance(says, bool):
             raise self.error(f"{self.driver}: {verb}() returned {says!r}, it must be {wanted}; correct that driver")
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from typing import Literal, Protocol
+from typing import Annotated, Literal, Protocol
 
 from markerseek.core import (
     ByHand,
@@ -21,8 +21,8 @@ from markerseek.core import (
     NotConnectedError,
     Stage,
     Turning,
+    Within,
     is_finite,
-    require_range,
 )
 from markerseek.drivers._approach import require_inside
 from markerseek.drivers.encoders import AXES, IgtlEncoder, Ros2Encoder
@@ -38,9 +38,7 @@ _SHOWN_S = 0.2
 """Time between two angles that are shown to the person, in seconds."""
 
 
-class GuidedStageSettings(
-    StageSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="guided"
-):
+class GuidedStageSettings(StageSettings, frozen=True, kw_only=True, tag="guided"):
     """A probe that a person turns."""
 
     encoder: Literal["openigtlink", "ros2", "typed", "simulated"] = "openigtlink"
@@ -48,7 +46,7 @@ class GuidedStageSettings(
     types it, or a simulated hand, to try it without hardware."""
     device: str = "ProbeToProbeHome"
     host: str = "127.0.0.1"
-    port: int = 18944
+    port: Annotated[int, Within(1, 65535)] = 18944
     """``device``, ``host`` and ``port``: name of the TRANSFORM, and where its server is."""
     require_status: bool = True
     """Whether a TRANSFORM must state by ``TransformStatus`` in its metadata that it is valid, as those of PLUS do;
@@ -59,21 +57,21 @@ class GuidedStageSettings(
     radians, or as geometry_msgs/TransformStamped."""
     axis: Literal["x", "y", "z"] = "y"
     """Axis of a transform about which the probe turns."""
-    zero_deg: float = 0.0
+    zero_deg: Annotated[float, Within(-360, 360, "deg")] = 0.0
     """The encoder's own reading at which the image plane points at 0."""
     direction: Literal["forward", "reverse"] = "forward"
     """``reverse`` if the probe's angle falls while the encoder's reading grows, as for a transform that maps the other
     way (PLUS: ProbeHomeToProbe)."""
-    connect_s: float = 10.0
+    connect_s: Annotated[float, Within(0.1, 600, "s")] = 10.0
     """Longest time until the encoder reports an angle."""
-    timeout_s: float = 120.0
+    timeout_s: Annotated[float, Within(1, 3600, "s")] = 120.0
     """Longest time in which the person turns the probe to an angle."""
-    age_s: float = 0.5
+    age_s: Annotated[float, Within(0.05, 5, "s")] = 0.5
     """Greatest age of an angle, by the time that its message carries and by this computer's."""
-    fastest_deg_s: float = 90.0
+    fastest_deg_s: Annotated[float, Within(5, 360, "deg/s")] = 90.0
     """Fastest that a hand turns the probe: an angle that changes faster has jumped."""
-    steady_s: float = 1.0
-    steady_deg: float = 0.2
+    steady_s: Annotated[float, Within(0.2, 10, "s")] = 1.0
+    steady_deg: Annotated[float, Within(0.01, 1, "deg")] = 0.2
     """``steady_s`` and ``steady_deg``: the probe is at rest once its angle has changed by no more for so long."""
     reach_deg: float = 1.0
     """Most that the angle reached may differ from the one asked for; the search takes the one reached."""
@@ -85,19 +83,9 @@ class GuidedStageSettings(
     """Rotation that is as much effort as turning back."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not (self.device.isascii() and 0 < len(self.device) <= 20):
             raise ConfigError(f"stage: device is {self.device!r}, it must have 1 to 20 characters of ASCII")
-        require_range("stage: port", self.port, low=1, high=65535)
-        require_range("stage: zero_deg", self.zero_deg, low=-360, high=360, unit="deg")
-        for name, low, high in (
-            ("connect_s", 0.1, 600),
-            ("timeout_s", 1, 3600),
-            ("age_s", 0.05, 5),
-            ("steady_s", 0.2, 10),
-        ):
-            require_range(f"stage: {name}", getattr(self, name), low=low, high=high, unit="s")
-        require_range("stage: fastest_deg_s", self.fastest_deg_s, low=5, high=360, unit="deg/s")
-        require_range("stage: steady_deg", self.steady_deg, low=0.01, high=1, unit="deg")
         if self.steady_deg >= self.by_hand.reach_deg:
             raise ConfigError(
                 f"stage: steady_deg is {self.steady_deg} deg and reach_deg {self.reach_deg} deg; what is at rest must "
@@ -157,10 +145,10 @@ class GuidedStage:
         self.limits: Interval = limits.travel
         self._encoder, self._clock, self._settings, self._asks = encoder, clock, settings, asks
         self._search = limits.search
-        self._angle_deg, self._heard_s = 0.0, -1.0
-        self._heard = False
+        self._angle_deg, self._read_s = 0.0, -1.0
+        self._was_read = False
         self._reached: tuple[float, float] | None = None
-        if not self._hears_within(settings.connect_s):
+        if not self._reads_within(settings.connect_s):
             raise NotConnectedError(
                 f"stage: no angle came from its encoder within {settings.connect_s:g} s{self._why}; start it, and "
                 "compare its name and address with the rig file"
@@ -173,13 +161,13 @@ class GuidedStage:
 
     @property
     def angle_deg(self) -> float:
-        """Angle in degrees of a message that comes after this is asked.
+        """Angle in degrees of a message that comes after the question.
 
-        Raises `DeviceTimeoutError` if none comes in time, `MoveError` if the angle is none or has jumped.
+        Raises `DeviceTimeoutError` if none comes in time, `MoveError` if the angle is not finite or has jumped.
         """
         # What waits was sent before.
         self._take()
-        if not self._hears_within(self._settings.age_s):
+        if not self._reads_within(self._settings.age_s):
             raise self._silent()
         return self._angle_deg
 
@@ -203,7 +191,7 @@ class GuidedStage:
         # An encoder that stands still would be near the next angle by chance: it must be seen to turn.
         turned = abs(start_deg - angle_deg) <= settings.steady_deg
         while True:
-            if not self._hears_within(settings.age_s):
+            if not self._reads_within(settings.age_s):
                 raise self._silent()
             now_s, here_deg = self._clock.now_s(), self._angle_deg
             turned = turned or abs(here_deg - start_deg) > settings.steady_deg
@@ -238,7 +226,7 @@ class GuidedStage:
             return False
         return abs(self._angle_deg - self._reached[1]) <= self._settings.drift_deg and self._is_at(angle_deg)
 
-    def _hears_within(self, wait_s: float) -> bool:
+    def _reads_within(self, wait_s: float) -> bool:
         """Whether a new angle comes in that time."""
         ends_s = self._clock.now_s() + wait_s
         while self._clock.now_s() < ends_s:
@@ -248,25 +236,25 @@ class GuidedStage:
         return False
 
     def _take(self) -> bool:
-        """Whether the encoder has reported a new angle; `MoveError` if it is none, or has jumped."""
-        told_deg = self._encoder.read()
-        if told_deg is None:
+        """Whether the encoder has reported a new angle; `MoveError` if the angle is not finite, or has jumped."""
+        read_deg = self._encoder.read()
+        if read_deg is None:
             return False
-        if not is_finite(told_deg):
-            raise MoveError(f"stage: its encoder reports {told_deg} deg, which is no angle; look at the encoder")
+        if not is_finite(read_deg):
+            raise MoveError(f"stage: its encoder reports {read_deg} deg, which is no angle; look at the encoder")
         settings = self._settings
         sign = 1.0 if settings.direction == "forward" else -1.0
         # The encoder's zero may be anywhere on the circle.
-        here_deg = (sign * (told_deg - settings.zero_deg) + 180.0) % 360.0 - 180.0
+        here_deg = (sign * (read_deg - settings.zero_deg) + 180.0) % 360.0 - 180.0
         now_s = self._clock.now_s()
-        if self._heard:
-            way_deg, elapsed_s = abs(here_deg - self._angle_deg), now_s - self._heard_s
+        if self._was_read:
+            way_deg, elapsed_s = abs(here_deg - self._angle_deg), now_s - self._read_s
             if not way_deg <= settings.fastest_deg_s * elapsed_s + settings.steady_deg:
                 raise MoveError(
                     f"stage: its angle jumped from {self._angle_deg:.2f} to {here_deg:.2f} deg in {elapsed_s:.3f} s, "
                     f"faster than a hand turns it ({settings.fastest_deg_s:g} deg/s); look at the encoder"
                 )
-        self._angle_deg, self._heard_s, self._heard = here_deg, now_s, True
+        self._angle_deg, self._read_s, self._was_read = here_deg, now_s, True
         return True
 
     @property
@@ -317,6 +305,7 @@ def _open(settings: GuidedStageSettings, opening: Opening) -> Stage:
         encoder = opening.keep(
             closing(
                 IgtlEncoder(
+                    clock=clock,
                     host=settings.host,
                     port=settings.port,
                     connect_s=settings.connect_s,

@@ -6,7 +6,7 @@ It never homes: homing ignores the soft limits and turns through whatever is in 
 from __future__ import annotations
 
 import math
-from typing import Literal, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 from markerseek.core import (
     Clock,
@@ -16,12 +16,12 @@ from markerseek.core import (
     MoveError,
     NotConnectedError,
     Triggers,
-    require_range,
+    Within,
 )
 from markerseek.drivers._approach import require_room, require_wide
 from markerseek.drivers._apt_line import AptLine
 from markerseek.drivers._stage_move import StageRules, StageStatus
-from markerseek.drivers.entry import Entry, Opening, StageSettings
+from markerseek.drivers.entry import Entry, MotorSettings, Opening
 from markerseek.drivers.standard_stage import StandardSweepingStage
 from markerseek.files import Line
 from markerseek.guard import Limits
@@ -41,55 +41,18 @@ _ValueT = TypeVar(
 )
 
 
-class Kdc101Settings(
-    StageSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="kdc101"
-):
-    """Keys of the stage in a rig file; angles are the probe's unless they are called the stage's own."""
+class Kdc101Settings(MotorSettings, frozen=True, kw_only=True, tag="kdc101"):
+    """Keys of the stage in a rig file."""
 
     port: str
     """Serial port of its controller."""
-    zero_deg: float
-    """The stage's own reading at which the probe points at 0."""
-    direction: Literal["forward", "reverse"] = "forward"
-    """How the probe is mounted: "forward" if its angle grows with the stage's own reading, "reverse" if it falls. The
-    default is an assumption: ``markerseek doctor --rig RIG.toml --source-deg ANGLE`` tests it."""
-    serial_number: int | None = None
-    """Serial number that the controller must have; None accepts any."""
-    speed_deg_s: float = 10.0
-    acceleration_deg_s2: float = 10.0
-    """``speed_deg_s`` and ``acceleration_deg_s2``: speed and acceleration of its moves, in degrees per second and per
-    second squared; at most 25."""
     approach_from: Literal["below", "above"] = "below"
-    approach_deg: float = 1.0
-    """``approach_from`` and ``approach_deg``: side, by the probe's angle, from which every target is approached, and
-    over what distance, in degrees: longer than the gears' play."""
-    play_deg: float = 0.1
-    """Largest play of the gears: by so much the probe may lag in a sweep away from the side of approach."""
-    begin_s: float = 0.5
-    """Time without motion after which it counts as stuck."""
-    age_s: float = 0.3
+    """Side, by the probe's angle, from which every target is approached."""
+    play_deg: Annotated[float, Within(0, 5, "deg")] = 0.1
+    """Backlash of the gears: by so much the probe lags in a sweep away from the side of approach, as ``markerseek
+    calibrate --delay`` measures it."""
+    age_s: Annotated[float, Within(0.01, 1, "s")] = 0.3
     """Greatest age of the controller's answer."""
-
-    def __post_init__(self) -> None:
-        for name, low, high, unit in (
-            ("zero_deg", -360, 360, "deg"),
-            ("speed_deg_s", 0.1, 25, "deg/s"),
-            ("acceleration_deg_s2", 0.1, 25, "deg/s²"),
-            ("approach_deg", 0.01, 5, "deg"),
-            ("play_deg", 0, 5, "deg"),
-            ("begin_s", 0.1, 5, "s"),
-            ("age_s", 0.01, 1, "s"),
-        ):
-            require_range(f"stage: {name}", getattr(self, name), low=low, high=high, unit=unit)
-        if self.approach_from not in ("below", "above"):
-            raise ConfigError(f"stage: approach_from is {self.approach_from!r}, it must be 'below' or 'above'")
-        if self.direction not in ("forward", "reverse"):
-            raise ConfigError(f"stage: direction is {self.direction!r}, it must be 'forward' or 'reverse'")
-
-    @property
-    def sense(self) -> int:
-        """1 if the probe's angle grows with the stage's own reading, -1 if it falls."""
-        return 1 if self.direction == "forward" else -1
 
 
 class Kdc101Logic:
@@ -135,7 +98,7 @@ class Kdc101Logic:
         return self.identity.emulated
 
     def read(self) -> StageStatus:
-        """Its status; a controller that lost its home has a problem, as one that reports an error."""
+        """Status of the controller; an error that it reports, or a lost home, is a problem."""
         status, problem = self._status(), ""
         if status.faults:
             problem = f"the stage reports: {', '.join(status.faults)}; look for an obstacle"

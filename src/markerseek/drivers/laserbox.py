@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import Literal
+from typing import Annotated, Literal
 
 from markerseek.core import (
     SWEEP_READING_S,
@@ -22,10 +22,12 @@ from markerseek.core import (
     Permit,
     Pulse,
     SweepPermit,
+    Within,
     require_range,
 )
 from markerseek.drivers._laserbox_line import POLL_S, BoxLine, cure, require_known, stray_light
 from markerseek.drivers._laserbox_sweep import BoxSweep
+from markerseek.drivers.clock import polls
 from markerseek.drivers.entry import Entry, LaserSettings, Opening
 from markerseek.drivers.standard_laser import Permits
 from markerseek.files import Line
@@ -51,31 +53,20 @@ _LIGHT_SIGMA_S = 2 * wire.LIGHT_LATE_US / 1e6 / math.sqrt(3)
 late."""
 
 
-class LaserBoxSettings(
-    LaserSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="laserbox"
-):
+class LaserBoxSettings(LaserSettings, frozen=True, kw_only=True, tag="laserbox"):
     """Keys of the laser box in a rig file."""
 
     port: str
     """Serial port of the laser box."""
-    answer_s: float = 0.5
+    answer_s: Annotated[float, Within(0.1, 5, "s")] = 0.5
     """Longest time for its answer."""
     sweep_mode: Literal["free-running", "position-triggered"] = "free-running"
     """What gives the pulses of a sweep: the box, at its own pace, or the triggers of a KDC101 at its trigger input."""
-    stamp_delay_s: float = 0.0
+    stamp_delay_s: Annotated[float, Within(-0.1, 0.1, "s")] = 0.0
     """Time from the stamp of a pulse to its light against the stage's readings, as ``markerseek calibrate --delay``
     measures it."""
-    stamp_delay_sigma_s: float = 10e-3
+    stamp_delay_sigma_s: Annotated[float, Within(1e-4, 0.1, "s")] = 10e-3
     """Standard deviation of that time; the default is for a rig on which nobody has measured it."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_range("laser: stamp_delay_s", self.stamp_delay_s, low=-0.1, high=0.1, unit="s")
-        require_range("laser: stamp_delay_sigma_s", self.stamp_delay_sigma_s, low=1e-4, high=0.1, unit="s")
-        if self.sweep_mode not in ("free-running", "position-triggered"):
-            raise ConfigError(
-                f"laser: sweep_mode is {self.sweep_mode!r}, it must be 'free-running' or 'position-triggered'"
-            )
 
 
 class LaserBox:
@@ -218,7 +209,7 @@ class LaserBox:
             return sweep.untold()
 
     def end_sweep(self) -> int:
-        """End the light, and return how many pulses were fired, each of which has a stamp.
+        """End the light, and return how many pulses were fired; each has a stamp.
 
         Raises `LaserError` if pulses sent, seen and stamped differ. Raises `DeviceTimeoutError` if the box does not
         confirm it.
@@ -302,16 +293,14 @@ class LaserBox:
 
     def _greet(self, *, patience_s: float, boot_s: float) -> wire.Greeting:
         """Answer to HELLO, once the box has ended an earlier train; `NotConnectedError` if it does not fit."""
-        ends_s = self._clock.now_s() + patience_s
-        while isinstance(greeting := self._hello(boot_s), wire.Refusal):
-            if not self._clock.now_s() <= ends_s:
-                raise NotConnectedError(
-                    f"laser box: it still sends the triggers of an earlier firing after {patience_s:g} s; "
-                    "switch it off and on, or check its firmware"
-                )
-            self._clock.wait(_BUSY_POLL_S)
-        require_known(greeting)
-        return greeting
+        for _ in polls(self._clock, within_s=patience_s, every_s=_BUSY_POLL_S):
+            if isinstance(greeting := self._hello(boot_s), wire.Greeting):
+                require_known(greeting)
+                return greeting
+        raise NotConnectedError(
+            f"laser box: it still sends the triggers of an earlier firing after {patience_s:g} s; switch it off and "
+            "on, or check its firmware"
+        )
 
     def _hello(self, within_s: float) -> wire.Greeting | wire.Refusal:
         """Answer to HELLO, or BUSY."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from markerseek.core import Clock, ConfigError, DeviceTimeoutError, LaserError, NotConnectedError
 from markerseek.drivers._unread import Unread
+from markerseek.drivers.clock import polls
 from markerseek.drivers.entry import Entry, LaserSettings, Opening
 from markerseek.drivers.standard_laser import StandardLaser
 from markerseek.files import Line
@@ -23,9 +24,7 @@ _SPARE_S = 0.1
 _LONGEST = 256
 
 
-class PicolasSettings(
-    LaserSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="picolas"
-):
+class PicolasSettings(LaserSettings, frozen=True, kw_only=True, tag="picolas"):
     """Keys of a PicoLAS driver in a rig file."""
 
     port: str
@@ -50,7 +49,7 @@ class PicolasLogic:
             raise NotConnectedError(str(error)) from error
 
     def fire(self, pulses: int) -> None:
-        """Switch on for so many shots."""
+        """Switch on for this number of shots."""
         self._pulses, self._ends_s = pulses, self._clock.now_s()
         # Not sent: whether this device takes 0 shots as none or as without end is not known.
         if pulses:
@@ -70,20 +69,20 @@ class PicolasLogic:
         """Send a command and check that the last line of its answer is 0."""
         self._port.read(_LONGEST, timeout_s=0.0)  # drop an answer to an earlier command
         self._port.write(command.encode("ascii") + b"\r")
-        ends_s = self._clock.now_s() + _ANSWER_S
         answer = b""
-        while not answer.endswith(b"\n\n"):
-            if not self._clock.now_s() <= ends_s:
-                unread = Unread()
-                unread.add(answer)
-                raise DeviceTimeoutError(
-                    f"picolas: no answer to {command!r} in time: "
-                    + unread.said(cure="check its cable and power, and that laser.port is its port")
-                )
-            self._clock.wait(_POLL_S)
+        for _ in polls(self._clock, within_s=_ANSWER_S, every_s=_POLL_S):
             answer += self._port.read(_LONGEST, timeout_s=0.0)
             if len(answer) > _LONGEST:
                 raise LaserError(f"picolas: {answer[:40]!r}... is no answer; check the port")
+            if answer.endswith(b"\n\n"):
+                break
+        else:
+            unread = Unread()
+            unread.add(answer)
+            raise DeviceTimeoutError(
+                f"picolas: no answer to {command!r} in time: "
+                + unread.said(cure="check its cable and power, and that laser.port is its port")
+            )
         if answer.split()[-1:] != [b"0"]:
             raise LaserError(f"picolas: {command!r} was answered by {answer!r}, expected a last line 0; see its manual")
 

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from itertools import pairwise
 from statistics import fmean
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from markerseek.core import AcquisitionError, Clock, ConfigError, Int16, NotConnectedError
+from markerseek.core import AcquisitionError, Clock, ConfigError, Int16, NotConnectedError, Within
 from markerseek.drivers.entry import Entry, Opening
 from markerseek.drivers.standard_receiver import (
     ConnectionMessages,
@@ -25,15 +25,13 @@ MAX_IMAGE_BYTES = 1 << 24
 """Largest message: 128 channels of 65,536 samples."""
 
 
-class PlusSettings(
-    ConnectionSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="plus"
-):
+class PlusSettings(ConnectionSettings, frozen=True, kw_only=True, tag="plus"):
     """A PLUS server that sends one int16 IMAGE of channels x samples for each trigger."""
 
     device: str
     """Name of the images, as the server sends them: "RfVideo_Reference"."""
-    port: int = 18944
-    connect_s: float = 5.0
+    port: Annotated[int, Within(1, 65535)] = 18944
+    connect_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 5.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -41,14 +39,14 @@ class PlusSettings(
             raise ConfigError(f"receiver: device is {self.device!r}, it must have 1 to 20 characters of ASCII")
 
 
-def connect_plus(settings: PlusSettings) -> socket.socket:
-    """A connection to the server; `NotConnectedError` if it does not answer."""
-    where = f"{settings.host}, port {settings.port}"
+def connect_plus(host: str, port: int, *, within_s: float, driver: str = "plus") -> socket.socket:
+    """A connection to a server of OpenIGTLink; `NotConnectedError` if it does not answer."""
     try:
-        return socket.create_connection((settings.host, settings.port), timeout=settings.connect_s)
+        return socket.create_connection((host, port), timeout=within_s)
     except OSError as problem:
         raise NotConnectedError(
-            f"plus: no server on {where}: {problem.strerror or problem}; start PlusServer, or correct host and port"
+            f"{driver}: no server on {host}, port {port}: {problem.strerror or problem}; start PlusServer, or correct "
+            "host and port"
         ) from problem
 
 
@@ -56,32 +54,53 @@ VERSION_CURE = "version 2 was asked for: use a newer PLUS, or another server tha
 """What to do where a server goes on in version 1."""
 
 
-def ask_for_metadata(connection: socket.socket, *, what: str) -> None:
-    """Ask a server for header version 2; `NotConnectedError` if the connection has ended."""
-    try:
-        connection.sendall(igtl.asks_for_metadata())
-    except OSError as problem:
-        raise NotConnectedError(f"{what} has ended: {problem.strerror}; start the server again") from problem
+class IgtlMessages(ConnectionMessages[igtl.Message]):
+    """The messages of one kind and device; the server is asked for header version 2, which has metadata.
+
+    Raises `NotConnectedError` if the connection has ended.
+    """
+
+    peer = "server"
+    content: ClassVar[str]
+
+    def __init__(self, connection: socket.socket, clock: Clock, *, device: str) -> None:
+        super().__init__(connection, clock)
+        self._device = device
+        self._framer = igtl.Framer(most_bytes=MAX_IMAGE_BYTES)
+        try:
+            connection.sendall(igtl.asks_for_metadata())
+        except OSError as problem:
+            raise NotConnectedError(
+                f"{self.driver}: the connection has ended: {problem.strerror}; start the server again"
+            ) from problem
+
+    def decoded(self, data: bytes) -> Iterator[igtl.Message | None]:
+        """Messages of that kind and device."""
+        for header, body in self._framer.feed(data):
+            if (header.kind, header.device) == (self.content, self._device):
+                yield igtl.decode(header, body)
+                continue
+            if header.kind == "STATUS":
+                self.emulated |= igtl.is_emulated(header, body)
+            yield None
 
 
-class PlusMessages(ConnectionMessages[igtl.Message]):
+class PlusMessages(IgtlMessages):
     """The images of a PLUS server; ``unix_s``: time of day in seconds since 1970, which the images carry."""
 
-    driver, peer = "plus", "server"
+    driver, content = "plus", "IMAGE"
     called = "images"
     cure = "the device must send one image for each trigger"
 
     def __init__(
         self, connection: socket.socket, clock: Clock, settings: PlusSettings, unix_s: Callable[[], float]
     ) -> None:
-        super().__init__(connection, clock)
+        super().__init__(connection, clock, device=settings.device)
         self._settings, self._unix_s, self._armed_unix_s = settings, unix_s, 0.0
         self.used = f"images of {settings.device}"
         self.check = f"the trigger and the name of the device, {settings.device}"
-        self._framer = igtl.Framer(most_bytes=MAX_IMAGE_BYTES)
         self._fields: list[Mapping[str, str]] = []
         self._version: int = 1
-        ask_for_metadata(connection, what="plus: the connection")
 
     def arm(self) -> None:
         """Note the time of day."""
@@ -122,16 +141,6 @@ class PlusMessages(ConnectionMessages[igtl.Message]):
             ) from problem
         return fmean(values)
 
-    def decoded(self, data: bytes) -> Iterator[igtl.Message | None]:
-        """Images of the device that the rig file names."""
-        for header, body in self._framer.feed(data):
-            if (header.kind, header.device) == ("IMAGE", self._settings.device):
-                yield igtl.decode(header, body)
-                continue
-            if header.kind == "STATUS":
-                self.emulated |= igtl.is_emulated(header, body)
-            yield None
-
 
 class PlusReceiver(ConnectionReceiver[PlusMessages]):
     """Images of a PLUS server as frames, each the mean of the images of one acquisition."""
@@ -165,7 +174,7 @@ def _mean(images: list[igtl.Message]) -> Int16[np.ndarray, "channels samples"]:
 
 
 def _open(settings: PlusSettings, opening: Opening) -> PlusReceiver:
-    connection = opening.keep(closing(connect_plus(settings)))
+    connection = opening.keep(closing(connect_plus(settings.host, settings.port, within_s=settings.connect_s)))
     return PlusReceiver(connection=connection, clock=opening.clock, settings=settings, dark_triggers=opening.pulses)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import secrets
 from functools import partial
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -18,8 +18,8 @@ from markerseek.core import (
     LaserError,
     NotConnectedError,
     Permit,
+    Within,
     is_finite,
-    require_range,
 )
 from markerseek.drivers._ros2_wait import require_found, wait_until
 from markerseek.drivers.entry import Entry, LaserSettings, Opening, ReceiverSettings
@@ -31,13 +31,11 @@ _STATE_S = 1.0
 """Longest wait for a node that may not say whether it is simulated, in seconds."""
 
 
-class RosLaser(LaserSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="ros2"):
+class RosLaser(LaserSettings, frozen=True, kw_only=True, tag="ros2"):
     """The laser of an acquisition node, which fires it under its own guard; the receiver's driver must be the same."""
 
 
-class RosReceiver(
-    ReceiverSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="ros2"
-):
+class RosReceiver(ReceiverSettings, frozen=True, kw_only=True, tag="ros2"):
     """The receiver of an acquisition node."""
 
     request_topic: str = topics.ACQUIRE
@@ -45,15 +43,10 @@ class RosReceiver(
     frame_topic: str = topics.CHANNELS
     """``request_topic``, ``answer_topic`` and ``frame_topic``: where an acquisition is asked for, where it is answered,
     and where its channel data come."""
-    connect_s: float = 10.0
+    connect_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 10.0
     """Longest time until the node is found."""
-    timeout_s: float = 60.0
+    timeout_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 60.0
     """Longest time from the request to the frame."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("connect_s", "timeout_s"):
-            require_range(f"receiver: {name}", getattr(self, name), low=0, high=600, unit="s", open_low=True)
 
 
 class Ros2Acquisition:

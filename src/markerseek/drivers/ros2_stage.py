@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from markerseek.core import (
     Clock,
@@ -13,7 +13,7 @@ from markerseek.core import (
     Interval,
     MoveError,
     NotConnectedError,
-    require_range,
+    Within,
 )
 from markerseek.drivers._approach import require_inside
 from markerseek.drivers._ros2_wait import require_found, wait_until
@@ -26,9 +26,7 @@ _MAX_WAITING = 200
 """Most messages that are handled before a move, or before the angle is given."""
 
 
-class Ros2StageSettings(
-    StageSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="ros2"
-):
+class Ros2StageSettings(StageSettings, frozen=True, kw_only=True, tag="ros2"):
     """A stage node that takes an angle on one topic and returns the angle reached on another."""
 
     command_topic: str = topics.MOVE_JP
@@ -42,21 +40,17 @@ class Ros2StageSettings(
     """Type of both: ``joint_state``, in radians and with a stamp, or ``float64``, as of a LabVIEW bridge."""
     unit: Literal["rad", "deg"] = "rad"
     """Unit of ``float64``."""
-    connect_s: float = 10.0
+    connect_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 10.0
     """Longest time until its node is found."""
-    timeout_s: float = 60.0
+    timeout_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 60.0
     """Longest duration of a move."""
-    arrival_deg: float = 0.05
+    arrival_deg: Annotated[float, Within(0.001, 0.1, "deg")] = 0.05
     """Largest distance from the target at which an angle counts as reached."""
-    age_s: float | None = 1.0
+    age_s: Annotated[float | None, Within(0.05, 60, "s")] = 1.0
     """Greatest age of an angle; None for nodes that publish it after a move only."""
 
     def __post_init__(self) -> None:
-        for name in ("connect_s", "timeout_s"):
-            require_range(f"stage: {name}", getattr(self, name), low=0, high=600, unit="s", open_low=True)
-        require_range("stage: arrival_deg", self.arrival_deg, low=0.001, high=0.1, unit="deg")
-        if self.age_s is not None:
-            require_range("stage: age_s", self.age_s, low=0.05, high=60, unit="s")
+        super().__post_init__()
         if self.message == "joint_state" and self.unit != "rad":
             raise ConfigError("stage: unit is deg, and a joint_state is in radians; use message = 'float64', or 'rad'")
         if self.message == "float64" and self.state_topic is not None:
@@ -110,7 +104,7 @@ class Ros2Stage:
             )
 
     def _finds_state(self) -> bool:
-        """Whether its state was heard or is not needed; the publisher decides its type."""
+        """Whether a state has come or is not needed; the publisher decides the type of its message."""
         topic, node = self._settings.state_topic, self._node
         if topic is None or self._states > 0:
             return True

@@ -11,11 +11,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 
-from markerseek.core import ConfigError, require_range
+from markerseek.core import ConfigError, Within, require_fields
 from markerseek.drivers._foreign_class import names_of
 from markerseek.drivers.entry import PARTS, LaserSettings, Part, ReceiverSettings, StageSettings
 from markerseek.drivers.foreign import AnyForeign, Foreign, foreign_line, require_class, split_keys
@@ -32,20 +32,16 @@ class BenchProbe(ProbeKeys):
 
     preset: str = "BPL9-5/55"
     """Name of array, band and aperture: see ``markerseek frame --probe``."""
-    sound_speed_m_s: float | None = None
+    sound_speed_m_s: Annotated[float | None, Within(1000, 2000, "m/s")] = None
     """None takes the preset's."""
-    trigger_offset_s: float = 0.0
+    trigger_offset_s: Annotated[float, Within(-1e-4, 1e-4, "s")] = 0.0
     """Time from the trigger to the middle of the laser's pulse."""
-    face_radius_m: float | None = None
+    face_radius_m: Annotated[float | None, Within(0, 0.05, "m", open_low=True)] = None
     """Distance of the array's face from the axis of rotation; None if not known, and the result is then the marker's
     angle alone."""
 
     def __post_init__(self) -> None:
-        if self.face_radius_m is not None:
-            require_range("probe: face_radius_m", self.face_radius_m, low=0, high=0.05, unit="m", open_low=True)
-        if self.sound_speed_m_s is not None:
-            require_range("probe: sound_speed_m_s", self.sound_speed_m_s, low=1000, high=2000, unit="m/s")
-        require_range("probe: trigger_offset_s", self.trigger_offset_s, low=-1e-4, high=1e-4, unit="s")
+        require_fields(self, "probe")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,11 +51,11 @@ class BenchSupervisor:
     enabled: bool = True
     """Whether it is started. Without it, when a search is killed, only the laser box's own lease stops the laser, and
     the stage moves on by the few degrees that its target is ahead."""
-    lease_s: float = 0.1
+    lease_s: Annotated[float, Within(0.05, 1, "s")] = 0.1
     """Longest time between two beats of the control loop while it moves or fires."""
 
     def __post_init__(self) -> None:
-        require_range("supervisor: lease_s", self.lease_s, low=0.05, high=1, unit="s")
+        require_fields(self, "supervisor")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,38 +6,29 @@ rig's stage says that it is.
 
 from __future__ import annotations
 
-from markerseek.core import Laser, Receiver, Stage, require_range
+from typing import Annotated
+
+from markerseek.core import Laser, Receiver, Stage, Within
 from markerseek.drivers.entry import Entry, LaserSettings, ReceiverSettings, StageSettings
 
 
-class SimulatedStageKeys(
-    StageSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="simulated"
-):
+class SimulatedStageKeys(StageSettings, frozen=True, kw_only=True, tag="simulated"):
     """Keys of a simulated stage in a rig of devices: none, since the world says how it moves."""
 
 
-class SimulatedLaserKeys(
-    LaserSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="simulated"
-):
+class SimulatedLaserKeys(LaserSettings, frozen=True, kw_only=True, tag="simulated"):
     """Keys of a simulated laser in a rig of devices; the receiver must be simulated too."""
 
 
-class SimulatedReceiverKeys(
-    ReceiverSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="simulated"
-):
+class SimulatedReceiverKeys(ReceiverSettings, frozen=True, kw_only=True, tag="simulated"):
     """Keys of a simulated receiver in a rig of devices, which describes the world too."""
 
-    seed: int = 1
+    seed: Annotated[int, Within(0, 2**63 - 1)] = 1
     """Seed of the world's marker and noise."""
     world: str | None = None
     """Rig file (kind simulated) that describes the world; None: the usual one."""
-    readout_s: float = 0.1
+    readout_s: Annotated[float, Within(0, 600, "s")] = 0.1
     """Time to read one acquisition."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_range("receiver: seed", self.seed, low=0, high=2**63 - 1)
-        require_range("receiver: readout_s", self.readout_s, low=0, high=600, unit="s")
 
 
 STAGE_ENTRY: Entry[SimulatedStageKeys, Stage] = Entry(

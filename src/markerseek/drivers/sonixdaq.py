@@ -16,7 +16,7 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import ClassVar, Literal, TypeVar
+from typing import Annotated, ClassVar, Literal, TypeVar
 
 from markerseek.core import (
     AcquisitionError,
@@ -29,8 +29,9 @@ from markerseek.core import (
     Permit,
     RecordError,
     SweepPermit,
-    require_range,
+    Within,
 )
+from markerseek.drivers.clock import polls
 from markerseek.drivers.daq_folder import DaqFolder, FolderState
 from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
 from markerseek.drivers.standard_receiver import acquired_frame, armed_for
@@ -44,41 +45,36 @@ _HELD_S = 2.0
 ReadT = TypeVar("ReadT")
 
 
-class SonixDaqSettings(
-    ReceiverSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="sonixdaq"
-):
+class SonixDaqSettings(ReceiverSettings, frozen=True, kw_only=True, tag="sonixdaq"):
     """Keys of a SonixDAQ in a rig file."""
 
     channels: ClassVar[int | None] = wire.CHANNELS
 
     folder: str
     """Where its software writes the channel files, of either SDK, over those of the acquisition before."""
-    timeout_s: float = 60.0
+    timeout_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 60.0
     """Longest time from the trigger to the complete files; they take about 10 s (paper, section 4)."""
     stable_s: float = 0.2
     """Time for which complete files must stay unchanged before they are read."""
-    readout_s: float = 12.0
+    readout_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 12.0
     """Longest time from a trigger to the last file: a folder unchanged for that long is settled."""
     frames: Literal["triggered", "fixed"] = "fixed"
-    """How many pulses it records: as many as it is triggered, or a fixed number. With ``triggered`` their number varies
-    from acquisition to acquisition, so that a file shows which trigger it answers."""
-    sweep_period_s: float = 0.05
-    """Least time between two triggers of a sweep, each of which gives a frame of its own."""
+    """How many pulses the device records: as many as it is triggered, or a fixed number. With ``triggered`` the number
+    varies from acquisition to acquisition, so that a file shows which trigger it answers."""
+    sweep_period_s: Annotated[float, Within(1e-3, 10, "s")] = 0.05
+    """Least time between two triggers of a sweep; each gives a frame."""
     start_command: tuple[str, ...] | None = None
     """Program and arguments that prepare the device for a trigger; no shell is involved, and ``{frames}`` in them is
     replaced by the number of pulses to come. None: it is always ready."""
-    start_timeout_s: float = 10.0
+    start_timeout_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 10.0
     """Longest duration of that command."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("timeout_s", "readout_s", "start_timeout_s"):
-            require_range(f"sonixdaq: {name}", getattr(self, name), low=0, high=600, unit="s", open_low=True)
-        require_range("sonixdaq: sweep_period_s", self.sweep_period_s, low=1e-3, high=10, unit="s")
         if not 0 <= self.stable_s < self.timeout_s:
-            raise ConfigError(f"sonixdaq: stable_s is {self.stable_s} s, it must lie in [0, {self.timeout_s:g}) s")
+            raise ConfigError(f"receiver: stable_s is {self.stable_s} s, it must lie in [0, {self.timeout_s:g}) s")
         if self.start_command is not None and not (self.start_command and self.start_command[0]):
-            raise ConfigError("sonixdaq: start_command is empty; leave it out, or name a program and its arguments")
+            raise ConfigError("receiver: start_command is empty; leave it out, or name a program and its arguments")
 
     @property
     def varied(self) -> bool:
@@ -112,20 +108,18 @@ class SonixDaqReceiver:
         read.
         """
         before, since_s = self._untouched or (self._state(), self._clock.now_s())
-        ends_s = self._clock.now_s() + self._settings.timeout_s + self._settings.readout_s
-        seen = before
-        while True:
+        seen, longest_s = before, self._settings.timeout_s + self._settings.readout_s
+        for _ in polls(self._clock, within_s=longest_s, every_s=_POLL_S):
             state, now_s = self._state(), self._clock.now_s()
             if state != seen:
                 seen, since_s = state, now_s
             if now_s - since_s >= self._settings.readout_s:
                 break
-            if not now_s <= ends_s:
-                raise DeviceTimeoutError(
-                    f"sonixdaq: files keep arriving in {self._settings.folder} although nothing is triggered; end the "
-                    "other program that writes or triggers there"
-                )
-            self._clock.wait(_POLL_S)
+        else:
+            raise DeviceTimeoutError(
+                f"sonixdaq: files keep arriving in {self._settings.folder} although nothing is triggered; end the "
+                "other program that writes or triggers there"
+            )
         self._untouched = seen, since_s
         arrived = sorted(name for name, file in seen.items() if before.get(name) != file)
         if arrived:
@@ -264,9 +258,8 @@ class SonixDaqReceiver:
 
     def _await_files(self, before: FolderState, read: Callable[[list[str]], ReadT]) -> ReadT:
         """What is read of the new files, by their names, once they are complete and unchanged."""
-        ends_s = self._clock.now_s() + self._settings.timeout_s
         seen, since_s = before, self._clock.now_s()
-        while True:
+        for _ in polls(self._clock, within_s=self._settings.timeout_s, every_s=_POLL_S):
             names: list[str] = []
             # What cannot be read now may still be held by its writer: it is not complete yet.
             try:
@@ -283,13 +276,11 @@ class SonixDaqReceiver:
                     raise AcquisitionError("sonixdaq: the files changed while they were read; take the frame again")
             except NotConnectedError as problem:
                 missing = str(problem)
-            if not self._clock.now_s() <= ends_s:
-                raise DeviceTimeoutError(
-                    f"sonixdaq: after {self._settings.timeout_s:g} s {len(names)} of {wire.CHANNELS} channel files in "
-                    f"{self._settings.folder} are new{f' and not all are complete: {missing}' if missing else ''}; "
-                    "check trigger, folder and free space, or raise timeout_s"
-                )
-            self._clock.wait(_POLL_S)
+        raise DeviceTimeoutError(
+            f"sonixdaq: after {self._settings.timeout_s:g} s {len(names)} of {wire.CHANNELS} channel files in "
+            f"{self._settings.folder} are new{f' and not all are complete: {missing}' if missing else ''}; check "
+            "trigger, folder and free space, or raise timeout_s"
+        )
 
 
 def _numbered(names: Iterable[str]) -> list[str]:
@@ -318,7 +309,15 @@ def run_to_its_end(command: Sequence[str], *, timeout_s: float, clock: Clock) ->
                 "file"
             ) from error
         try:
-            _await_exit(process, command[0], timeout_s=timeout_s, clock=clock)
+            # Polled, since `Popen.wait` would block this thread, whose waits on the clock renew the lease.
+            for _ in polls(clock, within_s=timeout_s, every_s=_EXIT_POLL_S):
+                if process.poll() is not None:
+                    break
+            else:
+                raise DeviceTimeoutError(
+                    f"sonixdaq: the start command {command[0]!r} took more than {timeout_s:g} s and was ended; try it "
+                    "by hand or raise start_timeout_s"
+                )
         finally:
             process.kill()
             process.wait()
@@ -329,18 +328,6 @@ def run_to_its_end(command: Sequence[str], *, timeout_s: float, clock: Clock) ->
                 f"sonixdaq: the start command {command[0]!r} ended with code {process.returncode}"
                 f"{': ' + last if last else ''}; try it by hand"
             )
-
-
-def _await_exit(process: subprocess.Popen[bytes], program: str, *, timeout_s: float, clock: Clock) -> None:
-    # Polled, since `Popen.wait` would block this thread, whose waits on the clock renew the lease.
-    ends_s = clock.now_s() + timeout_s
-    while process.poll() is None:
-        if not clock.now_s() <= ends_s:
-            raise DeviceTimeoutError(
-                f"sonixdaq: the start command {program!r} took more than {timeout_s:g} s and was ended; try it by hand "
-                "or raise start_timeout_s"
-            )
-        clock.wait(_EXIT_POLL_S)
 
 
 def _open(settings: SonixDaqSettings, opening: Opening) -> SonixDaqReceiver:

@@ -6,6 +6,7 @@ from contextlib import suppress
 from typing import Generic, Protocol, TypeVar
 
 from markerseek.core import Clock, DeviceError, DeviceTimeoutError, LaserError, Permit, SweepPermit
+from markerseek.drivers.clock import polls
 
 _POLL_S = 0.005
 
@@ -17,7 +18,7 @@ class LaserLogic(Protocol):
     """
 
     def fire(self, pulses: int) -> None:
-        """Begin to fire so many pulses and no more; 0: trigger the acquisition alone, or do nothing."""
+        """Begin to fire this number of pulses; 0: trigger the acquisition alone, or do nothing."""
 
     def fired(self) -> int | None:
         """How many were fired since `fire`; None while they go on."""
@@ -40,7 +41,7 @@ class Permits:
         self._used: set[str] = set()
 
     def require_unused(self, permit: Permit | SweepPermit) -> None:
-        """Refuse one that was used; `LaserError`."""
+        """Refuse a permit that was used; `LaserError`."""
         if permit.token in self._used:
             raise LaserError(f"{self._name}: the permit {permit.token!r} was used before; nothing was fired")
 
@@ -102,15 +103,13 @@ class StandardLaser(Generic[LogicT]):
         return fired
 
     def _await(self, needed_s: float) -> int:
-        ends_s = self._clock.now_s() + needed_s + self._answer_s
-        while (fired := self.logic.fired()) is None:
-            if not self._clock.now_s() <= ends_s:
-                raise DeviceTimeoutError(
-                    f"{self._name}: the end of the pulses was not confirmed within {self._answer_s:g} s; it is "
-                    "switched off; check its cable and its power"
-                )
-            self._clock.wait(_POLL_S)
-        return fired
+        for _ in polls(self._clock, within_s=needed_s + self._answer_s, every_s=_POLL_S):
+            if (fired := self.logic.fired()) is not None:
+                return fired
+        raise DeviceTimeoutError(
+            f"{self._name}: the end of the pulses was not confirmed within {self._answer_s:g} s; it is switched off; "
+            "check its cable and its power"
+        )
 
     def disarm(self) -> None:
         """Switch off; raises what the device says if it does not confirm it."""

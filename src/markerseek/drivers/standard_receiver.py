@@ -7,7 +7,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from itertools import islice
-from typing import Any, ClassVar, Generic, Protocol, TypeVar, TypeVarTuple
+from typing import Annotated, Any, ClassVar, Generic, Protocol, TypeVar, TypeVarTuple
 
 import numpy as np
 
@@ -21,8 +21,9 @@ from markerseek.core import (
     Int16,
     NotConnectedError,
     Permit,
-    require_range,
+    Within,
 )
+from markerseek.drivers.clock import polls
 from markerseek.drivers.entry import ReceiverSettings
 
 _READ_BYTES = 1 << 16
@@ -194,11 +195,9 @@ class StandardReceiver(Generic[MessagesT]):
 
     def until_quiet(self) -> list[object]:
         """Messages that come before none came for a while: none, or the first that is too many and those with it."""
-        quiet_s = self._clock.now_s() + self._quiet_s
-        while self._clock.now_s() < quiet_s:
+        for _ in polls(self._clock, within_s=self._quiet_s, every_s=SLICE_S):
             if new := self.messages.take()[0]:
                 return list(new)
-            self._clock.wait(SLICE_S)
         return []
 
     def _exactly(self, count: int) -> list[object]:
@@ -207,16 +206,16 @@ class StandardReceiver(Generic[MessagesT]):
         Raises `DeviceTimeoutError` if too few come in time, `AcquisitionError` if too many come.
         """
         came: list[object] = []
-        said, ends_s = self.messages, self._clock.now_s() + self._timeout_s
-        while len(came) < count:
+        said = self.messages
+        for _ in polls(self._clock, within_s=self._timeout_s, every_s=SLICE_S):
             came += self.messages.take()[0]
-            if len(came) < count:
-                if not self._clock.now_s() <= ends_s:
-                    raise DeviceTimeoutError(
-                        f"{said.driver}: {len(came)} of {count} {said.called} came within {self._timeout_s:g} s; "
-                        f"check {said.check}"
-                    )
-                self._clock.wait(SLICE_S)
+            if len(came) >= count:
+                break
+        else:
+            raise DeviceTimeoutError(
+                f"{said.driver}: {len(came)} of {count} {said.called} came within {self._timeout_s:g} s; check "
+                f"{said.check}"
+            )
         came += self.until_quiet()
         if len(came) > count:
             raise AcquisitionError(
@@ -230,24 +229,17 @@ class ConnectionSettings(ReceiverSettings, frozen=True, kw_only=True):
     """Keys of a receiver behind a connection that gives a message for each trigger."""
 
     host: str = "127.0.0.1"
-    """Address of the server; of one that waits for its sender, this computer's."""
-    port: int
+    """Address of the server. A receiver that waits for its sender has the address of this computer here."""
+    port: Annotated[int, Within(1, 65535)]
     """Port of the server, or that on which it waits."""
-    connect_s: float
+    connect_s: Annotated[float, Within(0, 600, "s", open_low=True)]
     """Longest time until the connection is there."""
-    timeout_s: float = 20.0
+    timeout_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 20.0
     """Longest time from the trigger to the last message."""
-    quiet_s: float = 0.2
+    quiet_s: Annotated[float, Within(0, 60, "s", open_low=True)] = 0.2
     """Time without a message that is waited for before a trigger and after the last message."""
-    clock_s: float = 0.05
+    clock_s: Annotated[float, Within(0, 60, "s")] = 0.05
     """Largest difference between the clocks of the two computers: what is older than the trigger by more is refused."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_range("receiver: port", self.port, low=1, high=65535)
-        for name, high in (("connect_s", 600), ("timeout_s", 600), ("quiet_s", 60)):
-            require_range(f"receiver: {name}", getattr(self, name), low=0, high=high, unit="s", open_low=True)
-        require_range("receiver: clock_s", self.clock_s, low=0, high=60, unit="s")
 
     @property
     def varied(self) -> bool:
@@ -270,7 +262,7 @@ class ConnectionMessages(ABC, Generic[MessageT]):
 
     @abstractmethod
     def decoded(self, data: bytes) -> Iterator[MessageT | None]:
-        """Messages that are complete with more bytes, None for one that is not used; a `DeviceError` ends all."""
+        """Messages that these bytes complete, None for an unused message; a `DeviceError` ends the connection."""
 
     def close(self) -> None:
         """Close the connection; allowed twice."""
@@ -279,7 +271,7 @@ class ConnectionMessages(ABC, Generic[MessageT]):
     def take(self) -> tuple[list[MessageT], bool]:
         """As `Messages.take`.
 
-        Raises `NotConnectedError` if the connection has ended, or so many come that they cannot be taken.
+        Raises `NotConnectedError` if the connection has ended, or more messages come than can be taken.
         """
         messages: list[MessageT] = []
         room, taken = _MAX_TAKEN, 0
@@ -298,7 +290,7 @@ class ConnectionMessages(ABC, Generic[MessageT]):
             try:
                 data = self.connection.recv(_READ_BYTES)
             except BlockingIOError:
-                # Nothing waits: what comes next is counted anew.
+                # Nothing waits: the count of a flood begins again.
                 self._came, self._since_s = 0, self._clock.now_s()
                 return messages, False
             except ConnectionResetError:
@@ -319,7 +311,7 @@ class ConnectionMessages(ABC, Generic[MessageT]):
             raise NotConnectedError(
                 f"{self.driver}: the {self.peer} floods: {self._came} messages came in {passed_s:.2f} s without a "
                 f"pause, at most {_FLOOD_PER_S} a second are taken; the connection is closed; start the {self.peer} "
-                "again, and let it send nothing but what each trigger gives"
+                "again, and let it send only what the search needs"
             )
 
 

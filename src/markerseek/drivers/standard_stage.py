@@ -21,6 +21,7 @@ from markerseek.core import (
 )
 from markerseek.drivers._approach import DOWN, UP, plan_approach, require_inside, require_wide
 from markerseek.drivers._stage_move import Move, StageLogic, StageRules
+from markerseek.drivers.clock import polls
 
 _STOP_S, _STOP_AGAIN_S = 1.0, 0.02
 _READS = 6
@@ -149,19 +150,16 @@ class StandardStage(Generic[LogicT]):
 
     def _come_to_rest(self) -> float:
         """Stop, until two answers in a row say that it is at rest; returns where, in degrees."""
-        ends_s = self._clock.now_s() + _STOP_S + self.rules.brake_s
         before_deg: float | None = None
-        while True:
+        for _ in polls(self._clock, within_s=_STOP_S + self.rules.brake_s, every_s=_STOP_AGAIN_S):
             # Sent again each time: without a checksum, a damaged stop is ignored and nobody reports it.
             self.logic.stop()
             status = self.logic.read()
             here_deg = status.angle_deg
             if not status.moving and before_deg is not None and abs(here_deg - before_deg) <= self.rules.same_deg:
                 return here_deg
-            if not self._clock.now_s() < ends_s:
-                raise MoveError("the stage was told to stop and keeps moving; cut its power")
             before_deg = None if status.moving else here_deg
-            self._clock.wait(_STOP_AGAIN_S)
+        raise MoveError("the stage was told to stop and keeps moving; cut its power")
 
     def _stop_after_error(self) -> None:
         """Stop after an error; a second error here must not hide the first."""
@@ -219,7 +217,7 @@ class StandardSweepingStage(StandardStage[SweepLogicT]):
         return self.logic.trigger_step_deg
 
     def play_deg(self, forward: float) -> float:
-        """Largest play in a sweep in that direction: none where the gears push as in the approach of a target."""
+        """Largest play in a sweep in that direction: 0 where the gears push as in the approach of a target."""
         return 0.0 if forward == self._usual else self._play_deg
 
     def move_to(self, angle_deg: float) -> float:

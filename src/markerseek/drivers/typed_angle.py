@@ -113,7 +113,7 @@ class TypedStage:
 
 
 def _number(text: str) -> float | None:
-    """The angle in a line, with a point or a comma; None if it is none."""
+    """The angle in a line, with a point or a comma; None if the line holds no angle."""
     try:
         angle_deg = float(text.strip().removesuffix("°").replace("−", "-").replace(",", "."))
     except ValueError:

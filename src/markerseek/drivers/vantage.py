@@ -5,10 +5,12 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from typing import Annotated
 
 import numpy as np
 
-from markerseek.core import AcquisitionError, Clock, ConfigError, Int16, NotConnectedError
+from markerseek.core import AcquisitionError, Clock, ConfigError, Int16, NotConnectedError, Within
+from markerseek.drivers.clock import polls
 from markerseek.drivers.entry import Entry, Opening
 from markerseek.drivers.standard_receiver import (
     SLICE_S,
@@ -23,17 +25,15 @@ _GREETING_S = 5.0
 """Longest time from a connection to its greeting, in seconds."""
 
 
-class VantageSettings(
-    ConnectionSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="vantage"
-):
+class VantageSettings(ConnectionSettings, frozen=True, kw_only=True, tag="vantage"):
     """A Verasonics Vantage whose sequence calls ``markerseek_send`` once for each trigger of the laser."""
 
     probe: str
     """Name of the probe, as given to the sender: a frame of another is refused."""
-    port: int = 18955
+    port: Annotated[int, Within(1, 65535)] = 18955
     peer: str = "127.0.0.1"
     """Address of the Vantage's computer; others are turned away."""
-    connect_s: float = 60.0
+    connect_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 60.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -55,13 +55,11 @@ def await_sender(settings: VantageSettings, clock: Clock) -> socket.socket:
         ) from problem
     with server:
         server.setblocking(False)
-        ends_s = clock.now_s() + settings.connect_s
         refused = ""
-        while clock.now_s() <= ends_s:
+        for _ in polls(clock, within_s=settings.connect_s, every_s=SLICE_S):
             try:
                 connection, (address, *_) = server.accept()
             except BlockingIOError:
-                clock.wait(SLICE_S)
                 continue
             if address == settings.peer:
                 return connection
@@ -102,13 +100,13 @@ class VantageMessages(ConnectionMessages[wire.VantageFrame]):
         return self._mean(messages)
 
     def _greeting(self) -> wire.VantageFrame:
-        ends_s = self._clock.now_s() + _GREETING_S
-        while not (came := self.take()[0]):
-            if not self._clock.now_s() <= ends_s:
-                raise NotConnectedError(
-                    f"vantage: what has connected says nothing for {_GREETING_S:g} s; is it markerseek_send.m?"
-                )
-            self._clock.wait(SLICE_S)
+        for _ in polls(self._clock, within_s=_GREETING_S, every_s=SLICE_S):
+            if came := self.take()[0]:
+                break
+        else:
+            raise NotConnectedError(
+                f"vantage: what has connected says nothing for {_GREETING_S:g} s; is it markerseek_send.m?"
+            )
         if came[0].counter != 0:
             raise NotConnectedError(f"vantage: the first frame has the counter {came[0].counter}, no greeting came")
         if came[0].probe != self._settings.probe:

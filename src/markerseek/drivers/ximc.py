@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from types import ModuleType
-from typing import Literal
+from typing import Annotated
 
 from markerseek.core import (
     Clock,
@@ -18,12 +18,12 @@ from markerseek.core import (
     Interval,
     MoveError,
     NotConnectedError,
+    Within,
     needs_package,
-    require_range,
 )
 from markerseek.drivers._approach import require_room
 from markerseek.drivers._stage_move import StageRules, StageStatus
-from markerseek.drivers.entry import Entry, Opening, StageSettings
+from markerseek.drivers.entry import Entry, MotorSettings, Opening
 from markerseek.drivers.standard_stage import StandardStage
 
 _UNEXPECTED_DEG = 0.5
@@ -33,48 +33,23 @@ _VIRTUAL = "xi-emu:"
 """How the address of a virtual device of the library begins."""
 
 
-class XimcSettings(
-    StageSettings, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver", tag="ximc"
-):
-    """A rotation stage on an 8SMC5 controller."""
+class XimcSettings(MotorSettings, frozen=True, kw_only=True, tag="ximc"):
+    """A rotation stage on an 8SMC5 controller; every target is approached from below."""
 
     uri: str
     """Address as the library has it: "xi-com:/dev/ttyACM0"; "xi-emu:///tmp/stage.bin" is a virtual device."""
-    steps_per_deg: float
+    steps_per_deg: Annotated[float, Within(1, 10_000)]
     """Whole motor steps for a degree, from the data sheet of the stage."""
-    zero_deg: float
-    """The stage's own reading at which the image plane points at 0."""
-    direction: Literal["forward", "reverse"] = "forward"
-    """``reverse`` if the probe's angle falls while the stage's reading grows."""
-    serial_number: int | None = None
-    """Serial number that the controller must have; None accepts any."""
-    speed_deg_s: float = 10.0
-    acceleration_deg_s2: float = 10.0
-    """``speed_deg_s`` and ``acceleration_deg_s2``: speed and acceleration of its moves, in degrees per second and per
-    second squared; at most 25."""
-    approach_deg: float = 1.0
-    """Distance over which every target is approached from below, in degrees: longer than the gears' play."""
-    arrival_deg: float = 0.02
+    arrival_deg: Annotated[float, Within(0.001, 0.1, "deg")] = 0.02
     """Largest distance from its target at which it counts as arrived."""
-    begin_s: float = 0.5
-    """Time without motion after which it counts as stuck."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.uri.startswith(_VIRTUAL) and not self.uri.endswith(".bin"):
             raise ConfigError(
                 f"stage: uri is {self.uri!r}; the file of a virtual device must end in .bin, because the library "
                 "overwrites what it names"
             )
-        for name, low, high, unit in (
-            ("steps_per_deg", 1, 10_000, ""),
-            ("zero_deg", -360, 360, "deg"),
-            ("speed_deg_s", 0.1, 25, "deg/s"),
-            ("acceleration_deg_s2", 0.1, 25, "deg/s²"),
-            ("approach_deg", 0.01, 5, "deg"),
-            ("arrival_deg", 0.001, 0.1, "deg"),
-            ("begin_s", 0.1, 5, "s"),
-        ):
-            require_range(f"stage: {name}", getattr(self, name), low=low, high=high, unit=unit)
         if self.arrival_deg * self.steps_per_deg < 1 / 256:
             raise ConfigError(
                 f"stage: arrival_deg is {self.arrival_deg} deg, less than a microstep; "
@@ -103,7 +78,7 @@ class XimcLogic:
             )
         self.emulated = settings.uri.startswith(_VIRTUAL)
         self._settings, self._travel = settings, travel
-        self._sense = 1 if settings.direction == "forward" else -1
+        self._sense = settings.sense
         self.serial_number = 0
         self._microsteps = 1
         self._ximc = _library()
@@ -225,8 +200,7 @@ class XimcLogic:
 class XimcStage(StandardStage[XimcLogic]):
     """A stage on an 8SMC5.
 
-    Without an encoder its angle is a count of the steps that it was told to make: steps that the motor loses do not
-    show.
+    Without an encoder the angle is a count of commanded steps: steps that the motor loses do not show.
 
     ``travel``: angles at which the probe may be; written to the controller as its borders. Raises `NotConnectedError`
     if it does not answer, or is another one. Raises `MoveError` if it moves, is not homed, or does not keep what is

@@ -1,4 +1,4 @@
-from .bench import EmulatedBench, require_pace, serve
+from .bench import EmulatedBench, serve
 from .kdc101 import EmulatedKdc101
 from .laserbox import LIGHT_COUNTS
 from .lines import ByteDevice, DirectPort, PtyLine
@@ -15,6 +15,5 @@ __all__ = [
     "EmulatedSonixDaq",
     "EmulatedVantage",
     "PtyLine",
-    "require_pace",
     "serve",
 ]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 from markerseek.emulators._kdc101_triggers import TriggerOutput
 from markerseek.emulators._prm1z8 import Prm1z8
@@ -41,31 +40,6 @@ _MOVING_UP, _MOVING_DOWN, _CONNECTED, _HOMING, _HOMED, _ERROR, _ENABLED = (
     *(0x10, 0x20, 0x100, 0x200, 0x400, 0x4000),
     0x80000000,
 )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Parameters:
-    """The parameters that determine a move, in degrees, seconds and counts."""
-
-    speed_deg_s: float
-    acceleration_deg_s2: float
-    home_speed_deg_s: float
-    backlash_deg: float
-    soft_range: tuple[int, int] | None
-
-    @classmethod
-    def of(cls, stored: Mapping[int, bytes]) -> Parameters:
-        """Parameters from the messages that set them."""
-        _channel, _least, acceleration, speed = struct.unpack("<H3i", stored[VELOCITY])
-        _channel, _cw, _ccw, high, low, mode = struct.unpack("<3HiiH", stored[LIMITS])
-        return cls(
-            # Never 0: a driver may set speed 0, and the motor's equations divide by speed and acceleration.
-            speed_deg_s=max(speed / apt.SPEED_WORD, 1e-6),
-            acceleration_deg_s2=max(acceleration / apt.ACCELERATION_WORD, 1e-3),
-            home_speed_deg_s=max(struct.unpack("<3Hii", stored[HOME])[3] / apt.SPEED_WORD, 1e-6),
-            backlash_deg=struct.unpack("<Hi", stored[BACKLASH])[1] / apt.COUNTS_PER_DEG,
-            soft_range=None if mode == _IGNORE_LIMIT else (low, high),
-        )
 
 
 class MotionControl:
@@ -126,7 +100,14 @@ class MotionControl:
 
     def learn(self, stored: Mapping[int, bytes]) -> None:
         """Set the parameters."""
-        self._parameters = Parameters.of(stored)
+        _channel, _least, acceleration, speed = struct.unpack("<H3i", stored[VELOCITY])
+        _channel, _cw, _ccw, high, low, mode = struct.unpack("<3HiiH", stored[LIMITS])
+        # Never 0: a driver may set speed 0, and the motor's equations divide by speed and acceleration.
+        self._speed_deg_s = max(speed / apt.SPEED_WORD, 1e-6)
+        self._acceleration_deg_s2 = max(acceleration / apt.ACCELERATION_WORD, 1e-3)
+        self._home_speed_deg_s = max(struct.unpack("<3Hii", stored[HOME])[3] / apt.SPEED_WORD, 1e-6)
+        self._backlash_deg = struct.unpack("<Hi", stored[BACKLASH])[1] / apt.COUNTS_PER_DEG
+        self._soft_range = None if mode == _IGNORE_LIMIT else (low, high)
 
     def advance(self, now_s: float) -> None:
         """Advance to that time."""
@@ -190,10 +171,10 @@ class MotionControl:
             self._arrive()
 
     def stop(self, *, profiled: bool = False) -> None:
-        """Stop at once, without deceleration, or with the one that was set."""
+        """Stop at once, without deceleration, or with the deceleration that was set."""
         if self._fault("ignores stop") is None:
             if profiled:
-                motor, acceleration = self._motor, self._parameters.acceleration_deg_s2
+                motor, acceleration = self._motor, self._acceleration_deg_s2
                 motor.target_deg = motor.angle_deg + motor.speed_deg_s * abs(motor.speed_deg_s) / (2 * acceleration)
             else:
                 self._motor.halt()
@@ -234,9 +215,8 @@ class MotionControl:
             self._arrive()
 
     def _prepare(self) -> None:
-        motor, parameters = self._motor, self._parameters
-        speed_deg_s = parameters.home_speed_deg_s if self._homing else parameters.speed_deg_s
-        acceleration_deg_s2 = parameters.acceleration_deg_s2
+        motor, acceleration_deg_s2 = self._motor, self._acceleration_deg_s2
+        speed_deg_s = self._home_speed_deg_s if self._homing else self._speed_deg_s
         slow, fast, obstacle = self._fault("slow"), self._fault("too fast"), self._fault("obstacle")
         if slow is not None:
             speed_deg_s *= slow.amount
@@ -245,8 +225,8 @@ class MotionControl:
         motor.top_speed_deg_s = min(speed_deg_s, _TOP_SPEED_DEG_S)
         motor.acceleration_deg_s2 = acceleration_deg_s2
         motor.low_deg, motor.high_deg = -math.inf, math.inf
-        if parameters.soft_range is not None and not self._homing:
-            low_deg, high_deg = (self._stage.angle_of(counts) for counts in parameters.soft_range)
+        if self._soft_range is not None and not self._homing:
+            low_deg, high_deg = (self._stage.angle_of(counts) for counts in self._soft_range)
             # A motor that is outside already may still turn back.
             motor.low_deg, motor.high_deg = min(low_deg, motor.angle_deg), max(high_deg, motor.angle_deg)
         if obstacle is not None and (at_deg := self._stage.motor_angle_of(obstacle.amount)) >= motor.angle_deg:
@@ -256,9 +236,8 @@ class MotionControl:
         self._error = self._braking = False
         self._then_deg = None
         # As the device does it: downward moves overshoot and come back from below.
-        backlash_deg = self._parameters.backlash_deg
-        if backlash_deg > 0 and target_deg < self._motor.angle_deg:
-            self._then_deg, target_deg = target_deg, target_deg - backlash_deg
+        if self._backlash_deg > 0 and target_deg < self._motor.angle_deg:
+            self._then_deg, target_deg = target_deg, target_deg - self._backlash_deg
         self._motor.target_deg = target_deg
         if self._motor.at_rest:
             self._arrive()

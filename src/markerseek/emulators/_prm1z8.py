@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from markerseek.sim import Fault
+from markerseek.sim import Fault, phases
 from markerseek.wire import COUNTS_PER_DEG
 
 # Sums of phases miss a step's end by rounding; a remainder of this size is no time, and must not start a phase.
@@ -48,7 +48,12 @@ class Motor:
         """Turn for that long; return whether it stopped at a limit."""
         left_s = duration_s
         self._note()
-        for phase_s, acceleration in self._phases():
+        for phase_s, acceleration in phases(
+            self.target_deg - self.angle_deg,
+            speed_deg_s=self.speed_deg_s,
+            top_deg_s=self.top_speed_deg_s,
+            acceleration_deg_s2=self.acceleration_deg_s2,
+        ):
             step_s = min(phase_s, left_s)
             self.angle_deg += self.speed_deg_s * step_s + acceleration * step_s**2 / 2
             self.speed_deg_s += acceleration * step_s
@@ -66,27 +71,6 @@ class Motor:
             self.angle_deg, self.speed_deg_s = self.target_deg, 0.0
             self._note()
         return False
-
-    def _phases(self) -> Iterator[tuple[float, float]]:
-        """Seconds and acceleration of each phase from here to rest at the target; none crosses a standstill."""
-        rate = self.acceleration_deg_s2
-        braked_deg = self.angle_deg + self.speed_deg_s * abs(self.speed_deg_s) / (2 * rate)
-        # All below is signed towards the target, seen from where braking now would end: that decides whether the motor
-        # must turn round.
-        sign = math.copysign(1.0, self.target_deg - braked_deg)
-        ahead = sign * self.speed_deg_s
-        way_deg = sign * (self.target_deg - self.angle_deg)
-        # Speed at which accelerating meets braking: v² = v0²/2 + a·s, from s = (v² - v0²)/2a + v²/2a.
-        peak = min(math.sqrt(max(rate * way_deg + ahead**2 / 2, 0.0)), self.top_speed_deg_s)
-        if ahead < 0:
-            yield -ahead / rate, sign * rate
-            way_deg += ahead**2 / (2 * rate)
-            ahead = 0.0
-        yield abs(peak - ahead) / rate, math.copysign(rate, peak - ahead) * sign
-        cruise_deg = way_deg - abs(peak**2 - ahead**2) / (2 * rate) - peak**2 / (2 * rate)
-        if peak > 0:
-            yield max(cruise_deg, 0.0) / peak, 0.0
-        yield peak / rate, -sign * rate
 
     def _note(self) -> None:
         self.lowest_deg = min(self.lowest_deg, self.angle_deg)

@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from markerseek.core import Clock, ConfigError, require_range
+from markerseek.core import Clock, ConfigError
 from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.emulators.lines import PtyLine
@@ -79,7 +79,7 @@ class EmulatedBench:
             moment=self._turned,
             edges=self.stage.edges,
         )
-        self.laser_box.faults.clock_drift = CLOCK_DRIFT
+        self.laser_box.faults.inject("clock drift", CLOCK_DRIFT)
 
     def _turned(self, now_s: float) -> float:
         """Turn the probe to where it is at a time of the devices, and return that time."""
@@ -184,8 +184,3 @@ def serve(
         finally:
             ended.set()
         writing.result()
-
-
-def require_pace(pace: float) -> None:
-    """Refuse a pace that is no number from 0.01, a hundredth of the time, to 1, all of it."""
-    require_range("pace", pace, low=0.01, high=1)

@@ -10,10 +10,11 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from markerseek.core import ConfigError, require_range
+from markerseek.core import Within, require_fields
 from markerseek.emulators._kdc101_motion import (
     BACKLASH,
     HOME,
@@ -28,7 +29,7 @@ from markerseek.emulators._kdc101_motion import (
 from markerseek.emulators._kdc101_triggers import PORTS, POSITIONS, Edge
 from markerseek.emulators._kdc101_triggers import POWER_UP as NO_TRIGGERS
 from markerseek.emulators._prm1z8 import Prm1z8, Turned
-from markerseek.emulators.faults import STAGE_FAULTS
+from markerseek.emulators.faults import Faults
 from markerseek.emulators.lines import FaultyLine
 from markerseek.sim import Fault
 from markerseek.wire import CONTROLLER, HOST, TO_CONTROLLER, AptFramer, AptMessage, apt
@@ -47,11 +48,11 @@ class EmulatedKdc101:
     """Whether it was homed since it was switched on."""
     talking: bool = False
     """Whether it sends its status ten times a second, unasked."""
-    zero_deg: float = 0.0
+    zero_deg: Annotated[float, Within(-360, 360, "deg")] = 0.0
     """The stage's own angle at which the probe points at 0."""
-    turns: int = 0
+    turns: Annotated[int, Within(-10, 10)] = 0
     """Whole turns that the position counter is ahead: with 1, a probe at -35 deg reads 325."""
-    play_deg: float = 0.1
+    play_deg: Annotated[float, Within(0, 5, "deg")] = 0.1
     """Backlash between motor and probe."""
     mirrored: bool = False
     """Whether the probe is mounted the other way round: its angle falls while the stage's own reading grows."""
@@ -62,16 +63,14 @@ class EmulatedKdc101:
     """``model`` and ``serial_number``: model and serial number that it reports."""
 
     def __post_init__(self) -> None:
-        require_range("emulated stage: play_deg", self.play_deg, low=0, high=5, unit="deg")
-        require_range("emulated stage: zero_deg", self.zero_deg, low=-360, high=360, unit="deg")
-        require_range("emulated stage: turns", self.turns, low=-10, high=10)
+        require_fields(self, "emulated stage")
 
 
 class Kdc101Emulator:
     """The controller: bytes in, bytes out, and the time by `advance`.
 
     ``probe``: the probe that it turns, with its true angle; the controller knows only its encoder. ``faults``: a step
-    is a move that begins at rest, counted from 1.
+    is a move that begins at rest, counted from 1; more may be added to the attribute.
     """
 
     def __init__(
@@ -83,25 +82,25 @@ class Kdc101Emulator:
         rng: np.random.Generator | None = None,
     ) -> None:
         self._settings = settings or EmulatedKdc101()
-        self._faults: dict[str, Fault] = {}
+        self.faults = Faults("stage", step=lambda: self._motion.moves)
         rng = rng or np.random.Generator(np.random.PCG64(0))
         self._stage = Prm1z8(
             probe=probe,
             zero_deg=self._settings.zero_deg + 360.0 * self._settings.turns,
             play_deg=self._settings.play_deg,
             sense=-1 if self._settings.mirrored else 1,
-            fault=self._fault,
+            fault=self.faults,
             rng=rng,
         )
-        self._motion = MotionControl(stage=self._stage, fault=self._fault)
-        self._line = FaultyLine(fault=self._fault, rng=rng)
+        self._motion = MotionControl(stage=self._stage, fault=self.faults)
+        self._line = FaultyLine(fault=self.faults, rng=rng)
         self._framer = AptFramer(TO_CONTROLLER, to=CONTROLLER)
         self._outbox = bytearray()
         self._now_s = self._next_update_s = 0.0
         self._handlers = self._message_handlers()
         self._power_up(homed=self._settings.homed)
         for fault in faults:
-            self.inject(fault)
+            self.faults.inject(fault)
 
     @property
     def truth_range_deg(self) -> tuple[float, float]:
@@ -123,26 +122,14 @@ class Kdc101Emulator:
         """Whether the motor turns in truth."""
         return self._motion.speed_deg_s != 0
 
-    def inject(self, fault: Fault) -> None:
-        """Add a fault, from its own step on."""
-        if fault.name not in STAGE_FAULTS or fault.device != "stage":
-            raise ConfigError(
-                f"fault {fault.name!r} of the {fault.device} is none of an emulated stage; it has: "
-                f"{', '.join(STAGE_FAULTS)}"
-            )
-        self._faults[fault.name] = fault
-
-    def heal(self) -> None:
-        """Remove all faults; their effects so far remain."""
-        self._faults.clear()
-        self._power_cycled = False
-
     def advance(self, now_s: float) -> bytes:
         """Advance to that time, and return what the controller sends by itself."""
         # Most calls come twice at one time (a poll before each write); without faults nothing can have changed.
-        if now_s == self._now_s and not self._faults and not self._updates:
+        if now_s == self._now_s and not self.faults and not self._updates:
             return self._out()
-        if self._fault("power cycle") and not self._power_cycled:
+        if self.faults("power cycle") is None:
+            self._power_cycled = False
+        elif not self._power_cycled:
             self._power_up(homed=False)
             self._power_cycled = True
         self._motion.advance(now_s)
@@ -208,12 +195,6 @@ class Kdc101Emulator:
         self._next_update_s = self._now_s
         self._power_cycled = False
 
-    def _fault(self, name: str) -> Fault | None:
-        if not self._faults:
-            return None
-        fault = self._faults.get(name)
-        return fault if fault is not None and fault.holds_at(self._motion.moves) else None
-
     def _out(self) -> bytes:
         for event in self._motion.events:
             if event == HOMED:
@@ -221,7 +202,7 @@ class Kdc101Emulator:
             else:
                 self._send_status(event)
         self._motion.events.clear()
-        if not self._outbox and not self._faults:
+        if not self._outbox and not self.faults:
             return b""
         out, self._outbox = bytes(self._outbox), bytearray()
         return self._line.to_host(out, now_s=self._now_s)

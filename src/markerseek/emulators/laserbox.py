@@ -16,7 +16,7 @@ import numpy as np
 
 from markerseek.core import require_range
 from markerseek.emulators._kdc101_triggers import Edge
-from markerseek.emulators.faults import LaserBoxFaults
+from markerseek.emulators.faults import Faults
 from markerseek.sim import LaserSettings, SimulatedWorld, vary_last_flash
 from markerseek.wire import laserbox as wire
 
@@ -69,7 +69,6 @@ class EmulatedLaserBox:
         on_triggers: Callable[[int], None],
         lease_ms: int = wire.LEASE_MS,
         turn_us: int = 200,
-        faults: LaserBoxFaults | None = None,
         laser: LaserSettings | None = None,
         rng: np.random.Generator | None = None,
         edges: Callable[[float], Sequence[Edge]] | None = None,
@@ -78,7 +77,7 @@ class EmulatedLaserBox:
         require_range("laser box: lease_ms", lease_ms, low=1, high=wire.LEASE_MS, unit="ms")
         require_range("laser box: turn_us", turn_us, low=1, high=50_000, unit="us")
         self.pulses: list[Pulse] = []
-        self.faults = faults or LaserBoxFaults()
+        self.faults = Faults("laser")
         self._world = world
         self._on_triggers = on_triggers
         self._lease_us = 1000 * lease_ms
@@ -149,9 +148,9 @@ class EmulatedLaserBox:
 
     def feed(self, data: bytes) -> bytes:
         """Receive bytes from the host at the present time, and return the answer."""
-        if self.faults.boot_s and self._boots_until_us is None:
+        if self._boots_until_us is None and (boot_s := self.faults.amount("restart")):
             self.power_up()
-            self._boots_until_us = self._now_us + round(1e6 * self.faults.boot_s)
+            self._boots_until_us = self._now_us + round(1e6 * boot_s)
             return _BOOT_TEXT
         if self._boots_until_us is not None and self._now_us < self._boots_until_us:
             return b""
@@ -219,7 +218,9 @@ class EmulatedLaserBox:
         """Edges since the last turn that reached the trigger input."""
         for edge in self.edges(self._now_us / 1e6):
             self._given_edges += 1
-            yield from [edge] * self.faults.times_seen(self._given_edges)
+            number = self._given_edges
+            if not self.faults("no edges") and number != self.faults.amount("lost edge"):
+                yield from [edge] * (2 if number == self.faults.amount("double edge") else 1)
 
     def _turn_after(self, edge: Edge) -> int:
         """Time of the turn at which an edge is seen, by the edge's clock: this process may be held up, a box is not."""
@@ -233,7 +234,7 @@ class EmulatedLaserBox:
             return 0
         # That of a sweep is completed to what was permitted.
         triggers = train.pulses if isinstance(train, wire.PermitSweep) else train.triggers
-        return max(triggers, train.pulses + self.faults.extra_pulses)
+        return max(triggers, train.pulses + round(self.faults.amount("extra pulses")))
 
     def _interlock_open(self) -> bool:
         """Whether the interlock is open, or was since the last turn."""
@@ -244,14 +245,14 @@ class EmulatedLaserBox:
         """Emit the light that is due; the photodiode's interrupt counts it."""
         while self._light_us and self._light_us[0] <= self._now_us:
             self.pulses.append(Pulse(at_s=self._light_us.popleft() / 1e6, angle_deg=self._world.angle_deg))
-            self._seen += not self.faults.photodiode_dead
+            self._seen += self.faults("blind photodiode") is None
 
     def _take(self) -> bytes:
         answers, self._answers = self._answers, b""
         return answers
 
     def _answer(self, reply: wire.Reply) -> None:
-        if not self.faults.silent:
+        if not self.faults("silent"):
             self._answers += wire.encode(reply)
 
     def _execute(self, command: wire.Command | wire.Refusal) -> wire.Reply | None:
@@ -288,7 +289,10 @@ class EmulatedLaserBox:
     def _clock_us(self, edge: Edge | None = None) -> int:
         """What its own clock shows now, or at an edge."""
         at_s = self.moment(self._now_us / 1e6) if edge is None else edge.at_s
-        return (round(1e6 * at_s * (1 + self.faults.clock_drift)) + self.faults.clock_step_us) & wire.MAX_COUNT
+        return (
+            round(1e6 * at_s * (1 + self.faults.amount("clock drift")) + self.faults.amount("clock step"))
+            & wire.MAX_COUNT
+        )
 
     def _take_permit(self, permit: _AnyPermit) -> wire.Reply:
         if self._train is not None:
@@ -338,7 +342,7 @@ class EmulatedLaserBox:
     def _trigger(self, train: _AnyPermit, *, edge: Edge | None = None) -> None:
         """Give one trigger to the acquisition, and to the laser while the permit holds and pulses are left."""
         swept = isinstance(train, wire.PermitSweep)
-        lit = self._permit is not None and self._triggers < train.pulses + self.faults.extra_pulses
+        lit = self._permit is not None and self._triggers < train.pulses + round(self.faults.amount("extra pulses"))
         self._triggers += 1
         self._last_trigger_us = self._now_us
         if lit:
@@ -346,11 +350,11 @@ class EmulatedLaserBox:
             self._fired.append(self._now_us // 1_000_000)
             if swept:
                 self._untold = self._clock_us(edge), self._seen, self._edge
-            if not self.faults.laser_dead:
+            if not self.faults("dead lamp"):
                 if swept:
                     self._light_world(pulses=1, angle_deg=self._world.angle_deg if edge is None else edge.angle_deg)
-                twice = swept and self._sent == self.faults.doubled_at
-                self._light_us.extend([self._now_us + self.faults.light_late_us] * (1 + twice))
+                twice = swept and self._sent == self.faults.amount("double pulse")
+                self._light_us.extend([self._now_us + round(self.faults.amount("late light"))] * (1 + twice))
                 self._shine()
         if self._triggers >= self._given:
             self._void()
@@ -417,7 +421,7 @@ class EmulatedLaserBox:
         self._train = None
         # One flash per train of averaged pulses: the world needs only their number. Those of a sweep were given one by
         # one.
-        if self._sent and not self.faults.laser_dead and not isinstance(train, wire.PermitSweep):
+        if self._sent and not self.faults("dead lamp") and not isinstance(train, wire.PermitSweep):
             self._light_world(pulses=self._sent)
         self._on_triggers(self._triggers)
         seen = self._seen - self._seen_before

@@ -35,7 +35,7 @@ class EmulatedSender(ABC):
     """Sends a message for each trigger; close it at the end.
 
     ``world``: world whose sound is recorded. ``rng``: source of randomness for the differences between pulses.
-    ``unix_s``: time of day in seconds since 1970, which the messages carry. ``port``: one that is free when it is made.
+    ``unix_s``: time of day in seconds since 1970, which the messages carry. ``port``: a free port of this computer.
     """
 
     called: ClassVar[str]
@@ -69,7 +69,7 @@ class EmulatedSender(ABC):
 
     @abstractmethod
     def _meet(self) -> None:
-        """Greet a client that has come, and note one that has gone."""
+        """Greet a client that has come, and note a client that has gone."""
 
     @abstractmethod
     def _message(self, counts: Int16[np.ndarray, "channels samples"], stamp_s: float) -> bytes:
@@ -150,7 +150,7 @@ class EmulatedPlus(EmulatedSender):
             self._send(self._encoded(igtl.Message(device="PlusServer", content=status, time_s=self._unix_s())))
         said = self._said()
         try:
-            # Which version the client speaks; one that ends, or sends something else, is dropped.
+            # Which version the client speaks; a client that ends, or sends something else, is dropped.
             if any(header.version == 2 for header, _ in self._framer.feed(said or b"")):
                 self._version = 2
         except DeviceError:

@@ -20,7 +20,7 @@ import numpy as np
 
 from markerseek.core import ConfigError
 from markerseek.emulators._trains import SweptTrain, Train, Trains
-from markerseek.emulators.faults import SonixDaqFaults
+from markerseek.emulators.faults import Faults
 from markerseek.sim import SimulatedWorld
 from markerseek.wire import sonixdaq as wire
 
@@ -60,7 +60,7 @@ class EmulatedSonixDaq:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise ConfigError(f"sonixdaq: the folder {folder} cannot be created ({error.strerror})") from error
-        self.faults = SonixDaqFaults()
+        self.faults = Faults("receiver")
         self.counts: int | None = None
         self._trains = Trains(world=world, rng=rng)
         self._folder = folder
@@ -114,7 +114,9 @@ class EmulatedSonixDaq:
         if gone_s < 0:
             return False
         share = 1.0 if gone_s >= self._readout_s else gone_s / self._readout_s
-        due = min(math.floor(share * wire.CHANNELS), self.faults.files)
+        due = min(
+            math.floor(share * wire.CHANNELS), round(self.faults.amount("part of the files", otherwise=wire.CHANNELS))
+        )
         for number in range(writing.written, due):
             self._write(number, writing.files[number])
         if due > writing.written and due < wire.CHANNELS:
@@ -141,24 +143,25 @@ class EmulatedSonixDaq:
     def _finish(self, parts: Sequence[Train | SweptTrain]) -> None:
         """Make the files of an acquisition, and queue them for writing."""
         fresh = self._acquisition(parts)
-        files = self._previous if self._previous and (self.faults.stuck or self.faults.one_behind) else fresh
-        if not self.faults.stuck or not self._previous:
+        repeats = self.faults("repeats")
+        files = self._previous if self._previous and (repeats or self.faults("one behind")) else fresh
+        if not repeats or not self._previous:
             self._previous = fresh
-        if not self.faults.off:
-            self._queue.append(_Writing(files=files, begins_s=self._now_s + self.faults.delay_s))
+        if not self.faults("off"):
+            self._queue.append(_Writing(files=files, begins_s=self._now_s + self.faults.amount("late files")))
 
     def _acquisition(self, parts: Sequence[Train | SweptTrain]) -> list[bytes]:
         """Channel files of the triggers of these trains, one after the other."""
         pulses = np.concatenate([self._trains.pulses(part) for part in parts])
         if any(isinstance(part, SweptTrain) for part in parts):
-            lost, doubled = self.faults.lost_at, self.faults.doubled_at
+            lost, doubled = (round(self.faults.amount(f"{each} trigger")) for each in ("lost", "double"))
             pulses = np.delete(pulses, [lost - 1] if lost else [], axis=0)
             pulses = np.repeat(pulses, [1 + (number == doubled) for number in range(1, len(pulses) + 1)], axis=0)
         files = []
         for number in range(wire.CHANNELS):
-            other = {5: 6, 6: 5}.get(number, number) if self.faults.swapped else number
+            other = {5: 6, 6: 5}.get(number, number) if self.faults("swapped channels") else number
             data = wire.encode_file(pulses[:, wire.element_of_file(other)], number=other if self._numbered else None)
-            files.append(self._rng.bytes(12) + data[12:] if self.faults.garbage else data)
+            files.append(self._rng.bytes(12) + data[12:] if self.faults("garbled headers") else data)
         return files
 
     def _write(self, number: int, data: bytes) -> None:

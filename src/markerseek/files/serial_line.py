@@ -8,9 +8,9 @@ import termios
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Annotated, Any, Literal, TypeAlias
 
-from markerseek.core import ConfigError, NotConnectedError, needs_package, require_range
+from markerseek.core import ConfigError, NotConnectedError, Within, needs_package, require_fields
 
 Parity: TypeAlias = Literal["N", "E", "O"]
 """Parity bit: none, even or odd."""
@@ -28,7 +28,7 @@ class Line:
     path: str
     safe_command: bytes
     """Message that takes the laser's permit away, or stops the stage; valid at any time, also twice."""
-    baud: int = 115200
+    baud: Annotated[int, Within(1200, 4_000_000)] = 115200
     parity: Parity = "N"
     rtscts: bool = False
     """``baud``, ``parity`` and ``rtscts``: how it is opened: 8 data bits, 1 stop bit; ``rtscts`` for the handshake by
@@ -37,13 +37,9 @@ class Line:
     def __post_init__(self) -> None:
         if not self.safe_command:
             raise ConfigError(f"line {self.name!r}: safe_command is empty; give the command that makes the device safe")
-        require_range(f"line {self.name!r}: baud", self.baud, low=1200, high=4_000_000)
+        require_fields(self, f"line {self.name!r}")
         if not isinstance(self.baud, int):
             raise ConfigError(f"line {self.name!r}: baud is {self.baud!r}, it must be a whole number")
-        if self.parity not in get_args(Parity):
-            raise ConfigError(
-                f"line {self.name!r}: parity is {self.parity!r}, it must be one of: {', '.join(get_args(Parity))}"
-            )
         if not isinstance(self.rtscts, bool):
             raise ConfigError(f"line {self.name!r}: rtscts is {self.rtscts!r}, it must be True or False")
 

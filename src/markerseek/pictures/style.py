@@ -78,7 +78,7 @@ def panel_grid(
 
 
 def shared_legend(figure: Figure, *, columns: int = 6, title: str | None = None) -> None:
-    """Put one legend below all panels, with each label once and at most so many columns."""
+    """Put one legend below all panels, with each label once, in at most this number of columns."""
     entries = [entry for axes in figure.axes for entry in zip(*axes.get_legend_handles_labels(), strict=True)]
     # Reversed, so that the first handle of a label is the one that stays.
     by_label = {label: handle for handle, label in reversed(entries)}

@@ -44,31 +44,32 @@ class OpenDevices:
     """The devices of a bench: its serial lines, with or without a supervisor, and what is opened over them.
 
     ``settings``: gives drivers and ports, and whether a supervisor owns the lines. ``parts``: what is opened of it.
-    ``checks``: rules of the contract that foreign drivers were tried by.
+    ``checks``: rules of the contract that foreign drivers were tried by. ``ports``, ``stack``, ``beats``, ``enables``:
+    the lines by part, what is left at the end, and what `beat` and `arm` call; a driver adds to them as it is opened.
     """
 
     def __init__(self, settings: BenchSettings, *, parts: Collection[Part] = ("stage", "laser", "receiver")) -> None:
         self._settings = settings
-        self._stack = ExitStack()
-        self._ports: dict[str, Port] = {}
+        self.stack = ExitStack()
+        self.ports: dict[str, Port] = {}
         self._node: RosNode | None = None
         self._simulated: SimulatedParts | None = None
         self._opened_stage: Stage | None = None
-        self._enables: list[Callable[[], None]] = []
+        self.enables: list[Callable[[], None]] = []
         self.supervisor: Supervisor | None = None
         self.checks: dict[str, tuple[RuleCheck, ...]] = {}
         lines = [line for line in settings.lines if line.name in parts]
         with ExitStack() as opening:
             if settings.supervisor.enabled and lines:
                 self.supervisor = opening.enter_context(Supervisor(lines=lines, period_s=settings.supervisor.lease_s))
-                self._ports = {line.name: self.supervisor.port(line.name) for line in lines}
+                self.ports = {line.name: self.supervisor.port(line.name) for line in lines}
             else:
                 for line in lines:
                     serial = SerialPort(line.path, baud=line.baud, parity=line.parity, handshake=line.rtscts)
-                    self._ports[line.name] = opening.enter_context(serial)
-            self._beats: list[Callable[[], None]] = [] if self.supervisor is None else [self.supervisor.beat]
+                    self.ports[line.name] = opening.enter_context(serial)
+            self.beats: list[Callable[[], None]] = [] if self.supervisor is None else [self.supervisor.beat]
             # Only now: if the second line fails to open, the first is closed by the inner stack.
-            self._stack = opening.pop_all()
+            self.stack = opening.pop_all()
 
     def stage(self, clock: Clock) -> tuple[Stage, str]:
         """The stage, and what it is."""
@@ -105,31 +106,15 @@ class OpenDevices:
 
     def beat(self) -> None:
         """Renew each lease: of the supervisor, and of a laser that has its own."""
-        for each in self._beats:
+        for each in self.beats:
             each()
-
-    def beat_with(self, beat: Callable[[], None]) -> None:
-        """Renew one more lease in `beat`."""
-        self._beats.append(beat)
-
-    def arm_with(self, enable: Callable[[], None]) -> None:
-        """Call this in `arm`, too."""
-        self._enables.append(enable)
-
-    def port(self, part: Part) -> Port:
-        """Line to a device."""
-        return self._ports[part]
 
     @property
     def node(self) -> RosNode:
         """The rig's ROS 2 node, made for its first device."""
         if self._node is None:
-            self._node = self._stack.enter_context(RosNode("markerseek_rig"))
+            self._node = self.stack.enter_context(RosNode("markerseek_rig"))
         return self._node
-
-    def keep(self, opened: AbstractContextManager[OpenedT]) -> OpenedT:
-        """Enter a context that is left when the devices are closed."""
-        return self._stack.enter_context(opened)
 
     def simulated(self, settings: DeviceSettings, clock: Clock) -> Any:
         """A simulated device in the world of this rig."""
@@ -141,12 +126,12 @@ class OpenDevices:
         """Enable writes, also after the supervisor has blocked them, and what needs a person's word to be enabled."""
         if self.supervisor is not None:
             self.supervisor.arm()
-        for each in self._enables:
+        for each in self.enables:
             each()
 
     def close(self) -> None:
         """Close the lines; a supervisor sends each line's safe command first. Allowed twice."""
-        self._stack.close()
+        self.stack.close()
 
 
 class _Opening:
@@ -161,7 +146,7 @@ class _Opening:
 
     @property
     def line(self) -> Port:
-        return self._devices.port(self._part)
+        return self._devices.ports[self._part]
 
     @property
     def node(self) -> RosNode:
@@ -174,13 +159,13 @@ class _Opening:
         return self._receiver
 
     def beat_with(self, beat: Callable[[], None]) -> None:
-        self._devices.beat_with(beat)
+        self._devices.beats.append(beat)
 
     def arm_with(self, enable: Callable[[], None]) -> None:
-        self._devices.arm_with(enable)
+        self._devices.enables.append(enable)
 
     def keep(self, opened: AbstractContextManager[OpenedT]) -> OpenedT:
-        return self._devices.keep(opened)
+        return self._devices.stack.enter_context(opened)
 
     def simulated(self, settings: DeviceSettings) -> Any:
         return self._devices.simulated(settings, self.clock)

@@ -74,7 +74,7 @@ class Scene:
         )
 
     def hidden_noise(self, settings: SimulatedSettings, *, pulses: int) -> str | None:
-        """That the steps of the converter hide the noise of a frame of so many pulses, with the cure; else None."""
+        """Why the steps of the converter hide the noise of a frame of that many pulses, and the cure; else None."""
         # That of the scene is of an average.
         sigma = math.hypot(self.noise.white_sigma, self.noise.coloured_sigma) * math.sqrt(
             settings.laser.pulses / pulses

@@ -10,11 +10,11 @@ import numpy as np
 
 from markerseek.core import ConfigError, Float64, RecordError
 from markerseek.files import DECIMAL_COMMA, MIB, csv_rows, in_natural_order, natural
-from markerseek.geometry import Camera, triangulate
+from markerseek.geometry import Camera
 from markerseek.records import read_camera_images
 from markerseek.runs.former_search import read_marker
 from markerseek.runs.registration import PointPair
-from markerseek.runs.shared_errors import camera_shared_m
+from markerseek.runs.shared_errors import seen_point
 from markerseek.runs.stereo_files import StereoSettings
 from markerseek.vision import LaserSpot, find_spot
 
@@ -159,14 +159,11 @@ def _camera_point(
     if stereo is None:
         return np.array(numbers["camera_m"]), _covariance(numbers.get("camera_sigma_m")), None
     (spot_px,) = numbers.get("spot_sigma_px", (0.0,))
-    left, right = np.split(np.array([numbers["pixels"]]), 2, axis=1)
-    cameras, sigma_px = stereo.cameras, stereo.calibration_sigma_px
+    left, right = np.split(np.array(numbers["pixels"]), 2)
     try:
-        seen = triangulate(left, right, cameras, sigma_px=math.hypot(spot_px, sigma_px))
+        return seen_point(left, right, stereo.cameras, spot_px=spot_px, calibration_px=stereo.calibration_sigma_px)
     except ConfigError as problem:
         raise ConfigError(f"row {name}: {problem}") from problem
-    shared = camera_shared_m(seen, left, right, cameras, calibration_sigma_px=sigma_px)
-    return seen.points_m[0], seen.covariances_m2[0], shared[0]
 
 
 def _covariance(sigmas_m: Sequence[float] | None) -> Float64[np.ndarray, "3 3"] | None:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from markerseek.core import Float64
-from markerseek.geometry import StereoCameras, Triangulated
+from markerseek.geometry import StereoCameras, Triangulated, triangulate
 
 SOUND_SPEED, FACE_RADIUS_M, ANGLE_ZERO_DEG, FOCAL_LENGTH = 0.01, 0.2e-3, 0.1, 0.005
 """Standard deviations of the sound speed (relative), of the distance of the array's face from the axis (metres), of the
@@ -68,6 +68,24 @@ def camera_shared_m(
     from_centre = np.concatenate([left_px - cameras.left.centre_px, right_px - cameras.right.centre_px], axis=1)
     focal_m = -FOCAL_LENGTH * np.einsum("nij,nj->ni", seen.by_pixel_m, from_centre)
     return np.concatenate([focal_m[:, :, None], calibration_sigma_px * seen.by_pixel_m], axis=2)
+
+
+def seen_point(
+    left_px: Float64[np.ndarray, " 2"],
+    right_px: Float64[np.ndarray, " 2"],
+    cameras: StereoCameras,
+    *,
+    spot_px: float,
+    calibration_px: float,
+) -> tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, "3 3"], Float64[np.ndarray, "3 5"]]:
+    """A point in the left camera's frame from its two pixels, its covariance, and its displacements by shared errors.
+
+    ``spot_px``, ``calibration_px``: standard deviations of the spot and of the calibration, in pixels.
+    """
+    left, right = left_px[None], right_px[None]
+    seen = triangulate(left, right, cameras, sigma_px=math.hypot(spot_px, calibration_px))
+    shared = camera_shared_m(seen, left, right, cameras, calibration_sigma_px=calibration_px)
+    return seen.points_m[0], seen.covariances_m2[0], shared[0]
 
 
 def focal_shared_m(camera_m: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3 1"]:

@@ -21,12 +21,12 @@ from markerseek.core import (
     SearchPlan,
     Swept,
 )
-from markerseek.geometry import MIN_POINTS, RigidTransform, StereoCameras, triangulate
+from markerseek.geometry import MIN_POINTS, RigidTransform, StereoCameras
 from markerseek.records import SearchResult
 from markerseek.rigs import simulated
-from markerseek.runs.registration import PointPair, RegistrationReport, register_pairs
+from markerseek.runs.registration import PointPair, RegistrationReport, davinci_to_probe_home, register_pairs
 from markerseek.runs.session import new_session, plan_on
-from markerseek.runs.shared_errors import camera_shared_m
+from markerseek.runs.shared_errors import seen_point
 from markerseek.sim import EndoscopeSettings, SimulatedSettings, camera_above, endoscope, spot_images
 from markerseek.vision import LaserSpot, find_spot
 
@@ -205,6 +205,8 @@ def _search(
         prior=prior,
         tolerance_mm=REGISTRATION_TOLERANCE_MM,
         sweep_speed_deg_s=assembled.scanner.sweeping.stage.fastest_sweep_deg_s if scene.sweep else None,
+        # The next marker is searched from where this search ends.
+        stay=scene.sweep,
     )
     session = new_session(assembled, plan_on(assembled, plan))
     with closing(session.events()) as events:
@@ -237,12 +239,9 @@ def _seen(
         if not isinstance(answer, LaserSpot):
             raise ConfigError(f"the simulated camera: {answer.reason}")
         found.append(answer)
-    left, right = (np.array([[spot.x_px, spot.y_px]]) for spot in found)
+    left, right = (np.array([spot.x_px, spot.y_px]) for spot in found)
     seen_px = max(spot.sigma_px or settings.spot_sigma_px for spot in found)
-    sigma_px = settings.calibration_sigma_px
-    both = triangulate(left, right, cameras, sigma_px=math.hypot(seen_px, sigma_px))
-    shared = camera_shared_m(both, left, right, cameras, calibration_sigma_px=sigma_px)
-    return both.points_m[0], both.covariances_m2[0], shared[0]
+    return seen_point(left, right, cameras, spot_px=seen_px, calibration_px=settings.calibration_sigma_px)
 
 
 def _error_m(report: RegistrationReport, true: RigidTransform) -> float | None:
@@ -250,5 +249,5 @@ def _error_m(report: RegistrationReport, true: RigidTransform) -> float | None:
     if report.davinci_to_trus is None:
         return None
     target_m = np.array(report.target_trus_m)
-    rotation, translation_m = np.split(np.array(report.davinci_to_trus)[:3], [3], axis=1)
-    return float(np.linalg.norm(rotation @ true.inverse().apply(target_m) + translation_m[:, 0] - target_m))
+    found = davinci_to_probe_home(report.davinci_to_trus)
+    return float(np.linalg.norm(found.apply(true.inverse().apply(target_m)) - target_m))

@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -33,6 +33,10 @@ _BASE_MM = (1.0, 100.0)
 """Distances between the cameras that an endoscope can have, in millimetres."""
 
 
+_COEFFICIENTS = (4, 5, 8, 12, 14)
+"""Numbers of coefficients that OpenCV's models of distortion have."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StereoSettings:
     """Keys of the TOML file."""
@@ -49,15 +53,7 @@ class StereoSettings:
     it."""
 
     def __post_init__(self) -> None:
-        require_range(
-            "calibration_sigma_px",
-            self.calibration_sigma_px,
-            low=0,
-            high=100,
-            unit="px",
-            open_low=True,
-            cure="0.2 is usual",
-        )
+        require_range("calibration_sigma_px", self.calibration_sigma_px, low=0, high=100, unit="px", open_low=True)
         if not np.isfinite(self.rotation_vector).all():
             raise ConfigError(f"rotation_vector is {self.rotation_vector}, it must be three finite numbers")
 
@@ -132,27 +128,50 @@ def _text(path: Path) -> str:
         raise ConfigError(str(problem)) from problem
 
 
-def _stated(calibration_sigma_px: float | None) -> float:
+def _pair(
+    left: Camera,
+    right: Camera,
+    turn: Float64[np.ndarray, "3 3"],
+    shift_m: Float64[np.ndarray, " 3"],
+    calibration_sigma_px: float | None,
+) -> StereoSettings:
+    """A pair of cameras from a file that does not say how good its calibration is."""
     if calibration_sigma_px is None:
         raise ConfigError(
             "the file does not say how good the calibration is; name the reprojection error of points that were not "
             "used for it by --calibration-sigma-px, 0.2 is usual"
         )
-    return calibration_sigma_px
-
-
-def _of(
-    left: Camera, right: Camera, turn: Float64[np.ndarray, "3 3"], shift_m: Sequence[float], sigma_px: float
-) -> StereoSettings:
     x, y, z = Rotation.from_matrix(turn).as_rotvec().tolist()
-    shift_x, shift_y, shift_z = map(float, shift_m)
+    shift_x, shift_y, shift_z = shift_m.tolist()
     return StereoSettings(
         left=left,
         right=right,
         rotation_vector=(x, y, z),
         translation_m=(shift_x, shift_y, shift_z),
-        calibration_sigma_px=sigma_px,
+        calibration_sigma_px=calibration_sigma_px,
     )
+
+
+def _camera(of: str, matrix: Sequence[float], coefficients: Sequence[float], size: Sequence[float]) -> Camera:
+    """A camera from its matrix, row by row, its distortion k1, k2, p1, p2, k3, and the size of its images."""
+    fx, skew, cx, second, fy, cy, *third = matrix
+    if (second, *third) != (0, 0, 0, 1):
+        rows = f"{second:g} {fy:g} {cy:g} and {' '.join(f'{each:g}' for each in third)}"
+        raise ConfigError(
+            f"{of} camera matrix has the rows {rows} behind the first, 0 fy cy and 0 0 1 are expected: MATLAB writes "
+            "it transposed; exchange its rows and columns, and those of R"
+        )
+    if skew != 0:
+        raise ConfigError(f"{of} camera matrix has the skew {skew}; pixels must be square: calibrate with a skew of 0")
+    # OpenCV leaves k3 out where it is 0, and others write zeros behind it.
+    k1, k2, p1, p2, k3, *more = (*coefficients, 0.0)
+    if any(more):
+        raise ConfigError(
+            f"{of} distortion has {len(coefficients)} coefficients, five are understood (k1, k2, p1, p2, k3), and "
+            "those behind them must be 0; calibrate without the rational model"
+        )
+    width, height = (_whole(f"{of} image {name}", each) for name, each in zip(("width", "height"), size, strict=True))
+    return Camera(focal_px=(fx, fy), centre_px=(cx, cy), size_px=(width, height), distortion=(k1, k2, p1, p2, k3))
 
 
 def _rotation(name: str, values: Sequence[float]) -> Float64[np.ndarray, "3 3"]:
@@ -164,6 +183,18 @@ def _rotation(name: str, values: Sequence[float]) -> Float64[np.ndarray, "3 3"]:
     return np.asarray(first @ second)
 
 
+def _in_metres(shift: Sequence[float]) -> Float64[np.ndarray, " 3"]:
+    """Translation between the cameras, from millimetres or metres, which its length tells apart."""
+    base = float(np.linalg.norm(shift))
+    for unit_m in (1e-3, 1.0):
+        if _BASE_MM[0] <= 1e3 * unit_m * base <= _BASE_MM[1]:
+            return unit_m * np.array(shift)
+    raise ConfigError(
+        f"the translation (T) has the length {base:g}, which is no distance of an endoscope's cameras in millimetres "
+        f"or metres, {_BASE_MM[0]:g} to {_BASE_MM[1]:g} mm: was the size of the target's squares given? Scale T"
+    )
+
+
 def _of_opencv(found: dict[str, Float64[np.ndarray, " numbers"]], calibration_sigma_px: float | None) -> StereoSettings:
     """Settings of the numbers of OpenCV's files, whose lengths have the unit of the calibration target."""
     if "size of the images" not in found:
@@ -171,51 +202,21 @@ def _of_opencv(found: dict[str, Float64[np.ndarray, " numbers"]], calibration_si
             "the size of the images is missing; add two lines to the file, image_width: 1280 and image_height: 1024, "
             "in its own notation"
         )
-    width, height = (
-        numbers_of(found, "size of the images", 2)
-        if found["size of the images"].size > 1
-        else (found["size of the images"][0], numbers_of(found, "height of the images", 1)[0])
+    if found["size of the images"].size > 1:
+        size = numbers_of(found, "size of the images", 2)
+    else:
+        size = [found["size of the images"].item(), *numbers_of(found, "height of the images", 1)]
+    left, right = (
+        _camera(
+            f"the {side}",
+            numbers_of(found, f"{side} camera matrix", 9),
+            numbers_of(found, f"{side} distortion", *_COEFFICIENTS),
+            size,
+        )
+        for side in ("left", "right")
     )
-
-    def camera(side: str) -> Camera:
-        fx, skew, cx, second, fy, cy, *third = numbers_of(found, f"{side} camera matrix", 9).tolist()
-        if (second, *third) != (0, 0, 0, 1):
-            rows = f"{second:g} {fy:g} {cy:g} and {' '.join(f'{each:g}' for each in third)}"
-            raise ConfigError(
-                f"the {side} camera matrix has the rows {rows} behind the first, 0 fy cy and 0 0 1 are expected: "
-                "MATLAB writes it transposed; exchange its rows and columns, and those of R"
-            )
-        _require_square(f"{side} camera matrix: skew", skew)
-        name = f"{side} distortion"
-        return Camera(
-            focal_px=(fx, fy),
-            centre_px=(cx, cy),
-            size_px=(_whole("image width", float(width)), _whole("image height", float(height))),
-            distortion=_five(name, numbers_of(found, name, 4, 5, 8, 12, 14).tolist()),
-        )
-
-    shift = numbers_of(found, "translation", 3)
-    base = float(np.linalg.norm(shift))
-    unit_m = 1e-3 if _BASE_MM[0] <= base <= _BASE_MM[1] else 1.0
-    if not _BASE_MM[0] <= 1e3 * unit_m * base <= _BASE_MM[1]:
-        raise ConfigError(
-            f"the translation (T) has the length {base:g}, which is no distance of an endoscope's cameras in "
-            f"millimetres or metres, {_BASE_MM[0]:g} to {_BASE_MM[1]:g} mm: was the size of "
-            "the target's squares given? Scale T"
-        )
-    turn = _rotation("rotation (R)", numbers_of(found, "rotation", 9).tolist())
-    return _of(camera("left"), camera("right"), turn, (unit_m * shift).tolist(), _stated(calibration_sigma_px))
-
-
-def _five(name: str, coefficients: Sequence[float]) -> tuple[float, float, float, float, float]:
-    """Coefficients k1, k2, p1, p2, k3; OpenCV leaves k3 out where it is 0, and others write zeros behind it."""
-    k1, k2, p1, p2, k3, *more = (*coefficients, 0.0)
-    if any(more):
-        raise ConfigError(
-            f"{name} has {len(coefficients)} coefficients, five are understood (k1, k2, p1, p2, k3), and those behind "
-            "them must be 0; calibrate without the rational model"
-        )
-    return k1, k2, p1, p2, k3
+    turn = _rotation("rotation (R)", numbers_of(found, "rotation", 9))
+    return _pair(left, right, turn, _in_metres(numbers_of(found, "translation", 3)), calibration_sigma_px)
 
 
 def _read_ini(path: Path) -> configparser.ConfigParser:
@@ -238,19 +239,12 @@ def _of_ini(sections: configparser.ConfigParser, calibration_sigma_px: float | N
         return tuple(_number(f"[{section}] {key}", sections[section].get(key)) for key in keys)
 
     def camera(section: str) -> Camera:
-        k1, k2, p1, p2, k3 = numbers(section, *(f"kc_{each}" for each in range(5)))
-        fx, fy, cx, cy, width, height = numbers(section, "fc_x", "fc_y", "cc_x", "cc_y", "res_x", "res_y")
-        skew = f"[{section}] alpha_c"
-        _require_square(skew, _number(skew, sections[section].get("alpha_c", "0")))
-        for key in sections[section]:
-            if re.fullmatch(r"kc_([5-9]|\d\d+)", key) and _number(f"[{section}] {key}", sections[section][key]) != 0:
-                raise ConfigError(f"[{section}] has {key}, five coefficients are understood; calibrate with them")
-        return Camera(
-            focal_px=(fx, fy),
-            centre_px=(cx, cy),
-            size_px=(_whole(f"[{section}] res_x", width), _whole(f"[{section}] res_y", height)),
-            distortion=(k1, k2, p1, p2, k3),
-        )
+        fx, fy, cx, cy = numbers(section, "fc_x", "fc_y", "cc_x", "cc_y")
+        skew = _number(f"[{section}] alpha_c", sections[section].get("alpha_c", "0"))
+        more = [key for key in sections[section] if re.fullmatch(r"kc_([5-9]|\d\d+)", key)]
+        coefficients = numbers(section, *(f"kc_{each}" for each in range(5)), *more)
+        matrix = (fx, skew, cx, 0, fy, cy, 0, 0, 1)
+        return _camera(f"[{section}]", matrix, coefficients, numbers(section, "res_x", "res_y"))
 
     turns, shifts = [f"R_{each}" for each in range(9)], [f"T_{each}" for each in range(3)]
     if turns[0] in sections["StereoLeft"]:
@@ -260,27 +254,11 @@ def _of_ini(sections: configparser.ConfigParser, calibration_sigma_px: float | N
                 "[StereoLeft] is turned or shifted itself; the frame of the pair is that of the left camera"
             )
     turn = _rotation("[StereoRight] R_0 to R_8", numbers("StereoRight", *turns))
-    shift_mm = numbers("StereoRight", *shifts)
-    base_mm = float(np.linalg.norm(shift_mm))
-    require_range(
-        "[StereoRight] length of T_0 to T_2",
-        base_mm,
-        low=_BASE_MM[0],
-        high=_BASE_MM[1],
-        unit="mm",
-        cure="a dVRK writes millimetres",
-    )
-    return _of(
-        camera("StereoLeft"),
-        camera("StereoRight"),
-        turn,
-        [1e-3 * each for each in shift_mm],
-        _stated(calibration_sigma_px),
-    )
+    shift_m = _in_metres(numbers("StereoRight", *shifts))
+    return _pair(camera("StereoLeft"), camera("StereoRight"), turn, shift_m, calibration_sigma_px)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _CameraInfo:
+class _CameraInfo(NamedTuple):
     """One camera of ROS: itself, its rotation into the rectified frame, and its shift there in metres."""
 
     camera: Camera
@@ -321,19 +299,20 @@ def _camera_info(table: Mapping[str, Any]) -> _CameraInfo:
         raise ConfigError(f"distortion_model is {_shown(model)}, plumb_bob is understood; calibrate with it")
     matrix = _values(table, "camera_matrix", 9)
     projection = _values(table, "projection_matrix", 12)
-    _require_square("camera_matrix: skew", matrix[1])
     if not projection[0] > 0:
         raise ConfigError("projection_matrix is not that of a stereo pair; calibrate both cameras together")
     (left, width, across), (top, height, down) = (
         _part(table, axis, whole) for axis, whole in (("x", "width"), ("y", "height"))
     )
+    fx, skew, cx, second, fy, cy, *third = matrix
+    # The middle of a joined pixel is in the middle of its pixels.
+    centre = (cx - left + 0.5) / across - 0.5, (cy - top + 0.5) / down - 0.5
     return _CameraInfo(
-        camera=Camera(
-            focal_px=(matrix[0] / across, matrix[4] / down),
-            # The middle of a joined pixel is in the middle of its pixels.
-            centre_px=((matrix[2] - left + 0.5) / across - 0.5, (matrix[5] - top + 0.5) / down - 0.5),
-            size_px=(width // across, height // down),
-            distortion=_five("distortion_coefficients", _values(table, "distortion_coefficients", 4, 5, 8, 12, 14)),
+        camera=_camera(
+            "its",
+            (fx / across, skew, centre[0], second, fy / down, centre[1], *third),
+            _values(table, "distortion_coefficients", *_COEFFICIENTS),
+            (width // across, height // down),
         ),
         turn=_rotation("rectification_matrix", _values(table, "rectification_matrix", 9)),
         shift_m=projection[3] / projection[0],
@@ -373,8 +352,8 @@ def _of_camera_infos(left: _CameraInfo, right: _CameraInfo, calibration_sigma_px
             "the right one less; exchange the files, or calibrate the cameras together"
         )
     turn = right.turn.T @ left.turn
-    shift_m = (right.turn.T @ np.array([right.shift_m, 0.0, 0.0])).tolist()
-    return _of(left.camera, right.camera, turn, shift_m, _stated(calibration_sigma_px))
+    shift_m = right.turn.T @ np.array([right.shift_m, 0.0, 0.0])
+    return _pair(left.camera, right.camera, turn, shift_m, calibration_sigma_px)
 
 
 def _values(table: Mapping[str, Any], name: str, *counts: int) -> tuple[float, ...]:
@@ -407,11 +386,6 @@ def _shown(value: object) -> str:
 
 
 def _whole(name: str, value: float) -> int:
-    if not value.is_integer():
+    if int(value) != value:
         raise ConfigError(f"{name} is {value}, it must be a whole number of pixels")
     return int(value)
-
-
-def _require_square(name: str, skew: float) -> None:
-    if skew != 0:
-        raise ConfigError(f"{name} is {skew}; the axes of a camera's pixels are square here: calibrate with 0")

@@ -65,10 +65,8 @@ def read_opencv(paths: Sequence[Path], texts: Sequence[str]) -> dict[str, Float6
     return found
 
 
-def numbers_of(
-    found: dict[str, Float64[np.ndarray, " numbers"]], what: str, *counts: int
-) -> Float64[np.ndarray, " numbers"]:
-    """The numbers of one name; `ConfigError` if they are missing, or not so many."""
+def numbers_of(found: dict[str, Float64[np.ndarray, " numbers"]], what: str, *counts: int) -> list[float]:
+    """The numbers of one name; `ConfigError` if they are missing, or their count is another."""
     names = ", ".join(NAMES[what])
     if what not in found:
         raise ConfigError(f"the {what} is missing; it is read as one of: {names}")
@@ -76,7 +74,8 @@ def numbers_of(
     if numbers.size not in counts or not np.isfinite(numbers).all():
         many = " or ".join(map(str, counts))
         raise ConfigError(f"the {what} ({names}) holds {numbers.size} numbers, {many} finite ones are expected")
-    return numbers
+    values: list[float] = numbers.tolist()
+    return values
 
 
 def _numbers(node: cv2.FileNode) -> list[float]:

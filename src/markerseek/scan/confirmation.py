@@ -24,6 +24,10 @@ MOVED_M = 1.5e-3
 """Most that a source may seem to move along the array or in depth, in metres: three to four resolution cells, as far as
 arrivals of one source lie apart along the array (of 300 simulated markers two were at 1.1 and 1.2 mm)."""
 
+PULSES = 3
+"""Of single pulses the expected intensity is the median of so many, the strongest: each varies by itself, and the
+strongest of many was so by chance."""
+
 SEEN_SIGMAS = 12.0
 """Intensity over the noise from which a position in the image is that of a source; weaker ones scatter too much."""
 
@@ -53,6 +57,9 @@ def confirmation_failure(found: Found, confirmation: Sample, samples: Sequence[S
     strongest = max(samples, key=lambda sample: sample.reading.intensity).reading
     now = confirmation.reading
     expected = strongest.intensity
+    pulses = sorted((each.reading.intensity for each in samples if each.sweep is not None), reverse=True)[:PULSES]
+    if pulses and pulses[0] == expected:
+        expected = pulses[len(pulses) // 2]
     noise = larger_noise(strongest, now)
     floor = 0.0 if found.floor is None or found.floor.level is None else found.floor.level
     least = max(SHARE * expected - NOISE_SIGMAS * noise, floor)

@@ -50,6 +50,9 @@ DARK_PERIODS = 3
 TURN_DEG = 0.1
 """Distance from the angle where it turns back at which a probe at rest has reached it: within it, it is lit at rest."""
 
+BACKLASH_ERROR = 0.5
+"""Relative standard deviation of the backlash that a rig states."""
+
 AT_REST_DEG = 0.005
 """Most by which two readings of a stage at rest differ: ten counts of a PRM1Z8's encoder."""
 
@@ -290,17 +293,20 @@ class SweepInProgress:
         if self._triggers is not None:
             angle_deg, sigma_deg = self._triggers.angle_deg(pulse, stamped), self._triggers.sigma_deg
             delay_s = self._devices.laser.delay_sigma_s
+        forward = math.copysign(1.0, stamped.speed_deg_s)
+        backlash_deg = self._devices.stage.play_deg(forward)
         header = replace(
             frame.header, angle_before_deg=stamped.lower.angle_deg, angle_after_deg=stamped.upper.angle_deg
         )
         return SweptFrame(
             frame=replace(frame, header=header),
-            angle_deg=angle_deg,
+            # The probe lags behind the encoder by the backlash.
+            angle_deg=angle_deg - forward * backlash_deg,
             angle_sigma_deg=sigma_deg,
             timing=SweepTiming(
                 number=self._number,
                 speed_deg_s=stamped.speed_deg_s,
                 delay_sigma_s=delay_s,
-                play_sigma_deg=self._devices.stage.play_deg(math.copysign(1.0, stamped.speed_deg_s)),
+                play_sigma_deg=BACKLASH_ERROR * backlash_deg,
             ),
         )

@@ -8,12 +8,13 @@ from markerseek.sim.camera import EndoscopeSettings, camera_above, endoscope, sp
 from markerseek.sim.clock import VirtualClock
 from markerseek.sim.curve_world import CurveWorld
 from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, RecordedCurve, SechCurve, TwoHumps
-from markerseek.sim.faults import Fault, FaultKind
+from markerseek.sim.faults import DeviceName, Fault, FaultKind
 from markerseek.sim.hand import HandMotion, SimulatedHand
 from markerseek.sim.laser import CLOCK_DRIFT, SimulatedLaser, vary_last_flash
 from markerseek.sim.machine import RFWorld, post_beamformed
 from markerseek.sim.receiver import SimulatedReceiver
 from markerseek.sim.settings import (
+    STREAMING,
     LaserSettings,
     MarkerSettings,
     NoiseSettings,
@@ -24,14 +25,17 @@ from markerseek.sim.settings import (
 )
 from markerseek.sim.stage import SimulatedStage, StageMotion
 from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
+from markerseek.sim.trapezoid import phases
 from markerseek.sim.world import Flash, SimulatedWorld, World
 
 __all__ = [
     "CLOCK_DRIFT",
+    "STREAMING",
     "TISSUES",
     "BModeSettings",
     "BModeWorld",
     "CurveWorld",
+    "DeviceName",
     "EndoscopeSettings",
     "Fault",
     "FaultKind",
@@ -62,6 +66,7 @@ __all__ = [
     "camera_above",
     "endoscope",
     "hashable_values",
+    "phases",
     "post_beamformed",
     "spot_images",
     "tissue_named",

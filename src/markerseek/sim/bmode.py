@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from markerseek.core import (
     FrameHeader,
     ScanGeometry,
     UInt8,
+    Within,
+    require_fields,
     require_range,
 )
 from markerseek.sim.speckle import BEAM_M, PULSE_M, Speckle, elevation_response, filtered_noise
@@ -32,45 +35,34 @@ from markerseek.sim.world import Flash
 class BModeSettings:
     """A simulated B-mode image and its scene; the strengths of the paper's echoes are unknown, and parameters here."""
 
-    tip_m: float = 5e-3
+    tip_m: Annotated[float, Within(0.5e-3, 20e-3, "m")] = 5e-3
     """Diameter of the tip."""
-    tip_db: float = 30.0
+    tip_db: Annotated[float, Within(-120, 120, "dB")] = 30.0
     """Echo of the tip in the image plane over the mean of the tissue."""
-    pressed_m: float = 2.5e-3
+    pressed_m: Annotated[float, Within(0, 20e-3, "m")] = 2.5e-3
     """How deep the tip's middle lies below the surface of the tissue."""
-    tissue_m: float = 15e-3
+    tissue_m: Annotated[float, Within(1e-3, 60e-3, "m")] = 15e-3
     """Thickness of the tissue; the pad below it reaches down to the probe."""
-    pad_db: float = -30.0
-    air_db: float = -35.0
-    surface_db: float = 8.0
+    pad_db: Annotated[float, Within(-120, 120, "dB")] = -30.0
+    air_db: Annotated[float, Within(-120, 120, "dB")] = -35.0
+    surface_db: Annotated[float, Within(-120, 120, "dB")] = 8.0
     """``pad_db``, ``air_db`` and ``surface_db``: echo of the pad, of the region beyond the tissue, and of its surface,
     over the mean of the tissue."""
-    noise_db: float = -35.0
+    noise_db: Annotated[float, Within(-120, 120, "dB")] = -35.0
     """Noise of the receiver in one image over the mean of the tissue."""
-    white_db: float = 38.0
+    white_db: Annotated[float, Within(-120, 120, "dB")] = 38.0
     """Level that is shown white, over the mean of the tissue."""
-    dynamic_range_db: float = 60.0
+    dynamic_range_db: Annotated[float, Within(20, 120, "dB")] = 60.0
     """From black to white."""
-    pixel_m: float = 0.15e-3
-    half_width_m: float = 20e-3
+    pixel_m: Annotated[float, Within(0.05e-3, 1e-3, "m")] = 0.15e-3
+    half_width_m: Annotated[float, Within(2e-3, 60e-3, "m")] = 20e-3
     """Half the width of the image."""
-    first_depth_m: float = 27e-3
+    first_depth_m: Annotated[float, Within(0, 0.2, "m")] = 27e-3
     last_depth_m: float = 62e-3
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ("tip_m", 0.5e-3, 20e-3),
-            ("pressed_m", 0.0, 20e-3),
-            ("tissue_m", 1e-3, 60e-3),
-            ("pixel_m", 0.05e-3, 1e-3),
-            ("half_width_m", 2e-3, 60e-3),
-            ("first_depth_m", 0.0, 0.2),
-            ("last_depth_m", self.first_depth_m + 5e-3, 0.3),
-        ):
-            require_range(f"b_mode: {name}", getattr(self, name), low=low, high=high, unit="m")
-        for name in ("tip_db", "pad_db", "air_db", "surface_db", "noise_db", "white_db"):
-            require_range(f"b_mode: {name}", getattr(self, name), low=-120, high=120, unit="dB")
-        require_range("b_mode: dynamic_range_db", self.dynamic_range_db, low=20, high=120, unit="dB")
+        require_fields(self, "b_mode")
+        require_range("b_mode: last_depth_m", self.last_depth_m, low=self.first_depth_m + 5e-3, high=0.3, unit="m")
 
     @property
     def geometry(self) -> ScanGeometry:
@@ -133,7 +125,7 @@ class BModeWorld:
         )
 
     def flash(self, *, pulses: int, at_s: float) -> None:
-        """Take so many images; there is no light, and the energy is 0."""
+        """Take this number of images; there is no light, and the energy is 0."""
         self.flashes.append(Flash(at_s=at_s, pulses=pulses, energy=0.0))
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> BModeFrame:
@@ -143,7 +135,7 @@ class BModeWorld:
         return BModeFrame(header=header, pixels=image.pixels, geometry=image.geometry)
 
     def image(self, *, images: int = 1) -> BModeImage:
-        """B-mode image at the present angle, the mean of so many."""
+        """B-mode image at the present angle, the mean of this number of images."""
         return BModeImage(pixels=self.pixels(images=images), geometry=self._settings.geometry)
 
     def pixels(self, *, images: int = 1) -> UInt8[np.ndarray, "rows columns"]:

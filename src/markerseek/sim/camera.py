@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from markerseek.core import Float64, UInt8, require_range
+from markerseek.core import Float64, UInt8, Within, require_fields
 from markerseek.geometry import Camera, RigidTransform, StereoCameras
 
 
@@ -52,32 +53,23 @@ def camera_above(
 class EndoscopeSettings:
     """Errors of the simulated cameras, and the look of their images."""
 
-    spot_sigma_px: float = 0.3
+    spot_sigma_px: Annotated[float, Within(0, 20, "px")] = 0.3
     """Standard deviation of the spot's position in one frame, in both directions."""
-    calibration_sigma_px: float = 0.2
+    calibration_sigma_px: Annotated[float, Within(0, 20, "px")] = 0.2
     """Standard deviation of the error of the calibration at a point of the image, in both directions: it is the same in
     all frames."""
-    frames: int = 25
-    spot_radius_px: float = 5.0
+    frames: Annotated[int, Within(1, 1000)] = 25
+    spot_radius_px: Annotated[float, Within(1, 20, "px")] = 5.0
     """Standard deviation of the spot's Gaussian profile."""
-    spot_counts: float = 130.0
+    spot_counts: Annotated[float, Within(0, 255, "counts")] = 130.0
     """Its height; 255 is full scale."""
-    tissue_counts: float = 70.0
+    tissue_counts: Annotated[float, Within(0, 255, "counts")] = 70.0
     """Mean brightness of the tissue."""
-    noise_counts: float = 3.0
+    noise_counts: Annotated[float, Within(0, 50, "counts")] = 3.0
     """Standard deviation of a pixel's noise."""
 
     def __post_init__(self) -> None:
-        for name, low, high, unit in (
-            ("spot_sigma_px", 0, 20, "px"),
-            ("calibration_sigma_px", 0, 20, "px"),
-            ("frames", 1, 1000, ""),
-            ("spot_radius_px", 1, 20, "px"),
-            ("spot_counts", 0, 255, "counts"),
-            ("tissue_counts", 0, 255, "counts"),
-            ("noise_counts", 0, 50, "counts"),
-        ):
-            require_range(f"endoscope: {name}", getattr(self, name), low=low, high=high, unit=unit)
+        require_fields(self, "endoscope")
 
 
 def spot_images(

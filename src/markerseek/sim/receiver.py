@@ -30,7 +30,7 @@ class SimulatedReceiver:
     """Receiver of a simulated world.
 
     ``readout_s``: time to read one acquisition from the device: about 10 s for SonixDAQ files (paper, section 4).
-    ``b_mode``: the same tissue in B-mode, of which an image is taken after each frame of counts, without light.
+    ``b_mode``: the same tissue in B-mode; an image of it is taken after each frame of counts, without light.
     ``meter_noise``: relative standard deviation of an energy meter, whose value stands in the header.
     ``frame_period_s``: least time between two triggers of a sweep. One that needs longer than that to be read is read
     at the end of a sweep, once.

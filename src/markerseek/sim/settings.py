@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
 from markerseek.acoustics import Bursts, Probe
-from markerseek.core import ConfigError, Interval, SimulationOptions, require_range
+from markerseek.core import ConfigError, Interval, SimulationOptions, Within, require_fields
 from markerseek.guard import FiringLimits, Limits
 from markerseek.sim.bmode import BModeSettings
 from markerseek.sim.stage import StageMotion
@@ -27,84 +27,61 @@ class MarkerSettings:
     lateral_m: float | None = None
     """Position along the axis; None draws it at most 20 mm from the middle, and in front of the array's inner four
     fifths."""
-    source_radius_m: float | None = None
+    source_radius_m: Annotated[float | None, Within(0, 5e-3, "m", open_low=True, cure="0.15 mm is usual")] = None
     """Radius of a single Gaussian absorber in place of the material's spot: the larger it is, the wider the intensity
     curve. None leaves the spot as the material has it."""
 
     def __post_init__(self) -> None:
-        if self.source_radius_m is not None and not 0 < self.source_radius_m <= 5e-3:
-            raise ConfigError(
-                f"marker: source_radius_m is {self.source_radius_m} m, it must lie in (0, 0.005] m; 0.15 mm is usual"
-            )
+        require_fields(self, "marker")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LaserSettings:
     """The light."""
 
-    pulses: int = 16
+    pulses: Annotated[int, Within(1, FiringLimits().pulses_per_permit)] = 16
     """Pulses averaged in one acquisition."""
     pulse_s: float = 500e-9
     """Length of the rectangular pulse."""
-    rate_hz: float = 100.0
+    rate_hz: Annotated[float, Within(0, 1000, "Hz", open_low=True)] = 100.0
     """Pulses per second."""
-    energy_jitter: float = 0.03
+    energy_jitter: Annotated[float, Within(0, 1)] = 0.03
     """Standard deviation of one pulse's energy over its mean."""
-    energy_spread: float = 0.0
+    energy_spread: Annotated[float, Within(0, 1)] = 0.0
     """Standard deviation of ln energy from one acquisition to the next, beside that of the pulses."""
-    energy_drift_per_min: float = 0.0
+    energy_drift_per_min: Annotated[float, Within(-1, 1)] = 0.0
     """Change of ln energy in a minute."""
-    stamp_delay_s: float = 0.0
+    stamp_delay_s: Annotated[float, Within(-0.1, 0.1, "s")] = 0.0
     """True time from the stamp of a pulse to its light in a sweep."""
-    stamp_delay_sigma_s: float | None = None
+    stamp_delay_sigma_s: Annotated[float | None, Within(0, 0.1, "s")] = None
     """Standard deviation to which the rig knows it, as after ``markerseek calibrate --delay``; None: it does not, and
     takes 0 ± 10 ms."""
-    stamp_jitter_s: float = 0.0
+    stamp_jitter_s: Annotated[float, Within(0, 0.01, "s")] = 0.0
     """Standard deviation of the stamp of one pulse by itself."""
-    without_light: float = 0.0
+    without_light: Annotated[float, Within(0, 0.5)] = 0.0
     """Share of the pulses that give no light."""
     sweep_mode: Literal["free-running", "position-triggered"] = "free-running"
     """What gives the pulses of a sweep: the laser, at its own pace, or the stage's triggers by position."""
-    energy_meter_noise: float | None = None
+    energy_meter_noise: Annotated[float | None, Within(0, 0.3)] = None
     """Relative standard deviation of an energy meter, whose value stands in the header of each frame."""
 
     def __post_init__(self) -> None:
-        if not 0 <= self.energy_jitter < 1:
-            raise ConfigError(f"laser: energy_jitter is {self.energy_jitter}, it is a share between 0 and 1")
-        require_range("laser: energy_spread", self.energy_spread, low=0, high=1)
-        require_range("laser: energy_drift_per_min", self.energy_drift_per_min, low=-1, high=1)
-        if self.energy_meter_noise is not None:
-            require_range("laser: energy_meter_noise", self.energy_meter_noise, low=0, high=0.3)
-        if self.sweep_mode not in ("free-running", "position-triggered"):
-            raise ConfigError(
-                f"laser: sweep_mode is {self.sweep_mode!r}, it must be 'free-running' or 'position-triggered'"
-            )
-        require_range("laser: stamp_delay_s", self.stamp_delay_s, low=-0.1, high=0.1, unit="s")
-        require_range("laser: stamp_delay_sigma_s", self.stamp_delay_sigma_s or 0.0, low=0, high=0.1, unit="s")
-        require_range("laser: stamp_jitter_s", self.stamp_jitter_s, low=0, high=0.01, unit="s")
-        require_range("laser: without_light", self.without_light, low=0, high=0.5)
-        require_range("laser: rate_hz", self.rate_hz, low=0, high=1000, unit="Hz", open_low=True)
-        most = FiringLimits().pulses_per_permit
-        if not 1 <= self.pulses <= most:
-            raise ConfigError(f"laser: pulses is {self.pulses}, it must lie between 1 and {most}")
+        require_fields(self, "laser")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseSettings:
     """The noise of one acquisition, after averaging."""
 
-    peak_snr_db: float = 40.0
+    peak_snr_db: Annotated[float, Within(-20, 100, "dB")] = 40.0
     """Envelope peak of the noise-free image with the probe on the marker, over the standard deviation of the beamformed
     noise, 20 log10."""
-    coloured: float = 0.0
+    coloured: Annotated[float, Within(0, 1)] = 0.0
     """Share of the noise power that has the spectrum of the receive band; the rest is white."""
     bursts: Bursts | None = None
 
     def __post_init__(self) -> None:
-        if not -20 <= self.peak_snr_db <= 100:
-            raise ConfigError(f"noise: peak_snr_db is {self.peak_snr_db} dB, it must lie between -20 and 100 dB")
-        if not 0 <= self.coloured <= 1:
-            raise ConfigError(f"noise: coloured is {self.coloured}, it is a share between 0 and 1")
+        require_fields(self, "noise")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,42 +89,33 @@ class ReceiverSettings:
     """The data acquisition."""
 
     sampling_hz: float = 40e6
-    samples: int = 2080
-    readout_s: float = 10.0
+    samples: Annotated[int, Within(512, 65_536, cure="2080 is usual")] = 2080
+    readout_s: Annotated[float, Within(0, 3600, "s", cure="10 s is usual")] = 10.0
     """Time to read one acquisition: 10 s with SonixDAQ files (paper, section 4)."""
-    frame_period_s: float = 0.05
+    frame_period_s: Annotated[float, Within(1e-3, 10, "s")] = 0.05
     """Least time between two frames of a sweep; if readout_s is longer, all are read at the end of the sweep."""
     single_pulses: bool = False
     """Whether the gain that it chooses leaves room for the noise of a single pulse, as a sweep needs."""
     trigger_offset_s: float = 0.0
     """Time from the trigger to the middle of the laser pulse."""
-    peak_counts: float | None = None
+    # Values above full scale (2047) are allowed, to try what saturation does.
+    peak_counts: Annotated[float | None, Within(0, 1e6, open_low=True, cure="leave it out for one that fits")] = None
     """Largest count that the marker alone gives a channel with the probe on it; full scale is 2047. None chooses the
     gain so that marker and noise both fit: 600 counts, fewer where the noise is strong, more where it is weak."""
     data: Literal["channels", "rf", "b-mode"] = "channels"
     """Kind of frames: channel data; lines that an ultrasound machine has beamformed (RF); or B-mode images, without
     light, in which the tip of an instrument takes the marker's place."""
-    receive_focus_m: float | None = None
+    receive_focus_m: Annotated[float | None, Within(1e-3, 0.2, "m")] = None
     """Depth of the fixed receive focus of RF lines; None: dynamic focus."""
     b_mode: bool = False
     """Whether a B-mode image of the same angle is taken after each frame of channel data or RF lines, without light."""
 
     def __post_init__(self) -> None:
-        if self.receive_focus_m is not None:
-            require_range("receiver: receive_focus_m", self.receive_focus_m, low=1e-3, high=0.2, unit="m")
-            if self.data != "rf":
-                raise ConfigError(f"receiver: receive_focus_m is for data = 'rf', not {self.data!r}; leave it out")
+        require_fields(self, "receiver")
+        if self.receive_focus_m is not None and self.data != "rf":
+            raise ConfigError(f"receiver: receive_focus_m is for data = 'rf', not {self.data!r}; leave it out")
         if self.b_mode and self.data == "b-mode":
             raise ConfigError("receiver: b_mode is for data = 'channels' or 'rf', not 'b-mode'; leave it out")
-        if not 512 <= self.samples <= 65_536:
-            raise ConfigError(f"receiver: samples is {self.samples}, it must lie between 512 and 65536; 2080 is usual")
-        # Values above full scale (2047) are allowed, to try what saturation does.
-        if self.peak_counts is not None and not 0 < self.peak_counts <= 1e6:
-            raise ConfigError(
-                f'receiver: peak_counts is {self.peak_counts}, it must lie in (0, 1e6]; "none" chooses it to fit'
-            )
-        require_range("receiver: frame_period_s", self.frame_period_s, low=1e-3, high=10, unit="s")
-        require_range("receiver: readout_s", self.readout_s, low=0, high=3600, unit="s", cure="10 s is usual")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -155,7 +123,7 @@ class SimulatedSettings:
     """A simulated rig; every part may be left at its default."""
 
     tissue: str = "plastisol-phantom"
-    """Name of the material, a simulated stand-in."""
+    """Name of the simulated material."""
     start_deg: float = 0.0
     """Angle of the probe at the start."""
     marker: MarkerSettings = field(default_factory=MarkerSettings)
@@ -182,6 +150,12 @@ class SimulatedSettings:
         for name, angle_deg in (("marker", self.marker.angle_deg), ("second", self.second.angle_deg)):
             if angle_deg is not None and not -90 <= angle_deg <= 90:
                 raise ConfigError(f"{name}: angle_deg is {angle_deg} deg, it must lie between -90 and 90 deg")
+
+
+STREAMING = SimulatedSettings(
+    stage=StageMotion(speed_deg_s=25.0, acceleration_deg_s2=25.0), receiver=ReceiverSettings(readout_s=0.02)
+)
+"""A rig for sweeps: a PRM1Z8 at its limits, and a receiver that streams 20 frames a second."""
 
 
 def with_options(settings: SimulatedSettings, options: SimulationOptions) -> SimulatedSettings:

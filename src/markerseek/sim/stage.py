@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 from markerseek.core import (
     Clock,
@@ -13,9 +14,10 @@ from markerseek.core import (
     LimitError,
     StageReading,
     Triggers,
-    require_range,
+    Within,
+    require_fields,
 )
-from markerseek.sim.trapezoid import Leg
+from markerseek.sim.trapezoid import Leg, phases
 from markerseek.sim.world import SimulatedWorld
 
 
@@ -23,40 +25,32 @@ from markerseek.sim.world import SimulatedWorld
 class StageMotion:
     """How a stage moves; the defaults are a PRM1Z8 on a KDC101."""
 
-    speed_deg_s: float = 10.0
+    speed_deg_s: Annotated[float, Within(0, 2000, "deg/s", open_low=True)] = 10.0
     """Largest speed; a PRM1Z8 reaches 25, direct drives some hundreds."""
-    acceleration_deg_s2: float = 10.0
+    acceleration_deg_s2: Annotated[float, Within(0, 50_000, "deg/s²", open_low=True)] = 10.0
     """Acceleration; a PRM1Z8 reaches 25."""
-    counts_per_deg: float = 1919.6418578623391
+    counts_per_deg: Annotated[float, Within(0, 1e9, open_low=True)] = 1919.6418578623391
     """Encoder counts for one degree."""
-    backlash_deg: float = 0.1
+    backlash_deg: Annotated[float, Within(0, 360, "deg")] = 0.1
     """Play between the motor, which carries the encoder, and the probe."""
-    stated_backlash_deg: float | None = None
+    stated_backlash_deg: Annotated[float | None, Within(0, 360, "deg")] = None
     """What the rig takes it for; None: it is known."""
-    approach_deg: float = 1.0
+    approach_deg: Annotated[float, Within(0, 360, "deg")] = 1.0
     """How far a move downwards goes beyond its target, to come back to it from below and leave the play on the same
     side always; 0 does not."""
-    settle_s: float = 0.1
+    settle_s: Annotated[float, Within(0, 3600, "s")] = 0.1
     """Rest after a move."""
 
     def __post_init__(self) -> None:
-        for name, most in (("speed_deg_s", 2000.0), ("acceleration_deg_s2", 50_000.0), ("counts_per_deg", 1e9)):
-            if not 0 < getattr(self, name) <= most:
-                raise ConfigError(f"stage motion: {name} is {getattr(self, name)}, it must lie in (0, {most}]")
-        for name, most in (("backlash_deg", 360.0), ("approach_deg", 360.0), ("settle_s", 3600.0)):
-            require_range(f"stage motion: {name}", getattr(self, name), low=0, high=most)
+        require_fields(self, "stage motion")
 
     def duration_s(self, distance_deg: float) -> float:
         """Seconds that a move takes from rest to rest, with a trapezoidal speed, without settling.
 
         ``distance_deg``: length of the move, of either sign.
         """
-        distance = abs(distance_deg)
-        # v²/a: the distance of speeding up and braking together. A shorter move never reaches the full speed.
-        ramp = self.speed_deg_s**2 / self.acceleration_deg_s2
-        if distance <= ramp:
-            return 2 * math.sqrt(distance / self.acceleration_deg_s2)
-        return distance / self.speed_deg_s + self.speed_deg_s / self.acceleration_deg_s2
+        way = phases(distance_deg, top_deg_s=self.speed_deg_s, acceleration_deg_s2=self.acceleration_deg_s2)
+        return sum(seconds for seconds, _ in way)
 
 
 _ANSWER_S, _READ_AFTER = 4e-3, 0.75
@@ -181,8 +175,7 @@ class SimulatedStage:
         """Begin to brake: the target is where it can come to rest."""
         if self._legs:
             here_deg, speed_deg_s = self._legs[-1].at(self._clock.now_s())
-            way_deg = speed_deg_s**2 / (2 * self._motion.acceleration_deg_s2)
-            self._sweep_to_deg = here_deg + math.copysign(way_deg, self._sweep_to_deg - here_deg)
+            self._sweep_to_deg = here_deg + speed_deg_s * abs(speed_deg_s) / (2 * self._motion.acceleration_deg_s2)
             self._legs.append(self._leg(here_deg, speed_deg_s))
 
     def end_sweep(self) -> None:
@@ -192,7 +185,7 @@ class SimulatedStage:
 
     def _come_to_rest(self) -> None:
         if self._legs:
-            while self._legs[-1].at(self._clock.now_s())[1] > 0:
+            while self._legs[-1].at(self._clock.now_s())[1] != 0:
                 self._clock.wait(0.01)
             self._follow()
             self._legs = []

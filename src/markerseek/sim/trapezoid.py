@@ -3,7 +3,34 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+
+
+def phases(
+    way_deg: float, *, speed_deg_s: float = 0.0, top_deg_s: float, acceleration_deg_s2: float
+) -> Iterator[tuple[float, float]]:
+    """Seconds and acceleration of each phase from here to rest at a target; none crosses a standstill.
+
+    ``way_deg``: angle of the target from here, with its sign. ``speed_deg_s``: speed now, with its sign. A target that
+    is nearer than the way of braking is overrun, and the motor turns round.
+    """
+    rate = acceleration_deg_s2
+    # All below is signed towards the target, seen from where braking now would end: that decides whether the motor must
+    # turn round.
+    sign = math.copysign(1.0, way_deg - speed_deg_s * abs(speed_deg_s) / (2 * rate))
+    ahead, left_deg = sign * speed_deg_s, sign * way_deg
+    # Speed at which accelerating meets braking: v² = v0²/2 + a·s, from s = (v² - v0²)/2a + v²/2a.
+    peak = min(math.sqrt(max(rate * left_deg + ahead**2 / 2, 0.0)), top_deg_s)
+    if ahead < 0:
+        yield -ahead / rate, sign * rate
+        left_deg += ahead**2 / (2 * rate)
+        ahead = 0.0
+    yield abs(peak - ahead) / rate, math.copysign(rate, peak - ahead) * sign
+    even_deg = left_deg - abs(peak**2 - ahead**2) / (2 * rate) - peak**2 / (2 * rate)
+    if peak > 0:
+        yield max(even_deg, 0.0) / peak, 0.0
+    yield peak / rate, -sign * rate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -13,16 +40,27 @@ class Leg:
     began_s: float
     start_deg: float
     speed_deg_s: float
-    """Speed at the beginning towards the target, at least 0."""
+    """Speed at the beginning, with its sign."""
     target_deg: float
     top_deg_s: float
     acceleration_deg_s2: float
 
     def at(self, time_s: float) -> tuple[float, float]:
-        """Angle in degrees, and speed towards the target in degrees per second, at a time."""
-        way_deg = abs(self.target_deg - self.start_deg)
-        gone_deg, speed = self._gone(max(time_s - self.began_s, 0.0), way_deg)
-        return self.start_deg + math.copysign(gone_deg, self.target_deg - self.start_deg), speed
+        """Angle in degrees, and speed in degrees per second with its sign, at a time."""
+        here_deg, speed, left_s = self.start_deg, self.speed_deg_s, max(time_s - self.began_s, 0.0)
+        for phase_s, acceleration in phases(
+            self.target_deg - self.start_deg,
+            speed_deg_s=self.speed_deg_s,
+            top_deg_s=self.top_deg_s,
+            acceleration_deg_s2=self.acceleration_deg_s2,
+        ):
+            step_s = min(phase_s, left_s)
+            here_deg += speed * step_s + acceleration * step_s**2 / 2
+            speed += acceleration * step_s
+            left_s -= step_s
+            if left_s <= 0:
+                return here_deg, speed
+        return self.target_deg, 0.0
 
     def time_s(self, angle_deg: float) -> float:
         """When it comes by an angle of its way."""
@@ -34,21 +72,3 @@ class Leg:
         # Twice the longest that it can take.
         ends_s = self.began_s + 2 * (even_s + 2 * ramp_s)
         return float(brentq(lambda at_s: self.at(at_s)[0] - angle_deg, self.began_s, ends_s, xtol=1e-9))
-
-    def _gone(self, elapsed_s: float, way_deg: float) -> tuple[float, float]:
-        v0, a = self.speed_deg_s, self.acceleration_deg_s2
-        # A target nearer than the way of braking is overrun: the stage comes to rest as soon as it can.
-        way_deg = max(way_deg, v0**2 / (2 * a))
-        # The speed at which speeding up and braking fill the whole way, v² = a·s + v0²/2, or the top speed.
-        peak = max(min(self.top_deg_s, math.sqrt(a * way_deg + v0**2 / 2)), v0)
-        up_s, down_s = (peak - v0) / a, peak / a
-        up_deg, down_deg = (peak**2 - v0**2) / (2 * a), peak**2 / (2 * a)
-        even_s = max(way_deg - up_deg - down_deg, 0.0) / peak if peak > 0 else 0.0
-        if elapsed_s <= up_s:
-            return v0 * elapsed_s + a * elapsed_s**2 / 2, v0 + a * elapsed_s
-        if elapsed_s <= up_s + even_s:
-            return up_deg + peak * (elapsed_s - up_s), peak
-        left_s = up_s + even_s + down_s - elapsed_s
-        if left_s <= 0:
-            return way_deg, 0.0
-        return way_deg - a * left_s**2 / 2, a * left_s

@@ -40,10 +40,6 @@ def _require_call(method: Callable[..., object], *arguments: object) -> None:
         return
 
 
-MAX_RESOLUTION_DEG = 0.1
-"""Coarsest resolution of a stage: further from its target than this, the guard takes a move for a fault."""
-
-
 def _require_flag(device: object) -> None:
     """Fail where it says something else of being an emulator than yes or no."""
     says = getattr(device, "emulated", False)

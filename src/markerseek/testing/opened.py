@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from markerseek.core import Interval, Laser, Receiver, Stage
-from markerseek.testing.devices import MAX_RESOLUTION_DEG, LaserContract, ReceiverContract, StageContract
+from markerseek.core import MAX_RESOLUTION_DEG, Interval, Laser, Receiver, Stage
+from markerseek.testing.devices import LaserContract, ReceiverContract, StageContract
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

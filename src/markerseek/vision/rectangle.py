@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Annotated
 
-from markerseek.core import ConfigError, require_range
+from markerseek.core import ConfigError, Within, require_fields
 
 LARGEST_PX = 8192
 """Most rows or columns of an image."""
@@ -14,24 +15,21 @@ LARGEST_PX = 8192
 class Rectangle:
     """Part of an image, in whole pixels."""
 
-    row: int
-    column: int
+    row: Annotated[int, Within(-LARGEST_PX, LARGEST_PX, "pixels")]
+    column: Annotated[int, Within(-LARGEST_PX, LARGEST_PX, "pixels")]
     """``row`` and ``column``: its upper left pixel."""
-    rows: int
-    columns: int
+    rows: Annotated[int, Within(3, LARGEST_PX, "pixels")]
+    columns: Annotated[int, Within(3, LARGEST_PX, "pixels")]
 
     def __post_init__(self) -> None:
-        for name in ("rows", "columns"):
-            require_range(f"rectangle: {name}", getattr(self, name), low=3, high=LARGEST_PX, unit="pixels")
-        for name in ("row", "column"):
-            require_range(f"rectangle: {name}", getattr(self, name), low=-LARGEST_PX, high=LARGEST_PX, unit="pixels")
+        require_fields(self, "rectangle")
 
     def centred(self, row: float, column: float) -> Rectangle:
         """The same size, with its middle at a pixel."""
         return replace(self, row=round(row - (self.rows - 1) / 2), column=round(column - (self.columns - 1) / 2))
 
     def grown(self, rows: int, columns: int, *, shape: tuple[int, int]) -> Rectangle:
-        """Larger by so many pixels on each side, as far as the image reaches."""
+        """Larger by these numbers of pixels on each side, as far as the image reaches."""
         row, column = max(0, self.row - rows), max(0, self.column - columns)
         return Rectangle(
             row=row,

@@ -277,7 +277,7 @@ def move() -> bytes:
 
 
 def stop(*, profiled: bool = False) -> bytes:
-    """Stop at once, without deceleration, or with the one that was set."""
+    """Stop at once, without deceleration, or with the deceleration that was set."""
     return _short(0x0465, CHANNEL, 2 if profiled else 1)
 
 

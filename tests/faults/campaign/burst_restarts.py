@@ -62,7 +62,7 @@ class BurstRestart:
             seed=int(rng.integers(2**31)),
         )
         self._daq: Any = self._bench.emulated.daq
-        self._daq.faults.delay_s = late_s
+        self._daq.faults.inject("late files", late_s)
         self._dies_after_s = float(rng.uniform(0.0, SWEEP_S + late_s + readout_s))
         self._dies_s: float | None = None
         self._died_s = math.inf

@@ -27,7 +27,7 @@ from markerseek.core import (
 from markerseek.drivers import Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
 from markerseek.emulators import DirectPort, EmulatedBench
 from markerseek.emulators.bench import BenchClock
-from markerseek.emulators.faults import STAGE_FAULTS
+from markerseek.emulators.faults import FAULTS
 from markerseek.emulators.laserbox import Pulse
 from markerseek.guard import Admission, FiringLimits, Guard, State
 from markerseek.records.journal import Journal, read_journal
@@ -59,29 +59,29 @@ class ByteFault:
     harm: str = "none"
 
 
-def _set(device: str, name: str, value: object) -> Break:
-    return lambda bench: setattr(getattr(bench, device).faults, name, value)
+def _inject(device: str, name: str, amount: float | None = None) -> Break:
+    return lambda bench: getattr(bench, device).faults.inject(name, amount)
 
 
 LASER_AND_DAQ: tuple[ByteFault, ...] = (
-    ByteFault(name="laser dead lamp", begin=_set("laser_box", "laser_dead", True)),
-    ByteFault(name="laser blind photodiode", begin=_set("laser_box", "photodiode_dead", True)),
-    ByteFault(name="laser extra pulses", begin=_set("laser_box", "extra_pulses", 2), harm="pulses"),
-    ByteFault(name="laser silent", begin=_set("laser_box", "silent", True)),
+    ByteFault(name="laser dead lamp", begin=_inject("laser_box", "dead lamp")),
+    ByteFault(name="laser blind photodiode", begin=_inject("laser_box", "blind photodiode")),
+    ByteFault(name="laser extra pulses", begin=_inject("laser_box", "extra pulses"), harm="pulses"),
+    ByteFault(name="laser silent", begin=_inject("laser_box", "silent")),
     ByteFault(name="laser interlock", begin=lambda bench: bench.laser_box.open_interlock()),
     ByteFault(name="laser stray light", begin=lambda bench: bench.laser_box.stray_light(), harm="pulses"),
-    ByteFault(name="laser late light", begin=_set("laser_box", "light_late_us", 5000)),
+    ByteFault(name="laser late light", begin=_inject("laser_box", "late light")),
     ByteFault(name="laser power cycle", begin=lambda bench: bench.laser_box.power_up()),
-    ByteFault(name="receiver off", begin=_set("daq", "off", True)),
-    ByteFault(name="receiver delayed", begin=_set("daq", "delay_s", 9.0)),
-    ByteFault(name="receiver part of the files", begin=_set("daq", "files", 77)),
-    ByteFault(name="receiver stuck", begin=_set("daq", "stuck", True)),
-    ByteFault(name="receiver one behind", begin=_set("daq", "one_behind", True), harm="result"),
-    ByteFault(name="receiver swapped channels", begin=_set("daq", "swapped", True)),
-    ByteFault(name="receiver garbled headers", begin=_set("daq", "garbage", True)),
+    ByteFault(name="receiver off", begin=_inject("daq", "off")),
+    ByteFault(name="receiver delayed", begin=_inject("daq", "late files")),
+    ByteFault(name="receiver part of the files", begin=_inject("daq", "part of the files", 77)),
+    ByteFault(name="receiver stuck", begin=_inject("daq", "repeats")),
+    ByteFault(name="receiver one behind", begin=_inject("daq", "one behind"), harm="result"),
+    ByteFault(name="receiver swapped channels", begin=_inject("daq", "swapped channels")),
+    ByteFault(name="receiver garbled headers", begin=_inject("daq", "garbled headers")),
 )
 
-UNSEEN_STAGE = {name for name, fault in STAGE_FAULTS.items() if not fault.observable}
+UNSEEN_STAGE = {name for name, fault in FAULTS["stage"].items() if not fault.observable}
 BEYOND_DEG = {"overshoot": 0.5, "slip": 2.0, "scale": 0.75, "more play": 0.5, "ignores stop": 0.0}
 """How far a fault of the stage may bring the probe beyond its travel, in degrees: its amount, and no more."""
 
@@ -112,9 +112,9 @@ class ByteRun:
             noise=NoiseSettings(peak_snr_db=float(rng.uniform(32, 45))),
             start_deg=float(rng.uniform(-34, 34)),
         )
-        stage_names, others = sorted(STAGE_FAULTS), LASER_AND_DAQ
+        stage_names, others = sorted(FAULTS["stage"]), LASER_AND_DAQ
         pick = int(rng.integers(len(stage_names) + len(others) + 2))
-        self.stage_fault = STAGE_FAULTS[stage_names[pick]] if pick < len(stage_names) else None
+        self.stage_fault = FAULTS["stage"][stage_names[pick]] if pick < len(stage_names) else None
         if self.stage_fault is not None and self.stage_fault.name == "jump on its way":
             jump_deg = float(rng.choice((-1, 1)) * rng.uniform(0.2, 1.0))
             self.stage_fault = replace(self.stage_fault, amount=jump_deg)
@@ -201,7 +201,7 @@ class ByteRun:
         accepted = 0
         guard: Guard | None = None
         if self.stage_fault is not None:
-            self.bench.stage.inject(replace(self.stage_fault, from_step=self.after + 1))
+            self.bench.stage.faults.inject(replace(self.stage_fault, from_step=self.after + 1))
         with contextlib.suppress(MarkerseekError):
             rig = self.rig()
             guard = rig.scanner.guard

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from markerseek.emulators.faults import STAGE_FAULTS
+from markerseek.emulators.faults import FAULTS as EMULATED
 
 from .bytes_runs import LASER_AND_DAQ
 from .checker import OFF_DEG
@@ -117,7 +117,7 @@ def uncovered(tally: Tally) -> list[str]:
 
 def byte_keys() -> list[str]:
     """Faults of emulated devices of which the evidence is in their bytes, and which do no harm before."""
-    stage = [f"stage {name}" for name, fault in STAGE_FAULTS.items() if fault.observable]
+    stage = [f"stage {name}" for name, fault in EMULATED["stage"].items() if fault.observable]
     return stage + [fault.name for fault in LASER_AND_DAQ if fault.harm == "none"]
 
 

@@ -179,7 +179,7 @@ class Restart:
         self._daq.counts = PULSES if self._counting else None
         if not self._counting:
             # nothing is seen of the acquisition for seconds; then it is there all at once
-            self._daq.faults.delay_s = float(rng.uniform(5.0, READOUT_S - readout_s))
+            self._daq.faults.inject("late files", float(rng.uniform(5.0, READOUT_S - readout_s)))
         self._folder = folder
         self._method, self._acquisitions = (("posterior", 12), ("weighted-average", 29))[int(rng.integers(2))]
         self._dies_at = int(rng.integers(1, 11))

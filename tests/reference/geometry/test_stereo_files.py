@@ -142,10 +142,10 @@ def refused(files: Sequence[Path], **options: float) -> str:
         (("kc_4=0.013", ""), "[StereoLeft] kc_4 is missing"),
         (("res_x=1280", "res_x=1280.5"), "whole number of pixels"),
         (("R_0=", "R_0=1.1 ;"), "no rotation"),
-        (("T_0=-5.21", "T_0=-0.00521"), "a dVRK writes millimetres"),
+        (("T_0=-5.21", "T_0=-0.00521"), "is no distance of an endoscope"),
         (("[StereoLeft]", "no section"), "cannot be read as an INI file"),
         (("res_y=1024", "res_y=1024\nR_0=0"), "[StereoLeft] R_1 is missing"),
-        (("res_y=1024", "res_y=1024\nkc_5=0.3"), "[StereoLeft] has kc_5, five coefficients"),
+        (("res_y=1024", "res_y=1024\nkc_5=0.3"), "[StereoLeft] distortion has 6 coefficients, five"),
         (("fc_x=1103.25", "fc_x=1103,25"), "fc_x is '1103,25', it must be a finite number"),
     ],
 )

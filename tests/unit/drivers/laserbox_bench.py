@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from markerseek.core import FrameHeader, Permit, ReadingFrame
 from markerseek.drivers import LaserBox
 from markerseek.emulators import DirectPort
-from markerseek.emulators.faults import LaserBoxFaults
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.sim import Flash, VirtualClock
 from markerseek.wire import laserbox as wire
@@ -34,14 +33,13 @@ class Bench:
     def __init__(self, *, lease_ms: int = 100, turn_us: int = 200) -> None:
         self.world = Lit()
         self.triggers: list[int] = []
-        self.faults = LaserBoxFaults()
         self.box = EmulatedLaserBox(
             world=self.world,
             on_triggers=self.triggers.append,
             lease_ms=lease_ms,
             turn_us=turn_us,
-            faults=self.faults,
         )
+        self.faults = self.box.faults
         self.clock = VirtualClock()
         self.port = DirectPort(device=self.box, clock=self.clock)
 

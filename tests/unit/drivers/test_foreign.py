@@ -140,7 +140,7 @@ def read(path: Path) -> BenchSettings:
         (
             "lab_stage:Parity",
             'port = "a"\nzero_deg = 0.0',
-            "'stage': parity is 'even', it must be one of: N, E, O",
+            "'stage': parity is 'even', it must be 'N' or 'E' or 'O'",
         ),
         ("no_stage:Stage", "", "there is no file .*/no_stage.py, and no module no_stage is installed"),
         ("lab_stage:Stag", "", "lab_stage has no class Stag; its classes are: .*Stage"),

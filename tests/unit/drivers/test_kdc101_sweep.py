@@ -22,7 +22,7 @@ from markerseek.core import (
     fastest_sweep_deg_s,
 )
 from markerseek.drivers import Kdc101Stage
-from markerseek.emulators.faults import STAGE_FAULTS
+from markerseek.emulators.faults import FAULTS
 from markerseek.wire import AptFramer, apt
 from tests.unit.drivers.kdc101_bench import Bench, Killed, bench
 
@@ -129,8 +129,8 @@ def test_a_stage_that_fails_in_mid_sweep_is_stopped_and_has_its_speed_again(name
     it = bench(start_deg=-35.0)
     stage = it.stage(**KEYS)
     swept(it, stage, 35.0)
-    fault = STAGE_FAULTS[name]
-    it.emulator.inject(fault if amount is None else replace(fault, amount=amount))
+    fault = FAULTS["stage"][name]
+    it.emulator.faults.inject(fault if amount is None else replace(fault, amount=amount))
     failed_s = it.clock.now_s()
     last_deg: list[float] = []
     try:
@@ -141,7 +141,7 @@ def test_a_stage_that_fails_in_mid_sweep_is_stopped_and_has_its_speed_again(name
         # What the driver cannot tell from a stage that stands, the guard does: it is too slow to be lit.
         assert name == "frozen motor"
         assert last_deg[-1] == pytest.approx(last_deg[-2], abs=0.001)
-    it.emulator.heal()
+    it.emulator.faults.heal()
     it.clock.wait(1.0)
     stage.stop()
     assert not it.emulator.moving
@@ -151,7 +151,7 @@ def test_a_stage_that_fails_in_mid_sweep_is_stopped_and_has_its_speed_again(name
 def test_a_stage_that_is_twice_as_fast_as_it_was_set_is_found() -> None:
     it = bench(start_deg=-35.0)
     stage = it.stage(**KEYS)
-    it.emulator.inject(STAGE_FAULTS["too fast"])
+    it.emulator.faults.inject(FAULTS["stage"]["too fast"])
     stage.prepare_sweep(speed_deg_s=8.0)
     stage.begin_sweep(35.0)
     with pytest.raises(DeviceError, match=r"faster than it was set to|where its acceleration allows"):
@@ -163,12 +163,12 @@ def test_targets_stay_near_though_bytes_are_garbled_or_lost() -> None:
         it = bench(start_deg=-35.0)
         stage = it.stage(**KEYS)
         stage.prepare_sweep(speed_deg_s=12.0)
-        it.emulator.inject(replace(STAGE_FAULTS[name], amount=0.003))
+        it.emulator.faults.inject(replace(FAULTS["stage"][name], amount=0.003))
         try:
             stage.begin_sweep(35.0)
             readings(it, stage, 7.0)
         except DeviceError:
-            it.emulator.heal()
+            it.emulator.faults.heal()
             stage.stop()
         assert it.emulator.largest_lead_deg <= MAX_AHEAD_DEG
 

@@ -55,12 +55,11 @@ def test_a_permit_that_ends_before_its_pulses_fires_none(expires_s: float) -> No
     assert bench.box.pulses == []
 
 
-@pytest.mark.parametrize("change", [{"laser_dead": True}, {"photodiode_dead": True}, {"extra_pulses": 1}])
-def test_pulses_that_do_not_agree_end_in_an_error_with_the_three_numbers(change: dict[str, bool | int]) -> None:
+@pytest.mark.parametrize(("fault", "amount"), [("dead lamp", 0), ("blind photodiode", 0), ("extra pulses", 1)])
+def test_pulses_that_do_not_agree_end_in_an_error_with_the_three_numbers(fault: str, amount: int) -> None:
     bench = Bench()
     driver = bench.driver()
-    for name, value in change.items():
-        setattr(bench.faults, name, value)
+    bench.faults.inject(fault, amount)
     with pytest.raises(LaserError, match=r"16 pulses were permitted, 1[67] sent and (0|17) seen"):
         driver.fire(permit())
     assert not bench.box.permitted
@@ -69,7 +68,7 @@ def test_pulses_that_do_not_agree_end_in_an_error_with_the_three_numbers(change:
 def test_a_silent_box_gets_the_command_to_disarm_and_times_out() -> None:
     bench = Bench()
     driver = bench.driver()
-    bench.faults.silent = True
+    bench.faults.inject("silent")
     began_s = bench.clock.now_s()
     with pytest.raises(DeviceTimeoutError, match="no answer to PERMIT in time"):
         driver.fire(permit())
@@ -82,7 +81,7 @@ def test_a_silent_box_gets_the_command_to_disarm_and_times_out() -> None:
 
 def test_no_box_at_all_is_not_connected() -> None:
     bench = Bench()
-    bench.faults.silent = True
+    bench.faults.inject("silent")
     with pytest.raises(NotConnectedError, match="no answer to HELLO in time: no byte came"):
         bench.driver()
 
@@ -202,10 +201,10 @@ def test_a_next_program_waits_until_the_triggers_of_a_cut_train_have_ended() -> 
 def test_after_a_cut_train_the_same_driver_waits_too() -> None:
     bench = Bench()
     driver = bench.driver()
-    bench.faults.photodiode_dead = True
+    bench.faults.inject("blind photodiode")
     with pytest.raises(LaserError, match="0 seen"):
         driver.fire(permit("a"))
-    bench.faults.photodiode_dead = False
+    bench.faults.heal("blind photodiode")
     bench.say(pulses_of(9), wire.Fire(token=9), wire.Disarm())
     assert driver.fire(permit("b")) == 16
     assert bench.triggers == [16, 50, 16]

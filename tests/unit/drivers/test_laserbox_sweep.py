@@ -65,7 +65,7 @@ class Bench:
         self.triggers: list[int] = []
         light = LaserSettings(energy_meter_noise=0.0 if metered else None)
         self.box = EmulatedLaserBox(world=self.world, on_triggers=self.triggers.append, laser=light)
-        self.box.faults.clock_drift = 50e-6
+        self.box.faults.inject("clock drift", 50e-6)
         self.clock = BenchClock(tick_s=1e-3)
         self.port = SlowPort(device=self.box, clock=self.clock, late_s=late_s)
         self.driver = LaserBox(port=self.port, clock=self.clock)
@@ -98,7 +98,7 @@ def permit(token: str = "s", *, pulses: int = 100, period_s: float = 0.05, expir
 def test_each_pulse_of_a_sweep_has_its_time_on_the_rig_s_clock(ahead_us: int) -> None:
     bench = Bench()
     # Also where the box's count of microseconds wraps round in mid-sweep.
-    bench.box.faults.clock_step_us = ahead_us
+    bench.box.faults.inject("clock step", ahead_us)
     bench.driver.begin_sweep(permit())
     pulses = bench.turn(3.0)
     fired = bench.driver.end_sweep()
@@ -198,23 +198,23 @@ def test_a_box_that_names_edges_where_none_were_asked_for_is_refused() -> None:
 
 
 def silent(bench: Bench) -> None:
-    bench.box.faults.silent = True
+    bench.box.faults.inject("silent")
 
 
 def doubled(bench: Bench) -> None:
-    bench.box.faults.doubled_at = 15
+    bench.box.faults.inject("double pulse", 15)
 
 
 def without_light(bench: Bench) -> None:
-    bench.box.faults.laser_dead = True
+    bench.box.faults.inject("dead lamp")
 
 
 def unseen(bench: Bench) -> None:
-    bench.box.faults.photodiode_dead = True
+    bench.box.faults.inject("blind photodiode")
 
 
 def stepped(bench: Bench) -> None:
-    bench.box.faults.clock_step_us = 5000
+    bench.box.faults.inject("clock step", 5000)
 
 
 def interlocked(bench: Bench) -> None:

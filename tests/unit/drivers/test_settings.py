@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import tomllib
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal, get_args, get_origin, get_type_hints
 
 import pytest
 
-from markerseek.core import ConfigError, Interval
+from markerseek.core import ConfigError, Interval, Within
 from markerseek.drivers import (
     BenchProbe,
     BenchSettings,
@@ -19,6 +20,8 @@ from markerseek.drivers import (
     PicolasSettings,
     SonixDaqSettings,
 )
+from markerseek.drivers.table import DRIVERS, entry_named
+from markerseek.emulators import EmulatedKdc101
 from markerseek.guard import Limits
 from markerseek.rigs import read_rig_file
 
@@ -96,24 +99,47 @@ def test_a_file_with_a_fault_is_refused_with_file_key_and_cure(tmp_path: Path, t
     assert "rig.toml" in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("kind", "change"),
-    [
-        (LaserBoxSettings, {"port": "a", "pulses": 0}),
-        (LaserBoxSettings, {"port": "a", "rate_hz": math.inf}),
-        (SonixDaqSettings, {"noise_ratio": 1.0}),
-        (SonixDaqSettings, {"noise_ratio": math.nan}),
-        (BenchProbe, {"face_radius_m": 0.0}),
-        (BenchProbe, {"face_radius_m": math.nan}),
-        (BenchProbe, {"sound_speed_m_s": 1.54}),
-        (BenchProbe, {"trigger_offset_s": math.nan}),
-        (BenchSupervisor, {"lease_s": math.nan}),
-        (BenchSupervisor, {"lease_s": 2.0}),
-    ],
-)
-def test_values_out_of_range_are_refused(kind: type, change: dict[str, object]) -> None:
-    with pytest.raises(ConfigError, match=next(name for name in change if name != "port")):
-        kind(**{"folder": "a"} | change if kind is SonixDaqSettings else change)
+KINDS = [entry_named(part, driver).settings for part, drivers in DRIVERS.items() for driver in drivers]
+OTHERWISE = {"stable_s", "noise_ratio", "reach_deg", "drift_deg", "step_deg", "reversal_deg", "serial_number"}
+"""Numbers whose limits depend on another key, or that have none."""
+USUAL = {
+    "port": "a",
+    "zero_deg": 0.0,
+    "folder": "a",
+    "uri": "xi-com:a",
+    "steps_per_deg": 9.0,
+    "device": "a",
+    "probe": "a",
+}
+
+
+def limited(kind: type) -> dict[str, Within]:
+    """Limits of the numbers among the keys of a table."""
+    hints = get_type_hints(kind, include_extras=True)
+    return {key: hint.__metadata__[0] for key, hint in hints.items() if get_origin(hint) is Annotated}
+
+
+@pytest.mark.parametrize("kind", [*KINDS, BenchProbe, BenchSupervisor, EmulatedKdc101])
+def test_no_number_passes_outside_of_its_limits(kind: type) -> None:
+    limits, names = limited(kind), {each.name for each in inspect.signature(kind).parameters.values()}
+    needed = {key: 1 if key in limits else value for key, value in USUAL.items() if key in names}
+    needed = {} if kind in (BenchProbe, EmulatedKdc101) else needed
+    for key, within in limits.items():
+        for value in (math.nan, within.low - 1, within.high + 1, *([within.low] if within.open_low else [])):
+            with pytest.raises(ConfigError, match=rf": {key} is .* must lie in"):
+                kind(**needed | {key: value})
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_number_of_a_device_has_limits(kind: type) -> None:
+    numbers = {key for key, hint in get_type_hints(kind).items() if {int, float} & {hint, *get_args(hint)}}
+    assert numbers - OTHERWISE <= limited(kind).keys()
+
+
+@pytest.mark.parametrize("noise_ratio", [1.0, math.nan])
+def test_a_noise_ratio_is_a_factor_above_1(noise_ratio: float) -> None:
+    with pytest.raises(ConfigError, match="noise_ratio is"):
+        SonixDaqSettings(folder="a", noise_ratio=noise_ratio)
 
 
 def test_a_picolas_driver_needs_the_supervisor() -> None:

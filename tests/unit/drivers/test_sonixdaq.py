@@ -118,17 +118,17 @@ def test_a_dark_frame_averages_as_many_triggers_as_the_box_gives(bench: Bench) -
 
 
 def test_nothing_written_and_half_written_end_in_time_with_what_is_missing(bench: Bench) -> None:
-    bench.daq.faults.off = True
+    bench.daq.faults.inject("off")
     with pytest.raises(DeviceTimeoutError, match="after 5 s 0 of 128 channel files"):
         bench.take("off")
-    bench.daq.faults.off = False
-    bench.daq.faults.files = 100
+    bench.daq.faults.heal("off")
+    bench.daq.faults.inject("part of the files", 100)
     with pytest.raises(DeviceTimeoutError, match=r"after 5 s 101 of 128 channel files .* not all are complete"):
         bench.take("partial")
 
 
 def test_a_file_that_stays_half_written_is_not_taken(bench: Bench) -> None:
-    bench.daq.faults.files = 127
+    bench.daq.faults.inject("part of the files", 127)
     with pytest.raises(DeviceTimeoutError, match=r"128 of 128 channel files .* are new and not all are complete"):
         bench.take()
 
@@ -136,11 +136,11 @@ def test_a_file_that_stays_half_written_is_not_taken(bench: Bench) -> None:
 def test_a_slow_device_is_waited_for_and_a_too_slow_one_is_not(tmp_path: Path) -> None:
     slow = Bench(tmp_path / "slow", readout_s=4.5)
     np.testing.assert_array_equal(slow.take().samples, slow.received[-1])
-    slow.daq.faults.delay_s = 2.0
+    slow.daq.faults.inject("late files", 2.0)
     with pytest.raises(DeviceTimeoutError, match="check trigger, folder and free space, or raise timeout_s"):
         slow.take("b")
     # the late files come in the end, and are no answer to what is asked next
-    slow.daq.faults.delay_s = 0.0
+    slow.daq.faults.heal("late files")
     with pytest.raises(AcquisitionError, match="change although nothing was triggered"):
         slow.receiver.arm(Permit(token="c", angle_deg=0, pulses=4, expires_s=math.inf))
 
@@ -155,9 +155,9 @@ def test_old_files_are_no_frame_whatever_their_date(bench: Bench) -> None:
         bench.receiver.acquire(permit)
 
 
-@pytest.mark.parametrize("fault", ["swapped", "garbage"])
+@pytest.mark.parametrize("fault", ["swapped channels", "garbled headers"])
 def test_files_that_are_out_of_order_or_noise_are_refused(bench: Bench, fault: str) -> None:
-    setattr(bench.daq.faults, fault, True)
+    bench.daq.faults.inject(fault)
     with pytest.raises((AcquisitionError, DeviceTimeoutError), match=r"out of order|not all are complete"):
         bench.take()
 
@@ -165,7 +165,7 @@ def test_files_that_are_out_of_order_or_noise_are_refused(bench: Bench, fault: s
 def test_an_acquisition_that_is_written_again_is_equal_to_the_last_count_for_count(bench: Bench) -> None:
     """The guard refuses equal frames in a row; the emulator must really repeat them."""
     first = bench.take("a")
-    bench.daq.faults.stuck = True
+    bench.daq.faults.inject("repeats")
     np.testing.assert_array_equal(bench.take("b").samples, first.samples)
 
 
@@ -246,16 +246,12 @@ class TestStartCommand:
 @pytest.mark.parametrize(
     "change",
     [
-        {"sampling_hz": math.nan},
-        {"timeout_s": 0.0},
-        {"timeout_s": math.inf},
         {"stable_s": -0.1},
         {"stable_s": 60.0},
         {"start_command": ()},
         {"start_command": ("",)},
-        {"start_timeout_s": math.nan},
     ],
 )
 def test_settings_that_cannot_be_used_are_refused(tmp_path: Path, change: dict[str, object]) -> None:
-    with pytest.raises(ConfigError, match=f"(sonixdaq|receiver): {next(iter(change))} is "):
+    with pytest.raises(ConfigError, match=f"receiver: {next(iter(change))} is "):
         SonixDaqSettings(folder=str(tmp_path), **change)  # type: ignore[arg-type]

@@ -40,7 +40,7 @@ def test_a_folder_that_is_left_alone_is_settled_after_a_readout_counted_from_the
 
 
 def test_late_files_of_a_search_that_died_are_named_waited_out_and_not_used(bench: Bench) -> None:
-    bench.daq.faults.delay_s = 1.5
+    bench.daq.faults.inject("late files", 1.5)
     bench.daq.trigger(4)
     bench.clock.wait(0.1)
     receiver = settling(bench)
@@ -77,7 +77,7 @@ def test_a_folder_that_never_comes_to_rest_ends_in_time(bench: Bench) -> None:
 
 def test_acquisitions_are_written_one_after_the_other_though_the_host_is_gone(bench: Bench) -> None:
     """The emulated device is a computer of its own: at once fired again, it would be one behind."""
-    bench.daq.faults.delay_s = 0.5
+    bench.daq.faults.inject("late files", 0.5)
     bench.daq.trigger(4)
     bench.daq.trigger(4)
     bench.clock.wait(1.45)

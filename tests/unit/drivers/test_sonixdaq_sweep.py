@@ -114,14 +114,11 @@ def test_files_that_have_come_since_it_was_connected_are_not_the_answer(tmp_path
 
 @pytest.mark.parametrize(
     ("fault", "said"),
-    [({"lost_at": 4}, "hold 8 pulses, 9 were triggered"), ({"doubled_at": 4}, "hold 10 pulses, 9 were triggered")],
+    [("lost trigger", "hold 8 pulses, 9 were triggered"), ("double trigger", "hold 10 pulses, 9 were triggered")],
 )
-def test_a_trigger_that_is_lost_or_doubled_refuses_the_sweep_whole(
-    tmp_path: Path, fault: dict[str, int], said: str
-) -> None:
+def test_a_trigger_that_is_lost_or_doubled_refuses_the_sweep_whole(tmp_path: Path, fault: str, said: str) -> None:
     bench = Bench(tmp_path)
-    for name, value in fault.items():
-        setattr(bench.daq.faults, name, value)
+    bench.daq.faults.inject(fault, 4)
     with pytest.raises(AcquisitionError, match=f"{said}: a trigger was lost or doubled"):
         bench.sweep()
     # and no part of it can be asked for again
@@ -131,7 +128,7 @@ def test_a_trigger_that_is_lost_or_doubled_refuses_the_sweep_whole(
 
 def test_files_that_do_not_come_end_in_time(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
-    bench.daq.faults.files = 100
+    bench.daq.faults.inject("part of the files", 100)
     with pytest.raises(DeviceTimeoutError, match=r"100 of 128 channel files|101 of 128 channel files"):
         bench.sweep()
 

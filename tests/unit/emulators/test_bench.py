@@ -13,7 +13,7 @@ import pytest
 from markerseek import rigs
 from markerseek.core import ConfigError, DeviceError, Found, LaserError, Measured, Policy, RunPlan, SearchPlan
 from markerseek.drivers import LONGEST_WAIT_S, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings, SystemClock
-from markerseek.emulators import DirectPort, EmulatedBench, PtyLine, require_pace, serve
+from markerseek.emulators import DirectPort, EmulatedBench, PtyLine, serve
 from markerseek.emulators.bench import BenchClock, ServingClock
 from markerseek.guard import Admission, FiringLimits, Guard, State
 from markerseek.rigs import image_reader
@@ -74,17 +74,17 @@ def test_a_search_receives_count_for_count_what_the_simulation_receives(tmp_path
 @pytest.mark.parametrize(
     "break_it",
     [
-        lambda bench: setattr(bench.laser_box.faults, "laser_dead", True),
-        lambda bench: setattr(bench.laser_box.faults, "photodiode_dead", True),
-        lambda bench: setattr(bench.laser_box.faults, "extra_pulses", 2),
-        lambda bench: setattr(bench.laser_box.faults, "silent", True),
+        lambda bench: bench.laser_box.faults.inject("dead lamp"),
+        lambda bench: bench.laser_box.faults.inject("blind photodiode"),
+        lambda bench: bench.laser_box.faults.inject("extra pulses", 2),
+        lambda bench: bench.laser_box.faults.inject("silent"),
         lambda bench: bench.laser_box.open_interlock(),
-        lambda bench: setattr(bench.daq.faults, "off", True),
-        lambda bench: setattr(bench.daq.faults, "delay_s", 9.0),
-        lambda bench: setattr(bench.daq.faults, "files", 77),
-        lambda bench: setattr(bench.daq.faults, "stuck", True),
-        lambda bench: setattr(bench.daq.faults, "swapped", True),
-        lambda bench: setattr(bench.daq.faults, "garbage", True),
+        lambda bench: bench.daq.faults.inject("off"),
+        lambda bench: bench.daq.faults.inject("late files", 9.0),
+        lambda bench: bench.daq.faults.inject("part of the files", 77),
+        lambda bench: bench.daq.faults.inject("repeats"),
+        lambda bench: bench.daq.faults.inject("swapped channels"),
+        lambda bench: bench.daq.faults.inject("garbled headers"),
     ],
 )
 def test_each_fault_ends_the_run_in_a_fault_without_an_angle(
@@ -128,12 +128,6 @@ def test_a_serving_clock_leaves_out_what_the_computer_held_up() -> None:
         real.wait(step_s)
         clock.now_s()
     assert clock.now_s() == pytest.approx(0.002 + 0.01 + 0.02 + 0.002)
-
-
-@pytest.mark.parametrize("pace", [0.0, 0.001, 1.01, float("nan")])
-def test_a_pace_that_cannot_be_kept_is_refused(pace: float) -> None:
-    with pytest.raises(ConfigError, match="pace is"):
-        require_pace(pace)
 
 
 def test_the_clock_of_real_devices_beats_in_every_slice_and_a_late_beat_is_detected() -> None:

@@ -20,7 +20,7 @@ from markerseek.core import (
     is_finite,
 )
 from markerseek.drivers import LaserBox
-from markerseek.emulators.faults import STAGE_FAULTS
+from markerseek.emulators.faults import FAULTS
 from markerseek.guard import State
 from markerseek.scan import Scanner, run
 from tests.sweep_on_a_bench import SETTINGS, Bench, sweeping
@@ -67,7 +67,7 @@ def test_the_burst_of_a_program_that_was_killed_is_not_taken_for_that_of_the_nex
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late_s: float
 ) -> None:
     bench = Bench(tmp_path, readout_s=1.0)
-    bench.emulated.daq.faults.delay_s = late_s  # type: ignore[union-attr]
+    bench.emulated.daq.faults.inject("late files", late_s)  # type: ignore[union-attr]
     InMidSweep(bench, killed, at_deg=-15.0)
     with monkeypatch.context() as patch:
         patch.setattr(Scanner, "_end_light_and_motion", lambda _: None)
@@ -76,7 +76,7 @@ def test_the_burst_of_a_program_that_was_killed_is_not_taken_for_that_of_the_nex
     # Without beats the light ends; the box completes the triggers, and the device writes the burst when it likes.
     bench.alive = False
     bench.clock.wait(6.0)
-    bench.emulated.daq.faults.delay_s = 0.0  # type: ignore[union-attr]
+    bench.emulated.daq.faults.heal("late files")  # type: ignore[union-attr]
     bench.stage, bench.laser = bench.connect(), LaserBox(port=bench.port, clock=bench.clock)
     bench.alive = True
     bench.begin()
@@ -107,19 +107,19 @@ def test_light_in_the_dark_frame_of_a_burst_ends_in_a_fault(tmp_path: Path, monk
 
 
 def stalled(bench: Bench) -> None:
-    bench.emulated.stage.inject(STAGE_FAULTS["stall"])
+    bench.emulated.stage.faults.inject(FAULTS["stage"]["stall"])
 
 
 def frozen(bench: Bench) -> None:
-    bench.emulated.stage.inject(STAGE_FAULTS["frozen motor"])
+    bench.emulated.stage.faults.inject(FAULTS["stage"]["frozen motor"])
 
 
 def without_stage(bench: Bench) -> None:
-    bench.emulated.stage.inject(STAGE_FAULTS["silent"])
+    bench.emulated.stage.faults.inject(FAULTS["stage"]["silent"])
 
 
 def without_box(bench: Bench) -> None:
-    bench.emulated.laser_box.faults.silent = True
+    bench.emulated.laser_box.faults.inject("silent")
 
 
 def interlocked(bench: Bench) -> None:
@@ -127,7 +127,7 @@ def interlocked(bench: Bench) -> None:
 
 
 def dark(bench: Bench) -> None:
-    bench.emulated.laser_box.faults.laser_dead = True
+    bench.emulated.laser_box.faults.inject("dead lamp")
 
 
 def interrupted(_: Bench) -> None:
@@ -172,6 +172,6 @@ def test_whatever_fails_in_mid_sweep_ends_light_and_motion_and_the_speed_is_rest
     assert -0.01 <= bench.probe_deg - fault.at_deg <= MAX_AHEAD_DEG + 0.2 * 12.5
     # Restored at once where the stage can be reached, else by the next start.
     if break_it is without_stage:
-        bench.emulated.stage.heal()
+        bench.emulated.stage.faults.heal()
         bench.connect()
     assert bench.speed_deg_s == pytest.approx(20.0, rel=1e-4)

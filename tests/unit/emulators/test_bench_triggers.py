@@ -23,7 +23,7 @@ from markerseek.drivers import Kdc101Settings, Kdc101Stage, LaserBox, SonixDaqRe
 from markerseek.drivers.energy_meter import EnergyMeter
 from markerseek.emulators import DirectPort, EmulatedBench, EmulatedKdc101
 from markerseek.emulators.bench import BenchClock
-from markerseek.emulators.faults import LaserBoxFaults
+from markerseek.emulators.faults import Faults
 from markerseek.emulators.laserbox import LIGHT_COUNTS
 from markerseek.guard import Admission, FiringLimits, Guard, State
 from markerseek.rigs import image_reader
@@ -89,7 +89,7 @@ class Bench:
         return [outcome for outcome in outcomes if isinstance(outcome, Sample)]
 
     @property
-    def faults(self) -> LaserBoxFaults:
+    def faults(self) -> Faults:
         return self.emulated.laser_box.faults
 
     def truth_deg(self) -> list[float]:
@@ -119,11 +119,11 @@ def test_each_pulse_is_where_the_encoder_triggered_it_and_its_stamp_agrees(
 
 
 def lost(bench: Bench) -> None:
-    bench.faults.edge_lost_at = 8
+    bench.faults.inject("lost edge", 8)
 
 
 def doubled(bench: Bench) -> None:
-    bench.faults.edge_doubled_at = 8
+    bench.faults.inject("double edge", 8)
 
 
 @pytest.mark.parametrize("break_it", [lost, doubled])
@@ -135,13 +135,13 @@ def test_a_trigger_lost_or_doubled_on_its_way_to_the_box_refuses_the_sweep_whole
     with pytest.raises(AcquisitionError, match=r"trigger \d+ of the stage and the stamp of its pulse differ by -?0\.6"):
         bench.swept()
     assert bench.guard.state is State.ARMED
-    bench.emulated.laser_box.faults = LaserBoxFaults()
+    bench.faults.heal()
     assert len(bench.swept()) > 15
 
 
 def test_a_cable_that_is_off_gives_no_light_and_is_named(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
-    bench.faults.edges_cut = True
+    bench.faults.inject("no edges")
     with pytest.raises(LaserError, match="no pulse came in"):
         bench.swept()
     assert bench.truth_deg() == []

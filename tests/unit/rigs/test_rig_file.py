@@ -68,7 +68,10 @@ def test_values_reach_the_settings_and_none_leaves_a_part_out(tmp_path: Path) ->
         ),
         ('kind = "simulated"\n[noise.bursts]\nzzz = 1\n', "key noise.bursts.zzz is unknown; known here: frame_prob"),
         ('kind = "simulated"\n[stage]\nspeed_deg_s = "fast"\n', "stage.speed_deg_s is text, it must be a number"),
-        ('kind = "simulated"\n[stage]\nspeed_deg_s = 2001.0\n', r"speed_deg_s is 2001.0, it must lie in \(0, 2000.0\]"),
+        (
+            'kind = "simulated"\n[stage]\nspeed_deg_s = 2001.0\n',
+            r"speed_deg_s is 2001.0 deg/s, it must lie in \(0, 2000\] deg/s",
+        ),
         ('kind = "simulated"\n[stage]\nspeed_deg_s = nan\n', "speed_deg_s is nan"),
         ('kind = "simulated"\n[limits.search]\nlow_deg = -60.0\nhigh_deg = 35.0\n', "leaves the travel range"),
         ('kind = "simulated"\nstart_deg = 40.0\n', "outside the travel range"),

@@ -14,7 +14,7 @@ from markerseek.search.evidence import FLAT_SHARE, why_not_detected
 from markerseek.search.floor import SearchNoise, noise_factor
 from markerseek.search.posterior.inference import AnglePosterior, Inference
 from markerseek.search.posterior.shapes import Shapes
-from markerseek.search.posterior.sources import Source, as_upper_limit, samples_at, sources_of
+from markerseek.search.posterior.sources import SPOT_DEG, Source, as_upper_limit, samples_at, sources_of
 from markerseek.search.tolerance import KNOWN_SIGMA_DEG
 
 MAX_OTHERS = MAX_ARRIVALS - 1
@@ -192,7 +192,9 @@ def _is_burst(own: Sequence[Sample], bounds: Sequence[Sample], place: Source, no
     # An upper bound says the same as a sample where it is below the noise floor.
     measured = [*own, *(bound for bound in bounds if bound.reading.intensity <= noise.level_or_zero)]
     beside = sum(abs(sample.angle_deg - place.angle_deg) <= BESIDE_DEG for sample in measured)
-    return beside > 1 and _seen(own, noise) <= 1
+    # Far away noise passes for it in one frame of a hundred, and a sweep has hundreds.
+    near = [sample for sample in own if abs(sample.angle_deg - place.angle_deg) <= SPOT_DEG]
+    return beside > 1 and _seen(near, noise) <= 1
 
 
 def _is_background(at: Sequence[Sample]) -> bool:

@@ -27,19 +27,21 @@ from markerseek.search.posterior.asymmetry import (
     shifted_density,
 )
 from markerseek.search.posterior.grid import Grid, Marginals, Particles, finer
+from markerseek.search.posterior.groups import (
+    MIN_STRONG,
+    grouped,
+    median_of,
+    with_energies,
+)
 from markerseek.search.posterior.likelihood import Observation, Scale, scale_of
 from markerseek.search.posterior.shapes import STEP_DEG, Shapes, family, log_amplitude_prior, shapes_with
 from markerseek.search.posterior.symmetry import (
-    MIN_STRONG,
     PULSE_ERRORS,
     SAMPLE_ERRORS,
     USUAL_PULSE_ERROR,
     USUAL_SAMPLE_ERROR,
-    grouped,
     hypotheses_of,
-    median_of,
     symmetric_log_likelihood,
-    with_energies,
 )
 
 BEYOND_STEPS = 12

@@ -17,7 +17,7 @@ from itertools import groupby
 
 import numpy as np
 
-from markerseek.core import Sample, SweepTiming
+from markerseek.core import Sample
 from markerseek.search.floor import noise_factor
 
 LIT_RATIO = 1.3
@@ -114,12 +114,10 @@ def delay_of(samples: Sequence[Sample], centre_of: Callable[[Sequence[Sample]], 
     ``samples``: all samples with light. ``centre_of``: fits a curve to samples; None where they show none.
     """
     swept = [(sample, sample.sweep) for sample in samples if sample.sweep is not None]
-    up, down = (
-        _way([(sample, sweep) for sample, sweep in swept if sign * sweep.speed_deg_s > 0], centre_of)
-        for sign in (1, -1)
-    )
-    if up is None or down is None:
+    ways = [way_of([sample for sample, sweep in swept if sign * sweep.speed_deg_s > 0], centre_of) for sign in (1, -1)]
+    if None in ways:
         return None
+    up, down = (way for way in ways if way is not None)
     speed = up.speed_deg_s + down.speed_deg_s
     backlash_deg = max(sweep.play_sigma_deg for _, sweep in swept)
     return Delay(
@@ -129,21 +127,24 @@ def delay_of(samples: Sequence[Sample], centre_of: Callable[[Sequence[Sample]], 
     )
 
 
-def _way(
-    swept: Sequence[tuple[Sample, SweepTiming]], centre_of: Callable[[Sequence[Sample]], Centre | None]
-) -> Way | None:
-    """The centre by the pulses of one direction; None unless both flanks are among them."""
-    if not swept:
-        return None
+def way_of(samples: Sequence[Sample], centre_of: Callable[[Sequence[Sample]], Centre | None]) -> Way | None:
+    """Return the centre by the pulses of one direction; None unless both flanks are among them.
+
+    ``samples``: of sweeps in one direction. ``centre_of``: as of `delay_of`.
+    """
     # By themselves: what they share with the other direction is what is asked for.
-    alone = [replace(sample, sweep=replace(sweep, delay_sigma_s=0.0, play_sigma_deg=0.0)) for sample, sweep in swept]
-    centre = centre_of(alone)
+    alone = [
+        (sample, replace(sample.sweep, delay_sigma_s=0.0, play_sigma_deg=0.0))
+        for sample in samples
+        if sample.sweep is not None
+    ]
+    centre = centre_of([replace(sample, sweep=sweep) for sample, sweep in alone]) if alone else None
     if centre is None:
         return None
     mean_deg, sigma_deg, fwhm_deg = centre
-    angles_deg = [sample.angle_deg for sample in alone]
+    angles_deg = [sample.angle_deg for sample, _ in alone]
     if not min(angles_deg) + LEAST_FLANK * fwhm_deg <= mean_deg <= max(angles_deg) - LEAST_FLANK * fwhm_deg:
         return None
-    near = [sweep for sample, sweep in swept if abs(sample.angle_deg - mean_deg) <= fwhm_deg] or [swept[0][1]]
+    near = [sweep for sample, sweep in alone if abs(sample.angle_deg - mean_deg) <= fwhm_deg] or [alone[0][1]]
     speed = float(np.mean([abs(sweep.speed_deg_s) for sweep in near]))
     return Way(centre_deg=mean_deg, sigma_deg=sigma_deg, speed_deg_s=speed)

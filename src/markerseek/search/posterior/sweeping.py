@@ -26,8 +26,9 @@ from markerseek.search.posterior.survey import STATED
 JUDGED_EVERY_S = 0.1
 """Time between two judgements during a sweep, at its speed: no laser is too fast for them then."""
 
-SWEPT_SIGMA_DEG = 0.3
-"""Standard deviation at which a search by sweeps ends, in degrees, unless the tolerance needs less."""
+SWEPT_SIGMA_DEG = 0.6
+"""Standard deviation at which a search by sweeps ends, in degrees, unless the tolerance needs less: 1 mm near the probe
+does not."""
 
 DELAY_SHARE = 0.5
 """Share of the standard deviation that is allowed up to which the delay may add to it: of many markers it is the same,
@@ -48,6 +49,17 @@ MOST_BACK = 2
 
 SLOWEST = 8.0
 """Most by which such a sweep is slower than that over the range."""
+
+
+def centre_by(posterior: Posterior, samples: Sequence[Sample]) -> Centre | None:
+    """Return the centre of the curve of some samples; None where they show none.
+
+    ``posterior``: one that was told nothing. ``samples``: of sweeps.
+    """
+    for sample in samples:
+        posterior.tell_swept(sample)
+    progress = posterior.progress
+    return None if progress is None else (progress.mean_deg, progress.sigma_deg, progress.fwhm_deg)
 
 
 class SweepPosterior:
@@ -108,8 +120,12 @@ class SweepPosterior:
     def ask(self) -> float | Sweep | None:
         """Next sweep, or next angle in degrees; None at the end of the search, or of a sweep that is ended early."""
         if self._next is None:
-            self._next = (None if self._known else self.sweeps[0] if self.sweeps else self._posterior.ask(),)
+            self._next = (None if self._known else self.sweeps[0] if self.sweeps else self._at_rest(),)
         return self._next[0]
+
+    def _at_rest(self) -> float | None:
+        """Next angle at rest, in degrees; None once the marker is found as well as the tolerance asks."""
+        return None if self._range_swept and isinstance(self.estimate(), Found) else self._posterior.ask()
 
     def tell(self, sample: Sample) -> None:
         """Take one sample: a dark one, one of a sweep, or one at rest.
@@ -233,11 +249,7 @@ class SweepPosterior:
 
     def _centre_of(self, samples: Sequence[Sample]) -> Centre | None:
         """The centre of the curve of some samples by themselves."""
-        alone = self._make()
-        for sample in samples:
-            alone.tell_swept(sample)
-        progress = alone.progress
-        return None if progress is None else (progress.mean_deg, progress.sigma_deg, progress.fwhm_deg)
+        return centre_by(self._make(), samples)
 
     def _over(self, low_deg: float, high_deg: float, ended: Sweep, *, speed_deg_s: float) -> Sweep:
         """A sweep from the side on which the probe is, which ends on the other."""

@@ -1,0 +1,188 @@
+"""Delay of the laser's stamps and backlash of the stage, from sweeps there and back over one marker.
+
+Each way has a curve whose centre is, by the stage's readings, at
+
+    c = θ − v·d + sign(v)·b,                                                                                   (1)
+
+with the marker at θ, the light d after its stamp, and the backlash b in the direction away from the side of approach,
+each beyond what the rig states. Two speeds tell the delay from the backlash.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+
+import numpy as np
+
+from markerseek.core import (
+    AcquisitionError,
+    ConfigError,
+    Estimate,
+    Event,
+    NotFound,
+    RunPlan,
+    Sample,
+    Sweep,
+    SweepTiming,
+)
+from markerseek.rigs import Rig
+from markerseek.scan import run
+
+SLOW, SLOW_SHARE = 0.2, 1 / 3
+"""Speed of the slow sweeps over the fastest of the stage, and how many there are for each fast one: at a fifth of the
+speed the delay shifts by little, and what is left of the difference is the backlash."""
+
+LEAST_SIGMA_S = 0.2e-3
+"""Least standard deviation that is stated of a delay, in seconds: clocks are compared no better."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasuredDelay:
+    """Delay and backlash of a rig; standard deviations are of the scatter of the ways."""
+
+    stamp_delay_s: float
+    """Time from the stamp of a pulse to its light, in seconds."""
+    stamp_delay_sigma_s: float
+    """Standard deviation of it, in seconds."""
+    backlash_deg: float
+    """Backlash between encoder and probe, in degrees."""
+    backlash_sigma_deg: float
+    """Standard deviation of it, in degrees."""
+    marker_deg: float
+    """Angle of the marker, in degrees."""
+    ways: int
+    """Ways over the marker that were used."""
+
+
+class ThereAndBack:
+    """A `markerseek.core.SweepingPolicy` that sweeps over the range, there and back, and keeps the samples."""
+
+    name = "delay"
+
+    def __init__(self, sweeps: Sequence[Sweep]) -> None:
+        self._left = list(sweeps)
+        self.samples: list[Sample] = []
+
+    def ask(self) -> Sweep | None:
+        """Next sweep; None after the last."""
+        return self._left[0] if self._left else None
+
+    def tell(self, sample: Sample) -> None:
+        """Keep a sample, without its frame."""
+        self.samples.append(replace(sample, frame=None))
+
+    def end_sweep(self) -> None:
+        """Go on to the next sweep."""
+        del self._left[0]
+
+    def estimate(self) -> Estimate:
+        """Nothing: the delay is asked for, and no angle."""
+        return NotFound(mean_deg=0.0, reason="the delay of the stamps is measured, and no marker searched")
+
+
+class DelayRun:
+    """The measurement of a delay on a rig: iterate over `events`, then ask for `result`.
+
+    Parameters
+    ----------
+    rig
+        A rig that can sweep, armed, with one marker in its search range.
+    times
+        Fast sweeps there and back, 3 to 30; the more, the better the delay is known.
+
+    Raises
+    ------
+    ConfigError
+        If the rig cannot sweep, the stage triggers the laser, or ``times`` is out of its range.
+    """
+
+    def __init__(self, rig: Rig, *, times: int = 6) -> None:
+        if not 3 <= times <= 30:
+            raise ConfigError(f"times is {times}, it must be from 3 to 30; 6 is usual")
+        self._rig, self._devices = rig, rig.scanner.sweeping
+        if self._devices.triggering is not None:
+            raise ConfigError(
+                "this rig sweeps position-triggered, and has no delay of stamps; "
+                'set laser.sweep_mode = "free-running" to measure one'
+            )
+        low_deg, high_deg = rig.limits.search.low_deg, rig.limits.search.high_deg
+        fast = self._devices.stage.fastest_sweep_deg_s
+        speeds = [fast] * times + [SLOW * fast] * round(SLOW_SHARE * times)
+        if self._devices.in_bursts:
+            each = [Sweep(from_deg=low_deg, to_deg=high_deg, back_deg=low_deg, speed_deg_s=speed) for speed in speeds]
+        else:
+            ends = ((low_deg, high_deg), (high_deg, low_deg))
+            each = [Sweep(from_deg=at, to_deg=to, speed_deg_s=speed) for speed in speeds for at, to in ends]
+        self._policy = ThereAndBack(each)
+        self._stated_backlash_deg = max(self._devices.stage.play_deg(sign) for sign in (1.0, -1.0))
+
+    def events(self) -> Generator[Event, None, None]:
+        """Sweep; closing it stops the stage and takes the light away. Raises as `markerseek.scan.run`."""
+        yield from run(self._policy, self._rig.scanner, RunPlan(stay=True))
+
+    def result(self) -> MeasuredDelay:
+        """Delay and backlash by (1).
+
+        Raises
+        ------
+        AcquisitionError
+            If fewer than four ways, or those of one direction alone, show a marker with both flanks.
+        """
+        from markerseek.search.posterior.pulses import with_light
+
+        rows = []
+        for _, group in groupby(with_light(self._policy.samples), key=_way):
+            way = self._centre(list(group))
+            if way is not None:
+                rows.append(way)
+        table = np.array(rows).reshape(-1, 4)
+        speeds = table[:, 1]
+        if not (len(table) >= 4 and speeds.min() < 0 < speeds.max()):
+            raise AcquisitionError(
+                f"{len(table)} ways show a marker with both of its flanks, at least 4 in both directions are needed; "
+                "put one marker in mid-range, and raise the laser's energy"
+            )
+        design = np.stack([np.ones(len(table)), -speeds, np.sign(speeds) * table[:, 3]], axis=1)
+        unknown, weight = design.any(axis=0), 1 / table[:, 2]
+        weighted, centre = design[:, unknown] * weight[:, None], table[:, 0] * weight
+        found, *_ = np.linalg.lstsq(weighted, centre, rcond=None)
+        rest = centre - weighted @ found
+        # Of their scatter: what all curves share, their form, shifts none against another.
+        variance = float(rest @ rest) / max(1, len(table) - int(unknown.sum()))
+        covariance = variance * np.linalg.inv(weighted.T @ weighted)
+        sigmas, values = np.zeros(3), np.zeros(3)
+        values[unknown], sigmas[unknown] = found, np.sqrt(np.diag(covariance))
+        return MeasuredDelay(
+            stamp_delay_s=self._devices.laser.stamp_delay_s + float(values[1]),
+            stamp_delay_sigma_s=max(float(sigmas[1]), LEAST_SIGMA_S),
+            backlash_deg=max(0.0, self._stated_backlash_deg + float(values[2])),
+            backlash_sigma_deg=float(sigmas[2]),
+            marker_deg=float(values[0]),
+            ways=len(table),
+        )
+
+    def _centre(self, swept: Sequence[Sample]) -> tuple[float, float, float, float] | None:
+        """Centre in degrees, speed there, standard deviation, and 1 if that way has backlash."""
+        from markerseek.search.posterior import Posterior
+        from markerseek.search.posterior.pulses import way_of
+        from markerseek.search.posterior.sweeping import centre_by
+
+        way = way_of(swept, lambda samples: centre_by(Posterior(limits=self._rig.limits.search, others=0.0), samples))
+        if way is None:
+            return None
+        sign = math.copysign(1.0, _timing(swept[0]).speed_deg_s)
+        return way.centre_deg, sign * way.speed_deg_s, way.sigma_deg, float(self._devices.stage.play_deg(sign) > 0)
+
+
+def _timing(sample: Sample) -> SweepTiming:
+    if sample.sweep is None:
+        raise ValueError("the sample is of no sweep")
+    return sample.sweep
+
+
+def _way(sample: Sample) -> tuple[int, bool]:
+    """Which way a sample is of: its sweep, and the direction."""
+    return _timing(sample).number, _timing(sample).speed_deg_s > 0
