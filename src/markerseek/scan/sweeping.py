@@ -45,7 +45,7 @@ RATE_SPARE_S = 0.02
 """Time by which pulses may come earlier than the rate of their permit allows, jitter of the stamps included."""
 
 DARK_PERIODS = 3
-"""Periods of the laser in which at least one pulse must come."""
+"""Periods of the laser, or triggers of the stage, within which at least one pulse must come."""
 
 TURN_DEG = 0.1
 """Distance from the angle where it turns back at which a probe at rest has reached it: within it, it is lit at rest."""
@@ -125,7 +125,7 @@ class SweepInProgress:
         with self._held:
             stage.begin_sweep(self._permit.to_deg)
             self._await_speed()
-            lit_s = self._clock.now_s()
+            lit = self._readings[-1]
             laser.begin_sweep(self._permit)
             # A probe that is too slow ends the light: it stalls, or has reached the end.
             wanted = True
@@ -134,7 +134,7 @@ class SweepInProgress:
                 self._keep(receiver.frames())
                 yield self._matched()
                 self._turn_back()
-            fired = self._end(lit_s=lit_s)
+            fired = self._end(lit)
         stage.end_sweep()
         last_deg, to_deg = self._readings[-1].angle_deg, self._permit.end_deg
         if wanted and not (abs(last_deg - to_deg) <= SHORT_DEG and not self._turns_back):
@@ -189,15 +189,15 @@ class SweepInProgress:
         """Whether the probe is where it turns back, and may be lit at rest."""
         return self._permit.back_deg is not None and abs(self._readings[-1].angle_deg - self._permit.to_deg) <= TURN_DEG
 
-    def _end(self, *, lit_s: float) -> int:
-        """End the light that began then, brake, come to rest, and return how many pulses were fired."""
-        lasted_s = self._clock.now_s() - lit_s
+    def _end(self, lit: StageReading) -> int:
+        """End the light that began after that reading, brake, come to rest, and return how many pulses were fired."""
+        lasted_s, last_deg = self._clock.now_s() - lit.answered_s, self._readings[-1].angle_deg
         fired = self._devices.laser.end_sweep()
-        apart_s = self._permit.period_s
-        if self._triggers is not None and len(self._triggers.angles_deg) > 1:
-            first_deg, second_deg, *_ = self._triggers.angles_deg
-            apart_s = max(apart_s, abs(second_deg - first_deg) / self._permit.slowest_deg_s)
-        if fired == 0 and not lasted_s <= DARK_PERIODS * apart_s:
+        due = lasted_s / self._permit.period_s
+        if self._triggers is not None:
+            low_deg, high_deg = sorted((lit.angle_deg, last_deg))
+            due = sum(low_deg < each_deg < high_deg for each_deg in self._triggers.angles_deg)
+        if fired == 0 and not due <= DARK_PERIODS:
             raise LaserError(f"no pulse came in {lasted_s:.2f} s of a sweep; check the laser and its trigger")
         self._take(self._devices.laser.pulses())
         self._brake()
@@ -293,7 +293,9 @@ class SweepInProgress:
         if self._triggers is not None:
             angle_deg, sigma_deg = self._triggers.angle_deg(pulse, stamped), self._triggers.sigma_deg
             delay_s = self._devices.laser.delay_sigma_s
-        forward = math.copysign(1.0, stamped.speed_deg_s)
+        # Of the way, and not of two readings: at rest at its end they may differ in any direction.
+        turned = self._turning_s is not None and pulse.at_s >= self._turning_s
+        forward = -self._permit.forward if turned else self._permit.forward
         backlash_deg = self._devices.stage.play_deg(forward)
         header = replace(
             frame.header, angle_before_deg=stamped.lower.angle_deg, angle_after_deg=stamped.upper.angle_deg

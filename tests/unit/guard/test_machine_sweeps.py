@@ -224,10 +224,10 @@ def test_a_sweep_that_turns_back_is_slow_only_where_it_turns_and_goes_the_other_
     )
     made, _ = sweeping(wanted, now_s=0.0)
     # Slow at its beginning, on its way, at the turn, and at its end: only the turn may be slow.
-    ways = (28.0, 28.5, 28.5, 29.75, 29.95, 30.0, 30.05, 30.0, 29.5, 29.5, 28.0, 27.0, 26.0, 26.0, 25.95)
-    lit = (False, True, False, True, True, True, True, True, True, False, True, True, True, False, False)
+    ways = (28.0, 28.5, 28.5, 29.75, 29.95, 30.0, 30.05, 30.0, 29.875, 29.5, 29.5, 28.0, 27.0, 26.0, 26.0, 25.95)
+    lit = (False, True, False, True, True, True, True, True, True, True, False, True, True, True, False, False)
     assert read(made, *(mirrored * angle_deg for angle_deg in ways)) == list(lit)
-    made.end_sweep(mirrored * 25.95, pulses=3, now_s=16 * 0.125)
+    made.end_sweep(mirrored * 25.95, pulses=3, now_s=17 * 0.125)
     assert made.state is State.ARMED
 
 
