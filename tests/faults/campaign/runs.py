@@ -340,9 +340,9 @@ def _policy(plan: Plan, rig: Rig) -> AnyPolicy:
 class Sweeps:
     """A policy that asks for some sweeps and angles, and ends a sweep when it likes."""
 
-    def __init__(self, plan: Plan, *, fastest_deg_s: float) -> None:
+    def __init__(self, plan: Plan, *, fastest_deg_s: float, turns_back: bool) -> None:
         self._rng = np.random.default_rng([plan.seed, plan.number, 2])
-        self._limits, self._fastest_deg_s = plan.limits.search, fastest_deg_s
+        self._limits, self._fastest_deg_s, self._may_turn_back = plan.limits.search, fastest_deg_s, turns_back
         self._left = int(self._rng.integers(1, 5))
         self._ended = False
         self._next = self._drawn(plan.start_deg)
@@ -363,7 +363,7 @@ class Sweeps:
 
     def end_sweep(self) -> None:
         if not self._ended and isinstance(self._next, Sweep):
-            self._go_on(self._next.to_deg)
+            self._go_on(self._next.end_deg)
         self._ended = False
 
     def estimate(self) -> Estimate:
@@ -380,10 +380,17 @@ class Sweeps:
         to_deg = float(rng.uniform(low_deg, high_deg))
         if rng.random() < 0.25 or abs(to_deg - from_deg) < 5.0:
             return to_deg
-        spacing_deg = float(rng.choice((0.0, 0.1, 0.5)))
-        speed_deg_s = rng.uniform(0.3, 1.0) * self._fastest_deg_s
+        speed_deg_s = (1.0 if rng.random() < 0.5 else rng.uniform(0.3, 1.0)) * self._fastest_deg_s
         wait_deg = float(rng.uniform(low_deg, high_deg)) if rng.random() < 0.5 else None
-        return Sweep(to_deg=to_deg, speed_deg_s=speed_deg_s, spacing_deg=spacing_deg, wait_deg=wait_deg)
+        # Back at least as far as it needs to be lit on its way.
+        back_deg = to_deg + rng.uniform(0.1, 1.0) * (from_deg - to_deg)
+        turns_back = self._may_turn_back and rng.random() < 0.5
+        return Sweep(
+            to_deg=to_deg,
+            speed_deg_s=speed_deg_s,
+            back_deg=float(back_deg) if turns_back else None,
+            wait_deg=wait_deg,
+        )
 
 
 class Unruly:
