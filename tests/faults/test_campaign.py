@@ -67,7 +67,7 @@ def test_the_long_campaign_runs_on_two_processes_and_continues_where_it_stopped(
         for workers in ("2", "1")
     ]
     assert pages[0] == pages[1]
-    assert "| P1 | the probe never leaves its limits, in truth | 0 | 4 |" in pages[0]
+    assert "| P1 | the probe never leaves its limits, nor the permit of its sweep when the host has died, in truth | 0 | 4 |" in pages[0]
 
 
 @pytest.mark.long

@@ -100,6 +100,7 @@ class FaultyStage(Faulty):
         return self.angle_deg
 
     def stop(self) -> None:
+        self.host.require()
         if self.has("unplugged", silently=True):
             raise OSError("device disconnected")
         self._inner.stop()
@@ -155,6 +156,7 @@ class FaultyStage(Faulty):
                 self._inner._sweep_to_deg += self._forth * beyond.amount
 
     def read_sweep(self) -> StageReading:
+        self.host.read()
         if self.has("unplugged"):
             raise OSError("device disconnected")
         if self.has("silent") or ((lost := self.has("drop-outs", silently=True)) and self._lost(lost)):
@@ -198,6 +200,7 @@ class FaultyStage(Faulty):
         return self._stale(true_deg) if reported_deg == true_deg else reported_deg
 
     def brake(self) -> None:
+        self.host.require()
         if self.has("unplugged", silently=True):
             raise OSError("device disconnected")
         self._inner.brake()
