@@ -50,7 +50,15 @@ def check(trace: Trace) -> Verdict:
     kinds = {(fault.device, fault.name): FAULTS[fault.device, fault.name] for fault in plan.faults}
     events = [entry.event for entry in trace.journal.entries]
     last = events[-1] if events else None
-    verdict.outcome = "killed" if isinstance(trace.raised, HostKilled) else "fault" if trace.guard.fault else "ended" if isinstance(last, Failed) else "finished"
+    verdict.outcome = (
+        "killed"
+        if isinstance(trace.raised, HostKilled)
+        else "fault"
+        if trace.guard.fault
+        else "ended"
+        if isinstance(last, Failed)
+        else "finished"
+    )
     verdict.acted = bool(trace.acted)
     verdict.reported = any(isinstance(event, Refused | Failed) for event in events)
     _p1(trace, verdict, harmless=not any(each.harm == "angle" for each in kinds.values()))
@@ -95,8 +103,8 @@ def _left_alone(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
     room_deg = SETTLED_DEG + (0.0 if harmless else verdict.injected_deg)
     lowest_deg, highest_deg = min(trace.left_deg), max(trace.left_deg)
     if not low_deg - room_deg <= lowest_deg <= highest_deg <= high_deg + room_deg:
-        said = f"after the host's death the probe was between {lowest_deg:.2f} and {highest_deg:.2f} deg, outside {permit}"
-        verdict.broken.append(("P1", said))
+        said = f"after the host's death the probe was between {lowest_deg:.2f} and {highest_deg:.2f} deg"
+        verdict.broken.append(("P1", f"{said}, outside {permit}"))
 
 
 def _p3(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:

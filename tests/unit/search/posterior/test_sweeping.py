@@ -162,9 +162,7 @@ def test_a_narrow_range_is_swept_whole() -> None:
 @pytest.mark.parametrize(
     ("start_deg", "from_deg", "to_deg"), [(-35.0, None, 35.0), (10.0, 35.0, -35.0), (-1.0, -35.0, 35.0)]
 )
-def test_a_burst_goes_there_and_back_from_an_end(
-    start_deg: float, from_deg: float | None, to_deg: float
-) -> None:
+def test_a_burst_goes_there_and_back_from_an_end(start_deg: float, from_deg: float | None, to_deg: float) -> None:
     search = Search(curve_about(-10.0), start_deg=start_deg, from_end=True)
     asked = search.policy.ask()
     assert asked == Sweep(to_deg=to_deg, speed_deg_s=SPEED, from_deg=from_deg, back_deg=-to_deg, wait_deg=0.0)
