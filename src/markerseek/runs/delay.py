@@ -64,6 +64,7 @@ class ThereAndBack:
 
     def __init__(self, sweeps: Sequence[Sweep]) -> None:
         self._left = list(sweeps)
+        self.number = len(self._left)
         self.samples: list[Sample] = []
 
     def ask(self) -> Sweep | None:
@@ -99,9 +100,9 @@ class DelayRun:
         If the rig cannot sweep, the stage triggers the laser, or ``times`` is out of its range.
     """
 
-    def __init__(self, rig: Rig, *, times: int = 6) -> None:
+    def __init__(self, rig: Rig, *, times: int = 9) -> None:
         if not 3 <= times <= 30:
-            raise ConfigError(f"times is {times}, it must be from 3 to 30; 6 is usual")
+            raise ConfigError(f"times is {times}, it must be from 3 to 30; 9 is usual")
         self._rig, self._devices = rig, rig.scanner.sweeping
         if self._devices.triggering is not None:
             raise ConfigError(
@@ -118,6 +119,11 @@ class DelayRun:
             each = [Sweep(from_deg=at, to_deg=to, speed_deg_s=speed) for speed in speeds for at, to in ends]
         self._policy = ThereAndBack(each)
         self._stated_backlash_deg = max(self._devices.stage.play_deg(sign) for sign in (1.0, -1.0))
+
+    @property
+    def sweeps(self) -> int:
+        """Number of its sweeps."""
+        return self._policy.number
 
     def events(self) -> Generator[Event, None, None]:
         """Sweep; closing it stops the stage and takes the light away. Raises as `markerseek.scan.run`."""
