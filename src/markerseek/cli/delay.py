@@ -12,7 +12,7 @@ from markerseek.cli.open_rig import arm_rig, open_rig
 from markerseek.cli.report import Output, Report, table, with_version
 from markerseek.cli.terminal import announce_compilation, progress_bar
 from markerseek.core import Asked
-from markerseek.runs.delay import DelayRun, MeasuredDelay
+from markerseek.runs import DelayRun, MeasuredDelay
 
 
 def measure_delay(rig: Path | None, *, arm: bool, trust: bool, as_json: bool) -> None:

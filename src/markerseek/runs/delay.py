@@ -137,7 +137,7 @@ class DelayRun:
         AcquisitionError
             If fewer than four ways, or those of one direction alone, show a marker with both flanks.
         """
-        from markerseek.search.posterior.pulses import with_light
+        from markerseek.search.posterior import with_light
 
         rows = []
         for _, group in groupby(with_light(self._policy.samples), key=_way):
@@ -172,9 +172,7 @@ class DelayRun:
 
     def _centre(self, swept: Sequence[Sample]) -> tuple[float, float, float, float] | None:
         """Centre in degrees, speed there, standard deviation, and 1 if that way has backlash."""
-        from markerseek.search.posterior import Posterior
-        from markerseek.search.posterior.pulses import way_of
-        from markerseek.search.posterior.sweeping import centre_by
+        from markerseek.search.posterior import Posterior, centre_by, way_of
 
         way = way_of(swept, lambda samples: centre_by(Posterior(limits=self._rig.limits.search, others=0.0), samples))
         if way is None:
