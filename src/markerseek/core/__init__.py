@@ -22,6 +22,7 @@ from markerseek.core.errors import (
     needs_package,
 )
 from markerseek.core.estimate import (
+    FALSE_FOUND,
     Ambiguous,
     AtBound,
     Doubt,
@@ -96,6 +97,7 @@ from markerseek.core.simulation import MAX_PACE, USUAL_SEED, SimulationOptions, 
 from markerseek.core.sweep import MAX_AHEAD_DEG, Pulse, StageReading, Sweep, SweepTiming, Triggers, fastest_sweep_deg_s
 
 __all__ = [
+    "FALSE_FOUND",
     "MAX_ACQUISITIONS",
     "MAX_AHEAD_DEG",
     "MAX_ARRIVALS",

@@ -110,7 +110,7 @@ class Ros2Stage:
             )
 
     def _finds_state(self) -> bool:
-        """Whether its state was heard or is not needed; the publisher decides its type."""
+        """Whether its state was received or is not needed; the publisher decides its type."""
         topic, node = self._settings.state_topic, self._node
         if topic is None or self._states > 0:
             return True
