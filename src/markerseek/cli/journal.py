@@ -223,13 +223,9 @@ def _in_words(each: JournalSummary) -> str:
     if each.method is None or each.acquisitions is None:
         return f"{each.state}: {each.problem}"
     begun = "not begun" if each.begun is None else _local(each.begun)
-    end = each.answer or each.state
-    # Where nothing was detected, the angle is that of the noise; the paper's form has one then too.
-    if each.angle_deg is not None and each.answer != "not found":
-        end = f"{each.angle_deg:.3f}°" if each.as_published else f"{end} at {each.angle_deg:.3f}°"
     form = " as published" if each.as_published else ""
     rig = rig_in_words(str(each.rig), each.emulated)
-    text = f"{begun}, {each.method}{form} on a {rig}: {end}, {counted(each.acquisitions, 'acquisition')}"
+    text = f"{begun}, {each.method}{form} on a {rig}: {each.end}, {counted(each.acquisitions, 'acquisition')}"
     return f"{text}, {each.size_bytes / 1e6:.1f} MB" + ("" if each.problem is None else f"; {each.problem}")
 
 

@@ -100,10 +100,17 @@ class RunView:
         Angle of the probe when the run began, in degrees; NaN before.
     probe_deg
         Last angle of the probe that was read back, in degrees; None before the first.
+    seen_deg
+        Last angle of the probe, read back or while a person turns it, in degrees; None before the first, and while a
+        person turns the probe who will type the angle in.
     target_deg
         Angle to which the stage was sent and which is not read back yet, in degrees; None if nothing moves.
     asked_deg
         Angle to which a person is asked to turn the probe, in degrees; None if nobody is asked.
+    role
+        Role of the newest acquisition, asked for or measured; None before the first.
+    index
+        Number of the newest acquisition within its role, counted from 1; 0 before the first.
     points
         Acquisitions with light, in order.
     belief
@@ -136,8 +143,11 @@ class RunView:
     phase: Phase = "ready"
     start_deg: float = math.nan
     probe_deg: float | None = None
+    seen_deg: float | None = None
     target_deg: float | None = None
     asked_deg: float | None = None
+    role: Role | None = None
+    index: int = 0
     points: tuple[Point, ...] = ()
     belief: AngleBelief | None = None
     finished: Finished | None = None
@@ -249,7 +259,7 @@ class RunView:
         return replace(after, line=with_minus(after.line))
 
     def cut_off(self, reason: str, *, problem: str = "") -> RunView:
-        """The view after the last event of a run that gave no end: where its probe is now is not known.
+        """The view after the last event of a run that did not report its end; the angle of its probe is not known.
 
         Parameters
         ----------
@@ -266,10 +276,11 @@ class RunView:
 def _after(view: RunView, event: JournalEvent, clock_s: float) -> RunView:
     match event:
         case Started(start_deg=start_deg, limits=limits):
-            # A search that begins anew keeps nothing of what was measured before, but the pulses were fired.
+            # A search that starts again keeps no measurement, but the pulses were fired.
             begun = RunView(plan=view.plan, facts=view.facts, number=view.number, pulses=view.pulses)
             line = f"started at {start_deg:.2f}°, {limits}"
-            return replace(begun, started_s=clock_s, start_deg=start_deg, probe_deg=start_deg, line=line)
+            begun = replace(begun, probe_deg=start_deg, seen_deg=start_deg)
+            return replace(begun, started_s=clock_s, start_deg=start_deg, line=line)
         case Asked() | Turning() | Swept():
             return _turning(view, event)
         case Measured():
@@ -293,17 +304,20 @@ def _after(view: RunView, event: JournalEvent, clock_s: float) -> RunView:
             line = f"armed by {by}" + ("; measures the strongest angle again" if view.points else "")
             return replace(view, phase="checking", line=line)
         case Checked(difference=difference):
-            return replace(view, phase="checking", line=f"checked: {difference or 'unchanged'}")
+            changed = difference and f"{difference}: the search starts again"
+            line = changed or "the strongest angle is unchanged: the search goes on"
+            return replace(view, phase="checking", line=line)
 
 
 def _turning(view: RunView, event: Asked | Turning | Swept) -> RunView:
     if isinstance(event, Turning):
         read = "type the angle reached" if event.angle_deg is None else f"it is at {event.angle_deg:.1f}°"
         line = f"turn the probe to {event.target_deg:.1f}°: {read}"
-        return replace(view, phase="turning", asked_deg=event.target_deg, line=line)
+        return replace(view, phase="turning", asked_deg=event.target_deg, seen_deg=event.angle_deg, line=line)
     if isinstance(event, Swept):
         line = f"the sweep is over after {counted(event.pulses, 'pulse')}, the probe is at {event.angle_deg:.2f}°"
         return replace(_moved(view, event.angle_deg), phase="measured", line=line)
+    view = replace(view, role=event.role, index=event.index)
     if event.role == "dark":
         count = f" of {view.plan.dark_frames}" if event.index <= view.plan.dark_frames else ""
         line = f"{_name(view, event.role, event.index)}{count}: measures the noise, laser off"
@@ -316,6 +330,7 @@ def _turning(view: RunView, event: Asked | Turning | Swept) -> RunView:
 
 def _measured(view: RunView, event: Measured) -> RunView:
     sample = event.sample
+    view = replace(view, role=event.role, index=event.index, seen_deg=sample.angle_deg)
     name = _name(view, event.role, event.index)
     line = f"{name}: {sample.angle_deg:.2f}°, intensity {sample.reading.intensity:.4g}"
     phase: Phase = "measured" if sample.sweep is None else "sweeping"
@@ -330,7 +345,7 @@ def _measured(view: RunView, event: Measured) -> RunView:
 def _moved(view: RunView, angle_deg: float) -> RunView:
     """The view with the probe read back at an angle."""
     way_deg = 0.0 if view.probe_deg is None else abs(angle_deg - view.probe_deg)
-    return replace(view, probe_deg=angle_deg, travel_deg=view.travel_deg + way_deg)
+    return replace(view, probe_deg=angle_deg, seen_deg=angle_deg, travel_deg=view.travel_deg + way_deg)
 
 
 def _name(view: RunView, role: Role, index: int) -> str:

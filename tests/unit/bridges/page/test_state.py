@@ -226,8 +226,8 @@ def test_models_hold_what_a_snapshot_holds():
     lit, unlit = (dict(numbers_of(snapshot, name="ternary", pulse_j=pulse_j)) for pulse_j in (1e-3, None))
     assert lit["light"] == f"{snapshot.pulses:.3g} mJ"
     assert "light" not in unlit
-    assert "(virtual)" in unlit["time"]
-    assert unlit["threshold"].endswith(f" {snapshot.unit}")
+    assert unlit["time"].endswith(" s, on the simulated clock")
+    assert unlit["detection threshold"].endswith(f" {snapshot.unit}")
 
 
 def test_truth_is_hidden_until_it_is_revealed():
@@ -304,7 +304,7 @@ def test_only_angles_that_are_claimed_are_named(estimate, angle, others_deg):
     assert (fan["mean"] is None) == isinstance(estimate, NotFound)
     rows = dict(numbers_of(snapshot, name="ternary"))
     assert rows["other sources"] == ("−8.2 dB at −20.00°" if estimate.others else "not looked for")
-    assert rows["range checked"] == ("99.6 %" if estimate.surveyed else "–")
+    assert rows.get("range checked") == ("99.6 %, for a second source as strong" if estimate.surveyed else None)
 
 
 def test_a_sweep_is_drawn_pulse_by_pulse():
