@@ -37,13 +37,13 @@ from markerseek.sim import (
 )
 from markerseek.studies import entry_child
 from markerseek.studies.policies import StudyPolicy, study_policy
-from markerseek.studies.runner import as_csv, read_json, read_rows, run_study, values_of, write_json
+from markerseek.studies.runner import as_csv, read_json, read_rows, run_study, values_of, write_json, write_rows
 from markerseek.studies.scene import ClutterAround, SceneSettings, SecondSource
 from markerseek.studies.statistics import Mean, Share
 from markerseek.studies.study import Axis, CurveSettings, Study, cells
 from markerseek.studies.summary import CLAIM_TOLERANCES, covers
 from markerseek.studies.trial import Row, run_row
-from markerseek.studies.workers import default_workers, on_processes
+from markerseek.studies.workers import in_order
 
 RESULTS = "results.json"
 """Name of the file of results in the benchmark's folder."""
@@ -289,7 +289,7 @@ def run_benchmark(
     if entries:
         key = [[entry.group for entry in entries], scale, seed, __version__]
         rows_in = folder / f"entries-{hashlib.sha256(msgspec.json.encode(key)).hexdigest()[:12]}"
-        entered = _entered(rows_in / ENTERED, entries, scale, seed, workers or default_workers(), progress)
+        entered = _entered(rows_in / ENTERED, entries, scale, seed, workers, progress)
     scores: list[Score] = []
     files: dict[str, str] = {}
     by_method: dict[tuple[Tier, str], list[Row]] = {}
@@ -299,13 +299,10 @@ def run_benchmark(
         for group, policies in (*_groups(world), *entered_here):
             searches = _searches(world.tier, scale)
             study = world.study(group, policies, searches=searches, seed=entered.seed)
-            finished = run_study(
-                study,
-                rows_in / group / f"{world.place}-{searches}",
-                workers=workers,
-                computed=[entered.rows[group][world.place].encode()] if group in entered.rows else None,
-                progress=partial(_advance, progress, done, size),
-            )
+            place = rows_in / group / f"{world.place}-{searches}"
+            if group in entered.rows:
+                write_rows(place, study, entered.rows[group][world.place].encode())
+            finished = run_study(study, place, workers=workers, progress=partial(_advance, progress, done, size))
             done += study.rows
             files[str(finished.rows.relative_to(folder))] = _sha256(finished.rows)
             rows = list(read_rows(finished.rows, study))
@@ -342,7 +339,7 @@ def _advance(progress: Progress, before: int, size: int, rows: int) -> None:
 
 
 def _entered(
-    path: Path, entries: Sequence[Entry], scale: float, seed: int | None, workers: int, progress: Progress
+    path: Path, entries: Sequence[Entry], scale: float, seed: int | None, workers: int | None, progress: Progress
 ) -> _Entered:
     """What the entries did, read from a file, or else done, and written into it once all have ended."""
     if path.exists():
@@ -360,7 +357,7 @@ def _entered(
         random.SystemRandom().shuffle(jobs)
         lines: dict[tuple[int, int], bytes] = {}
         progress(f"searches of {entry.label}", 0, len(jobs))
-        with closing(on_processes(partial(_searched, studies), jobs, workers=workers)) as searched:
+        with closing(in_order(partial(_searched, studies), jobs, workers=workers)) as searched:
             for (number, row), (line, fault) in zip(jobs, searched, strict=True):
                 if fault is not None:
                     failures[entry.group] = f"{WORLDS[number].tier}, {WORLDS[number].name}: {fault}"

@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias
 from markerseek.core import PAPER_RANGE, ConfigError, Estimate, Interval, Policy, Sample, SearchPlan
 from markerseek.search import build
 from markerseek.sim import StageMotion
-from markerseek.studies.workers import Done, Job, on_processes
+from markerseek.studies.workers import Done, Job, in_order
 
 PaperMethod: TypeAlias = Literal["TS", "GSS", "WA"]
 """Ternary search, golden-section search, weighted average."""
@@ -83,7 +83,7 @@ class RunOptions:
         parts = [jobs[first : first + part] for first in range(0, len(jobs), part)]
         results: list[Done] = []
         self.progress(stage, 0, len(jobs))
-        for done in on_processes(partial(_all, function), parts, workers=min(self.workers, max(1, len(parts)))):
+        for done in in_order(partial(_all, function), parts, workers=min(self.workers, max(1, len(parts)))):
             results += done
             self.progress(stage, len(results), len(jobs))
         return results
