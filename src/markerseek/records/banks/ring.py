@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import Bool, ConfigError, RecordError
+from markerseek.records.banks.bank import first_of
 from markerseek.records.vantage import LAST, NUMBERS
 
 
@@ -63,8 +64,7 @@ def filled(path: Path, frames: np.ndarray, numbers: np.ndarray) -> Bool[np.ndarr
     held = _held(frames)
     if not held.all():
         names = [str(number) for number in np.sort(numbers[~held])]
-        first = ", ".join(names[:5]) + (" …" if len(names) > 5 else "")
-        warnings.warn(f"{path}: {len(names)} frames hold zeros only, and are left out: {first}", stacklevel=3)
+        warnings.warn(f"{path}: {len(names)} frames hold zeros only, and are left out: {first_of(names)}", stacklevel=3)
     return held
 
 
