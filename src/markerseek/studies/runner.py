@@ -96,7 +96,7 @@ def read_json(path: Path, kind: type[Kind], *, cure: str = "") -> Kind:
 
 
 def write_json(path: Path, value: object) -> None:
-    """Write a value as a JSON file, in the place of one that is there."""
+    """Write a value as a JSON file; an existing file is replaced."""
     with _writing(path), replace_file(path) as unfinished:
         unfinished.write_bytes(msgspec.json.format(msgspec.json.encode(value), indent=1) + b"\n")
 

@@ -4,7 +4,7 @@ There are two sets of figures. Of the searches that answer `Found`: error, and f
 `FAILURE_DEG` or something found without a marker. Of every search with a marker, whatever its answer: error of
 ``mean_deg``, shares off by more than `FAILURE_DEG`, not found, missed (the answer "not found"), and found but off by
 more than `CLAIM_TOLERANCES` times the tolerance (promise P10); and how often a 95 % interval covers the truth (P11).
-The table is in the order of the cells, and one cell is held in memory.
+The table is in the order of the cells, and only one cell is in memory.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ CLAIM_TOLERANCES = 2.0
 """Error over the tolerance beyond which the claim of a `Found` is wrong (promise P10)."""
 
 ALL_PAIRS = 6
-"""Most policies of which every pair is compared; with more, pairs with the same number of acquisitions."""
+"""Most policies for which every pair is compared; with more, pairs with the same number of acquisitions."""
 
 
 class TwoSources(msgspec.Struct, frozen=True, kw_only=True):
@@ -83,7 +83,7 @@ class PolicySummary(msgspec.Struct, frozen=True, kw_only=True):
     refused: int
     """Frames that were refused."""
     two_sources: TwoSources | None = None
-    """None where there was one source."""
+    """None if there was one source."""
 
 
 class Difference(msgspec.Struct, frozen=True, kw_only=True):
@@ -212,8 +212,8 @@ def _two_sources(rows: Sequence[Row]) -> TwoSources | None:
 
 def _share(rows: Iterable[Row], holds: Callable[[Row], bool]) -> Share:
     """Share of the rows for which something holds."""
-    held = [holds(row) for row in rows]
-    return Share.of(sum(held), len(held))
+    hits = [holds(row) for row in rows]
+    return Share.of(sum(hits), len(hits))
 
 
 def _known(values: Iterable[float | None]) -> list[float]:

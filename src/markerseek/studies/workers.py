@@ -22,7 +22,7 @@ from typing import Any, TypeAlias, TypeVar
 from markerseek.core import ConfigError, MarkerseekError, needs_package
 
 _AHEAD = 8
-"""Jobs under way for each worker: the next ones go on while one that takes long is waited for."""
+"""Jobs under way for each worker: the next jobs go on while a long job is waited for."""
 
 _TIMEOUT_S = 20
 """Longest time in which a cluster answers, in seconds."""

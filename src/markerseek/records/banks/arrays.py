@@ -223,7 +223,7 @@ def _named(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 def _picked(
     path: Path, arrays: Mapping[str, np.ndarray], table: TableFormat, *, held: str
 ) -> tuple[str | None, str | None]:
-    """Names of the angles, and of the intensities or frames; None where there are none."""
+    """Names of the angles, and of the intensities or frames; None if there are none."""
     if table.columns is not None:
         missing = [name for name in table.columns if name not in arrays]
         if missing:

@@ -48,7 +48,7 @@ MIN_STEP_DEG = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BankFacts:
-    """Metadata of a bank; None where a value is not known."""
+    """Metadata of a bank; None if a value is not known."""
 
     description: str = ""
     """What was scanned and with which device, as text; empty if unknown."""

@@ -116,7 +116,7 @@ class ImageSequence:
 
     @property
     def pixel_m(self) -> tuple[float, float] | None:
-        """Height and width of a pixel by ImageToProbe or the spacing; None where both only count pixels."""
+        """Height and width of a pixel by ImageToProbe or the spacing; None if both only count pixels."""
         sizes = self.spacing
         matrices = (
             _numbers(value, 16)

@@ -125,7 +125,7 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
     columns += tuple(each for each in energies[:1] if each not in columns)
     db = decibels(table.db, intensity_name)
     largest = MAX_DEG / _DEG_OF[table.unit or _unit_named(angle_name) or "deg"]
-    # A factor is harmless in amplitudes, and is none in decibels, of which nothing has a thousand.
+    # A factor of 1000 is harmless in amplitudes, but not in decibels, which are below 1000.
     texts = rows.numbers(path, columns, most=(largest, 999.0 if db else None, None)[: len(columns)])
     cells = {line: _row(path, rows, line, columns, texts[line], table) for line in rows.cells}
     kept = [line for line, row in cells.items() if None not in row]
@@ -249,7 +249,7 @@ def warn_skipped(path: Path, what: str, names: Sequence[str]) -> None:
 def _row(
     path: Path, rows: CsvRows, line: int, columns: Sequence[int], texts: Sequence[str], table: TableFormat
 ) -> list[float | None]:
-    """The finite numbers of a row; None where there is none, and such rows are left out."""
+    """The finite numbers of a row; None if there is none, and such rows are left out."""
     # A comma inside a number, in a table that commas separate, shifts all columns behind it.
     if len(rows.cells[line]) != rows.width:
         raise RecordError(
@@ -259,7 +259,7 @@ def _row(
 
 
 def _value(path: Path, rows: CsvRows, line: int, column: int, text: str, table: TableFormat) -> float | None:
-    """The finite number in a cell; None where there is none, and such rows are left out."""
+    """The finite number in a cell; None if there is none, and such rows are left out."""
     name = rows.names[column] if rows.names else f"column {column + 1}"
     cure = "; leave that row out, or all such rows: --skip-invalid"
     try:
@@ -293,7 +293,7 @@ def decibels(db: bool, column: str) -> bool:
 
 
 def _unit_named(column: str) -> AngleUnit | None:
-    """Unit in the name of a column, such as ``angle_mrad`` or ``Winkel [mrad]``; None where it names none, or two."""
+    """Unit in the name of a column, such as ``angle_mrad`` or ``Winkel [mrad]``; None if it names none, or two."""
     units = {_UNIT_OF_WORD[word] for word in re.findall(r"[^\W\d_]+|°", column.lower()) if word in _UNIT_OF_WORD}
     return units.pop() if len(units) == 1 else None
 

@@ -132,15 +132,15 @@ class Comparison:
     half: float | None = None
     """Half the width of the 95 % interval of ours."""
     failed: float | None = None
-    """Share of our searches with an error beyond `SENSITIVE_DEG`; None where it is no mean of errors."""
+    """Share of our searches with an error beyond `SENSITIVE_DEG`; None if it is no mean of errors."""
     unclaimed: float | None = None
-    """Share of our searches that claim no angle; None where it is no mean of errors."""
+    """Share of our searches that claim no angle; None if it is no mean of errors."""
     condition: str = ""
     """Condition of ours, such as the noise; empty where there is only one."""
 
     @property
     def difference(self) -> float | None:
-        """Ours minus the paper's; None where the paper has none."""
+        """Ours minus the paper's; None if the paper has none."""
         return None if self.paper.value is None else self.ours - self.paper.value
 
 
@@ -170,8 +170,9 @@ class Section:
     """The paper's numbers beside ours, and those of the posterior."""
     tables: tuple[Table, ...] = ()
     draw: Callable[[], Figure] | None = None
+    """Makes the picture; None if there is no picture."""
     alt: str = ""
-    """``draw`` and ``alt``: makes the picture, and what it shows, in words; None where there is no picture."""
+    """What the picture shows, in words."""
     remarks: tuple[str, ...] = ()
     """Sentences about the results and their limits."""
 

@@ -132,7 +132,7 @@ def _seed(text: str | None) -> int | None:
 
 
 def _between(file: CheckedHdf5, name: str, low: float, high: float) -> float | None:
-    """A number in SI units within its physical range; None where it is missing."""
+    """A number in SI units within its physical range; None if it is missing."""
     value = file.number(name)
     if value is not None and not low <= value <= high:
         # A value far out is a flipped bit or a wrong unit, such as km/s.
@@ -150,12 +150,12 @@ def _usual_energy_j(file: CheckedHdf5) -> float | None:
 
 
 def numbers_of(file: CheckedHdf5, name: str) -> Float64[np.ndarray, " values"]:
-    """Numbers of a dataset; none where it is missing, or the text ``None`` that pacfish writes."""
+    """Numbers of a dataset; none if it is missing, or the text ``None`` that pacfish writes."""
     return file.numbers(name) if file.has(name) and file.text(name) is None else np.empty(0)
 
 
 def _first(file: CheckedHdf5, name: str) -> float | None:
-    """The first number of a dataset; None where it has none, or no finite one."""
+    """The first number of a dataset; None if it has none, or no finite one."""
     values = numbers_of(file, name)
     return float(values[0]) if values.size and math.isfinite(values[0]) else None
 
@@ -165,7 +165,7 @@ class ElementRow:
     """A straight row of equally spaced elements."""
 
     pitch_m: float | None
-    """Distance from one element to the next; None where the file does not say where they are."""
+    """Distance from one element to the next; None if the file does not say where they are."""
     falling: bool
     """Whether the x1 coordinate falls from the first element in the file to the last."""
 

@@ -160,8 +160,8 @@ def _energies(path: Path, file: CheckedHdf5, count: int) -> dict[str, object]:
         return {"pulse_energy_j": known[0] if known.size else None}
     if joules.size != count:
         warnings.warn(
-            f"{path}: {fields.PULSE_ENERGY} holds {joules.size} energies for {count} measurements, of which only the "
-            "mean is used; give one for each",
+            f"{path}: {fields.PULSE_ENERGY} holds {joules.size} energies for {count} measurements, and only their mean "
+            "is used; give one for each",
             stacklevel=4,
         )
     return {"pulse_energy_j": known.mean(), "energy": joules if joules.size == count else None}
@@ -199,7 +199,7 @@ def _is_ours(path: Path, file: CheckedHdf5) -> bool:
 
 
 def _frame_shape(path: Path, file: CheckedHdf5, count: int) -> tuple[int, int] | None:
-    """Elements and samples of the frames; None where there are none."""
+    """Elements and samples of the frames; None if there are none."""
     if not file.has(fields.FRAMES):
         return None
     shape = file.dataset(fields.FRAMES).shape

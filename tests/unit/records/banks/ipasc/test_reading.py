@@ -93,7 +93,7 @@ def test_a_pulse_energy_of_each_measurement_is_that_of_its_frame(tmp_path):
     for name, joules in (("b", np.full(4, 2e-3)), ("c", np.array([2e-3]))):
         bank = read_bank(foreign(tmp_path / f"{name}.hdf5", frames, pulse_energy=joules))
         assert (bank.frame(1).header.energy, bank.facts.pulse_energy_j) == (None, 2e-3)
-    with pytest.warns(UserWarning, match="pulse_energy holds 3 energies for 4 measurements, of which only the mean"):
+    with pytest.warns(UserWarning, match="pulse_energy holds 3 energies for 4 measurements, and only their mean"):
         bank = read_bank(foreign(tmp_path / "d.hdf5", frames, pulse_energy=np.array([1e-3, 2e-3, 3e-3])))
     assert (bank.frame(1).header.energy, bank.facts.pulse_energy_j) == (None, pytest.approx(2e-3))
 
