@@ -14,9 +14,9 @@ from pathlib import Path
 import atheris
 
 with atheris.instrument_imports(include=["markerseek", "zipfile", "csv"]):
-    from tests.faults import decoders, journal_decoders, wire_decoders
+    from tests.faults import decoders, wire_decoders
 
-_FILES = decoders.IN_THIS_PROCESS | journal_decoders.JOURNALS
+_FILES = decoders.IN_THIS_PROCESS
 
 
 def _target(name: str) -> tuple[Callable[[], bytes], Callable[[bytes], object]]:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +19,7 @@ from markerseek.core import (
     SearchPlan,
     Started,
 )
-from markerseek.records.journal import Configuration, Entry, Journal, read_journal
-from markerseek.records.journal.lines import entry_line
+from markerseek.records.journal import Configuration, Journal, read_journal
 from markerseek.runs.journalled import configuration_of
 
 RANGE = Interval(low_deg=-35.0, high_deg=35.0)
@@ -80,19 +76,3 @@ def require_all(path: Path, acknowledged: int) -> None:
         assert isinstance(wanted, ChannelFrame)
         assert isinstance(event.sample.frame, ChannelFrame)
         np.testing.assert_array_equal(event.sample.frame.samples, wanted.samples)
-
-
-def died_in_commit(path: Path, write: Callable[[Journal], object]) -> None:
-    """Let another process write a journal, and be killed when half of an entry is in the file."""
-    child = os.fork()
-    if child == 0:
-        try:
-            journal = Journal.create(path, configuration())
-            write(journal)
-            last = journal._tail.entry
-            assert last is not None
-            data = entry_line(Entry(number=last.number + 1, written="", clock_s=9.0, event=measured(9)))
-            os.pwrite(journal._descriptor, data[: len(data) // 2], journal._tail.end)
-        finally:
-            os.kill(os.getpid(), signal.SIGKILL)
-    os.waitpid(child, 0)

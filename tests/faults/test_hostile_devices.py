@@ -24,12 +24,10 @@ from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
 from markerseek.wire import apt, laserbox
 from markerseek.wire import sonixdaq as daq
-from tests.faults.hostile_folders import STEP
 from tests.faults.wire_decoders import WIRES, ScriptedPort, wire_outcome
 from tests.sizes import examples
 
 CORPUS = Path(__file__).parent / "corpus"
-ON_LINES = sorted(set(WIRES) - {"sonixdaq"})
 ROOM_BYTES = 3_000_000
 
 
@@ -41,7 +39,7 @@ def test_a_sound_device_is_understood(decoder: str) -> None:
 
 
 @settings(max_examples=examples(150), deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
-@given(data=st.data(), decoder=st.sampled_from(ON_LINES))
+@given(data=st.data(), decoder=st.sampled_from(sorted(WIRES)))
 def test_damaged_answers_are_understood_or_refused(data: st.DataObject, decoder: str) -> None:
     whole, decode = WIRES[decoder]
     damaged = bytearray(whole())
@@ -52,25 +50,9 @@ def test_damaged_answers_are_understood_or_refused(data: st.DataObject, decoder:
 
 
 @settings(max_examples=examples(60), deadline=None, derandomize=True)
-@given(data=st.binary(max_size=300), decoder=st.sampled_from(ON_LINES))
+@given(data=st.binary(max_size=300), decoder=st.sampled_from(sorted(WIRES)))
 def test_any_answers_are_understood_or_refused(data: bytes, decoder: str) -> None:
     assert wire_outcome(WIRES[decoder][1], data) in ("read", "refused")
-
-
-@settings(max_examples=examples(30), deadline=None, derandomize=True)
-@given(
-    steps=st.lists(
-        st.tuples(
-            *(st.integers(0, 255), st.integers(0, 129), st.integers(0, 9), st.integers(0, 9)),
-            *(st.integers(-2, 9), st.integers(-2, 9)),
-        ),
-        min_size=1,
-        max_size=6,
-    )
-)
-def test_any_folder_is_read_or_refused(steps: list[tuple[int, ...]]) -> None:
-    data = b"\0" + b"".join(STEP.pack(*step) for step in steps)
-    assert wire_outcome(WIRES["sonixdaq"][1], data) in ("read", "refused")
 
 
 @pytest.mark.parametrize("decoder", ["kdc101", "laserbox", "laserbox-signed", "picolas"])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import resource
-import shutil
 import signal
 import subprocess
 import traceback
@@ -23,7 +22,8 @@ from markerseek.runs.journalled import journalled
 from markerseek.runs.resume import resumed
 from markerseek.search import build
 from markerseek.sim import GaussianCurve
-from tests.faults.journal_runs import RANGE, commit, configuration, died_in_commit, fill, require_all
+from tests.faults.journal_runs import RANGE, commit, configuration, fill, require_all
+from tests.unit.records.journal.synthetic_journals import died_in_commit
 
 NOBODY = 65534
 
@@ -56,21 +56,6 @@ def small_disk(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Path]
         pytest.skip("needs leave to mount a small disk")
     yield folder
     subprocess.run(["umount", str(folder)], check=True)
-
-
-def test_a_full_disk_ends_the_run_with_an_error_and_loses_nothing(small_disk: Path) -> None:
-    path = small_disk / "run.journal"
-    acknowledged = fill(path)
-    require_all(path, acknowledged)
-    # with room the run continues in the same file
-    grown = small_disk.parent / "run.journal"
-    for each in small_disk.iterdir():
-        shutil.copyfile(each, small_disk.parent / each.name)
-    journal, held = Journal.reopen(grown)
-    with journal:
-        journal.interrupt("made up")
-    assert len(read_journal(grown).entries) == len(held.entries) + 1
-    assert verify(grown).faults == []
 
 
 def test_a_file_that_may_not_grow_ends_the_run_with_an_error_and_loses_nothing(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import signal
 import struct
 import subprocess
 import sys
-from contextlib import closing, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
@@ -18,7 +18,6 @@ import pacfish
 import pytest
 
 from markerseek import runs
-from markerseek.cli.signals import StoppedBySignal
 from markerseek.core import Measured, RecordError
 from markerseek.records.banks import FrameBank, read_bank, record_of
 from markerseek.records.journal import read_journal
@@ -175,24 +174,6 @@ def test_an_interrupted_scan_stays_readable(tmp_path, number, by):
     assert 3 <= len(bank.angles_deg) < 3501
     assert f"holds {len(bank.angles_deg)} of 3501 angles" in err
     assert bank.frame(0).samples.any()
-
-
-def test_a_scan_that_is_stopped_at_its_first_angle_names_the_record_that_is_kept(shell, tmp_path, monkeypatch):
-    path = tmp_path / "a.hdf5"
-    whole = runs.scan_bank
-
-    def stopped(*arguments, **named):
-        with closing(whole(*arguments, **named)) as events:
-            for event in events:
-                yield event
-                if isinstance(event, Measured) and not event.sample.dark:
-                    raise StoppedBySignal(signal.SIGINT)
-
-    monkeypatch.setattr(runs, "scan_bank", stopped)
-    code, out, _ = shell("bank", "scan", path, "--json")
-    assert code == 128 + signal.SIGINT
-    assert json.loads(out)["kept"] == str(record_of(path))
-    assert angles_in(record_of(path)) == 1
 
 
 def angles_in(path):

@@ -20,7 +20,6 @@ from markerseek.guard import FiringLimits, Limits
 from markerseek.records.journal import Configuration, Journal, RecordedRun
 from markerseek.rigs import BenchRecipe, SimulatedRecipe, fingerprint
 from markerseek.runs import rebuild_rig, require_same_measurement
-from markerseek.runs.rebuild import differences_of_benches
 from markerseek.sim import SimulatedSettings
 from tests.unit.records.changed_configuration import changed
 
@@ -175,19 +174,6 @@ def test_emulated_devices_do_not_continue_a_search_of_others(
         rebuild_rig(recorded(held), bench_settings=settings)
     assert closed == [True]
     assert rebuild_rig(recorded(changed(held, emulated=now)), bench_settings=settings) is rig
-
-
-def test_equal_settings_differ_in_nothing(tmp_path: Path) -> None:
-    settings = settings_of(tmp_path)
-    assert differences_of_benches(settings, settings) == {}
-    assert require_same_measurement(begun_with(settings), settings, settings) == []
-    assert set(differences_of_benches(settings, hostile(tmp_path))) == {
-        "stage.port",
-        "receiver.start_command",
-        "limits.travel.low_deg",
-        "limits.travel.high_deg",
-        "firing.pulses_per_session",
-    }
 
 
 def test_a_rig_file_where_none_is_needed_or_of_another_kind_is_refused(shell: Shell, tmp_path: Path) -> None:
