@@ -152,11 +152,16 @@ IN_THIS_PROCESS = {
 def outcome(read: Callable[[Path], object], path: Path, data: bytes) -> str:
     """``read`` or ``refused``; any other error comes through."""
     path.write_bytes(data)
+    return read_or_refused(lambda: read(path), RecordError)
+
+
+def read_or_refused(read: Callable[[], object], refusal: type[Exception]) -> str:
+    """``read`` or ``refused``; any other error comes through."""
     try:
-        read(path)
-    except RecordError as refusal:
-        if not str(refusal):
-            raise AssertionError("a refusal without a sentence") from refusal
+        read()
+    except refusal as refused:
+        if not str(refused):
+            raise AssertionError("a refusal without a sentence") from refused
         return "refused"
     return "read"
 

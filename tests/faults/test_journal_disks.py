@@ -8,12 +8,14 @@ import signal
 import subprocess
 import traceback
 from collections.abc import Callable, Iterator
+from itertools import count
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.core import Policy, RecordError, SearchPlan, Started
+from markerseek.core import ChannelFrame, Measured, Policy, RecordError, SearchPlan, Started
 from markerseek.guard import State
 from markerseek.records.journal import Journal, read_journal, verify
 from markerseek.rigs import Rig
@@ -22,10 +24,33 @@ from markerseek.runs.journalled import journalled
 from markerseek.runs.resume import resumed
 from markerseek.search import build
 from markerseek.sim import GaussianCurve
-from tests.faults.journal_runs import RANGE, commit, configuration, fill, require_all
-from tests.unit.records.journal.synthetic_journals import died_in_commit
+from tests.unit.records.journal.synthetic_journals import RANGE, configuration, counts, died_in_commit, measured, write
 
 NOBODY = 65534
+
+
+def fill(path: Path) -> int:
+    """Commit frames until it fails; the number of those that were acknowledged comes back."""
+    acknowledged: list[int] = []
+
+    def commit_for_ever() -> None:
+        with Journal.create(path, configuration()) as journal:
+            journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.0)
+            for index in count(1):
+                journal.commit(measured(index, counts=counts(32, 520, seed=index)), clock_s=float(index))
+                acknowledged.append(index)
+
+    with pytest.raises(RecordError, match=r"cannot be written.*make room on the disk"):
+        commit_for_ever()
+    return len(acknowledged)
+
+
+def require_all(path: Path, acknowledged: int) -> None:
+    events = [entry.event for entry in read_journal(path).entries if isinstance(entry.event, Measured)]
+    assert len(events) >= acknowledged > 5
+    for event in events:
+        assert isinstance(event.sample.frame, ChannelFrame)
+        np.testing.assert_array_equal(event.sample.frame.samples, counts(32, 520, seed=event.index))
 
 
 def in_a_process(work: Callable[[], object]) -> None:
@@ -95,19 +120,15 @@ def test_a_folder_that_cannot_be_written_is_an_error_and_its_journals_are_still_
     folder = tmp_path / "shelf"
     folder.mkdir()
 
-    def write(journal: Journal) -> None:
-        journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.0)
-        commit(journal, 1)
-
     with Journal.create(folder / "closed.journal", configuration()) as journal:
-        write(journal)
-    died_in_commit(folder / "dead.journal", write)
+        write(journal, 1)
+    died_in_commit(folder / "dead.journal", lambda journal: write(journal, 1))
 
     def work() -> None:
         if os.getuid() == 0:
             os.setuid(NOBODY)
         for name in ("closed.journal", "dead.journal"):
-            assert len(read_journal(folder / name).entries) == 3, name
+            assert len(read_journal(folder / name).entries) == 4, name
             assert verify(folder / name).faults == [], name
         for attempt in (
             lambda: Journal.create(folder / "new.journal", configuration()),

@@ -34,6 +34,7 @@ from markerseek.sim import Flash, VirtualClock
 from markerseek.wire import apt, igtl, laserbox
 from markerseek.wire.apt_frames import CONTROLLER, TO_CONTROLLER, AptFramer
 from markerseek.wire.port import Port
+from tests.faults.decoders import read_or_refused
 
 PULSES = 4
 MAX_READS = 100_000
@@ -338,10 +339,4 @@ WIRES: dict[str, tuple[Callable[[], bytes], Callable[[bytes], None]]] = {
 
 def wire_outcome(decode: Callable[[bytes], None], data: bytes) -> str:
     """``read`` or ``refused``; any other error comes through."""
-    try:
-        decode(data)
-    except DeviceError as refusal:
-        if not str(refusal):
-            raise AssertionError("a refusal without a sentence") from refusal
-        return "refused"
-    return "read"
+    return read_or_refused(lambda: decode(data), DeviceError)

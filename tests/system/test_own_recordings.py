@@ -65,16 +65,6 @@ def test_amounts_of_noise_in_a_file_are_no_second_source(
     assert searched == answer or (marker_deg is None and searched in ("unsure", "ambiguous"))
 
 
-def test_a_recording_that_is_used_up_is_not_told_to_take_more(shell: Shell, tmp_path: Path) -> None:
-    path = tmp_path / "coarse.csv"
-    # Two sources as loud as one another, seen by five angles.
-    path.write_text("angle_deg,intensity\n-35,1.0\n-17,95\n0,1.1\n17,94\n35,0.9\n")
-    code, out, _ = shell("replay", path, "--json")
-    result = json.loads(out)
-    assert (code, result["acquisitions"]) == (3, 5)
-    assert "more acquisitions" not in (result["reason"] or "")
-
-
 def test_variables_of_ones_own_are_named_and_a_bank_says_by_what_it_is_imaged(shell: Shell, tmp_path: Path) -> None:
     frames = np.random.default_rng(1).integers(-99, 99, (128, 300, 4)).astype(np.int16)
     savemat(tmp_path / "mine.mat", {"theta": np.radians([-3.0, 0.0, 3.0, 6.0]), "rf": frames})

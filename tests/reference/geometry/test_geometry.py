@@ -154,6 +154,12 @@ def test_predicted_errors_hold_where_all_points_share_errors(refined: bool) -> N
         np.testing.assert_allclose(np.std(pulls, axis=0), 1.0, atol=0.08)
 
 
+def test_a_frame_registered_to_itself_has_no_error() -> None:
+    points_m = 1e-3 * np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [0.0, 20.0, 0.0], [0.0, 0.0, 30.0]])
+    found = register_points(points_m, points_m)
+    assert found.fre_m == found.tre_m(TARGET_M) == found.tre95_m(TARGET_M) == 0.0
+
+
 @pytest.mark.parametrize("variances", [(1.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1.0, 0.5, 0.1), (1.0, 0.3, 0.0)])
 def test_the_length_that_95_of_100_errors_stay_below(variances: tuple[float, float, float]) -> None:
     covariance = np.zeros((6, 6))
