@@ -146,7 +146,7 @@ IN_THIS_PROCESS = {
     "hdf5": ("a.hdf5", _whole_hdf5, _read_probed_hdf5),
     "mat73": ("a.mat", _whole_mat73, read_mat73),
 }
-"""The same, HDF5 without the child process: for fuzzing that library."""
+"""The same, HDF5 without the child process."""
 
 
 def outcome(read: Callable[[Path], object], path: Path, data: bytes) -> str:

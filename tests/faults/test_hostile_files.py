@@ -1,7 +1,7 @@
 """Damaged or malicious files: a `RecordError` with a sentence, or their content; never anything else.
 
 No crash, no hang, no memory beyond the order of the file's size. ``tests/faults/corpus`` holds inputs that once failed
-this, by the name of the decoder; ``tests/faults/fuzz.py`` searches for more.
+this, by the name of the decoder.
 """
 
 from __future__ import annotations

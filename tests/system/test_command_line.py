@@ -171,13 +171,6 @@ def test_a_frame_reports_its_source_as_text_and_as_json(shell: Shell, scan_folde
     assert "source found" in out
 
 
-def test_noise_alone_is_no_source(shell: Shell, tmp_path: Path) -> None:
-    noise = np.random.default_rng(3).normal(0, 40, (128, 2080)).astype(np.int16)
-    np.save(tmp_path / "noise.npy", noise)
-    code, out, _ = shell("frame", tmp_path / "noise.npy", "--probe", "BPL9-5/55", "--json")
-    assert (code, json.loads(out)["found"]) == (3, False)
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [
