@@ -35,6 +35,11 @@ class Faulty:
                 return fault
         return None
 
+    def reach(self, *, silently: bool = False) -> None:
+        """Raise if the line is gone."""
+        if self.has("unplugged", silently=silently):
+            raise OSError("device disconnected")
+
     def act(self, fault: Fault) -> None:
         """Note that the fault did something."""
         if fault not in self.acted:

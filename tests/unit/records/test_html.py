@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import builtins
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -12,7 +10,6 @@ import numpy as np
 import pytest
 
 import markerseek
-from markerseek.core import MissingExtraError
 from markerseek.records import DrawnCurve, Mark, SearchResult, with_minus
 from markerseek.records.banks import BankFacts, IntensityBank, read_arrays, read_bank
 
@@ -113,25 +110,6 @@ def test_banks_as_data_sets(tmp_path: Path) -> None:
     np.testing.assert_array_equal(of_frames["frames"].sel(angle_deg=3.0), frames[0])
     assert of_frames["time_s"].values[-1] == pytest.approx(19 / 40e6)
     assert (of_frames.attrs["sampling_hz"], "intensity" in of_frames) == (40e6, False)
-
-
-@pytest.mark.parametrize(
-    ("package", "take"),
-    [("pandas", lambda result: result.to_dataframe()), ("xarray", lambda _: read_bank(SCAN).to_xarray())],
-)
-def test_a_missing_package_is_answered_by_the_command_that_installs_it(
-    result: SearchResult, monkeypatch: pytest.MonkeyPatch, package: str, take: Callable[[SearchResult], object]
-) -> None:
-    real = builtins.__import__
-
-    def without(name: str, *args: object, **named: object) -> object:
-        if name == package:
-            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
-        return real(name, *args, **named)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(MissingExtraError, match=r"pip install 'markerseek\[notebook\]'"):
-        take(result)
 
 
 def test_progress_is_one_line_an_acquisition_on_standard_error(capsys: pytest.CaptureFixture[str]) -> None:

@@ -175,24 +175,6 @@ def test_the_energy_of_the_light_scales_the_peak() -> None:
     assert more / one == pytest.approx(1.5, rel=1e-5)
 
 
-def test_on_the_same_seed_a_rig_of_intensities_gives_the_same_search_and_the_truth_is_the_marker() -> None:
-    def search(seed: int) -> Finished:
-        settings = SimulatedSettings(noise=NoiseSettings(peak_snr_db=40.0))
-        rig = rigs.of_intensities(seed=seed, curve=SechCurve(fwhm_deg=8.0), marker_deg=12.5, settings=settings)
-        assert rig.facts.truth_deg == 12.5
-        *_, last = run(
-            build(SearchPlan(method="weighted-average", start_deg=0.0)),
-            rig.scanner,
-            rig.run_plan,
-        )
-        assert isinstance(last, Finished)
-        return last
-
-    assert search(3) == search(3)
-    assert search(3).estimate.mean_deg == pytest.approx(12.5, abs=0.5)
-    assert search(3).estimate.mean_deg != search(4).estimate.mean_deg
-
-
 def test_without_a_marker_a_checked_search_finds_nothing_and_there_is_no_truth() -> None:
     rig = rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)
     *_, last = run(build(SearchPlan(method="weighted-average", acquisitions=29)), rig.scanner, rig.run_plan)
