@@ -163,11 +163,15 @@ class Guard:
         """Whether the probe may be lit at this readback of a sweep: not while it is slower than permitted.
 
         Faster, backwards, out of its angles, or later than `SWEEP_READING_S` after the readback before ends in FAULT.
-        A sweep that is permitted to turn back may be slow where it does, and turns the other way from there on.
+        A sweep that is permitted to turn back may be slow where it does, from the reading on that is there, and turns
+        the other way from there on.
         """
         self._require("sweep", State.SWEEPING)
         sweep, angle_deg, (before_deg, before_s) = self._sweep, self.readback(angle_deg), self._read
-        turns = sweep.back_deg is not None and abs(before_deg - sweep.to_deg) <= self._arrival_deg
+        arrives, turns = (
+            sweep.back_deg is not None and abs(each_deg - sweep.to_deg) <= self._arrival_deg
+            for each_deg in (angle_deg, before_deg)
+        )
         if turns:
             self._way = sweep.to_deg, sweep.end_deg
         from_deg, to_deg = self._way
@@ -180,7 +184,7 @@ class Guard:
             why = f"the probe turned by {turned_deg:.3f} deg in {elapsed_s:.3f} s to {angle_deg:.3f} deg"
             raise self._failed(MoveError(f"{why} at {now_s:.3f} s, outside {sweep}; check stage and host"))
         self._read = angle_deg, now_s
-        return turns or turned_deg >= sweep.slowest_deg_s * elapsed_s
+        return arrives or turns or turned_deg >= sweep.slowest_deg_s * elapsed_s
 
     def end_sweep(self, angle_deg: float, *, pulses: int, now_s: float) -> None:
         """SWEEPING -> ARMED, at rest at that readback, after no more pulses than permitted."""

@@ -45,10 +45,10 @@ RATE_SPARE_S = 0.02
 """Time by which pulses may come earlier than the rate of their permit allows, jitter of the stamps included."""
 
 DARK_PERIODS = 3
-"""Periods of the laser in which at least one pulse must come."""
+"""Periods of the laser, or triggers of the stage, within which at least one pulse must come."""
 
-TURN_DEG = 0.02
-"""Distance from the angle where it turns back at which a probe at rest has reached it."""
+TURN_DEG = 0.1
+"""Distance from the angle where it turns back at which a probe at rest has reached it: within it, it is lit at rest."""
 
 BACKLASH_ERROR = 0.5
 """Relative standard deviation of the backlash that a rig states."""
@@ -111,6 +111,7 @@ class SweepInProgress:
         self._pulses: list[Pulse] = []
         self._frames: list[Frame] = []
         self._told = 0
+        self._latest_s = -math.inf
 
     def frames(self, goes_on: Callable[[], bool]) -> Generator[list[SweptFrame], None, Swept]:
         """Turn, and return the frames with their angles as they come, then where the probe came to rest.
@@ -124,7 +125,7 @@ class SweepInProgress:
         with self._held:
             stage.begin_sweep(self._permit.to_deg)
             self._await_speed()
-            lit_s = self._clock.now_s()
+            lit = self._readings[-1]
             laser.begin_sweep(self._permit)
             # A probe that is too slow ends the light: it stalls, or has reached the end.
             wanted = True
@@ -133,7 +134,7 @@ class SweepInProgress:
                 self._keep(receiver.frames())
                 yield self._matched()
                 self._turn_back()
-            fired = self._end(lit_s=lit_s)
+            fired = self._end(lit)
         stage.end_sweep()
         last_deg, to_deg = self._readings[-1].angle_deg, self._permit.end_deg
         if wanted and not (abs(last_deg - to_deg) <= SHORT_DEG and not self._turns_back):
@@ -171,29 +172,37 @@ class SweepInProgress:
         """Send the stage back once it is at rest where it turns; `MoveError` if it then stays there."""
         if self._permit.back_deg is None:
             return
-        before, last = self._readings[-2:]
-        rests = abs(last.angle_deg - before.angle_deg) <= AT_REST_DEG
-        there = abs(last.angle_deg - self._permit.to_deg) <= TURN_DEG
-        if rests and there and self._turns_back:
+        if self._rests and self._at_turn and self._turns_back:
             self._turns_back, self._turning_s = False, self._clock.now_s()
             self._devices.stage.begin_sweep(self._permit.back_deg)
-        elif rests and self._turning_s is not None and not self._clock.now_s() - self._turning_s < BEGIN_S:
-            raise MoveError(f"the stage has not turned back at {last.angle_deg:.3f} deg; look for an obstacle")
+        elif self._rests and self._turning_s is not None and not self._clock.now_s() - self._turning_s < BEGIN_S:
+            at_deg = self._readings[-1].angle_deg
+            raise MoveError(f"the stage has not turned back at {at_deg:.3f} deg; look for an obstacle")
 
-    def _end(self, *, lit_s: float) -> int:
-        """End the light that began then, brake, come to rest, and return how many pulses were fired."""
-        lasted_s = self._clock.now_s() - lit_s
+    @property
+    def _rests(self) -> bool:
+        """Whether the last two readings are those of a stage at rest."""
+        return abs(self._readings[-1].angle_deg - self._readings[-2].angle_deg) <= AT_REST_DEG
+
+    @property
+    def _at_turn(self) -> bool:
+        """Whether the probe is where it turns back, and may be lit at rest."""
+        return self._permit.back_deg is not None and abs(self._readings[-1].angle_deg - self._permit.to_deg) <= TURN_DEG
+
+    def _end(self, lit: StageReading) -> int:
+        """End the light that began after that reading, brake, come to rest, and return how many pulses were fired."""
+        lasted_s, last_deg = self._clock.now_s() - lit.answered_s, self._readings[-1].angle_deg
         fired = self._devices.laser.end_sweep()
-        apart_s = self._permit.period_s
-        if self._triggers is not None and len(self._triggers.angles_deg) > 1:
-            first_deg, second_deg, *_ = self._triggers.angles_deg
-            apart_s = max(apart_s, abs(second_deg - first_deg) / self._permit.slowest_deg_s)
-        if fired == 0 and not lasted_s <= DARK_PERIODS * apart_s:
+        due = lasted_s / self._permit.period_s
+        if self._triggers is not None:
+            low_deg, high_deg = sorted((lit.angle_deg, last_deg))
+            due = sum(low_deg < each_deg < high_deg for each_deg in self._triggers.angles_deg)
+        if fired == 0 and not due <= DARK_PERIODS:
             raise LaserError(f"no pulse came in {lasted_s:.2f} s of a sweep; check the laser and its trigger")
         self._take(self._devices.laser.pulses())
         self._brake()
         # The first reading encloses the last pulse; the others show that the probe is at rest.
-        while self._read() or abs(self._readings[-1].angle_deg - self._readings[-2].angle_deg) > AT_REST_DEG:
+        while (self._read() and not self._at_turn) or not self._rests:
             self._require_braking()
         self._clock.wait(READ_S)
         last = self._devices.stage.read_sweep()
@@ -232,17 +241,16 @@ class SweepInProgress:
                     f"a pulse is stamped {stamped.at_s:.3f} s and it is {now_s:.3f} s: its clock is wrong; compare the "
                     "clocks, and start again"
                 )
-            self._pulses.append(pulse)
-        # Of many pulses and not of two: a stamp may be milliseconds off by itself.
-        count = len(self._pulses) - 1
-        if count > 0:
-            took_s = self._pulses[-1].at_s - self._pulses[0].at_s
-            least_s = 0.9 * count * self._permit.period_s - RATE_SPARE_S
-            if not took_s >= least_s:
+            # Against all pulses before, and not that before alone: a stamp may be milliseconds off by itself.
+            behind_s = pulse.at_s - 0.9 * self._permit.period_s * len(self._pulses)
+            self._latest_s = max(self._latest_s, behind_s)
+            if not behind_s >= self._latest_s - RATE_SPARE_S:
                 raise LaserError(
-                    f"{count + 1} pulses came within {took_s:.3f} s, {1e3 * self._permit.period_s:.2f} ms between two "
-                    "is the least that was permitted; check the laser's trigger"
+                    f"pulse {len(self._pulses) + 1} came {1e3 * (self._latest_s - behind_s):.0f} ms too early after "
+                    f"those before, {1e3 * self._permit.period_s:.2f} ms between two is the least that was permitted; "
+                    "check the laser's trigger"
                 )
+            self._pulses.append(pulse)
 
     def _keep(self, frames: Sequence[Frame]) -> None:
         """Keep frames; each is of the trigger after that of the frame before."""
@@ -285,7 +293,9 @@ class SweepInProgress:
         if self._triggers is not None:
             angle_deg, sigma_deg = self._triggers.angle_deg(pulse, stamped), self._triggers.sigma_deg
             delay_s = self._devices.laser.delay_sigma_s
-        forward = math.copysign(1.0, stamped.speed_deg_s)
+        # Of the way, and not of two readings: at rest at its end they may differ in any direction.
+        turned = self._turning_s is not None and pulse.at_s >= self._turning_s
+        forward = -self._permit.forward if turned else self._permit.forward
         backlash_deg = self._devices.stage.play_deg(forward)
         header = replace(
             frame.header, angle_before_deg=stamped.lower.angle_deg, angle_after_deg=stamped.upper.angle_deg

@@ -1,4 +1,4 @@
-"""The values of a sweep, and how fast a stage may sweep."""
+"""The values of a sweep."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from markerseek.core import ConfigError, Reading, Sample, SearchPlan, Sweep, SweepTiming, fastest_sweep_deg_s
+from markerseek.core import ConfigError, Reading, Sample, SearchPlan, Sweep, SweepTiming
 
 
 @pytest.mark.parametrize(
@@ -18,8 +18,7 @@ from markerseek.core import ConfigError, Reading, Sample, SearchPlan, Sweep, Swe
         {"speed_deg_s": 0.0},
         {"speed_deg_s": -5.0},
         {"speed_deg_s": math.nan},
-        {"spacing_deg": -0.1},
-        {"spacing_deg": math.inf},
+        {"back_deg": math.inf},
     ],
 )
 def test_a_sweep_that_no_stage_can_make_is_refused(wrong: dict[str, float]) -> None:
@@ -45,10 +44,3 @@ def test_a_sample_with_a_negative_sigma_is_refused() -> None:
 def test_a_plan_with_a_speed_that_is_no_speed_is_refused(speed_deg_s: float) -> None:
     with pytest.raises(ConfigError, match="sweep_speed_deg_s"):
         SearchPlan(method="posterior", sweep_speed_deg_s=speed_deg_s)
-
-
-@pytest.mark.parametrize(("acceleration", "speed"), [(10.0, 8.6119), (25.0, 12.5)])
-def test_the_fastest_sweep_is_that_of_the_safety_notes(acceleration: float, speed: float) -> None:
-    fastest = fastest_sweep_deg_s(acceleration)
-    assert fastest == pytest.approx(speed, abs=1e-4)
-    assert fastest**2 / (2 * acceleration) + 0.15 * fastest == pytest.approx(5.0)

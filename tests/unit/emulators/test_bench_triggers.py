@@ -33,7 +33,7 @@ from markerseek.wire import CONTROLLER, TO_CONTROLLER, AptFramer, apt
 from tests.sweep_on_a_bench import SETTINGS, sweeping
 from tests.unit.scan.stamp_offsets import stamp_offsets_deg
 
-SWEEP = Sweep(to_deg=-20.0, speed_deg_s=12.0, spacing_deg=0.1, from_deg=-35.0)
+SWEEP = Sweep(to_deg=-20.0, speed_deg_s=12.0, from_deg=-35.0)
 
 
 class Swallowing(DirectPort):
@@ -107,7 +107,7 @@ def test_each_pulse_is_where_the_encoder_triggered_it_and_its_stamp_agrees(
     assert answer.mean_deg == pytest.approx(-24.0, abs=0.1)
     samples = [event.sample for event in events if isinstance(event, Measured) and event.sample.sweep is not None]
     truth_deg = bench.truth_deg()
-    assert len(samples) == len(truth_deg) > 80
+    assert len(samples) == len(truth_deg) > 60
     # Upwards, in the direction of the approach: no play is between encoder and probe. Half a count, and the rounding.
     off_deg = [sample.angle_deg - true for sample, true in zip(samples, truth_deg, strict=True)]
     assert max(map(abs, off_deg)) < 1e-3

@@ -30,9 +30,9 @@ WANTED = SweepPermit(
     slowest_deg_s=2.0,
     fastest_deg_s=12.0,
     period_s=0.05,
-    spacing_deg=0.1,
 )
 BACK = replace(WANTED, angle_deg=30.0, to_deg=-30.0)
+THERE_AND_BACK = replace(WANTED, angle_deg=28.0, back_deg=26.0)
 
 
 def armed(firing: FiringLimits | None = None) -> Guard:
@@ -61,8 +61,9 @@ def sweeping(wanted: SweepPermit = WANTED, *, now_s: float = 10.0) -> tuple[Guar
         ({"slowest_deg_s": math.nan}, "slowest_deg_s"),
         ({"fastest_deg_s": math.inf}, "fastest_deg_s"),
         ({"period_s": 0.0}, "period_s"),
-        ({"spacing_deg": -0.1}, "spacing_deg"),
-        ({"spacing_deg": 0.11}, "spacing_deg is 0.11 deg, .*raise slowest_deg_s or period_s"),
+        ({"back_deg": 30.0}, "from -30.0 to 30.0 and back to 30.0 deg, it must turn back there"),
+        ({"back_deg": 31.0}, "it must turn back there"),
+        ({"back_deg": math.nan}, "it must turn back there"),
     ],
 )
 def test_a_permit_that_bounds_nothing_is_refused(changes: dict[str, float], said: str) -> None:
@@ -113,11 +114,11 @@ def test_the_rate_of_a_sweep_counts_when_it_begins_and_when_it_ends() -> None:
     made.redeem(permit, angle_deg=-30.0, now_s=3.2)
 
 
-@pytest.mark.parametrize("to_deg", [35.01, -35.01])
-def test_a_sweep_beyond_the_search_range_is_refused_and_changes_nothing(to_deg: float) -> None:
+@pytest.mark.parametrize(("to_deg", "back_deg"), [(35.01, None), (-35.01, None), (35.01, 0.0), (30.0, -35.01)])
+def test_a_sweep_beyond_the_search_range_is_refused_and_changes_nothing(to_deg: float, back_deg: float | None) -> None:
     made = armed()
     with pytest.raises(LimitError, match="outside the search range"):
-        made.issue_sweep(replace(WANTED, to_deg=to_deg), now_s=0.0)
+        made.issue_sweep(replace(WANTED, to_deg=to_deg, back_deg=back_deg), now_s=0.0)
     assert made.pulses_permitted == 0
     assert made.state is State.ARMED
 
@@ -208,7 +209,67 @@ def test_the_limits_themselves_are_allowed(angle_deg: float) -> None:
     assert made.state is State.SWEEPING
 
 
-def test_a_reading_may_come_as_late_as_the_target_is_renewed() -> None:
+def read(guard: Guard, *angles_deg: float) -> list[bool]:
+    """What the guard says to readings 0.125 s apart from time 0 on; powers of two, so that no rounding decides."""
+    return [guard.read_sweep(angle_deg, now_s=0.125 * (1 + step)) for step, angle_deg in enumerate(angles_deg)]
+
+
+@pytest.mark.parametrize("mirrored", [1, -1])
+def test_a_sweep_that_turns_back_is_slow_only_where_it_turns_and_goes_the_other_way_from_there(mirrored: int) -> None:
+    wanted = replace(
+        THERE_AND_BACK,
+        angle_deg=mirrored * 28.0,
+        to_deg=mirrored * 30.0,
+        back_deg=mirrored * 26.0,
+    )
+    made, _ = sweeping(wanted, now_s=0.0)
+    # Slow at its beginning, on its way, at the turn, and at its end: only the turn may be slow.
+    ways = (28.0, 28.5, 28.5, 29.75, 29.95, 30.0, 30.05, 30.0, 29.875, 29.5, 29.5, 28.0, 27.0, 26.0, 26.0, 25.95)
+    lit = (False, True, False, True, True, True, True, True, True, True, False, True, True, True, False, False)
+    assert read(made, *(mirrored * angle_deg for angle_deg in ways)) == list(lit)
+    made.end_sweep(mirrored * 25.95, pulses=3, now_s=17 * 0.125)
+    assert made.state is State.ARMED
+
+
+@pytest.mark.parametrize(
+    ("way_deg", "said"),
+    [
+        # Back before it was there, and on instead of back.
+        ((29.0, 29.85, 29.7), "turned by -0.150 deg"),
+        ((29.0, 29.95, 30.11), "to 30.110 deg"),
+        ((29.0, 29.95, 29.0, 29.2), "turned by -0.200 deg"),
+        ((29.0, 29.95, 29.0, 28.0, 27.0, 26.0, 25.89), "to 25.890 deg"),
+        # Too fast on the way back.
+        ((29.0, 30.0, 28.39), "turned by 1.610 deg"),
+    ],
+)
+def test_a_sweep_that_turns_elsewhere_or_leaves_its_permit_on_the_way_back_is_a_fault(
+    way_deg: tuple[float, ...], said: str
+) -> None:
+    made, _ = sweeping(THERE_AND_BACK, now_s=0.0)
+    read(made, *way_deg[:-1])
+    with pytest.raises(MoveError, match=said):
+        made.read_sweep(way_deg[-1], now_s=0.125 * len(way_deg))
+    assert made.state is State.FAULT
+
+
+@pytest.mark.parametrize(("at_deg", "turns"), [(29.875, True), (29.8125, False), (30.125, True)])
+def test_it_may_turn_within_the_arrival_of_the_angle_where_it_turns(at_deg: float, turns: bool) -> None:
+    made = Guard(limits=Limits(), firing=FiringLimits(), admission=Admission(), arrival_deg=0.125)
+    made.arm(by="a test")
+    made.redeem(made.issue_sweep(THERE_AND_BACK, now_s=0.0), angle_deg=28.0, now_s=0.0)
+    read(made, 29.0, at_deg)
+    assert made.read_sweep(at_deg, now_s=0.375) == turns
+
+
+def test_a_permit_that_does_not_turn_back_is_never_slow_and_lit() -> None:
+    made, _ = sweeping(replace(WANTED, angle_deg=28.0), now_s=0.0)
+    assert read(made, 29.0, 30.0, 30.0, 29.95) == [True, True, False, False]
+    with pytest.raises(MoveError):
+        made.read_sweep(29.5, now_s=0.625)
+
+
+def test_a_reading_may_come_as_late_as_the_guard_allows() -> None:
     made, _ = sweeping(now_s=0.0)
     assert not made.read_sweep(-30.0, now_s=SWEEP_READING_S)
 

@@ -27,7 +27,7 @@ from markerseek.core import (
 from markerseek.records.journal import Configuration, Entry, read_journal, verify
 from markerseek.rigs import Rig
 from markerseek.runs import RunView, answer_again, configuration_of
-from markerseek.runs.resume import commanded_deg, most_pulses, pulses_before
+from markerseek.runs.resume import commanded_deg, pulses_before
 from markerseek.search import build_sweeping
 from markerseek.sim import GaussianCurve, SimulatedSettings
 from tests.unit.runs import journalled_runs
@@ -108,16 +108,14 @@ def test_stopped_at_any_moment_it_sweeps_on_to_the_same_marker(whole: Path, tmp_
 
 
 def test_pulses_of_a_sweep_count_as_fired_and_of_a_broken_one_as_permitted() -> None:
-    sweep = Sweep(from_deg=-35.0, to_deg=35.0, speed_deg_s=10.0, spacing_deg=0.1)
+    sweep = Sweep(from_deg=-35.0, to_deg=35.0, speed_deg_s=10.0)
     asked = Asked(role="search", index=1, angle_deg=35.0, sweep=sweep)
     over = Swept(angle_deg=35.0, pulses=77)
-    assert most_pulses(sweep) == 1402
-    assert most_pulses(replace(sweep, spacing_deg=0.0)) == 10_000
     assert pulses_before(entries(asked, over), pulses=16, attempts=3) == 77
-    assert pulses_before(entries(asked, asked, over), pulses=16, attempts=3) == 1402 + 77
+    assert pulses_before(entries(asked, asked, over), pulses=16, attempts=3) == 10_000 + 77
     refused = Refused(angle_deg=0.0, reason="a frame")
     assert pulses_before(entries(asked, refused, over), pulses=16, attempts=3) == 77
-    assert pulses_before(entries(asked), pulses=16, attempts=3) == 1402
+    assert pulses_before(entries(asked), pulses=16, attempts=3) == 10_000
 
 
 def test_a_sample_of_a_sweep_is_measured_again_where_it_was_taken() -> None:

@@ -6,11 +6,10 @@ import math
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal
 
 from markerseek import rigs
 from markerseek.core import (
-    AcquisitionError,
     Estimate,
     Event,
     Frame,
@@ -76,11 +75,12 @@ class SweepBench:
     delay_s: float = 0.0
     jitter: float = 0.1
     sweep_mode: Literal["free-running", "position-triggered"] = "free-running"
+    light: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         settings = SimulatedSettings(start_deg=self.start_deg, stage=self.motion)
         light = replace(settings.laser, rate_hz=self.rate_hz, energy_jitter=self.jitter, stamp_delay_s=self.delay_s)
-        light = replace(light, sweep_mode=self.sweep_mode)
+        light = replace(light, sweep_mode=self.sweep_mode, **self.light)
         receiver = replace(settings.receiver, readout_s=self.readout_s, frame_period_s=max(self.readout_s, 1e-3))
         if self.readout_s > 0.1:
             receiver = replace(receiver, frame_period_s=0.05)
@@ -147,7 +147,7 @@ class SweepBench:
                 mine = [flash for flash in mine if flash.at_s < began_s]
             left = left[len(mine) :]
             assert all(flash.pulses == 1 for flash in mine)
-            low_deg, high_deg = sorted((permit.angle_deg, permit.to_deg))
+            low_deg, *_, high_deg = sorted((permit.angle_deg, permit.to_deg, permit.end_deg))
             for flash in mine:
                 assert flash.angle_deg is not None
                 # 0.1 deg: what readback and target may differ by, and the play that no encoder sees.
@@ -158,8 +158,8 @@ class SweepBench:
                 assert before.angle_deg is not None
                 assert after.angle_deg is not None
                 turned_deg = permit.forward * (after.angle_deg - before.angle_deg)
-                assert turned_deg <= permit.fastest_deg_s * apart_s + 0.1
-                assert turned_deg >= 0
+                assert abs(turned_deg) <= permit.fastest_deg_s * apart_s + 0.1
+                assert turned_deg >= 0 or permit.back_deg is not None
         assert not left
 
     def issued_s(self, permit: SweepPermit) -> float:
@@ -199,14 +199,22 @@ class Stalling(SimulatedStage):
         return super().read_sweep()
 
 
-class Unbraked(SimulatedStage):
-    """Hears `brake`, and turns on; only `stop` stops it."""
+class Staying(SimulatedStage):
+    """Does not turn back."""
 
-    def brake(self) -> None:
-        pass
+    begun = 0
 
-    def stop(self) -> None:
-        super().brake()
+    def begin_sweep(self, to_deg: float) -> None:
+        self.begun += 1
+        if self.begun == 1:
+            super().begin_sweep(to_deg)
+
+
+class Short(SimulatedStage):
+    """Comes to rest nearer to an upper end than the guard sees, and not quite there."""
+
+    def begin_sweep(self, to_deg: float) -> None:
+        super().begin_sweep(to_deg - 0.05)
 
 
 class Slipping(SimulatedStage):
@@ -260,6 +268,25 @@ class Double(SimulatedLaser):
         return [*pulses, *pulses[-1:]] if self._fired > 30 else pulses
 
 
+class Hasty(SimulatedLaser):
+    """Fires 1.5 times as fast as permitted."""
+
+    def begin_sweep(self, permit: SweepPermit) -> None:
+        super().begin_sweep(replace(permit, period_s=permit.period_s / 1.5))
+
+
+class Pausing(SimulatedLaser):
+    """Pauses for half a second, and makes up for it in 0.1 s."""
+
+    def _fire_until(self, now_s: float) -> None:
+        if not 1.0 < now_s - self._began_s < 1.6:
+            super()._fire_until(now_s)
+
+    def _fire_one(self, at_s: float, *, edge: int | None = None) -> None:
+        since_s = at_s - self._began_s - 1.0
+        super()._fire_one(at_s + 0.5 - since_s * 5 / 6 if 0 < since_s < 0.6 else at_s, edge=edge)
+
+
 class Silent(SimulatedLaser):
     """Loses the stamp of a pulse."""
 
@@ -300,19 +327,6 @@ class Doubling(SimulatedReceiver):
     def _swept(self, now_s: float) -> list[Frame]:
         frames = super()._swept(now_s)
         return [each for frame in frames for each in [frame] * (2 if frame.header.sequence % 30 == 0 else 1)]
-
-
-class Failing(SimulatedReceiver):
-    """Fails some calls after the sweep is no longer wanted."""
-
-    left: int | None = None
-
-    def frames(self) -> Sequence[Frame]:
-        if self.left is not None:
-            self.left -= 1
-            if self.left < 0:
-                raise AcquisitionError("the receiver is gone")
-        return super().frames()
 
 
 class Swapping(SimulatedReceiver):

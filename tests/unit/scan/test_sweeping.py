@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from markerseek.core import (
-    MAX_AHEAD_DEG,
     AcquisitionError,
     Asked,
     ConfigError,
@@ -43,21 +40,25 @@ from tests.unit.scan.sweep_bench import (
     Dark,
     Double,
     Doubling,
-    Failing,
     Fast,
+    Hasty,
     Jumping,
     Losing,
+    Pausing,
     Running,
+    Short,
     Silent,
     Skipping,
     Slipping,
     Slow,
     Stalling,
+    Staying,
     Swapping,
     SweepBench,
     Sweeps,
-    Unbraked,
 )
+
+FAST = StageMotion(speed_deg_s=25.0, acceleration_deg_s2=25.0)
 
 
 def samples_of(bench: SweepBench, sweep: Sweep) -> list[Sample]:
@@ -80,13 +81,13 @@ def test_each_pulse_gives_a_sample_at_the_angle_where_it_was_fired(bench: SweepB
     samples = samples_of(bench, sweep)
     flashes = bench.flashes()
     assert len(samples) == len(flashes) > 20
-    # Downwards the probe lags by the play, of which the encoder knows nothing.
+    # Downwards the probe lags by the backlash, which is taken out, until it is taken up.
     play_deg = bench.motion.backlash_deg if sweep.to_deg < samples[0].angle_deg else 0.0
     off = [sample.angle_deg - (flash.angle_deg or math.nan) for sample, flash in zip(samples, flashes, strict=True)]
     # A reading is of any moment between question and answer: 1 ms off in the simulation.
     most_deg = sweep.speed_deg_s * 2e-3
-    assert all(-play_deg - most_deg <= each <= most_deg for each in off)
-    after_play = [each + play_deg for each in off[len(off) // 3 :]]
+    assert all(-most_deg <= each <= play_deg + most_deg for each in off)
+    after_play = off[len(off) // 3 :]
     assert max(map(abs, after_play)) <= most_deg
     # What it is said to be off by is what it is off by.
     sigmas = [sample.angle_sigma_deg for sample in samples]
@@ -108,8 +109,118 @@ def test_a_delay_that_nobody_knows_shifts_all_angles_by_the_way_of_the_probe() -
     flashes = bench.flashes()[5:-5]
     off = [sample.angle_deg - (flash.angle_deg or 0.0) for sample, flash in zip(samples, flashes, strict=True)]
     assert sum(off) / len(off) == pytest.approx(-0.005 * TO_END.speed_deg_s, abs=0.015)
+    # The unmeasured 10 ms, and what the age of the stage's answers leaves open.
     assert samples[0].sweep is not None
-    assert samples[0].sweep.delay_sigma_s == 0.005
+    assert samples[0].sweep.delay_sigma_s == pytest.approx(math.hypot(10e-3, 4e-3 / math.sqrt(12)), rel=1e-3)
+
+
+@pytest.mark.parametrize("delay_s", [-30e-3, 30e-3])
+def test_stamps_far_from_the_light_shift_the_angles_and_lose_no_pulse(delay_s: float) -> None:
+    bench = SweepBench(delay_s=delay_s)
+    samples, flashes = samples_of(bench, TO_END), bench.flashes()
+    off = [sample.angle_deg - (flash.angle_deg or 0.0) for sample, flash in zip(samples, flashes, strict=True)][9:-9]
+    assert sum(off) / len(off) == pytest.approx(-delay_s * TO_END.speed_deg_s, abs=0.02)
+
+
+def test_a_stamp_that_lies_further_ahead_than_any_delay_of_the_rig_is_a_fault() -> None:
+    bench = SweepBench(delay_s=-30e-3, light={"stamp_delay_sigma_s": 1e-4})
+    bench.laser.stamp_delay_s = 0.0
+    events = drain(bench.run(Sweeps(TO_END)), LaserError)
+    assert "its clock is wrong" in str(events[-1].error)
+
+
+def test_a_delay_that_was_measured_is_taken_out() -> None:
+    bench = SweepBench(delay_s=20e-3, light={"stamp_delay_sigma_s": 1e-3})
+    samples, flashes = samples_of(bench, TO_END), bench.flashes()
+    assert 17e-3 < bench.laser.stamp_delay_s < 23e-3
+    off = [sample.angle_deg - (flash.angle_deg or 0.0) for sample, flash in zip(samples, flashes, strict=True)][9:-9]
+    left_s = bench.laser.stamp_delay_s - 20e-3
+    assert sum(off) / len(off) == pytest.approx(left_s * TO_END.speed_deg_s, abs=0.015)
+    assert samples[0].sweep is not None
+    assert samples[0].sweep.delay_sigma_s < 2e-3
+
+
+@pytest.mark.parametrize("jitter_s", [1e-3, 3e-3])
+def test_a_fast_laser_whose_stamps_jitter_is_no_fault_and_says_how_far_it_is_off(jitter_s: float) -> None:
+    bench = SweepBench(rate_hz=100.0, light={"stamp_jitter_s": jitter_s}, motion=FAST)
+    samples, flashes = samples_of(bench, replace(TO_END, speed_deg_s=25.0)), bench.flashes()
+    assert len(samples) == len(flashes) > 300
+    # At full speed, where the chords between two readings are straight.
+    off = [
+        (sample.angle_deg - (flash.angle_deg or 0.0)) / sample.angle_sigma_deg
+        for sample, flash in zip(samples, flashes, strict=True)
+        if abs(sample.angle_deg) < 20.0
+    ]
+    assert np.std(off) == pytest.approx(jitter_s / 1.5e-3, rel=0.3)
+
+
+@pytest.mark.parametrize("kind", [Hasty, Pausing])
+@pytest.mark.parametrize("rate_hz", [20.0, 100.0])
+def test_a_laser_that_fires_faster_than_permitted_is_a_fault(rate_hz: float, kind: type[SimulatedLaser]) -> None:
+    bench = SweepBench(rate_hz=rate_hz)
+    bench.laser.__class__ = kind
+    events = drain(bench.run(Sweeps(TO_END)), LaserError)
+    assert "is the least that was permitted; check the laser's trigger" in str(events[-1].error)
+    assert bench.scanner.guard.state is State.FAULT
+    # Noticed within a few readings.
+    assert bench.scanner.clock.now_s() < 3.0
+
+
+@pytest.mark.parametrize("readout_s", [0.0, 10.0])
+@pytest.mark.parametrize("start_deg", [-35.0, 35.0])
+def test_a_sweep_turns_back_in_light_and_each_pulse_has_its_angle(start_deg: float, readout_s: float) -> None:
+    bench = SweepBench(start_deg=start_deg, readout_s=readout_s, motion=FAST, rate_hz=100.0)
+    sweep = Sweep(to_deg=-start_deg, speed_deg_s=25.0, back_deg=start_deg)
+    began_s = bench.scanner.clock.now_s()
+    samples, flashes = samples_of(bench, sweep), bench.flashes()
+    assert bench.scanner.clock.now_s() - began_s < bench.scanner.sweeping.duration_s(sweep, from_deg=start_deg) + 11
+    assert bench.stage.angle_deg == pytest.approx(start_deg, abs=0.01)
+    speeds = np.array([sample.sweep.speed_deg_s for sample in samples if sample.sweep])
+    off = np.array([sample.angle_deg - (flash.angle_deg or 0) for sample, flash in zip(samples, flashes, strict=True)])
+    # One permit; both ways in light at the full speed, and at its ends and its turn no gap in it.
+    assert len(bench.permits) == 1
+    assert {round(speed) for speed in speeds if abs(speed) > 24.5} == {-25, 25}
+    apart_s = [after.at_s - before.at_s for before, after in pairwise(flashes)]
+    assert max(apart_s) < 1.01 * bench.permits[0].period_s
+    assert len(samples) > 2 * 70 / 25 / bench.permits[0].period_s
+    # Where the backlash is taken up, and where a chord bends, it may be off by more than the stage's answers are old.
+    plays = np.array([sample.sweep.play_sigma_deg for sample in samples if sample.sweep])
+    assert set(plays[speeds < -1]) == {bench.motion.backlash_deg / 2}
+    assert set(plays[speeds > 1]) == {0.0}
+    assert np.abs(off).max() <= bench.motion.backlash_deg + 25.0 * 0.054**2 / 8 + 25.0 * 2e-3
+    assert np.abs(off[np.abs(speeds) > 24.9]).max() <= 25.0 * 2e-3
+    bench.require_permitted()
+
+
+@pytest.mark.parametrize("to_deg", np.arange(9.0, 10.0, 0.1).round(3))
+@pytest.mark.parametrize("kind", [SimulatedStage, Short])
+def test_it_turns_back_whenever_the_stage_is_read_and_however_near_it_comes(
+    to_deg: float, kind: type[SimulatedStage]
+) -> None:
+    bench = SweepBench(motion=FAST, readout_s=0.2, start_deg=-10.0)
+    bench.stage.__class__ = kind
+    samples = samples_of(bench, Sweep(to_deg=float(to_deg), speed_deg_s=25.0, back_deg=-10.0))
+    assert samples[-1].angle_deg < -8.0
+    assert len(samples) == len(bench.flashes())
+
+
+@pytest.mark.parametrize("until_deg", [5.0, 9.97])
+def test_a_policy_that_ends_a_sweep_before_or_where_it_turns_is_no_fault(until_deg: float) -> None:
+    bench = SweepBench(motion=FAST, start_deg=-10.0)
+    policy = Sweeps(Sweep(to_deg=10.0, speed_deg_s=10.0, back_deg=-10.0), until_deg=until_deg)
+    (ended,) = (event for event in bench.run(policy) if isinstance(event, Swept))
+    assert until_deg < ended.angle_deg < 10.01
+
+
+def test_a_stage_that_does_not_turn_back_ends_the_light_within_seconds() -> None:
+    bench = SweepBench(motion=FAST)
+    bench.stage.__class__ = Staying
+    sweep = Sweep(to_deg=35.0, speed_deg_s=25.0, back_deg=0.0)
+    events = drain(bench.run(Sweeps(sweep)), MoveError)
+    assert "turned back" in str(events[-1].error)
+    assert bench.scanner.guard.state is State.FAULT
+    rests_s = 70 / 25 + 1
+    assert max(flash.at_s for flash in bench.flashes()) < rests_s + 2.0
 
 
 def test_a_run_asks_once_and_hands_out_a_sample_for_each_pulse() -> None:
@@ -144,103 +255,6 @@ def test_a_policy_that_knows_enough_ends_a_sweep_and_no_pulse_is_lost(readout_s:
         assert swept.angle_deg == pytest.approx(35.0, abs=0.01)
 
 
-@pytest.mark.parametrize("motion", [StageMotion(speed_deg_s=12.5, acceleration_deg_s2=25.0), StageMotion()])
-def test_a_sweep_may_be_lit_while_it_brakes(motion: StageMotion) -> None:
-    """The light of one that a policy ends goes on until the probe is nearly too slow for its permit."""
-    lit, dark = SweepBench(motion=motion), SweepBench(motion=motion)
-    sweep = replace(TO_END, speed_deg_s=8.0)
-    ended: list[Swept] = []
-    policies = []
-    for bench, lit_braking in ((lit, True), (dark, False)):
-        policy = Sweeps(replace(sweep, lit_braking=lit_braking), until_deg=0.0)
-        ended += [event for event in bench.run(policy) if isinstance(event, Swept)]
-        policies.append(policy)
-        bench.require_permitted()
-    # The same way, and the light of the ramp but for its last reading, v/a·(1 − 0.2) − 0.055 s at 20 Hz, beside it.
-    assert ended[0].angle_deg == pytest.approx(ended[1].angle_deg, abs=0.6)
-    more = len(policies[0].samples) - len(policies[1].samples)
-    assert more == pytest.approx(20 * (0.8 * 8.0 / motion.acceleration_deg_s2 - 0.055), abs=2.1)
-    speeds = [sample.sweep.speed_deg_s for sample in policies[0].samples[-3:] if sample.sweep]
-    assert speeds == sorted(speeds, reverse=True)
-    assert speeds[-1] < 0.7 * 8.0
-    assert len(lit.flashes()) == len(policies[0].samples) == ended[0].pulses
-
-
-@pytest.mark.parametrize("until_deg", [0.0, 0.13, 0.26])
-@pytest.mark.parametrize("speed_deg_s", [2.0, 5.0, 8.0])
-@pytest.mark.parametrize("motion", [StageMotion(speed_deg_s=12.5, acceleration_deg_s2=25.0), StageMotion()])
-def test_no_light_falls_while_it_is_too_slow_after_braking(
-    motion: StageMotion, speed_deg_s: float, until_deg: float
-) -> None:
-    bench = SweepBench(motion=motion, rate_hz=1000.0, start_deg=-5.0)
-    policy = Sweeps(Sweep(to_deg=5.0, speed_deg_s=speed_deg_s, lit_braking=True), until_deg=until_deg)
-    list(bench.run(policy))
-    apart = [
-        (after.angle_deg - before.angle_deg) / (after.at_s - before.at_s)
-        for before, after in pairwise(bench.flashes())
-        if before.angle_deg is not None and after.angle_deg is not None
-    ]
-    assert min(apart[-200:]) >= bench.permits[0].slowest_deg_s
-
-
-def require_dark_from_now(bench: SweepBench) -> None:
-    at_s, fired = bench.scanner.clock.now_s(), len(bench.flashes())
-    bench.scanner.clock.wait(10.0)
-    bench.laser.pulses()
-    assert len(bench.flashes()) == fired > 0
-    assert all(flash.at_s <= at_s for flash in bench.flashes())
-
-
-def test_a_stage_that_does_not_brake_in_light_is_said_not_to_stop() -> None:
-    """And long before its end, at which it would come to rest in light by itself."""
-    bench, policy = SweepBench(), Sweeps(Sweep(to_deg=35.0, speed_deg_s=8.0, lit_braking=True), until_deg=-10.0)
-    bench.stage.__class__ = Unbraked
-    events = drain(bench.run(policy), MoveError)
-    failed = events[-1]
-    assert isinstance(failed, Failed)
-    assert "the stage does not stop" in str(failed.error)
-    assert bench.scanner.guard.state is State.FAULT
-    # BEGIN_S and v/a at 8 deg/s, and one reading.
-    assert policy.samples[-1].angle_deg < -10.0 + 8.0 * (1.0 + 8.0 / 25.0 + 0.2)
-    require_dark_from_now(bench)
-
-
-def test_a_sweep_that_is_left_while_it_brakes_in_light_is_dark_at_once() -> None:
-    bench = SweepBench(motion=StageMotion(), rate_hz=100.0)
-    bench.scanner.guard.arm(by="a test")
-    sweep, left = replace(TO_END, speed_deg_s=8.0, lit_braking=True), 40
-    outcomes = bench.scanner.sweep(sweep, number=1, goes_on=lambda: left > 0)
-    for outcome in outcomes:
-        left -= 1
-        # Ten pulses into the brake, as where Ctrl-C comes.
-        if left < -10:
-            assert isinstance(outcome, Sample)
-            break
-    outcomes.close()
-    require_dark_from_now(bench)
-
-
-def test_a_receiver_that_fails_while_the_probe_brakes_in_light_ends_the_light() -> None:
-    bench = SweepBench(motion=StageMotion())
-    bench.scanner.guard.arm(by="a test")
-    bench.receiver.__class__ = Failing
-    receiver = cast("Failing", bench.receiver)
-    sweep = replace(TO_END, speed_deg_s=8.0, lit_braking=True)
-
-    def goes_on() -> bool:
-        if bench.stage.angle_deg > 0.0:
-            receiver.left = 2 if receiver.left is None else receiver.left
-            return False
-        return True
-
-    with pytest.raises(AcquisitionError, match="the receiver is gone"):
-        list(bench.scanner.sweep(sweep, number=1, goes_on=goes_on))
-    assert bench.scanner.guard.state is State.FAULT
-    # It was still braking.
-    assert bench.stage.angle_deg < 3.0
-    require_dark_from_now(bench)
-
-
 def test_two_sweeps_there_and_back() -> None:
     bench = SweepBench()
     policy = Sweeps(TO_END, Sweep(to_deg=-5.0, speed_deg_s=12.5))
@@ -249,19 +263,8 @@ def test_two_sweeps_there_and_back() -> None:
     assert sorted(set(numbers)) == [1, 2]
     assert numbers == sorted(numbers)
     plays = {sample.sweep.number: sample.sweep.play_sigma_deg for sample in policy.samples if sample.sweep}
-    assert plays == {1: 0.0, 2: bench.motion.backlash_deg}
+    assert plays == {1: 0.0, 2: bench.motion.backlash_deg / 2}
     assert sum(isinstance(event, Swept) for event in events) == 2
-    bench.require_permitted()
-
-
-def test_a_fast_laser_whose_light_ends_degrees_before_the_end_ends_the_sweep() -> None:
-    """Pulses 0.1 degrees apart need 10 deg/s at 100 Hz: when the probe brakes from 12.5 deg/s, two degrees are left."""
-    bench = SweepBench(rate_hz=1000.0)
-    policy = Sweeps(*(Sweep(to_deg=to_deg, speed_deg_s=12.5, spacing_deg=0.1) for to_deg in (35.0, -35.0)))
-    events = list(bench.run(policy))
-    first = [sample.angle_deg for sample in policy.samples if sample.sweep is not None and sample.sweep.number == 1]
-    assert max(first) < 34.0
-    assert [round(event.angle_deg) for event in events if isinstance(event, Swept)] == [35, -35]
     bench.require_permitted()
 
 
@@ -278,7 +281,7 @@ def test_most_of_a_way_is_lit_on_which_the_probe_does_not_reach_its_speed(
 ) -> None:
     motion = StageMotion(speed_deg_s=speed_deg_s, acceleration_deg_s2=acceleration_deg_s2)
     bench = SweepBench(motion=motion, rate_hz=rate_hz, sweep_mode=sweep_mode)
-    samples = samples_of(bench, Sweep(to_deg=-35.0 + way_deg, speed_deg_s=speed_deg_s, spacing_deg=0.1))
+    samples = samples_of(bench, Sweep(to_deg=-35.0 + way_deg, speed_deg_s=speed_deg_s))
     angles_deg = [sample.angle_deg for sample in samples]
     apart_deg = float(np.diff(angles_deg).max())
     # Three quarters of the way, but for what is left before the first pulse and after the last, and, where the next
@@ -290,9 +293,8 @@ def test_most_of_a_way_is_lit_on_which_the_probe_does_not_reach_its_speed(
     bench.require_permitted()
 
 
-@pytest.mark.parametrize("spacing_deg", [0.0, 0.1])
-def test_a_sweep_to_where_the_probe_is_gets_no_permit(spacing_deg: float) -> None:
-    sweep = Sweep(to_deg=-35.0, speed_deg_s=10.0, spacing_deg=spacing_deg)
+def test_a_sweep_to_where_the_probe_is_gets_no_permit() -> None:
+    sweep = Sweep(to_deg=-35.0, speed_deg_s=10.0)
     with pytest.raises(ConfigError, match="these must be two different angles"):
         SweepBench().scanner.sweeping.permit(sweep, from_deg=-35.0)
 
@@ -338,15 +340,6 @@ def test_an_obstacle_on_the_way_to_where_it_waits_is_a_fault() -> None:
     assert bench.scanner.guard.state is State.FAULT
 
 
-def test_the_spacing_keeps_pulses_apart() -> None:
-    bench = SweepBench(rate_hz=1000.0)
-    samples = samples_of(bench, replace(TO_END, spacing_deg=0.5))
-    apart = [after.angle_deg - before.angle_deg for before, after in pairwise(samples)]
-    # The light ends with the first reading that shows that the probe brakes.
-    assert min(apart) > 0.9 * 0.5
-    assert 60 < len(samples) < 140
-
-
 @pytest.mark.parametrize(
     ("sweep", "error", "said"),
     [
@@ -354,6 +347,8 @@ def test_the_spacing_keeps_pulses_apart() -> None:
         (Sweep(to_deg=35.0, speed_deg_s=1.0), ConfigError, "sweep faster"),
         (Sweep(to_deg=35.5, speed_deg_s=10.0), LimitError, "outside the search range"),
         (Sweep(to_deg=35.0, speed_deg_s=10.0, wait_deg=-35.5), LimitError, "outside the search range"),
+        (Sweep(to_deg=35.0, speed_deg_s=10.0, back_deg=-35.5), LimitError, "outside the search range"),
+        (Sweep(to_deg=34.0, speed_deg_s=10.0, back_deg=34.5), ConfigError, "it must turn back there"),
     ],
 )
 def test_a_sweep_that_cannot_be_made_moves_nothing(sweep: Sweep, error: type[Exception], said: str) -> None:
@@ -368,10 +363,6 @@ def test_a_sweep_that_cannot_be_made_moves_nothing(sweep: Sweep, error: type[Exc
 def test_a_rig_that_cannot_sweep_says_which_part_of_it_cannot() -> None:
     with pytest.raises(ConfigError, match=r"its stage \(Bench\) only works with the probe at rest; leave --sweep out"):
         _ = scanner(Bench()).sweeping
-
-
-def broken_stage(bench: SweepBench, kind: type[SimulatedStage]) -> None:
-    bench.stage.__class__ = kind
 
 
 @pytest.mark.parametrize("kind", [Slow, Fast, Stalling, Slipping, Running])
@@ -389,7 +380,9 @@ def test_a_stage_that_does_not_do_its_part_ends_light_and_motion(kind: type[Simu
     assert len(bench.flashes()) == fired
     assert all(flash.at_s <= at_s for flash in bench.flashes())
     _ = bench.stage.angle_deg
-    assert abs(bench.world.angle_deg - stood_deg) <= MAX_AHEAD_DEG
+    # It brakes, and is inside its permit.
+    assert abs(bench.world.angle_deg - stood_deg) <= bench.stage._sweep_deg_s**2 / (2 * 25.0) + 0.1
+    assert -35.1 <= bench.world.angle_deg <= 35.1
 
 
 @pytest.mark.parametrize(
@@ -502,17 +495,16 @@ def test_a_supervisor_that_is_gone_in_mid_sweep_is_an_error_once_the_light_has_e
     assert dark == [True]
 
 
-def test_a_host_that_dies_in_mid_sweep_lets_the_probe_turn_five_degrees_at_most() -> None:
-    bench = SweepBench()
-    events = bench.run(Sweeps(TO_END))
+@pytest.mark.parametrize(("dies_at", "rests_deg"), [(30, 35.0), (120, -10.0)])
+def test_a_host_that_dies_in_mid_sweep_leaves_the_probe_at_the_end_of_its_way(dies_at: int, rests_deg: float) -> None:
+    bench = SweepBench(motion=FAST)
+    events = bench.run(Sweeps(Sweep(to_deg=35.0, speed_deg_s=20.0, back_deg=-10.0)))
     for event in events:
-        if isinstance(event, Measured) and event.index == 30:
+        if isinstance(event, Measured) and event.index == dies_at:
             break
-    at_deg = bench.stage.probe_deg(bench.scanner.clock.now_s())
-    # Nothing is called any more: the stage is not told another target.
+    # Nothing is called any more.
     bench.scanner.clock.wait(60.0)
-    _ = bench.stage.angle_deg
-    assert abs(bench.world.angle_deg - at_deg) <= MAX_AHEAD_DEG
+    assert bench.stage.angle_deg == pytest.approx(rests_deg, abs=1e-3)
     events.close()
 
 
@@ -533,14 +525,3 @@ def test_a_permit_has_room_for_a_stage_that_is_slower_than_it_says() -> None:
     permit: SweepPermit = bench.scanner.sweeping.permit(TO_END, from_deg=-35.0)
     assert permit.pulses >= 1.09 * 20 * bench.scanner.sweeping.duration_s(TO_END, from_deg=-35.0)
     assert permit.fastest_deg_s < 2 * TO_END.speed_deg_s
-
-
-@given(st.floats(0.5, 8.5), st.floats(0.01, 1.0), st.sampled_from([20.0, 100.0, 1000.0]))
-def test_a_permit_leaves_its_spacing_at_any_speed_whatever_is_rounded(
-    speed_deg_s: float, spacing_deg: float, rate_hz: float
-) -> None:
-    devices = SweepBench(rate_hz=rate_hz).scanner.sweeping
-    sweep = Sweep(to_deg=35.0, speed_deg_s=speed_deg_s, spacing_deg=spacing_deg)
-    permit = devices.permit(sweep, from_deg=-35.0)
-    assert permit.spacing_deg == spacing_deg
-    assert permit.slowest_deg_s * permit.period_s >= spacing_deg

@@ -63,14 +63,13 @@ def test_each_sample_is_where_the_encoder_was_whatever_the_stamps_are_off_by(
     bench.start_deg = -to_deg
     bench.__post_init__()
     offsets_deg = stamp_offsets_deg(monkeypatch)
-    samples = swept(bench, Sweep(to_deg=to_deg, speed_deg_s=12.0, spacing_deg=0.1))
+    samples = swept(bench, Sweep(to_deg=to_deg, speed_deg_s=12.0))
     assert len(samples) > (80 if rate_hz == 20.0 else 140)
     truth_deg = np.array([flash.angle_deg for flash in bench.flashes()])
     angles_deg = np.array([sample.angle_deg for sample in samples])
-    # Downwards the probe lags by the play, which no encoder knows.
-    play_deg = bench.motion.backlash_deg if to_deg < 0 else 0.0
+    # Downwards the probe lags by the backlash, once it is taken up.
     settled = np.abs(angles_deg - bench.start_deg) > 0.5
-    assert np.abs(angles_deg + play_deg - truth_deg)[settled].max() < 1e-3
+    assert np.abs(angles_deg - truth_deg)[settled].max() < 1e-3
     assert len(offsets_deg) == len(samples)
     # At even speed: the encoder is read a millisecond from the middle of its answer. On the ramps a chord between two
     # readings is off by a·h²/8 more.
