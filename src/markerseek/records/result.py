@@ -160,6 +160,8 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     """Sum of all rotations, in degrees; None for a recording."""
     elapsed_s: float | None
     """Time on the clock of the rig, in seconds; None for a recording."""
+    known_s: float | None
+    """The same to the answer, before the probe turned to the marker; None where none was found."""
     confirmation: SampleRow | None
     """The acquisition at the answer; one after which the search went on is one of the ``samples``."""
     confirmed: bool | None
@@ -256,6 +258,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
             travel_deg=finished.travel_deg if searched is None else None,
             # A replay takes no time, and the durations of the original scan say nothing of this search.
             elapsed_s=None if facts.kind == "replayed" else finished.elapsed_s,
+            known_s=None if facts.kind == "replayed" else finished.known_s,
             confirmation=None if confirmation is None else SampleRow.of(confirmation),
             confirmed=None if confirmation is None or estimate.floor is None else isinstance(estimate, Found),
             floor=estimate.floor,
@@ -415,7 +418,8 @@ def _effort_rows(result: SearchResult) -> list[tuple[str, str]]:
     if result.travel_deg is not None:
         rows.append(("rotation", f"{result.travel_deg:.1f}°"))
     if result.elapsed_s is not None:
-        rows.append(("time", time_text(result.elapsed_s, simulated=result.rig == "simulated")))
+        time = time_text(result.elapsed_s, known_s=result.known_s, simulated=result.rig == "simulated")
+        rows.append(("time", time))
     return rows
 
 

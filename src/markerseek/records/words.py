@@ -166,9 +166,15 @@ def acquisitions_text(acquisitions: int, refused: int) -> str:
     return str(acquisitions) + (f", {refused} refused" if refused else "")
 
 
-def time_text(elapsed_s: float, *, simulated: bool) -> str:
-    """Duration of a search on the clock of its rig."""
-    return f"{elapsed_s:.0f} s" + (", on the simulated clock" if simulated else "")
+def time_text(elapsed_s: float, *, known_s: float | None, simulated: bool) -> str:
+    """Duration of a search on the clock of its rig.
+
+    ``known_s``: time to the answer, before the probe turned to the marker; None where there was none.
+    """
+    text = f"{elapsed_s:.1f} s"
+    if known_s is not None and known_s < elapsed_s:
+        text = f"{known_s:.1f} s to the answer, {text} with the probe at the marker"
+    return text + (", on the simulated clock" if simulated else "")
 
 
 def _other(source: OtherSource) -> str:

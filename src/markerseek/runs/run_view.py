@@ -123,6 +123,8 @@ class RunView:
         The rig's clock at the start, in seconds.
     elapsed_s
         Time on the rig's clock since the start, in seconds.
+    known_s
+        The same when the answer was known; None before.
     snr_db
         Largest intensity over the noise, in dB; None if the noise is not known.
     pulses
@@ -154,6 +156,7 @@ class RunView:
     travel_deg: float = 0.0
     started_s: float = 0.0
     elapsed_s: float = 0.0
+    known_s: float | None = None
     snr_db: float | None = None
     pulses: int = 0
     refused: int = 0
@@ -294,7 +297,7 @@ def _after(view: RunView, event: JournalEvent, clock_s: float) -> RunView:
             belief = event.belief or AngleBelief(estimate=estimate, claims=claims)
             name = answer_name(estimate) if claims else "angle, not claimed"
             line = ": ".join(filter(None, (name, angle_text(belief))))
-            return replace(view, phase="finished", finished=event, belief=belief, line=line)
+            return replace(view, phase="finished", finished=event, belief=belief, known_s=event.known_s, line=line)
         case Failed(error=error):
             line = f"fault: {error}; {FAULT_END}"
             return replace(view, phase="fault", finished=None, line=line, problem=with_minus(str(error)))
@@ -325,7 +328,11 @@ def _turning(view: RunView, event: Asked | Turning | Swept) -> RunView:
     line = f"{_name(view, event.role, event.index)} at {event.angle_deg:.2f}°"
     if event.sweep is not None:
         line = f"sweeps to {event.angle_deg:.2f}°"
-    return replace(view, phase="moving", target_deg=event.angle_deg, line=line)
+    known_s = None
+    if event.role == "confirmation" and not view.plan.as_published:
+        known_s = view.elapsed_s
+        line = f"the answer is {event.angle_deg:.2f}°, known after {known_s:.1f} s: turns there to confirm it"
+    return replace(view, phase="moving", target_deg=event.angle_deg, known_s=known_s, line=line)
 
 
 def _measured(view: RunView, event: Measured) -> RunView:

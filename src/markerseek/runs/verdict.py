@@ -177,11 +177,12 @@ def numbers_of(view: RunView, *, name: str, pulse_j: float | None = None) -> lis
         Energy of one pulse in joules; None if it is not known.
     """
     moves, belief = view.facts.kind != "replayed", view.belief
+    simulated = view.facts.kind == "simulated"
     rows = [
         ("search", name),
         ("acquisitions", acquisitions_text(view.acquisitions, view.refused)),
         ("rotation", f"{view.travel_deg:.1f}°" if moves else "–"),
-        ("time", time_text(view.elapsed_s, simulated=view.facts.kind == "simulated") if moves else "–"),
+        ("time", time_text(view.elapsed_s, known_s=view.known_s, simulated=simulated) if moves else "–"),
         ("peak SNR", _snr(view)),
         ("detection threshold", "unknown" if view.floor_level is None else f"{view.floor_level:.4g} {view.unit}"),
         ("pulses", str(view.pulses) if moves else "–"),

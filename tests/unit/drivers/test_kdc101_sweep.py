@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from markerseek.core import (
-    MAX_AHEAD_DEG,
     ConfigError,
     DeviceError,
     Interval,
