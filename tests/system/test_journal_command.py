@@ -149,7 +149,7 @@ def test_a_journal_is_shown_as_a_table(shell: Shell, tmp_path: Path) -> None:
     shell(*SEARCH, "--journal", path)
     code, out, _ = shell("journal", "show", path)
     assert code == 0
-    assert "measured: search 8" in out
+    assert re.search("acquisition 8: .*°, intensity ", out)
     assert "state: finished" in out
 
 
@@ -237,7 +237,7 @@ def test_a_damaged_journal_is_shown_as_far_as_it_is_whole(shell: Shell, tmp_path
     path.write_bytes(data)
     code, out, err = shell("journal", "show", path)
     assert code == 2
-    assert "measured: dark 1" in out
+    assert "dark frame 1: " in out
     assert "does not agree with its checksum" in err.replace("\n", " ")
     code, out, _ = shell("journal", "verify", path)
     assert (code, "wrong:" in out) == (1, True)

@@ -72,7 +72,7 @@ def test_its_journal_tells_where_the_probe_was_on_its_way(shell: Shell, tmp_path
     # One row a turn, and not five a second.
     _, shown, _ = shell("journal", "show", path)
     asked = sum(isinstance(event, Asked) and event.role != "dark" for event in events)
-    assert shown.count("turning") == asked
+    assert shown.count("turn the probe to") == asked
     _, listed, _ = shell("journal", "show", path, "--json")
     assert listed.count('"kind":"turning"') == sum(isinstance(event, Turning) for event in events)
 

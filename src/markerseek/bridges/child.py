@@ -85,6 +85,7 @@ class Outcome:
                 answer["answer"],
                 answer["angle_deg"],
                 sigma_deg=answer.get("sigma_deg"),
+                interval95_deg=answer.get("interval95_deg"),
                 reason=answer.get("reason"),
                 as_published=bool(answer.get("as_published")),
             )

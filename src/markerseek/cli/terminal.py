@@ -166,7 +166,7 @@ def time_left(seconds: float) -> str:
 @contextmanager
 def progress_bar(total: int | None, *, what: str) -> Iterator[Progress]:
     """A progress bar on standard error; hidden if that is not a terminal."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    columns = (TextColumn("{task.description}"), BarColumn(24), MofNCompleteColumn())
     # In a log file, Rich would write one line for each update.
     with Progress(*columns, console=stderr, transient=True, disable=not stderr.is_terminal) as progress:
         progress.add_task(what, total=total)
@@ -188,6 +188,10 @@ def show_view(progress: Progress, view: RunView, *, done: int | None = None) -> 
         progress.console.print(f"[yellow]{escape(view.line)}[/]")
     elif not view.over:
         line = escape(view.line)
+        if view.phase == "moving" and view.points and view.plan.sweep_speed_deg_s is None:
+            # A measurement is followed by the next move at once, and would hardly be seen.
+            last = view.points[-1]
+            line = f"intensity {last.intensity:.4g} at {last.angle_deg:.2f}°, next {view.target_deg:.2f}°"
         shown = f"[bold]{line}[/]" if view.phase == "turning" else line
         progress.update(progress.task_ids[0], completed=view.acquisitions if done is None else done, description=shown)
 

@@ -103,7 +103,13 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
 
     def __str__(self) -> str:
         """The answer, its angle and its reason, in a line."""
-        return answer_line(self.answer, self.angle_deg, sigma_deg=self.sigma_deg, reason=self.reason)
+        return answer_line(
+            self.answer,
+            self.angle_deg,
+            sigma_deg=self.sigma_deg,
+            interval95_deg=self.interval95_deg,
+            reason=self.reason,
+        )
 
 
 class ReplayedSearch(Answer, frozen=True, kw_only=True):

@@ -108,6 +108,7 @@ def answer_line(
     angle_deg: float,
     *,
     sigma_deg: float | None = None,
+    interval95_deg: Sequence[float] | None = None,
     reason: str | None = None,
     as_published: bool = False,
 ) -> str:
@@ -121,12 +122,16 @@ def answer_line(
         Best angle of the method, in degrees.
     sigma_deg
         Standard deviation of the angle, in degrees; None if there is none.
+    interval95_deg
+        Both ends of the 95 % interval of the angle, in degrees; None if there is none.
     reason
         Why the answer is so; None if the marker was found.
     as_published
         Whether the answer is that of the paper's form of a method, which claims nothing.
     """
     angle = f"{angle_deg:.3f}°" + ("" if sigma_deg is None else f" ± {sigma_deg:.3f}°")
+    if interval95_deg is not None:
+        angle += " [{:.3f}°, {:.3f}°]".format(*interval95_deg)
     if as_published:
         return f"angle {angle}, nothing is claimed"
     if answer == "found":

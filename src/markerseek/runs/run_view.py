@@ -281,7 +281,7 @@ def _after(view: RunView, event: JournalEvent, clock_s: float) -> RunView:
         case Started(start_deg=start_deg, limits=limits):
             # A search that starts again keeps no measurement, but the pulses were fired.
             begun = RunView(plan=view.plan, facts=view.facts, number=view.number, pulses=view.pulses)
-            line = f"started at {start_deg:.2f}°, {limits}"
+            line = f"started at {start_deg:.3f}°, searches {limits}"
             begun = replace(begun, probe_deg=start_deg, seen_deg=start_deg)
             return replace(begun, started_s=clock_s, start_deg=start_deg, line=line)
         case Asked() | Turning() | Swept():
@@ -289,7 +289,7 @@ def _after(view: RunView, event: JournalEvent, clock_s: float) -> RunView:
         case Measured():
             return _measured(view, event)
         case Refused(angle_deg=angle_deg, reason=reason):
-            line = f"refused at {angle_deg:.2f}°: {reason}"
+            line = f"refused at {angle_deg:.3f}°: {reason}"
             return replace(view, phase="refused", refused=view.refused + 1, line=line)
         case Finished(estimate=estimate):
             # The paper's form of a method always answers, and claims nothing.
@@ -301,8 +301,8 @@ def _after(view: RunView, event: JournalEvent, clock_s: float) -> RunView:
         case Failed(error=error):
             line = f"fault: {error}; {FAULT_END}"
             return replace(view, phase="fault", finished=None, line=line, problem=with_minus(str(error)))
-        case Interrupted():
-            return replace(view, phase="stopped", line=STOPPED)
+        case Interrupted(reason=reason):
+            return replace(view, phase="stopped", line=f"{STOPPED} ({reason})")
         case Resuming(by=by):
             line = f"armed by {by}" + ("; measures the strongest angle again" if view.points else "")
             return replace(view, phase="checking", line=line)
@@ -318,28 +318,33 @@ def _turning(view: RunView, event: Asked | Turning | Swept) -> RunView:
         line = f"turn the probe to {event.target_deg:.1f}°: {read}"
         return replace(view, phase="turning", asked_deg=event.target_deg, seen_deg=event.angle_deg, line=line)
     if isinstance(event, Swept):
-        line = f"the sweep is over after {counted(event.pulses, 'pulse')}, the probe is at {event.angle_deg:.2f}°"
+        line = f"the sweep is over after {counted(event.pulses, 'pulse')}, the probe is at {event.angle_deg:.3f}°"
         return replace(_moved(view, event.angle_deg), phase="measured", line=line)
     view = replace(view, role=event.role, index=event.index)
     if event.role == "dark":
         count = f" of {view.plan.dark_frames}" if event.index <= view.plan.dark_frames else ""
         line = f"{_name(view, event.role, event.index)}{count}: measures the noise, laser off"
         return replace(view, phase="dark", dark=event.index, line=line)
-    line = f"{_name(view, event.role, event.index)} at {event.angle_deg:.2f}°"
+    line = f"{_name(view, event.role, event.index)} at {event.angle_deg:.3f}°"
     if event.sweep is not None:
+<<<<<<< .merge_file_skSqxX
         line = f"sweeps to {event.angle_deg:.2f}°"
     known_s = None
     if event.role == "confirmation" and not view.plan.as_published:
         known_s = view.elapsed_s
         line = f"the answer is {event.angle_deg:.2f}°, known after {known_s:.1f} s: turns there to confirm it"
     return replace(view, phase="moving", target_deg=event.angle_deg, known_s=known_s, line=line)
+=======
+        line = f"sweeps to {event.angle_deg:.3f}° at {event.sweep.speed_deg_s:g} deg/s"
+    return replace(view, phase="moving", target_deg=event.angle_deg, line=line)
+>>>>>>> .merge_file_XRzcNb
 
 
 def _measured(view: RunView, event: Measured) -> RunView:
     sample = event.sample
     view = replace(view, role=event.role, index=event.index, seen_deg=sample.angle_deg)
     name = _name(view, event.role, event.index)
-    line = f"{name}: {sample.angle_deg:.2f}°, intensity {sample.reading.intensity:.4g}"
+    line = f"{name}: {sample.angle_deg:.3f}°, intensity {sample.reading.intensity:.4g}"
     phase: Phase = "measured" if sample.sweep is None else "sweeping"
     if sample.dark:
         return replace(view, phase=phase, probe_deg=sample.angle_deg, line=line)

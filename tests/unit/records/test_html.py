@@ -122,4 +122,4 @@ def test_progress_is_one_line_an_acquisition_on_standard_error(capsys: pytest.Ca
     # Those of the search, then the angles that it left.
     left = {each.angle_deg for each in result.samples} - {each.angle_deg for each in result.search.samples}
     assert len(lines) == result.search.acquisitions + len(left)
-    assert with_minus(f"{result.search.samples[0].angle_deg:.2f}°") in lines[0]
+    assert with_minus(f"{result.search.samples[0].angle_deg:.3f}°") in lines[0]

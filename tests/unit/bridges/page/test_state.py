@@ -377,10 +377,10 @@ def test_one_stop_has_one_wording():
     view = shown(session, events[:6])[-1]
     by_signal = view.add(Interrupted(reason="SIGINT"), clock_s=1.0)
     by_page = view.cut_off(STOPPED)
-    assert by_signal.line == by_page.line == STOPPED
+    assert (by_signal.line, by_page.line) == (f"{STOPPED} (SIGINT)", STOPPED)
     for each in (by_signal, by_page):
         assert verdict_of(each).word == "STOPPED"
-        assert f"stopped: {verdict_of(each).reason}" == STOPPED
+        assert f"stopped: {verdict_of(each).reason}" == each.line
 
 
 def test_a_page_without_a_run_is_ready():
