@@ -327,17 +327,12 @@ def _turning(view: RunView, event: Asked | Turning | Swept) -> RunView:
         return replace(view, phase="dark", dark=event.index, line=line)
     line = f"{_name(view, event.role, event.index)} at {event.angle_deg:.3f}°"
     if event.sweep is not None:
-<<<<<<< .merge_file_skSqxX
-        line = f"sweeps to {event.angle_deg:.2f}°"
+        line = f"sweeps to {event.angle_deg:.3f}° at {event.sweep.speed_deg_s:g} deg/s"
     known_s = None
     if event.role == "confirmation" and not view.plan.as_published:
         known_s = view.elapsed_s
-        line = f"the answer is {event.angle_deg:.2f}°, known after {known_s:.1f} s: turns there to confirm it"
+        line = f"the answer is {event.angle_deg:.3f}°, known after {known_s:.1f} s: turns there to confirm it"
     return replace(view, phase="moving", target_deg=event.angle_deg, known_s=known_s, line=line)
-=======
-        line = f"sweeps to {event.angle_deg:.3f}° at {event.sweep.speed_deg_s:g} deg/s"
-    return replace(view, phase="moving", target_deg=event.angle_deg, line=line)
->>>>>>> .merge_file_XRzcNb
 
 
 def _measured(view: RunView, event: Measured) -> RunView:
