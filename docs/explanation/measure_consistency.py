@@ -11,8 +11,8 @@ import sys
 
 import numpy as np
 
-from markerseek.studies.paper import paper_number
-from markerseek.studies.paper.curve_runs import Condition, answers_of_trial, study_of
+from markerseek.studies.paper.fig5 import Condition, answers_of_trial, study_of
+from markerseek.studies.paper.printed import printed_value
 
 RADII_M = (0.15e-3, 0.3e-3, 0.35e-3, 0.4e-3, 0.45e-3, 0.5e-3, 0.8e-3, 1.2e-3)
 """Radii of the absorber, which set the widths: from the default to half the stained patch of 5 mm at its waist."""
@@ -42,7 +42,7 @@ def errors_deg(condition: Condition) -> dict[str, float]:
 def misfit(errors: dict[str, float]) -> float:
     """Sum of the squared logarithms of ours over the paper's."""
     # An error may be 0 with little noise, and has no logarithm then.
-    return sum(math.log(max(error, 1e-6) / paper_number(f"fig5/{name}").value) ** 2 for name, error in errors.items())
+    return sum(math.log(max(error, 1e-6) / printed_value(f"fig5/{name}")) ** 2 for name, error in errors.items())
 
 
 def main() -> None:

@@ -16,7 +16,7 @@ import pytest
 from markerseek import rigs
 from markerseek.bridges import AskedSearch, ChildRun, Outcome, Searches, SearchOptions
 from markerseek.bridges.igtl.commands import search_request
-from markerseek.core import ConfigError, Measured, SearchError, SearchPlan
+from markerseek.core import ConfigError, Finished, Measured, SearchError, SearchPlan
 from markerseek.records.journal import Configuration, Entry, Interrupted, JournalItem, read_journal
 from markerseek.runs import new_session, plan_on
 
@@ -118,12 +118,12 @@ def test_26_7_a_child_whose_bridge_is_killed_or_hangs_stops_the_search_within_5_
 @pytest.mark.parametrize(
     ("answer", "reason", "said"),
     [
-        ("found", None, "found at 1.700 deg"),
+        ("found", None, "found at 1.700°"),
         ("not found", "no signal above the noise floor", "not found: no signal above the noise floor"),
         (
             "unsure",
             "the confirmation was weaker",
-            "unsure: the confirmation was weaker; best guess 1.700 deg, not claimed",
+            "unsure: the confirmation was weaker; best guess 1.700°, not claimed",
         ),
     ],
 )
@@ -135,7 +135,7 @@ def test_an_angle_is_said_and_claimed_only_where_a_marker_was_found(answer: str,
 def test_of_a_published_form_nothing_is_claimed_and_a_kill_is_named() -> None:
     answer = {"answer": "found", "angle_deg": 1.7, "reason": None, "as_published": True}
     message = Outcome(exit_code=0, answer=answer).message
-    assert message == "angle 1.700 deg, nothing is claimed: the paper's form always answers"
+    assert message == "angle 1.700°, nothing is claimed"
     killed = Outcome(exit_code=137, answer=None).message
     assert killed == "the command ended with exit code 137, by SIGKILL"
 
@@ -149,17 +149,25 @@ def test_an_error_is_one_sentence(tmp_path: Path) -> None:
 
 
 def test_a_second_search_is_refused_while_one_runs() -> None:
-    searches = Searches(SearchOptions(pace=0.02))
-    assert not searches.cancel()
-    with searches.start(AskedSearch().changed(seed=1)) as child:
-        with pytest.raises(SearchError, match="a search is running; cancel it, or wait for its result"):
-            searches.start(AskedSearch().changed(seed=2))
-        assert searches.cancel()
-        list(child.items())
-        assert child.outcome().exit_code == 130
-    again = searches.start(AskedSearch().changed(method="ternary", acquisitions=4))
-    list(again.items())
-    assert again.outcome().exit_code in (0, 3)
+    items: list[JournalItem] = []
+    outcomes: list[Outcome] = []
+    started: list[int] = []
+    searches = Searches(SearchOptions(pace=0.02), on_start=started.append, on_item=items.append, on_end=outcomes.append)
+    assert searches.stop() == (False, "no search is running")
+    searches.start(AskedSearch().changed(seed=1))
+    with pytest.raises(SearchError, match="a search is running; stop it, or wait for its end"):
+        searches.start(AskedSearch().changed(seed=2))
+    assert searches.stop() == (True, "the search is being stopped")
+    searches.close()
+    assert [each.stopped for each in outcomes] == [True]
+    items.clear()
+    searches.start(AskedSearch().changed(method="ternary", acquisitions=4))
+    while searches.running:
+        time.sleep(0.01)
+    assert outcomes[-1].answered
+    assert isinstance(items[0], Configuration)
+    assert isinstance(items[-1].event, Finished)
+    assert len(started) == 2
 
 
 @pytest.mark.parametrize(

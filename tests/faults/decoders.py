@@ -146,17 +146,22 @@ IN_THIS_PROCESS = {
     "hdf5": ("a.hdf5", _whole_hdf5, _read_probed_hdf5),
     "mat73": ("a.mat", _whole_mat73, read_mat73),
 }
-"""The same, HDF5 without the child process: for fuzzing that library."""
+"""The same, HDF5 without the child process."""
 
 
 def outcome(read: Callable[[Path], object], path: Path, data: bytes) -> str:
     """``read`` or ``refused``; any other error comes through."""
     path.write_bytes(data)
+    return read_or_refused(lambda: read(path), RecordError)
+
+
+def read_or_refused(read: Callable[[], object], refusal: type[Exception]) -> str:
+    """``read`` or ``refused``; any other error comes through."""
     try:
-        read(path)
-    except RecordError as refusal:
-        if not str(refusal):
-            raise AssertionError("a refusal without a sentence") from refusal
+        read()
+    except refusal as refused:
+        if not str(refused):
+            raise AssertionError("a refusal without a sentence") from refused
         return "refused"
     return "read"
 

@@ -14,7 +14,6 @@ import pytest
 from markerseek.core import Found, Interval, NotConnectedError
 from markerseek.guard import Guard, State
 from markerseek.sim import FaultKind
-from tests.faults.campaign.receiver_faults import RECEIVER_FAULTS
 
 pytest.importorskip("serial", reason="the supervisor's lines need the extra devices")
 
@@ -138,23 +137,33 @@ def seen(trace: campaign_runs.Trace) -> set[str]:
     return {promise for promise, _ in check(trace).broken}
 
 
-def test_the_checker_finds_nothing_in_a_healthy_run(healthy: campaign_runs.Trace) -> None:
+def test_the_checker_sees_each_broken_promise_and_nothing_in_a_healthy_run(
+    healthy: campaign_runs.Trace,
+) -> None:
+    world = healthy.world
+    lights, received = world.lights, world.received
     assert seen(healthy) == set()
-
-
-def test_the_checker_sees_a_probe_beyond_its_limits(healthy: campaign_runs.Trace) -> None:
-    healthy.world.highest_deg = healthy.plan.limits.travel.high_deg + 0.2
-    assert seen(healthy) == {"P1"}
-
-
-def test_the_checker_sees_pulses_without_a_permit(healthy: campaign_runs.Trace) -> None:
-    lights = healthy.world.lights
-    healthy.world.lights = [*lights, replace(lights[-1], pulses=1)]
-    assert seen(healthy) == {"P3"}
-    healthy.world.lights = [*lights[:-1], replace(lights[-1], moving=True)]
-    assert seen(healthy) == {"P3"}
-    healthy.world.lights = lights
-    assert seen(replace(healthy, sent_permits=(*healthy.sent_permits, ("permit-99", 1)))) == {"P3"}
+    for name, value, promise in (
+        ("highest_deg", healthy.plan.limits.travel.high_deg + 0.2, "P1"),
+        ("lights", [*lights, replace(lights[-1], pulses=1)], "P3"),
+        ("lights", [*lights[:-1], replace(lights[-1], moving=True)], "P3"),
+        *(
+            ("received", [*received[:-1], replace(received[-1], **change)], "P6")
+            for change in ({"token": "x"}, {"intensity": 1.0}, {"angle_deg": 80.0}, {"pulses": 1})
+        ),
+    ):
+        before = getattr(world, name)
+        setattr(world, name, value)
+        assert seen(healthy) == {promise}
+        setattr(world, name, before)
+    for changes, promise in (
+        ({"sent_permits": (*healthy.sent_permits, ("permit-99", 1))}, "P3"),
+        ({"acted": (replace(FAULTS["stage", "stall"].fault, from_step=1),)}, "P6"),
+        ({"left_fault": True}, "P7"),
+        ({"virtual_s": 1e5}, "P8"),
+        ({"journal": replace(healthy.journal, entries=healthy.journal.entries[:-1])}, "P8"),
+    ):
+        assert seen(replace(healthy, **changes)) == {promise}
 
 
 def test_sweeps_without_a_fault_end_with_an_answer_free_running_and_position_triggered(tmp_path: Path) -> None:
@@ -231,25 +240,6 @@ def test_the_checker_sees_light_that_no_sweep_permits(tmp_path: Path) -> None:
         assert seen(trace) == {"P3"}, change
 
 
-def test_the_checker_sees_an_accepted_frame_that_differs_from_the_received_one(healthy: campaign_runs.Trace) -> None:
-    received = healthy.world.received
-    for change in ({"token": "x"}, {"intensity": 1.0}, {"angle_deg": 80.0}, {"pulses": 1}):
-        healthy.world.received = [*received[:-1], replace(received[-1], **change)]
-        assert seen(healthy) == {"P6"}
-
-
-def test_the_checker_sees_a_fault_that_was_not_reported(healthy: campaign_runs.Trace) -> None:
-    fault = replace(FAULTS["stage", "stall"].fault, from_step=1)
-    assert seen(replace(healthy, acted=(fault,))) == {"P6"}
-
-
-def test_the_checker_sees_a_run_that_does_not_end_and_a_fault_that_was_left(healthy: campaign_runs.Trace) -> None:
-    assert seen(replace(healthy, virtual_s=1e5)) == {"P8"}
-    cut = replace(healthy.journal, entries=healthy.journal.entries[:-1])
-    assert seen(replace(healthy, journal=cut)) == {"P8"}
-    assert seen(replace(healthy, left_fault=True)) == {"P7"}
-
-
 def test_the_checker_sees_a_wrong_angle(healthy: campaign_runs.Trace) -> None:
     last = healthy.journal.entries[-1]
     for off_deg, wrong in ((1.9, False), (2.1, True)):
@@ -270,8 +260,3 @@ def test_a_guard_that_leaves_fault_by_itself_is_noticed(monkeypatch: pytest.Monk
     assert not campaign_runs.leaves_fault(guard)
     monkeypatch.setattr(Guard, "disarm", lambda self: setattr(self, "_state", State.DISARMED))
     assert campaign_runs.leaves_fault(guard)
-
-
-@pytest.mark.parametrize("name", ["dead", "NaN", "late frames"])
-def test_faults_that_the_package_has_too_are_the_packages(name: str) -> None:
-    assert FAULTS["receiver", name].fault is RECEIVER_FAULTS[name]

@@ -33,9 +33,9 @@ read_bank(Path(sys.argv[1]))
 print("done")
 """
 WORKERS = """
-from markerseek.studies.workers import on_processes
+from markerseek.studies.workers import in_order
 if __name__ == "__main__":
-    assert list(on_processes(abs, [-1, -2, -3], workers=2)) == [1, 2, 3]
+    assert list(in_order(abs, [-1, -2, -3], workers=2)) == [1, 2, 3]
     print("done")
 """
 

@@ -6,7 +6,6 @@ by the name of the decoder; ``tests/faults/fuzz.py`` searches for more.
 
 from __future__ import annotations
 
-import os
 import struct
 import tracemalloc
 from pathlib import Path
@@ -16,20 +15,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from markerseek.core import DeviceError, MoveError, NotConnectedError
+from markerseek.core import MoveError, NotConnectedError
 from markerseek.drivers import Kdc101Settings, Kdc101Stage, LaserBox
-from markerseek.drivers.daq_folder import DaqFolder
 from markerseek.emulators import DirectPort
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
 from markerseek.wire import apt, laserbox
-from markerseek.wire import sonixdaq as daq
-from tests.faults.hostile_folders import STEP
 from tests.faults.wire_decoders import WIRES, ScriptedPort, wire_outcome
 from tests.sizes import examples
 
 CORPUS = Path(__file__).parent / "corpus"
-ON_LINES = sorted(set(WIRES) - {"sonixdaq"})
 ROOM_BYTES = 3_000_000
 
 
@@ -41,7 +36,7 @@ def test_a_sound_device_is_understood(decoder: str) -> None:
 
 
 @settings(max_examples=examples(150), deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
-@given(data=st.data(), decoder=st.sampled_from(ON_LINES))
+@given(data=st.data(), decoder=st.sampled_from(sorted(WIRES)))
 def test_damaged_answers_are_understood_or_refused(data: st.DataObject, decoder: str) -> None:
     whole, decode = WIRES[decoder]
     damaged = bytearray(whole())
@@ -52,25 +47,9 @@ def test_damaged_answers_are_understood_or_refused(data: st.DataObject, decoder:
 
 
 @settings(max_examples=examples(60), deadline=None, derandomize=True)
-@given(data=st.binary(max_size=300), decoder=st.sampled_from(ON_LINES))
+@given(data=st.binary(max_size=300), decoder=st.sampled_from(sorted(WIRES)))
 def test_any_answers_are_understood_or_refused(data: bytes, decoder: str) -> None:
     assert wire_outcome(WIRES[decoder][1], data) in ("read", "refused")
-
-
-@settings(max_examples=examples(30), deadline=None, derandomize=True)
-@given(
-    steps=st.lists(
-        st.tuples(
-            *(st.integers(0, 255), st.integers(0, 129), st.integers(0, 9), st.integers(0, 9)),
-            *(st.integers(-2, 9), st.integers(-2, 9)),
-        ),
-        min_size=1,
-        max_size=6,
-    )
-)
-def test_any_folder_is_read_or_refused(steps: list[tuple[int, ...]]) -> None:
-    data = b"\0" + b"".join(STEP.pack(*step) for step in steps)
-    assert wire_outcome(WIRES["sonixdaq"][1], data) in ("read", "refused")
 
 
 @pytest.mark.parametrize("decoder", ["kdc101", "laserbox", "laserbox-signed", "picolas"])
@@ -115,24 +94,3 @@ def test_a_stage_too_far_from_home_for_any_target_to_be_encoded_is_refused(posit
     settings = Kdc101Settings(port="", zero_deg=-100.0 if position > 0 else 100.0)
     with pytest.raises(MoveError, match="more than a thousand turns"):
         Kdc101Stage(port=port, clock=clock, settings=settings)
-
-
-def test_a_pipe_in_the_place_of_a_channel_file_is_not_waited_for(tmp_path: Path) -> None:
-    """It may be put there after the folder was looked at."""
-    os.mkfifo(tmp_path / "CH000.daq")
-    (tmp_path / "CH001.daq").mkdir()
-    folder = DaqFolder(tmp_path)
-    for name in ("CH000.daq", "CH001.daq"):
-        assert folder.incomplete(name)
-        with pytest.raises(DeviceError, match=r"not a regular file but a pipe|is a folder, and a file is expected"):
-            folder.read([name], pulses=4)
-
-
-def test_an_acquisition_of_gigabytes_is_refused_at_its_first_file(tmp_path: Path) -> None:
-    samples = 1 << 24
-    for number in range(daq.CHANNELS):
-        with (tmp_path / f"CH{number:03d}.daq").open("wb") as file:
-            file.write(struct.pack("<3i", number, 1, samples))
-            file.truncate(12 + 2 * samples)
-    with pytest.raises(DeviceError, match="16777216 samples of each pulse, at most 65536"):
-        DaqFolder(tmp_path).read([f"CH{number:03d}.daq" for number in range(daq.CHANNELS)], pulses=1)

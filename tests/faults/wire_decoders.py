@@ -6,11 +6,8 @@ device is silent, or, if the first byte of the script is odd, repeats the script
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -28,7 +25,7 @@ from markerseek.core import (
     SweepPermit,
     is_finite,
 )
-from markerseek.drivers import Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
+from markerseek.drivers import Kdc101Stage, LaserBox
 from markerseek.drivers.picolas import PicolasLaser
 from markerseek.emulators import DirectPort
 from markerseek.emulators.kdc101 import Kdc101Emulator
@@ -37,7 +34,7 @@ from markerseek.sim import Flash, VirtualClock
 from markerseek.wire import apt, igtl, laserbox
 from markerseek.wire.apt_frames import CONTROLLER, TO_CONTROLLER, AptFramer
 from markerseek.wire.port import Port
-from tests.faults.hostile_folders import FolderClock, whole_folder
+from tests.faults.decoders import read_or_refused
 
 PULSES = 4
 MAX_READS = 100_000
@@ -304,23 +301,6 @@ def _whole_lines() -> bytes:
     return b"".join(laserbox.encode(reply) for reply in said)
 
 
-def _read_folder(data: bytes) -> None:
-    folder = Path(tempfile.mkdtemp(prefix="daq-", dir="/dev/shm"))
-    try:
-        clock = FolderClock(folder, data)
-        settings = SonixDaqSettings(folder=str(folder), timeout_s=1.0, stable_s=0.1)
-        receiver = SonixDaqReceiver(settings=settings, clock=clock)
-        permit = _permit(clock)
-        receiver.arm(permit)
-        clock.trigger()
-        frame = receiver.acquire(permit)
-        assert frame.samples.shape[0] == 128
-        assert frame.samples.dtype == np.int16
-        assert clock.now_s() <= LONGEST_S
-    finally:
-        shutil.rmtree(folder)
-
-
 def _read_igtl(data: bytes) -> None:
     """A message, with the checksum that fits, which chance would not find; a command in it is read too."""
     header = igtl.decode_header(data[: igtl.HEADER_BYTES], most_bytes=1 << 16)
@@ -353,17 +333,10 @@ WIRES: dict[str, tuple[Callable[[], bytes], Callable[[bytes], None]]] = {
         _scripted(_use_laser_sweep, _require_permits_as_permitted),
     ),
     "picolas": (_whole_of(_use_picolas, lambda _: AllIsWell()), _scripted(_use_picolas, _require_off_at_last)),
-    "sonixdaq": (whole_folder, _read_folder),
 }
 """What a sound device would say, and the function that decodes it, by the name of the decoder."""
 
 
 def wire_outcome(decode: Callable[[bytes], None], data: bytes) -> str:
     """``read`` or ``refused``; any other error comes through."""
-    try:
-        decode(data)
-    except DeviceError as refusal:
-        if not str(refusal):
-            raise AssertionError("a refusal without a sentence") from refusal
-        return "refused"
-    return "read"
+    return read_or_refused(lambda: decode(data), DeviceError)

@@ -158,18 +158,6 @@ def test_a7_what_a_probe_of_ones_own_blanks_is_passed_over(
     assert json.loads(out)["cen_deg"] == pytest.approx(12.495, abs=0.01)
 
 
-def test_a8_a_glitch_in_one_channel_of_each_frame_sets_no_scale(
-    shell: Shell, save: Callable[..., Path], volts: np.ndarray
-) -> None:
-    frames = volts.copy()
-    for frame in frames:
-        frame[RANDOM.integers(128), RANDOM.integers(100, 2080)] = RANDOM.choice([-5.0, 5.0])
-    bank, said = imported(shell, save(frames))
-    assert "12 samples (0.00038 %) lie beyond int16 and are clipped" in said
-    assert centre_deg(shell, bank) == pytest.approx(12.495, abs=0.02)
-    found_at_the_marker(shell, bank)
-
-
 TYPES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "int32": lambda counts: (counts * 3000).astype(np.int32),
     "int32 with a glitch": lambda counts: np.where(

@@ -333,15 +333,6 @@ def test_complex_numbers_of_another_program(
     assert answer_deg(shell, path) == pytest.approx(MARKER_DEG, abs=0.3)
 
 
-def test_a_dataset_in_another_file_is_called_so(shell: Shell, tmp_path: Path, angles_deg: np.ndarray) -> None:
-    path, raw = tmp_path / "scan.h5", tmp_path / "raw.bin"
-    raw.write_bytes(bytes(12 * 128 * 2080 * 2))
-    with h5py.File(path, "w") as file:
-        file.create_dataset("frames", (12, 128, 2080), "i2", external=[(raw, 0, h5py.h5f.UNLIMITED)])
-        file["angle_deg"] = angles_deg
-    assert "frames lies in another file" in refused(shell, path)
-
-
 def test_no_order_of_axes_is_offered_for_nothing(shell: Shell, tmp_path: Path, frames: np.ndarray) -> None:
     np.savez(tmp_path / "scan.npz", frames=frames[:0], angle_deg=np.empty(0))
     said = refused(shell, tmp_path / "scan.npz")

@@ -132,17 +132,6 @@ def test_d_a_search_that_found_the_wrong_hump_does_not_contradict(
     assert "; all angles together say ambiguous" in said
 
 
-def test_d_a_search_at_another_angle_is_said_to_be_less(shell: Shell, tmp_path: Path) -> None:
-    path = humps(tmp_path / "mine.csv", (-20.0, 1.0), (10.0, 0.3))
-    words = (path, "--method", "golden-section")
-    code, result = replayed(shell, *words)
-    assert (code, result["search"]["answer"]) == (0, "found")
-    assert result["angle_deg"] == pytest.approx(-20, abs=0.2)
-    assert result["search"]["angle_deg"] == pytest.approx(10, abs=0.5)
-    said = " ".join(shell("replay", *words)[1].split())
-    assert f"all angles together say found at {result['angle_deg']:.3f}°" in said
-
-
 def test_d_a_scan_of_more_angles_than_a_search_may_take_is_answered_from_all(shell: Shell, tmp_path: Path) -> None:
     angles = MAX_ACQUISITIONS + 61
     path = humps(tmp_path / "mine.csv", (12.34, 1.0), angles=angles)

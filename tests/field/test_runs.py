@@ -25,9 +25,6 @@ from markerseek.core import ConfigError, MissingExtraError, RecordError, needs_p
 from markerseek.records.image_files import read_png
 from markerseek.records.journal import Entry, Interrupted, read_journal
 from tests.emulated import markerseek
-from tests.faults.campaign.checker import OFF_DEG
-from tests.faults.campaign.report import kinds, promises
-from tests.faults.campaign.tally import Tally
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -317,19 +314,6 @@ def test_c_an_image_whose_library_is_broken_is_not_called_damaged(
     with pytest.raises(RecordError, match="because of a library: ImportError: libGL") as raised:
         read_png(image)
     assert "damaged" not in str(raised.value)
-
-
-def test_b10_the_campaign_says_at_how_many_degrees_it_judges_a_claim() -> None:
-    said = f"off by more than {OFF_DEG:g}°"
-    table = [line for line in promises(Tally(), preventable=[]) if "P10" in line]
-    assert len(table) == 2
-    assert all(said in line for line in table)
-    assert f"found and off > {OFF_DEG:g}°" in kinds(Tally())[0]
-    pages = Path(__file__).parents[2] / "docs"
-    for page in ("explanation/faults.md", "data/fault-tables.md"):
-        rows = [line for line in (pages / page).read_text(encoding="utf-8").splitlines() if line.startswith("| P10")]
-        assert rows
-        assert all(said in row for row in rows)
 
 
 def asked(port: int, path: str, **headers: str) -> tuple[int, dict[str, str], str]:

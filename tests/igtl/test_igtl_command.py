@@ -49,7 +49,7 @@ def test_a_command_starts_a_search_whose_answer_is_that_of_the_ordinary_command(
         reply = client.until(lambda message: message.content.kind == "RTS_COMMAND")[-1]
         assert reply.metadata["Status"] == "SUCCESS"
         refused = client.ask(START)
-        assert 'Status="FAIL" Message="a search is running; send StopSearch, or wait for its end"' in refused
+        assert 'Status="FAIL" Message="a search is running; stop it, or wait for its end"' in refused
         # The last message of a search is its state.
         messages = watcher.until(over)
         last = json.loads(messages[-1].content.text)

@@ -15,6 +15,7 @@ from markerseek import rigs
 from markerseek.bridges import Outcome
 from markerseek.bridges.igtl import Stream, Streams
 from markerseek.core import (
+    PAPER_RANGE,
     Asked,
     BModeFrame,
     ChannelFrame,
@@ -23,6 +24,7 @@ from markerseek.core import (
     Sample,
     ScanGeometry,
     SearchPlan,
+    Started,
     Sweep,
     SweepTiming,
     Swept,
@@ -137,13 +139,16 @@ def test_a_probe_that_a_person_turns_is_shown_on_its_way() -> None:
     streams = Streams()
     rig = rigs.simulated(seed=1)
     streams.after(configuration_of(rig, SearchPlan(method="ternary")))
-    for angle_deg, sent_before in ((30.0, True), (None, False)):
-        event = Turning(target_deg=-12.0, angle_deg=angle_deg)
-        sent = by_device(streams.after(Entry(number=1, written="", clock_s=0.0, event=event)))
+    begun = Started(start_deg=2.0, limits=PAPER_RANGE)
+    streams.after(Entry(number=1, written="", clock_s=0.0, event=begun))
+    # The last read-back angle is said again if a person will type the angle in, and no transform is sent.
+    for reads_deg, said_deg in ((30.0, 30.0), (None, 2.0)):
+        event = Turning(target_deg=-12.0, angle_deg=reads_deg)
+        sent = by_device(streams.after(Entry(number=2, written="", clock_s=0.0, event=event)))
         state = msgspec.json.decode(sent["SearchState"].content.text)
-        assert (state["target_deg"], state["angle_deg"]) == (-12.0, 30.0)
-        assert ("ProbeToProbeHome" in sent) == sent_before
-        if sent_before:
+        assert (state["target_deg"], state["angle_deg"]) == (-12.0, said_deg)
+        assert ("ProbeToProbeHome" in sent) == (reads_deg is not None)
+        if reads_deg is not None:
             assert sent["ProbeToProbeHome"].content.matrix[0, 2] == pytest.approx(0.5)
 
 

@@ -6,10 +6,12 @@ from inspect import signature
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+from markerseek import rigs
 from markerseek.bridges.igtl import Streams
 from markerseek.cli import igtl
-from markerseek.core import Interval, Started
+from markerseek.core import Interval, SearchPlan, Started
 from markerseek.records.journal import Entry
+from markerseek.runs import configuration_of
 
 FILE = Path(__file__).parents[2] / "examples" / "plus" / "PlusDeviceSet_Server_markerseek.xml"
 
@@ -19,6 +21,7 @@ def test_plus_looks_for_the_transform_that_the_bridge_sends_where_it_sends_it() 
     tool = device.find("DataSources/DataSource").get("Id")
     streams = Streams()
     streams.started()
+    streams.after(configuration_of(rigs.simulated(seed=1), SearchPlan(method="ternary")))
     event = Started(start_deg=1.0, limits=Interval(low_deg=-10, high_deg=10))
     item = Entry(number=1, written="", clock_s=0.0, event=event)
     sent = streams.after(item)

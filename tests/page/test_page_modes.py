@@ -58,7 +58,7 @@ def test_replay_of_a_journal(opened, journal, shell):
     watched = opened("/replay")
     watched.tab.get_by_label("recording").click()
     # The list says what the run has found, in which tissue, and with which seed.
-    found = f"found at {result['angle_deg']:.2f}°".replace("-", "−")
+    found = f"found at {result['angle_deg']:.3f}°".replace("-", "−")
     listed = watched.tab.get_by_role("option", name=re.compile(rf"{journal.name}: {found}; .*, seed 3"))
     sync_api.expect(listed).to_have_count(1)
     listed.click()

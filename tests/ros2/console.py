@@ -1,7 +1,7 @@
 """A console in plain rclpy, as a lab would write it: it commands a stage or an acquisition, and prints what it hears.
 
-``console.py RELIABILITY ACTION [WORD ...]``: ``stop TOPIC`` moves to 30 degrees and stops 0.3 s later; ``numbers DEG``
-sends plain numbers; ``acquire PULSES ...`` asks for acquisitions, one after the other.
+``console.py RELIABILITY ACTION [WORD ...]``: ``stop TOPIC`` moves to 30 degrees and stops 0.3 s later;
+``acquire PULSES ...`` asks for acquisitions, one after the other.
 """
 
 import json
@@ -12,7 +12,7 @@ import time
 import rclpy
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Empty, Float64, String
+from std_msgs.msg import Empty, String
 
 
 class Console:
@@ -49,13 +49,6 @@ class Console:
         stop.publish(Empty())
         self.wait(1.0)
         return {"rest_deg": angles_deg[-1]}
-
-    def numbers(self, *angles_deg):
-        command = self.publisher(Float64, "/goto")
-        for angle_deg in angles_deg:
-            command.publish(Float64(data=float(angle_deg)))
-            self.wait(0.5)
-        return {}
 
     def acquire(self, *pulses):
         heard = []

@@ -6,14 +6,13 @@ import time
 
 import rclpy
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, String
+from std_msgs.msg import String
 
 
 def main():
     rclpy.init()
     node = rclpy.create_node("flood")
     joints = node.create_publisher(JointState, "/TRUS/move_jp", 10)
-    numbers = node.create_publisher(Float64, "/goto", 10)
     texts = node.create_publisher(String, "/TRUS/pa/acquire", 10)
     while joints.get_subscription_count() == 0:
         time.sleep(0.01)
@@ -27,7 +26,6 @@ def main():
     while True:
         for message in bad:
             joints.publish(message)
-        numbers.publish(Float64(data=math.inf))
         texts.publish(String(data="{" * 1000))
         time.sleep(0.002)
 

@@ -7,13 +7,13 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from markerseek.bridges.ros2 import MessagePump, PlainTopics, Serving, StageNode
+from markerseek.bridges.ros2 import MessagePump, Serving, StageNode
 from markerseek.core import Interval, MoveError
 from markerseek.drivers import SystemClock
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
 from markerseek.ros import RosNode, messages, topics
 
-JOINT, NUMBER = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"
+JOINT = "sensor_msgs/msg/JointState"
 SPEED_DEG_S = 20.0
 
 
@@ -60,19 +60,12 @@ class Bench:
             (topics.MEASURED_JS, JOINT),
             (topics.SETPOINT_JS, JOINT),
             (topics.STATE, "std_msgs/msg/String"),
-            (topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray"),
-            ("/angle", NUMBER),
         ):
             self.heard[topic] = []
             self.client.subscribe(topic, kind, self.heard[topic].append)
         self.client.advertise(topics.MOVE_JP, JOINT)
         self.client.advertise(topics.STOP, "std_msgs/msg/Empty")
-        self.client.advertise("/goto", NUMBER)
-        self.served = StageNode(
-            Serving(node=self.node, guard=self.guard, by="a test"),
-            stage=self.stage,
-            plain=PlainTopics(command="/goto", reached="/angle", unit="deg"),
-        )
+        self.served = StageNode(Serving(node=self.node, guard=self.guard, by="a test"), stage=self.stage)
         self.beat.served = [self.served]
         self.during: Callable[[], None] | None = None
         self.until(lambda: self.client.matched(topics.MOVE_JP))
@@ -96,12 +89,6 @@ class Bench:
     @property
     def states(self) -> list[dict[str, Any]]:
         return [json.loads(each.data) for each in self.heard[topics.STATE]]
-
-    def dropped(self) -> dict[str, str]:
-        self.heard[topics.DIAGNOSTICS].clear()
-        self.until(lambda: bool(self.heard[topics.DIAGNOSTICS]))
-        values = {each.key: each.value for each in self.heard[topics.DIAGNOSTICS][-1].status[0].values}
-        return {key.removeprefix("dropped: "): value for key, value in values.items() if key.startswith("dropped: ")}
 
     def close(self) -> None:
         self.beat.served = []

@@ -35,21 +35,18 @@ def test_a_command_is_carried_out_and_the_state_is_busy_and_then_idle(bench: Ben
 
 
 @pytest.mark.parametrize(
-    ("offset_s", "said", "counted"),
+    ("offset_s", "said"),
     [
-        (None, "it carries no stamp", "no stamp"),
-        (-0.4, "s old, at most 0.3 s are accepted", "too old"),
-        (5.0, "s ahead; compare the computers' clocks", "from the future"),
+        (None, "it carries no stamp"),
+        (-0.4, "s old, at most 0.3 s are accepted"),
+        (5.0, "s ahead; compare the computers' clocks"),
     ],
 )
-def test_a_command_with_a_wrong_stamp_is_dropped_and_counted(
-    bench: Bench, offset_s: float | None, said: str, counted: str
-) -> None:
+def test_a_command_with_a_wrong_stamp_is_refused(bench: Bench, offset_s: float | None, said: str) -> None:
     bench.send(topics.MOVE_JP, 4.0, stamp_s=0.0 if offset_s is None else bench.client.now_s() + offset_s)
     bench.until(lambda: said in bench.states[-1].get("refused", ""))
     bench.serve(0.3)
     assert bench.stage.asked == []
-    assert bench.dropped() == {counted: "1"}
 
 
 def test_a_command_that_is_sent_twice_is_carried_out_once(bench: Bench) -> None:
@@ -64,7 +61,6 @@ def test_a_command_that_is_sent_twice_is_carried_out_once(bench: Bench) -> None:
 @pytest.mark.parametrize("angle_deg", [35.01, -90.0, math.nan, math.inf])
 def test_an_angle_outside_of_the_limits_is_refused_and_never_clamped(bench: Bench, angle_deg: float) -> None:
     bench.send(topics.MOVE_JP, angle_deg)
-    bench.client.publish("/goto", messages.number(angle_deg))
     bench.until(lambda: bool(bench.states[-1].get("refused")))
     bench.serve(0.3)
     assert bench.stage.asked == []
@@ -129,17 +125,7 @@ def test_a_stage_that_fails_is_in_fault_and_no_message_leaves_it(bench: Bench) -
     bench.until(lambda: "it does not turn" in bench.states[-1].get("refused", ""))
     assert bench.stage.asked == [4.0]
     assert bench.guard.state is State.FAULT
-    bench.heard[topics.DIAGNOSTICS].clear()
-    bench.until(lambda: bool(bench.heard[topics.DIAGNOSTICS]))
-    status = bench.heard[topics.DIAGNOSTICS][-1].status[0]
-    assert status.level == b"\x02"
-    assert "it does not turn" in status.message
-
-
-def test_a_number_moves_as_a_whole_and_is_answered_with_the_angle_reached(bench: Bench) -> None:
-    bench.client.publish("/goto", messages.number(2.5))
-    bench.until(lambda: bool(bench.heard["/angle"]))
-    assert bench.heard["/angle"][-1].data == 2.5
+    assert "it does not turn" in bench.states[-1]["fault"]
 
 
 def test_nothing_interrupts_a_stage_that_rests(bench: Bench) -> None:

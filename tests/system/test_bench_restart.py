@@ -41,7 +41,7 @@ def test_a_search_after_a_death_in_mid_acquisition_names_stale_files_and_finds_t
     result = json.loads(ended.stdout)
     assert ended.returncode in (0, 3), ended.stderr
     assert abs(result["angle_deg"] - 6.4) < 0.5
-    assert result["refused"] == ended.stderr.count("refused:")
+    assert result["refused"] == ended.stderr.count("refused at ")
     # an interpreter takes longer to begin than a second on a busy machine: then nothing lands any more
     assert ended.stderr.count("stale files") == result["refused"] <= 1
 

@@ -75,28 +75,6 @@ def test_angle_zero_follows_the_sense_of_rotation(shell: Shell, scan: Path, dire
     assert f'direction = "{direction}"' in report["rig_toml"]
 
 
-def ends_early(scan: Path, to: Path) -> Path:
-    to.mkdir()
-    for path in scan.iterdir():
-        if float(path.name.removesuffix("deg.npy")) <= 1:
-            (to / path.name).symlink_to(path)
-    return to
-
-
-def short(scan: Path, to: Path) -> Path:
-    to.mkdir()
-    for number in (-1, 1, 3):
-        (to / f"{number}.npy").symlink_to(scan / f"{number:+d}deg.npy")
-    return to
-
-
-def one_frame_everywhere(scan: Path, to: Path) -> Path:
-    to.mkdir()
-    for number in range(10):
-        (to / f"{number}.npy").symlink_to(scan / "+1deg.npy")
-    return to
-
-
 def another_probe(_scan: Path, to: Path) -> Path:
     to.mkdir()
     for number in range(10):
@@ -119,9 +97,6 @@ def journal(_scan: Path, to: Path) -> Path:
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (ends_early, "the source is strongest at 1 deg, at an end of the scan from -12 to 1 deg; scan further"),
-        (short, "3 angles are too few to calibrate with, at least 8 must receive the source; scan one"),
-        (one_frame_everywhere, "at every one of 10 angles, so that nothing turned or nothing was recorded; scan one"),
         (another_probe, "at 0 deg: frame of 64 channels: probe BPL9-5/55 has 128; choose the probe"),
         (intensities, "it holds intensities only, and calibration needs the channel data of each angle; name a folder"),
         (journal, "it is the journal of a run and no bank"),

@@ -62,7 +62,7 @@ def test_a_doubt_whether_there_is_another_source_names_the_option_that_states_it
     code, out, _ = shell("search", "--seed", 3, "--no-journal", "--acquisitions", 4)
     said = " ".join(out.split())
     assert (code, "unsure: another source is the marker with" in said) == (3, True)
-    assert "%; --single states that there is none" in said
+    assert "the marker; --single states that there is none" in said
     _, out, _ = shell("search", "--seed", 1, "--no-journal", "--acquisitions", 4)
     assert "--single" not in out
 
@@ -74,4 +74,5 @@ def test_a_recording_is_not_asked_for_more_acquisitions(shell: Shell) -> None:
     answer, _, searched = " ".join(out.split()).partition("a search would have said")
     assert (code, "take more" in answer, "more acquisitions" in answer) == (0, False, False)
     assert "take more" not in searched
-    assert "more acquisitions, or more pulses in each, reduce it; all angles together say found" in searched
+    assert "more acquisitions, or more pulses in each, reduce it; best guess" in searched
+    assert "not claimed; all angles together say found" in searched

@@ -158,7 +158,7 @@ def test_settings_that_are_newer_than_the_hashes_do_not_change_them():
     """The hashes of a rig and of a study from before RF lines and B-mode images; a study's seeds are made of them."""
     from markerseek.rigs import fingerprint
     from markerseek.studies import cells
-    from markerseek.studies.paper.curve_runs import Condition, study_of
+    from markerseek.studies.paper.fig5 import Condition, study_of
 
     assert fingerprint(SimulatedSettings()) == "b147248e16205b8115e71afbb0e70af7"
     assert fingerprint(RF) != fingerprint(TIP) != fingerprint(SimulatedSettings())

@@ -31,7 +31,7 @@ def test_the_notebook_searches_draws_and_counts(tmp_path: Path, monkeypatch: pyt
     assert "<td" in searched["text/html"]
     assert ">found<" in searched["text/html"]
     assert "<svg" in searched["text/html"]
-    assert any("search 1:" in each.get("text", "") for each in code[0].outputs)
+    assert any("acquisition 1:" in each.get("text", "") for each in code[0].outputs)
     assert drawn["image/png"]
     acquisitions = int(re.findall(r">acquisitions</th><td[^>]*>(\d+)<", searched["text/html"])[0])
     assert [table["text/html"].count(f">{role}<") for role in ("search", "confirmation")] == [acquisitions, 1]

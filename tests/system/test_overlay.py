@@ -11,17 +11,14 @@ from markerseek.acoustics import Absorber, AcousticModel, Probe, RectanglePulse
 from markerseek.cli.frame import b_mode_under
 from markerseek.core import (
     BModeImage,
-    FrameHeader,
     LinearArray,
     PaImage,
     RecordError,
-    RFFrame,
     ScanGeometry,
 )
 from markerseek.pictures import overlay_figure
-from markerseek.signals import SpareReader, probe_preset
+from markerseek.signals import probe_preset
 from markerseek.sim import BModeSettings, BModeWorld
-from markerseek.vision import brightest_blob, find_tip
 from tests.unit.signals.machine_rf import post_beamformed
 
 DEPTH_M, LATERAL_M = 36e-3, 4e-3
@@ -61,17 +58,6 @@ def rf():
         f_number=2.0,
     )
     return np.rint(10 * lines).astype(np.int16)
-
-
-def test_one_place_is_one_place_in_both_images(rf):
-    settings, pixels = b_mode()
-    rectangle, _ = brightest_blob(pixels, pixel_m=(settings.pixel_m, settings.pixel_m))
-    tip = find_tip(pixels, rectangle, pixel_m=(settings.pixel_m, settings.pixel_m))
-    header = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
-    source = SpareReader(PRESET).read(RFFrame(header=header, samples=rf, sampling_hz=40e6))
-    row, column = settings.geometry.pixel(lateral_m=source.lateral_m, depth_m=source.depth_m)
-    # Two pixels are 0.3 mm.
-    assert (row, column) == pytest.approx((tip.row, tip.column), abs=2)
 
 
 def test_the_picture_puts_both_where_their_geometry_says():

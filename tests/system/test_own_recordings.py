@@ -40,23 +40,6 @@ def test_a_clean_scan_is_found_in_every_unit(shell: Shell, tmp_path: Path, unit:
     assert high_deg - low_deg < 1.0
 
 
-def test_the_same_scan_in_another_unit_is_searched_at_the_same_angles(shell: Shell, tmp_path: Path) -> None:
-    # The first planned angle lies in the middle of two recorded ones, and a unit may round either way.
-    angles_deg = np.linspace(-20, 20, 41)
-    noise = np.abs(np.random.default_rng(3).normal(size=41))
-    intensities = 100 / (1 + ((angles_deg - 7.3) / 3) ** 2) ** 1.2 + noise
-    searched = {}
-    for unit, per_degree in PER_DEGREE.items():
-        rows = np.column_stack([angles_deg * per_degree, intensities])
-        path = tmp_path / f"{unit}.csv"
-        np.savetxt(path, rows, delimiter=",", header=f"angle_{unit},intensity", comments="", fmt="%.7f")
-        result = json.loads(shell("replay", path, "--json")[1])
-        search = result["search"]
-        taken = [each["angle_deg"] for each in search["samples"]]
-        searched[unit] = (taken, *(each[key] for each in (search, result) for key in ("angle_deg", "sigma_deg")))
-    assert searched["rad"] == searched["mrad"] == searched["deg"]
-
-
 def test_a_recording_too_short_for_a_method_is_said_to_be_so(shell: Shell, tmp_path: Path) -> None:
     path = tmp_path / "mine.csv"
     path.write_text("angle_deg,intensity\n-10,1\n-5,4\n0,9\n5,4\n10,1\n")
@@ -80,16 +63,6 @@ def test_amounts_of_noise_in_a_file_are_no_second_source(
     # Some of the angles of a file of noise do not always show that it holds nothing else.
     searched = result["search"]["answer"]
     assert searched == answer or (marker_deg is None and searched in ("unsure", "ambiguous"))
-
-
-def test_a_recording_that_is_used_up_is_not_told_to_take_more(shell: Shell, tmp_path: Path) -> None:
-    path = tmp_path / "coarse.csv"
-    # Two sources as loud as one another, seen by five angles.
-    path.write_text("angle_deg,intensity\n-35,1.0\n-17,95\n0,1.1\n17,94\n35,0.9\n")
-    code, out, _ = shell("replay", path, "--json")
-    result = json.loads(out)
-    assert (code, result["acquisitions"]) == (3, 5)
-    assert "more acquisitions" not in (result["reason"] or "")
 
 
 def test_variables_of_ones_own_are_named_and_a_bank_says_by_what_it_is_imaged(shell: Shell, tmp_path: Path) -> None:

@@ -13,14 +13,12 @@ import msgspec
 import pytest
 from msgspec.structs import replace as changed_keys
 
-from markerseek import rigs
 from markerseek.core import ConfigError, Interval, RigFacts, SearchPlan
 from markerseek.drivers import BenchSettings, Kdc101Settings, LaserBoxSettings, SonixDaqSettings
 from markerseek.guard import FiringLimits, Limits
 from markerseek.records.journal import Configuration, Journal, RecordedRun
 from markerseek.rigs import BenchRecipe, SimulatedRecipe, fingerprint
 from markerseek.runs import rebuild_rig, require_same_measurement
-from markerseek.runs.rebuild import differences_of_benches
 from markerseek.sim import SimulatedSettings
 from tests.unit.records.changed_configuration import changed
 
@@ -177,19 +175,6 @@ def test_emulated_devices_do_not_continue_a_search_of_others(
     assert rebuild_rig(recorded(changed(held, emulated=now)), bench_settings=settings) is rig
 
 
-def test_equal_settings_differ_in_nothing(tmp_path: Path) -> None:
-    settings = settings_of(tmp_path)
-    assert differences_of_benches(settings, settings) == {}
-    assert require_same_measurement(begun_with(settings), settings, settings) == []
-    assert set(differences_of_benches(settings, hostile(tmp_path))) == {
-        "stage.port",
-        "receiver.start_command",
-        "limits.travel.low_deg",
-        "limits.travel.high_deg",
-        "firing.pulses_per_session",
-    }
-
-
 def test_a_rig_file_where_none_is_needed_or_of_another_kind_is_refused(shell: Shell, tmp_path: Path) -> None:
     path, rig = journal_and_rig(tmp_path, settings_of(tmp_path))
     simulated = tmp_path / "simulated.toml"
@@ -219,20 +204,3 @@ def test_a_journal_that_contradicts_itself_is_refused(
     Journal.create(path, changed(begun_with(settings_of(tmp_path)), **changes)).close()
     code, _, err = shell("resume", path, "--arm")
     assert (code, said in err) == (2, True), err
-
-
-def test_the_numbers_of_a_simulated_journal_are_checked_like_any_settings(shell: Shell, tmp_path: Path) -> None:
-    rig = rigs.simulated(seed=1)
-    good = msgspec.json.encode(rig.recipe)
-    for number, (old, new, said) in enumerate(
-        (
-            (b'"seed":1', b'"seed":-1', "seed is -1"),
-            (b'"speed_deg_s":10.0', b'"speed_deg_s":1e9', "speed_deg_s is 1000000000.0"),
-            (b'"high_deg":36.5', b'"high_deg":170000.0', "more than one turn"),
-        )
-    ):
-        assert old in good
-        path = tmp_path / f"{number}.journal"
-        Journal.create(path, configuration(recipe=msgspec.Raw(good.replace(old, new)))).close()
-        code, _, err = shell("resume", path, "--arm")
-        assert (code, said in err) == (2, True), err

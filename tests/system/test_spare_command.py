@@ -65,18 +65,6 @@ def test_noise_is_no_source_and_without_spare_nothing_is_looked_for(shell, rf_fi
     assert (code, "--spare looks for one" in out) == (0, True)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--spare", "--number", 3), "there is no frame 3, it holds 2"),
-        (("--over", "us.b8"), "holds no channel data"),
-    ],
-)
-def test_what_does_not_fit_is_refused(shell, rf_file, options, message):
-    code, _, err = shell("frame", rf_file, *options)
-    assert (code, message in err) == (2, True), err
-
-
 def test_other_files_and_odd_headers_are_refused(shell, rf_file, tmp_path):
     code, _, err = shell("frame", tmp_path / "a.npy", "--spare")
     assert (code, "is no .rf" in err) == (2, True)

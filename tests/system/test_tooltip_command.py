@@ -107,18 +107,6 @@ def test_the_paper_s_way_is_asked_for_by_name(shell, folder):
     assert published["half_range_deg"] < by_default["half_range_deg"]
 
 
-def test_images_of_something_else_have_no_tip(shell, tmp_path):
-    rng = np.random.default_rng(4)
-    (tmp_path / "other").mkdir()
-    for number in range(5):
-        ramp = np.linspace(0, 255, 200)[None, :] * np.ones((150, 1))
-        image = np.clip(ramp + rng.normal(0, 10, ramp.shape), 0, 255).astype(np.uint8)
-        cv2.imwrite(str(tmp_path / "other" / f"{number}.png"), image)
-    report = answer(shell, tmp_path / "other")
-    assert (report["found"], report["half_range_deg"]) == (False, None)
-    assert "no tip" in report["reason"]
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [

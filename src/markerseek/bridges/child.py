@@ -24,6 +24,7 @@ from typing import Any, Self
 
 import msgspec
 
+from markerseek.records import answer_line
 from markerseek.records.journal import JournalItem, follow
 
 TERMINATE_S = 2.0
@@ -79,17 +80,15 @@ class Outcome:
                 "not armed: nothing moved and nothing was fired; a person must arm the rig in the terminal of the "
                 "bridge or page"
             )
-        if answer.get("as_published"):
-            return f"angle {answer['angle_deg']:.3f} deg, nothing is claimed: the paper's form always answers"
         if "answer" in answer:
-            sigma = "" if answer.get("sigma_deg") is None else f" ± {answer['sigma_deg']:.3f}"
-            angle = f"{answer['angle_deg']:.3f}{sigma} deg"
-            reason = f": {answer['reason']}" if answer.get("reason") else ""
-            if answer["answer"] == "found":
-                return f"found at {angle}{reason}"
-            # Where nothing was detected, the angle is that of the noise.
-            unclaimed = "" if answer["answer"] == "not found" else f"; best guess {angle}, not claimed"
-            return f"{answer['answer']}{reason}{unclaimed}"
+            return answer_line(
+                answer["answer"],
+                answer["angle_deg"],
+                sigma_deg=answer.get("sigma_deg"),
+                interval95_deg=answer.get("interval95_deg"),
+                reason=answer.get("reason"),
+                as_published=bool(answer.get("as_published")),
+            )
         killed = {128 + each: f", by {each.name}" for each in signal.Signals}.get(self.exit_code, "")
         return f"the command ended with exit code {self.exit_code}{killed}"
 
@@ -100,7 +99,7 @@ class ChildRun:
     A search stops when nobody has read `items` for 4 s. Entries that wait to be read are in the file.
 
     ``arguments``: command and options, such as ``["search", "--seed", "1"]``; ``--json`` and those of the bridge are
-    added. ``journal``: the journal that they name; None where they keep none, and a file is made for the run alone.
+    added. ``journal``: the journal that they name; None if they keep none, and a file is made for the run alone.
     """
 
     def __init__(self, arguments: Sequence[str], *, journal: Path | None = None) -> None:
@@ -178,7 +177,7 @@ class ChildRun:
             timer.start()
 
     def kill(self) -> None:
-        """Kill it, where it does not stop; its supervisor then stops the rig, and its journal can be resumed."""
+        """Kill a child that does not stop; its supervisor then stops the rig, and its journal can be resumed."""
         self._process.kill()
 
     @property

@@ -5,14 +5,15 @@ from __future__ import annotations
 import errno
 import os
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from markerseek.bridges.asked import AskedSearch
-from markerseek.bridges.child import ChildRun
+from markerseek.bridges.child import ChildRun, Outcome
 from markerseek.core import RecordError, SearchError
 from markerseek.drivers import BenchSettings
-from markerseek.records.journal import default_journal, make_folder
+from markerseek.records.journal import JournalItem, default_journal, make_folder
 from markerseek.rigs import read_rig_file
 
 
@@ -31,7 +32,7 @@ class SearchOptions:
         return [*options, f"--pace={self.pace}"] if self.pace else options
 
     def new_journal(self, *, method: str) -> Path | None:
-        """Journal of a new search, in the data folder; None where that takes none, and the rig is simulated.
+        """Journal of a new search, in the data folder; None if that takes none, and the rig is simulated.
 
         Raises `SearchError` for a rig of devices: exposure of tissue without a record must be asked for.
         """
@@ -53,35 +54,77 @@ class SearchOptions:
 
 
 class Searches:
-    """The searches of one bridge, one at a time."""
+    """The searches of one bridge, one at a time; each is followed by a thread of its own to its end.
 
-    def __init__(self, options: SearchOptions) -> None:
+    ``on_start``: called with the process id when a search has been started. ``on_item``, ``on_end``: called by the
+    thread with each item of the journal, and with how the search ended.
+    """
+
+    def __init__(
+        self,
+        options: SearchOptions,
+        *,
+        on_start: Callable[[int], None],
+        on_item: Callable[[JournalItem], None],
+        on_end: Callable[[Outcome], None],
+    ) -> None:
         self._options = options
+        self._on_start, self._on_item, self._on_end = on_start, on_item, on_end
         self._lock = threading.Lock()
-        self._running: ChildRun | None = None
+        self._child: ChildRun | None = None
+        self._thread: threading.Thread | None = None
 
-    def start(self, asked: AskedSearch, *, asked_by: str | None = None) -> ChildRun:
+    @property
+    def running(self) -> bool:
+        """Whether a search runs, or its end has not been reported."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def start(self, asked: AskedSearch, *, asked_by: str | None = None) -> None:
         """Start a search.
 
         ``asked_by``: who asked, for the person who arms the rig; None for the user of the bridge's terminal. Raises
-        `SearchError` if one is running.
+        `SearchError` if a search is running.
         """
         # Two requests can come at once, from two threads of a bridge.
         with self._lock:
-            if self._running is not None and self._running.running:
-                raise SearchError("a search is running; cancel it, or wait for its result")
+            if self.running:
+                raise SearchError("a search is running; stop it, or wait for its end")
             arguments = ["search", *asked.arguments(), *self._options.arguments()]
             journal = self._options.new_journal(method=asked.plan.method)
             arguments.append("--no-journal" if journal is None else f"--journal={journal}")
             if asked_by is not None:
                 arguments.append(f"--asked-by={asked_by}")
-            self._running = ChildRun(arguments, journal=journal)
-            return self._running
+            self._child = ChildRun(arguments, journal=journal)
+            self._thread = threading.Thread(target=self._follow, args=(self._child,), daemon=True)
+            self._on_start(self._child.process_id)
+            self._thread.start()
 
-    def cancel(self) -> bool:
-        """Stop the search that is running; returns at once, False if there is none."""
+    def stop(self) -> tuple[bool, str]:
+        """Stop the search that runs; returns at once whether there is one, and a sentence for whoever asked."""
         with self._lock:
-            if self._running is None or not self._running.running:
-                return False
-            self._running.stop()
-            return True
+            if self._child is None or not self._child.running:
+                return False, "no search is running"
+            self._child.stop()
+            return True, "the search is being stopped"
+
+    def close(self) -> None:
+        """Stop the search that runs, and wait until its end has been reported."""
+        self.stop()
+        if self._thread is not None:
+            self._thread.join()
+
+    def _follow(self, child: ChildRun) -> None:
+        failure: Outcome | None = None
+        try:
+            for item in child.items():
+                self._on_item(item)
+        except RecordError as problem:
+            child.stop()
+            failure = Outcome(exit_code=1, answer={"error": str(problem), "kind": type(problem).__name__})
+        except BaseException:
+            # A defect here must not leave a search behind that nobody watches.
+            child.stop()
+            raise
+        finally:
+            outcome = child.outcome()
+            self._on_end(failure or outcome)

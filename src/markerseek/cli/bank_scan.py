@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -14,8 +15,8 @@ from markerseek.cli.open_rig import arm_rig, open_rig, person
 from markerseek.cli.options import Arm, AsJson, RigFile, Trust
 from markerseek.cli.report import Output, Report, with_version
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
-from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_event, stderr
-from markerseek.core import ChannelFrame, Event, MarkerseekError, Measured, Refused, RFFrame, Sample, SimulationOptions
+from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_view, stderr
+from markerseek.core import ChannelFrame, MarkerseekError, Measured, RFFrame, Sample, SearchPlan, SimulationOptions
 
 EXAMPLES = """
     markerseek bank scan scan.hdf5 --seed 1
@@ -68,10 +69,11 @@ def command(
     wavelength_m = scaled("--wavelength-nm", wavelength_nm, 1e-9, most=20_000)
     pulse_energy_j = scaled("--pulse-energy-mj", pulse_energy_mj, 1e-3, most=10_000)
     announce_compilation()
-    taken, refused = 0, 0
+    taken = 0
     stopped: StoppedBySignal | None = None
     with open_rig(rig, SimulationOptions(seed=seed), trust=trust) as (assembled, _start_deg):
         angles = runs.scan_angles(assembled, step_deg=step_deg)
+        view = runs.RunView(plan=SearchPlan(method="exhaustive"), facts=assembled.facts)
         arm_rig(assembled, file=rig, arm=arm, what="scan", as_json=as_json)
         scan = runs.scan_bank(
             assembled,
@@ -90,13 +92,14 @@ def command(
             ):
                 b_mode = BModeNote()
                 for event in scan:
-                    if isinstance(event, Event):
-                        show_event(progress, event)
+                    seen = event
                     if isinstance(event, Measured):
                         b_mode.meet(event.sample)
+                        # The counts of a frame have half a megabyte.
+                        seen = replace(event, sample=replace(event.sample, frame=None))
                         taken = event.index if event.role == "search" else taken
-                    elif isinstance(event, Refused):
-                        refused += 1
+                    view = view.add(seen, clock_s=assembled.scanner.clock.now_s())
+                    show_view(progress, view, done=taken)
         except StoppedBySignal as stop:
             stopped = stop
         finally:
@@ -117,7 +120,7 @@ def command(
         rig=facts.description,
         angles=taken,
         dark_frames=dark,
-        refused=refused,
+        refused=view.refused,
         simulated=assembled.simulated,
         emulated=facts.emulated,
         seed=facts.seed,

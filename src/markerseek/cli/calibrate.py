@@ -15,8 +15,9 @@ from rich.table import Table
 from rich.text import Text
 
 from markerseek import rigs, runs, signals
+from markerseek.cli.delay import measure_delay
 from markerseek.cli.direction import steadiness
-from markerseek.cli.options import AsJson, ProbeName
+from markerseek.cli.options import Arm, AsJson, ProbeName, RigFile, Trust
 from markerseek.cli.report import Output, Report, table, with_version
 from markerseek.cli.terminal import announce_compilation, progress_bar
 from markerseek.core import ChannelFrame, ConfigError, RecordError, Sample, SearchError, require_range
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 EXAMPLES = """
     markerseek bank scan point.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.5
     markerseek calibrate point.hdf5 --source-deg 12.5
-    markerseek calibrate point.hdf5 --json
+    markerseek calibrate --delay --rig examples/rigs/prm1z8-limits.toml
 """
 
 
@@ -46,7 +47,9 @@ NUMBERS = {
 
 
 def command(
-    bank: Annotated[Path, typer.Argument(help="Scan of one point source with its frames: IPASC HDF5 or a folder.")],
+    bank: Annotated[
+        Path | None, typer.Argument(help="Scan of one point source with its frames: IPASC HDF5 or a folder.")
+    ] = None,
     probe: ProbeName = None,
     source_deg: Annotated[float, typer.Option(help="True angle of the point source, in degrees.")] = 0.0,
     zero_deg: Annotated[float, typer.Option(help="The zero_deg of rig.toml with which the scan was taken.")] = 0.0,
@@ -58,6 +61,16 @@ def command(
         tuple[float, float] | None,
         typer.Option(help="Where the laser's pick-up is in the channels: first and last µs after the trigger, '0 1'."),
     ] = None,
+    delay: Annotated[
+        bool,
+        typer.Option(
+            "--delay",
+            help="Sweep a rig over one marker instead: delay of the laser's stamps, backlash of the stage.",
+        ),
+    ] = False,
+    rig: RigFile = None,
+    arm: Arm = False,
+    trust: Trust = False,
     as_json: AsJson = False,
 ) -> None:
     """Find angle zero, face radius, trigger offset, sound speed and noise, and print the lines for rig.toml.
@@ -68,6 +81,13 @@ def command(
     """
     from markerseek.records.banks import FrameBank
 
+    if delay == (bank is not None):
+        raise ConfigError("name a scan of a point source, or measure the delay of a rig with --delay, and not both")
+    if bank is None:
+        measure_delay(rig, arm=arm, trust=trust, as_json=as_json)
+        return
+    if rig is not None or arm or trust:
+        raise ConfigError("--rig, --arm and --trust belong to --delay; a scan names no rig")
     for name, angle_deg in (("--source-deg", source_deg), ("--zero-deg", zero_deg)):
         require_range(name, angle_deg, low=-360, high=360, unit="deg")
     if pickup_us is not None and not 0 <= pickup_us[0] < pickup_us[1] <= 1000:

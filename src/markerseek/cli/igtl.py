@@ -69,9 +69,8 @@ def command(
         # A file that cannot be used is refused now, not when somebody asks for a search.
         read_rig(rig, trust=trust)
     recording = None if play is None else bridges.open_recording(play)
-    searches = bridges.Searches(bridges.SearchOptions(rig=rig, pace=pace or 0.0))
     service = igtl.SearchService(
-        searches if recording is None else None,
+        bridges.SearchOptions(rig=rig, pace=pace or 0.0) if recording is None else None,
         # The name of a file may be no text, and is sent as text.
         recording=None if recording is None else printable(recording.name),
         registration=None if registration is None else runs.read_registration(registration),
@@ -93,7 +92,7 @@ def _address(text: str) -> igtl.IPAddress:
 def _note(sentence: str) -> None:
     import select
 
-    # A terminal that is held (Ctrl-S), or a pipe that nobody reads, must not keep a stop from being heard.
+    # A terminal that is held (Ctrl-S), or a pipe that nobody reads, must not hold up a stop.
     if select.select([], [2], [], 0)[1]:
         # Rich takes a millisecond for a line, and a flood of clients brings thousands of them.
         sys.stderr.write(f"{printable(sentence)}\n")

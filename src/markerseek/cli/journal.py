@@ -19,17 +19,7 @@ from markerseek.cli.help import add_command
 from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report, facts
 from markerseek.cli.terminal import announce_compilation, new_table, one_line, print_error, print_json, stdout
-from markerseek.core import (
-    Asked,
-    Failed,
-    Finished,
-    Measured,
-    Started,
-    Swept,
-    Turning,
-    counted,
-    rig_in_words,
-)
+from markerseek.core import Finished, Turning, counted, rig_in_words
 
 if TYPE_CHECKING:
     from markerseek.records.journal import Entry, JournalSummary, RecordedRun
@@ -172,64 +162,26 @@ def _print_table(recorded: RecordedRun) -> None:
     versions = ", ".join(f"{name} {version}" for name, version in recorded.configuration.versions.items())
     seed = "" if facts.seed is None else f"seed {facts.seed}, "
     stdout.print(f"[dim]{seed}rig {one_line(facts.fingerprint)}, {one_line(versions)}[/]")
-    headings = ("", "clock [s]", "what", "angle [deg]", "intensity", "remark")
-    table = new_table(*headings, left=("what", "remark"), no_wrap=True)
-    # A remark may be long, and wraps.
-    table.columns[-1].no_wrap = False
+    table = new_table("", "clock [s]", "event", left=("event",))
+    view = runs.RunView.of(recorded.configuration)
     for entry, after in zip_longest(recorded.entries, recorded.entries[1:]):
+        view = view.add_entry(entry)
         # A hand's angle is reported five times a second: the last before something else happens is enough to look at.
         if after is not None and isinstance(entry.event, Turning) and isinstance(after.event, Turning):
             continue
-        table.add_row(str(entry.number), f"{entry.clock_s:.2f}", *map(one_line, _line(entry)))
+        table.add_row(str(entry.number), f"{entry.clock_s:.2f}", one_line(view.line))
     stdout.print(table)
     state = run_state(recorded.entries)
     stdout.print(f"state: {state.state}" + ("" if state.fault is None else f": {one_line(state.fault)}"))
-
-
-def _line(entry: Entry) -> tuple[str, str, str, str]:
-    """Event, angle, intensity and remark of an entry."""
-    from markerseek.records import answer_name
-    from markerseek.records.journal import Checked, Resuming
-
-    event = entry.event
-    what, intensity, remark = type(event).__name__.lower(), "", getattr(event, "reason", "")
-    angle_deg: float | None = getattr(event, "angle_deg", None)
-    match event:
-        case Started():
-            angle_deg, remark = event.start_deg, f"searches {event.limits}"
-        case Asked(sweep=sweep):
-            what = f"asked: {event.role} {event.index}" if sweep is None else "asked: sweep"
-            remark = "" if sweep is None else f"{sweep.speed_deg_s:g} deg/s"
-        case Turning():
-            remark = f"by hand to {event.target_deg:.3f} deg"
-        case Swept():
-            remark = counted(event.pulses, "pulse")
-        case Measured(sample=sample):
-            what, angle_deg = f"measured: {event.role} {event.index}", sample.angle_deg
-            intensity = f"{sample.reading.intensity:.4g}"
-        case Finished(estimate=estimate, searched=alone):
-            what, angle_deg = f"finished: {answer_name(estimate)}", estimate.mean_deg
-            remark = "" if alone is None else f"from all angles; the search alone: {answer_name(alone.estimate)}"
-        case Failed():
-            remark = str(event.error)
-        case Resuming():
-            angle_deg, remark = event.check_deg, f"armed by {event.by}"
-        case Checked():
-            intensity, remark = f"{event.reading.intensity:.4g}", event.difference or "unchanged"
-    return what, "" if angle_deg is None else f"{angle_deg:.3f}", intensity, remark
 
 
 def _in_words(each: JournalSummary) -> str:
     if each.method is None or each.acquisitions is None:
         return f"{each.state}: {each.problem}"
     begun = "not begun" if each.begun is None else _local(each.begun)
-    end = each.answer or each.state
-    # Where nothing was detected, the angle is that of the noise; the paper's form has one then too.
-    if each.angle_deg is not None and each.answer != "not found":
-        end = f"{each.angle_deg:.3f}°" if each.as_published else f"{end} at {each.angle_deg:.3f}°"
     form = " as published" if each.as_published else ""
     rig = rig_in_words(str(each.rig), each.emulated)
-    text = f"{begun}, {each.method}{form} on a {rig}: {end}, {counted(each.acquisitions, 'acquisition')}"
+    text = f"{begun}, {each.method}{form} on a {rig}: {each.end}, {counted(each.acquisitions, 'acquisition')}"
     return f"{text}, {each.size_bytes / 1e6:.1f} MB" + ("" if each.problem is None else f"; {each.problem}")
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,7 +19,7 @@ from markerseek.cli.terminal import print_warning, stages_bar, stderr, time_left
 from markerseek.core import ConfigError, counted, needs_package
 
 if TYPE_CHECKING:
-    from markerseek.studies.paper import Reproduction, RunOptions, Section, Table
+    from markerseek.studies.paper import Reproduction, Section
 
 EXAMPLES = (
     "Examples:\n\n"
@@ -57,14 +56,7 @@ def command(
         if probe is not None:
             signals.probe_preset(probe)
             require_frames(read_bank(bank), bank, probe=probe)
-        own = OfflineBank(
-            path=bank,
-            material=bank.stem,
-            position=1,
-            peak_snr_db=None,
-            reference_deg=reference_deg,
-            probe=probe,
-        )
+        own = OfflineBank(path=bank, material=bank.stem, reference_deg=reference_deg, probe=probe)
     elif reference_deg is not None:
         raise ConfigError(f"--reference-deg {reference_deg:g} belongs to a bank; give --bank too")
     elif probe is not None:
@@ -83,8 +75,9 @@ def command(
         waiting = reproduction.sections(names)
         processes = counted(options.workers, "process", "processes")
         made_from = f"with {counted(markers, 'marker')}" if bank is None else f"of {escape(str(bank))}"
-        # How long a bank of one's own takes, its frames decide.
-        takes = "" if own is not None else f", {time_left(typical_s(names, options))} on a usual computer"
+        fixed_s, each_s = _TYPICAL_S
+        all_s = (fixed_s + each_s * markers) / options.workers
+        takes = f", {time_left(all_s)} on a usual computer" if what == "all" else ""
         stderr.print(
             f"{', '.join(names)} {made_from} in {processes}, into {escape(str(out))}{takes}; the time that "
             "is left of each part is said as soon as it is known"
@@ -106,23 +99,8 @@ def command(
     Output(as_json=as_json).show(report)
 
 
-_TYPICAL_S = {
-    "fig5": (26.0, 0.2),
-    "fig6": (23.0, 0.07),
-    "table2": (22.0, 0.12),
-    "fig9": (10.0, 0.01),
-}
-"""Seconds of a core that a section takes, about, and those of each marker of the study; the others take one or two."""
-
-_SHARED = {"table1": "fig6", "fig7": "table2", "fig8": "table2"}
-"""Sections made of the searches of another one, which are done once."""
-
-
-def typical_s(names: list[str], options: RunOptions) -> float:
-    """About how long these sections take in all, in seconds."""
-    needed = {_SHARED.get(name, name) for name in names}
-    costs = [_TYPICAL_S.get(name, (2.0, 0.0)) for name in needed]
-    return sum(fixed + each * options.markers for fixed, each in costs) / options.workers
+_TYPICAL_S = (80.0, 0.6)
+"""Seconds of a core that all sections take, about, and those of each marker of the study."""
 
 
 def _names(reproduction: Reproduction) -> list[str]:
@@ -141,44 +119,18 @@ def _made(section: Section, files: list[Path], duration_s: float) -> dict[str, o
     """One section, for programs."""
     from markerseek.studies.paper import comparison_table
 
-    compared = _errors_of_own_bank(section) or comparison_table(section)
-    numbers: list[dict[str, object]] = [dict(zip(compared.columns, row, strict=True)) for row in compared.rows]
-    for number, each in zip(numbers, section.comparisons, strict=False):
-        number["limitation"] = each.paper.limitation
+    compared = comparison_table(section)
     return {
         "name": section.name,
         "title": section.title,
-        "numbers": numbers,
+        "numbers": [
+            {**dict(zip(compared.columns, row, strict=True)), "limitation": each.paper.limitation}
+            for row, each in zip(compared.rows, section.comparisons, strict=True)
+        ],
         "remarks": section.remarks,
         "files": [str(path) for path in files],
         "seconds": duration_s,
     }
-
-
-_SHOWN = {
-    "method": "method",
-    "acquisitions": "acquisitions",
-    "mean_error_deg": "error from the reference [deg]",
-    "mean_from_maximum_deg": "from the bank's maximum [deg]",
-    "share_without_a_claim": "no claim",
-}
-"""Columns of a user's own bank that are printed, with their headings."""
-
-
-def _errors_of_own_bank(section: Section) -> Table | None:
-    """The errors of the searches on a user's own bank, which none of the paper's numbers belongs to; None otherwise."""
-    from markerseek.studies.paper import OFFLINE
-
-    if section.comparisons or section.name not in OFFLINE:
-        return None
-    errors = section.tables[0]
-    # One search of each kind: no spread and no interval.
-    filled = [number for number in range(len(errors.columns)) if any(row[number] is not None for row in errors.rows)]
-    return replace(
-        errors,
-        columns=tuple(errors.columns[number] for number in filled),
-        rows=tuple(tuple(row[number] for number in filled) for row in errors.rows),
-    )
 
 
 def _shown(section: Section, duration_s: float) -> Iterator[str | Grid]:
@@ -186,24 +138,21 @@ def _shown(section: Section, duration_s: float) -> Iterator[str | Grid]:
 
     yield f"[bold]{escape(section.title)}[/]"
     if section.comparisons:
-        rows = (
-            {
-                "": each.paper.quantity,
-                "condition": each.condition,
-                "paper": str(each.paper),
-                "ours": shown(each.ours) + ("" if each.half is None else f" ± {shown(each.half)}"),
-                "difference": shown(each.difference),
-                "no claim": "" if each.unclaimed is None else f"{each.unclaimed:.0%}",
-            }
-            for each in section.comparisons
+        # A user's own bank has no condition, and the paper no numbers of it.
+        of_paper = any(each.paper.value is not None for each in section.comparisons)
+        yield table(
+            (
+                {
+                    "": each.paper.quantity,
+                    **({"condition": each.condition, "paper": str(each.paper)} if of_paper else {}),
+                    "ours": shown(each.ours) + ("" if each.half is None else f" ± {shown(each.half)}"),
+                    **({"difference": shown(each.difference)} if of_paper else {}),
+                    "no claim": "" if each.unclaimed is None else f"{each.unclaimed:.0%}",
+                }
+                for each in section.comparisons
+            ),
+            left=("", "condition"),
         )
-        yield table(rows, left=("", "condition"))
-    own = _errors_of_own_bank(section)
-    if own is not None:
-        chosen = [number for number, name in enumerate(own.columns) if name in _SHOWN]
-        titles = [_SHOWN[own.columns[number]] for number in chosen]
-        rows = (dict(zip(titles, (shown(row[number]) for number in chosen), strict=True)) for row in own.rows)
-        yield table(rows, left=("method",))
     for remark in section.remarks:
         yield f"  {escape(remark)}"
     yield f"[dim]took {duration_s:.1f} s[/]\n"

@@ -52,17 +52,12 @@ def search(
     if rig is not None:
         # Asked now, not when a node calls.
         read_rig(rig, trust=trust)
-    searches = bridges.Searches(bridges.SearchOptions(rig=rig))
-    parameters: dict[str, str | int] = {
-        "method": plan.method,
-        "acquisitions": plan.acquisitions or 0,
-        "rig": "simulated" if rig is None else str(rig),
-    }
-    made = ros_node("pa_search", parameters, publishes=topics.RESULT, arguments=ctx.obj)
+    options = bridges.SearchOptions(rig=rig)
+    made = ros_node("pa_search", publishes=topics.RESULT, arguments=ctx.obj)
     with made as node, noted_signals() as stopped:
         if known is not None:
             ros2.publish_registration(node, known)
-        served = ros2.SearchNode(node=node, searches=searches, asked=asked, publishes_angle=not _is_over_ros(rig))
+        served = ros2.SearchNode(node=node, options=options, asked=asked, publishes_angle=not _is_over_ros(rig))
         try:
             if once:
                 served.start()

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -23,18 +22,7 @@ from markerseek.files import quoted
 from markerseek.ros import topics
 
 if TYPE_CHECKING:
-    from markerseek.guard import Limits
     from markerseek.sim import SimulatedSettings
-
-PlainCommand = Annotated[
-    str | None,
-    typer.Option("--plain-command", help="Also take angles from this topic, std_msgs/Float64 without a stamp."),
-]
-PlainReached = Annotated[
-    str | None, typer.Option("--plain-reached", help="Publish the angle reached on this topic, std_msgs/Float64.")
-]
-Unit: TypeAlias = Literal["rad", "deg"]
-PlainUnit = Annotated[Unit, typer.Option("--plain-unit", help="Unit of the two plain topics.")]
 
 _STAGE, _ACQUISITION = ("trus_stage", topics.STATE), ("trus_acquisition", topics.ACQUIRED)
 """Names of the two nodes, and a topic that only nodes of their kind publish."""
@@ -43,7 +31,6 @@ _STAGE, _ACQUISITION = ("trus_stage", topics.STATE), ("trus_acquisition", topics
 @contextmanager
 def ros_node(
     name: str,
-    parameters: Mapping[str, float | str | int | bool],
     *,
     publishes: str,
     arguments: Sequence[str],
@@ -56,7 +43,7 @@ def ros_node(
     if network is None:
         network = ros.Network(arguments=arguments)
         stderr.print(ros.reach(), markup=False)
-    with ros.RosNode(name, parameters=parameters, network=network) as node:
+    with ros.RosNode(name, network=network) as node:
         node.require_alone(publishes)
         yield node
 
@@ -78,36 +65,18 @@ def _serve_until_stopped(pump: ros2.MessagePump, *served: ros2.Served, ready: st
                 each.close()
 
 
-def _plain_topics(command: str | None, reached: str | None, unit: Unit) -> ros2.PlainTopics | None:
-    """The topics of plain numbers, if both are named."""
-    if command is None and reached is None:
-        return None
-    if command is None or reached is None:
-        raise ConfigError("--plain-command and --plain-reached belong together; name both topics, or neither")
-    return ros2.PlainTopics(command=command, reached=reached, unit=unit)
-
-
 _Bench = Annotated[Path, typer.Option(help="Rig file (TOML, kind bench) of the devices.")]
 _Arm = Annotated[bool, typer.Option("--arm", help="Arm the node without being asked on the terminal.")]
 
 
-def stage(
-    ctx: typer.Context,
-    rig: _Bench,
-    trust: Trust = False,
-    arm: _Arm = False,
-    plain_command: PlainCommand = None,
-    plain_reached: PlainReached = None,
-    plain_unit: PlainUnit = "rad",
-) -> None:
+def stage(ctx: typer.Context, rig: _Bench, trust: Trust = False, arm: _Arm = False) -> None:
     """Serve the stage of a rig to any client, under limits and a guard of its own."""
-    plain = _plain_topics(plain_command, plain_reached, plain_unit)
-    _serve_part("stage", rig, trust=trust, arm=arm, plain=plain, arguments=ctx.obj)
+    _serve_part("stage", rig, trust=trust, arm=arm, arguments=ctx.obj)
 
 
 def acquire(ctx: typer.Context, rig: _Bench, trust: Trust = False, arm: _Arm = False) -> None:
     """Serve laser and receiver of a rig: fire and record when asked, under budgets and a guard of its own."""
-    _serve_part("acquisition", rig, trust=trust, arm=arm, plain=None, arguments=ctx.obj)
+    _serve_part("acquisition", rig, trust=trust, arm=arm, arguments=ctx.obj)
 
 
 def _serve_part(
@@ -116,7 +85,6 @@ def _serve_part(
     *,
     trust: bool,
     arm: bool,
-    plain: ros2.PlainTopics | None,
     arguments: list[str],
 ) -> None:
     """Connect to one part of a bench, have it armed by a person here, and serve it until stopped."""
@@ -132,17 +100,8 @@ def _serve_part(
         # No message arms anything.
         if not arm and not confirmed(f"Arm the {part} and let programs on this network use it?", name=rig.name):
             raise typer.Exit(NOT_ARMED)
-        limits, firing = settings.limits, settings.firing
-        parameters = _angles(limits) | {
-            "simulated": False,
-            "travel_low_rad": math.radians(limits.travel.low_deg),
-            "travel_high_rad": math.radians(limits.travel.high_deg),
-            "pulses_per_permit": firing.pulses_per_permit,
-            "pulses_per_second": firing.pulses_per_second,
-            "pulses_per_session": firing.pulses_per_session,
-        }
         name, publishes = _STAGE if part == "stage" else _ACQUISITION
-        node = opened.enter_context(ros_node(name, parameters, publishes=publishes, arguments=arguments))
+        node = opened.enter_context(ros_node(name, publishes=publishes, arguments=arguments))
         held.arm(by=person())
         serving = ros2.Serving(node=node, guard=held.guard, by=person(), watchdog=held.devices.supervisor)
         served: ros2.Served
@@ -150,16 +109,8 @@ def _serve_part(
             laser, receiver = held.part
             served = ros2.AcquisitionNode(serving, laser=laser, receiver=receiver, clock=held.clock)
         else:
-            served = ros2.StageNode(serving, stage=held.part, plain=plain)
+            served = ros2.StageNode(serving, stage=held.part)
         _serve_until_stopped(pump, served, ready=f"the {part} is armed and served; Ctrl-C ends it")
-
-
-def _angles(limits: Limits) -> dict[str, float | str | int | bool]:
-    """The angles that may be searched, as read-only parameters."""
-    return {
-        "search_low_rad": math.radians(limits.search.low_deg),
-        "search_high_rad": math.radians(limits.search.high_deg),
-    }
 
 
 SIM_EXAMPLES = "markerseek ros2 sim --seed 3 --write-rig ros2-rig.toml"
@@ -175,26 +126,21 @@ def sim(
     write_rig: Annotated[
         Path | None, typer.Option(help="Write a rig file for `markerseek search --rig` that uses these nodes.")
     ] = None,
-    plain_command: PlainCommand = None,
-    plain_reached: PlainReached = None,
-    plain_unit: PlainUnit = "rad",
 ) -> None:
     """Serve a simulated stage and acquisition in one simulated world, until Ctrl-C; nothing turns, and no light."""
     from markerseek.guard import Admission, FiringLimits, Guard
 
     cure = "serve it with: markerseek ros2 stage, markerseek ros2 acquire"
     settings = rigs.read_simulated(rig, cure=cure)
-    plain = _plain_topics(plain_command, plain_reached, plain_unit)
     pump = ros2.MessagePump()
     world = rigs.simulated(seed=seed, settings=settings, pace=pace, beat=pump)
     if write_rig is not None:
         write_rig_file(write_rig, _rig_text(settings))
-    parameters = _angles(settings.limits) | {"simulated": True}
     served: list[ros2.Serving] = []
     with ExitStack() as opened:
         for name, topic in (_STAGE, _ACQUISITION):
             network = served[0].node.network if served else None
-            made = ros_node(name, parameters, publishes=topic, arguments=ctx.obj, network=network)
+            made = ros_node(name, publishes=topic, arguments=ctx.obj, network=network)
             # Nothing here emits light or turns, so that no person is needed.
             guard = Guard(limits=settings.limits, firing=FiringLimits(), admission=Admission())
             guard.arm(by="a simulated rig")
@@ -203,7 +149,7 @@ def sim(
         stage_serving, acquisition_serving = served
         _serve_until_stopped(
             pump,
-            ros2.StageNode(stage_serving, stage=world.stage, plain=plain),
+            ros2.StageNode(stage_serving, stage=world.stage),
             ros2.AcquisitionNode(
                 acquisition_serving, laser=world.laser, receiver=world.receiver, clock=world.scanner.clock
             ),

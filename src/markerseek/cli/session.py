@@ -11,11 +11,11 @@ from rich.markup import escape
 
 from markerseek.cli.report import file_line
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
-from markerseek.cli.terminal import print_warning, progress_bar, show_event, stderr
+from markerseek.cli.terminal import print_warning, progress_bar, show_view, stderr
 from markerseek.cli.watched import WatchOptions
-from markerseek.core import ConfigError, Event, Failed, MarkerseekError, RecordError
+from markerseek.core import ConfigError, Failed, MarkerseekError, RecordError
 from markerseek.files import quoted
-from markerseek.records.journal import Checked, Configuration, Journal, default_journal, make_folder
+from markerseek.records.journal import Configuration, Journal, default_journal, make_folder
 from markerseek.runs import Session
 
 _UNWATCHED = WatchOptions()
@@ -96,12 +96,8 @@ def require_journal_options(journal: Path | None, *, keep: bool, watch: WatchOpt
 def _watch(session: Session) -> None:
     # Closed whatever happens here, so that an interrupt also stops the stage and disarms the laser.
     with closing(session.events()) as events, progress_bar(session.most_acquisitions, what="searching") as progress:
-        for event in events:
-            if isinstance(event, Checked):
-                changed = event.difference and f"[yellow]{escape(event.difference)}: the search starts again[/]"
-                progress.console.print(changed or "the strongest angle is unchanged: the search goes on")
-            elif isinstance(event, Event):
-                show_event(progress, event)
+        for _ in events:
+            show_view(progress, session.view)
 
 
 def resume_command(journal: Path, rig_file: Path | None) -> str:
@@ -111,7 +107,7 @@ def resume_command(journal: Path, rig_file: Path | None) -> str:
 
 
 def _print_how_to_resume(journal: Journal | None, rig_file: Path | None) -> None:
-    """Print the command that resumes a run that ended with an error; none where only a new search helps."""
+    """Print the command that resumes a run that ended with an error; none if only a new search helps."""
     if journal is None or not journal.path.exists():
         return
     line = file_line("journal", journal.path)
@@ -124,7 +120,7 @@ def _print_how_to_resume(journal: Journal | None, rig_file: Path | None) -> None
 
 
 def _new_journal(named: Path | None, configuration: Configuration) -> Journal | None:
-    """Journal of a search that is about to begin; None where the data folder takes none and no hardware is involved."""
+    """Journal of a search that is about to begin; None if the data folder takes none and no hardware is involved."""
     if named is not None:
         return Journal.create(named, configuration)
     try:

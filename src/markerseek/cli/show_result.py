@@ -12,10 +12,10 @@ import msgspec
 from rich.markup import escape
 
 from markerseek.cli.report import Output, Report, drawn, facts
-from markerseek.core import AnyPolicy, ChannelFrame, Estimate, Floor, OtherSource, RFFrame, counted
-from markerseek.records import SearchResult
+from markerseek.core import AnyPolicy, ChannelFrame, Estimate, RFFrame
+from markerseek.records import NAME_WITHOUT_CLAIM, SearchResult
 from markerseek.runs import RunView, curve_of, verdict_of
-from markerseek.search import FALSE_FOUND, WholeRecording
+from markerseek.search import WholeRecording
 from markerseek.signals import AnyImageReader
 
 if TYPE_CHECKING:
@@ -25,119 +25,6 @@ if TYPE_CHECKING:
 
 FOUND, OTHER_ANSWER = 0, 3
 """Exit codes of a search that ended well."""
-
-
-def facts_of(result: SearchResult) -> list[tuple[str, str]]:
-    """Names and formatted values of a result, for the table and the page."""
-    rows = _answer(result) + _others(result)
-    if result.marker_trus_m is not None:
-        rows.append(("in the TRUS frame", "x {:.2f}, y {:.2f}, z {:.2f} mm".format(*_mm(result.marker_trus_m))))
-    if result.marker_sigma_m is not None:
-        sigmas = "± {:.2f} mm in angle, ± {:.2f} mm along the axis, ± {:.2f} mm in depth"
-        rows.append(("its standard deviations", sigmas.format(*_mm(result.marker_sigma_m))))
-    rows += _effort(result)
-    if result.confirmation is not None:
-        there = f"intensity {result.confirmation.intensity:.4g} at {result.confirmation.angle_deg:.3f}°"
-        if result.as_published:
-            rows.append((NAME_WITHOUT_CLAIM, there))
-        else:
-            rows.append(("confirmation", f"{there}, {'confirmed' if result.confirmed else 'NOT confirmed'}"))
-    if result.floor is not None:
-        rows.append(("noise floor", _floor(result.floor, acquisitions=result.acquisitions)))
-    if result.truth_deg is not None and result.error_deg is not None:
-        rows.append(("truth (simulated)", f"{result.truth_deg:.3f}°, error {result.error_deg:.3f}°"))
-    elif result.reference_deg is not None and result.error_deg is not None:
-        rows.append(("reference", f"{result.reference_deg:.3f}°, difference {result.error_deg:.3f}°"))
-    if result.comparison is not None:
-        rows.append(("a search would have said", result.comparison))
-    return rows
-
-
-def _effort(result: SearchResult) -> list[tuple[str, str]]:
-    """What the answer took; of a recording, what it is from."""
-    if result.search is not None:
-        return [("answered from", f"all {counted(result.acquisitions, 'angle')} of the recording")]
-    rows = [("acquisitions", str(result.acquisitions) + (f", {result.refused} refused" if result.refused else ""))]
-    if result.travel_deg is not None:
-        rows.append(("rotation", f"{result.travel_deg:.1f}°"))
-    if result.elapsed_s is not None:
-        clock = ", on the simulated clock" if result.rig == "simulated" else ""
-        rows.append(("time", f"{result.elapsed_s:.0f} s{clock}"))
-    return rows
-
-
-def _others(result: SearchResult) -> list[tuple[str, str]]:
-    """What else there is, or may be."""
-    rows = [("other source", _other(other)) for other in result.others]
-    if result.surveyed is not None:
-        rows.append(("range checked", f"{100 * result.surveyed:.1f} %, for a second source as strong"))
-    # 0 is what the user stated.
-    if result.other_probability:
-        stated = "; --single states that there is none" if result.doubt == "source" else ""
-        rows.append(
-            ("another source", f"is the marker with a probability of {_percent(result.other_probability)}{stated}")
-        )
-    return rows
-
-
-def _percent(share: float) -> str:
-    return "< 0.1 %" if share < 1e-3 else f"{100 * share:.2g} %"
-
-
-def _other(source: OtherSource) -> str:
-    """Another source in words."""
-    place = ""
-    if source.lateral_m is not None and source.depth_m is not None:
-        place = f", lateral {1e3 * source.lateral_m:.1f} mm, depth {1e3 * source.depth_m:.1f} mm"
-    # Adding zero makes 0 of a rounded -0.
-    return f"{round(source.relative_db, 1) + 0.0:+.1f} dB at {source.angle_deg:.2f}° ± {source.sigma_deg:.2f}°{place}"
-
-
-def _answer(result: SearchResult) -> list[tuple[str, str]]:
-    """The answer and its angle, in words that claim no more than the method does."""
-    if result.as_published:
-        return [
-            ("angle", f"{result.angle_deg:.3f}°"),
-            ("claim", "none: the paper's form of a method always answers, also where there is no marker"),
-        ]
-    rows = [("answer", result.answer if result.reason is None else f"{result.answer}: {result.reason}")]
-    if result.answer == "not found":
-        # Where nothing was detected, the angle of a method is that of the noise, and is for programs only.
-        return rows
-    sigma = "" if result.sigma_deg is None else f" ± {result.sigma_deg:.3f}°"
-    name, unclaimed = ("marker angle", "") if result.found else ("best guess", ", not claimed")
-    rows.append((name, f"{result.angle_deg:.3f}°{sigma}{unclaimed}"))
-    if result.interval95_deg is not None:
-        low, high = result.interval95_deg
-        name, kind = _KINDS[result.interval_kind or "propagated"]
-        # Not with "±", which is a standard deviation on every line.
-        at_marker = "" if result.half_width_m is None else f", within {1e3 * result.half_width_m:.2g} mm at the marker"
-        rows.append((name, f"[{low:.3f}°, {high:.3f}°]{at_marker}, {kind}"))
-    return rows
-
-
-def _floor(floor: Floor, *, acquisitions: int) -> str:
-    """The noise floor, and why another method has another."""
-    if floor.level is None:
-        return "unknown"
-    return (
-        f"{floor.level:.4g} from {floor.source}; noise alone exceeds it in at most one of {1 / FALSE_FOUND:g} searches "
-        f"of {acquisitions} acquisitions"
-    )
-
-
-NAME_WITHOUT_CLAIM = "acquisition at that angle"
-"""Name of the acquisition at the answer of a method that claims nothing; of others it is the confirmation."""
-
-_KINDS = {
-    "posterior": ("95 % interval", "a posterior probability"),
-    "bracket": ("last bracket", "where the method stopped, not a probability"),
-    "propagated": ("95 % interval", "noise propagated through the average, not a posterior"),
-}
-
-
-def _mm(point_m: tuple[float, float, float]) -> list[float]:
-    return [1e3 * value for value in point_m]
 
 
 def conclude(
@@ -151,8 +38,8 @@ def conclude(
 ) -> NoReturn:
     """Show the result of a search, and end the command with its exit code.
 
-    ``name``: name of the picture's files. ``imaging``: imaging chain of the rig's channel data; None where there are
-    intensities only. ``recorded``: recorded curve of the picture, as in `markerseek.pictures.search_figure`; None where
+    ``name``: name of the picture's files. ``imaging``: imaging chain of the rig's channel data; None if there are
+    intensities only. ``recorded``: recorded curve of the picture, as in `markerseek.pictures.search_figure`; None if
     there is none, or the answer is from all of it.
     """
     result, rig = view.result(), view.facts
@@ -171,7 +58,7 @@ def conclude(
         pictures = {f"{name}.png": drawn(draw), f"{name}.html": partial(_write_page, view, density, title, draw)}
     report = Report(
         values=result,
-        shown=[f"[bold]{escape(title)}[/]", facts(facts_of(result))],
+        shown=[f"[bold]{escape(title)}[/]", facts(result.rows)],
         pictures=pictures,
         exit_code=FOUND if result.found else OTHER_ANSWER,
     )
@@ -228,7 +115,7 @@ def _write_page(view: RunView, density: Curve | None, title: str, draw: Callable
         note=_note(result),
         verdict=verdict_of(view),
         curve=curve.svg(),
-        facts=facts_of(result),
+        facts=result.rows,
         picture_uri=png_data_uri(draw()),
         alt="Intensity over probe angle with the acquisitions in order, the probe's track, and the photoacoustic image",
         rows=_rows(result),

@@ -12,7 +12,7 @@ import unicodedata
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 from rich.console import Console
@@ -29,7 +29,10 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
-from markerseek.core import Asked, ConfigError, Event, MarkerseekError, Measured, Refused, Turning
+from markerseek.core import ConfigError, MarkerseekError
+
+if TYPE_CHECKING:
+    from markerseek.runs import RunView
 
 _CONTROL = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 """Unicode categories of control characters: control, formatting, line and paragraph separators; and surrogates, which
@@ -106,7 +109,7 @@ def new_table(*headings: str, left: Collection[str] = (), no_wrap: bool = False)
 
 
 def scaled(option: str, value: float | None, unit: float, *, most: float) -> float | None:
-    """Value of an option in SI units; None where it was not given.
+    """Value of an option in SI units; None if it was not given.
 
     ``unit``: factor to SI units. ``most``: largest plausible value, in the unit of the option.
     """
@@ -163,35 +166,34 @@ def time_left(seconds: float) -> str:
 @contextmanager
 def progress_bar(total: int | None, *, what: str) -> Iterator[Progress]:
     """A progress bar on standard error; hidden if that is not a terminal."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    columns = (TextColumn("{task.description}"), BarColumn(24), MofNCompleteColumn())
     # In a log file, Rich would write one line for each update.
     with Progress(*columns, console=stderr, transient=True, disable=not stderr.is_terminal) as progress:
         progress.add_task(what, total=total)
         yield progress
 
 
-def show_event(progress: Progress, event: Event) -> None:
-    """Show an acquisition of a search or a scan in its progress bar, and print why a frame was refused."""
-    if isinstance(event, Measured) and not progress.live.is_started:
-        progress.start()
-    if isinstance(event, Measured) and event.role == "search":
-        shown = f"{event.sample.angle_deg:+7.2f}°  intensity {event.sample.reading.intensity:.4g}"
-        progress.update(progress.task_ids[0], completed=event.index, description=shown)
-    elif isinstance(event, Turning):
-        _show_turning(progress, event)
-    elif isinstance(event, Asked) and event.sweep is not None:
-        progress.update(progress.task_ids[0], description=f"sweeps to {event.angle_deg:+.2f}°")
-    elif isinstance(event, Refused):
-        progress.console.print(f"[yellow]refused:[/] {escape(event.reason)}")
+def show_view(progress: Progress, view: RunView, *, done: int | None = None) -> None:
+    """Show the newest event of a run in its progress bar; what a person must know is printed as a line of its own.
 
-
-def _show_turning(progress: Progress, event: Turning) -> None:
-    """Show where a person who turns the probe has come; where the angle is typed in, the bar makes room for it."""
-    if event.angle_deg is None:
+    ``done``: acquisitions that the bar counts; None for those of the view.
+    """
+    # Where the angle is typed in, the bar makes room for the line of input.
+    if view.phase == "turning" and view.seen_deg is None:
         progress.stop()
         return
-    shown = f"turn to {event.target_deg:+.1f}°, now {event.angle_deg:+.1f}°"
-    progress.update(progress.task_ids[0], description=f"[bold]{shown}[/]")
+    if not progress.live.is_started:
+        progress.start()
+    if view.phase in {"refused", "checking"}:
+        progress.console.print(f"[yellow]{escape(view.line)}[/]")
+    elif not view.over:
+        line = escape(view.line)
+        if view.phase == "moving" and view.points and view.plan.sweep_speed_deg_s is None:
+            # A measurement is followed by the next move at once, and would hardly be seen.
+            last = view.points[-1]
+            line = f"intensity {last.intensity:.4g} at {last.angle_deg:.2f}°, next {view.target_deg:.2f}°"
+        shown = f"[bold]{line}[/]" if view.phase == "turning" else line
+        progress.update(progress.task_ids[0], completed=view.acquisitions if done is None else done, description=shown)
 
 
 def print_warning(message: Warning | str, *_where: object, **_more: object) -> None:

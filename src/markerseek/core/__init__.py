@@ -22,6 +22,7 @@ from markerseek.core.errors import (
     needs_package,
 )
 from markerseek.core.estimate import (
+    FALSE_FOUND,
     Ambiguous,
     AtBound,
     Doubt,
@@ -103,6 +104,7 @@ from markerseek.core.sweep import (
 )
 
 __all__ = [
+    "FALSE_FOUND",
     "MAX_ACQUISITIONS",
     "MAX_AHEAD_DEG",
     "MAX_ARRIVALS",

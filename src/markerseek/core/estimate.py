@@ -21,6 +21,10 @@ Doubt: TypeAlias = Literal["source", "width"]
 """Why an answer is `Unsure`: it is not known that this source is the marker, or its angle is not known well enough."""
 
 
+FALSE_FOUND = 1e-3
+"""Probability p that noise alone exceeds the threshold somewhere in a search (promise P9)."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Floor:
     """Noise floor: an intensity that is not above ``level`` is no evidence of a marker.

@@ -108,6 +108,19 @@ class SweepPermit(Permit):
         """Angle at which the light ends, in degrees."""
         return self.to_deg if self.back_deg is None else self.back_deg
 
+    def turns_at(self, angle_deg: float, *, within_deg: float) -> bool:
+        """Whether it may turn back at an angle, in degrees."""
+        return self.back_deg is not None and abs(angle_deg - self.to_deg) <= within_deg
+
+    def turned(self, before_deg: float, angle_deg: float, *, back: bool) -> tuple[float, float]:
+        """How far a probe has turned along its way, and how far it is outside of it, in degrees.
+
+        ``back``: whether it is on the way back.
+        """
+        from_deg, to_deg = (self.to_deg, self.end_deg) if back else (self.angle_deg, self.to_deg)
+        forward = -self.forward if back else self.forward
+        return forward * (angle_deg - before_deg), max(forward * (angle_deg - to_deg), forward * (from_deg - angle_deg))
+
     @property
     def pulses_in_1_s(self) -> int:
         """Most of its pulses within any one second."""

@@ -1,7 +1,5 @@
 """The watchdog's lease: steps of the control loop renew it, and time alone never does."""
 
-from __future__ import annotations
-
 import math
 
 from markerseek.core import is_finite, is_whole, require_range

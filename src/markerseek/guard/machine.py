@@ -54,7 +54,7 @@ class Guard:
         self._permits = Permits(firing)
         self._state = State.DISARMED
         self._fault: str | None = None
-        self._issued_s, self._read = math.nan, (math.nan, math.nan)
+        self._issued_s, self._read, self._back = math.nan, (math.nan, math.nan), False
         self._previous: Frame | None = None
         self._usual_sigma: dict[int, float | None] = {}
 
@@ -156,35 +156,26 @@ class Guard:
         self._require_at(permit.angle_deg, angle_deg, "the permit holds at", "nothing was fired; check what moved it")
         self._state, self._firing = State.FIRING, permit.pulses
         if isinstance(permit, SweepPermit):
-            self._state, self._sweep, self._read = State.SWEEPING, permit, (angle_deg, now_s)
-            self._way = permit.angle_deg, permit.to_deg
+            self._state, self._sweep, self._read, self._back = State.SWEEPING, permit, (angle_deg, now_s), False
 
     def read_sweep(self, angle_deg: float, *, now_s: float) -> bool:
         """Whether the probe may be lit at this readback of a sweep: not while it is slower than permitted.
 
         Faster, backwards, out of its angles, or later than `SWEEP_READING_S` after the readback before ends in FAULT.
-        A sweep that is permitted to turn back may be slow where it does, from the reading on that is there, and turns
-        the other way from there on.
+        A sweep that may turn back may be slow where it does, and turns the other way from there on.
         """
         self._require("sweep", State.SWEEPING)
         sweep, angle_deg, (before_deg, before_s) = self._sweep, self.readback(angle_deg), self._read
-        arrives, turns = (
-            sweep.back_deg is not None and abs(each_deg - sweep.to_deg) <= self._arrival_deg
-            for each_deg in (angle_deg, before_deg)
-        )
-        if turns:
-            self._way = sweep.to_deg, sweep.end_deg
-        from_deg, to_deg = self._way
-        forward = math.copysign(1.0, to_deg - from_deg)
-        turned_deg, elapsed_s = forward * (angle_deg - before_deg), now_s - before_s
-        beyond_deg = max(forward * (angle_deg - to_deg), forward * (from_deg - angle_deg))
+        self._back |= (turning := sweep.turns_at(before_deg, within_deg=self._arrival_deg))
+        (turned_deg, beyond_deg), elapsed_s = sweep.turned(before_deg, angle_deg, back=self._back), now_s - before_s
         in_time = 0 < elapsed_s <= SWEEP_READING_S and now_s <= sweep.expires_s
         most_deg = sweep.fastest_deg_s * elapsed_s + self._arrival_deg
         if not (in_time and beyond_deg <= self._arrival_deg and -self._arrival_deg <= turned_deg <= most_deg):
             why = f"the probe turned by {turned_deg:.3f} deg in {elapsed_s:.3f} s to {angle_deg:.3f} deg"
             raise self._failed(MoveError(f"{why} at {now_s:.3f} s, outside {sweep}; check stage and host"))
         self._read = angle_deg, now_s
-        return arrives or turns or turned_deg >= sweep.slowest_deg_s * elapsed_s
+        turning = turning or sweep.turns_at(angle_deg, within_deg=self._arrival_deg)
+        return turning or turned_deg >= sweep.slowest_deg_s * elapsed_s
 
     def end_sweep(self, angle_deg: float, *, pulses: int, now_s: float) -> None:
         """SWEEPING -> ARMED, at rest at that readback, after no more pulses than permitted."""

@@ -1,10 +1,25 @@
 from .curve_svg import DrawnCurve, Mark, as_html, tracks_svg
 from .images import ImageSeries, read_camera_images, read_image_sequence, read_images
 from .replay import ReplayLaser, ReplayReceiver, ReplayStage
-from .result import Answer, ReplayedSearch, SampleRow, SearchResult
-from .words import angle_text, answer_name, answer_reason, digits_of, interval_text, sigma_text, with_minus
+from .result import NAME_WITHOUT_CLAIM, Answer, ReplayedSearch, SampleRow, SearchResult
+from .words import (
+    NO_CLAIM,
+    acquisitions_text,
+    angle_text,
+    answer_line,
+    answer_name,
+    answer_reason,
+    digits_of,
+    interval_text,
+    others_rows,
+    sigma_text,
+    time_text,
+    with_minus,
+)
 
 __all__ = [
+    "NAME_WITHOUT_CLAIM",
+    "NO_CLAIM",
     "Answer",
     "DrawnCurve",
     "ImageSeries",
@@ -15,16 +30,20 @@ __all__ = [
     "ReplayedSearch",
     "SampleRow",
     "SearchResult",
+    "acquisitions_text",
     "angle_text",
+    "answer_line",
     "answer_name",
     "answer_reason",
     "as_html",
     "digits_of",
     "interval_text",
+    "others_rows",
     "read_camera_images",
     "read_image_sequence",
     "read_images",
     "sigma_text",
+    "time_text",
     "tracks_svg",
     "with_minus",
 ]

@@ -10,6 +10,7 @@ import msgspec
 
 from markerseek._version import __version__
 from markerseek.core import (
+    FALSE_FOUND,
     Doubt,
     Estimate,
     Finished,
@@ -33,10 +34,23 @@ from markerseek.core import (
     rig_in_words,
 )
 from markerseek.records.curve_svg import DrawnCurve, Mark, as_html
-from markerseek.records.words import AnswerName, answer_name, answer_reason
+from markerseek.records.words import (
+    NO_CLAIM,
+    AnswerName,
+    acquisitions_text,
+    answer_line,
+    answer_name,
+    answer_reason,
+    others_rows,
+    time_text,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+NAME_WITHOUT_CLAIM = "acquisition at that angle"
+"""Name of the acquisition at the answer of a method that claims nothing; of others it is the confirmation."""
 
 
 class SampleRow(msgspec.Struct, frozen=True, kw_only=True):
@@ -88,14 +102,14 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
         )
 
     def __str__(self) -> str:
-        """The answer, its angle with interval, and its reason, in a line."""
-        reason = "" if self.reason is None else f": {self.reason}"
-        # Where nothing was detected, the angle is that of the noise; of several angles the reason has all.
-        if self.answer in {"not found", "ambiguous"}:
-            return f"{self.answer}{reason}"
-        sigma = "" if self.sigma_deg is None else f" ± {self.sigma_deg:.3f}°"
-        interval = "" if self.interval95_deg is None else " [{:.3f}°, {:.3f}°]".format(*self.interval95_deg)
-        return f"{self.answer}, {self.angle_deg:.3f}°{sigma}{interval}{reason}"
+        """The answer, its angle and its reason, in a line."""
+        return answer_line(
+            self.answer,
+            self.angle_deg,
+            sigma_deg=self.sigma_deg,
+            interval95_deg=self.interval95_deg,
+            reason=self.reason,
+        )
 
 
 class ReplayedSearch(Answer, frozen=True, kw_only=True):
@@ -109,61 +123,81 @@ class ReplayedSearch(Answer, frozen=True, kw_only=True):
 
 
 class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What a search found and how, or what all angles of a recording say.
+    """What a search found and how; for a recording, what all its angles say.
 
-    Of a recording, all fields are those of all its angles, each of which is one of the ``samples``; ``travel_deg`` is
-    None, and ``search`` is what a search would have taken and said, for comparison; None elsewhere.
-    ``doubt`` says of what an answer that is unsure is so: of the source, or of the width of its angle's interval.
-    ``sigma_deg`` and ``interval95_deg`` are those of the angle, whatever the answer; None where nothing was detected.
-    ``half_width_m`` is how far that interval reaches from the angle, as a length at the marker.
-    ``angle_deg`` is the method's best angle, even when it does not claim a marker there. ``rig`` is the kind of rig,
-    and ``emulated`` names the devices of a bench that are emulators.
-    ``truth_deg`` is known for simulated markers only, ``reference_deg`` was given by the user or the bank, and
-    ``error_deg`` is the distance to either. ``confirmed`` says whether the acquisition at the angle found confirms it
-    (`markerseek.scan.confirmation`); None where there is none, and in the paper's form of a method, which does not
-    test it; its standard deviation and interval are None too, because it answers where there is no marker as well. A
-    confirmation after which the search went on is one of the ``samples``. ``marker_trus_m`` is the marker in the TRUS
-    frame and ``marker_sigma_m`` its standard deviations along the turn, along the axis and in depth
-    (`markerseek.core.MarkerPosition`), also of an answer that is unsure for its width only. ``others`` are further
-    sources, and ``surveyed`` is the share of the range in which a source as loud would have been detected.
-    ``other_probability`` is the probability that another source is the marker. ``curve`` is the marker's intensity
-    curve, a prior for the next search on the rig. ``configuration`` is the fingerprint of the rig.
+    The fields of a recording are those of all its angles, and each angle is one of the ``samples``.
     """
 
     found: bool
+    """Whether a marker was found."""
     answer: AnswerName
+    """Name of the answer."""
     reason: str | None
+    """Why the answer is so, in one sentence; None if a marker was found."""
     doubt: Doubt | None
+    """What an unsure answer is unsure of: the source, or the width of the interval; None for other answers."""
     method: str
+    """Name of the method."""
     as_published: bool
+    """Whether the method was used in the form of the paper."""
     rig: RigKind
+    """Kind of the rig."""
     emulated: tuple[str, ...]
+    """Devices of a bench that are emulators."""
     angle_deg: float
+    """Best angle of the method in degrees, also if no marker is claimed there."""
     sigma_deg: float | None
+    """Standard deviation of the angle, in degrees; None if nothing was detected, and in the paper's form."""
     interval95_deg: tuple[float, float] | None
+    """95 % interval of the angle, in degrees; None if nothing was detected, and in the paper's form."""
     interval_kind: IntervalKind | None
+    """How the interval was computed."""
     half_width_m: float | None
+    """How far the interval reaches from the angle, as a length at the marker."""
     marker_trus_m: tuple[float, float, float] | None
+    """The marker in the TRUS frame; also known if an answer is unsure for its width only."""
     marker_sigma_m: tuple[float, float, float] | None
+    """Standard deviations along the turn, along the axis and in depth (`markerseek.core.MarkerPosition`)."""
     acquisitions: int
+    """Acquisitions with light that the search received."""
     refused: int
+    """Acquisitions that were refused."""
     travel_deg: float | None
+    """Sum of all rotations, in degrees; None for a recording."""
     elapsed_s: float | None
+    """Time on the clock of the rig, in seconds; None for a recording."""
+    known_s: float | None
+    """The same to the answer, before the probe turned to the marker; None where none was found."""
     confirmation: SampleRow | None
+    """The acquisition at the answer; one after which the search went on is one of the ``samples``."""
     confirmed: bool | None
+    """Whether the confirmation confirms the marker (`markerseek.scan.confirmation`); None without a test."""
     floor: Floor | None
+    """Detection threshold."""
     others: list[OtherSource]
+    """Further sources."""
     surveyed: float | None
+    """Share of the range in which a source as strong would have been detected."""
     other_probability: float | None
+    """Probability that another source is the marker."""
     curve: MarkerCurve | None
+    """Intensity curve of the marker, a prior for the next search on the rig."""
     samples: list[SampleRow]
+    """The acquisitions, without the confirmation."""
     truth_deg: float | None
+    """Angle of a simulated marker, in degrees."""
     reference_deg: float | None
+    """Angle of the marker that the user or the bank gives, in degrees."""
     error_deg: float | None
+    """Distance of the angle from truth or reference, in degrees."""
     seed: int | None
+    """Seed of a simulated rig."""
     configuration: str
+    """Fingerprint of the rig."""
     search: ReplayedSearch | None = None
+    """What a search of a recording would have taken and said; None for other rigs."""
     version: str = __version__
+    """Version of the program."""
 
     @classmethod
     def of(
@@ -230,6 +264,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
             travel_deg=finished.travel_deg if searched is None else None,
             # A replay takes no time, and the durations of the original scan say nothing of this search.
             elapsed_s=None if facts.kind == "replayed" else finished.elapsed_s,
+            known_s=None if facts.kind == "replayed" else finished.known_s,
             confirmation=None if confirmation is None else SampleRow.of(confirmation),
             confirmed=None if confirmation is None or estimate.floor is None else isinstance(estimate, Found),
             floor=estimate.floor,
@@ -248,7 +283,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def stand_in(self) -> str | None:
-        """What stood in for hardware, as "simulated rig" or "emulated stage and laser"; None where nothing did."""
+        """What replaced hardware, as "simulated rig" or "emulated stage and laser"; None if nothing did."""
         if self.emulated:
             return f"emulated {listed(self.emulated)}"
         return "simulated rig" if self.rig == "simulated" else None
@@ -265,6 +300,34 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
         where = f" at {self.angle_deg:.3f}°" if self.found else ""
         more = "" if agrees else f"; all angles together say {self.answer}{where}"
         return f"{search.method}, after {took}: {search}{more}"
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Names and values of the result, as terminal, report and notebook show them."""
+        # An angle that another source may explain: the user may know that there is no other source.
+        cure = "; --single states that there is none" if self.doubt == "source" else ""
+        rows = [*_answer_rows(self), *others_rows(self.others, self.surveyed, self.other_probability, cure=cure)]
+        if self.marker_trus_m is not None:
+            rows.append(("in the TRUS frame", "x {:.2f}, y {:.2f}, z {:.2f} mm".format(*_mm(self.marker_trus_m))))
+        if self.marker_sigma_m is not None:
+            sigmas = "± {:.2f} mm in angle, ± {:.2f} mm along the axis, ± {:.2f} mm in depth"
+            rows.append(("its standard deviations", sigmas.format(*_mm(self.marker_sigma_m))))
+        rows += _effort_rows(self)
+        if self.confirmation is not None:
+            there = f"intensity {self.confirmation.intensity:.4g} at {self.confirmation.angle_deg:.3f}°"
+            if self.as_published:
+                rows.append((NAME_WITHOUT_CLAIM, there))
+            else:
+                rows.append(("confirmation", f"{there}, {'confirmed' if self.confirmed else 'NOT confirmed'}"))
+        if self.floor is not None:
+            rows.append(("detection threshold", _threshold(self.floor, acquisitions=self.acquisitions)))
+        if self.truth_deg is not None and self.error_deg is not None:
+            rows.append(("truth (simulated)", f"{self.truth_deg:.3f}°, error {self.error_deg:.3f}°"))
+        elif self.reference_deg is not None and self.error_deg is not None:
+            rows.append(("reference", f"{self.reference_deg:.3f}°, difference {self.error_deg:.3f}°"))
+        if self.comparison is not None:
+            rows.append(("a search would have said", self.comparison))
+        return rows
 
     def to_dataframe(self) -> pd.DataFrame:
         """The acquisitions as a table of pandas: a row for each, numbered from 1, with the fields of `SampleRow`.
@@ -284,9 +347,8 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
         return table
 
     def __str__(self) -> str:
-        """The answer in a few lines; `repr` has every field and every acquisition."""
-        lines = [f"{name}: {value}" for name, value in self._rows() if value is not None]
-        return "\n".join([self._heading(), *lines])
+        """The result in lines, as the terminal shows it; `repr` has every field and every acquisition."""
+        return "\n".join([self._heading(), *(f"{name}: {value}" for name, value in self.rows)])
 
     def _repr_html_(self) -> str:
         """The answer and the intensities, for a notebook."""
@@ -295,27 +357,12 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
         answer_deg = None if self.answer == "not found" else self.angle_deg
         marks = [Mark(angle_deg=each.angle_deg, intensity=each.intensity, radius=2.5) for each in lit]
         curve = DrawnCurve(marks=marks, answer_deg=answer_deg, interval_deg=self.interval95_deg)
-        return as_html(self._heading(), self._rows(), curve.svg())
+        return as_html(self._heading(), self.rows, curve.svg())
 
     def _heading(self) -> str:
         if self.search is not None:
             return f"recording of {counted(self.acquisitions, 'angle')}"
         return f"{self.method} on a {rig_in_words(self.rig, self.emulated)}"
-
-    def _rows(self) -> list[tuple[str, str | None]]:
-        """The answer for people; None where a value is not known."""
-        interval = self.interval95_deg
-        sigma = "" if self.sigma_deg is None else f" ± {self.sigma_deg:.3f}°"
-        return [
-            ("answer", self.answer if self.reason is None else f"{self.answer}: {self.reason}"),
-            # Where nothing was detected, the angle is that of the noise.
-            ("angle", None if self.answer == "not found" else f"{self.angle_deg:.3f}°{sigma}"),
-            ("95 % interval", None if interval is None else f"{interval[0]:.3f}° to {interval[1]:.3f}°"),
-            ("acquisitions", str(self.acquisitions) if self.search is None else None),
-            ("truth (simulated)", None if self.truth_deg is None else f"{self.truth_deg:.3f}°"),
-            ("reference", None if self.reference_deg is None else f"{self.reference_deg:.3f}°"),
-            ("a search would have said", self.comparison),
-        ]
 
 
 def _all_angles(samples: Sequence[Sample]) -> list[Sample]:
@@ -340,3 +387,56 @@ def _replayed_search(
 
 def _unsure_of_width(estimate: Estimate) -> TypeGuard[Unsure]:
     return isinstance(estimate, Unsure) and estimate.doubt == "width"
+
+
+def _answer_rows(result: SearchResult) -> list[tuple[str, str]]:
+    """The answer and its angle."""
+    if result.as_published:
+        return [("angle", f"{result.angle_deg:.3f}°"), ("claim", f"none: {NO_CLAIM}")]
+    rows = [("answer", result.answer if result.reason is None else f"{result.answer}: {result.reason}")]
+    if result.answer == "not found":
+        # The angle of a search that detected nothing is that of the noise, and is for programs only.
+        return rows
+    sigma = "" if result.sigma_deg is None else f" ± {result.sigma_deg:.3f}°"
+    name, unclaimed = ("marker angle", "") if result.found else ("best guess", ", not claimed")
+    rows.append((name, f"{result.angle_deg:.3f}°{sigma}{unclaimed}"))
+    if result.interval95_deg is not None:
+        low, high = result.interval95_deg
+        name, kind = _KINDS[result.interval_kind or "propagated"]
+        # Without "±", which is a standard deviation on every line.
+        at_marker = "" if result.half_width_m is None else f", within {1e3 * result.half_width_m:.2g} mm at the marker"
+        rows.append((name, f"[{low:.3f}°, {high:.3f}°]{at_marker}, {kind}"))
+    return rows
+
+
+_KINDS = {
+    "posterior": ("95 % interval", "a posterior probability"),
+    "bracket": ("last bracket", "where the method stopped, not a probability"),
+    "propagated": ("95 % interval", "noise propagated through the average, not a posterior"),
+}
+
+
+def _effort_rows(result: SearchResult) -> list[tuple[str, str]]:
+    """What the answer took; for a recording, what the answer is from."""
+    if result.search is not None:
+        return [("answered from", f"all {counted(result.acquisitions, 'angle')} of the recording")]
+    rows = [("acquisitions", acquisitions_text(result.acquisitions, result.refused))]
+    if result.travel_deg is not None:
+        rows.append(("rotation", f"{result.travel_deg:.1f}°"))
+    if result.elapsed_s is not None:
+        time = time_text(result.elapsed_s, known_s=result.known_s, simulated=result.rig == "simulated")
+        rows.append(("time", time))
+    return rows
+
+
+def _threshold(floor: Floor, *, acquisitions: int) -> str:
+    if floor.level is None:
+        return "unknown"
+    return (
+        f"{floor.level:.4g} from {floor.source}; noise alone exceeds it in at most one of {1 / FALSE_FOUND:g} searches "
+        f"of {acquisitions} acquisitions"
+    )
+
+
+def _mm(point_m: tuple[float, float, float]) -> list[float]:
+    return [1e3 * value for value in point_m]

@@ -120,20 +120,6 @@ def transforms(
     return [turned, *mounted]
 
 
-def pose(*, time_s: float, angle_deg: float) -> Any:
-    """Pose of the probe in its home frame, as a geometry_msgs/PoseStamped."""
-    quaternion = dict(zip("xyzw", _turned(angle_deg), strict=True))
-    return made(
-        "geometry_msgs/msg/PoseStamped",
-        header=header(time_s=time_s, frame=HOME),
-        pose=made(
-            "geometry_msgs/msg/Pose",
-            position=made("geometry_msgs/msg/Point", x=0.0, y=0.0, z=0.0),
-            orientation=made("geometry_msgs/msg/Quaternion", **quaternion),
-        ),
-    )
-
-
 def _turned(angle_deg: float) -> tuple[float, float, float, float]:
     """Rotation about y by θ as the quaternion (0, sin θ/2, 0, cos θ/2), in ROS's order x, y, z, w."""
     half = math.radians(angle_deg) / 2
@@ -221,6 +207,7 @@ class OperatingState(msgspec.Struct, frozen=True, kw_only=True):
     simulated: bool = False
     refused: str = ""
     refused_ns: int = 0
+    fault: str = ""
 
 
 _Held = TypeVar("_Held", bound=msgspec.Struct)
@@ -238,7 +225,7 @@ FRAMES_KIND = "tf2_msgs/msg/TFMessage"
 
 
 def frames_kind() -> str:
-    """Name of the message with transforms: that of tf2 where it is installed."""
+    """Name of the message with transforms: that of tf2 if it is installed."""
     return FRAMES_KIND if is_installed(FRAMES_KIND) else "geometry_msgs/msg/TransformStamped"
 
 
@@ -253,24 +240,6 @@ def state_of(message: Any) -> OperatingState | None:
     return OperatingState(
         state=message.state, is_homed=message.is_homed, is_busy=message.is_busy, stamp_ns=stamp_ns(message)
     )
-
-
-def diagnostics(*, time_s: float, name: str, fault: str | None, facts: Mapping[str, object]) -> Any:
-    """A DiagnosticArray of one node: an error with its sentence, or all is well, and facts as text."""
-    values = [
-        made("diagnostic_msgs/msg/KeyValue", key=key, value="" if value is None else str(value))
-        for key, value in facts.items()
-    ]
-    status = made(
-        "diagnostic_msgs/msg/DiagnosticStatus",
-        # A byte in ROS 2: 0 is well, 2 an error.
-        level=b"\x02" if fault else b"\x00",
-        name=name,
-        message=fault or "ok",
-        hardware_id="",
-        values=values,
-    )
-    return made("diagnostic_msgs/msg/DiagnosticArray", header=header(time_s=time_s), status=[status])
 
 
 def counts_of(message: Any) -> Int16[np.ndarray, "channels samples"] | None:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from markerseek._closing import Closing
 from markerseek.core import ConfigError, needs_package
 from markerseek.ros import messages
-from markerseek.ros.quality import Once, unfit
+from markerseek.ros.quality import Once
 from markerseek.ros.topics import in_namespace
 from markerseek.ros.transport import reach, require_middleware
 
@@ -22,9 +21,6 @@ _FOUND_S = 1.5
 
 _DEPTH = 10
 """Messages that wait for a subscriber."""
-
-_NAMED_S = 1.0
-"""Time in which the name of a node is known after its topics, in seconds."""
 
 _GONE_S = 2.0
 """Time after which a process that was killed is forgotten, in seconds; our profiles of the middleware have less."""
@@ -58,8 +54,6 @@ class Network:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.handled = 0
         self.nodes = 0
-        self.unfit: list[tuple[float, Callable[[], str]]] = []
-        """Warnings of QoS that does not fit, and when they are due: the other node's name arrives a little later."""
 
 
 class RosNode(Closing):
@@ -67,40 +61,22 @@ class RosNode(Closing):
 
     Everything happens in the thread that calls `spin`; only `wake` may be called by others.
 
-    ``name``: its name, without a namespace. ``parameters``: read-only parameters, such as limits; None for a node that
-    only asks others, which has no services of its own. ``network``: that of another node of this process, which is
-    then spun for both; None for one of its own.
+    ``name``: its name, without a namespace. ``network``: that of another node of this process, which is then spun for
+    both; None for one of its own.
     """
 
-    def __init__(
-        self,
-        name: str,
-        *,
-        parameters: Mapping[str, float | str | int | bool] | None = None,
-        network: Network | None = None,
-    ) -> None:
+    def __init__(self, name: str, *, network: Network | None = None) -> None:
         self.network = network or Network()
         self.name = name
-        from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
         from rclpy.node import Node
 
         try:
-            # Each service costs in every wait, and who has no parameters serves nobody.
-            self._node = Node(
-                name,
-                context=self.network.context,
-                start_parameter_services=parameters is not None,
-                enable_rosout=False,
-            )
+            # Each service costs in every wait.
+            self._node = Node(name, context=self.network.context, start_parameter_services=False, enable_rosout=False)
         except RuntimeError as problem:
             raise _as_config_error(problem) from problem
         if self._node.get_parameter("use_sim_time").value:
             raise ConfigError("use_sim_time is true; a rig keeps the computer's time: leave it out")
-        for key, value in (parameters or {}).items():
-            # What is said of a rig is true of it, whatever the user's arguments say.
-            self._node.declare_parameter(key, value, ParameterDescriptor(read_only=True), ignore_override=True)
-        refused = SetParametersResult(successful=False, reason="no parameter of this node can be set from outside")
-        self._node.add_on_set_parameters_callback(lambda _parameters: refused)
         self.network.executor.add_node(self._node)
         self.network.nodes += 1
         self._publishers: dict[str, Any] = {}
@@ -113,13 +89,8 @@ class RosNode(Closing):
         ``topic``, ``kind``: topic, and name of the message, such as ``std_msgs/msg/String``. ``latched``: whether the
         last message is kept for subscribers that come later.
         """
-        from rclpy.event_handler import PublisherEventCallbacks
-
-        events = PublisherEventCallbacks(
-            incompatible_qos=lambda event: self._say_unfit(topic, event, listens=False), use_default_callbacks=False
-        )
         self._publishers[topic] = self._node.create_publisher(
-            messages.kind(kind), in_namespace(topic), _quality(latched=latched), event_callbacks=events
+            messages.kind(kind), in_namespace(topic), _quality(latched=latched)
         )
 
     def publish(self, topic: str, message: Any) -> None:
@@ -160,32 +131,14 @@ class RosNode(Closing):
                 )
             )
 
-        def on_unfit(event: Any) -> None:
+        def on_unfit(_event: Any) -> None:
             if len(made) == 1:
                 add(_quality(reliable=False))
-            if command:
-                self._say_unfit(topic, event, listens=True)
 
         # A best-effort subscription alone would match every publisher, and lose messages of the reliable ones.
         add(_quality(latched=latched))
         if command:
             add(_quality(reliable=False))
-
-    def _say_unfit(self, topic: str, event: Any, *, listens: bool) -> None:
-        """Warn soon of a publisher or subscription of another node whose QoS does not fit that of this node."""
-        from rclpy.qos import qos_policy_name_from_kind
-
-        policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
-
-        def sentence() -> str:
-            resolved = self._resolved(topic)
-            published = self._node.get_publishers_info_by_topic(resolved)
-            subscribed = self._node.get_subscriptions_info_by_topic(resolved)
-            own, theirs = (subscribed, published) if listens else (published, subscribed)
-            ours = next((each for each in own if each.node_name == self._node.get_name()), None)
-            return unfit(resolved, policy, ours=ours, theirs=theirs, listens=listens)
-
-        self.network.unfit.append((time.monotonic() + _NAMED_S, sentence))
 
     def serve(self, service: str, answer: Callable[[], tuple[bool, str]]) -> None:
         """Serve a std_srvs/Trigger.
@@ -241,11 +194,9 @@ class RosNode(Closing):
     def spin(self, timeout_s: float) -> None:
         """Carry out what has arrived; waits for it at most so long."""
         self.network.executor.spin_once(timeout_sec=timeout_s)
-        while self.network.unfit and time.monotonic() >= self.network.unfit[0][0]:
-            warnings.warn(self.network.unfit.pop(0)[1](), stacklevel=2)
 
     def drain(self, most: int) -> None:
-        """Carry out what has arrived already, at most so many messages, without waiting."""
+        """Carry out what has arrived already, at most a number of messages, without waiting."""
         for _ in range(most):
             before = self.network.handled
             self.spin(0.0)

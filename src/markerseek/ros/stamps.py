@@ -16,10 +16,9 @@ MAX_AHEAD_S = 0.05
 
 
 class StampedCommands:
-    """Accepts commands whose stamp is fresh and newer than the last, and counts the others by reason."""
+    """Accepts commands whose stamp is fresh and later than the last."""
 
     def __init__(self) -> None:
-        self.dropped: dict[str, int] = {}
         self._last_ns = 0
 
     def refusal(self, stamp_ns: int, *, now_s: float) -> str | None:
@@ -32,23 +31,15 @@ class StampedCommands:
             # The clock was set back: what came before it says nothing of what is new.
             self._last_ns = 0
         if stamp_ns == 0:
-            return self.drop("no stamp", "it carries no stamp; set header.stamp to the time at which it is sent")
+            return "it carries no stamp; set header.stamp to the time at which it is sent"
         if age_s > MAX_AGE_S:
-            return self.drop("too old", f"it is {age_s:.2f} s old, at most {MAX_AGE_S} s are accepted")
+            return f"it is {age_s:.2f} s old, at most {MAX_AGE_S} s are accepted"
         if not age_s >= -MAX_AHEAD_S:
-            return self.drop("from the future", f"it is stamped {-age_s:.2f} s ahead; compare the computers' clocks")
+            return f"it is stamped {-age_s:.2f} s ahead; compare the computers' clocks"
         if stamp_ns <= self._last_ns:
-            return self.drop("repeated", "its stamp is not later than that of the command before; it is a repetition")
+            return "its stamp is not later than that of the command before; it is a repetition"
         self._last_ns = stamp_ns
         return None
-
-    def drop(self, reason: str, sentence: str) -> str:
-        """Count a command that is dropped; returns the sentence.
-
-        ``reason``: short, for the count. ``sentence``: for whoever sent it.
-        """
-        self.dropped[reason] = self.dropped.get(reason, 0) + 1
-        return sentence
 
 
 def joint_angle_deg(message: Any) -> float | None:

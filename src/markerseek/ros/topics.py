@@ -19,9 +19,6 @@ MEASURED_JS, SETPOINT_JS = "/TRUS/measured_js", "/TRUS/setpoint_js"
 MOVE_JP = "/TRUS/move_jp"
 """Command to a stage node: go to an angle and rest there. sensor_msgs/JointState."""
 
-MEASURED_CP = "/TRUS/measured_cp"
-"""The same angle as the pose of the probe in its home frame: geometry_msgs/PoseStamped."""
-
 STOP, HOLD = "/TRUS/stop", "/TRUS/hold"
 """Stop now, by our name and by that of CRTK: std_msgs/Empty, to a stage node; without a stamp: it is never too late."""
 
@@ -35,7 +32,7 @@ ACQUISITION_STATE = "/TRUS/pa/state"
 """What an acquisition node is, latched: std_msgs/String with JSON, ``simulated``."""
 
 FRAMES = "/tf"
-"""tf2_msgs/TFMessage where it is installed, else geometry_msgs/TransformStamped."""
+"""tf2_msgs/TFMessage if it is installed, else geometry_msgs/TransformStamped."""
 
 PICTURE, ENVELOPE = "/TRUS/pa/image", "/TRUS/pa/envelope"
 """Photoacoustic image to be looked at (mono8) and to be calculated with (32FC1): sensor_msgs/Image."""
@@ -52,6 +49,3 @@ BANK, SAMPLE, INTENSITY = "/pa_search/bank", "/pa_search/sample", "/pa_search/in
 
 RUN, CANCEL, RESULT = "/pa_search/run", "/pa_search/cancel", "/pa_search/result"
 """Services of the search node, std_srvs/Trigger, and its latched answer: std_msgs/String with JSON."""
-
-DIAGNOSTICS = "/diagnostics"
-"""diagnostic_msgs/DiagnosticArray."""

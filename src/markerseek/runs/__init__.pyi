@@ -9,6 +9,7 @@ from .bank_images import (
 )
 from .bank_scan import journal_bank, require_new_scan, scan_angles, scan_bank
 from .calibration_scan import Calibration, calibrate
+from .delay import DelayRun, MeasuredDelay
 from .former_search import former_curve
 from .journalled import configuration_of
 from .points import point_pairs, spot_pairs
@@ -55,7 +56,9 @@ __all__ = [
     "STOPPED",
     "TARGET_DEPTH_M",
     "Calibration",
+    "DelayRun",
     "KnownRegistration",
+    "MeasuredDelay",
     "Phase",
     "Point",
     "PointPair",

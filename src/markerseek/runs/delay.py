@@ -64,6 +64,7 @@ class ThereAndBack:
 
     def __init__(self, sweeps: Sequence[Sweep]) -> None:
         self._left = list(sweeps)
+        self.number = len(self._left)
         self.samples: list[Sample] = []
 
     def ask(self) -> Sweep | None:
@@ -99,9 +100,9 @@ class DelayRun:
         If the rig cannot sweep, the stage triggers the laser, or ``times`` is out of its range.
     """
 
-    def __init__(self, rig: Rig, *, times: int = 6) -> None:
+    def __init__(self, rig: Rig, *, times: int = 9) -> None:
         if not 3 <= times <= 30:
-            raise ConfigError(f"times is {times}, it must be from 3 to 30; 6 is usual")
+            raise ConfigError(f"times is {times}, it must be from 3 to 30; 9 is usual")
         self._rig, self._devices = rig, rig.scanner.sweeping
         if self._devices.triggering is not None:
             raise ConfigError(
@@ -119,6 +120,11 @@ class DelayRun:
         self._policy = ThereAndBack(each)
         self._stated_backlash_deg = max(self._devices.stage.play_deg(sign) for sign in (1.0, -1.0))
 
+    @property
+    def sweeps(self) -> int:
+        """Number of its sweeps."""
+        return self._policy.number
+
     def events(self) -> Generator[Event, None, None]:
         """Sweep; closing it stops the stage and takes the light away. Raises as `markerseek.scan.run`."""
         yield from run(self._policy, self._rig.scanner, RunPlan(stay=True))
@@ -131,7 +137,7 @@ class DelayRun:
         AcquisitionError
             If fewer than four ways, or those of one direction alone, show a marker with both flanks.
         """
-        from markerseek.search.posterior.pulses import with_light
+        from markerseek.search.posterior import with_light
 
         rows = []
         for _, group in groupby(with_light(self._policy.samples), key=_way):
@@ -166,9 +172,7 @@ class DelayRun:
 
     def _centre(self, swept: Sequence[Sample]) -> tuple[float, float, float, float] | None:
         """Centre in degrees, speed there, standard deviation, and 1 if that way has backlash."""
-        from markerseek.search.posterior import Posterior
-        from markerseek.search.posterior.pulses import way_of
-        from markerseek.search.posterior.sweeping import centre_by
+        from markerseek.search.posterior import Posterior, centre_by, way_of
 
         way = way_of(swept, lambda samples: centre_by(Posterior(limits=self._rig.limits.search, others=0.0), samples))
         if way is None:

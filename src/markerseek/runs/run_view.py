@@ -100,10 +100,17 @@ class RunView:
         Angle of the probe when the run began, in degrees; NaN before.
     probe_deg
         Last angle of the probe that was read back, in degrees; None before the first.
+    seen_deg
+        Last angle of the probe, read back or while a person turns it, in degrees; None before the first, and while a
+        person turns the probe who will type the angle in.
     target_deg
         Angle to which the stage was sent and which is not read back yet, in degrees; None if nothing moves.
     asked_deg
         Angle to which a person is asked to turn the probe, in degrees; None if nobody is asked.
+    role
+        Role of the newest acquisition, asked for or measured; None before the first.
+    index
+        Number of the newest acquisition within its role, counted from 1; 0 before the first.
     points
         Acquisitions with light, in order.
     belief
@@ -116,6 +123,8 @@ class RunView:
         The rig's clock at the start, in seconds.
     elapsed_s
         Time on the rig's clock since the start, in seconds.
+    known_s
+        The same when the answer was known; None before.
     snr_db
         Largest intensity over the noise, in dB; None if the noise is not known.
     pulses
@@ -136,14 +145,18 @@ class RunView:
     phase: Phase = "ready"
     start_deg: float = math.nan
     probe_deg: float | None = None
+    seen_deg: float | None = None
     target_deg: float | None = None
     asked_deg: float | None = None
+    role: Role | None = None
+    index: int = 0
     points: tuple[Point, ...] = ()
     belief: AngleBelief | None = None
     finished: Finished | None = None
     travel_deg: float = 0.0
     started_s: float = 0.0
     elapsed_s: float = 0.0
+    known_s: float | None = None
     snr_db: float | None = None
     pulses: int = 0
     refused: int = 0
@@ -249,7 +262,7 @@ class RunView:
         return replace(after, line=with_minus(after.line))
 
     def cut_off(self, reason: str, *, problem: str = "") -> RunView:
-        """The view after the last event of a run that gave no end: where its probe is now is not known.
+        """The view after the last event of a run that did not report its end; the angle of its probe is not known.
 
         Parameters
         ----------
@@ -266,16 +279,17 @@ class RunView:
 def _after(view: RunView, event: JournalEvent, clock_s: float) -> RunView:
     match event:
         case Started(start_deg=start_deg, limits=limits):
-            # A search that begins anew keeps nothing of what was measured before, but the pulses were fired.
+            # A search that starts again keeps no measurement, but the pulses were fired.
             begun = RunView(plan=view.plan, facts=view.facts, number=view.number, pulses=view.pulses)
-            line = f"started at {start_deg:.2f}°, {limits}"
-            return replace(begun, started_s=clock_s, start_deg=start_deg, probe_deg=start_deg, line=line)
+            line = f"started at {start_deg:.3f}°, searches {limits}"
+            begun = replace(begun, probe_deg=start_deg, seen_deg=start_deg)
+            return replace(begun, started_s=clock_s, start_deg=start_deg, line=line)
         case Asked() | Turning() | Swept():
             return _turning(view, event)
         case Measured():
             return _measured(view, event)
         case Refused(angle_deg=angle_deg, reason=reason):
-            line = f"refused at {angle_deg:.2f}°: {reason}"
+            line = f"refused at {angle_deg:.3f}°: {reason}"
             return replace(view, phase="refused", refused=view.refused + 1, line=line)
         case Finished(estimate=estimate):
             # The paper's form of a method always answers, and claims nothing.
@@ -283,41 +297,49 @@ def _after(view: RunView, event: JournalEvent, clock_s: float) -> RunView:
             belief = event.belief or AngleBelief(estimate=estimate, claims=claims)
             name = answer_name(estimate) if claims else "angle, not claimed"
             line = ": ".join(filter(None, (name, angle_text(belief))))
-            return replace(view, phase="finished", finished=event, belief=belief, line=line)
+            return replace(view, phase="finished", finished=event, belief=belief, known_s=event.known_s, line=line)
         case Failed(error=error):
             line = f"fault: {error}; {FAULT_END}"
             return replace(view, phase="fault", finished=None, line=line, problem=with_minus(str(error)))
-        case Interrupted():
-            return replace(view, phase="stopped", line=STOPPED)
+        case Interrupted(reason=reason):
+            return replace(view, phase="stopped", line=f"{STOPPED} ({reason})")
         case Resuming(by=by):
             line = f"armed by {by}" + ("; measures the strongest angle again" if view.points else "")
             return replace(view, phase="checking", line=line)
         case Checked(difference=difference):
-            return replace(view, phase="checking", line=f"checked: {difference or 'unchanged'}")
+            changed = difference and f"{difference}: the search starts again"
+            line = changed or "the strongest angle is unchanged: the search goes on"
+            return replace(view, phase="checking", line=line)
 
 
 def _turning(view: RunView, event: Asked | Turning | Swept) -> RunView:
     if isinstance(event, Turning):
         read = "type the angle reached" if event.angle_deg is None else f"it is at {event.angle_deg:.1f}°"
         line = f"turn the probe to {event.target_deg:.1f}°: {read}"
-        return replace(view, phase="turning", asked_deg=event.target_deg, line=line)
+        return replace(view, phase="turning", asked_deg=event.target_deg, seen_deg=event.angle_deg, line=line)
     if isinstance(event, Swept):
-        line = f"the sweep is over after {counted(event.pulses, 'pulse')}, the probe is at {event.angle_deg:.2f}°"
+        line = f"the sweep is over after {counted(event.pulses, 'pulse')}, the probe is at {event.angle_deg:.3f}°"
         return replace(_moved(view, event.angle_deg), phase="measured", line=line)
+    view = replace(view, role=event.role, index=event.index)
     if event.role == "dark":
         count = f" of {view.plan.dark_frames}" if event.index <= view.plan.dark_frames else ""
         line = f"{_name(view, event.role, event.index)}{count}: measures the noise, laser off"
         return replace(view, phase="dark", dark=event.index, line=line)
-    line = f"{_name(view, event.role, event.index)} at {event.angle_deg:.2f}°"
+    line = f"{_name(view, event.role, event.index)} at {event.angle_deg:.3f}°"
     if event.sweep is not None:
-        line = f"sweeps to {event.angle_deg:.2f}°"
-    return replace(view, phase="moving", target_deg=event.angle_deg, line=line)
+        line = f"sweeps to {event.angle_deg:.3f}° at {event.sweep.speed_deg_s:g} deg/s"
+    known_s = None
+    if event.role == "confirmation" and not view.plan.as_published:
+        known_s = view.elapsed_s
+        line = f"the answer is {event.angle_deg:.3f}°, known after {known_s:.1f} s: turns there to confirm it"
+    return replace(view, phase="moving", target_deg=event.angle_deg, known_s=known_s, line=line)
 
 
 def _measured(view: RunView, event: Measured) -> RunView:
     sample = event.sample
+    view = replace(view, role=event.role, index=event.index, seen_deg=sample.angle_deg)
     name = _name(view, event.role, event.index)
-    line = f"{name}: {sample.angle_deg:.2f}°, intensity {sample.reading.intensity:.4g}"
+    line = f"{name}: {sample.angle_deg:.3f}°, intensity {sample.reading.intensity:.4g}"
     phase: Phase = "measured" if sample.sweep is None else "sweeping"
     if sample.dark:
         return replace(view, phase=phase, probe_deg=sample.angle_deg, line=line)
@@ -330,7 +352,7 @@ def _measured(view: RunView, event: Measured) -> RunView:
 def _moved(view: RunView, angle_deg: float) -> RunView:
     """The view with the probe read back at an angle."""
     way_deg = 0.0 if view.probe_deg is None else abs(angle_deg - view.probe_deg)
-    return replace(view, probe_deg=angle_deg, travel_deg=view.travel_deg + way_deg)
+    return replace(view, probe_deg=angle_deg, seen_deg=angle_deg, travel_deg=view.travel_deg + way_deg)
 
 
 def _name(view: RunView, role: Role, index: int) -> str:

@@ -171,10 +171,7 @@ def find_marker(rig: Rig, method: SearchPlan | MethodName = "posterior", *, prog
     session = new_session(rig, plan_on(rig, asked))
     for event in session.events():
         if progress and isinstance(event, Measured) and not event.sample.dark:
-            sample = event.sample
-            sys.stderr.write(
-                f"{event.role} {event.index}: {sample.angle_deg:+7.2f}°, intensity {sample.reading.intensity:.4g}\n"
-            )
+            sys.stderr.write(f"{session.view.line}\n")
     return session.result()
 
 

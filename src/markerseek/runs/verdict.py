@@ -7,7 +7,19 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from markerseek.core import AngleBelief, Found, Unsure
-from markerseek.records import angle_text, answer_name, answer_reason, digits_of, interval_text, sigma_text, with_minus
+from markerseek.records import (
+    NO_CLAIM,
+    acquisitions_text,
+    angle_text,
+    answer_name,
+    answer_reason,
+    digits_of,
+    interval_text,
+    others_rows,
+    sigma_text,
+    time_text,
+    with_minus,
+)
 from markerseek.runs.run_view import RunView
 
 VerdictKind: TypeAlias = Literal["idle", "busy", "found", "unsure", "nothing", "stopped", "fault"]
@@ -135,7 +147,7 @@ def _reason(view: RunView) -> str:
     if belief is None:
         return "" if view.number else "nothing measured yet"
     if not belief.claims:
-        return "the paper's form of a method always answers, also where there is no marker"
+        return NO_CLAIM
     reason = answer_reason(belief.estimate) or ""
     if view.phase == "finished":
         return reason
@@ -165,14 +177,14 @@ def numbers_of(view: RunView, *, name: str, pulse_j: float | None = None) -> lis
         Energy of one pulse in joules; None if it is not known.
     """
     moves, belief = view.facts.kind != "replayed", view.belief
-    virtual = " (virtual)" if view.facts.kind == "simulated" else ""
+    simulated = view.facts.kind == "simulated"
     rows = [
         ("search", name),
-        ("acquisitions", str(view.acquisitions) + (f", {view.refused} refused" if view.refused else "")),
+        ("acquisitions", acquisitions_text(view.acquisitions, view.refused)),
         ("rotation", f"{view.travel_deg:.1f}°" if moves else "–"),
-        ("time", f"{view.elapsed_s:.0f} s{virtual}" if moves else "–"),
+        ("time", time_text(view.elapsed_s, known_s=view.known_s, simulated=simulated) if moves else "–"),
         ("peak SNR", _snr(view)),
-        ("threshold", "unknown" if view.floor_level is None else f"{view.floor_level:.4g} {view.unit}"),
+        ("detection threshold", "unknown" if view.floor_level is None else f"{view.floor_level:.4g} {view.unit}"),
         ("pulses", str(view.pulses) if moves else "–"),
     ]
     if belief is not None:
@@ -180,10 +192,8 @@ def numbers_of(view: RunView, *, name: str, pulse_j: float | None = None) -> lis
         others = [with_minus(f"{each.relative_db:+.1f} dB at {each.angle_deg:.2f}°") for each in estimate.others]
         none = "none seen" if belief.angles_deg else "not looked for"
         rows.append(("other sources", ", ".join(others[:2]) or none))
-        rows.append(("range checked", "–" if estimate.surveyed is None else f"{100 * estimate.surveyed:.1f} %"))
-        if isinstance(estimate, Found | Unsure) and estimate.other_probability:
-            percent = 100 * estimate.other_probability
-            rows.append(("wrong source", "< 0.1 %" if percent < 0.1 else f"{percent:.2g} %"))
+        other_probability = estimate.other_probability if isinstance(estimate, Found | Unsure) else None
+        rows += others_rows((), estimate.surveyed, other_probability)
         if view.target_deg is not None and belief.choice_deg:
             place = min(bisect_left(belief.choice_deg, view.target_deg), len(belief.choice_deg) - 1)
             sigma_deg = belief.choice_sigma_deg[place]

@@ -38,7 +38,7 @@ CLOCKS_S = 2e-3
 """Most by which the clocks of stage and stamps differ: they are compared to 1 ms. A stamp is later than its report by
 that, and by what the delay of the stamps may be."""
 
-STAMP_SIGMA_S = 1.5e-3
+STAMP_SIGMA_S = 2e-3
 """Standard deviation of a stamp by itself, in seconds, where the laser states less: fast ones jitter by up to 3 ms."""
 
 RATE_SPARE_S = 0.02

@@ -8,7 +8,7 @@ from markerseek.search.average import THRESHOLD, weighted_average
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
 from markerseek.search.checked import CheckedPolicy
 from markerseek.search.curve import Curve, curve_of
-from markerseek.search.floor import FALSE_FOUND, noise_of
+from markerseek.search.floor import noise_of
 from markerseek.search.manual import ScriptedManual
 from markerseek.search.methods import (
     METHODS,
@@ -29,7 +29,6 @@ from markerseek.search.recording import WholeRecording
 from markerseek.search.sweep import Exhaustive, WeightedAverage, equal_steps, peak_passed
 
 __all__ = [
-    "FALSE_FOUND",
     "GOLDEN",
     "METHODS",
     "TERNARY",

@@ -31,11 +31,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core import Floor, Sample
+from markerseek.core import FALSE_FOUND, Floor, Sample
 from markerseek.search.curve import Curve, curve_of
-
-FALSE_FOUND = 1e-3
-"""Probability p that noise alone exceeds the threshold somewhere in a search (promise P9)."""
 
 MAX_CELLS = 128 * 2080
 """Cells where a reading with known σ does not state them: as many as a frame has samples, so that the floor is high."""

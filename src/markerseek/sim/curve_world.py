@@ -17,11 +17,10 @@ Left out: lateral position and depth, quantisation, saturation. The tests of the
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
-from markerseek.core import ConfigError, Float64, FrameHeader, ReadingFrame
+from markerseek.core import ConfigError, FrameHeader, ReadingFrame
 from markerseek.sim.curves import IntensityCurve
 from markerseek.sim.settings import SimulatedSettings
 from markerseek.sim.world import Flash, flash_of, noise_gain
@@ -124,36 +123,6 @@ class CurveWorld:
             noise_sigma=noise_sigma if self._noise_stated else None,
             cells=self._cells if self._noise_stated else None,
         )
-
-    def scans(
-        self, scans_deg: Sequence[Float64[np.ndarray, " angles"]], *, pulses: int
-    ) -> list[Float64[np.ndarray, " angles"]]:
-        """Intensities of scans, each as the first scan of a world with this seed would give them.
-
-        The numbers of the longest scan are drawn once, in the order of flashes and frames, and serve all: a scan agrees
-        to rounding with as many frames of another world with the same seed, in a tenth of the time. No flash is kept.
-
-        ``scans_deg``: angles of the probe in the order of the acquisitions; one array or more.
-        """
-        peaks = 0 if self._curve is None else len(self._curve.peaks(0.0))
-        # The order of the draws is that of `flash` and `frame`, so that the numbers are those of single frames.
-        energy, largest, noise = [], [], []
-        for _ in range(max(angles_deg.size for angles_deg in scans_deg)):
-            energy.append(flash_of(self._rng, pulses=pulses, at_s=0.0, energy_jitter=self._energy_jitter).energy)
-            largest.append(largest_noise(self._rng, cells=self._cells))
-            noise.append(self._rng.standard_normal((peaks, 4)))
-        snr = np.array(energy)[:, None] * self._peak / self._noise_sigma
-        along, *across = np.moveaxis(np.array(noise), -1, 0)
-        square_across = sum((part**2 for part in across), np.zeros_like(along))
-        scans = []
-        for angles_deg in scans_deg:
-            here = slice(angles_deg.size)
-            heights = np.zeros_like(along[here])
-            if self._curve is not None:
-                heights[:] = [self._curve.peaks(angle_deg - self._marker_deg) for angle_deg in angles_deg.tolist()]
-            peak = np.sqrt((snr[here] * heights + along[here]) ** 2 + square_across[here])
-            scans.append(np.maximum(largest[here], peak.max(axis=1, initial=0.0)) * self._noise_sigma)
-        return scans
 
 
 def largest_noise(rng: np.random.Generator, *, cells: int) -> float:

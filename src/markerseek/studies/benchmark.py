@@ -2,7 +2,7 @@
 
 Each world of a tier is a study whose settings never change (`WORLDS`, a hash of them). Without entries its seed does
 not change either, so that equal methods have equal rows; entries meet worlds of a secret seed, and so do our methods
-beside them. More searches add rows. The tiers differ in what a search is told: one intensity, also the largest
+beside them. More searches add rows. The tiers differ in what a search receives: one intensity, also the largest
 envelope of each block of the image, also the channel data. Methods are in groups of their own studies, as an entry
 must not change the rows of the others, and sweeps need a receiver set for single pulses.
 """
@@ -37,13 +37,13 @@ from markerseek.sim import (
 )
 from markerseek.studies import entry_child
 from markerseek.studies.policies import StudyPolicy, study_policy
-from markerseek.studies.runner import as_csv, read_json, read_rows, run_study, values_of, write_json
+from markerseek.studies.runner import as_csv, read_json, read_rows, run_study, values_of, write_json, write_rows
 from markerseek.studies.scene import ClutterAround, SceneSettings, SecondSource
 from markerseek.studies.statistics import Mean, Share
 from markerseek.studies.study import Axis, CurveSettings, Study, cells
 from markerseek.studies.summary import CLAIM_TOLERANCES, covers
 from markerseek.studies.trial import Row, run_row
-from markerseek.studies.workers import default_workers, on_processes
+from markerseek.studies.workers import in_order
 
 RESULTS = "results.json"
 """Name of the file of results in the benchmark's folder."""
@@ -60,7 +60,7 @@ MOST = 64
 Progress: TypeAlias = Callable[[str, int, int], None]
 
 Tier: TypeAlias = Literal["intensities", "block maxima", "raw channels"]
-"""What a search is told."""
+"""What a search receives."""
 
 _LEVELS: dict[Tier, Literal["curves", "frames"]] = {
     "intensities": "curves",
@@ -118,7 +118,7 @@ class World:
 
     def _seed(self, seed: int) -> int:
         """Seed of the world: an entry must not meet a marker again that it has found in another tier."""
-        # The usual worlds were frozen with one seed; nobody is told a secret there.
+        # The usual worlds were frozen with one seed; there is no secret.
         return seed if seed == SEED else int(hashlib.sha256(f"{seed} {self.place}".encode()).hexdigest()[:15], 16)
 
 
@@ -130,7 +130,7 @@ def _worlds() -> Iterator[World]:
         yield World(tier=tier, name="none", rig=nothing)
         yield World(tier=tier, name="one")
         yield World(tier=tier, name="edge", vary=edge)
-    # Two humps are curves of a closed form; clutter needs images.
+    # Two sources are curves of a closed form; clutter needs images.
     yield World(tier="intensities", name="two", scene=two, curve=CurveSettings(family="sech", fwhm_deg=12.0))
     yield World(tier="intensities", name="spot", rig=replace(_RIG, tissue="muscle"))
     yield World(tier="raw channels", name="two", scene=two)
@@ -201,66 +201,72 @@ class Entry:
 
 
 class Score(msgspec.Struct, frozen=True, kw_only=True):
-    """One method in one world, or, with the world "all", in all worlds of a tier.
-
-    ``right``: searches that found the marker within the tolerance, or, where there is none, found nothing.
-    ``acquisitions`` and ``seconds``: of all searches for a marker, over the number of those that found it within the
-    tolerance; None where none did. ``false_found``: found where there is none, or off by more than twice the tolerance.
-    """
+    """One method in one world, or, with the world "all", in all worlds of a tier."""
 
     tier: str
     world: str
     method: str
     searches: int
     right: Share
+    """Searches that found the marker within the tolerance, or, without a marker, found nothing."""
     acquisitions: float | None
+    """Of all searches for a marker, over the number of those that found it within the tolerance; None if none did."""
     seconds: float | None
+    """Time on the simulated clock, counted as the acquisitions."""
     error_deg: Mean
     covered: Share
     false_found: Share
+    """Found without a marker, or off by more than twice the tolerance."""
     missed: Share
     travel_deg: Mean
     failed: int
 
 
 class EntryResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What is known of an entry; ``failure``: in which world it failed, and how, empty where it did not."""
+    """What is known of an entry."""
 
     method: str
     command: tuple[str, ...]
     files: dict[str, str]
+    """SHA-256 of the entry's files, by name."""
     failure: str
+    """In which world the entry failed, and how; empty if it did not fail."""
 
 
 class BenchmarkResults(msgspec.Struct, frozen=True, kw_only=True):
-    """The results: ``worlds`` is the hash of the worlds, ``files`` has the SHA-256 of each table of rows.
-
-    ``secret``: whether ``seed`` was drawn for these entries, and known to nobody until they had ended. ``totals``: of
-    each method over all worlds of a tier.
-    """
+    """The results of a benchmark."""
 
     benchmark: int
+    """Version of the benchmark."""
     version: str
+    """Version of the package."""
     worlds: str
+    """Hash of the worlds."""
     seed: int
     secret: bool
+    """Whether the seed was drawn for these entries, and known to nobody until they had ended."""
     searches: dict[str, int]
+    """Searches of each method in each world, by tier."""
     scores: list[Score]
     totals: list[Score]
+    """Of each method over all worlds of a tier."""
     entries: list[EntryResult]
     files: dict[str, str]
+    """SHA-256 of each table of rows, by path."""
 
 
 class _Entered(msgspec.Struct, frozen=True, kw_only=True):
-    """What entries have done, written once all have ended: lines of their rows by group and world."""
+    """What entries have done, written once all have ended."""
 
     seed: int
     failures: dict[str, str]
+    """By group."""
     rows: dict[str, dict[str, str]]
+    """Lines of the rows, by group and world."""
 
 
 def benchmark_size(*, scale: float, entries: int) -> int:
-    """Searches of a whole benchmark, beside so many entries."""
+    """Searches of a whole benchmark, with this number of entries."""
     methods = {world: sum(len(policies) for _, policies in _groups(world)) + entries for world in WORLDS}
     return sum(_searches(world.tier, scale) * count for world, count in methods.items())
 
@@ -289,7 +295,7 @@ def run_benchmark(
     if entries:
         key = [[entry.group for entry in entries], scale, seed, __version__]
         rows_in = folder / f"entries-{hashlib.sha256(msgspec.json.encode(key)).hexdigest()[:12]}"
-        entered = _entered(rows_in / ENTERED, entries, scale, seed, workers or default_workers(), progress)
+        entered = _entered(rows_in / ENTERED, entries, scale, seed, workers, progress)
     scores: list[Score] = []
     files: dict[str, str] = {}
     by_method: dict[tuple[Tier, str], list[Row]] = {}
@@ -299,13 +305,10 @@ def run_benchmark(
         for group, policies in (*_groups(world), *entered_here):
             searches = _searches(world.tier, scale)
             study = world.study(group, policies, searches=searches, seed=entered.seed)
-            finished = run_study(
-                study,
-                rows_in / group / f"{world.place}-{searches}",
-                workers=workers,
-                computed=[entered.rows[group][world.place].encode()] if group in entered.rows else None,
-                progress=partial(_advance, progress, done, size),
-            )
+            place = rows_in / group / f"{world.place}-{searches}"
+            if group in entered.rows:
+                write_rows(place, study, entered.rows[group][world.place].encode())
+            finished = run_study(study, place, workers=workers, progress=partial(_advance, progress, done, size))
             done += study.rows
             files[str(finished.rows.relative_to(folder))] = _sha256(finished.rows)
             rows = list(read_rows(finished.rows, study))
@@ -342,7 +345,7 @@ def _advance(progress: Progress, before: int, size: int, rows: int) -> None:
 
 
 def _entered(
-    path: Path, entries: Sequence[Entry], scale: float, seed: int | None, workers: int, progress: Progress
+    path: Path, entries: Sequence[Entry], scale: float, seed: int | None, workers: int | None, progress: Progress
 ) -> _Entered:
     """What the entries did, read from a file, or else done, and written into it once all have ended."""
     if path.exists():
@@ -360,7 +363,7 @@ def _entered(
         random.SystemRandom().shuffle(jobs)
         lines: dict[tuple[int, int], bytes] = {}
         progress(f"searches of {entry.label}", 0, len(jobs))
-        with closing(on_processes(partial(_searched, studies), jobs, workers=workers)) as searched:
+        with closing(in_order(partial(_searched, studies), jobs, workers=workers)) as searched:
             for (number, row), (line, fault) in zip(jobs, searched, strict=True):
                 if fault is not None:
                     failures[entry.group] = f"{WORLDS[number].tier}, {WORLDS[number].name}: {fault}"
@@ -428,7 +431,7 @@ def _score(tier: Tier, world: str, method: str, rows: Sequence[Row]) -> Score:
 
 
 def _within(row: Row, tolerances: float) -> bool:
-    """Whether the error is known, and at most so many tolerances."""
+    """Whether the error is known, and at most this many tolerances."""
     return row.error_deg is not None and row.error_deg <= tolerances * row.tolerance_deg
 
 

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 from markerseek.core import ConfigError
 from markerseek.pictures import ERROR_BARS, panel_grid, shared_legend
+from markerseek.studies.policies import StudyPolicy
 from markerseek.studies.statistics import Mean
 from markerseek.studies.study import Study
-from markerseek.studies.summary import PolicySummary, Summary
+from markerseek.studies.summary import Summary
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -71,12 +72,14 @@ def error_figure(
 def _lines(study: Study, summary: Summary, cell: int) -> dict[str, dict[int, Mean]]:
     """Means by number of acquisitions, rising, of each line of a cell by its label."""
     lines: dict[str, dict[int, Mean]] = {}
-    for policy in summary.policies:
-        if policy.cell == cell:
-            means = lines.setdefault(_name(policy), {})
-            if not _plans_ahead(policy):
-                means.update(zip(study.marks, policy.marks_deg, strict=True))
-            means[policy.acquisitions_most] = policy.any_error_deg
+    for each in summary.policies:
+        if each.cell == cell:
+            policy = study.policies[each.policy]
+            means = lines.setdefault(_name(each.label, policy), {})
+            # Of other methods half a search is not a search of half as many.
+            if policy.plan.method not in ("weighted-average", "exhaustive", "manual"):
+                means.update(zip(study.marks, each.marks_deg, strict=True))
+            means[policy.most] = each.any_error_deg
     known = {
         # Policies of one line may be listed in any order; the line must run to the right.
         name: {count: mean for count, mean in sorted(means.items(), key=lambda item: item[0]) if mean.mean is not None}
@@ -91,15 +94,10 @@ def _markers(runs: Sequence[tuple[Study, Summary]]) -> str:
     return str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
 
 
-def _plans_ahead(policy: PolicySummary) -> bool:
-    """Whether its angles depend on their number, so that half a search is not a search of half as many."""
-    return policy.method in ("weighted-average", "exhaustive", "manual")
-
-
-def _name(policy: PolicySummary) -> str:
-    """Label of the policy without its number of acquisitions, and without the usual "no early end"."""
-    name = policy.label.replace(f", {policy.acquisitions_most}", "", 1).replace(", no early end", "")
-    return f"{name}, with early end" if policy.method == "posterior" and policy.early_end else name
+def _name(label: str, policy: StudyPolicy) -> str:
+    """Label of a policy without its number of acquisitions, and without the usual "no early end"."""
+    name = label.replace(f", {policy.most}", "", 1).replace(", no early end", "")
+    return f"{name}, with early end" if policy.plan.method == "posterior" and policy.plan.early_end else name
 
 
 def _half(mean: Mean) -> float:

@@ -28,7 +28,7 @@ from markerseek.files import MIB, open_input, read_input, replace_file, sync_fol
 from markerseek.studies.study import Study, Value, cells
 from markerseek.studies.summary import Summary, summarise
 from markerseek.studies.trial import Row, run_trial
-from markerseek.studies.workers import default_workers, on_cluster, on_processes
+from markerseek.studies.workers import in_order
 
 STUDY, PART, ROWS, SUMMARY = "study.json", "rows.part.csv", "rows.csv", "summary.json"
 """Names in a study's folder."""
@@ -60,14 +60,13 @@ def run_study(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
-    computed: Iterable[bytes] | None = None,
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[int], None] = lambda _rows: None,
 ) -> FinishedStudy:
     """Run a study, or the rest of it, and summarise it.
 
     ``folder``: created if it does not exist. ``workers``: processes of this machine; None: as many as it has cores.
-    ``scheduler``: address of a Dask scheduler, to run on its workers instead. ``computed``: lines of all rows, where
-    they are computed already. ``progress``: receives the number of finished rows before the first chunk and after each.
+    ``scheduler``: address of a Dask scheduler, to run on its workers instead. ``progress``: receives the number of
+    finished rows before the first chunk and after each.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -78,13 +77,10 @@ def run_study(
     with _alone(folder):
         _claim(folder, study)
         if not (folder / ROWS).exists():
-            if computed is not None:
-                (folder / PART).unlink(missing_ok=True)
-            _add_rows(study, folder / PART, workers, scheduler, computed, progress or (lambda _: None))
+            _add_rows(study, folder / PART, workers, scheduler, progress)
             (folder / PART).replace(folder / ROWS)
             sync_folder(folder)
-        if progress is not None:
-            progress(study.rows)
+        progress(study.rows)
         if not (folder / SUMMARY).exists():
             write_json(folder / SUMMARY, summarise(study, read_rows(folder / ROWS, study)))
         summary = read_json(folder / SUMMARY, Summary, cure="; delete it, and it is computed again")
@@ -100,12 +96,17 @@ def read_json(path: Path, kind: type[Kind], *, cure: str = "") -> Kind:
 
 
 def write_json(path: Path, value: object) -> None:
-    """Write a value as a JSON file, in the place of one that is there."""
-    try:
-        with replace_file(path) as unfinished:
-            unfinished.write_bytes(msgspec.json.format(msgspec.json.encode(value), indent=1) + b"\n")
-    except OSError as problem:
-        raise RecordError(f"{path}: it cannot be written: {problem.strerror}") from problem
+    """Write a value as a JSON file; an existing file is replaced."""
+    with _writing(path), replace_file(path) as unfinished:
+        unfinished.write_bytes(msgspec.json.format(msgspec.json.encode(value), indent=1) + b"\n")
+
+
+def write_rows(folder: Path, study: Study, lines: bytes) -> None:
+    """Write the lines of all rows of a study, which were computed elsewhere, to where `run_study` finds them."""
+    if not (folder / ROWS).exists():
+        with _writing(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / PART).write_bytes(as_csv([columns(study)]) + lines)
 
 
 def _claim(folder: Path, study: Study) -> None:
@@ -131,20 +132,15 @@ def _add_rows(
     path: Path,
     workers: int | None,
     scheduler: str | None,
-    computed: Iterable[bytes] | None,
     progress: Callable[[int], None],
 ) -> None:
     """Compute the rows that an unfinished table lacks, and add each chunk as it is ready."""
-    with _opened(path) as table:
+    with _writing(path):
+        path.touch()
+    with path.open("r+b") as table:
         done = _whole_trials(table, study)
-        left = chunks(study, first=done)
         progress(done * len(study.policies))
-        if computed is not None:
-            parts = (lines for lines in computed)
-        elif scheduler is not None:
-            parts = on_cluster(run_chunk, study, left, address=scheduler)
-        else:
-            parts = on_processes(partial(run_chunk, study), left, workers=workers or default_workers())
+        parts = in_order(partial(run_chunk, study), chunks(study, first=done), workers=workers, scheduler=scheduler)
         # Closed at Ctrl-C too: the processes would otherwise continue their jobs.
         with closing(parts):
             for lines in parts:
@@ -153,7 +149,10 @@ def _add_rows(
                     raise ConfigError(
                         "a worker has another version of markerseek than this process; install the same one"
                     )
-                _append(table, lines, path)
+                with _writing(path):
+                    table.write(lines)
+                    table.flush()
+                    os.fsync(table.fileno())
                 done += lines.count(b"\n") // len(study.policies)
                 progress(done * len(study.policies))
 
@@ -178,27 +177,13 @@ def _whole_trials(table: IO[bytes], study: Study) -> int:
     return trials
 
 
-def _append(table: IO[bytes], lines: bytes, path: Path) -> None:
-    """Add lines to a table, and have them on the disk."""
-    try:
-        table.write(lines)
-        table.flush()
-        os.fsync(table.fileno())
-    except OSError as problem:
-        raise RecordError(f"{path}: it cannot be written: {problem.strerror}") from problem
-
-
 @contextmanager
-def _opened(path: Path) -> Iterator[IO[bytes]]:
-    """A file of the study's folder, to be read and written; made if it is not there."""
-    # Never a link, which would have another file opened, nor a pipe, which would wait for its reader.
-    flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+def _writing(path: Path) -> Iterator[None]:
+    """Errors of the disk as `RecordError`."""
     try:
-        file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | flags, 0o666), "r+b")
+        yield
     except OSError as problem:
-        raise RecordError(f"{path}: it cannot be opened: {problem.strerror or problem}; delete it") from problem
-    with file:
-        yield file
+        raise RecordError(f"{path}: it cannot be written: {problem.strerror or problem}") from problem
 
 
 @contextmanager
@@ -209,7 +194,7 @@ def _alone(folder: Path) -> Iterator[None]:
     except ImportError:  # Windows: without the lock, two runs of one study do the work twice and write the same files
         yield
         return
-    with _opened(folder / ".lock") as lock:
+    with (folder / ".lock").open("ab") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as problem:

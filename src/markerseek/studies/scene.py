@@ -25,12 +25,13 @@ class SecondSource:
     """A second source in the search range."""
 
     least_apart_deg: float = 6.0
+    """Least distance from the marker, which is drawn evenly, to either side as the range allows."""
     most_apart_deg: float = 60.0
-    """``least_apart_deg`` and ``most_apart_deg``: its distance from the marker, drawn evenly, to either side as the
-    range allows."""
+    """Largest distance from the marker."""
     least_relative: float = 0.5
+    """Least loudness over the marker's, which is drawn evenly."""
     most_relative: float = 1.0
-    """``least_relative`` and ``most_relative``: its loudness over the marker's, drawn evenly."""
+    """Largest loudness over the marker's."""
     same_place: bool = False
     """Whether lateral position, radius and size are those of the marker; otherwise they are drawn."""
     least_lateral_m: float = 0.0
@@ -50,9 +51,10 @@ class ClutterAround:
 
     count: int = 8
     least_db: float = -20.0
+    """Least loudness of the loudest absorber over the marker's, which is drawn evenly; the others follow an exponential
+    law."""
     most_db: float = -3.0
-    """``least_db`` and ``most_db``: loudness of the loudest of them over the marker's, drawn evenly; the others follow
-    an exponential law."""
+    """Largest loudness of the loudest absorber over the marker's."""
 
     def __post_init__(self) -> None:
         if not is_whole(self.count) or not 1 <= self.count <= 1000:
@@ -65,12 +67,13 @@ class Repeats:
     """Repeats behind every source."""
 
     least_delay_s: float = 1e-6
+    """Least time from one repeat to the next, which is drawn evenly."""
     most_delay_s: float = 20e-6
-    """``least_delay_s`` and ``most_delay_s``: time from one repeat to the next, drawn evenly."""
+    """Largest time from one repeat to the next."""
     least_gain: float = 0.05
+    """Least amplitude of a repeat over that of the repeat before, which is drawn evenly, with either sign as likely."""
     most_gain: float = 0.5
-    """``least_gain`` and ``most_gain``: amplitude of a repeat over that of the one before it, drawn evenly, with either
-    sign as likely."""
+    """Largest amplitude of a repeat over that of the repeat before."""
     most_repeats: int = 3
     """Number of repeats, drawn from 1 to this."""
 

@@ -49,9 +49,9 @@ class CurveSettings:
     family: Literal["acoustic", "gaussian", "sech", "power"] = "acoustic"
     """The acoustics of the rig, or a closed form (`markerseek.sim.curves`)."""
     fwhm_deg: float = 10.0
+    """Full width at half maximum of a closed form, in degrees."""
     power: float = 1.0
-    """``fwhm_deg`` and ``power``: full width at half maximum in degrees and exponent of the tails, for the closed
-    forms."""
+    """Exponent of the tails of the closed form "power"."""
     draws: int = 4
     """Number of spots of a tissue that are drawn, each with its curve; a trial takes one of them."""
     noise_stated: bool = True
@@ -108,10 +108,11 @@ class Study:
     stay: bool = False
     """Whether to leave out the move to the answer and the confirmation there."""
     curve: CurveSettings = field(default_factory=CurveSettings)
+    """Source of the intensities at the level "curves"."""
     rig: SimulatedSettings = field(default_factory=SimulatedSettings)
+    """The simulated rig."""
     scene: SceneSettings = field(default_factory=SceneSettings)
-    """``curve``, ``rig`` and ``scene``: settings of the world; what the scene holds beside the marker needs frames with
-    everything drawn, but two humps (``scene.second``) of a closed form are curves."""
+    """What is beside the marker; it needs frames with everything drawn, but a closed form can have a second source."""
     vary: tuple[Axis, ...] = ()
     version: int = VERSION
     """Version of the form of a study."""

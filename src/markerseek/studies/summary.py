@@ -4,20 +4,21 @@ There are two sets of figures. Of the searches that answer `Found`: error, and f
 `FAILURE_DEG` or something found without a marker. Of every search with a marker, whatever its answer: error of
 ``mean_deg``, shares off by more than `FAILURE_DEG`, not found, missed (the answer "not found"), and found but off by
 more than `CLAIM_TOLERANCES` times the tolerance (promise P10); and how often a 95 % interval covers the truth (P11).
-The table is in the order of the cells, and one cell is held in memory.
+The table is in the order of the cells, and only one cell is in memory.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from itertools import combinations, groupby
+from typing import get_args
 
 import msgspec
 
 from markerseek.studies.policies import StudyPolicy
 from markerseek.studies.statistics import Mean, Share, root_mean_square
 from markerseek.studies.study import Cell, Study, Value, cells
-from markerseek.studies.trial import ANSWERS, Row
+from markerseek.studies.trial import Answer, Row
 
 FAILURE_DEG = 4.33
 """Error beyond which a search failed: the half range within which a tool tip is seen (paper, section 2.5 D)."""
@@ -26,57 +27,63 @@ CLAIM_TOLERANCES = 2.0
 """Error over the tolerance beyond which the claim of a `Found` is wrong (promise P10)."""
 
 ALL_PAIRS = 6
-"""Most policies of which every pair is compared; with more, pairs with the same number of acquisitions."""
+"""Most policies for which every pair is compared; with more, pairs with the same number of acquisitions."""
 
 
 class TwoSources(msgspec.Struct, frozen=True, kw_only=True):
-    """Answers where the scene holds a second source, as shares of all its searches.
-
-    ``stronger`` is `Found` at the stronger source, or ambiguous; ``weaker`` and ``between`` are `Found` at the weaker
-    one, and at neither but between them; ``named``: the answer, whatever it is, names the other source too.
-    """
+    """Answers where the scene holds a second source, as shares of all searches there."""
 
     stronger: Share
+    """`Found` at the stronger source, or ambiguous."""
     weaker: Share
+    """`Found` at the weaker source."""
     between: Share
+    """`Found` at neither, but between them."""
     named: Share
+    """The answer, whatever it is, names the other source too."""
 
 
 class PolicySummary(msgspec.Struct, frozen=True, kw_only=True):
-    """One policy in one cell.
-
-    ``error_deg``, ``failures`` are of the searches that found. The rest is of all with a marker, whatever the answer:
-    ``any_error_deg`` with its root mean square ``rmse_deg``, ``off``, ``not_found``, ``missed``, ``wrong_claims``;
-    ``covered`` is of those that gave an interval, ``false_found`` of those without a marker. ``marks_deg`` holds the
-    mean errors at the study's marks (numbers of acquisitions). ``two_sources`` is None where there was one source.
-    """
+    """One policy in one cell."""
 
     cell: int
     settings: dict[str, Value]
+    """Varied settings of the cell."""
     policy: int
+    """Number of the policy in the study, from 0."""
     label: str
-    method: str
-    acquisitions_most: int
-    as_published: bool
-    early_end: bool
     trials: int
     error_deg: Mean
+    """Error of the searches that found."""
     failures: Share
+    """Errors beyond `FAILURE_DEG`, or something found without a marker, of the searches that found."""
     any_error_deg: Mean
+    """Error of all searches with a marker, whatever the answer."""
     rmse_deg: float | None
+    """Root mean square of the same errors."""
     off: Share
+    """Errors beyond `FAILURE_DEG`, of all searches with a marker."""
     not_found: Share
+    """Any answer but found, of all searches with a marker."""
     missed: Share
+    """The answer "not found", of all searches with a marker."""
     wrong_claims: Share
+    """Found and off by more than `CLAIM_TOLERANCES`, of all searches with a marker."""
     covered: Share
+    """95 % intervals that hold the truth, of all searches with a marker that gave an interval."""
     false_found: Share
+    """Found, of all searches without a marker."""
     marks_deg: list[Mean]
+    """Mean errors at the marks of the study."""
     answers: dict[str, Share]
+    """Shares of all answers."""
     acquisitions: Mean
     travel_deg: Mean
     elapsed_s: Mean
     refused: int
+    """Frames that were refused."""
     two_sources: TwoSources | None = None
+    """None if there was one source."""
 
 
 class Difference(msgspec.Struct, frozen=True, kw_only=True):
@@ -161,10 +168,6 @@ def _summary(cell: Cell, number: int, policy: StudyPolicy, rows: Sequence[Row], 
         settings=dict(cell.varied),
         policy=number,
         label=str(policy),
-        method=policy.plan.method,
-        acquisitions_most=policy.most,
-        as_published=policy.plan.as_published,
-        early_end=policy.plan.early_end,
         trials=len(rows),
         error_deg=Mean.of(_known(_found_error(row) for row in rows)),
         failures=_share((row for row in rows if row.answer == "found"), _failed),
@@ -184,7 +187,7 @@ def _summary(cell: Cell, number: int, policy: StudyPolicy, rows: Sequence[Row], 
             Mean.of([abs(row.marks_deg[mark] - (row.truth_deg or 0.0)) for row in marked if row.marks_deg])
             for mark in range(marks)
         ],
-        answers={answer: _share(rows, lambda row, answer=answer: row.answer == answer) for answer in ANSWERS},  # type: ignore[misc]
+        answers={answer: _share(rows, lambda row, answer=answer: row.answer == answer) for answer in get_args(Answer)},  # type: ignore[misc]
         acquisitions=Mean.of(_known(row.acquisitions for row in rows)),
         travel_deg=Mean.of(_known(row.travel_deg for row in rows)),
         elapsed_s=Mean.of(_known(row.elapsed_s for row in rows)),
@@ -209,8 +212,8 @@ def _two_sources(rows: Sequence[Row]) -> TwoSources | None:
 
 def _share(rows: Iterable[Row], holds: Callable[[Row], bool]) -> Share:
     """Share of the rows for which something holds."""
-    held = [holds(row) for row in rows]
-    return Share.of(sum(held), len(held))
+    hits = [holds(row) for row in rows]
+    return Share.of(sum(hits), len(hits))
 
 
 def _known(values: Iterable[float | None]) -> list[float]:

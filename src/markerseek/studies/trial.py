@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeAlias
 
 import msgspec
 
@@ -35,63 +35,68 @@ from markerseek.studies.policies import StudyPolicy, build_policy, is_own, own_l
 from markerseek.studies.study import Cell, Study, Value, cells
 from markerseek.studies.worlds import Draw, draw_trial, former_rig, hidden_noise, study_rig
 
-ANSWERS = ("found", "not found", "ambiguous", "at bound", "unsure", "failed")
-"""Answers of a search; "failed" is a fault of a device, which ends the search without an angle."""
-
+Answer: TypeAlias = Literal["found", "not found", "ambiguous", "at bound", "unsure", "failed"]
+"""Answer of a search; "failed" is a fault of a device, which ends the search without an angle."""
 
 SOURCE_DEG = 2.0
-"""Largest distance of an angle from a source of which it is the angle, in degrees."""
+"""Largest distance of an angle from a source for the angle to be that of the source, in degrees."""
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
-    """One search of a study.
+    """One search of a study; None is a missing value.
 
-    ``study`` (its hash) and ``row`` are all that is needed to repeat the search (`run_row`). The columns up to
-    ``noise_seed`` are its settings, the others its result. ``settings`` holds the varied settings of the cell;
-    ``acquisitions_most`` were allowed and ``acquisitions`` made. None is a missing value: the truth without a marker,
-    and all results after a device failed. ``low_deg`` and ``high_deg`` are the ends of the 95 % interval, and
-    ``marks_deg`` the answers after as many acquisitions as the study's marks. ``surveyed`` and
-    ``other_probability`` are the answer's.
-    ``tolerance_deg`` is the policy's tolerance at the marker's true distance from the axis. ``fault`` says why a search
-    failed.
-
-    Where the scene holds a second source, ``second_deg`` is its angle and ``second_db`` its loudness over the marker's,
-    ``nearest`` says which of the two the answer's angle is that of (within `SOURCE_DEG`), and ``other_deg`` is the
-    angle that the answer names for the other source, None where it names none within `SOURCE_DEG`.
+    ``study`` and ``row`` are all that is needed to repeat the search (`run_row`). The columns up to ``noise_seed`` are
+    its settings, the others its result.
     """
 
     study: str
+    """Hash of the study."""
     row: int
     cell: int
     trial: int
     policy: int
     settings: tuple[tuple[str, Value], ...]
+    """Varied settings of the cell."""
     method: str
     acquisitions_most: int
+    """Acquisitions that were allowed."""
     as_published: bool
     early_end: bool
     noise_seed: int
-    answer: Literal["found", "not found", "ambiguous", "at bound", "unsure", "failed"]
+    answer: Answer
     mean_deg: float | None
     truth_deg: float | None
+    """Angle of the marker; None without a marker."""
     error_deg: float | None
     sigma_deg: float | None
     low_deg: float | None
+    """Lower end of the 95 % interval."""
     high_deg: float | None
+    """Upper end of the 95 % interval."""
     marks_deg: tuple[float, ...]
+    """Answers after as many acquisitions as the marks of the study."""
     acquisitions: int | None
+    """Acquisitions that were made."""
     refused: int
     travel_deg: float | None
     elapsed_s: float | None
     known_s: float | None = None
     surveyed: float | None = None
+    """As of the answer."""
     other_probability: float | None = None
+    """As of the answer."""
     tolerance_deg: float = 1.0
+    """Tolerance of the policy at the marker's true distance from the axis."""
     second_deg: float | None = None
+    """Angle of the second source, where the scene holds one."""
     second_db: float | None = None
+    """Loudness of the second source over the marker's."""
     nearest: Literal["stronger", "weaker", "between", "outside"] | None = None
+    """Which of the two sources the angle of the answer belongs to."""
     other_deg: float | None = None
+    """Angle that the answer names for the other source; None if it names none within `SOURCE_DEG`."""
     fault: str | None = None
+    """Why a search failed."""
 
 
 def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
@@ -215,16 +220,15 @@ def run_row(study: Study, row: int) -> Row:
 
 
 class SearchTrace(NamedTuple):
-    """One search: its samples in order, its end, and its answers after some numbers of acquisitions.
-
-    ``frames`` counts all that were taken, dark frames and confirmations included, and ``refused`` those that were not.
-    """
+    """One search."""
 
     samples: list[Sample]
+    """Samples of the search in order, without dark frames and confirmations."""
     finished: Finished
     answers: dict[int, Estimate]
-    frames: int
+    """Answers by number of acquisitions."""
     refused: int
+    """Frames that were refused."""
 
 
 def searched(
@@ -241,22 +245,19 @@ def searched(
     """
     samples: list[Sample] = []
     answers: dict[int, Estimate] = {}
-    frames = refused = 0
+    refused = 0
     for event in run(policy, scanner, RunPlan(stay=stay, dark_frames=dark_frames)):
         # When acquisition n is asked for, the policy holds n − 1 samples.
         if isinstance(event, Asked) and event.role == "search" and event.index - 1 in counts:
             answers[event.index - 1] = policy.estimate()
         elif isinstance(event, Refused):
             refused += 1
-        elif isinstance(event, Measured):
-            frames += 1
-            # Without the confirmation at the end.
-            if event.role == "search":
-                samples.append(event.sample)
+        elif isinstance(event, Measured) and event.role == "search":
+            samples.append(event.sample)
         elif isinstance(event, Finished):
             if event.acquisitions in counts:
                 answers[event.acquisitions] = event.estimate
-            return SearchTrace(samples, event, answers, frames, refused)
+            return SearchTrace(samples, event, answers, refused)
     raise SearchError("the run ended without an answer")
 
 

@@ -17,19 +17,21 @@ from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from markerseek.core import ConfigError, MarkerseekError, needs_package
 
 _AHEAD = 8
-"""Jobs under way for each worker: the next ones go on while one that takes long is waited for."""
+"""Jobs under way for each worker: the next jobs go on while a long job is waited for."""
 
 _TIMEOUT_S = 20
 """Longest time in which a cluster answers, in seconds."""
 
 Job = TypeVar("Job")
-Shared = TypeVar("Shared")
 Done = TypeVar("Done")
+
+_Submit: TypeAlias = Callable[[Any], "Future[Any]"]
+"""Begins a job."""
 
 
 def default_workers() -> int:
@@ -38,17 +40,33 @@ def default_workers() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, workers: int) -> Generator[Done]:
-    """Result of each job, in their order; closing the iterator ends the processes.
+def in_order(
+    function: Callable[[Job], Done], jobs: Iterable[Job], *, workers: int | None = None, scheduler: str | None = None
+) -> Generator[Done]:
+    """Result of each job, in their order; closing the iterator ends the processes, or cancels the rest.
 
-    ``function``: a function of a module, or `functools.partial` of one, which other processes can import. ``workers``:
-    number of processes; 1 computes in this one.
+    ``function``: a function of a module, or `functools.partial` of one, which other processes can import.
+    ``workers``: number of processes of this machine; 1 computes in this one, None is `default_workers`.
+    ``scheduler``: address of a Dask scheduler, to compute on its workers, which need the same version of this package.
     """
-    if workers < 1:
-        raise ConfigError(f"workers is {workers}, at least 1 is needed")
-    if workers == 1:
+    count = default_workers() if workers is None else workers
+    if count < 1:
+        raise ConfigError(f"workers is {count}, at least 1 is needed")
+    if scheduler is None and count == 1:
         yield from map(function, jobs)
         return
+    with _processes(function, count) if scheduler is None else _cluster(function, scheduler) as (submit, threads):
+        under_way: deque[Future[Done]] = deque()
+        for job in jobs:
+            under_way.append(submit(job))
+            if len(under_way) >= _AHEAD * threads:
+                yield under_way.popleft().result()
+        while under_way:
+            yield under_way.popleft().result()
+
+
+@contextmanager
+def _processes(function: Callable[[Any], Any], workers: int) -> Iterator[tuple[_Submit, int]]:
     # The command that starts a worker would import from the current folder, before it takes over our own path.
     before = os.environ.get("PYTHONSAFEPATH")
     os.environ["PYTHONSAFEPATH"] = "1"
@@ -59,7 +77,7 @@ def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, worker
     others = set(multiprocessing.active_children())
     over = False
     try:
-        yield from _in_order(partial(_submit, pool), jobs, ahead=_AHEAD * workers)
+        yield partial(_submit, pool), workers
         over = True
     except BrokenProcessPool as problem:
         raise MarkerseekError(
@@ -109,25 +127,8 @@ def _interrupt_later() -> Iterator[None]:
             signal.raise_signal(signal.SIGINT)
 
 
-def _in_order(submit: Callable[[Job], Future[Done]], jobs: Iterable[Job], *, ahead: int) -> Iterator[Done]:
-    """Result of each submitted job, in their order; at most `ahead` are under way."""
-    under_way: deque[Future[Done]] = deque()
-    for job in jobs:
-        under_way.append(submit(job))
-        if len(under_way) >= ahead:
-            yield under_way.popleft().result()
-    while under_way:
-        yield under_way.popleft().result()
-
-
-def on_cluster(
-    function: Callable[[Shared, Job], Done], shared: Shared, jobs: Iterable[Job], *, address: str
-) -> Generator[Done]:
-    """Result of each job, in their order; closing the iterator cancels the rest.
-
-    ``function``: a function of a module; the workers need the same version of this package. ``shared``, ``jobs``: its
-    first argument, which is the same for all, and its second ones, one after another.
-    """
+@contextmanager
+def _cluster(function: Callable[[Any], Any], address: str) -> Iterator[tuple[_Submit, int]]:
     with needs_package("distributed", extra="cluster", purpose="a study on a cluster"):
         distributed = importlib.import_module("distributed")
     try:
@@ -136,15 +137,18 @@ def on_cluster(
     except (OSError, ValueError, TypeError) as problem:
         raise ConfigError(f"scheduler: nothing answers at {address}: {problem}; is `dask scheduler` running?") from None
     with client:
-        # The shared argument is sent to each worker once, not with every job.
-        everywhere = client.scatter(shared, broadcast=True, hash=False)
+        # The function, with all that it carries, is sent to each worker once, not with every job.
+        everywhere = client.scatter(function, broadcast=True, hash=False)
         # Not pure: Dask would hash all arguments to find equal calls, and there are none.
-        submit = partial(client.get_executor(pure=False).submit, function, everywhere)
-        threads = sum(client.nthreads().values()) or 1
+        submit = partial(client.get_executor(pure=False).submit, _call, everywhere)
         try:
-            yield from _in_order(submit, jobs, ahead=_AHEAD * threads)
+            yield submit, sum(client.nthreads().values()) or 1
         except (distributed.KilledWorker, distributed.comm.CommClosedError, CancelledError) as problem:
             raise MarkerseekError(f"the cluster failed: {problem}; run the same command again to continue") from problem
+
+
+def _call(function: Callable[[Job], Done], job: Job) -> Done:
+    return function(job)
 
 
 _function: list[Callable[[Any], Any]] = []

@@ -21,7 +21,7 @@ from rich.progress import Progress
 from .chunks import CHUNK, FRAMES_CHUNK, RESTART_KINDS, RESTARTS_CHUNK, frames, readings, restarts_of
 from .commit import commit_made_from
 from .points import enumerate_points
-from .report import byte_keys, kinds, observable, observable_keys, over_the_line, promises, uncovered
+from .report import byte_keys, faults, in_words, observable_keys, promises
 from .restart_counts import Restarts
 from .restart_counts import lines as restart_lines
 from .tally import Broken, Tally
@@ -160,23 +160,13 @@ def _page(kept: _Kept, whole: Tally, over_bytes: Tally, points: dict[str, list[s
             f"longest {whole.longest_s:,.0f} s of virtual time."
         ),
         "",
-        "## Observable faults by kind",
-        "",
-        *kinds(whole),
-        "",
-        "## Observable faults, one by one",
-        "",
-        *observable(whole),
-        "",
-        "## Faults that no program can prevent",
-        "",
-        *uncovered(whole),
+        *faults(whole, seen=observable_keys(), words=in_words()),
         "",
         "## Promises, with frames: real drivers on emulated devices",
         "",
         *promises(over_bytes, preventable=byte_keys(), acts=False),
         "",
-        *over_the_line(over_bytes),
+        *faults(over_bytes, seen=byte_keys(), words={}),
         "",
         *_restart_section(rows),
         *_broken_section("readings", whole.broken, set(observable_keys())),

@@ -16,9 +16,9 @@ from markerseek.scan import Scanner
 from markerseek.search import build
 from markerseek.signals import IntensityReader
 from markerseek.sim import Fault, IntensityCurve, SimulatedSettings
-from markerseek.studies.paper.curve_runs import USUAL, Condition
+from markerseek.studies.paper import RunOptions
+from markerseek.studies.paper.fig5 import USUAL, Condition
 from markerseek.studies.paper.methods import ALL_METHODS, BUILT, AnyMethod
-from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.statistics import Share
 from markerseek.studies.study import CurveSettings
 from markerseek.studies.trial import searched

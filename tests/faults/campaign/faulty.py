@@ -61,6 +61,12 @@ class Faulty:
                 return fault
         return None
 
+    def reach(self, *, silently: bool = False) -> None:
+        """Raise if the line is gone, or the host."""
+        self.host.require()
+        if self.has("unplugged", silently=silently):
+            raise OSError("device disconnected")
+
     def act(self, fault: Fault) -> None:
         """Note that the fault did something."""
         if fault not in self.acted:

@@ -52,8 +52,7 @@ class FaultyLaser(Faulty):
     def _take(self, permit: Permit | SweepPermit) -> None:
         """A permit comes, to an energy that may have dropped."""
         self.step += 1
-        if self.has("unplugged"):
-            raise OSError("device disconnected")
+        self.reach()
         if self.has("busy"):
             raise LaserError("laser: BUSY")
         self._send(permit)
@@ -88,10 +87,8 @@ class FaultyLaser(Faulty):
         self._inner.disarm()
 
     def disarm(self) -> None:
-        self.host.require()
         self.due = None
-        if self.has("unplugged", silently=True):
-            raise OSError("device disconnected")
+        self.reach(silently=True)
         self._inner.disarm()
 
     @property
@@ -125,8 +122,7 @@ class FaultyLaser(Faulty):
             raise DeviceTimeoutError(f"laser: no answer within {ANSWER_S} s")
 
     def pulses(self) -> Sequence[Pulse]:
-        if self.has("unplugged"):
-            raise OSError("device disconnected")
+        self.reach()
         if self.has("silent"):
             self._clock.wait(ANSWER_S)
             raise DeviceTimeoutError(f"laser: no answer within {ANSWER_S} s")

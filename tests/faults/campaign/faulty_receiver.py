@@ -51,15 +51,13 @@ class FaultyReceiver(Faulty):
             raise AcquisitionError("receiver: stale files landed although nothing was triggered; they are not used")
 
     def arm(self, permit: Permit) -> None:
-        if self.has("unplugged", silently=True):
-            raise OSError("device disconnected")
+        self.reach(silently=True)
         self._inner.arm(permit)
 
     def acquire(self, permit: Permit) -> Frame:
         self.step += 1
         self._unread = 0
-        if self.has("unplugged"):
-            raise OSError("device disconnected")
+        self.reach()
         slow = self.has("slow", silently=True)
         if slow is not None:
             self._clock.wait(min(slow.amount, SLOWER) * self._readout_s)
@@ -90,18 +88,15 @@ class FaultyReceiver(Faulty):
         self.step += 1
         self._until = self._unread = int(self._rng.integers(2, 60))
         self._shift = 0
-        if self.has("unplugged"):
-            raise OSError("device disconnected")
+        self.reach()
         self._inner.begin_sweep(permit)
 
     def frames(self) -> Sequence[Frame]:
-        if self.has("unplugged"):
-            raise OSError("device disconnected")
+        self.reach()
         return self._swept(self._inner.frames())
 
     def end_sweep(self, *, pulses: int) -> Sequence[Frame]:
-        if self.has("unplugged"):
-            raise OSError("device disconnected")
+        self.reach()
         slow = self.has("slow", silently=True)
         if slow is not None:
             self._clock.wait(min(slow.amount, SLOWER) * self._readout_s)

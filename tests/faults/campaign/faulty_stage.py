@@ -48,8 +48,7 @@ class FaultyStage(Faulty):
 
     @property
     def angle_deg(self) -> float:
-        if self.has("unplugged"):
-            raise OSError("device disconnected")
+        self.reach()
         if self.has("silent") or ((lost := self.has("drop-outs", silently=True)) and self._lost(lost)):
             self._clock.wait(ANSWER_S)
             raise DeviceTimeoutError(f"stage: no answer within {ANSWER_S} s")
@@ -88,8 +87,7 @@ class FaultyStage(Faulty):
         self._before_deg = self._inner.angle_deg
         if self.has("frozen readback", silently=True) and self._frozen_deg is None:
             self._frozen_deg = self._inner.angle_deg
-        if self.has("unplugged"):
-            raise OSError("device disconnected")
+        self.reach()
         self._world.moving = True
         try:
             self._turn(angle_deg)
@@ -100,9 +98,7 @@ class FaultyStage(Faulty):
         return self.angle_deg
 
     def stop(self) -> None:
-        self.host.require()
-        if self.has("unplugged", silently=True):
-            raise OSError("device disconnected")
+        self.reach(silently=True)
         self._inner.stop()
 
     @property
@@ -139,8 +135,7 @@ class FaultyStage(Faulty):
         self._before_deg = self._inner.angle_deg
         if self.has("frozen readback", silently=True) and self._frozen_deg is None:
             self._frozen_deg = self._inner.angle_deg
-        if self.has("unplugged"):
-            raise OSError("device disconnected")
+        self.reach()
         self._target_deg = to_deg
         self._until = int(self._rng.integers(2, 60))
         self._forth = math.copysign(1.0, to_deg - self._before_deg)
@@ -157,8 +152,7 @@ class FaultyStage(Faulty):
 
     def read_sweep(self) -> StageReading:
         self.host.read()
-        if self.has("unplugged"):
-            raise OSError("device disconnected")
+        self.reach()
         if self.has("silent") or ((lost := self.has("drop-outs", silently=True)) and self._lost(lost)):
             self._clock.wait(ANSWER_S)
             raise DeviceTimeoutError(f"stage: no answer within {ANSWER_S} s")
@@ -200,9 +194,7 @@ class FaultyStage(Faulty):
         return self._stale(true_deg) if reported_deg == true_deg else reported_deg
 
     def brake(self) -> None:
-        self.host.require()
-        if self.has("unplugged", silently=True):
-            raise OSError("device disconnected")
+        self.reach(silently=True)
         self._inner.brake()
 
     def end_sweep(self) -> None:

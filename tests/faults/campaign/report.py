@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from markerseek.emulators.faults import FAULTS as EMULATED
 
 from .bytes_runs import LASER_AND_DAQ
 from .checker import OFF_DEG
-from .tally import PROMISES, Row, Tally, upper95
+from .tally import PROMISES, Tally, upper95
 from .vocabulary import FAULTS, Injected
 
 _WORDS = {
@@ -56,85 +56,40 @@ def promises(tally: Tally, *, preventable: Iterable[str], acts: bool = True) -> 
     return lines
 
 
-def kinds(tally: Tally) -> list[str]:
-    """Observable faults by device and kind."""
-    groups: dict[tuple[str, str], list[str]] = {}
-    for each in FAULTS.values():
-        if each.harm == "none":
-            groups.setdefault((each.fault.device, each.fault.kind.value), []).append(key_of(each))
-    lines = [
-        f"| device | kind | runs | acted | reported | found | found and off > {OFF_DEG:g}° | upper 95 % limit |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for (device, kind), keys in sorted(groups.items()):
-        row = tally.of(keys)
-        lines.append(
-            f"| {device} | {kind} | {row.runs:,} | {row.acted:,} | {row.reported:,} | {row.found:,} | {row.off} | "
-            f"{upper95(row.off, row.runs):.2g} |"
-        )
-    return lines
-
-
-def observable(tally: Tally) -> list[str]:
-    """One line for each observable fault."""
-    lines = [
-        "| fault | kind | what happens | runs | acted | reported | found | off |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for each in FAULTS.values():
-        if each.harm != "none":
-            continue
-        row = tally.rows.get(key_of(each), Row())
-        fault = each.fault
-        lines.append(
-            f"| {key_of(each)} | {fault.kind.value} | {fault.meaning} | {row.runs:,} | {row.acted:,} | "
-            f"{row.reported:,} | {row.found:,} | {row.off} |"
-        )
-    return lines
-
-
-def uncovered(tally: Tally) -> list[str]:
-    """One line for each fault that no program can prevent: what it did, and what must cover it."""
-    lines = [
-        (
-            "| fault | seen | what happens | runs | farthest beyond the travel, deg | of it more than injected | "
-            "most pulses too many | most pulses while moving | found | off | what covers it |"
-        ),
-        "|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    for each in FAULTS.values():
-        if each.harm == "none":
-            continue
-        row = tally.rows.get(key_of(each), Row())
-        seen = "afterwards" if each.fault.observable else "no"
-        lines.append(
-            f"| {key_of(each)} | {seen} | {each.fault.meaning} | {row.runs:,} | {row.excess_deg:.2f} | "
-            f"{row.beyond_deg:.2f} | {row.excess_pulses} | {row.moving_pulses} | {row.found:,} | {row.off} | "
-            f"{each.covered_by} |"
-        )
-    return lines
-
-
 def byte_keys() -> list[str]:
     """Faults of emulated devices of which the evidence is in their bytes, and which do no harm before."""
     stage = [f"stage {name}" for name, fault in EMULATED["stage"].items() if fault.observable]
     return stage + [fault.name for fault in LASER_AND_DAQ if fault.harm == "none"]
 
 
-def over_the_line(tally: Tally) -> list[str]:
-    """One line for each fault of an emulated device."""
-    seen = set(byte_keys())
+def faults(tally: Tally, *, seen: Iterable[str], words: Mapping[str, str]) -> list[str]:
+    """One line for each fault, and one without.
+
+    ``seen``: faults that show in what the devices send before they do harm. ``words``: by fault, its kind,
+    what happens, and what covers a fault that no program can prevent.
+    """
+    evident = set(seen)
     lines = [
         (
-            "| fault | to be seen | runs | reported | ended with an answer | found | off | beyond the travel, deg | "
-            "pulses too many |"
+            "| fault | to be seen | what happens | runs | acted | reported | ended with an answer | found | off | "
+            "farthest beyond the travel, deg | of it more than injected | most pulses too many | most while moving |"
         ),
-        "|---|---|---|---|---|---|---|---|---|",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for name, row in sorted(tally.rows.items()):
-        visible = "" if name == "none" else "yes" if name in seen else "no, or too late"
+        visible = "" if name in ("none", "two") else "yes" if name in evident else "no, or too late"
         lines.append(
-            f"| {name} | {visible} | {row.runs:,} | {row.reported:,} | {row.answers:,} | {row.found:,} | {row.off} | "
-            f"{row.excess_deg:.2f} | {row.excess_pulses} |"
+            f"| {name} | {visible} | {words.get(name, '')} | {row.runs:,} | {row.acted:,} | {row.reported:,} | "
+            f"{row.answers:,} | {row.found:,} | {row.off} | {row.excess_deg:.2f} | {row.beyond_deg:.2f} | "
+            f"{row.excess_pulses} | {row.moving_pulses} |"
         )
     return lines
+
+
+def in_words() -> dict[str, str]:
+    """By fault, its kind, what happens, and what covers it."""
+    return {
+        key_of(each): f"{each.fault.kind.value}: {each.fault.meaning}"
+        + (f"; covered by: {each.covered_by}" if each.covered_by else "")
+        for each in FAULTS.values()
+    }

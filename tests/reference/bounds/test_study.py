@@ -53,15 +53,6 @@ def test_a_curve_is_that_of_the_marker() -> None:
     assert curve.value(np.array([1.5, 5.0])) == pytest.approx(np.array(others) / top, rel=0.05, abs=0.01)
 
 
-def test_behind_the_face_a_marker_gives_no_signal() -> None:
-    drawn = draw_trial(DRAWN, cells(DRAWN)[0], 0).unknowns
-    assert drawn is not None
-    # At 70 degrees 0.1 mm behind the plane of the face.
-    radius_m = (drawn.model.probe.face_radius_m - 1e-4) / math.cos(math.radians(70))
-    near = dataclasses.replace(drawn, marker=dataclasses.replace(drawn.marker, radius_m=radius_m))
-    assert marker_curve(near).value(np.array([70.0])) == pytest.approx([1e-6])
-
-
 def test_the_bound_needs_drawn_markers_and_a_probe_at_rest() -> None:
     """A policy that sweeps was searched without its sweeps, and named as sweeping."""
     plain = dataclasses.replace(DRAWN, level="curves", drawn="marker")

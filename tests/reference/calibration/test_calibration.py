@@ -172,15 +172,6 @@ def test_a_scan_over_a_peak_is_let_through() -> None:
     require_peak(scan_of(PEAK, saturated=0.04), saturated_limit=0.05)
 
 
-def test_noise_alone_calibrates_nothing() -> None:
-    rng = np.random.default_rng(1)
-    reader = ImageReader(PRESET)
-    noise = [np.rint(20 * rng.standard_normal((128, 2080))).astype(np.int16) for _ in range(9)]
-    frames = [ChannelFrame(header=HEADER, samples=counts, sampling_hz=40e6) for counts in noise]
-    with pytest.raises(SearchError, match="no source at any angle"):
-        calibrate([Sample(angle_deg=float(k), reading=reader.read(f), frame=f) for k, f in enumerate(frames)], PRESET)
-
-
 def test_intensities_alone_calibrate_nothing() -> None:
     frame = ReadingFrame(header=HEADER, intensity=1.0)
     reading = ImageReader(PRESET).read(

@@ -1,4 +1,4 @@
-"""Registration and stereo cameras against SciPy, OpenCV, scikit-surgerycore, a closed form and Monte Carlo."""
+"""Registration and stereo cameras against SciPy, OpenCV, a closed form and Monte Carlo."""
 
 from __future__ import annotations
 
@@ -53,36 +53,20 @@ def test_horn_is_scipy_s_rotation(seed: int, count: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_exact_points_give_the_exact_transform_and_horn_agrees_with_surgerycore(seed: int) -> None:
-    procrustes = pytest.importorskip("sksurgerycore.algorithms.procrustes")
+def test_exact_points_give_the_exact_transform(seed: int) -> None:
     true = some_transform(seed)
     source = true.inverse().apply(POINTS_M)
     found = register_points(source, POINTS_M)
     np.testing.assert_allclose(found.transform.matrix, true.matrix, atol=1e-9)
-    noisy = POINTS_M + np.random.default_rng(seed).normal(scale=1e-3, size=POINTS_M.shape)
-    ours = register_points(source, noisy)
-    rotation, translation, fre = procrustes.orthogonal_procrustes(noisy, source)
-    np.testing.assert_allclose(ours.transform.rotation, rotation, atol=1e-9)
-    np.testing.assert_allclose(ours.transform.translation_m, translation.ravel(), atol=1e-9)
-    assert ours.fre_m == pytest.approx(fre, rel=1e-9)
+    assert found.fre_m == pytest.approx(0.0, abs=1e-9)
 
 
-def test_equal_errors_give_fitzpatrick_s_closed_form_and_surgerycore_s_squares() -> None:
-    errors = pytest.importorskip("sksurgerycore.algorithms.errors")
+def test_equal_errors_give_fitzpatrick_s_closed_form() -> None:
     sigma = 0.4e-3
     covariances = np.tile(np.eye(3) * sigma**2, (9, 1, 1))
     found = register_points(POINTS_M, POINTS_M, target_covariances_m2=covariances, source="A", target="B")
     fle_squared = 3 * sigma**2
     assert found.errors.fre_m**2 == pytest.approx((1 - 2 / 9) * fle_squared, rel=1e-9)
-    assert found.errors.fre_m**2 == pytest.approx(errors.compute_fre_from_fle(POINTS_M, fle_squared), rel=1e-9)
-    # It returns squares. Its TRE (version 0.8.3) takes the rows of the matrix of eigenvectors for the principal axes,
-    # and a direction for a point: it is right where the axes are those of the frame and the middle is the origin.
-    straight = np.array([[x, y, z] for x in (-20, 20) for y in (-15, 15) for z in (-2, 2)]) * 1e-3
-    aligned = register_points(straight, straight, target_covariances_m2=covariances[:8], source="A", target="B")
-    below = np.array([3e-3, -5e-3, -20e-3])
-    assert aligned.errors.tre_m(below) ** 2 == pytest.approx(
-        errors.compute_tre_from_fle(straight, fle_squared, below[None, :]), rel=1e-9
-    )
     # Fitzpatrick 1998: TRE² = FLE²/N (1 + 1/3 Σ d²/f²) over the principal axes.
     apart = POINTS_M - POINTS_M.mean(axis=0)
     axes = np.linalg.svd(apart)[2]
@@ -121,33 +105,6 @@ def test_predicted_errors_are_those_of_many_registrations(refined: bool, count: 
     assert np.sqrt(np.mean(off)) == pytest.approx(predicted.errors.tre_m(TARGET_M), rel=0.03)
     if refined:
         assert np.mean(misfits) == pytest.approx(1.0, rel=0.03)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_the_refinement_is_the_minimum_that_a_general_optimiser_finds(seed: int) -> None:
-    """Over the transform and the true points together, as in a bundle adjustment."""
-    rng = np.random.default_rng(seed)
-    true = some_transform(seed)
-    long_m, even_m = np.array([0.02e-3, 0.02e-3, 1e-3]), 0.05e-3
-    source = true.inverse().apply(POINTS_M) + rng.normal(size=(9, 3)) * long_m
-    target = POINTS_M + rng.normal(scale=even_m, size=(9, 3))
-    found = register_points(
-        source,
-        target,
-        source_covariances_m2=np.tile(np.diag(long_m**2), (9, 1, 1)),
-        target_covariances_m2=np.tile(np.eye(3) * even_m**2, (9, 1, 1)),
-    )
-
-    def residual(parameters: np.ndarray) -> np.ndarray:
-        turn, points = Rotation.from_rotvec(parameters[:3]), 1e-3 * parameters[6:].reshape(9, 3)
-        seen = turn.inv().apply(points - 1e-3 * parameters[3:6])
-        return np.concatenate([((seen - source) / long_m).ravel(), ((points - target) / even_m).ravel()])
-
-    start = [*Rotation.from_matrix(true.rotation).as_rotvec(), *(1e3 * true.translation_m), *(1e3 * target.ravel())]
-    best = least_squares(residual, start, xtol=1e-14, ftol=1e-14, gtol=1e-14)
-    assert 2 * best.cost == pytest.approx(found.misfit * 21, rel=1e-6)
-    np.testing.assert_allclose(Rotation.from_rotvec(best.x[:3]).as_matrix(), found.transform.rotation, atol=1e-5)
-    np.testing.assert_allclose(1e-3 * best.x[3:6], found.transform.translation_m, atol=1e-6)
 
 
 def shared_errors(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

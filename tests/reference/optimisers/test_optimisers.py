@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 from scipy.optimize import minimize_scalar
 
-from benchmarks.optimisers import BoTorch, BoundedMinimiser, ScikitOptimize, checked_minimiser
+from benchmarks.optimisers import BoundedMinimiser, ScikitOptimize, checked_minimiser
 from markerseek.core import Found, Interval, Policy, Reading, Sample, Unsure
 from markerseek.testing import PolicyContract
 
@@ -58,25 +56,6 @@ def test_scikit_optimize_asks_what_it_asks_by_itself() -> None:
         # it gets intensities relative to the first one
         alone.tell([angle_deg], -curve(angle_deg) / curve(asked[0]))
     assert search(ScikitOptimize(acquisitions=6)) == asked
-
-
-def test_botorch_finds_the_peak() -> None:
-    pytest.importorskip("botorch", exc_type=ImportError)
-    policy = BoTorch(acquisitions=10)
-    assert len(search(policy)) == 10
-    assert policy.estimate().mean_deg == pytest.approx(7.3, abs=1.0)
-
-
-def test_the_answer_lies_between_samples_that_are_clearly_weaker() -> None:
-    policy = BoundedMinimiser(acquisitions=5)
-    for angle_deg, intensity in ((-10.0, 1.0), (4.0, 8.0), (6.0, 10.0), (9.0, 9.0), (20.0, 2.0)):
-        policy.ask()
-        policy.tell(sample(angle_deg, intensity))
-    bare, noisy = policy.estimate(), policy.answer(noise_sigma=0.8)
-    assert (bare.mean_deg, bare.interval95_deg.low_deg, bare.interval95_deg.high_deg) == (6.0, 4.0, 9.0)
-    assert (noisy.interval95_deg.low_deg, noisy.interval95_deg.high_deg) == (-10.0, 20.0)
-    assert noisy.sigma_deg == pytest.approx(30 / math.sqrt(12))
-    assert noisy.interval_kind == "bracket"
 
 
 def test_checked_an_optimiser_claims_only_what_it_knows() -> None:

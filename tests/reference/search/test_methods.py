@@ -13,7 +13,7 @@ import pytest
 from scipy.optimize import golden
 
 from markerseek.core import Reading, Sample, SearchPlan
-from markerseek.search import GOLDEN, TERNARY, BracketSearch, WeightedAverage, build, weighted_average
+from markerseek.search import GOLDEN, TERNARY, BracketSearch, WeightedAverage, build
 
 MARKERS = 20_000
 
@@ -89,11 +89,6 @@ def test_mean_error_without_noise(ratio, acquisitions, mean_error_deg, tolerance
     assert np.abs(answers - markers).mean() == pytest.approx(mean_error_deg, abs=tolerance_deg)
 
 
-def test_ternary_at_16_scatters_as_table_1(markers):
-    _, answers = replay(lambda angle, marker: curve(angle - marker), ratio=TERNARY, acquisitions=16, markers=markers)
-    assert np.abs(answers - markers).std() == pytest.approx(0.21, abs=0.01)
-
-
 def test_golden_section_with_reuse(markers):
     answers = replay_reuse(markers, acquisitions=28)
     assert np.abs(answers - markers).mean() < 0.001
@@ -144,16 +139,6 @@ def test_golden_section_asks_where_scipy_does(marker_deg):
     # SciPy writes the golden ratio with eight digits.
     np.testing.assert_allclose(asked, scipy_asked[:25], atol=1e-4)
     assert estimate.mean_deg == pytest.approx(marker_deg, abs=1e-3)
-
-
-def test_weighted_average_is_numpys():
-    rng = np.random.default_rng(5)
-    angle_deg, intensity = rng.uniform(-35, 35, (50, 12)), rng.uniform(0, 3, (50, 12))
-    means = weighted_average(angle_deg, intensity, threshold=0.2)
-    for row in range(50):
-        kept = intensity[row] >= 0.2 * intensity[row].max()
-        expected = np.average(angle_deg[row][kept], weights=intensity[row][kept])
-        assert means[row] == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize("marker_deg", [-10.0, 0.0, 2.5, 7.5])

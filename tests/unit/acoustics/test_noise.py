@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal, stats
 
-from markerseek.acoustics import LARGEST_COUNT, Band, Bursts, Noise, digitise
+from markerseek.acoustics import Band, Bursts, Noise, digitise
 from markerseek.core import ConfigError
 
 
@@ -86,17 +86,6 @@ def test_samples_of_bursts_follow_students_t() -> None:
     drawn = np.concatenate([draw(noise, seed, samples=16)[:, 5] for seed in range(60)])
     assert stats.kstest(drawn / 2.0, "t", args=(3,)).pvalue > 1e-3
     assert stats.kstest(drawn / 2.0, "norm").pvalue < 1e-3
-
-
-def test_converter_rounds_and_saturates() -> None:
-    data = np.array([[0.49, 0.51, -0.51, 1.5, 2.5, 2046.6, 2047.4, 9e9, -2048.4, -2049, np.inf, -np.inf]], np.float32)
-    expected = [[0, 1, -1, 2, 2, 2047, 2047, 2047, -2048, -2048, 2047, -2048]]
-    before = data.copy()
-    counts = digitise(data)
-    assert counts.dtype == np.int16
-    np.testing.assert_array_equal(counts, expected)
-    np.testing.assert_array_equal(data, before)
-    assert LARGEST_COUNT == 2047
 
 
 @given(value=st.floats(-1e6, 1e6, width=32) | st.floats(-2100, 2100, width=32))

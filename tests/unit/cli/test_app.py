@@ -81,23 +81,6 @@ def test_the_traceback_is_shown_where_it_is_asked_for(
     assert "in run" in err
 
 
-def test_ctrl_c_while_the_commands_are_imported_is_one_sentence() -> None:
-    program = (
-        "import sys\n"
-        "class Interrupted:\n"
-        "    def find_spec(self, name, *_):\n"
-        "        if name == 'typer':\n"
-        "            raise KeyboardInterrupt\n"
-        "sys.meta_path.insert(0, Interrupted())\n"
-        "sys.argv = ['markerseek', 'search', '--json']\n"
-        "from markerseek.cli import main\n"
-        "main()\n"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (130, "error: stopped by the user\n")
-    assert json.loads(done.stdout) == {"error": "stopped by the user", "kind": "KeyboardInterrupt"}
-
-
 def test_the_package_is_a_program() -> None:
     done = subprocess.run([sys.executable, "-m", "markerseek", "--version"], capture_output=True, text=True, check=True)
     assert done.stdout == f"{cli.__version__}\n"

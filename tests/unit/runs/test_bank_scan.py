@@ -30,6 +30,20 @@ def scanned(path: Path, *, stop_after: int = 99) -> int:
     return lit
 
 
+def sticking(at: int) -> rigs.Rig:
+    """A simulated rig whose stage sticks at an acquisition."""
+    rig = rigs.simulated(seed=3)
+    measure, calls = rig.scanner.measure, iter(range(99))
+
+    def failing(angle_deg: float) -> Sample:
+        if next(calls) == at:
+            raise DeviceError("the stage is stuck")
+        return measure(angle_deg)
+
+    rig.scanner.measure = failing  # type: ignore[method-assign]
+    return rig
+
+
 @pytest.mark.parametrize("stop_after", [7, 99])
 def test_a_scan_that_ends_leaves_a_bank_and_no_record(tmp_path: Path, stop_after: int) -> None:
     path = tmp_path / "a.hdf5"
@@ -90,15 +104,7 @@ def test_a_bank_that_cannot_be_written_does_not_hide_the_fault_that_ended_the_sc
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "a.hdf5"
-    rig = rigs.simulated(seed=3)
-    measure, calls = rig.scanner.measure, iter(range(99))
-
-    def failing(angle_deg: float) -> Sample:
-        if next(calls) == 4:
-            raise DeviceError("the stage is stuck")
-        return measure(angle_deg)
-
-    monkeypatch.setattr(rig.scanner, "measure", failing)
+    rig = sticking(4)
     monkeypatch.setattr(BankWriter, "finish", lambda _writer: (_ for _ in ()).throw(RecordError("the disk is full")))
     with (
         pytest.warns(UserWarning, match=r"the disk is full; what was measured is in .*a\.hdf5\.journal"),
@@ -135,20 +141,6 @@ def test_a_disk_without_room_for_record_and_bank_ends_the_scan_at_its_first_fram
     with pytest.raises(RecordError, match=r"the bank needs \d+\.\d MB, 8\.0 MB are free; nothing was written"):
         list(scan_bank(rig, tmp_path / "a.hdf5", step_deg=10.0))
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_bank_that_fills_the_disk_names_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    add = BankWriter.add
-
-    def full(writer: BankWriter, sample: Sample) -> None:
-        if writer.taken == 2:
-            raise RecordError("the bank cannot be written: No space left on device")
-        add(writer, sample)
-
-    monkeypatch.setattr(BankWriter, "add", full)
-    with pytest.raises(RecordError, match=r"^the bank cannot be written: No space left on device; what was measured"):
-        scanned(tmp_path / "a.hdf5")
-    assert [each.name for each in tmp_path.iterdir()] == ["a.hdf5.journal"]
 
 
 def scanned_with_damage(path: Path) -> None:
@@ -205,19 +197,9 @@ def test_a_scan_goes_on_with_a_rig_that_a_person_has_armed(tmp_path: Path) -> No
     assert len(read_bank(path).angles_deg) == 8
 
 
-def test_a_scan_that_ended_with_a_fault_does_not_go_on_by_itself(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_scan_that_ended_with_a_fault_does_not_go_on_by_itself(tmp_path: Path) -> None:
     path = tmp_path / "a.hdf5"
-    rig = rigs.simulated(seed=3)
-    measure, calls = rig.scanner.measure, iter(range(99))
-
-    def failing(angle_deg: float) -> Sample:
-        if next(calls) == 1:
-            raise DeviceError("the stage is stuck")
-        return measure(angle_deg)
-
-    monkeypatch.setattr(rig.scanner, "measure", failing)
+    rig = sticking(1)
     with pytest.raises(DeviceError, match="the stage is stuck"):
         list(scan_bank(rig, path, step_deg=10.0))
     before = record_of(path).read_bytes()

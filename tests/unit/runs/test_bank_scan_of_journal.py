@@ -80,16 +80,3 @@ def test_a_run_on_intensities_becomes_a_bank_of_intensities(tmp_path: Path) -> N
     assert isinstance(bank, IntensityBank)
     by_angle = {each.angle_deg: each.reading.intensity for each in measured(read_journal(path)) if not each.dark}
     assert dict(zip(bank.angles_deg, bank.intensities, strict=True)) == by_angle
-
-
-def test_a_run_of_two_angles_is_no_bank(tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    policy, rig, kept = begin()
-    taken = 0
-    with Journal.create(path, kept) as journal, closing(journalled(policy, rig, journal)) as events:
-        for event in events:
-            taken += isinstance(event, Measured) and not event.sample.dark
-            if taken == 2:
-                break
-    with pytest.raises(RecordError, match="it holds 2 angles, at least 3 are needed"):
-        journal_bank(path)

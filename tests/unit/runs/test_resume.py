@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import closing
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -87,26 +85,6 @@ def test_stopped_after_any_acquisition_a_search_ends_with_an_answer_as_good(meth
         assert abs(result.angle_deg - wanted.angle_deg) < 3 * max(result.sigma_deg, wanted.sigma_deg) + 0.02
         assert len(result.samples) == result.acquisitions
         assert verify(path).faults == []
-
-
-def test_a_run_may_be_stopped_many_times_and_counts_its_travel_and_time_as_one(tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    live(path, until=7)
-    for _ in range(3):
-        policy, rig, _ = begin()
-        journal, held = Journal.reopen(path)
-        with journal, closing(resumed(policy, rig, journal, held, by="a person", anew=pytest.fail)) as events:
-            for _ in range(5):
-                next(events)
-    over = resume_run(path)[-1]
-    entries = read_journal(path).entries
-    lit = [each.event.sample.angle_deg for each in entries if isinstance(each.event, Measured)][3:]
-    assert isinstance(over, Finished)
-    assert over.acquisitions == ACQUISITIONS
-    assert over.travel_deg >= sum(abs(to - at) for at, to in pairwise(lit))
-    times_s = [entry.clock_s for entry in entries]
-    assert times_s == sorted(times_s)
-    assert over.elapsed_s == pytest.approx(times_s[-1] - times_s[0])
 
 
 def test_a_run_that_never_started_begins_when_it_is_armed(tmp_path: Path) -> None:

@@ -69,16 +69,6 @@ def test_the_paper_s_form_takes_no_dark_frames_first() -> None:
     assert plan_on(assembled, SearchPlan(method="ternary", as_published=True, start_deg=0.0)).dark_frames == 0
 
 
-def test_a_marker_is_found_in_one_call() -> None:
-    rig = markerseek.simulated(seed=1)
-    result = markerseek.find_marker(rig)
-    assert result.answer == "found"
-    assert result.error_deg is not None
-    assert result.error_deg < 0.5
-    plan = SearchPlan(method="exhaustive", acquisitions=15)
-    assert markerseek.find_marker(markerseek.simulated(seed=1), plan).acquisitions == 15
-
-
 def test_a_file_in_place_of_a_rig_is_refused_with_what_makes_one_of_it() -> None:
     with pytest.raises(ConfigError, match=r"'scan\.csv', it must be a rig, such as markerseek\.replayed"):
         markerseek.find_marker("scan.csv")  # type: ignore[arg-type]

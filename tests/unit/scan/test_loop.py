@@ -21,6 +21,7 @@ from markerseek.core import (
     SearchError,
     Started,
 )
+from markerseek.guard import State
 from markerseek.scan import RunLimits, run
 from tests.unit.scan.scan_bench import FOUND, Bench, Tour, drain, kinds, scanner
 
@@ -84,14 +85,14 @@ def test_without_a_found_marker_or_with_stay_the_probe_stays(stay: bool, answer:
 
 
 def test_a_refused_frame_is_reported_and_taken_again() -> None:
-    bench = Bench(bad_frames=2)
-    policy = Tour(0.0)
-    events = list(run(policy, scanner(bench), RunPlan(stay=True)))
+    policy, made = Tour(0.0), scanner(Bench(bad_frames=2))
+    events = list(run(policy, made, RunPlan(stay=True)))
     assert kinds(events) == ["Started", "Refused", "Refused", "search", "Finished"]
     refused = events[2]
     assert isinstance(refused, Refused)
     assert "stale" in refused.reason
     assert len(policy.samples) == 1
+    assert made.guard.state is State.DISARMED
 
 
 def test_frames_refused_too_often_end_the_run_with_an_error_and_no_angle() -> None:

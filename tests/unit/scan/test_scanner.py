@@ -22,9 +22,6 @@ from markerseek.core import (
     SearchPlan,
 )
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
-from markerseek.records.journal import Journal, read_journal
-from markerseek.runs import answer_again, configuration_of
-from markerseek.runs.journalled import journalled
 from markerseek.scan import run
 from markerseek.search import build
 from markerseek.sim import GaussianCurve
@@ -136,29 +133,3 @@ def test_frames_that_come_one_behind_leave_light_in_it_and_no_angle_is_given(sta
     assert "taken without light, yet it holds a source" in str(seen[-1].error)
     assert rig.scanner.guard.state is State.FAULT
     assert not any(isinstance(event, Finished) for event in seen)
-
-
-def test_a_journal_with_a_closing_dark_frame_is_replayed_equal(tmp_path) -> None:  # type: ignore[no-untyped-def]
-    rig = replace(rigs.simulated(seed=5, marker_deg=4.0), closing_dark=True)
-    configuration = configuration_of(
-        rig,
-        SearchPlan(
-            method="posterior",
-            acquisitions=6,
-            as_published=False,
-            start_deg=0.0,
-            dark_frames=2,
-            stay=False,
-            closing_dark=rig.closing_dark,
-        ),
-    )
-    path = tmp_path / "run.journal"
-    with Journal.create(path, configuration) as journal:
-        events = list(
-            journalled(build(SearchPlan(method="posterior", acquisitions=6), limits=rig.limits.search), rig, journal)
-        )
-    held = read_journal(path)
-    assert held.configuration.plan.closing_dark
-    dark = [event.index for event in events if isinstance(event, Measured) and event.role == "dark"]
-    assert dark == [1, 2, 3]
-    assert answer_again(held, read_frames=True) == events[-1].estimate

@@ -103,13 +103,6 @@ def test_refuses_samples_after_the_end():
         policy.tell(sample(0.0, 1.0))
 
 
-@given(marker_deg=angles, reuse=st.booleans(), acquisitions=st.integers(2, 40))
-def test_the_bracket_holds_the_maximum(marker_deg, reuse, acquisitions):
-    policy = BracketSearch(ratio=GOLDEN, acquisitions=acquisitions, reuse=reuse)
-    run(policy, lambda angle: -abs(angle - marker_deg) + 100)
-    assert policy.bracket.low_deg - 1e-9 <= marker_deg <= policy.bracket.high_deg + 1e-9
-
-
 @given(marker_deg=angles, misses=st.lists(st.floats(-3, 3), min_size=28, max_size=28), reuse=st.booleans())
 def test_the_bracket_holds_the_maximum_wherever_the_stage_stops(marker_deg, misses, reuse):
     """Points are put where they were reached, so that even misses of 3° never drop the maximum."""

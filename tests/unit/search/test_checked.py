@@ -302,17 +302,6 @@ def test_a_tolerance_is_positive(wrong, value):
 
 
 class TestMethods:
-    def test_names(self):
-        assert ALL == [
-            "posterior",
-            "weighted-average",
-            "golden-section",
-            "golden-section-reuse",
-            "ternary",
-            "exhaustive",
-            "manual",
-        ]
-
     @pytest.mark.parametrize("name", ALL)
     def test_limits_and_acquisitions_are_kept(self, name):
         limits = Interval(low_deg=-12.0, high_deg=3.0)

@@ -16,12 +16,10 @@ from markerseek.core import (
     ConfigError,
     Finished,
     FrameHeader,
-    Interval,
     Laser,
     NotFound,
     Receiver,
     SearchPlan,
-    Stage,
 )
 from markerseek.scan import run
 from markerseek.search import build
@@ -39,12 +37,10 @@ from markerseek.sim import (
     SimulatedLaser,
     SimulatedReceiver,
     SimulatedSettings,
-    SimulatedStage,
-    StageMotion,
     VirtualClock,
 )
 from markerseek.sim.curve_world import largest_noise
-from markerseek.testing import LaserContract, ReceiverContract, StageContract
+from markerseek.testing import ReceiverContract
 
 HEADER = FrameHeader(sequence=1, token="t", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
 FLASH = Flash(at_s=0.0, pulses=1, energy=1.0)
@@ -175,24 +171,6 @@ def test_the_energy_of_the_light_scales_the_peak() -> None:
     assert more / one == pytest.approx(1.5, rel=1e-5)
 
 
-def test_on_the_same_seed_a_rig_of_intensities_gives_the_same_search_and_the_truth_is_the_marker() -> None:
-    def search(seed: int) -> Finished:
-        settings = SimulatedSettings(noise=NoiseSettings(peak_snr_db=40.0))
-        rig = rigs.of_intensities(seed=seed, curve=SechCurve(fwhm_deg=8.0), marker_deg=12.5, settings=settings)
-        assert rig.facts.truth_deg == 12.5
-        *_, last = run(
-            build(SearchPlan(method="weighted-average", start_deg=0.0)),
-            rig.scanner,
-            rig.run_plan,
-        )
-        assert isinstance(last, Finished)
-        return last
-
-    assert search(3) == search(3)
-    assert search(3).estimate.mean_deg == pytest.approx(12.5, abs=0.5)
-    assert search(3).estimate.mean_deg != search(4).estimate.mean_deg
-
-
 def test_without_a_marker_a_checked_search_finds_nothing_and_there_is_no_truth() -> None:
     rig = rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)
     *_, last = run(build(SearchPlan(method="weighted-average", acquisitions=29)), rig.scanner, rig.run_plan)
@@ -221,19 +199,6 @@ def test_the_energy_jitter_of_the_settings_reaches_the_intensities() -> None:
     scatter = [np.std([rig.scanner.measure(0.0).reading.intensity for _ in range(200)]) for rig in (steady, shaky)]
     assert scatter[0] == pytest.approx(1.0, rel=0.2)
     assert scatter[1] == pytest.approx(0.05 * 10**4, rel=0.2)
-
-
-class TestStage(StageContract):
-    resolution_deg = 0.5 / 1919.6418578623391
-
-    def make(self) -> Stage:
-        travel = Interval(low_deg=-36.5, high_deg=36.5)
-        return SimulatedStage(world=world(None), clock=VirtualClock(), motion=StageMotion(), travel=travel)
-
-
-class TestLaser(LaserContract):
-    def make(self) -> Laser:
-        return SimulatedLaser(world=world(None), clock=VirtualClock())
 
 
 class TestReceiver(ReceiverContract):

@@ -39,7 +39,7 @@ from markerseek.studies import (
     workers,
 )
 from markerseek.studies.runner import as_csv, chunks, run_chunk
-from markerseek.studies.workers import on_processes
+from markerseek.studies.workers import in_order
 
 STUDY = Study(
     name="small",
@@ -98,7 +98,7 @@ def test_a_study_that_ends_in_the_middle_is_continued_and_nothing_is_computed_tw
 ) -> None:
     computed: list[range] = []
 
-    def mortal(compute: Compute, pieces: Iterator[range], *, workers: int) -> Iterator[bytes]:
+    def mortal(compute: Compute, pieces: Iterator[range], **_where: object) -> Iterator[bytes]:
         for count, piece in enumerate(pieces):
             if count == after:
                 raise KilledError
@@ -106,7 +106,7 @@ def test_a_study_that_ends_in_the_middle_is_continued_and_nothing_is_computed_tw
             yield compute(piece)
 
     assert len(list(chunks(STUDY))) == 3
-    monkeypatch.setattr(runner, "on_processes", mortal)
+    monkeypatch.setattr(runner, "in_order", mortal)
     with pytest.raises(KilledError):
         run_study(STUDY, tmp_path)
     with (tmp_path / "rows.part.csv").open("ab") as table:
@@ -114,12 +114,12 @@ def test_a_study_that_ends_in_the_middle_is_continued_and_nothing_is_computed_tw
     (tmp_path / ".summary.json.0123abcd.part").write_bytes(b"half a summary")
     assert "rows.csv" not in files(tmp_path)
 
-    def counted(compute: Compute, pieces: Iterator[range], *, workers: int) -> Iterator[bytes]:
+    def counted(compute: Compute, pieces: Iterator[range], **_where: object) -> Iterator[bytes]:
         for piece in pieces:
             computed.append(piece)
             yield compute(piece)
 
-    monkeypatch.setattr(runner, "on_processes", counted)
+    monkeypatch.setattr(runner, "in_order", counted)
     run_study(STUDY, tmp_path)
     assert files(tmp_path) == whole
     assert computed == list(chunks(STUDY))
@@ -163,7 +163,7 @@ def test_a_finished_study_is_only_read(
 ) -> None:
     for name, content in whole.items():
         (tmp_path / name).write_bytes(content)
-    monkeypatch.setattr(runner, "on_processes", None)
+    monkeypatch.setattr(runner, "in_order", None)
     assert run_study(STUDY, tmp_path).summary.rows == STUDY.rows
     assert files(tmp_path) == whole
 
@@ -188,11 +188,11 @@ def test_a_changed_study_or_another_version_is_refused_and_the_folder_left_as_it
 def test_lines_of_a_worker_with_another_version_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     other = dataclasses.replace(STUDY, seed=2)
 
-    def elsewhere(compute: Compute, pieces: Iterator[range], *, workers: int) -> Iterator[bytes]:
+    def elsewhere(compute: Compute, pieces: Iterator[range], **_where: object) -> Iterator[bytes]:
         for piece in pieces:
             yield run_chunk(other, piece)
 
-    monkeypatch.setattr(runner, "on_processes", elsewhere)
+    monkeypatch.setattr(runner, "in_order", elsewhere)
     with pytest.raises(ConfigError, match="another version of markerseek"):
         run_study(STUDY, tmp_path)
 
@@ -207,7 +207,7 @@ def test_a_folder_in_use_cannot_be_used_and_one_that_cannot_be_made_is_named(tmp
 
 def test_no_workers_are_refused() -> None:
     with pytest.raises(ConfigError, match="workers is 0"):
-        list(on_processes(math.sqrt, [1.0], workers=0))
+        list(in_order(math.sqrt, [1.0], workers=0))
 
 
 @pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="Windows sends Ctrl-C otherwise")
@@ -266,7 +266,7 @@ def study_of_entries(folder: Path) -> Study:
 
 
 def one_by_one(study: Study) -> Iterator[bytes]:
-    return on_processes(partial(run_chunk, study), [range(trial, trial + 1) for trial in range(10)], workers=2)
+    return in_order(partial(run_chunk, study), [range(trial, trial + 1) for trial in range(10)], workers=2)
 
 
 def wait_for_the_end_of_entries(folder: Path) -> None:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from markerseek.core import ConfigError, MissingExtraError
+from markerseek.core import ConfigError
 from markerseek.sim import EndoscopeSettings, spot_images
-from markerseek.vision import LaserSpot, NoSpot, TwoSpots, find_spot, opencv
+from markerseek.vision import LaserSpot, NoSpot, TwoSpots, find_spot
 
 pytest.importorskip("cv2")
 
@@ -163,9 +162,3 @@ def test_one_frame_gives_a_place_without_a_sigma() -> None:
 def test_what_are_no_frames_is_refused(frames: list[np.ndarray], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         find_spot(frames)
-
-
-def test_without_opencv_the_message_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "cv2", None)
-    with pytest.raises(MissingExtraError, match=r"opencv-python-headless.*pip install 'markerseek\[vision\]'"):
-        opencv.opencv("a test")

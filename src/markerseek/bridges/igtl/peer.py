@@ -11,7 +11,7 @@ from markerseek.core import DeviceError
 from markerseek.wire import igtl
 
 SLOW_S = 2.0
-"""Longest time for which a client may leave a message that it is sent incomplete, in seconds."""
+"""Longest time in which a client must take a message, in seconds."""
 
 MAX_BODY_BYTES = 1 << 17
 """Largest body that is taken: the longest command has half of it."""
@@ -28,7 +28,7 @@ LOOPBACK = ip_address("127.0.0.1")
 
 
 def plain_address(text: str) -> IPAddress:
-    """The one normal form of a computer's address; ValueError if the text is no address."""
+    """Normal form of a computer's address; ValueError if the text is not an address."""
     address = ip_address(text.partition("%")[0])
     address = getattr(address, "ipv4_mapped", None) or address
     return LOOPBACK if address.is_loopback else address

@@ -7,10 +7,10 @@ import errno
 import os
 import socket
 import time
-from collections.abc import AsyncIterator, Callable, Collection, Iterable, Iterator, Mapping
-from typing import Literal, TypeVar
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Literal
 
-from markerseek.bridges.child import ChildRun
+from markerseek.bridges.child import Outcome
 from markerseek.bridges.igtl.commands import (
     CommandAnswer,
     Request,
@@ -22,8 +22,8 @@ from markerseek.bridges.igtl.commands import (
 from markerseek.bridges.igtl.peer import LOOPBACK, SLOW_S, IPAddress, Peer, plain_address
 from markerseek.bridges.igtl.streams import Stream, Streams
 from markerseek.bridges.recordings import Recording
-from markerseek.bridges.searches import Searches
-from markerseek.core import ConfigError, RecordError, SearchError
+from markerseek.bridges.searches import Searches, SearchOptions
+from markerseek.core import ConfigError, SearchError
 from markerseek.records.journal import JournalItem
 from markerseek.runs import KnownRegistration
 from markerseek.wire import igtl
@@ -35,13 +35,13 @@ ALIVE_S = 1.0
 class SearchService:
     """The server, and one search at a time.
 
-    ``searches``: None where a recording is played, and no search can be asked for. ``registration``: of the da Vinci
-    system to the probe, to be shown. ``on_note``: receives sentences for the terminal.
+    ``options``: of the searches; None if a recording is played, and no search can be asked for. ``registration``: of
+    the da Vinci system to the probe, to be shown. ``on_note``: receives sentences for the terminal.
     """
 
     def __init__(
         self,
-        searches: Searches | None,
+        options: SearchOptions | None,
         *,
         recording: str | None = None,
         registration: KnownRegistration | None = None,
@@ -49,30 +49,41 @@ class SearchService:
         allowed: Collection[IPAddress] = (),
         on_note: Callable[[str], None],
     ) -> None:
-        self._searches, self._on_note = searches, on_note
+        self._on_note = on_note
+        self._searches = None if options is None else self._made(options)
         self._streams = Streams(recording=recording, registration=registration)
         self.server = IgtlServer(on_request=self._requested, allowed=allowed, version=version, on_note=on_note)
-        self._following: asyncio.Task[None] | None = None
-        self._alive: asyncio.Task[None] | None = None
         self._publish(self._streams.idle())
 
     async def open(self, host: str, port: int) -> int:
         """Serve, and return the port; errors as of `IgtlServer.open`."""
+        self._loop = asyncio.get_running_loop()
         taken = await self.server.open(host, port)
         self._alive = asyncio.create_task(self._live())
         return taken
 
     async def close(self) -> None:
         """Stop the search that runs, wait for its end, and end all connections."""
-        if self._searches is not None:
-            self._searches.cancel()
         try:
-            if self._following is not None:
-                await self._following
+            if self._searches is not None:
+                await asyncio.to_thread(self._searches.close)
         finally:
-            if self._alive is not None:
-                self._alive.cancel()
+            self._alive.cancel()
             await self.server.close()
+
+    async def play(self, recording: Recording, *, pace: float) -> None:
+        """Send a recording once, with its own timing.
+
+        ``pace``: real seconds per second of the recording; 0 as fast as images can be made.
+        """
+        loop, items = asyncio.get_running_loop(), recording.items()
+        self._publish(self._streams.started())
+        began_s = loop.time()
+        # In threads: an image takes milliseconds, in which no client must wait.
+        while (timed := await asyncio.to_thread(next, items, None)) is not None:
+            await asyncio.sleep(began_s + pace * timed[0] - loop.time())
+            self._publish(await asyncio.to_thread(self._streams.after, timed[1]))
+        self._publish(self._streams.ended(recording.outcome))
 
     def _publish(self, streams: Iterable[Stream]) -> None:
         for stream in streams:
@@ -82,6 +93,19 @@ class SearchService:
         while True:
             await asyncio.sleep(ALIVE_S)
             self._publish([self._streams.status])
+
+    def _made(self, options: SearchOptions) -> Searches:
+        return Searches(options, on_start=self._started, on_item=self._seen, on_end=self._ended)
+
+    def _started(self, _process_id: int) -> None:
+        self._publish(self._streams.started())
+
+    def _seen(self, item: JournalItem) -> None:
+        self._loop.call_soon_threadsafe(self._publish, self._streams.after(item))
+
+    def _ended(self, outcome: Outcome) -> None:
+        self._on_note(outcome.message)
+        self._loop.call_soon_threadsafe(self._publish, self._streams.ended(outcome))
 
     def _requested(self, request: Request) -> CommandAnswer:
         match request.name:
@@ -94,72 +118,18 @@ class SearchService:
     def _start(self, request: Request) -> CommandAnswer:
         if self._searches is None:
             raise ConfigError("this bridge plays a recording; start markerseek igtl without --play to search")
-        wanted = search_request(request.values)
-        if self._following is not None and not self._following.done():
-            return CommandAnswer(done=False, sentence="a search is running; send StopSearch, or wait for its end")
-        try:
-            child = self._searches.start(wanted, asked_by=f"an OpenIGTLink client, {request.client}")
-        except SearchError as refusal:
-            return CommandAnswer(done=False, sentence=str(refusal))
-        self._begin()
-        self._following = asyncio.create_task(self._follow(child))
+        self._searches.start(search_request(request.values), asked_by=f"an OpenIGTLink client, {request.client}")
         return CommandAnswer(done=True, sentence="a search has begun; SearchState and PaSearch report it")
-
-    async def play(self, recording: Recording, *, pace: float) -> None:
-        """Send a recording once, with its own timing.
-
-        ``pace``: real seconds per second of the recording; 0 as fast as images can be made.
-        """
-        loop = asyncio.get_running_loop()
-        self._begin()
-        began_s = loop.time()
-        async for after_s, item in _each(recording.items()):
-            await asyncio.sleep(began_s + pace * after_s - loop.time())
-            await self._show(item)
-        self._publish(self._streams.ended(recording.outcome))
-
-    def _begin(self) -> None:
-        self._publish(self._streams.started())
 
     def _stop(self, request: Request) -> CommandAnswer:
         if request.values:
             raise ConfigError(f"StopSearch has no {next(iter(request.values))}; send its name alone")
-        if self._searches is not None and self._searches.cancel():
-            return CommandAnswer(done=True, sentence="the search is being stopped")
-        return CommandAnswer(done=False, sentence="no search is running")
-
-    async def _follow(self, child: ChildRun) -> None:
-        """Send what a search shows, to its end."""
-        try:
-            async for item in _each(child.items()):
-                await self._show(item)
-        except RecordError as problem:
-            self._on_note(str(problem))
-            child.stop()
-        except BaseException:
-            # A defect here must not leave a search behind that nobody watches.
-            child.stop()
-            raise
-        outcome = await asyncio.to_thread(child.outcome)
-        self._on_note(outcome.message)
-        self._publish(self._streams.ended(outcome))
-
-    async def _show(self, item: JournalItem) -> None:
-        # In a thread: an image takes milliseconds, in which no client must wait.
-        self._publish(await asyncio.to_thread(self._streams.after, item))
-
-
-_Item = TypeVar("_Item")
-
-
-async def _each(items: Iterator[_Item]) -> AsyncIterator[_Item]:
-    """Items that are waited for in a thread, so that the event loop is not held up."""
-    while (item := await asyncio.to_thread(next, items, None)) is not None:
-        yield item
+        done, sentence = (False, "no search is running") if self._searches is None else self._searches.stop()
+        return CommandAnswer(done=done, sentence=sentence)
 
 
 MAX_CLIENTS = 16
-"""Most clients that are served. Of one more only StopSearch is taken, and its connection ends after `SLOW_S`."""
+"""Most clients that are served. A further client can send StopSearch only, and is disconnected after `SLOW_S`."""
 
 _FULL = f"{MAX_CLIENTS} clients are served, and no more; end one of them (StopSearch is taken from any client)"
 
@@ -287,7 +257,7 @@ class IgtlServer:
             request = read_request(message, client=peer.name)
             taken = peer in self._peers or request.name == "StopSearch"
             answer = self._on_request(request) if taken else CommandAnswer(done=False, sentence=_FULL)
-        except ConfigError as refusal:
+        except (ConfigError, SearchError) as refusal:
             answer = CommandAnswer(done=False, sentence=str(refusal))
         now_s = time.time()  # noqa: TID251
         peer.answer(igtl.encode(answer_message(message, answer, time_s=now_s)))

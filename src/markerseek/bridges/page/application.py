@@ -110,7 +110,7 @@ def page_application(searches: PageSearches, **gate: Any) -> FastAPI:
 
     @application.post("/stop")
     async def stop() -> Response:
-        """STOP, by a plain request: it needs no connection of NiceGUI, and waits for no thread."""
+        """STOP, by a plain request: it needs no connection of NiceGUI, and does not wait for a thread."""
         searches.stop()
         return Response(status_code=204)
 

@@ -22,7 +22,7 @@ class Heading(TextElement):
 
 
 class Drawn(ui.element):
-    """An element that the browser draws from values; each is sent only where it has changed."""
+    """An element that the browser draws from values; each is sent only if it has changed."""
 
     def show(self, **values: Any) -> None:
         """Send other values."""

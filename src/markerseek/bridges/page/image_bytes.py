@@ -61,11 +61,11 @@ class Picture:
     image: Layer
     """The photoacoustic image: level 0 is `range_db` below the brightest, or less."""
     b_mode: Layer | None
-    """B-mode image of the same angle; None where the rig takes none."""
+    """B-mode image of the same angle; None if the rig takes none."""
     range_db: float
     """From the brightest level to black, or to transparent over B-mode."""
     peak_mm: tuple[float, float] | None
-    """Lateral position and depth of the largest envelope; None where the reading has none."""
+    """Lateral position and depth of the largest envelope; None if the reading has none."""
 
 
 def picture_of(sample: Sample, imaging: AnyImageReader) -> Picture:
@@ -111,7 +111,7 @@ def _b_mode_layer(b_mode: BModeImage) -> Layer:
 
 
 def pooled_levels(image: PaImage, *, brightest: float, range_db: float = RANGE_DB) -> UInt8[np.ndarray, "rows columns"]:
-    """Levels of an image; several rows become one that holds their largest value, so that no peak is lost.
+    """Levels of an image; several rows become one that holds their largest value, so that peaks are kept.
 
     ``brightest``: envelope of level 255, in the image's unit. ``range_db``: from level 255 to level 0.
     """

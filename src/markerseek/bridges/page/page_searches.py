@@ -106,7 +106,7 @@ class PageSearches:
         return (*self.race, *(each for each in (self.search, self.bank) if each is not None))
 
     def start(self, asked: AskedSearch, *, asked_by: str) -> None:
-        """Start a search, for somebody whom the terminal names where it asks whether to arm.
+        """Start a search; the terminal names who asked when it asks whether to arm.
 
         Raises `SearchError` if one runs. Raises `OSError` if the folder of journals cannot be made.
         """

@@ -124,12 +124,7 @@ def described_of(path: Path) -> str:
     if not (path.is_file() and is_journal(path)):
         return ""
     found = summary(path)
-    angle = ""
-    # Where nothing was detected, the angle is that of the noise.
-    if found.angle_deg is not None and found.answer != "not found":
-        angle = with_minus(f", {found.angle_deg:.2f}°" if found.as_published else f" at {found.angle_deg:.2f}°")
-    answer = "no claim" if found.as_published and found.answer else found.answer or found.state
-    return f"{answer}{angle}" + (f"; {found.description}" if found.description else "")
+    return with_minus("; ".join(filter(None, (found.end, found.description))))
 
 
 def _read(path: Path) -> tuple[RunHistory, dict[str, Any] | None]:

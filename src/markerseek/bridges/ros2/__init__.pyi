@@ -2,12 +2,11 @@ from .acquisition_node import AcquisitionNode
 from .sample_topics import publish_registration
 from .search_node import SearchNode
 from .serving import MessagePump, Served, Serving, StepEnded, serve
-from .stage_node import PlainTopics, StageNode
+from .stage_node import StageNode
 
 __all__ = [
     "AcquisitionNode",
     "MessagePump",
-    "PlainTopics",
     "SearchNode",
     "Served",
     "Serving",

@@ -25,7 +25,6 @@ class AcquisitionNode(Served):
         self._acquiring = False
         self._cancelled = False
         self._settled = False
-        self._frames = self._errors = 0
         node.advertise(topics.ACQUIRED, _TEXT)
         node.advertise(topics.CHANNELS, "sensor_msgs/msg/Image")
         node.subscribe(topics.ACQUIRE, _TEXT, self._on_request, command=True)
@@ -36,7 +35,6 @@ class AcquisitionNode(Served):
     def _on_request(self, message: Any) -> None:
         request = messages.decoded(message.data, messages.AcquireRequest)
         if request is None:
-            self._commands.drop("no request", "it holds no request")
             return
         if request.pulses == -1:
             # Needs no stamp: light that ends too early harms nobody.
@@ -44,9 +42,9 @@ class AcquisitionNode(Served):
             return
         reason = self._commands.refusal(request.stamp_ns, now_s=self.node.now_s())
         if reason is None and (other := self.node.other(topics.ACQUIRED)) is not None:
-            reason = self._commands.drop("two acquisition nodes", f"{other}: both would fire; end one of them")
+            reason = f"{other}: both would fire; end one of them"
         if reason is None and (self._acquiring or self._wanted is not None):
-            reason = self._commands.drop("busy", "an acquisition is going on; wait for its frame, or cancel it")
+            reason = "an acquisition is going on; wait for its frame, or cancel it"
         if reason is not None:
             self._answer(request, error=reason)
             return
@@ -65,13 +63,11 @@ class AcquisitionNode(Served):
             raise StepEnded
 
     def step(self) -> None:
-        """Carry out the last request, and publish diagnostics when they are due."""
+        """Carry out the last request."""
         self._cancelled = False
         request, self._wanted = self._wanted, None
         if request is not None:
             self._serve(request)
-        facts = {"pulses permitted": self._guard.pulses_permitted, "frames": self._frames, "errors": self._errors}
-        self._diagnose(facts)
 
     def _serve(self, request: messages.AcquireRequest) -> None:
         self._acquiring = True
@@ -108,7 +104,6 @@ class AcquisitionNode(Served):
         if not isinstance(frame, ChannelFrame):
             raise AcquisitionError(f"receiver: it returned a {type(frame).__name__}, and channel data are served")
         self._settled = True
-        self._frames += 1
         now_s = self.node.now_s()
         image = messages.channels(frame.samples, time_s=now_s)
         self.node.publish(topics.CHANNELS, image)
@@ -123,7 +118,6 @@ class AcquisitionNode(Served):
         )
 
     def _answer(self, request: messages.AcquireRequest, *, error: str = "", step: Any = "error", **facts: Any) -> None:
-        self._errors += step == "error"
         answer = messages.Acquired(id=request.id, step=step, error=error, simulated=self._simulated, **facts)
         self.node.publish(topics.ACQUIRED, messages.text(answer))
 

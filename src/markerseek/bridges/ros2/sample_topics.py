@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from markerseek.core import BModeImage, ChannelFrame, Measured, RFFrame
-from markerseek.records.journal import Configuration
+from markerseek.bridges.run_images import RunImages, since_fired_s
+from markerseek.core import Measured
+from markerseek.records.journal import Configuration, Entry
 from markerseek.ros import RosNode, messages, topics
-from markerseek.runs import KnownRegistration, rebuild_image_reader
-from markerseek.signals import AnyImageReader
+from markerseek.runs import KnownRegistration, RunView
 
 _TEXT, _JOINT = "std_msgs/msg/String", "sensor_msgs/msg/JointState"
 
@@ -21,10 +21,8 @@ class SampleTopics:
 
     def __init__(self, *, node: RosNode, publishes_angle: bool) -> None:
         self._node, self._publishes_angle = node, publishes_angle
-        self._face_radius_m: float | None = None
-        self._imaging: AnyImageReader | None = None
-        self._brightest = 0.0
-        self._on_bench = False
+        self._view: RunView | None = None
+        self._images: RunImages | None = None
         # All at once, and early: who subscribes misses what comes before the publisher is found.
         node.advertise(topics.BANK, _TEXT, latched=True)
         if publishes_angle:
@@ -44,59 +42,50 @@ class SampleTopics:
 
         ``configuration``: published as JSON, and kept for subscribers that come later.
         """
-        self._imaging = rebuild_image_reader(configuration)
-        self._face_radius_m, self._brightest = configuration.facts.face_radius_m, 0.0
-        self._on_bench = configuration.facts.kind == "bench"
+        self._view, self._images = RunView.of(configuration), RunImages(configuration)
         known = configuration.flat()
         # Settings of a rig hold ports and programs of this computer, which nobody on a network needs.
         known.pop("recipe")
         message = messages.text({**known, "picture_range_db": messages.RANGE_DB})
         self._node.publish(topics.BANK, message)
 
-    def publish(self, event: Measured, *, clock_s: float) -> None:
-        """Publish one acquisition, stamped now; a pulse of a sweep on a bench with the moment of its light.
+    def publish(self, entry: Entry) -> None:
+        """Publish an acquisition, stamped with the moment of its light on a rig of devices, else with the time of day.
 
-        ``event``: the acquisition; an image is made of its frame where it has one. ``clock_s``: time of the event on
-        the rig's clock.
+        ``entry``: an entry of the run; an entry without an acquisition publishes nothing.
         """
-        sample = event.sample
-        angle_deg, intensity, frame = sample.angle_deg, sample.reading.intensity, sample.frame
-        node, time_s = self._node, self._node.now_s()
-        if self._on_bench and sample.sweep is not None and frame is not None:
-            # Pulses of a sweep come in bundles, and the probe turns meanwhile.
-            time_s -= max(0.0, clock_s - frame.header.started_s)
-        image = None
-        b_mode: BModeImage | None = frame if isinstance(frame, BModeImage) else getattr(frame, "b_mode", None)
-        if isinstance(frame, ChannelFrame | RFFrame) and self._imaging is not None:
-            image = self._imaging.picture(frame)
+        assert self._view is not None and self._images is not None  # noqa: S101, PT018  the configuration comes first
+        view = self._view = self._view.add_entry(entry)
+        if not isinstance(entry.event, Measured):
+            return
+        sample, node = entry.event.sample, self._node
+        angle_deg, intensity = sample.angle_deg, sample.reading.intensity
+        time_s = node.now_s() - since_fired_s(view, entry)
+        image, b_mode = self._images.of(sample)
         if self._publishes_angle:
             node.publish(topics.MEASURED_JS, messages.joint_state(time_s=time_s, angle_deg=angle_deg))
         shown = {messages.IMAGE: image, messages.BMODE: b_mode}
         images = {name: each.geometry for name, each in shown.items() if each is not None}
         turned = messages.transforms(
-            time_s=time_s,
-            angle_deg=angle_deg,
-            images=images,
-            face_radius_m=self._face_radius_m,
+            time_s=time_s, angle_deg=angle_deg, images=images, face_radius_m=view.facts.face_radius_m
         )
         # A stage node publishes itself how the probe is turned: then only the places of the images are left.
         publish_frames(node, topics.FRAMES, turned if self._publishes_angle else turned[1:])
         if b_mode is not None:
             node.publish(topics.BMODE, messages.b_mode(b_mode, time_s=time_s))
         if image is not None:
-            self._brightest = max(self._brightest, float(image.envelope.max()))
             node.publish(topics.ENVELOPE, messages.envelope(image, time_s=time_s))
-            # White is the brightest so far: what will come is not known.
-            picture = messages.picture(image, time_s=time_s, brightest=self._brightest)
+            picture = messages.picture(image, time_s=time_s, brightest=self._images.brightest)
             node.publish(topics.PICTURE, picture)
         said = {
-            "index": event.index,
-            "role": event.role,
+            "index": view.index,
+            "role": view.role,
             "angle_deg": angle_deg,
             "intensity": intensity,
+            "line": view.line,
             "time_s": time_s,
-            "pulses": None if frame is None else frame.header.pulses,
-            # sensor_msgs/Image has no place for it, and a transform none for the distances.
+            "pulses": None if sample.frame is None else sample.frame.header.pulses,
+            # sensor_msgs/Image has no place for the distances of pixels, and neither has a transform.
             "images": {name: geometry.grid for name, geometry in images.items()},
         }
         node.publish(topics.SAMPLE, messages.text(said))

@@ -2,44 +2,23 @@
 
 from __future__ import annotations
 
-import math
-import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
 from markerseek.core import MarkerseekError
 from markerseek.guard import Guard
-from markerseek.ros import RosNode, StampedCommands, messages, topics
+from markerseek.ros import RosNode, StampedCommands
 from markerseek.scan import Watchdog
 
 _IDLE_S = 0.02
 _MAX_MESSAGES = 4
 """Most messages handled in one beat of a device: more would hold up its lease."""
 
-_DIAGNOSE_S = 1.0
-
 
 class StepEnded(BaseException):
     """A step of a device is ended from outside, as by Ctrl-C: no error, so that no driver takes it for one."""
-
-
-class Diagnostics:
-    """Publishes diagnostics of a node once a second."""
-
-    def __init__(self, node: RosNode) -> None:
-        self._node = node
-        self._due_s = -math.inf
-        node.advertise(topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray")
-
-    def step(self, *, fault: str | None, facts: Mapping[str, object]) -> None:
-        """Publish them if they are due."""
-        if time.monotonic() >= self._due_s:
-            self._due_s = time.monotonic() + _DIAGNOSE_S
-            name, time_s = self._node.name, self._node.now_s()
-            message = messages.diagnostics(time_s=time_s, name=name, fault=fault, facts=facts)
-            self._node.publish(topics.DIAGNOSTICS, message)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +43,6 @@ class Served(ABC):
         self.node, self._guard, self._simulated = serving.node, serving.guard, serving.simulated
         self._by, self._watchdog = serving.by, serving.watchdog
         self._commands = StampedCommands()
-        self._diagnostics = Diagnostics(self.node)
 
     @abstractmethod
     def beat(self) -> None:
@@ -106,11 +84,6 @@ class Served(ABC):
     def _fail(self, error: MarkerseekError) -> None:
         self._guard.fail(f"{type(error).__name__}: {error}")
 
-    def _diagnose(self, facts: Mapping[str, object]) -> None:
-        known = {"state": self._guard.state.value, "simulated": self._simulated, **facts}
-        dropped = {f"dropped: {reason}": count for reason, count in self._commands.dropped.items()}
-        self._diagnostics.step(fault=self._guard.fault, facts=known | dropped)
-
 
 class MessagePump:
     """Handles messages while a device works; to be given to its clock before the nodes exist.
@@ -130,7 +103,7 @@ class MessagePump:
 
 
 def serve(served: Sequence[Served], *, until: Callable[[], bool]) -> None:
-    """Serve nodes that share a network, until told to stop.
+    """Serve nodes that share a network, until a function says so.
 
     ``until``: asked between two steps, at least every 20 ms unless a device works.
     """

@@ -4,33 +4,20 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from markerseek.bridges.ros2.sample_topics import publish_frames
 from markerseek.bridges.ros2.serving import Served, Serving, StepEnded
 from markerseek.core import LimitError, MarkerseekError, Stage
 from markerseek.guard import State
-from markerseek.ros import degrees, joint_angle_deg, messages, topics
+from markerseek.ros import joint_angle_deg, messages, topics
 
-_JOINT, _NUMBER, _EMPTY = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64", "std_msgs/msg/Empty"
+_JOINT, _EMPTY = "sensor_msgs/msg/JointState", "std_msgs/msg/Empty"
 _PUBLISH_S, _TURNING_S = 0.1, 0.02
 """Time between two angles while the stage rests, and while it turns, in seconds."""
 
 _REFUSAL_S = 0.05
 """Least time between two answers to commands that are refused, in seconds."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlainTopics:
-    """Topics of plain numbers, as in the paper: off unless they are named, because a number carries no stamp."""
-
-    command: str
-    """Topic of the angle to go to: std_msgs/Float64."""
-    reached: str
-    """Topic of the angle reached: std_msgs/Float64."""
-    unit: Literal["rad", "deg"] = "rad"
-    """Unit of both."""
 
 
 @runtime_checkable
@@ -45,27 +32,22 @@ class _SeenOnItsWay(Protocol):
 class StageNode(Served):
     """Serves a stage; the lease is held during a move."""
 
-    def __init__(self, serving: Serving, *, stage: Stage, plain: PlainTopics | None = None) -> None:
+    def __init__(self, serving: Serving, *, stage: Stage) -> None:
         super().__init__(serving)
         node = self.node
-        self._stage, self._plain = stage, plain
+        self._stage = stage
         self._wanted_deg: float | None = None
         self._moving = self._stopped = False
         self._refused = ("", 0)
-        self._moves = self._stops = 0
         self._angle_deg = self._setpoint_deg = math.nan
         self._due_s = self._refusal_due_s = -math.inf
         node.advertise(topics.MEASURED_JS, _JOINT)
-        node.advertise(topics.MEASURED_CP, "geometry_msgs/msg/PoseStamped")
         node.advertise(topics.SETPOINT_JS, _JOINT, latched=True)
         node.advertise(topics.FRAMES, messages.frames_kind())
         node.advertise(topics.STATE, "std_msgs/msg/String")
         node.subscribe(topics.MOVE_JP, _JOINT, self._on_joint, command=True)
         for topic in (topics.STOP, topics.HOLD):
             node.subscribe(topic, _EMPTY, lambda _message: self.stop(), command=True)
-        if plain is not None:
-            node.advertise(plain.reached, _NUMBER)
-            node.subscribe(plain.command, _NUMBER, self._on_number, command=True)
 
     # What messages ask for; these run inside of a device's wait too.
 
@@ -73,10 +55,6 @@ class StageNode(Served):
         stamp_ns = messages.stamp_ns(message)
         reason = self._commands.refusal(stamp_ns, now_s=self.node.now_s())
         self._take(joint_angle_deg(message), reason, stamp_ns=stamp_ns)
-
-    def _on_number(self, message: Any) -> None:
-        assert self._plain is not None  # noqa: S101  its topic is subscribed to only then
-        self._take(message.data if self._plain.unit == "deg" else degrees(message.data), None, stamp_ns=0)
 
     def _take(self, angle_deg: float | None, reason: str | None, *, stamp_ns: int) -> None:
         """Note an angle that is wanted; if there is a reason against it, publish the reason."""
@@ -93,25 +71,24 @@ class StageNode(Served):
     def _refusal_of(self, angle_deg: float | None) -> str | None:
         """Why the stage is not sent to an angle; None if it is."""
         if angle_deg is None:
-            return self._commands.drop("no angle", f"it is no position of the joint {messages.JOINT} alone")
+            return f"it is no position of the joint {messages.JOINT} alone"
         if self._guard.state in (State.FAULT, State.DISARMED):
             fault = self._guard.fault
-            return self._commands.drop("not armed", f"the stage node is {self._guard.state.value}: {fault or 'arm it'}")
+            return f"the stage node is {self._guard.state.value}: {fault or 'arm it'}"
         try:
             self._guard.limits.require_search(angle_deg)
         except LimitError as problem:
-            return self._commands.drop("out of range", str(problem))
+            return str(problem)
         if (other := self.node.other(topics.STATE)) is not None:
-            return self._commands.drop("two stage nodes", f"{other}: both would turn; end one of them")
+            return f"{other}: both would turn; end one of them"
         if self._moving:
-            return self._commands.drop("busy", "the stage is turning; wait until it is idle, or stop it first")
+            return "the stage is turning; wait until it is idle, or stop it first"
         return None
 
     def stop(self) -> None:
         """End the move; a command that was accepted and not begun is forgotten."""
         self._wanted_deg = None
         self._stopped = True
-        self._stops += 1
 
     def beat(self) -> None:
         """Publish the angle, and end the move if somebody stops it, by `StepEnded`; called while the stage turns."""
@@ -127,7 +104,7 @@ class StageNode(Served):
     # What the node does between two moves.
 
     def step(self) -> None:
-        """Carry out the last command, and publish angle, state and diagnostics when they are due."""
+        """Carry out the last command, and publish angle and state when they are due."""
         self._stopped = False
         wanted_deg, self._wanted_deg = self._wanted_deg, None
         if wanted_deg is not None:
@@ -135,11 +112,9 @@ class StageNode(Served):
         elif time.monotonic() >= self._due_s:
             self._due_s = time.monotonic() + _PUBLISH_S
             self._publish_angle()
-        self._diagnose({"angle_deg": f"{self._angle_deg:.3f}", "moves": self._moves, "stops": self._stops})
 
     def _move(self, angle_deg: float) -> None:
         self._moving = True
-        self._moves += 1
         self._due_s = -math.inf
         self._publish_setpoint(angle_deg)
         self._publish_state(is_busy=True)
@@ -158,9 +133,6 @@ class StageNode(Served):
         finally:
             self._moving = False
         self._publish_angle()
-        if self._plain is not None:
-            value = self._angle_deg if self._plain.unit == "deg" else math.radians(self._angle_deg)
-            self.node.publish(self._plain.reached, messages.number(value))
 
     def _make_safe(self) -> None:
         # Not interrupted a second time: the stop itself waits for the stage.
@@ -188,7 +160,6 @@ class StageNode(Served):
     def _publish_seen(self, angle_deg: float, *, time_s: float) -> None:
         node = self.node
         node.publish(topics.MEASURED_JS, messages.joint_state(time_s=time_s, angle_deg=angle_deg))
-        node.publish(topics.MEASURED_CP, messages.pose(time_s=time_s, angle_deg=angle_deg))
         turned = messages.transforms(time_s=time_s, angle_deg=angle_deg, images={}, face_radius_m=None)
         publish_frames(node, topics.FRAMES, turned)
 
@@ -209,5 +180,6 @@ class StageNode(Served):
             simulated=self._simulated,
             refused=self._refused[0],
             refused_ns=self._refused[1],
+            fault=self._guard.fault or "",
         )
         self.node.publish(topics.STATE, messages.text(held))

@@ -1,9 +1,9 @@
 """Reads banks from arrays of NumPy or MATLAB: angles with intensities, or with frames of channel data.
 
 ``.npz`` and ``.mat`` hold variables by name: ``angle_deg`` (or ``angle_mrad``, ``angle_rad``); ``intensity`` or
-``frames`` (angles × channels × samples, counts, or floating-point numbers, which are scaled); and optionally
-``sampling_hz``, ``reference_angle_deg``, ``pitch_m``, ``sound_speed_m_s``, ``first_sample_s`` (when the first sample
-was taken, from the trigger) and ``pulses``. A `TableFormat` names others. ``.npy`` holds two columns, angle and
+``frames`` (angles × channels × samples, counts, or floating-point numbers, which are scaled); and optionally the facts
+`NUMERIC_FACTS`, ``first_sample_s`` (when the first sample was taken, from the trigger), and of each angle ``pulses``,
+``energy`` and ``started_s``. A `TableFormat` names others. ``.npy`` holds two columns, angle and
 intensity, or intensities or frames alone. The frames of a Verasonics workspace, of a file of zea, and of other HDF5
 files come with the same names.
 """
@@ -16,17 +16,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
-from markerseek.core import Bool, ChannelFrame, ConfigError, Float64, FrameHeader, Int16, RecordError
+from markerseek.core import Bool, ChannelFrame, ConfigError, Float64, Int16, RecordError
 from markerseek.files import as_read_error, quoted
 from markerseek.records.banks.bank import (
+    NUMERIC_FACTS,
     USUAL_SAMPLING_HZ,
     BankFacts,
     FrameBank,
     IntensityBank,
-    require_angles,
-    unwrapped,
+    rising,
 )
 from markerseek.records.banks.counts import as_counts, scaling_of
 from markerseek.records.banks.layout import AXES, USUAL_LAYOUT, Layout, turned, without_channels_of
@@ -58,27 +59,12 @@ class ArrayBank(FrameBank):
     path: Path
     samples: Int16[np.ndarray, "angles channels samples"] = field(repr=False)
     """ADC counts."""
-    energies: tuple[float, ...] = ()
-    """Energy of the pulses at each angle over their mean; empty where it is not known."""
 
     def frame(self, index: int) -> ChannelFrame:
         """Channel data of one angle."""
-        header = FrameHeader(
-            sequence=index + 1,
-            token=self.path.name,
-            pulses=self.pulses[index],
-            commanded_deg=self.angles_deg[index],
-            # Arrays hold no times; NaN says so, where 0 would be a time.
-            started_s=math.nan,
-            ended_s=math.nan,
-            energy=self.energies[index] if self.energies else None,
-        )
+        header = self.header(index, token=self.path.name, row=index)
         sampling_hz = self.facts.sampling_hz or USUAL_SAMPLING_HZ
         return ChannelFrame(header=header, samples=self.samples[index], sampling_hz=sampling_hz)
-
-    def dark_frame(self, index: int) -> ChannelFrame:
-        """Not available: arrays hold no frames without laser."""
-        raise RecordError(f"{self.path}: there is no dark frame {index + 1}, it holds none")
 
 
 def read_arrays(
@@ -142,27 +128,23 @@ def bank_of_arrays(
     if NUMBERS in arrays:
         # Only now: a frame that was lost has its place in the scan.
         kept &= filled(path, values, arrays[NUMBERS])
-    degrees, values = unwrapped(path, degrees[kept]), values[kept]
-    order = np.argsort(degrees, kind="stable")
-    rising = tuple(degrees[order].tolist())
-    require_angles(path, rising)
-    facts = BankFacts(
-        sampling_hz=_scalar(path, arrays, "sampling_hz"),
-        reference_angle_deg=_scalar(path, arrays, "reference_angle_deg"),
-        pitch_m=_scalar(path, arrays, "pitch_m"),
-        sound_speed_m_s=_scalar(path, arrays, "sound_speed_m_s"),
-        wavelength_m=_scalar(path, arrays, "wavelength_m"),
-    )
+    degrees, values = degrees[kept], values[kept]
+    angles_deg, order = rising(path, degrees)
+    facts = msgspec.convert({name: _scalar(path, arrays, name) for name in NUMERIC_FACTS}, BankFacts)
     energies = _energies(path, arrays, kept)
+    started_s = tuple(arrays["started_s"][kept][order].tolist()) if "started_s" in arrays else ()
     if frames:
         pulses = tuple(_pulses(path, arrays, kept.size)[kept][order].tolist())
         before = _samples_before(path, arrays, facts.sampling_hz, samples=values.shape[2])
-        bank = _frame_bank(path, rising, values[order], pulses, facts, before=before, blanked=blanked)
-        return bank if energies is None else replace(bank, energies=tuple(energies[order].tolist()))
+        bank = _frame_bank(path, angles_deg, values[order], pulses, facts, before=before, blanked=blanked)
+        energies_of = () if energies is None else tuple(energies[order].tolist())
+        return replace(bank, energies=energies_of, started_s=started_s)
     db = decibels(table.db, value)
     intensity = amplitudes(values, db=db, where=lambda index: f"{path}, angle {degrees[index]:g} deg")
-    intensity = intensity if energies is None else intensity / energies
-    return IntensityBank(angles_deg=rising, intensities=tuple(intensity[order].tolist()), facts=facts)
+    intensity = intensity if energies is None else intensity / np.where(np.isnan(energies), 1.0, energies)
+    return IntensityBank(
+        angles_deg=angles_deg, intensities=tuple(intensity[order].tolist()), facts=facts, started_s=started_s
+    )
 
 
 def _stated_degrees(path: Path, layout: Layout, count: int, *, held: str) -> Float64[np.ndarray, " angles"]:
@@ -241,7 +223,7 @@ def _named(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 def _picked(
     path: Path, arrays: Mapping[str, np.ndarray], table: TableFormat, *, held: str
 ) -> tuple[str | None, str | None]:
-    """Names of the angles, and of the intensities or frames; None where there are none."""
+    """Names of the angles, and of the intensities or frames; None if there are none."""
     if table.columns is not None:
         missing = [name for name in table.columns if name not in arrays]
         if missing:
@@ -305,14 +287,17 @@ def _pulses(path: Path, arrays: Mapping[str, np.ndarray], angles: int) -> np.nda
 def _energies(
     path: Path, arrays: Mapping[str, np.ndarray], kept: Bool[np.ndarray, " angles"]
 ) -> Float64[np.ndarray, " kept"] | None:
-    """Energy of the pulses at the angles that are kept, over their mean; None where the file has none."""
+    """Energy of the pulses at the angles that are kept over their mean, NaN where it was not measured; or None."""
     if "energy" not in arrays:
         return None
     stated = arrays["energy"].ravel()
-    if stated.size != kept.size or stated.dtype.kind not in "iuf" or not 0 < stated[kept].min() < math.inf:
-        raise RecordError(f"{path}: energy must be {kept.size} positive numbers, one for each angle, in any unit")
-    energies = stated[kept].astype(np.float64)
-    return np.asarray(energies / energies.mean())
+    energies = stated[kept].astype(np.float64) if stated.size == kept.size and stated.dtype.kind in "iuf" else None
+    if energies is None or not (np.isnan(energies) | ((energies > 0) & (energies < math.inf))).all():
+        raise RecordError(
+            f"{path}: energy must be {kept.size} positive numbers, one for each angle, in any unit; NaN where it was "
+            "not measured"
+        )
+    return None if np.isnan(energies).all() else energies / np.nanmean(energies)
 
 
 def _intensities(path: Path, intensity: np.ndarray, angles: int) -> Float64[np.ndarray, " angles"]:

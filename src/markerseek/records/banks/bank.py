@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -12,7 +13,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from markerseek.core import Bool, ChannelFrame, ConfigError, Float64, Interval, RecordError, counted, needs_package
+from markerseek.core import (
+    Bool,
+    ChannelFrame,
+    ConfigError,
+    Float64,
+    FrameHeader,
+    Int64,
+    Interval,
+    RecordError,
+    counted,
+    needs_package,
+)
 from markerseek.records.curve_svg import DrawnCurve, Mark, as_html
 
 if TYPE_CHECKING:
@@ -36,7 +48,7 @@ MIN_STEP_DEG = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BankFacts:
-    """Metadata of a bank; None where a value is not known."""
+    """Metadata of a bank; None if a value is not known."""
 
     description: str = ""
     """What was scanned and with which device, as text; empty if unknown."""
@@ -67,6 +79,13 @@ class BankFacts:
     """Seed of a simulated rig."""
     made_with: str | None = None
     """Program that scanned or imported it, with its version."""
+
+
+NUMERIC_FACTS = (
+    "sampling_hz", "sound_speed_m_s", "pitch_m", "wavelength_m", "pulse_energy_j", "face_radius_m",
+    "reference_angle_deg", "clock_zero_unix_s",
+)  # fmt: skip
+"""Facts that a file of another make may hold, each as one number."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,6 +158,8 @@ class FrameBank(Bank, ABC):
     """Number of frames that were taken without laser."""
     pulses: tuple[int, ...] = field(repr=False, default=())
     """Laser pulses averaged at each angle; empty where it is not known."""
+    energies: tuple[float, ...] = field(repr=False, default=())
+    """Energy of the pulses at each angle over the usual one, NaN where it was not measured; empty where none is."""
 
     def to_xarray(self) -> xr.Dataset:
         """As of `Bank.to_xarray`."""
@@ -154,9 +175,24 @@ class FrameBank(Bank, ABC):
     def frame(self, index: int) -> ChannelFrame:
         """Channel data of one angle, counted from 0 at the lowest; `RecordError` where they cannot be read."""
 
-    @abstractmethod
     def dark_frame(self, index: int) -> ChannelFrame:
         """One frame without laser, counted from 0; `RecordError` where it cannot be read."""
+        raise RecordError(f"there is no dark frame {index + 1}, it holds {self.dark_frames or 'none'}")
+
+    def header(self, index: int, *, token: str, row: int) -> FrameHeader:
+        """Header of the frame at one angle; ``row``: place of the frame in its file, from 0."""
+        energy = self.energies[index] if self.energies else math.nan
+        # NaN says that no time is known, where 0 would be a time.
+        started_s = self.started_s[index] if self.started_s else math.nan
+        return FrameHeader(
+            sequence=row + 1,
+            token=token,
+            pulses=self.pulses[index],
+            commanded_deg=self.angles_deg[index],
+            started_s=started_s,
+            ended_s=started_s,
+            energy=None if math.isnan(energy) else energy,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -239,6 +275,20 @@ def unwrapped(path: Path, angles_deg: Float64[np.ndarray, " n"]) -> Float64[np.n
         stacklevel=3,
     )
     return turned
+
+
+def first_of(names: Sequence[str]) -> str:
+    """The first names of many, for a message."""
+    return ", ".join(names[:5]) + (" …" if len(names) > 5 else "")
+
+
+def rising(path: Path, angles_deg: Float64[np.ndarray, " n"]) -> tuple[tuple[float, ...], Int64[np.ndarray, " n"]]:
+    """Angles that a search can use in rising order, without the jump of a full turn; and the place of each before."""
+    turned = unwrapped(path, angles_deg)
+    order = np.argsort(turned, kind="stable")
+    angles = tuple(turned[order].tolist())
+    require_angles(path, angles)
+    return angles, order
 
 
 def require_angles(path: Path, angles_deg: Sequence[float]) -> None:

@@ -21,8 +21,7 @@ from markerseek.records.banks.bank import (
     USUAL_SAMPLING_HZ,
     BankFacts,
     FrameBank,
-    require_angles,
-    unwrapped,
+    rising,
 )
 from markerseek.records.banks.counts import EXACT, Scaling, as_counts, scaling_of
 from markerseek.records.journal import is_journal
@@ -178,10 +177,6 @@ class FolderBank(FrameBank):
             scaling=self.scaling,
         )
 
-    def dark_frame(self, index: int) -> ChannelFrame:
-        """Not available: such a folder holds no frames without laser."""
-        raise RecordError(f"{self.places[0].parent}: there is no dark frame {index + 1}, it holds none")
-
 
 def read_folder(path: Path, *, blanked: int = 0) -> FolderBank:
     """Bank in a folder, from the names of its sub-folders and files of channel data.
@@ -213,15 +208,12 @@ def read_folder(path: Path, *, blanked: int = 0) -> FolderBank:
             f"{path}: there is no scan in this folder; it must hold one folder or file of channel data for each angle, "
             "with the angle in its name, as in 'angle_-12.5deg'"
         )
-    turned = unwrapped(path, np.array([*by_angle]))
-    order = np.argsort(turned, kind="stable").tolist()
-    angles = turned[order].tolist()
-    require_angles(path, angles)
-    places = tuple([*by_angle.values()][index] for index in order)
+    angles, order = rising(path, np.array([*by_angle]))
+    places = tuple([*by_angle.values()][index] for index in order.tolist())
     facts = BankFacts(probe=MAT_PROBE if all(place.suffix.lower() == ".mat" for place in places) else None)
     try_arrays((place for place in places if place.is_file()), most_bytes=_MAX_FRAME_BYTES)
     scaling = _common_scaling(path, [each for each in places if each.suffix.lower() == ".npy"], blanked)
-    return FolderBank(angles_deg=tuple(angles), places=places, facts=facts, scaling=scaling)
+    return FolderBank(angles_deg=angles, places=places, facts=facts, scaling=scaling)
 
 
 def _common_scaling(path: Path, places: list[Path], blanked: int) -> Scaling:

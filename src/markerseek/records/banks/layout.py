@@ -70,7 +70,7 @@ _OPTION_OF = " (of 'markerseek bank import')"
 def turned(path: Path, frames: np.ndarray, stated: tuple[str, ...] | None, *, angles: int | None) -> np.ndarray:
     """Frames with their axes in our order; a message names the orders that would fit.
 
-    ``stated``: their order, where a person or the format states it. ``angles``: how many there are; None where the file
+    ``stated``: their order, where a person or the format states it. ``angles``: how many there are; None if the file
     does not say.
     """
     axes = AXES if stated is None else stated

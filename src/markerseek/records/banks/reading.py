@@ -16,7 +16,7 @@ from markerseek.records.banks.frames import read_folder
 from markerseek.records.banks.ipasc.fields import ANGLES, FRAMES
 from markerseek.records.banks.ipasc.reading import (
     IpascBank,
-    arrays_without_angles,
+    arrays_of_others,
     as_bank_error,
     read_probed,
     walk_bank,
@@ -90,9 +90,8 @@ def read_hdf5(
 ) -> IntensityBank | FrameBank:
     """Bank in an HDF5 file.
 
-    One of IPASC with angles keeps its frames on disk (`read_probed`). One of IPASC without angles, one of zea, and one
-    with ``frames`` or ``intensity`` at its top level is read into memory. ``table``, ``layout``: as of
-    `read_arrays`.
+    One of ours keeps its frames on disk (`read_probed`). One of IPASC by another program, one of zea, and one with
+    ``frames`` or ``intensity`` at its top level is read into memory. ``table``, ``layout``: as of `read_arrays`.
     """
     with as_read_error(path):
         require_input(path, most_bytes=_LARGEST_BYTES)
@@ -102,15 +101,15 @@ def read_hdf5(
     if arrays is not None:
         return bank_of_arrays(path, arrays, table, layout, ordered=ordered, blanked=blanked)
     _require_usual(path, table, layout)
-    return without_channels(read_probed(path, blanked=blanked), path, layout.without_channels)
+    return without_channels(read_probed(path), path, layout.without_channels)
 
 
 def _arrays(path: Path) -> tuple[Mapping[str, np.ndarray] | None, bool]:
-    """Arrays of a file that is no bank of IPASC with angles, else None, and whether their axes have our order."""
+    """Arrays of a file that is no bank of ours, else None, and whether their axes have our order."""
     if arrays := zea_arrays(path):
         return arrays, True
     with as_bank_error(path), CheckedHdf5(path) as file:
-        if arrays := arrays_without_angles(path, file):
+        if arrays := arrays_of_others(path, file):
             return arrays, True
         of_ipasc = any(map(file.has, (FRAMES, ANGLES, "meta_data")))
         return (None if of_ipasc else plain_arrays(path, file)), False

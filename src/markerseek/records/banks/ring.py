@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import Bool, ConfigError, RecordError
+from markerseek.records.banks.bank import first_of
 from markerseek.records.vantage import LAST, NUMBERS
 
 
@@ -63,8 +64,7 @@ def filled(path: Path, frames: np.ndarray, numbers: np.ndarray) -> Bool[np.ndarr
     held = _held(frames)
     if not held.all():
         names = [str(number) for number in np.sort(numbers[~held])]
-        first = ", ".join(names[:5]) + (" …" if len(names) > 5 else "")
-        warnings.warn(f"{path}: {len(names)} frames hold zeros only, and are left out: {first}", stacklevel=3)
+        warnings.warn(f"{path}: {len(names)} frames hold zeros only, and are left out: {first_of(names)}", stacklevel=3)
     return held
 
 
@@ -74,14 +74,14 @@ def _held(frames: np.ndarray) -> Bool[np.ndarray, " frames"]:
 
 
 def _last_index(arrays: Mapping[str, np.ndarray]) -> int | None:
-    """Index of the last frame; None where the file does not state it, or states none of the frames."""
+    """Index of the last frame; None if the file does not state it, or states another number."""
     last = arrays.get(LAST, np.array(0))
     found = np.flatnonzero(arrays[NUMBERS] == last)
     return int(found[0]) if found.size else None
 
 
 def _start(empty: Bool[np.ndarray, " frames"], last: int | None) -> int | None:
-    """Index of the oldest frame; None where nothing proves which one it is."""
+    """Index of the oldest frame; None if nothing proves which one it is."""
     end = len(empty) if last is None else last + 1
     if last is None:
         end = int(np.flatnonzero(~empty)[-1]) + 1

@@ -26,7 +26,7 @@ import numpy as np
 
 from markerseek.core import Float64, RecordError
 from markerseek.files import MIB, as_read_error, open_input, quoted
-from markerseek.records.banks.bank import BankFacts, IntensityBank, require_angles, unwrapped
+from markerseek.records.banks.bank import BankFacts, IntensityBank, first_of, require_angles, unwrapped
 from markerseek.records.banks.table import amplitudes, averaged
 
 SEQUENCE_SUFFIXES = (".mha", ".mhd", ".nrrd", ".nhdr")
@@ -116,7 +116,7 @@ class ImageSequence:
 
     @property
     def pixel_m(self) -> tuple[float, float] | None:
-        """Height and width of a pixel by ImageToProbe or the spacing; None where both only count pixels."""
+        """Height and width of a pixel by ImageToProbe or the spacing; None if both only count pixels."""
         sizes = self.spacing
         matrices = (
             _numbers(value, 16)
@@ -223,7 +223,7 @@ def angles_of(
         else:
             kept[number] = values
     if left_out:
-        named = ", ".join(left_out[:5]) + (" …" if len(left_out) > 5 else "")
+        named = first_of(left_out)
         warnings.warn(f"{path}: {len(left_out)} of {len(frames)} frames are left out: {named}", stacklevel=2)
     if not kept:
         raise RecordError(f"{path}: no frame has a valid image and angle; name the field with the angle: --angle-field")
@@ -272,7 +272,7 @@ def read_sequence(path: Path, *, angle_field: str | None = None, angle_transform
     found = {number: _intensity(frame, sequence.kind) for number, frame in frames if number in angles}
     dark = [number for number, value in found.items() if not math.isfinite(value)]
     if dark:
-        named = ", ".join(f"Seq_Frame{number:04d}" for number in dark[:5])
+        named = first_of([f"Seq_Frame{number:04d}" for number in dark])
         raise RecordError(
             f"{path}: the pixels of {named} are no finite numbers; write ImageStatus = INVALID for such frames"
         )

@@ -16,7 +16,7 @@ import numpy as np
 
 from markerseek.core import MAX_INTENSITY, ConfigError, Float64, RecordError, counted
 from markerseek.files import DECIMAL_COMMA, MIB, CsvRows, csv_rows, may_be_number, new_file, replace_file
-from markerseek.records.banks.bank import MAX_DEG, MIN_STEP_DEG, IntensityBank, require_angles, unwrapped
+from markerseek.records.banks.bank import MAX_DEG, MIN_STEP_DEG, IntensityBank, first_of, require_angles, unwrapped
 
 COLUMNS = ("angle_deg", "intensity")
 """Columns of the tables that we write."""
@@ -44,6 +44,9 @@ _FEW = 2.0
 
 _DEG_DIGITS = 4
 """Digits behind the point of an angle in degrees that was written in another unit."""
+
+_ENERGY = re.compile(r"(?:pulse|laser)?_?energy(?:_[munµμ]?j)?")
+"""Name of a column with the energy of the pulses at each angle, in plain form."""
 
 _LARGEST_BYTES = 64 * MIB
 
@@ -105,7 +108,8 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
     """Bank in a CSV; the rows may be in any order, and the intensities of a repeated angle are averaged.
 
     Columns are separated by commas, semicolons, tabs or spaces. The numbers themselves tell which sign parts decimals
-    and which thousands. A warning says what was averaged, left out, unwrapped or assumed.
+    and which thousands. Intensities are divided by a column ``energy`` over its mean. A warning says what was averaged,
+    left out, unwrapped or assumed.
 
     ``table``: which columns are read, their units, and what becomes of rows without numbers.
     """
@@ -117,15 +121,23 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
     )
     columns = _columns(path, rows, table)
     angle_name, intensity_name = (rows.names[column] if rows.names else "" for column in columns)
+    energies = [rows.names.index(name) for plain, name in _plain(rows.names).items() if _ENERGY.fullmatch(plain)]
+    columns += tuple(each for each in energies[:1] if each not in columns)
     db = decibels(table.db, intensity_name)
     largest = MAX_DEG / _DEG_OF[table.unit or _unit_named(angle_name) or "deg"]
-    # A factor is harmless in amplitudes, and is none in decibels, of which nothing has a thousand.
-    texts = rows.numbers(path, columns, most=(largest, 999.0 if db else None))
+    # A factor of 1000 is harmless in amplitudes, but not in decibels, which are below 1000.
+    texts = rows.numbers(path, columns, most=(largest, 999.0 if db else None, None)[: len(columns)])
     cells = {line: _row(path, rows, line, columns, texts[line], table) for line in rows.cells}
     kept = [line for line, row in cells.items() if None not in row]
     warn_skipped(path, "line", [str(line) for line in cells if line not in set(kept)])
-    values = np.array([cells[line] for line in kept], dtype=np.float64).reshape(-1, 2)
+    values = np.array([cells[line] for line in kept], dtype=np.float64).reshape(-1, len(columns))
     read = amplitudes(values[:, 1], db=db, where=lambda index: f"{path}, line {kept[index]}")
+    if len(columns) > 2:
+        energy, name = values[:, 2], rows.names[columns[2]]
+        for index in np.flatnonzero(energy <= 0)[:1]:
+            raise RecordError(f"{path}, line {kept[index]}: {name} is {energy[index]:g}, it must be positive")
+        warnings.warn(f"{path}: the intensities are divided by {name} over its mean", stacklevel=2)
+        read = read * energy.mean() / energy
     unit = unit_of(path, table.unit, angle_name, values[:, 0])
     turned = unwrapped(path, in_degrees(values[:, 0], unit))
     angles_deg, intensities = averaged(path, turned, read[:, None])
@@ -133,7 +145,12 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
     return IntensityBank(angles_deg=tuple(angles_deg.tolist()), intensities=tuple(intensities[:, 0].tolist()))
 
 
-def _columns(path: Path, rows: CsvRows, table: TableFormat) -> tuple[int, int]:
+def _plain(names: Sequence[str]) -> dict[str, str]:
+    """Names of columns by their plain form: ``angle [mrad]`` is ``angle_mrad``."""
+    return {"_".join(re.findall(r"[^\W_]+|°", name.lower())): name for name in reversed(names)}
+
+
+def _columns(path: Path, rows: CsvRows, table: TableFormat) -> tuple[int, ...]:
     """Indices of the columns of angle and intensity."""
     names = rows.names
     if table.columns is not None:
@@ -145,8 +162,7 @@ def _columns(path: Path, rows: CsvRows, table: TableFormat) -> tuple[int, int]:
             stacklevel=3,
         )
         return 0, 1
-    # "angle [mrad]" is "angle_mrad".
-    plain = {"_".join(re.findall(r"[^\W_]+|°", name.lower())): name for name in reversed(names)}
+    plain = _plain(names)
     angle = next((plain[each] for each in (f"angle_{unit}" for unit in _UNIT_OF_WORD) if each in plain), None)
     usual = ("intensity_db", "intensity") if table.db else ("intensity", "intensity_db")
     intensity = next((plain[each] for each in usual if each in plain), None)
@@ -224,16 +240,16 @@ def amplitudes(
 def warn_skipped(path: Path, what: str, names: Sequence[str]) -> None:
     """Say which rows were left out; ``what``: line, or number of an angle."""
     if names:
-        first = ", ".join(names[:5]) + (" …" if len(names) > 5 else "")
         warnings.warn(
-            f"{path}: {len(names)} without a finite number left out (--skip-invalid): {what} {first}", stacklevel=3
+            f"{path}: {len(names)} without a finite number left out (--skip-invalid): {what} {first_of(names)}",
+            stacklevel=3,
         )
 
 
 def _row(
     path: Path, rows: CsvRows, line: int, columns: Sequence[int], texts: Sequence[str], table: TableFormat
 ) -> list[float | None]:
-    """The finite numbers of a row; None where there is none, and such rows are left out."""
+    """The finite numbers of a row; None if there is none, and such rows are left out."""
     # A comma inside a number, in a table that commas separate, shifts all columns behind it.
     if len(rows.cells[line]) != rows.width:
         raise RecordError(
@@ -243,7 +259,7 @@ def _row(
 
 
 def _value(path: Path, rows: CsvRows, line: int, column: int, text: str, table: TableFormat) -> float | None:
-    """The finite number in a cell; None where there is none, and such rows are left out."""
+    """The finite number in a cell; None if there is none, and such rows are left out."""
     name = rows.names[column] if rows.names else f"column {column + 1}"
     cure = "; leave that row out, or all such rows: --skip-invalid"
     try:
@@ -277,7 +293,7 @@ def decibels(db: bool, column: str) -> bool:
 
 
 def _unit_named(column: str) -> AngleUnit | None:
-    """Unit in the name of a column, such as ``angle_mrad`` or ``Winkel [mrad]``; None where it names none, or two."""
+    """Unit in the name of a column, such as ``angle_mrad`` or ``Winkel [mrad]``; None if it names none, or two."""
     units = {_UNIT_OF_WORD[word] for word in re.findall(r"[^\W\d_]+|°", column.lower()) if word in _UNIT_OF_WORD}
     return units.pop() if len(units) == 1 else None
 

@@ -91,7 +91,7 @@ def _frames(path: Path, file: CheckedHdf5, track: str) -> np.ndarray:
 
 
 def _angles_deg(path: Path, file: CheckedHdf5, frames: int) -> Float64[np.ndarray, " frames"] | None:
-    """Angle of each frame in degrees; None where the file has no poses."""
+    """Angle of each frame in degrees; None if the file has no poses."""
     name = f"{POSE}/rotation"
     if not file.has(name):
         return None

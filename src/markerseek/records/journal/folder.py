@@ -14,7 +14,7 @@ from markerseek.files import sync_folder
 from markerseek.records.journal.encoding import escaped
 from markerseek.records.journal.file import journals_folder
 from markerseek.records.journal.reader import run_state, salvage
-from markerseek.records.words import answer_name
+from markerseek.records.words import answer_line, answer_name
 
 SUFFIX = ".journal"
 """Suffix of the files that `journals_in` finds, and of default names."""
@@ -66,6 +66,13 @@ class JournalSummary(msgspec.Struct, frozen=True, kw_only=True):
     """Acquisitions with light that the search received."""
     problem: str | None = None
     """What is wrong, in words."""
+
+    @property
+    def end(self) -> str:
+        """The answer with its angle, in a line; the state of a run without an answer."""
+        if self.answer is None or self.angle_deg is None:
+            return self.state
+        return answer_line(self.answer, self.angle_deg, as_published=bool(self.as_published))
 
 
 def summary(path: Path) -> JournalSummary:

@@ -3,8 +3,9 @@
 from markerseek.search.posterior.inference import energy_spread
 from markerseek.search.posterior.next_angle import Belief, Choice
 from markerseek.search.posterior.policy import CUES, TARGET_SIGMA_DEG, Posterior
+from markerseek.search.posterior.pulses import way_of, with_light
 from markerseek.search.posterior.survey import USUAL_OTHERS
-from markerseek.search.posterior.sweeping import SWEPT_SIGMA_DEG, SweepPosterior
+from markerseek.search.posterior.sweeping import SWEPT_SIGMA_DEG, SweepPosterior, centre_by
 
 __all__ = [
     "CUES",
@@ -15,5 +16,8 @@ __all__ = [
     "Choice",
     "Posterior",
     "SweepPosterior",
+    "centre_by",
     "energy_spread",
+    "way_of",
+    "with_light",
 ]

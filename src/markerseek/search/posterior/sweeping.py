@@ -9,11 +9,12 @@
    shifts the two directions against one another (11), and where the centre is not known well enough, the slower the
    more is missing. Where another source may still hide, it sweeps back over the whole range.
 3. What is still missing is measured at rest, as `Posterior` does: another look at a source, more precision. Where
-   nothing was detected, a search at rest begins, because the mean of some pulses shows what a single one does not.
+   nothing was detected there and back, a search at rest begins: the mean of some pulses shows what one does not.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 from markerseek.core import AcquisitionError, Estimate, Found, Interval, Sample, Sweep, Unsure
@@ -46,6 +47,10 @@ FLANK = 0.8
 
 MOST_BACK = 2
 """Most sweeps over the flanks: what they leave open is measured at rest."""
+
+WORTH = 0.8
+"""Share of the standard deviation before a sweep over the flanks that must be left after it for another one: where the
+form of the curve limits it, pulses do not help."""
 
 SLOWEST = 8.0
 """Most by which such a sweep is slower than that over the range."""
@@ -109,7 +114,7 @@ class SweepPosterior:
             self.sweeps = [self._burst(near_deg, far_deg, wait_deg=limits.centre_deg, here=at_end)]
         else:
             self.sweeps = [Sweep(to_deg=to_deg, speed_deg_s=speed_deg_s) for to_deg in (near_deg, far_deg)[at_end:]]
-        self._back = 0
+        self._back, self._sigma_deg = 0, math.inf
         self._range_swept = self._known = False
         self._judged_deg: float | None = None
         self._next: tuple[float | Sweep | None] | None = None
@@ -194,8 +199,13 @@ class SweepPosterior:
     def _following(self, ended: Sweep) -> list[Sweep]:
         """The sweep that follows once the range has been swept; none where what is left is measured at rest."""
         progress = self._posterior.progress
+        if progress is None and not self._range_swept:
+            # One more takes four seconds and shows most that the first has missed by little; a search at rest, forty.
+            self._range_swept = True
+            return [self._over(self._limits.low_deg, self._limits.high_deg, ended, speed_deg_s=self._speed_deg_s)]
         if progress is None:
             # Single pulses show nothing: a search at rest begins, with the noise of its own frames.
+            self._range_swept = False
             self._posterior = self._make()
             for dark in self._dark:
                 self._posterior.tell(dark)
@@ -214,7 +224,9 @@ class SweepPosterior:
         slower = (progress.sigma_deg / progress.target_deg) ** 2 - 1
         if slower <= 0 and not self._delay_counts(progress, delay):
             return []
-        self._back += 1
+        if progress.sigma_deg > WORTH * self._sigma_deg:
+            return []
+        self._back, self._sigma_deg = self._back + 1, progress.sigma_deg
         reach_deg = FLANK * progress.fwhm_deg
         return [
             self._over(

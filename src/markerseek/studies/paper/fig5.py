@@ -1,45 +1,96 @@
-"""Fig. 5: the three searches on 1000 random markers (section 2.4), from curves; a tenth of them also from frames."""
+"""Fig. 5: the three searches on 1000 random markers (section 2.4), on simulated intensity curves.
+
+Markers, noise and rigs are those of `markerseek.studies.trial`: every method searches for the same markers. A row of a
+study is one search; here the longest search of TS, GSS or the posterior also gives the answers of all shorter ones.
+"""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from itertools import islice
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from markerseek.core import PAPER_RANGE
-from markerseek.studies.paper.curve_runs import USUAL, Condition, over_trials, study_of
+from markerseek.search import Curve, peak_of
+from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 from markerseek.studies.paper.methods import (
     AVERAGE_ACQUISITIONS,
     BRACKET_ACQUISITIONS,
     BRACKETS,
+    BUILT,
+    PEAK_COUNTS,
     AnyMethod,
-    PaperMethod,
-    noise_free_track,
+    RunOptions,
 )
-from markerseek.studies.paper.options import PAPER_MARKERS, RunOptions
-from markerseek.studies.paper.printed import OwnNumber, paper_number
+from markerseek.studies.paper.printed import PaperNumber, paper_number, printed_value
 from markerseek.studies.paper.section import (
-    Cell,
+    Answer,
     Comparison,
     Errors,
+    Panel,
     Section,
-    Table,
     compared,
-    errors_of,
+    errors_figure,
     errors_table,
     make_section,
-    make_table,
     summary_of,
 )
-from markerseek.studies.paper.style import Panel, errors_figure
-from markerseek.studies.policies import study_policy
+from markerseek.studies.policies import build_policy, study_policy
+from markerseek.studies.study import CurveSettings, Study, cells
+from markerseek.studies.trial import searched
+from markerseek.studies.worlds import draw_trial, intensity_curve, study_rig
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Condition:
+    """Width of the intensity curve, as the radius of the absorber, and noise."""
+
+    source_radius_m: float
+    """Radius of the Gaussian absorber."""
+    peak_snr_db: float
+
+    @property
+    def settings(self) -> SimulatedSettings:
+        """Simulated rig of this condition: the probe begins at −35°, the marker lies at the middle of the array.
+
+        The energy of the pulses does not vary, because the paper's simulation has white Gaussian noise only.
+        """
+        return SimulatedSettings(
+            start_deg=PAPER_RANGE.low_deg,
+            marker=MarkerSettings(lateral_m=0.0, source_radius_m=self.source_radius_m),
+            noise=NoiseSettings(peak_snr_db=self.peak_snr_db),
+            laser=LaserSettings(energy_jitter=0.0),
+            receiver=ReceiverSettings(peak_counts=PEAK_COUNTS),
+        )
+
+    @property
+    def words(self) -> str:
+        """Width and noise in words."""
+        return f"FWHM {_fwhm_deg(self.source_radius_m):.1f}°, {self.peak_snr_db:g} dB"
+
+
+@lru_cache(maxsize=32)
+def _fwhm_deg(source_radius_m: float) -> float:
+    """Full width at half maximum of the noise-free curve."""
+    settings = Condition(source_radius_m=source_radius_m, peak_snr_db=40.0).settings
+    curve, _ = intensity_curve(CurveSettings(), settings, seed=0)
+    if curve is None:
+        return float("nan")
+    # Steps of 0.05°, a hundredth of the narrowest width.
+    angles = np.linspace(PAPER_RANGE.low_deg, PAPER_RANGE.high_deg, 1401)
+    heights = np.array([max(curve.peaks(float(angle))) for angle in angles])
+    return peak_of(Curve(angle_deg=angles, intensity=heights)).fwhm_deg or float("nan")
+
+
+USUAL = Condition(source_radius_m=0.15e-3, peak_snr_db=40.0)
+"""The defaults of the simulated rig (physics notes)."""
 
 FITTED = Condition(source_radius_m=0.35e-3, peak_snr_db=80.0)
 """The combination of width and noise with the Fig. 5 nearest to the paper's: not chosen by hand, but the result of
@@ -54,31 +105,65 @@ _Summary: TypeAlias = Mapping[tuple[AnyMethod, int], Errors]
 """Errors over the markers, by method and number of acquisitions."""
 
 
+def study_of(condition: Condition, *, seed: int, trials: int, sweeps: Sequence[int] = AVERAGE_ACQUISITIONS) -> Study:
+    """Study of TS and GSS at 28 acquisitions and of full scans of WA, as published, on the curves of one condition.
+
+    ``sweeps``: acquisitions of the full scans of WA.
+    """
+    named = [*(("WA", count) for count in sweeps), *((name, max(BRACKET_ACQUISITIONS)) for name in BRACKETS)]
+    return Study(
+        name="paper",
+        policies=tuple(
+            study_policy(method=BUILT[name], acquisitions=count, as_published=True, early_end=name != "WA")
+            for name, count in named
+        ),
+        seed=seed,
+        trials=trials,
+        stay=True,
+        rig=condition.settings,
+    )
+
+
+MarkerAnswers: TypeAlias = dict[tuple[AnyMethod, int], Answer]
+"""Answers for one marker, by method and number of acquisitions."""
+
+
+def answers_of_trial(trial_of: tuple[Study, int]) -> MarkerAnswers:
+    """Answers of all policies for the marker of a trial of the first cell of a study."""
+    study, trial = trial_of
+    cell = cells(study)[0]
+    draw = draw_trial(study, cell, trial)
+    names = {built: name for name, built in BUILT.items()}
+    answers: MarkerAnswers = {}
+    for settings in study.policies:
+        name, rig = names[settings.plan.method], study_rig(study, cell, draw)
+        found = searched(
+            build_policy(settings, limits=rig.limits.search, start_deg=rig.stage.angle_deg),
+            rig.scanner,
+            dark_frames=0 if settings.plan.as_published else rig.dark_frames,
+            # The angles of a full scan depend on their number, so that each number is a search of its own.
+            counts=(settings.most,) if name == "WA" else BRACKET_ACQUISITIONS,
+        )
+        answers |= {(name, n): Answer.of(each, truth_deg=draw.marker_deg) for n, each in found.answers.items()}
+    return answers
+
+
 def fig5(options: RunOptions) -> Section:
     """Fig. 5: mean error over the number of acquisitions, for the rig's defaults and for the nearest condition."""
-    studies = [
-        study_of(condition, seed=options.seed, trials=options.markers, sweeps=AVERAGE_ACQUISITIONS)
-        for condition in (FITTED, USUAL)
-    ]
-    by_paper = over_trials(studies, options, stage="Fig. 5 from curves")
+
+    def searches(studies: Sequence[Study], stage: str, part: int) -> list[list[MarkerAnswers]]:
+        trials = [(study, trial) for study in studies for trial in range(study.trials)]
+        found = iter(options.each(answers_of_trial, trials, stage=stage, part=part))
+        return [list(islice(found, study.trials)) for study in studies]
+
+    studies = [study_of(condition, seed=options.seed, trials=options.markers) for condition in (FITTED, USUAL)]
     fewer = max(4, round(POSTERIOR_SHARE * options.markers))
-    by_posterior = over_trials(
-        [replace(study, trials=fewer, policies=(_ALL_OF_THE_POSTERIOR,)) for study in studies],
-        options,
-        stage=f"Fig. 5, posterior, {fewer} markers",
-        part=5,
-    )
+    by_paper = searches(studies, "Fig. 5 from curves", 20)
+    studies = [replace(study, trials=fewer, policies=(_ALL_OF_THE_POSTERIOR,)) for study in studies]
+    by_posterior = searches(studies, f"Fig. 5, posterior, {fewer} markers", 5)
     errors: dict[Condition, _Summary] = {
         condition: {key: summary_of(each[key] for each in found) for found in both for key in found[0]}
         for condition, *both in zip((FITTED, USUAL), by_paper, by_posterior, strict=True)
-    }
-    rng = np.random.Generator(np.random.PCG64(options.seed))
-    markers_deg = rng.uniform(PAPER_RANGE.low_deg, PAPER_RANGE.high_deg, 500).tolist()
-    # What the width of the last bracket leaves, for the counts of section 4, of the tables and of Fig. 5.
-    noise_free = {
-        (name, count): errors_of(abs(noise_free_track(name, at, acquisitions=count)[1] - at) for at in markers_deg)
-        for name in BRACKETS
-        for count in (2, 16, 28)
     }
     return make_section(
         "fig5",
@@ -94,8 +179,6 @@ def fig5(options: RunOptions) -> Section:
                     for key, each in by_key.items()
                 },
             ),
-            _noise_free_table(noise_free),
-            _frames_and_curves(options),
         ),
         draw=partial(_draw, errors),
         markers=options.markers,
@@ -104,7 +187,6 @@ def fig5(options: RunOptions) -> Section:
         fewer=fewer,
         paper=str(paper_number("fig5/TS")),
         exact=70 * (2 / 3) ** 14 / 4,
-        ours={name: noise_free[name, 28].mean_deg for name in BRACKETS},
     )
 
 
@@ -122,68 +204,16 @@ def _comparisons(condition: Condition, errors: _Summary) -> Iterator[Comparison]
     for name in BRACKETS:
         yield compared(f"fig5/{name}", errors[name, max(BRACKET_ACQUISITIONS)], condition=condition.words)
     for count in (8, 16, 28):
-        own = OwnNumber(quantity=f"posterior (ours) after {count} acquisitions, mean error")
+        own = PaperNumber(quantity=f"posterior (ours) after {count} acquisitions, mean error")
         yield compared(own, errors["posterior", count], condition=condition.words)
 
 
-def _noise_free_table(noise_free: Mapping[tuple[PaperMethod, int], Errors]) -> Table:
-    """Errors without noise, beside the mean error of a marker that is equally likely anywhere in the last bracket."""
-    # Part of the bracket that one iteration (two acquisitions) keeps.
-    ratios = {"TS": 2 / 3, "GSS": (math.sqrt(5) - 1) / 2}
-    return make_table(
-        "fig5_without_noise",
-        "Without noise, on any symmetric unimodal curve",
-        "method acquisitions mean_error_deg spread_deg quarter_of_the_last_bracket_deg",
-        (
-            # The middle of a bracket of width w is on average w/4 from a marker that is uniform in it.
-            (name, count, errors.mean_deg, errors.sd_deg, 70 * ratios[name] ** (count // 2) / 4)
-            for (name, count), errors in noise_free.items()
-        ),
-    )
-
-
-def _frames_and_curves(options: RunOptions) -> Table:
-    """Errors of the same markers from curves and from frames: paired differences; whether their interval covers 0."""
-    # 50 dB: noise that is larger than the steps of a 12-bit converter.
-    condition = Condition(source_radius_m=FITTED.source_radius_m, peak_snr_db=50.0)
-    markers = max(4, round(0.1 * min(options.markers, PAPER_MARKERS)))
-    # Three of the full scans of WA: all of them would take ten times as long.
-    sweeps = (8, 18, 28)
-    by_curves = study_of(condition, seed=options.seed, trials=markers, sweeps=sweeps)
-    # A trial from frames takes about a second.
-    frames, curves = over_trials(
-        [replace(by_curves, level="frames"), by_curves], options, stage=f"Fig. 5 from frames, {markers} markers", part=2
-    )
-    rows: list[tuple[Cell, ...]] = []
-    keys: list[tuple[PaperMethod, int]] = [(name, count) for name in BRACKETS for count in (2, 8, 16, 28)]
-    keys += [("WA", count) for count in sweeps]
-    for key in keys:
-        by_curve = np.array([answers[key].error_deg for answers in curves])
-        by_frame = np.array([answers[key].error_deg for answers in frames])
-        # Paired, because markers and noise seeds are the same: most of the scatter cancels.
-        paired = by_frame - by_curve
-        half, mean = 1.96 * float(np.std(paired, ddof=1)) / math.sqrt(paired.size), float(paired.mean())
-        # 1e-3 deg for rounding: bracket searches that compare alike have an interval of no width.
-        agree = "yes" if abs(mean) <= half + 1e-3 else "no"
-        rows.append((*key, paired.size, float(by_curve.mean()), float(by_frame.mean()), mean, half, agree))
-    return make_table(
-        "fig5_frames",
-        f"The same markers from curves and from frames of channel data ({condition.words}); of these lines "
-        "one in twenty may disagree by chance",
-        "method acquisitions markers from_curves_deg from_frames_deg difference_deg half_interval95_deg agree",
-        rows,
-    )
-
-
 def _draw(by_condition: Mapping[Condition, _Summary]) -> Figure:
-    printed_deg = {(name, 28): paper_number(f"fig5/{name}").value for name in BRACKETS}
+    printed_deg = {(name, 28): printed_value(f"fig5/{name}") for name in BRACKETS}
     return errors_figure(
-        [
-            Panel(title=condition.words, errors=errors, printed_deg=printed_deg)
-            for condition, errors in by_condition.items()
-        ],
+        [Panel(condition.words, errors, printed_deg) for condition, errors in by_condition.items()],
         heading="Random markers, searched on simulated intensity curves",
         columns=2,
         panel_in=(5.2, 3.8),
-        average_deg=paper_number("fig5/WA").value,
+        average_deg=printed_value("fig5/WA"),
     )

@@ -13,8 +13,8 @@ from markerseek.acoustics import Probe
 from markerseek.core import SearchError
 from markerseek.pictures import tip_figure
 from markerseek.sim import BModeSettings, BModeWorld
-from markerseek.studies.paper.options import RunOptions
-from markerseek.studies.paper.printed import paper_number
+from markerseek.studies.paper.methods import RunOptions
+from markerseek.studies.paper.printed import SENSITIVE_DEG, paper_number
 from markerseek.studies.paper.section import Comparison, Section, make_section, make_table
 from markerseek.vision import SensitiveRange, published_sensitive_range
 
@@ -65,7 +65,7 @@ def fig9(options: RunOptions) -> Section:
         halves.setdefault(each.tip, []).append(each.found.half_deg or 0.0)
     means = {tip: float(np.mean(halves_deg)) for tip, halves_deg in halves.items()}
     paper, (tip_m, tip_db) = paper_number("sensitive"), _SHOWN
-    nearest = min(means, key=lambda tip: abs(means[tip] - paper.value))
+    nearest = min(means, key=lambda tip: abs(means[tip] - SENSITIVE_DEG))
     ranges = (
         (
             1e3 * each.tip[0], each.tip[1], 1e3 * PLACES_M[each.place], each.found.half_deg, each.found.full_deg,

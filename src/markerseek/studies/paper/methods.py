@@ -1,43 +1,22 @@
-"""The paper's three methods as published, the posterior beside them, and how they are run."""
+"""The paper's three methods as published, the posterior beside them, and what a reproduction may use."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Literal, TypeAlias
 
-from markerseek.core import (
-    PAPER_RANGE,
-    Estimate,
-    Interval,
-    Policy,
-    Reading,
-    Sample,
-    SearchPlan,
-)
+from markerseek.core import PAPER_RANGE, ConfigError, Estimate, Interval, Policy, Sample, SearchPlan
 from markerseek.search import build
 from markerseek.sim import StageMotion
+from markerseek.studies.workers import Done, Job, in_order
 
 PaperMethod: TypeAlias = Literal["TS", "GSS", "WA"]
 """Ternary search, golden-section search, weighted average."""
 
 AnyMethod: TypeAlias = PaperMethod | Literal["posterior"]
 """A method of the paper, or the posterior, which is ours."""
-
-PAPER_METHODS: tuple[PaperMethod, ...] = ("TS", "GSS", "WA")
-BRACKETS: tuple[PaperMethod, ...] = ("TS", "GSS")
-
-ALL_METHODS: tuple[AnyMethod, ...] = (*PAPER_METHODS, "posterior")
-
-BRACKET_ACQUISITIONS = tuple(range(2, 29, 2))
-"""N of TS and GSS in Fig. 5 to 7, and of the posterior beside them."""
-
-AVERAGE_ACQUISITIONS = tuple(range(8, 29))
-"""N of WA in Fig. 5 and 6: full scans."""
-
-TABLE_ACQUISITIONS = 16
-"""N of Table 1, Table 2 and of the rotation travel."""
-
-ONLINE_STEPS = 15
-"""Acquisitions of WA over the whole range in 5° steps (section 3.3)."""
 
 BUILT: dict[AnyMethod, str] = {
     "TS": "ternary",
@@ -46,6 +25,72 @@ BUILT: dict[AnyMethod, str] = {
     "posterior": "posterior",
 }
 """Names in `markerseek.search`."""
+
+ALL_METHODS: tuple[AnyMethod, ...] = tuple(BUILT)
+PAPER_METHODS: tuple[PaperMethod, ...] = ("TS", "GSS", "WA")
+BRACKETS: tuple[PaperMethod, ...] = ("TS", "GSS")
+
+BRACKET_ACQUISITIONS = tuple(range(2, 29, 2))
+"""N of TS and GSS in Fig. 5 to 7, and of the posterior beside them."""
+
+AVERAGE_ACQUISITIONS = tuple(range(8, 29))
+"""N of WA in Fig. 5 and 6: full scans."""
+
+TABLE_ACQUISITIONS = 16
+"""N of Table 1 and Table 2."""
+
+ONLINE_STEPS = 15
+"""Acquisitions of WA over the whole range in 5° steps (section 3.3)."""
+
+PAPER_MARKERS = 1000
+"""Random markers of the paper's simulation (section 2.4)."""
+
+PEAK_COUNTS = 1500.0
+"""Height of the marker's signal in a channel, in counts of a full scale of 2047: high enough that the noise at 60 dB is
+larger than the steps of the converter."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunOptions:
+    """What a reproduction may use."""
+
+    seed: int = 1
+    markers: int = PAPER_MARKERS
+    """Markers of the Monte Carlo studies. Fewer than the paper's 1000 also reduce repeats and frames in proportion."""
+    workers: int = 1
+    progress: Callable[[str, int, int], None] = lambda _stage, _done, _total: None
+    """Receives the name of a stage, how many of its parts are done, and how many there are."""
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise ConfigError(f"seed is {self.seed}, it must be 0 or more")
+        if not 10 <= self.markers <= 1_000_000:
+            raise ConfigError(f"markers is {self.markers}, it must lie between 10 and 1000000; the paper has 1000")
+        if not 1 <= self.workers <= 256:
+            raise ConfigError(f"workers is {self.workers}, it must lie between 1 and 256")
+
+    @property
+    def share(self) -> float:
+        """Markers over the paper's number of them, at most 1."""
+        return min(1.0, self.markers / PAPER_MARKERS)
+
+    def each(self, function: Callable[[Job], Done], jobs: Sequence[Job], *, stage: str, part: int = 1) -> list[Done]:
+        """Results of a function on many jobs, in their order, whatever the number of processes.
+
+        ``function``: a function of a module, which other processes can import. ``jobs``: its arguments, one after
+        another. ``part``: jobs that a process is given at once.
+        """
+        parts = [jobs[first : first + part] for first in range(0, len(jobs), part)]
+        results: list[Done] = []
+        self.progress(stage, 0, len(jobs))
+        for done in in_order(partial(_all, function), parts, workers=min(self.workers, max(1, len(parts)))):
+            results += done
+            self.progress(stage, len(results), len(jobs))
+        return results
+
+
+def _all(function: Callable[[Job], Done], jobs: Sequence[Job]) -> list[Done]:
+    return [function(job) for job in jobs]
 
 
 def policy_of(
@@ -75,50 +120,31 @@ def policy_of(
     )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
 class QuantisedPolicy:
     """A policy whose angles are rounded to the encoder counts of the motor.
 
     Section 2.5 gives offline searches the numerical precision of the motor, by interpolating the bank.
-
-    ``limits``: range of the bank; an angle that rounding would move out of it is not rounded.
     """
 
-    def __init__(self, policy: Policy, *, limits: Interval) -> None:
-        self._policy = policy
-        self._limits = limits
-        self._counts_per_deg = StageMotion().counts_per_deg
+    policy: Policy
+    limits: Interval
+    """Range of the bank; an angle that rounding would move out of the range is not rounded."""
 
     def ask(self) -> float | None:
         """Next angle of the policy at the nearest count, in degrees; None at its end."""
-        asked_deg = self._policy.ask()
+        asked_deg = self.policy.ask()
         if asked_deg is None:
             return None
-        nearest_deg = round(asked_deg * self._counts_per_deg) / self._counts_per_deg
+        counts_per_deg = StageMotion().counts_per_deg
+        nearest_deg = round(asked_deg * counts_per_deg) / counts_per_deg
         # At an end rounding may leave the bank, where there is nothing to interpolate.
-        return nearest_deg if nearest_deg in self._limits else asked_deg
+        return nearest_deg if nearest_deg in self.limits else asked_deg
 
     def tell(self, sample: Sample) -> None:
         """Hand the sample to the policy."""
-        self._policy.tell(sample)
+        self.policy.tell(sample)
 
     def estimate(self) -> Estimate:
         """Answer of the policy."""
-        return self._policy.estimate()
-
-
-def noise_free_track(name: PaperMethod, marker_deg: float, *, acquisitions: int) -> tuple[list[float], float]:
-    """Angles that a method requests without noise, in order, and its answer, in degrees.
-
-    They follow from the marker's angle alone: of two angles the one nearer to the marker is the stronger, on every
-    symmetric unimodal curve.
-
-    ``name``: a full scan for WA.
-    """
-    policy = policy_of(name, acquisitions=acquisitions)
-    track: list[float] = []
-    while (angle_deg := policy.ask()) is not None:
-        track.append(angle_deg)
-        # Any curve that falls with the distance: bracket searches only compare intensities.
-        reading = Reading(intensity=1.0 / (1.0 + (angle_deg - marker_deg) ** 2))
-        policy.tell(Sample(angle_deg=angle_deg, reading=reading))
-    return track, policy.estimate().mean_deg
+        return self.policy.estimate()

@@ -6,7 +6,7 @@ data. The probe begins at −35°, and a search ends with a move to the angle fo
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
@@ -18,33 +18,37 @@ from markerseek.core import PAPER_RANGE, Estimate, Policy, SearchError, SearchPl
 from markerseek.pictures import panel_grid, shared_legend
 from markerseek.search import build
 from markerseek.sim import MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
-from markerseek.studies.paper.banks import LEVELS_DB, PEAK_COUNTS, grid
 from markerseek.studies.paper.methods import (
     BRACKET_ACQUISITIONS,
     BRACKETS,
     ONLINE_STEPS,
     PAPER_METHODS,
+    PEAK_COUNTS,
     TABLE_ACQUISITIONS,
     PaperMethod,
+    RunOptions,
     policy_of,
 )
-from markerseek.studies.paper.options import RunOptions
-from markerseek.studies.paper.printed import OwnNumber, paper_number
+from markerseek.studies.paper.offline import LEVELS_DB, grid
+from markerseek.studies.paper.printed import PaperNumber, paper_number, printed_value
 from markerseek.studies.paper.section import (
+    COLOURS,
     ERRORS,
+    MARKS,
     Answer,
     Cell,
     Comparison,
     Errors,
+    Panel,
     Section,
     compared,
+    errors_figure,
     errors_of,
     errors_table,
     make_section,
     make_table,
     summary_of,
 )
-from markerseek.studies.paper.style import COLOURS, MARKS, Panel, errors_figure
 from markerseek.studies.trial import searched
 
 if TYPE_CHECKING:
@@ -57,7 +61,7 @@ TISSUE = "plastisol-phantom"
 """The simulated stand-in for the phantom of the online analysis."""
 
 Ours: TypeAlias = Literal["posterior", "posterior, 16", "posterior, survey"]
-"""The posterior in three forms; `prose.md` says which."""
+"""The posterior in three forms; `prose.toml` says which."""
 
 OnlineMethod: TypeAlias = PaperMethod | Ours
 
@@ -74,13 +78,11 @@ class OnlineRun:
     method: OnlineMethod
     peak_snr_db: float
     repeat: int
+    """Number of the visit to the nine places, from 0."""
     position: int
-    """``repeat`` and ``position``: of the nine places; the position is counted from 1, the repeat from 0."""
+    """Number of the place, from 1."""
     marker: MarkerSettings
     seed: int
-    tissue: str = TISSUE
-    peak_counts: float | None = PEAK_COUNTS
-    """Height of the marker's signal in a channel; None: the usual one of the simulated rig."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,12 +94,6 @@ class OnlineSearch(OnlineRun):
     """Angles reached, one for each acquisition."""
     estimates: dict[int, Estimate]
     """Answers by number of acquisitions; of WA and ours the last only."""
-    travel_deg: float
-    """Rotation from −35° to the angle found."""
-    elapsed_s: float
-    acquiring_s: float
-    """``elapsed_s`` and ``acquiring_s``: virtual time from the first move to the end, and the part of it that
-    acquisitions took."""
 
     @property
     def table_acquisitions(self) -> int:
@@ -108,42 +104,33 @@ class OnlineSearch(OnlineRun):
         """Answer after this number of acquisitions."""
         return Answer.of(self.estimates[acquisitions], truth_deg=self.truth_deg)
 
-    @property
-    def table_answer(self) -> Answer:
-        """Answer of Table 2."""
-        return self.answer(self.table_acquisitions)
-
 
 def online_searches(options: RunOptions) -> list[OnlineSearch]:
-    """Searches of TS and GSS (28 acquisitions), WA (5° steps, early end) and ours at the nine positions, by noise."""
-    runs = [
-        OnlineRun(method=name, peak_snr_db=level_db, repeat=repeat, position=position, marker=marker, seed=seed)
-        for repeat, position, marker, seed in visits(options)
-        for level_db in LEVELS_DB
-        for name in _ORDER
-    ]
-    return options.each(search_online, runs, stage="online searches, from channel data")
-
-
-def visits(options: RunOptions) -> Iterator[tuple[int, int, MarkerSettings, int]]:
-    """Repeat, position, marker and seed of each visit to a position, the same for all methods, noises and materials.
+    """Searches of TS and GSS (28 acquisitions), WA (5° steps, early end) and ours at the nine positions, by noise.
 
     With fewer markers than the paper's there are fewer repeats.
     """
+    runs = []
     for repeat in range(max(1, round(REPEATS * options.share))):
         seeds = np.random.SeedSequence([options.seed, 77, repeat])
         for position, marker in enumerate(grid(np.random.Generator(np.random.PCG64(seeds))), start=1):
-            # The seed depends on the place only: all are compared on the same random numbers.
-            yield repeat, position, marker, int(seeds.generate_state(1)[0]) + position
+            # The seed depends on the place only: all methods are compared on the same random numbers.
+            seed = int(seeds.generate_state(1)[0]) + position
+            runs += [
+                OnlineRun(method=name, peak_snr_db=level_db, repeat=repeat, position=position, marker=marker, seed=seed)
+                for level_db in LEVELS_DB
+                for name in _ORDER
+            ]
+    return options.each(search_online, runs, stage="online searches, from channel data")
 
 
 def search_online(given: OnlineRun) -> OnlineSearch:
     """Run one search."""
     settings = SimulatedSettings(
-        tissue=given.tissue,
+        tissue=TISSUE,
         marker=given.marker,
         noise=NoiseSettings(peak_snr_db=given.peak_snr_db),
-        receiver=ReceiverSettings(peak_counts=given.peak_counts),
+        receiver=ReceiverSettings(peak_counts=PEAK_COUNTS),
         start_deg=PAPER_RANGE.low_deg,
     )
     rig = rigs.simulated(seed=given.seed, settings=settings)
@@ -156,17 +143,11 @@ def search_online(given: OnlineRun) -> OnlineSearch:
         dark_frames=rig.dark_frames if given.method in get_args(Ours) else 0,
         counts=BRACKET_ACQUISITIONS if given.method in BRACKETS else (),
     )
-    samples, finished = found.samples, found.finished
-    each_s = settings.receiver.readout_s + settings.laser.pulses / settings.laser.rate_hz
     return OnlineSearch(
         **{each.name: getattr(given, each.name) for each in fields(given)},
         truth_deg=rig.facts.truth_deg,
-        track_deg=tuple(sample.angle_deg for sample in samples),
-        estimates=found.answers or {len(samples): finished.estimate},
-        travel_deg=finished.travel_deg,
-        elapsed_s=finished.elapsed_s,
-        # The confirmation at the end is one more acquisition.
-        acquiring_s=each_s * found.frames,
+        track_deg=tuple(sample.angle_deg for sample in found.samples),
+        estimates=found.answers or {len(found.samples): found.finished.estimate},
     )
 
 
@@ -183,27 +164,22 @@ def _policy(method: OnlineMethod) -> Policy:
     return policy_of("posterior", acquisitions=TABLE_ACQUISITIONS, start_deg=start_deg, early_end=method == "posterior")
 
 
-def levels_of(searches: Sequence[OnlineSearch]) -> list[float]:
-    """Peak SNR of the searches in dB, each once."""
-    return list(dict.fromkeys(search.peak_snr_db for search in searches))
-
-
 def table2(searches: Sequence[OnlineSearch]) -> Section:
     """Table 2: errors of WA with its early end, and of TS and GSS after 16 acquisitions."""
     comparisons: list[Comparison] = []
     rows: list[tuple[Cell, ...]] = []
-    for level_db in levels_of(searches):
+    for level_db in LEVELS_DB:
         for name in _ORDER:
             found = [search for search in searches if (search.method, search.peak_snr_db) == (name, level_db)]
-            errors = summary_of(search.table_answer for search in found)
+            errors = summary_of(search.answer(search.table_acquisitions) for search in found)
             counts = errors_of(float(search.table_acquisitions) for search in found)
-            rows.append((name, level_db, counts.mean_deg, *errors.cells))
+            rows.append((name, level_db, counts.mean_deg, *errors))
             ours, condition = f"{name} (ours) online", f"{level_db:g} dB"
             is_ours = name in get_args(Ours)
-            number = OwnNumber(quantity=f"{ours}, mean error") if is_ours else f"table2/{name}"
+            number = PaperNumber(quantity=f"{ours}, mean error") if is_ours else f"table2/{name}"
             comparisons.append(compared(number, errors, condition=condition))
             if name in ENDS_BY_ITSELF:
-                ended = OwnNumber(quantity=f"{ours}, acquisitions until it ended", unit="acquisitions")
+                ended = PaperNumber(quantity=f"{ours}, acquisitions until it ended", unit="acquisitions")
                 comparisons.append(
                     Comparison(
                         paper=ended if is_ours else paper_number(f"table2/{name}/N"),
@@ -213,28 +189,12 @@ def table2(searches: Sequence[OnlineSearch]) -> Section:
                         condition=condition,
                     )
                 )
-    every = (
-        (
-            each.method, each.peak_snr_db, each.repeat, each.position, each.truth_deg, each.table_acquisitions,
-            each.estimates[each.table_acquisitions].mean_deg, each.table_answer.error_deg, each.travel_deg,
-            each.elapsed_s, each.acquiring_s, "yes" if each.table_answer.claimed else "no",
-        )
-        for each in searches
-    )  # fmt: skip
     return make_section(
         "table2",
         method=("online",),
         comparisons=tuple(comparisons),
         tables=(
             make_table("table2", "Errors of the online searches", f"method peak_snr_db acquisitions {ERRORS}", rows),
-            make_table(
-                "table2_searches",
-                "Every online search",
-                "method peak_snr_db repeat position truth_deg acquisitions answer_deg error_deg "
-                "travel_of_whole_run_deg elapsed_s acquiring_s claimed",
-                every,
-                shown=False,
-            ),
         ),
     )
 
@@ -249,7 +209,7 @@ def fig7(searches: Sequence[OnlineSearch]) -> Section:
         (level_db, name, count): summary_of(
             each.answer(count) for each in searches if (each.method, each.peak_snr_db) == (name, level_db)
         )
-        for level_db in levels_of(searches)
+        for level_db in LEVELS_DB
         for name in BRACKETS
         for count in BRACKET_ACQUISITIONS
     }
@@ -260,7 +220,7 @@ def fig7(searches: Sequence[OnlineSearch]) -> Section:
             compared(f"fig7/{name}/{count}", errors[level_db, name, count], condition=f"{level_db:g} dB")
             for count in (2, 28)
             for name in BRACKETS
-            for level_db in levels_of(searches)
+            for level_db in LEVELS_DB
         ),
         tables=(errors_table("fig7", "Errors of TS and GSS online", "peak_snr_db method acquisitions", errors),),
         draw=partial(_draw_errors, errors),
@@ -269,18 +229,18 @@ def fig7(searches: Sequence[OnlineSearch]) -> Section:
 
 def _draw_errors(errors: _ByGroup) -> Figure:
     printed_deg = {
-        (name, count): paper_number(key).value
+        (name, count): printed_value(key)
         for name in BRACKETS
         for count, key in ((2, f"fig7/{name}/2"), (TABLE_ACQUISITIONS, f"table2/{name}"), (28, f"fig7/{name}/28"))
     }
     return errors_figure(
         [
             Panel(
-                title=f"simulated rig, {level_db:g} dB",
-                errors={group[1:]: each for group, each in errors.items() if group[0] == level_db},
-                printed_deg=printed_deg,
+                f"simulated rig, {level_db:g} dB",
+                {group[1:]: each for group, each in errors.items() if group[0] == level_db},
+                printed_deg,
             )
-            for level_db in dict.fromkeys(level_db for level_db, _, _ in errors)
+            for level_db in LEVELS_DB
         ],
         heading="Online searches on the simulated rig",
         columns=2,
@@ -291,7 +251,7 @@ def _draw_errors(errors: _ByGroup) -> Figure:
 def fig8(searches: Sequence[OnlineSearch]) -> Section:
     """Fig. 8: angle of the probe at each acquisition of TS and GSS, one panel for each position."""
     # The lowest noise: the tracks then show the rule of the method, not chance.
-    level_db = max(levels_of(searches))
+    level_db = max(LEVELS_DB)
     first = [each for each in searches if each.repeat == 0 and each.method in BRACKETS and each.peak_snr_db == level_db]
     rows = (
         (search.position, search.method, number, angle_deg, search.truth_deg)

@@ -6,7 +6,7 @@ The file holds nothing of ours. `markerseek.studies.paper.section.compared` puts
 from __future__ import annotations
 
 import csv
-import io
+import math
 from dataclasses import dataclass
 from importlib import resources
 
@@ -14,58 +14,44 @@ import msgspec
 
 from markerseek.core import ConfigError
 
-MATERIALS = ("Bovine Liver", "Bovine Muscle", "Chicken Breast", "Plastisol Phantom", "Bovine Muscle +ICG")
-"""Columns of Table 1."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperNumber:
-    """One number of the paper."""
+    """One number of the paper; or, without a value, what a number of ours is for which the paper has none."""
 
-    key: str
+    key: str = ""
     """Name by which the code refers to it."""
-    place: str
+    place: str = "not in the paper"
     """Where in the paper it is."""
     quantity: str
-    value: float
-    sd: float | None
-    """``value`` and ``sd``: the number, and what the paper prints after ±; None where it prints nothing."""
-    unit: str
-    limitation: str | None
-    """Why it cannot be reproduced, or not fully; None where nothing is known against it."""
-    note: str | None
-    """What else is known of it; None where nothing is."""
+    value: float | None = None
+    sd: float | None = None
+    """What the paper prints after ±."""
+    unit: str = "deg"
+    limitation: str | None = None
+    """Why the number cannot be reproduced, or not fully; None if nothing is known against it."""
+    note: str | None = None
+    """What else is known of the number."""
 
     def __str__(self) -> str:
+        if self.value is None:
+            return "–"
         sd = "" if self.sd is None else f" ± {self.sd:g}"
         return f"{self.value:g}{sd} {self.unit}".replace(" deg", "°")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OwnNumber:
-    """A number that the paper has not, because it is of the posterior: what it is, and its unit."""
-
-    quantity: str
-    unit: str = "deg"
-    place: str = "not in the paper"
-    value: None = None
-    sd: None = None
-    limitation: None = None
-    note: None = None
-
-    def __str__(self) -> str:
-        return "–"
-
-
 def _read() -> dict[str, PaperNumber]:
-    text = resources.files(__package__).joinpath("printed.csv").read_text(encoding="utf-8")
+    lines = resources.files(__package__).joinpath("printed.csv").read_text(encoding="utf-8").splitlines()
     # An empty cell is a missing value.
-    rows = [{name: cell or None for name, cell in row.items()} for row in csv.DictReader(io.StringIO(text))]
+    rows = [{name: cell or None for name, cell in row.items()} for row in csv.DictReader(lines)]
     return {number.key: number for number in msgspec.convert(rows, list[PaperNumber], strict=False)}
 
 
 PAPER_NUMBERS = _read()
 """All numbers by key."""
+
+MATERIALS = tuple(key.removeprefix("table1/WA/") for key in PAPER_NUMBERS if key.startswith("table1/WA/"))
+"""Columns of Table 1."""
 
 
 def paper_number(key: str) -> PaperNumber:
@@ -75,5 +61,10 @@ def paper_number(key: str) -> PaperNumber:
     return PAPER_NUMBERS[key]
 
 
-SENSITIVE_DEG = paper_number("sensitive").value
+def printed_value(key: str) -> float:
+    """Return the value of a number of the paper."""
+    return paper_number(key).value or math.nan
+
+
+SENSITIVE_DEG = printed_value("sensitive")
 """Error beyond which the tool tip leaves the image: a search with a larger error counts as failed."""

@@ -6,7 +6,7 @@ What several of them share is computed once.
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from itertools import zip_longest
 from pathlib import Path
@@ -14,15 +14,21 @@ from pathlib import Path
 from markerseek._version import __version__
 from markerseek.core import ConfigError
 from markerseek.pictures import new_picture, png_data_uri, save_figure, write_page
-from markerseek.studies.paper.banks import OfflineBank, as_intensities, simulated_banks
 from markerseek.studies.paper.fig5 import fig5
 from markerseek.studies.paper.fig9 import fig9
-from markerseek.studies.paper.offline import OfflineSearch, fig6, offline_searches, table1
+from markerseek.studies.paper.methods import PAPER_MARKERS, RunOptions
+from markerseek.studies.paper.offline import (
+    OfflineBank,
+    OfflineSearch,
+    as_intensities,
+    fig6,
+    offline_searches,
+    simulated_banks,
+    table1,
+)
 from markerseek.studies.paper.online import OnlineSearch, fig7, fig8, online_searches, table2
-from markerseek.studies.paper.options import PAPER_MARKERS, RunOptions
 from markerseek.studies.paper.printed import PAPER_NUMBERS, PaperNumber
 from markerseek.studies.paper.section import Cell, Section, Table, make_table
-from markerseek.studies.paper.travel import travel
 
 OFFLINE = ("fig6", "table1")
 """What can be made from a user's own bank."""
@@ -63,7 +69,6 @@ class Reproduction:
             "fig7": lambda: fig7(self._online),
             "fig8": lambda: fig8(self._online),
             "fig9": lambda: fig9(self._options),
-            "travel": lambda: travel(self._options),
         }
 
     def sections(self, names: Sequence[str]) -> Iterator[Section]:
@@ -124,7 +129,7 @@ def write_report(
         made_with=f"markerseek {__version__}"
         + (f", seed {options.seed}, {options.markers} markers" if own_bank is None else ""),
         sections=list(zip_longest(sections, durations_s)),
-        limitations=_limitations(),
+        numbers=PAPER_NUMBERS.values(),
         shown=shown,
         comparison_table=comparison_table,
         file_names=_file_names,
@@ -175,21 +180,10 @@ def _write_csv(table: Table, path: Path) -> None:
         csv.writer(lines, lineterminator="\n").writerows([table.columns, *table.rows])
 
 
-def _reasons(section: Section) -> list[tuple[str, dict[str, list[str]]]]:
-    """Headings, and under each the sentences about the section's numbers, with the numbers of each sentence."""
-    limitations: dict[str, list[str]] = {}
-    notes: dict[str, list[str]] = {}
-    for number in dict.fromkeys(each.paper for each in section.comparisons):
-        for sentence, sentences in ((number.limitation, limitations), (number.note, notes)):
-            if sentence is not None:
-                sentences.setdefault(sentence, []).append(f"{number.quantity} ({number})")
-    return [("What cannot be reproduced, and why", limitations), ("What else is known of these numbers", notes)]
-
-
-def _limitations() -> list[tuple[PaperNumber, int]]:
-    """The first number with each limitation, and how many more have the same."""
-    by_sentence: dict[str, list[PaperNumber]] = {}
-    for number in PAPER_NUMBERS.values():
-        if number.limitation is not None:
-            by_sentence.setdefault(number.limitation, []).append(number)
-    return [(numbers[0], len(numbers) - 1) for numbers in by_sentence.values()]
+def _reasons(numbers: Iterable[PaperNumber]) -> dict[str, list[str]]:
+    """What is known of these numbers, in sentences, with the numbers of each sentence."""
+    found: dict[str, list[str]] = {}
+    for number in dict.fromkeys(numbers):
+        for sentence in filter(None, (number.limitation, number.note)):
+            found.setdefault(sentence, []).append(f"{number.place}, {number.quantity} ({number})")
+    return found

@@ -1,14 +1,15 @@
 """What the reproduction of one figure or table consists of: text, tables, comparisons with the paper, a picture.
 
-The text is in `prose.md`, where a section has its name and title as a heading, then paragraphs, the words for its
-picture as an image, and remarks. Results stand in it as fields of `str.format`.
+`errors_figure` is the picture of errors over acquisitions, with the colours and marks of the methods.
+
+The text is in `prose.toml`; results stand in it as fields of `str.format`.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import astuple, dataclass
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
@@ -16,7 +17,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 
 from markerseek.core import ConfigError, Estimate, Found
-from markerseek.studies.paper.printed import SENSITIVE_DEG, OwnNumber, PaperNumber, paper_number
+from markerseek.pictures import ERROR_BARS, panel_grid, shared_legend
+from markerseek.studies.paper.methods import ALL_METHODS, AnyMethod, PaperMethod
+from markerseek.studies.paper.printed import SENSITIVE_DEG, PaperNumber, paper_number
 from markerseek.studies.statistics import Mean
 
 if TYPE_CHECKING:
@@ -61,15 +64,14 @@ class Answer:
         return cls(error_deg=abs(estimate.mean_deg - truth_deg), claimed=isinstance(estimate, Found))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Errors:
-    """Summary of the errors of many searches."""
+class Errors(NamedTuple):
+    """Summary of the errors of many searches; the cells of a table under `ERRORS`."""
 
-    count: int
+    searches: int
     mean_deg: float
+    """Mean of the absolute error."""
     sd_deg: float | None
-    """``mean_deg`` and ``sd_deg``: mean and standard deviation of the absolute error; the latter is None for one
-    search."""
+    """Standard deviation of the absolute error; None for one search."""
     half_deg: float | None
     """Half the width of the 95 % interval of the mean; None for one search."""
     failed: float
@@ -79,17 +81,12 @@ class Errors:
     claimed_failed: float
     """Share of searches that claim an angle with an error beyond `SENSITIVE_DEG`."""
 
-    @property
-    def cells(self) -> tuple[Cell, ...]:
-        """The summary as cells of a table, under `ERRORS`."""
-        return astuple(self)
-
 
 ERRORS = (
     "searches mean_error_deg spread_deg half_interval95_deg share_off_by_more_than_4.33_deg share_without_a_claim "
     "claimed_and_off_by_more_than_4.33_deg"
 )
-"""Columns of `Errors.cells`."""
+"""Columns of `Errors`."""
 
 
 def errors_of(errors_deg: Iterable[float]) -> Errors:
@@ -106,7 +103,7 @@ def summary_of(answers: Iterable[Answer]) -> Errors:
     claimed = np.array([each.claimed for each in of_all])
     mean = Mean.of(errors.tolist())
     return Errors(
-        count=mean.count,
+        searches=mean.count,
         mean_deg=float(np.mean(errors)),
         sd_deg=mean.sd,
         half_deg=mean.half,
@@ -116,36 +113,38 @@ def summary_of(answers: Iterable[Answer]) -> Errors:
     )
 
 
-def errors_table(name: str, caption: str, columns: str, errors: Mapping[tuple[Any, ...], Errors]) -> Table:
+def errors_table(
+    name: str, caption: str, columns: str, errors: Mapping[tuple[Any, ...], Errors], *, shown: bool = False
+) -> Table:
     """Table of the errors of groups of searches, whose names go into the first columns."""
-    rows = ((*group, *each.cells) for group, each in errors.items())
-    return make_table(name, caption, f"{columns} {ERRORS}", rows, shown=False)
+    rows = ((*group, *each) for group, each in errors.items())
+    return make_table(name, caption, f"{columns} {ERRORS}", rows, shown=shown)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
     """A number of the paper and ours; or, of the posterior, ours alone."""
 
-    paper: PaperNumber | OwnNumber
-    """The paper's; of the posterior what is counted, in words."""
+    paper: PaperNumber
+    """The paper's number; of the posterior what is counted, in words."""
     ours: float
     sd: float | None = None
     half: float | None = None
     """Half the width of the 95 % interval of ours."""
     failed: float | None = None
-    """Share of our searches with an error beyond `SENSITIVE_DEG`; None where it is no mean of errors."""
+    """Share of our searches with an error beyond `SENSITIVE_DEG`; None if it is no mean of errors."""
     unclaimed: float | None = None
-    """Share of our searches that claim no angle; None where it is no mean of errors."""
+    """Share of our searches that claim no angle; None if it is no mean of errors."""
     condition: str = ""
     """Condition of ours, such as the noise; empty where there is only one."""
 
     @property
     def difference(self) -> float | None:
-        """Ours minus the paper's; None where the paper has none."""
+        """Ours minus the paper's; None if the paper has none."""
         return None if self.paper.value is None else self.ours - self.paper.value
 
 
-def compared(number: str | OwnNumber, ours: Errors, *, condition: str = "") -> Comparison:
+def compared(number: str | PaperNumber, ours: Errors, *, condition: str = "") -> Comparison:
     """Return our errors beside the paper's number with that key, or under a name of our own."""
     return Comparison(
         paper=paper_number(number) if isinstance(number, str) else number,
@@ -171,8 +170,9 @@ class Section:
     """The paper's numbers beside ours, and those of the posterior."""
     tables: tuple[Table, ...] = ()
     draw: Callable[[], Figure] | None = None
+    """Makes the picture; None if there is no picture."""
     alt: str = ""
-    """``draw`` and ``alt``: makes the picture, and what it shows, in words; None where there is no picture."""
+    """What the picture shows, in words."""
     remarks: tuple[str, ...] = ()
     """Sentences about the results and their limits."""
 
@@ -184,53 +184,113 @@ def make_section(
     comparisons: tuple[Comparison, ...] = (),
     tables: tuple[Table, ...] = (),
     draw: Callable[[], Figure] | None = None,
-    remarks: tuple[str, ...] = (),
     **results: object,
 ) -> Section:
     """Return a section with its text.
 
-    ``method``: headings whose paragraphs come first. ``remarks``: sentences before those of the text. ``results``: what
-    stands in the text.
+    ``method``: headings whose paragraphs come first. ``results``: values of the fields of the text.
     """
-    text = _prose()[name]
-    paragraphs = (paragraph for heading in (*method, name) for paragraph in _prose()[heading].paragraphs)
+    prose = _prose()
+    text = prose[name]
+
+    def paragraphs(part: str) -> tuple[str, ...]:
+        return tuple(" ".join(each.split()).format(**results) for each in part.split("\n\n") if each.strip())
+
     return Section(
         name=name,
-        title=text.title.format(**results),
-        method=tuple(paragraph.format(**results) for paragraph in paragraphs),
+        title=text["title"].format(**results),
+        method=paragraphs("\n\n".join(prose[heading].get("method", "") for heading in (*method, name))),
         comparisons=comparisons,
         tables=tables,
         draw=draw,
-        alt=text.alt,
-        remarks=(*remarks, *(remark.format(**results) for remark in text.remarks)),
+        alt=text.get("alt", ""),
+        remarks=paragraphs(text.get("remarks", "")),
     )
 
 
-class _Text(NamedTuple):
-    title: str
-    paragraphs: tuple[str, ...]
-    alt: str
-    remarks: tuple[str, ...]
-
-
 @cache
-def _prose() -> dict[str, _Text]:
+def _prose() -> dict[str, dict[str, str]]:
     """The text of each section by its name."""
-    text = resources.files(__package__).joinpath("prose.md").read_text(encoding="utf-8")
-    found = {}
-    for part in re.split(r"^# ", text, flags=re.MULTILINE)[1:]:
-        heading, _, rest = part.partition("\n")
-        name, _, title = heading.partition(": ")
-        method, _, remarks = rest.partition("## Remarks")
-        picture = re.search(r"!\[(.*?)\]", method, flags=re.DOTALL)
-        found[name] = _Text(
-            title=title,
-            paragraphs=_paragraphs(re.sub(r"!\[.*?\]\(.*?\)", "", method, flags=re.DOTALL)),
-            alt="" if picture is None else " ".join(picture[1].split()),
-            remarks=_paragraphs(remarks),
-        )
-    return found
+    return tomllib.loads(resources.files(__package__).joinpath("prose.toml").read_text(encoding="utf-8"))
 
 
-def _paragraphs(text: str) -> tuple[str, ...]:
-    return tuple(" ".join(paragraph.split()) for paragraph in text.split("\n\n") if paragraph.strip())
+COLOURS: dict[AnyMethod, str] = {"TS": "#c8501e", "GSS": "#1f5fa8", "WA": "#2a7f3f", "posterior": "#5b2a86"}
+"""Red, blue and green, as in Fig. 5 of the paper, and violet; the colour-blind can tell them apart by the marks too."""
+
+MARKS: dict[AnyMethod, str] = {"TS": "o", "GSS": "s", "WA": "^", "posterior": "D"}
+
+
+class Panel(NamedTuple):
+    """One panel of the figure."""
+
+    title: str
+    errors: Mapping[tuple[AnyMethod, int], Errors]
+    """Ours, by method and number of acquisitions."""
+    printed_deg: Mapping[tuple[PaperMethod, int], float]
+    """Mean errors that the paper prints, likewise."""
+
+
+def errors_figure(
+    panels: Sequence[Panel],
+    *,
+    heading: str,
+    columns: int,
+    panel_in: tuple[float, float],
+    printed: str = "paper",
+    average_deg: float | None = None,
+) -> Figure:
+    """Figure of the mean error over the number of acquisitions, with the 95 % interval of the mean.
+
+    ``printed``: what the legend calls the paper's numbers, which are open marks. ``average_deg``: the paper's mean
+    error of WA over all N, as a line; None draws none.
+    """
+    figure, grid = panel_grid(
+        [panel.title for panel in panels],
+        heading=heading,
+        x_label="acquisitions N",
+        y_label="mean error [deg]",
+        columns=columns,
+        panel_in=panel_in,
+        y_scale="log",
+    )
+    for axes, panel in zip(grid, panels, strict=True):
+        for name in ALL_METHODS:
+            ours = {count: each for (method, count), each in panel.errors.items() if method == name}
+            if ours:
+                axes.errorbar(
+                    list(ours),
+                    [errors.mean_deg for errors in ours.values()],
+                    yerr=[_drawn_half(errors) for errors in ours.values()],
+                    label="posterior (ours, not in the paper)" if name == "posterior" else f"{name}, ours",
+                    color=COLOURS[name],
+                    marker=MARKS[name],
+                    **ERROR_BARS,
+                )
+            theirs = {count: value for (method, count), value in panel.printed_deg.items() if method == name}
+            if theirs:
+                axes.plot(
+                    list(theirs),
+                    list(theirs.values()),
+                    label=f"{name}, {printed}",
+                    color=COLOURS[name],
+                    marker=MARKS[name],
+                    linestyle="none",
+                    markersize=8,
+                    markerfacecolor="none",
+                    markeredgewidth=1.6,
+                    zorder=5,
+                )
+        if average_deg is not None:
+            axes.axhline(
+                average_deg, color=COLOURS["WA"], linestyle="--", linewidth=1.2, label="WA, paper (mean over N)"
+            )
+    shared_legend(figure, columns=4)
+    return figure
+
+
+def _drawn_half(errors: Errors) -> float:
+    """Half the interval. A logarithmic scale ends above 0; the interval of fewer than five searches means nothing."""
+    if errors.half_deg is None or errors.searches < 5:
+        return 0.0
+    # Errors are positive: below 0.05 of the mean a logarithmic axis would show the bar and little else.
+    return min(errors.half_deg, 0.95 * errors.mean_deg)

@@ -37,7 +37,7 @@ _ASCII, _UTF8 = 3, 106
 
 
 def character_set(text: str) -> int:
-    """Number of the character set of a text: that of ASCII where it suffices."""
+    """Number of the character set of a text: that of ASCII if that suffices."""
     return _ASCII if text.isascii() else _UTF8
 
 

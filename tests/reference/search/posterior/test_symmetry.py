@@ -129,19 +129,6 @@ def brute_force(samples, angle_deg, member, error, blur_deg=0.0):
     return math.log(total)
 
 
-@pytest.mark.parametrize(("bump", "blur_deg"), [(0.0, 0.0), (0.8, 0.0), (0.0, 0.3)])
-def test_strong_samples_against_scipys_normal_distribution(bump, blur_deg):
-    """Amplitude integrated out, and one frame of five perhaps an outlier: SciPy's density, summed over both."""
-    angles_deg = np.array([-1.0, 0.0, 0.6])
-    samples = [observation(t, float(log_levels(10, abs(t))) + 0.1) for t in (-3.0, -1.5, 0.5, 1.8, 3.3)]
-    samples[3] = observation(1.8, samples[3].log_intensity + bump)
-    hypotheses = hypotheses_of(SHAPES, MEMBERS)
-    found, _ = symmetric_log_likelihood(SHAPES, hypotheses, of_samples(samples), angles_deg, blur_deg=blur_deg)
-    for row, angle_deg in zip(found, angles_deg, strict=True):
-        for log_p, member, error in zip(row, hypotheses.member, hypotheses.sample_error, strict=True):
-            assert log_p == pytest.approx(brute_force(samples, angle_deg, member, error, blur_deg), abs=1e-4)
-
-
 def swept(angle_deg, *, number, delay_s=0.005, play_deg=0.0, sigma_deg=0.02):
     """A sample of a sweep upwards with an odd number, of one downwards with an even one."""
     timing = SweepTiming(

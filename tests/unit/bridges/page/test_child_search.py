@@ -79,7 +79,7 @@ def test_events_become_snapshots(stream):
     live = ChildSearch(launch, ["search"], asked=USUAL, on_change=lambda: told.append(live.status))
     begun.set()
     assert live.join(30)
-    assert (live.status, live.message) == ("ended", "found at 1.000 deg")
+    assert (live.status, live.message) == ("ended", "found at 1.000°")
     # Of the beginning, of each event, and of the end: no viewer has to wait for a timer.
     assert (len(told), told[-1]) == (len(stream) + 1, "ended")
     assert len(live.run.views) == len(stream)

@@ -226,8 +226,8 @@ def test_models_hold_what_a_snapshot_holds():
     lit, unlit = (dict(numbers_of(snapshot, name="ternary", pulse_j=pulse_j)) for pulse_j in (1e-3, None))
     assert lit["light"] == f"{snapshot.pulses:.3g} mJ"
     assert "light" not in unlit
-    assert "(virtual)" in unlit["time"]
-    assert unlit["threshold"].endswith(f" {snapshot.unit}")
+    assert unlit["time"].endswith(" s, on the simulated clock")
+    assert unlit["detection threshold"].endswith(f" {snapshot.unit}")
 
 
 def test_truth_is_hidden_until_it_is_revealed():
@@ -304,7 +304,7 @@ def test_only_angles_that_are_claimed_are_named(estimate, angle, others_deg):
     assert (fan["mean"] is None) == isinstance(estimate, NotFound)
     rows = dict(numbers_of(snapshot, name="ternary"))
     assert rows["other sources"] == ("−8.2 dB at −20.00°" if estimate.others else "not looked for")
-    assert rows["range checked"] == ("99.6 %" if estimate.surveyed else "–")
+    assert rows.get("range checked") == ("99.6 %, for a second source as strong" if estimate.surveyed else None)
 
 
 def test_a_sweep_is_drawn_pulse_by_pulse():
@@ -377,10 +377,10 @@ def test_one_stop_has_one_wording():
     view = shown(session, events[:6])[-1]
     by_signal = view.add(Interrupted(reason="SIGINT"), clock_s=1.0)
     by_page = view.cut_off(STOPPED)
-    assert by_signal.line == by_page.line == STOPPED
+    assert (by_signal.line, by_page.line) == (f"{STOPPED} (SIGINT)", STOPPED)
     for each in (by_signal, by_page):
         assert verdict_of(each).word == "STOPPED"
-        assert f"stopped: {verdict_of(each).reason}" == STOPPED
+        assert f"stopped: {verdict_of(each).reason}" == each.line
 
 
 def test_a_page_without_a_run_is_ready():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -174,3 +175,15 @@ def test_two_long_rows_are_taken_for_a_transposed_table(tmp_path: Path) -> None:
         RecordError, match=r"are its two rows angles and intensities. Then write one row for each of the 4"
     ):
         read_bank(written(tmp_path, "-1,0,1,2\n5,6,7,1\n"))
+
+
+@pytest.mark.parametrize("name", ["energy", "pulse energy [mJ]", "Laser energy"])
+def test_a_column_of_energies_takes_the_laser_out_of_the_intensities(tmp_path, name):
+    path = tmp_path / "a.csv"
+    path.write_text(f"angle_deg,intensity,{name}\n-5,10,1\n0,60,3\n5,20,2\n", encoding="utf-8")
+    with pytest.warns(UserWarning, match=re.escape(f"the intensities are divided by {name} over its mean")):
+        bank = read_bank(path)
+    assert bank.intensities == pytest.approx((20.0, 40.0, 20.0))
+    path.write_text(f"angle_deg,intensity,{name}\n-5,10,1\n0,60,0\n5,20,2\n", encoding="utf-8")
+    with pytest.raises(RecordError, match=re.escape(f"line 3: {name} is 0, it must be positive")):
+        read_bank(path)

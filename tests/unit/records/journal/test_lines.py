@@ -12,7 +12,7 @@ import pytest
 from markerseek.core import RecordError
 from markerseek.records.journal import Entry, Interrupted, Journal, RecordedRun, read_journal, salvage, summary, verify
 from markerseek.records.journal.lines import MAX_LINE_BYTES
-from tests.unit.records.journal.synthetic_journals import counts, died_in_commit, whole_run, write
+from tests.unit.records.journal.synthetic_journals import counts, whole_run
 
 ACQUISITIONS = 1
 ENTRIES = 2 * ACQUISITIONS + 2
@@ -44,20 +44,6 @@ def of(held: RecordedRun) -> list[tuple[object, ...]]:
         return entry.number, entry.event, entry.clock_s
 
     return [row(entry) for entry in held.entries]
-
-
-def files_of(folder: Path) -> dict[str, bytes]:
-    return {each.name: each.read_bytes() for each in folder.iterdir()}
-
-
-def test_a_run_that_died_in_a_commit_is_read_to_the_commit_before_and_not_touched(tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    died_in_commit(path, lambda journal: write(journal, ACQUISITIONS))
-    before = files_of(tmp_path)
-    assert len(read_journal(path).entries) == ENTRIES
-    assert verify(path).faults == []
-    assert (summary(path).acquisitions, summary(path).state) == (ACQUISITIONS, "finished")
-    assert files_of(tmp_path) == before
 
 
 def test_a_tail_torn_at_every_byte_is_read_and_continued(whole: bytes, ends: list[int], tmp_path: Path) -> None:

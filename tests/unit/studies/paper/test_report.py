@@ -13,20 +13,11 @@ import numpy as np
 import pytest
 
 from markerseek.core import ConfigError
-from markerseek.studies.paper import (
-    PAPER_NUMBERS,
-    REPORT,
-    RunOptions,
-    Section,
-    paper_number,
-    shown,
-    write_report,
-    write_section,
-)
-from markerseek.studies.paper.banks import grid
-from markerseek.studies.paper.printed import MATERIALS
+from markerseek.studies.paper import RunOptions, Section, shown, write_report, write_section
+from markerseek.studies.paper.offline import OfflineBank, fig6, grid, offline_searches
+from markerseek.studies.paper.printed import MATERIALS, PAPER_NUMBERS, paper_number
+from markerseek.studies.paper.report import REPORT
 from markerseek.studies.paper.section import compared, errors_of, make_table
-from markerseek.studies.paper.travel import travel
 
 
 class Tables(HTMLParser):
@@ -103,23 +94,28 @@ def test_a_table_refuses_rows_with_other_columns() -> None:
 def test_the_page_holds_the_numbers_of_the_csv_and_loads_nothing(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     options = RunOptions(markers=20)
-    section = travel(options)
-    paths = write_section(section, tmp_path)
-    text = write_report([section], tmp_path, options=options).read_text(encoding="utf-8")
+    example = Path(__file__).parents[4] / "examples" / "simulated_scan.csv"
+    searches = offline_searches([OfflineBank(path=example, material="mine", reference_deg=-8.25)], options)
+    of_paper = Section(name="s", title="s", method=(), comparisons=(compared("fig7/TS/2", errors_of([0.1, 0.2])),))
+    sections = [fig6(searches), of_paper]
+    paths = [path for section in sections for path in write_section(section, tmp_path)]
+    text = write_report(sections, tmp_path, options=options).read_text(encoding="utf-8")
     assert (tmp_path / REPORT).exists()
     assert not re.search(r"""(src|href)=["'](?!data:|#)""", text)
     pages = Tables(text).found
-    for path in paths:
-        if path.suffix == ".csv":
-            with path.open(newline="", encoding="utf-8") as lines:
-                rows = list(csv.reader(lines))[1:]
-            page = [row for row in pages[path.stem] if row]
-            assert len(page) == len(rows)
-            for on_page, in_csv in zip(page, rows, strict=True):
-                for seen, exact in zip(on_page, in_csv, strict=True):
-                    assert _same(seen, exact), (path.name, seen, exact)
-    assert {path.suffix for path in paths} == {".csv"}
-    assert "Fig. 9" in text
+    assert set(pages) == {"fig6_beside_the_paper", "s_beside_the_paper"}
+    for name, found in pages.items():
+        with (tmp_path / f"{name}.csv").open(newline="", encoding="utf-8") as lines:
+            rows = list(csv.reader(lines))[1:]
+        page = [row for row in found if row]
+        assert len(page) == len(rows) > 0
+        for on_page, in_csv in zip(page, rows, strict=True):
+            for seen, exact in zip(on_page, in_csv, strict=True):
+                assert _same(seen, exact), (name, seen, exact)
+    assert {path.suffix for path in paths} == {".csv", ".png", ".svg"}
+    # The reason stands at its section, and in the list of all; that of no section only there.
+    assert text.count("one iteration leaves a larger error") == 2
+    assert text.count("the probe turns by 122° (TS) and 76° (GSS)") == 1
     assert "made with 20 markers instead of 1000" in text.lower()
 
 

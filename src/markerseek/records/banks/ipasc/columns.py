@@ -1,4 +1,4 @@
-"""Reads a bank in IPASC HDF5 but for its frames: columns (one number per measurement), metadata, element positions.
+"""Reads our bank in IPASC HDF5 but for its frames: columns (one number per measurement), metadata, element positions.
 
 The elements must be the straight, equally spaced row that the imaging needs.
 """
@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import MAX_INTENSITY, Float64, RecordError
-from markerseek.records.banks.bank import BankFacts, require_angles, unwrapped
+from markerseek.records.banks.bank import BankFacts, rising
 from markerseek.records.banks.ipasc import fields
 from markerseek.records.hdf5 import CheckedHdf5
 
@@ -32,15 +32,16 @@ class Columns:
     """Row in the file of each measurement."""
     angles_deg: tuple[float, ...]
     intensities: tuple[float, ...]
+    """Intensities; NaN where one is missing."""
     pulses: tuple[int, ...]
+    """Pulses averaged; 1 where they are missing."""
     started_s: tuple[float, ...]
-    """``angles_deg``, ``intensities``, ``pulses`` and ``started_s``: a missing intensity or time is NaN, missing pulses
-    are 1."""
+    """Times on the clock of the rig; NaN where one is missing."""
     energies: tuple[float, ...]
     """Energy of the pulses over the usual one; NaN where it was not measured."""
 
 
-def read_columns(path: Path, file: CheckedHdf5, *, ours: bool) -> Columns:
+def read_columns(path: Path, file: CheckedHdf5) -> Columns:
     """Columns of a bank that has ``trus_angle_deg``.
 
     Raises `ValueError` if a field does not hold what it should.
@@ -49,47 +50,21 @@ def read_columns(path: Path, file: CheckedHdf5, *, ours: bool) -> Columns:
     if angles.size > _MAX_ANGLES:
         raise RecordError(f"{path}: it holds {angles.size} angles, at most {_MAX_ANGLES} are expected")
     missing = int(np.count_nonzero(np.isnan(angles)))
-    if ours and missing:
+    if missing:
         raise RecordError(
             f"{path}: {missing} of {angles.size} angles were never measured: a version under development wrote this "
             "bank, and its scan was killed; scan again"
         )
-    angles = unwrapped(path, angles)
-    order = np.argsort(angles, kind="stable")
-    require_angles(path, angles[order].tolist())
-    # Files of other programs have no rig clock, only timestamps since 1970.
-    times = _one_each(file, fields.RIG_CLOCK if ours else fields.TIMES, angles.size, otherwise=math.nan)
-    pulses = _one_each(file, fields.PULSES, angles.size, otherwise=1.0)[order]
+    angles_deg, order = rising(path, angles)
+    pulses = one_each(file, fields.PULSES, angles.size, otherwise=1.0)[order]
     return Columns(
         rows=tuple(order.tolist()),
-        angles_deg=tuple(angles[order].tolist()),
+        angles_deg=angles_deg,
         intensities=tuple(_intensities(path, file, angles.size)[order].tolist()),
         pulses=tuple(int(each) for each in np.where(pulses >= 0, pulses, 1)),
-        started_s=tuple(times[order].tolist()),
-        energies=tuple(_energies(file, angles.size, ours=ours)[order].tolist()),
+        started_s=tuple(one_each(file, fields.RIG_CLOCK, angles.size)[order].tolist()),
+        energies=tuple(one_each(file, fields.ENERGY, angles.size)[order].tolist()),
     )
-
-
-def _energies(file: CheckedHdf5, count: int, *, ours: bool) -> Float64[np.ndarray, " angles"]:
-    """Energy of each measurement's pulses over the usual one; NaN where it was not measured.
-
-    Another program's file has joules: over their mean, where they differ from one measurement to the next.
-    """
-    if ours:
-        return _one_each(file, fields.ENERGY, count, otherwise=math.nan)
-    joules = _joules(file)
-    known = joules[np.isfinite(joules)]
-    if joules.size != count or known.size == 0 or np.ptp(known) == 0:
-        return np.full(count, np.nan)
-    return joules / float(known.mean())
-
-
-def _joules(file: CheckedHdf5) -> Float64[np.ndarray, " values"]:
-    """The pulse energies of a file, NaN where they are none; empty where it has none, or the text ``None``."""
-    if not file.has(fields.PULSE_ENERGY) or file.text(fields.PULSE_ENERGY) is not None:
-        return np.empty(0)
-    joules = file.numbers(fields.PULSE_ENERGY)
-    return np.where(np.isfinite(joules) & (joules > 0), joules, np.nan)
 
 
 def _intensities(path: Path, file: CheckedHdf5, count: int) -> Float64[np.ndarray, " angles"]:
@@ -106,17 +81,19 @@ def _intensities(path: Path, file: CheckedHdf5, count: int) -> Float64[np.ndarra
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _one_each(file: CheckedHdf5, name: str, count: int, *, otherwise: float) -> Float64[np.ndarray, " angles"]:
+def one_each(
+    file: CheckedHdf5, name: str, count: int, *, otherwise: float = math.nan
+) -> Float64[np.ndarray, " angles"]:
     """One number for each measurement, missing ones replaced by `otherwise`."""
-    values = file.numbers(name) if file.has(name) and file.text(name) is None else np.empty(0)
+    values = numbers_of(file, name)
     if values.size not in (0, count):
         raise ValueError(f"{name} holds {values.size} numbers for {count} angles")
     values = values if values.size else np.full(count, otherwise)
     return np.where(np.isfinite(values), values, otherwise)
 
 
-def read_facts(file: CheckedHdf5, *, ours: bool, pitch_m: float | None) -> BankFacts:
-    """Metadata of a bank; times of a bank of another program count from 1970.
+def read_facts(file: CheckedHdf5, *, pitch_m: float | None) -> BankFacts:
+    """Metadata of a bank.
 
     Raises `ValueError` if a field does not hold what it should.
     """
@@ -129,10 +106,10 @@ def read_facts(file: CheckedHdf5, *, ours: bool, pitch_m: float | None) -> BankF
         sound_speed_m_s=_between(file, fields.SOUND_SPEED, 300.0, 7000.0),
         pitch_m=pitch_m,
         wavelength_m=_wavelength_m(file),
-        pulse_energy_j=_usual_energy_j(file, ours=ours),
+        pulse_energy_j=_usual_energy_j(file),
         face_radius_m=_between(file, fields.FACE_RADIUS, 0.0, 1.0),
         reference_angle_deg=file.number(fields.REFERENCE),
-        clock_zero_unix_s=_clock_zero_unix_s(file, ours=ours),
+        clock_zero_unix_s=file.number(fields.CLOCK_ZERO),
         simulated=_truth(file.number(fields.SIMULATED)),
         configuration=file.text(fields.CONFIGURATION),
         seed=_seed(file.text(fields.SEED)),
@@ -146,12 +123,6 @@ def _wavelength_m(file: CheckedHdf5) -> float | None:
     return None if written is None else written * 1e-9 if written >= 1.0 else written
 
 
-def _clock_zero_unix_s(file: CheckedHdf5, *, ours: bool) -> float | None:
-    if not ours:
-        return 0.0 if file.has(fields.TIMES) and file.text(fields.TIMES) is None else None
-    return file.number(fields.CLOCK_ZERO)
-
-
 def _truth(number: float | None) -> bool | None:
     return None if number is None else number != 0
 
@@ -161,7 +132,7 @@ def _seed(text: str | None) -> int | None:
 
 
 def _between(file: CheckedHdf5, name: str, low: float, high: float) -> float | None:
-    """A number in SI units within its physical range; None where it is missing."""
+    """A number in SI units within its physical range; None if it is missing."""
     value = file.number(name)
     if value is not None and not low <= value <= high:
         # A value far out is a flipped bit or a wrong unit, such as km/s.
@@ -169,23 +140,23 @@ def _between(file: CheckedHdf5, name: str, low: float, high: float) -> float | N
     return value
 
 
-def _usual_energy_j(file: CheckedHdf5, *, ours: bool) -> float | None:
-    """Energy of a usual pulse in joules: of our files the first, without what it had more or less; else the mean."""
-    joules = _joules(file)
-    if joules.size == 0 or math.isnan(joules[0]):
+def _usual_energy_j(file: CheckedHdf5) -> float | None:
+    """Energy of a usual pulse in joules: the first, without what it had more or less than a usual one."""
+    joules = _first(file, fields.PULSE_ENERGY)
+    if joules is None or not joules > 0:
         return None
-    if ours:
-        # Where it was not measured, that of a usual pulse is written.
-        return float(joules[0]) / (_first(file, fields.ENERGY) or 1.0)
-    known = joules[np.isfinite(joules)]
-    return float(joules[0] if np.ptp(known) == 0 else known.mean())
+    # Where the energy over the usual one was not measured, that of a usual pulse is written.
+    return joules / (_first(file, fields.ENERGY) or 1.0)
+
+
+def numbers_of(file: CheckedHdf5, name: str) -> Float64[np.ndarray, " values"]:
+    """Numbers of a dataset; none if it is missing, or the text ``None`` that pacfish writes."""
+    return file.numbers(name) if file.has(name) and file.text(name) is None else np.empty(0)
 
 
 def _first(file: CheckedHdf5, name: str) -> float | None:
-    """The first number of a dataset; None where it is empty, or the text ``None`` that pacfish writes."""
-    if not file.has(name) or file.text(name) == "None":
-        return None
-    values = file.numbers(name)
+    """The first number of a dataset; None if it has none, or no finite one."""
+    values = numbers_of(file, name)
     return float(values[0]) if values.size and math.isfinite(values[0]) else None
 
 
@@ -194,7 +165,7 @@ class ElementRow:
     """A straight row of equally spaced elements."""
 
     pitch_m: float | None
-    """Distance from one element to the next; None where the file does not say where they are."""
+    """Distance from one element to the next; None if the file does not say where they are."""
     falling: bool
     """Whether the x1 coordinate falls from the first element in the file to the last."""
 

@@ -1,9 +1,10 @@
-"""Reads banks in IPASC HDF5, our own and those of other programs, one frame at a time."""
+"""Reads banks in IPASC HDF5: our own one frame at a time, and the arrays of files of other programs."""
 
 from __future__ import annotations
 
 import math
 import re
+import warnings
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,10 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
-from markerseek.records.banks.bank import FrameBank, IntensityBank
-from markerseek.records.banks.counts import EXACT, Scaling, as_counts, scaling_of
+from markerseek.records.banks.bank import NUMERIC_FACTS, FrameBank, IntensityBank
 from markerseek.records.banks.ipasc import fields
-from markerseek.records.banks.ipasc.columns import Columns, element_row, read_columns, read_facts
+from markerseek.records.banks.ipasc.columns import element_row, numbers_of, one_each, read_columns, read_facts
 from markerseek.records.hdf5 import CheckedHdf5, as_record_error, require_h5py
 
 
@@ -24,43 +24,40 @@ class IpascBank(FrameBank):
 
     path: Path
     file: CheckedHdf5 = field(repr=False, compare=False)
-    columns: Columns = field(repr=False)
-    """What the file says of each angle, with its row; ``pulses`` are 1 where it does not."""
+    rows: tuple[int, ...] = field(repr=False)
+    """Row in the file of each angle."""
     falling: bool = False
     """Whether the elements are in reverse order in the file."""
     checked: bool = False
     """Whether the library compares the frames with checksums in the file."""
-    scaling: Scaling = EXACT
-    """How the numbers of another program become counts."""
 
     def frame(self, index: int) -> ChannelFrame:
         """Channel data of one angle, from the disk.
 
         Raises `RecordError` if they cannot be read.
         """
-        angle_deg, row = self.angles_deg[index], self.columns.rows[index]
-        samples = self._samples(fields.FRAMES, row, what=f"frame at {angle_deg:g} deg")
-        energy = self.columns.energies[index]
-        return self._frame(
-            samples,
-            row,
-            angle_deg=angle_deg,
-            pulses=self.pulses[index],
-            started_s=self.started_s[index],
-            energy=None if math.isnan(energy) else energy,
-        )
+        row = self.rows[index]
+        header = self.header(index, token=self.path.name, row=row)
+        return self._frame(header, fields.FRAMES, row, what=f"frame at {header.commanded_deg:g} deg")
 
     def dark_frame(self, index: int) -> ChannelFrame:
         """One frame without laser, from the disk; `RecordError` where it cannot be read."""
         if not 0 <= index < self.dark_frames:
-            raise RecordError(f"{self.path}: there is no dark frame {index + 1}, it holds {self.dark_frames}")
-        samples = self._samples(fields.DARK_FRAMES, index, what=f"dark frame {index + 1}")
-        return self._frame(samples, index, angle_deg=0.0, pulses=0, started_s=math.nan)
+            return FrameBank.dark_frame(self, index)
+        header = FrameHeader(
+            sequence=index + 1,
+            token=self.path.name,
+            pulses=0,
+            commanded_deg=0.0,
+            started_s=math.nan,
+            ended_s=math.nan,
+        )
+        return self._frame(header, fields.DARK_FRAMES, index, what=f"dark frame {index + 1}")
 
-    def _samples(self, name: str, row: int, *, what: str) -> Int16[np.ndarray, "channels samples"]:
+    def _frame(self, header: FrameHeader, name: str, row: int, *, what: str) -> ChannelFrame:
         with as_bank_error(self.path):
             try:
-                samples = as_counts(self.path, _numbers(self.file, name, row), self.scaling)
+                samples = _numbers(self.file, name, row)
             except OSError as problem:
                 # HDF5 has no error of its own for a checksum: only its text says that the filter found it.
                 if not self.checked or not re.search("(?i)filter returned failure|fletcher32 checksum", str(problem)):
@@ -69,56 +66,34 @@ class IpascBank(FrameBank):
                     f"{self.path}: the {what} has changed since it was written, its checksum differs; take the file "
                     "from a backup or scan again"
                 ) from problem
-        return np.ascontiguousarray(samples[::-1]) if self.falling else samples
-
-    def _frame(
-        self,
-        samples: Int16[np.ndarray, "channels samples"],
-        row: int,
-        *,
-        angle_deg: float,
-        pulses: int,
-        started_s: float,
-        energy: float | None = None,
-    ) -> ChannelFrame:
         if self.facts.sampling_hz is None:
             raise RecordError(f"{self.path}: {fields.SAMPLING} is missing; its frames cannot be read without it")
-        header = FrameHeader(
-            sequence=row + 1,
-            token=self.path.name,
-            pulses=pulses,
-            commanded_deg=angle_deg,
-            started_s=started_s,
-            ended_s=started_s,
-            energy=energy,
-        )
+        samples = np.ascontiguousarray(samples[::-1]) if self.falling else samples
         return ChannelFrame(header=header, samples=samples, sampling_hz=self.facts.sampling_hz)
 
 
-def read_probed(path: Path, *, blanked: int = 0) -> IntensityBank | IpascBank:
-    """Bank in an IPASC HDF5 file that holds ``trus_angle_deg``; its frames stay on disk.
+def read_probed(path: Path) -> IntensityBank | IpascBank:
+    """Bank of ours in an IPASC HDF5 file; its frames stay on disk.
 
-    A file without ``markerseek_bank_version`` was written by another program, and is read if it has the angles. The
-    file has been tried in a child before (`walk_bank`). ``blanked``: as of `read_bank`.
+    The file has been tried in a child before (`walk_bank`).
     """
     with as_bank_error(path), ExitStack() as closing:
-        bank = _bank_of(path, closing.enter_context(CheckedHdf5(path)), blanked)
+        bank = _bank_of(path, closing.enter_context(CheckedHdf5(path)))
         # A bank of intensities is in memory by now; one of frames reads them from the open file.
         if isinstance(bank, IpascBank):
             closing.pop_all()
         return bank
 
 
-def _bank_of(path: Path, file: CheckedHdf5, blanked: int) -> IntensityBank | IpascBank:
-    ours = _is_ours(path, file)
+def _bank_of(path: Path, file: CheckedHdf5) -> IntensityBank | IpascBank:
     if not file.has(fields.ANGLES):
         raise RecordError(f"{path}: {fields.ANGLES} is missing; without the angles it is no bank of a scan")
-    columns = read_columns(path, file, ours=ours)
+    columns = read_columns(path, file)
     frames = _frame_shape(path, file, len(columns.rows))
     if frames is None:
         if not all(map(math.isfinite, columns.intensities)):
             raise RecordError(f"{path}: it holds neither frames nor an intensity for each angle")
-        facts = read_facts(file, ours=ours, pitch_m=None)
+        facts = read_facts(file, pitch_m=None)
         started_s = columns.started_s if any(map(math.isfinite, columns.started_s)) else ()
         return IntensityBank(
             angles_deg=columns.angles_deg, intensities=columns.intensities, started_s=started_s, facts=facts
@@ -127,48 +102,69 @@ def _bank_of(path: Path, file: CheckedHdf5, blanked: int) -> IntensityBank | Ipa
     return IpascBank(
         angles_deg=columns.angles_deg,
         intensities=columns.intensities if any(map(math.isfinite, columns.intensities)) else (),
-        facts=read_facts(file, ours=ours, pitch_m=array.pitch_m),
+        facts=read_facts(file, pitch_m=array.pitch_m),
         dark_frames=_dark_frames(file, frames),
         started_s=columns.started_s,
         pulses=columns.pulses,
+        energies=columns.energies,
         path=path,
         file=file,
-        columns=columns,
+        rows=columns.rows,
         falling=array.falling,
         checked=bool(file.dataset(fields.FRAMES).fletcher32),
-        scaling=_scaling(path, file, len(columns.rows), blanked),
     )
 
 
-def arrays_without_angles(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
-    """Frames of another program's file without the angles, named as `markerseek.records.banks.arrays` reads them.
+def arrays_of_others(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
+    """Frames or intensities of another program's file, named as `markerseek.records.banks.arrays` reads them.
 
-    Nothing for a file that has the angles, or no frames.
+    Nothing for a file of ours, or one with neither. Pulse energies that differ come as ``energy``.
     """
-    if file.has(fields.ANGLES) or not file.has(fields.FRAMES):
+    if _is_ours(path, file) or not (file.has(fields.FRAMES) or file.has(fields.INTENSITIES)):
         return {}
-    data = file.dataset(fields.FRAMES)
-    # Pacfish drops the last axes where they have the length 1.
-    shape = (*data.shape, 1, 1)[: max(4, data.ndim)]
-    if len(shape) != 4 or shape[2] != 1 or 0 in shape:
-        raise RecordError(
-            f"{path}: {fields.FRAMES} has the shape {data.shape}, (elements, samples, 1, measurements) is expected; "
-            "save the measurements of one wavelength alone"
+    arrays: dict[str, object] = {}
+    pitch_m = None
+    if file.has(fields.FRAMES):
+        data = file.dataset(fields.FRAMES)
+        # Pacfish drops the last axes where they have the length 1.
+        shape = (*data.shape, 1, 1)[: max(4, data.ndim)]
+        if len(shape) != 4 or shape[2] != 1 or 0 in shape:
+            raise RecordError(
+                f"{path}: {fields.FRAMES} has the shape {data.shape}, (elements, samples, 1, measurements) is "
+                "expected; save the measurements of one wavelength alone"
+            )
+        file.require_room(math.prod(shape) * data.dtype.itemsize, name=fields.FRAMES)
+        array = element_row(path, file, elements=shape[0])
+        pitch_m, count = array.pitch_m, shape[3]
+        frames = np.asarray(data[()]).reshape(shape)[:, :, 0, :].transpose(2, 0, 1)
+        arrays["frames"] = frames[:, ::-1] if array.falling else frames
+    else:
+        arrays["intensity"] = intensities = file.numbers(fields.INTENSITIES)
+        count = intensities.size
+    if file.has(fields.ANGLES):
+        arrays["angle_deg"] = file.numbers(fields.ANGLES)
+    if numbers_of(file, fields.TIMES).size:
+        # Seconds since 1970.
+        arrays |= {"started_s": one_each(file, fields.TIMES, count), "clock_zero_unix_s": np.array(0.0)}
+    facts = read_facts(file, pitch_m=pitch_m)
+    known = {name: getattr(facts, name) for name in NUMERIC_FACTS} | _energies(path, file, count) | arrays
+    return {name: np.asarray(value) for name, value in known.items() if value is not None}
+
+
+def _energies(path: Path, file: CheckedHdf5, count: int) -> dict[str, object]:
+    """Usual energy of a pulse, and ``energy`` of each measurement where they differ, NaN where it was not measured."""
+    joules = numbers_of(file, fields.PULSE_ENERGY)
+    joules = np.where(np.isfinite(joules) & (joules > 0), joules, np.nan)
+    known = joules[np.isfinite(joules)]
+    if not known.size or np.ptp(known) == 0:
+        return {"pulse_energy_j": known[0] if known.size else None}
+    if joules.size != count:
+        warnings.warn(
+            f"{path}: {fields.PULSE_ENERGY} holds {joules.size} energies for {count} measurements, and only their mean "
+            "is used; give one for each",
+            stacklevel=4,
         )
-    file.require_room(math.prod(shape) * data.dtype.itemsize, name=fields.FRAMES)
-    array = element_row(path, file, elements=shape[0])
-    frames = np.asarray(data[()]).reshape(shape)[:, :, 0, :].transpose(2, 0, 1)
-    facts = read_facts(file, ours=False, pitch_m=array.pitch_m)
-    known = {
-        "sampling_hz": facts.sampling_hz,
-        "sound_speed_m_s": facts.sound_speed_m_s,
-        "pitch_m": facts.pitch_m,
-        "wavelength_m": facts.wavelength_m,
-    }
-    return {
-        "frames": frames[:, ::-1] if array.falling else frames,
-        **{name: np.array(value) for name, value in known.items() if value is not None},
-    }
+    return {"pulse_energy_j": known.mean(), "energy": joules if joules.size == count else None}
 
 
 def walk_bank(path: Path) -> None:
@@ -203,7 +199,7 @@ def _is_ours(path: Path, file: CheckedHdf5) -> bool:
 
 
 def _frame_shape(path: Path, file: CheckedHdf5, count: int) -> tuple[int, int] | None:
-    """Elements and samples of the frames; None where there are none."""
+    """Elements and samples of the frames; None if there are none."""
     if not file.has(fields.FRAMES):
         return None
     shape = file.dataset(fields.FRAMES).shape
@@ -225,19 +221,12 @@ def _dark_frames(file: CheckedHdf5, frames: tuple[int, int]) -> int:
     return 1 if len(shape) == 2 else shape[2]
 
 
-def _scaling(path: Path, file: CheckedHdf5, count: int, blanked: int) -> Scaling:
-    """How the frames become counts; all of them are read only if they are not int16."""
-    if file.dataset(fields.FRAMES).dtype.newbyteorder("=") == np.int16:
-        return EXACT
-    return scaling_of(path, (_numbers(file, fields.FRAMES, row) for row in range(count)), blanked=blanked)
-
-
-def _numbers(file: CheckedHdf5, name: str, row: int) -> np.ndarray:
-    """One frame in the type that it has, (channels, samples)."""
+def _numbers(file: CheckedHdf5, name: str, row: int) -> Int16[np.ndarray, "channels samples"]:
+    """One frame."""
     data = file.dataset(name)
     elements, samples = data.shape[:2]
-    if data.dtype.kind not in "iuf" or data.dtype.itemsize > 8:
-        raise ValueError(f"{name} is {data.dtype}, real numbers are expected")
+    if data.dtype.newbyteorder("=") != np.int16:
+        raise ValueError(f"{name} is {data.dtype}, int16 is expected")
     file.require_room(elements * samples * data.dtype.itemsize, name=name)
     place = {2: np.s_[:, :], 3: np.s_[:, :, row], 4: np.s_[:, :, 0, row]}[data.ndim]
-    return np.asarray(data[place])
+    return np.ascontiguousarray(data[place], dtype=np.int16)

@@ -6,14 +6,14 @@ import math
 import shutil
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pacfish
 import pytest
 
 from markerseek.core import RecordError
-from markerseek.records.banks import BankFacts, FrameBank, read_bank
+from markerseek.records.banks import BankFacts, FrameBank, Layout, read_bank
 from markerseek.records.banks.ipasc import whole_bank
-from markerseek.records.banks.ipasc.reading import read_probed
 from tests.unit.records.banks.synthetic_banks import ANGLES, FACTS, FIXTURES, changed, counts, put, sample
 
 
@@ -44,7 +44,7 @@ def test_todays_version_is_read():
 def test_another_version_is_refused(tmp_path, version):
     shutil.copy(FIXTURES / "bank.hdf5", tmp_path / "a.hdf5")
     with pytest.raises(RecordError, match=f"newer markerseek: the bank has version {version:g}, this one reads 1"):
-        read_probed(changed(tmp_path / "a.hdf5", put("meta_data/markerseek_bank_version", version)))
+        read_bank(changed(tmp_path / "a.hdf5", put("meta_data/markerseek_bank_version", version)))
 
 
 def test_times_of_another_program_count_from_1970(tmp_path):
@@ -53,7 +53,7 @@ def test_times_of_another_program_count_from_1970(tmp_path):
     def change(file):
         file["meta_data/measurement_timestamps"] = np.array([1.7e9, 1.7e9 + 1, np.nan, 1.7e9 + 3])
 
-    bank = read_probed(changed(tmp_path / "a.hdf5", change))
+    bank = read_bank(changed(tmp_path / "a.hdf5", change))
     assert isinstance(bank, FrameBank)
     assert bank.facts.clock_zero_unix_s == 0.0
     np.testing.assert_array_equal(np.sort(bank.started_s), (1.7e9, 1.7e9 + 1, 1.7e9 + 3, np.nan))
@@ -71,3 +71,61 @@ def test_unknown_times_stay_unknown(tmp_path):
     np.testing.assert_array_equal(bank.started_s, (1.0, np.nan, np.nan))
     assert (bank.facts.clock_zero_unix_s, bank.facts.pitch_m) == (None, None)
     assert np.isnan(pacfish.load_data(str(path)).get_measurement_time_stamps()).all()
+
+
+def foreign(path, frames, **fields):
+    """A file of another program: ``frames`` (angles, channels, samples), and fields of ``meta_data``."""
+    with h5py.File(path, "w") as file:
+        file["binary_time_series_data"] = frames.transpose(1, 2, 0)[:, :, None]
+        angles_deg = np.arange(len(frames)) * 2.0
+        for name, value in {"trus_angle_deg": angles_deg, "ad_sampling_rate": 40e6, **fields}.items():
+            file[f"meta_data/{name}"] = value
+    return path
+
+
+def test_a_pulse_energy_of_each_measurement_is_that_of_its_frame(tmp_path):
+    joules = np.array([1e-3, 3e-3, np.nan, 2e-3])
+    frames = np.stack([counts(seed) for seed in range(4)])
+    bank = read_bank(foreign(tmp_path / "a.hdf5", frames, pulse_energy=joules))
+    assert [bank.frame(index).header.energy for index in range(4)] == [0.5, 1.5, None, 1.0]
+    assert bank.facts.pulse_energy_j == pytest.approx(2e-3)
+    # One number for all is that of a usual pulse, and says nothing of single measurements.
+    for name, joules in (("b", np.full(4, 2e-3)), ("c", np.array([2e-3]))):
+        bank = read_bank(foreign(tmp_path / f"{name}.hdf5", frames, pulse_energy=joules))
+        assert (bank.frame(1).header.energy, bank.facts.pulse_energy_j) == (None, 2e-3)
+    with pytest.warns(UserWarning, match="pulse_energy holds 3 energies for 4 measurements, and only their mean"):
+        bank = read_bank(foreign(tmp_path / "d.hdf5", frames, pulse_energy=np.array([1e-3, 2e-3, 3e-3])))
+    assert (bank.frame(1).header.energy, bank.facts.pulse_energy_j) == (None, pytest.approx(2e-3))
+
+
+def test_pulse_energies_stay_with_their_measurement_where_the_angles_are_given_beside(tmp_path):
+    frames = np.stack([counts(seed) for seed in range(3)])
+    path = foreign(tmp_path / "a.hdf5", frames, pulse_energy=np.array([1e-3, 2e-3, 3e-3]))
+    changed(path, lambda file: file.__delitem__("meta_data/trus_angle_deg"))
+    bank = read_bank(path, layout=Layout(first_and_step_deg=(10.0, -1.0)))
+    assert bank.angles_deg == (8.0, 9.0, 10.0)
+    assert [bank.frame(index).header.energy for index in range(3)] == [1.5, 1.0, 0.5]
+
+
+def test_a_channel_of_nan_in_a_scan_with_angles_is_left_out_and_named(tmp_path):
+    frames = np.stack([counts(seed, (40, 50)) for seed in range(4)]).astype(float)
+    frames[1:3, 4] = np.nan
+    path = foreign(tmp_path / "a.hdf5", frames)
+    with pytest.warns(UserWarning, match="channel 5 holds NaN or infinity, and is left out"):
+        bank = read_bank(path)
+    expected = counts(0, (40, 50))
+    expected[4] = 0
+    np.testing.assert_array_equal(bank.frame(0).samples, expected)
+
+
+def test_a_channel_of_nan_and_others_are_left_out_as_asked(tmp_path):
+    frames = np.stack([counts(seed) for seed in range(4)]).astype(float)
+    frames[:, 2:4] = np.nan
+    path = foreign(tmp_path / "a.hdf5", frames)
+    with pytest.raises(RecordError, match="4 of 4 angles hold a number that is not finite"):
+        read_bank(path)
+    with pytest.warns(UserWarning, match="channel 3 is left out, as asked; channel 4 is left out, as asked"):
+        bank = read_bank(path, layout=Layout(without_channels=(3, 4)))
+    expected = counts(3)
+    expected[2:4] = 0
+    np.testing.assert_array_equal(bank.frame(3).samples, expected)
