@@ -319,11 +319,34 @@ class Inference:
                 self._grid.add(observation)
         return self._grid
 
+    def _irregular(
+        self, lit: Sequence[Sample], centre: Centre
+    ) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, " angles"]]:
+        """Angles of the centre and their probabilities, as wide as one way over a spot leaves them.
+
+        Its absorbers interfere at each angle in another way. That looks like an error of each pulse by itself, but
+        every further way over the spot repeats it.
+        """
+        ways = {
+            (each.sweep.number, each.sweep.speed_deg_s > 0)
+            for group in centre.strong
+            for each in group
+            if each.sweep is not None
+        }
+        if len(ways) < 2:
+            return centre.angles_deg, centre.probability
+        sigma_deg = mean_and_sigma(centre.angles_deg, centre.probability)[1]
+        strongest = max(lit, key=lambda sample: sample.reading.intensity).reading
+        width_m = radius_m(strongest.depth_m) * math.radians(centre.fwhm_deg)
+        spot = asymmetry_probability(mean_coherence(lit, sigma=self._scale.sigma), width_m=width_m)
+        further_deg = sigma_deg * math.sqrt(spot * (len(ways) - 1))
+        return blurred(centre.angles_deg, centre.probability, sigma_deg=further_deg)
+
     def _with_asymmetry(
         self, lit: Sequence[Sample], centre: Centre, log_arrival: LogDensity
     ) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, " angles"]]:
         """Angles of the marker and their probabilities (10), from those of the centre of its curve."""
-        angle_deg, probability = centre.angles_deg, centre.probability
+        angle_deg, probability = self._irregular(lit, centre)
         strongest = max(lit, key=lambda sample: sample.reading.intensity).reading
         coherence = mean_coherence(lit, sigma=self._scale.sigma)
         from_axis_m = radius_m(strongest.depth_m)
