@@ -9,11 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from markerseek.core import AcquisitionError, DeviceError, Found, StageReading
+from markerseek.core import AcquisitionError, DeviceError, Found, ReadingFrame, SearchPlan, StageReading
 from markerseek.emulators.faults import FAULTS
 from markerseek.emulators.sonixdaq import EmulatedSonixDaq
 from markerseek.guard import State
+from markerseek.scan import run
+from markerseek.search import build_sweeping
+from markerseek.sim import SimulatedReceiver, StageMotion
 from tests.sweep_on_a_bench import SETTINGS, Bench
+from tests.unit.scan.sweep_bench import SweepBench
 
 TRUTH_DEG = SETTINGS.marker.angle_deg or 0.0
 
@@ -137,3 +141,30 @@ def test_a_stage_that_is_read_late_or_jumps_shifts_no_answer_beyond_its_interval
     bench = Bench(tmp_path)
     break_it(bench, *amounts)
     covered_or_refused(bench)
+
+
+class Behind(SimulatedReceiver):
+    """A stream whose data are those of the frame before, under true headers."""
+
+    before: float | None = None
+
+    def _swept(self, now_s: float) -> list[ReadingFrame]:
+        behind = []
+        for frame in super()._swept(now_s):
+            assert isinstance(frame, ReadingFrame)
+            behind.append(replace(frame, intensity=1.01 * frame.intensity if self.before is None else self.before))
+            self.before = frame.intensity
+        return behind
+
+
+ONE_WAY = "where the delay is known, one way is swept, and a stream that is one frame behind is believed"
+
+
+@pytest.mark.parametrize("sigma_s", [None, pytest.param(1e-3, marks=pytest.mark.xfail(reason=ONE_WAY, strict=True))])
+def test_a_stream_that_is_one_frame_behind_is_refused(sigma_s: float | None) -> None:
+    motion = StageMotion(speed_deg_s=25.0, acceleration_deg_s2=25.0)
+    bench = SweepBench(motion=motion, light={"stamp_delay_sigma_s": sigma_s})
+    bench.receiver.__class__ = Behind
+    plan = SearchPlan(method="posterior", start_deg=-35.0, sweep_speed_deg_s=25.0)
+    with pytest.raises(AcquisitionError, match=r"the sweeps there and back differ as if the light came -5\d ± \d ms"):
+        list(run(build_sweeping(plan, limits=bench.rig.limits.search), bench.scanner))
