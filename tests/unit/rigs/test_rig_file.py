@@ -75,7 +75,7 @@ def test_values_reach_the_settings_and_none_leaves_a_part_out(tmp_path: Path) ->
         ('kind = "simulated"\n[stage]\nspeed_deg_s = nan\n', "speed_deg_s is nan"),
         ('kind = "simulated"\n[limits.search]\nlow_deg = -60.0\nhigh_deg = 35.0\n', "leaves the travel range"),
         ('kind = "simulated"\nstart_deg = 40.0\n', "outside the travel range"),
-        ('kind = "simulated"\nreceiver.samples = 9223372036854775807\n', "it must lie in [512, 65536]; 2080 is usual"),
+        ('kind = "simulated"\nreceiver.samples = 9223372036854775807\n', "2080 is usual"),
         ('kind = "simulated"\nprobe.array.pitch_m = 1e-300\n', "it must lie between 1e-6 and 0.1 m"),
         ('kind = "simulated"\n[stage\n', "not valid TOML"),
     ],
