@@ -6,6 +6,7 @@ import math
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -166,9 +167,16 @@ def test_the_checker_sees_each_broken_promise_and_nothing_in_a_healthy_run(
         assert seen(replace(healthy, **changes)) == {promise}
 
 
+def sound_sweeps() -> Iterator[campaign_runs.Plan]:
+    """Plans with sweeps and without a fault."""
+    for number in range(2000):
+        plan = campaign_runs.draw_plan(2, number)
+        if plan.method == campaign_runs.SWEEPS and not plan.faults:
+            yield replace(plan, dies_at=None)
+
+
 def test_sweeps_without_a_fault_end_with_an_answer_free_running_and_position_triggered(tmp_path: Path) -> None:
-    plans = [campaign_runs.draw_plan(2, number) for number in range(2000)]
-    sound = [plan for plan in plans if plan.method == campaign_runs.SWEEPS and not plan.faults and plan.dies_at is None]
+    sound = list(sound_sweeps())
     with HeldLines() as lines:
         campaign = campaign_runs.Campaign(tmp_path, lines)
         for triggered in (0, 1):
@@ -186,11 +194,9 @@ def test_sweeps_without_a_fault_end_with_an_answer_free_running_and_position_tri
 def test_a_host_that_dies_in_mid_sweep_leaves_the_probe_in_its_permit_and_the_checker_sees_where_not(
     tmp_path: Path,
 ) -> None:
-    plans = (campaign_runs.draw_plan(2, number) for number in range(2000))
-    dying = (plan for plan in plans if plan.dies_at is not None and not plan.faults)
     with HeldLines() as lines:
         campaign = campaign_runs.Campaign(tmp_path, lines)
-        traces = (campaign.perform(replace(plan, dies_at=20)) for plan in dying)
+        traces = (campaign.perform(replace(plan, dies_at=20)) for plan in sound_sweeps())
         trace = next(trace for trace in traces if trace.left_deg)
     assert seen(trace) == set()
     assert trace.left_deg[0] != trace.left_deg[-1] == trace.left_deg[-2]
@@ -205,8 +211,7 @@ def test_a_host_that_dies_in_mid_sweep_leaves_the_probe_in_its_permit_and_the_ch
 @pytest.mark.parametrize("name", ["edge lost", "edge doubled"])
 def test_a_trigger_of_the_stage_that_is_lost_or_doubled_is_reported(tmp_path: Path, name: str) -> None:
     fault = replace(FAULTS["laser", name].fault, from_step=1, to_step=None)
-    plans = (campaign_runs.draw_plan(2, number) for number in range(1, 2000, 2))
-    sound = (plan for plan in plans if plan.method == campaign_runs.SWEEPS and not plan.faults and plan.dies_at is None)
+    sound = (plan for plan in sound_sweeps() if plan.number % 2)
     with HeldLines() as lines:
         campaign = campaign_runs.Campaign(tmp_path, lines)
         traces = (campaign.perform(replace(plan, faults=(fault,))) for plan in sound)
@@ -218,10 +223,7 @@ def test_a_trigger_of_the_stage_that_is_lost_or_doubled_is_reported(tmp_path: Pa
 
 
 def test_the_checker_sees_light_that_no_sweep_permits(tmp_path: Path) -> None:
-    plans = (campaign_runs.draw_plan(2, number) for number in range(2000))
-    plan = next(
-        plan for plan in plans if plan.method == campaign_runs.SWEEPS and not plan.faults and plan.dies_at is None
-    )
+    plan = next(sound_sweeps())
     with HeldLines() as lines:
         trace = campaign_runs.Campaign(tmp_path, lines).perform(plan)
     assert seen(trace) == set()
