@@ -22,7 +22,7 @@ from tests.faults.campaign.checker import check  # type: ignore[import-not-found
 from tests.faults.campaign.chunks import frames, readings  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.held_lines import HeldLines  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.points import enumerate_points  # type: ignore[import-not-found, unused-ignore]
-from tests.faults.campaign.report import byte_keys, observable_keys, promises  # type: ignore[import-not-found, unused-ignore]
+from tests.faults.campaign.report import PROMISES, byte_keys, observable_keys, promises  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.tally import upper95  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.vocabulary import FAULTS  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.unchecked import unchecked  # type: ignore[import-not-found, unused-ignore]
@@ -66,7 +66,7 @@ def test_the_long_campaign_runs_on_two_processes_and_continues_where_it_stopped(
         for workers in ("2", "1")
     ]
     assert pages[0] == pages[1]
-    assert "| P1 | the probe never leaves its limits, in truth | 0 | 4 |" in pages[0]
+    assert f"| P1 | {PROMISES['P1']} | 0 | 4 |" in pages[0]
 
 
 @pytest.mark.long
@@ -168,7 +168,7 @@ def test_the_checker_sees_each_broken_promise_and_nothing_in_a_healthy_run(
 
 def test_sweeps_without_a_fault_end_with_an_answer_free_running_and_position_triggered(tmp_path: Path) -> None:
     plans = [campaign_runs.draw_plan(2, number) for number in range(2000)]
-    sound = [plan for plan in plans if plan.method == campaign_runs.SWEEPS and not plan.faults]
+    sound = [plan for plan in plans if plan.method == campaign_runs.SWEEPS and not plan.faults and plan.dies_at is None]
     with HeldLines() as lines:
         campaign = campaign_runs.Campaign(tmp_path, lines)
         for triggered in (0, 1):
@@ -183,11 +183,30 @@ def test_sweeps_without_a_fault_end_with_an_answer_free_running_and_position_tri
             assert set().union(*map(seen, traces)) == set()
 
 
+def test_a_host_that_dies_in_mid_sweep_leaves_the_probe_in_its_permit_and_the_checker_sees_where_not(
+    tmp_path: Path,
+) -> None:
+    plans = (campaign_runs.draw_plan(2, number) for number in range(2000))
+    dying = (plan for plan in plans if plan.dies_at is not None and not plan.faults)
+    with HeldLines() as lines:
+        campaign = campaign_runs.Campaign(tmp_path, lines)
+        traces = (campaign.perform(replace(plan, dies_at=20)) for plan in dying)
+        trace = next(trace for trace in traces if trace.left_deg)
+    assert seen(trace) == set()
+    assert trace.left_deg[0] != trace.left_deg[-1] == trace.left_deg[-2]
+    permit, began_s = trace.sweeps[-1]
+    late = [light for light in trace.world.lights if light.sweeping and light.at_s > began_s]
+    assert late
+    low_deg, *_, high_deg = sorted((permit.angle_deg, permit.to_deg, permit.end_deg))
+    for beyond_deg in (low_deg - 0.3, high_deg + 0.3):
+        assert seen(replace(trace, left_deg=(*trace.left_deg, beyond_deg))) == {"P1"}
+
+
 @pytest.mark.parametrize("name", ["edge lost", "edge doubled"])
 def test_a_trigger_of_the_stage_that_is_lost_or_doubled_is_reported(tmp_path: Path, name: str) -> None:
     fault = replace(FAULTS["laser", name].fault, from_step=1, to_step=None)
     plans = (campaign_runs.draw_plan(2, number) for number in range(1, 2000, 2))
-    sound = (plan for plan in plans if plan.method == campaign_runs.SWEEPS and not plan.faults)
+    sound = (plan for plan in plans if plan.method == campaign_runs.SWEEPS and not plan.faults and plan.dies_at is None)
     with HeldLines() as lines:
         campaign = campaign_runs.Campaign(tmp_path, lines)
         traces = (campaign.perform(replace(plan, faults=(fault,))) for plan in sound)
@@ -200,7 +219,9 @@ def test_a_trigger_of_the_stage_that_is_lost_or_doubled_is_reported(tmp_path: Pa
 
 def test_the_checker_sees_light_that_no_sweep_permits(tmp_path: Path) -> None:
     plans = (campaign_runs.draw_plan(2, number) for number in range(2000))
-    plan = next(plan for plan in plans if plan.method == campaign_runs.SWEEPS and not plan.faults)
+    plan = next(
+        plan for plan in plans if plan.method == campaign_runs.SWEEPS and not plan.faults and plan.dies_at is None
+    )
     with HeldLines() as lines:
         trace = campaign_runs.Campaign(tmp_path, lines).perform(plan)
     assert seen(trace) == set()

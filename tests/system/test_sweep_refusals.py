@@ -29,7 +29,7 @@ Shell = Callable[..., tuple[int, str, str]]
         (
             ("search", "--sweep"),
             '[laser]\nsweep_mode = "position-triggered"\n[limits.search]\nlow_deg = -0.2\nhigh_deg = 0.2\n',
-            "two triggers are 0.47 deg apart, which leaves none from -0.20 to 0.2 deg; widen the search range, or",
+            "two triggers are 0.55 deg apart, which leaves none from -0.20 to 0.2 deg; widen the search range, or",
         ),
     ],
 )

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 from markerseek.core import Failed, Finished, Found, Measured, ReadingFrame, Refused
 
+from .faulty import HostKilled
 from .runs import CAPS, Trace
 from .vocabulary import FAULTS
 from .world import Light, Received
@@ -49,7 +50,15 @@ def check(trace: Trace) -> Verdict:
     kinds = {(fault.device, fault.name): FAULTS[fault.device, fault.name] for fault in plan.faults}
     events = [entry.event for entry in trace.journal.entries]
     last = events[-1] if events else None
-    verdict.outcome = "fault" if trace.guard.fault else "ended" if isinstance(last, Failed) else "finished"
+    verdict.outcome = (
+        "killed"
+        if isinstance(trace.raised, HostKilled)
+        else "fault"
+        if trace.guard.fault
+        else "ended"
+        if isinstance(last, Failed)
+        else "finished"
+    )
     verdict.acted = bool(trace.acted)
     verdict.reported = any(isinstance(event, Refused | Failed) for event in events)
     _p1(trace, verdict, harmless=not any(each.harm == "angle" for each in kinds.values()))
@@ -59,7 +68,9 @@ def check(trace: Trace) -> Verdict:
         verdict.broken.append(("P7", "FAULT was left by something else than a person's reset"))
     if not trace.virtual_s <= CAPS.duration_s + 3 * CAPS.attempts * (SAMPLE_S + 3 * plan.readout_s):
         verdict.broken.append(("P8", f"the run took {trace.virtual_s:.0f} virtual seconds"))
-    if not events or not isinstance(last, Finished | Failed):
+    killed = isinstance(trace.raised, HostKilled)
+    _left_alone(trace, verdict, harmless=not any(each.harm == "angle" for each in kinds.values()))
+    if not killed and (not events or not isinstance(last, Finished | Failed)):
         verdict.broken.append(("P8", f"the journal ends with {last!r}"))
     if isinstance(last, Finished) and isinstance(last.estimate, Found):
         verdict.found = True
@@ -81,6 +92,19 @@ def _p1(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
     verdict.injected_deg = injected
     if not verdict.excess_deg <= (0.0 if harmless else injected + 1e-3):
         verdict.broken.append(("P1", f"the probe was between {lowest:.3f} and {highest:.3f} deg, travel {travel}"))
+
+
+def _left_alone(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
+    """P1 after the death of the host: the probe stays in the permit of its sweep."""
+    if not trace.left_deg:
+        return
+    permit = trace.guard._sweep
+    low_deg, *_, high_deg = sorted((permit.angle_deg, permit.to_deg, permit.end_deg))
+    room_deg = SETTLED_DEG + (0.0 if harmless else verdict.injected_deg)
+    lowest_deg, highest_deg = min(trace.left_deg), max(trace.left_deg)
+    if not low_deg - room_deg <= lowest_deg <= highest_deg <= high_deg + room_deg:
+        said = f"after the host's death the probe was between {lowest_deg:.2f} and {highest_deg:.2f} deg"
+        verdict.broken.append(("P1", f"{said}, outside {permit}"))
 
 
 def _p3(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
@@ -108,7 +132,7 @@ def _is_permitted(light: Light, trace: Trace, injected_deg: float) -> bool:
     permit = next((permit for permit, began_s in reversed(trace.sweeps) if began_s <= light.at_s), None)
     if permit is None or light.at_s > permit.expires_s:
         return False
-    low_deg, high_deg = sorted((permit.angle_deg, permit.to_deg))
+    low_deg, *_, high_deg = sorted((permit.angle_deg, permit.to_deg, permit.end_deg))
     # The guard sees its end with the next reading.
     room_deg = SETTLED_DEG + injected_deg + READ_WITHIN_S * permit.fastest_deg_s
     return low_deg - room_deg <= light.angle_deg <= high_deg + room_deg
@@ -133,7 +157,7 @@ def _p6(trace: Trace, verdict: Verdict, *, observable: bool) -> None:
         return
     silent = ("fires by itself",)
     seen = [fault for fault in trace.acted if fault.name not in silent]
-    if seen and not verdict.reported:
+    if seen and not verdict.reported and verdict.outcome != "killed":
         verdict.broken.append(("P6", f"not reported: {', '.join(f'{each.device} {each.name}' for each in seen)}"))
     faulty = _accepted_faulty(trace)
     if faulty and verdict.outcome == "finished":

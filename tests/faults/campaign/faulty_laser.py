@@ -80,6 +80,12 @@ class FaultyLaser(Faulty):
         garbage: list[Any] = [-1, 10**9, math.nan, None, pulses + 0.5]
         return garbage[int(self._rng.integers(len(garbage)))]  # type: ignore[no-any-return]
 
+    def lapse(self, until_s: float) -> None:
+        """Fire on without a host until a time, at which the lease has lapsed."""
+        if self._dark is None:
+            self._inner._fire_until(until_s)
+        self._inner.disarm()
+
     def disarm(self) -> None:
         self.due = None
         self.reach(silently=True)
@@ -92,6 +98,10 @@ class FaultyLaser(Faulty):
     @property
     def delay_sigma_s(self) -> float:
         return self._inner.delay_sigma_s
+
+    @property
+    def stamp_delay_s(self) -> float:
+        return self._inner.stamp_delay_s
 
     @property
     def position_triggered(self) -> bool:

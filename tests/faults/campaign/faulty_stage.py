@@ -151,6 +151,7 @@ class FaultyStage(Faulty):
                 self._inner._sweep_to_deg += self._forth * beyond.amount
 
     def read_sweep(self) -> StageReading:
+        self.host.read()
         self.reach()
         if self.has("silent") or ((lost := self.has("drop-outs", silently=True)) and self._lost(lost)):
             self._clock.wait(ANSWER_S)

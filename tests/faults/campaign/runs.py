@@ -51,6 +51,7 @@ from markerseek.sim import (
     VirtualClock,
 )
 
+from .faulty import Host, HostKilled
 from .faulty_laser import FaultyLaser
 from .faulty_receiver import FaultyReceiver
 from .faulty_stage import FaultyStage
@@ -60,6 +61,9 @@ from .world import WatchedWorld
 
 CELLS = 460_000
 CAPS = RunLimits(acquisitions=60, duration_s=3600.0)
+LEASE_S, ALONE = 0.3, 400
+"""Lease of the laser box, in seconds, and tenths of a second for which a rig is watched after the death of its host."""
+
 SWEEPS = "sweeps"
 """Method that asks for sweeps."""
 
@@ -89,6 +93,8 @@ class Plan:
     method: str
     acquisitions: int
     faults: tuple[Fault, ...]
+    dies_at: int | None = None
+    """Reading of a stage that sweeps at which the host dies; None: it does not."""
 
 
 def draw_plan(seed: int, number: int) -> Plan:
@@ -114,6 +120,7 @@ def draw_plan(seed: int, number: int) -> Plan:
             for each in FAULTS.values()
         ]
     )
+    dies = np.random.default_rng([seed, number, 3])
     chosen = rng.choice(len(FAULTS), size=how_many, replace=False, p=share / share.sum())
     return Plan(
         number=number,
@@ -129,6 +136,7 @@ def draw_plan(seed: int, number: int) -> Plan:
         method=name,
         acquisitions=acquisitions,
         faults=tuple(drawn(rng, list(FAULTS.values())[index], steps=steps) for index in chosen),
+        dies_at=int(dies.integers(1, 90)) if sweeps and dies.random() < 0.3 else None,
     )
 
 
@@ -148,6 +156,8 @@ class Trace:
     """Permit of each sweep, and when its light was permitted to begin."""
     virtual_s: float
     real_s: float
+    left_deg: tuple[float, ...] = ()
+    """Where the probe really was, and the stage's shaft, after the death of the host in mid-sweep."""
 
 
 class Campaign:
@@ -173,8 +183,9 @@ class Campaign:
                 for _ in journalled(policy, rig, journal, limits=CAPS):
                     left_fault = left_fault or (faulty and guard.state is not State.FAULT)
                     faulty = faulty or guard.state is State.FAULT
-            except (MarkerseekError, OSError) as error:
+            except (MarkerseekError, OSError, HostKilled) as error:
                 raised = error
+        left_deg = _left_alone(world, clock, devices[1]) if isinstance(raised, HostKilled) else ()
         left_fault = left_fault or (faulty and guard.state is not State.FAULT) or leaves_fault(guard)
         held = read_journal(path)
         path.unlink()
@@ -190,6 +201,7 @@ class Campaign:
             sweeps=tuple(devices[1].sweeps),
             virtual_s=clock.now_s(),
             real_s=time.perf_counter() - began_s,
+            left_deg=left_deg,
         )
 
     def _rig(
@@ -263,6 +275,7 @@ class Campaign:
             pulses=plan.pulses,
             watchdog=self._lines,
         )
+        stage.host = laser.host = receiver.host = Host(dies_at=plan.dies_at)
         rig = Rig(
             facts=RigFacts(
                 kind="simulated",
@@ -283,6 +296,17 @@ class Campaign:
 
 
 _DEVICES: tuple[Literal["stage", "laser", "receiver"], ...] = ("stage", "laser", "receiver")
+
+
+def _left_alone(world: WatchedWorld, clock: VirtualClock, laser: FaultyLaser) -> tuple[float, ...]:
+    """Where the probe is while stage and laser go on without a host, every tenth of a second."""
+    ends_s, left_deg = clock.now_s() + LEASE_S, []
+    for _ in range(ALONE):
+        clock.wait(0.1)
+        left_deg.append(world.true_at(clock.now_s()))
+        if clock.now_s() - 0.1 < ends_s <= clock.now_s():
+            laser.lapse(ends_s)
+    return tuple(left_deg)
 
 
 def leaves_fault(guard: Guard) -> bool:
@@ -331,7 +355,9 @@ def _policy(plan: Plan, rig: Rig) -> AnyPolicy:
     if plan.method in ("endless", "wild"):
         return Unruly(plan)
     if plan.method == SWEEPS:
-        return Sweeps(plan, fastest_deg_s=rig.scanner.sweeping.stage.fastest_sweep_deg_s)
+        devices = rig.scanner.sweeping
+        fastest_deg_s = devices.stage.fastest_sweep_deg_s
+        return Sweeps(plan, fastest_deg_s=fastest_deg_s, turns_back=devices.triggering is None)
     return build(
         SearchPlan(method=plan.method, acquisitions=plan.acquisitions, start_deg=plan.start_deg), limits=limits
     )
@@ -340,9 +366,9 @@ def _policy(plan: Plan, rig: Rig) -> AnyPolicy:
 class Sweeps:
     """A policy that asks for some sweeps and angles, and ends a sweep when it likes."""
 
-    def __init__(self, plan: Plan, *, fastest_deg_s: float) -> None:
+    def __init__(self, plan: Plan, *, fastest_deg_s: float, turns_back: bool) -> None:
         self._rng = np.random.default_rng([plan.seed, plan.number, 2])
-        self._limits, self._fastest_deg_s = plan.limits.search, fastest_deg_s
+        self._limits, self._fastest_deg_s, self._may_turn_back = plan.limits.search, fastest_deg_s, turns_back
         self._left = int(self._rng.integers(1, 5))
         self._ended = False
         self._next = self._drawn(plan.start_deg)
@@ -363,7 +389,7 @@ class Sweeps:
 
     def end_sweep(self) -> None:
         if not self._ended and isinstance(self._next, Sweep):
-            self._go_on(self._next.to_deg)
+            self._go_on(self._next.end_deg)
         self._ended = False
 
     def estimate(self) -> Estimate:
@@ -380,10 +406,17 @@ class Sweeps:
         to_deg = float(rng.uniform(low_deg, high_deg))
         if rng.random() < 0.25 or abs(to_deg - from_deg) < 5.0:
             return to_deg
-        spacing_deg = float(rng.choice((0.0, 0.1, 0.5)))
-        speed_deg_s = rng.uniform(0.3, 1.0) * self._fastest_deg_s
+        speed_deg_s = (1.0 if rng.random() < 0.5 else rng.uniform(0.3, 1.0)) * self._fastest_deg_s
         wait_deg = float(rng.uniform(low_deg, high_deg)) if rng.random() < 0.5 else None
-        return Sweep(to_deg=to_deg, speed_deg_s=speed_deg_s, spacing_deg=spacing_deg, wait_deg=wait_deg)
+        # Back at least as far as it needs to be lit on its way.
+        back_deg = to_deg + rng.uniform(0.1, 1.0) * (from_deg - to_deg)
+        turns_back = self._may_turn_back and rng.random() < 0.5
+        return Sweep(
+            to_deg=to_deg,
+            speed_deg_s=speed_deg_s,
+            back_deg=float(back_deg) if turns_back else None,
+            wait_deg=wait_deg,
+        )
 
 
 class Unruly:

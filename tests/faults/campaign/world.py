@@ -67,6 +67,10 @@ class WatchedWorld:
     def _true_deg(self, shaft_deg: float) -> float:
         return shaft_deg * self.scale + self.slip_deg
 
+    def true_at(self, at_s: float) -> float:
+        """Where the probe points at a time of a sweep."""
+        return self._true_deg(self.shaft_at(at_s))
+
     def settle(self) -> None:
         """Write down where the probe is now."""
         self.lowest_deg = min(self.lowest_deg, self.true_deg)

@@ -9,6 +9,7 @@ import pytest
 
 from markerseek.core import (
     PAPER_RANGE,
+    AcquisitionError,
     ConfigError,
     Found,
     Interval,
@@ -37,7 +38,8 @@ def curve_about(marker_deg: float, *, snr: float = 40.0, fwhm_deg: float = 4.0) 
 class Search:
     """A policy, and a rig without time: a sample each 0.6 degrees of a sweep, three pulses late when it is ended.
 
-    ``dark_deg``: how long before its end the light of a sweep goes out.
+    ``dark_deg``: how long before its end the light of a sweep goes out. ``delay_s``: time from a stamp to its light;
+    ``sigma_s``: standard deviation to which the rig knows it as 0.
     """
 
     def __init__(
@@ -49,14 +51,17 @@ class Search:
         others: float = 0.05,
         dark_deg: float = 0.0,
         from_end: bool = False,
+        delay_s: float = 0.0,
+        sigma_s: float = 5e-3,
     ) -> None:
-        self.dark_deg = dark_deg
+        self.dark_deg, self.delay_s, self.sigma_s = dark_deg, delay_s, sigma_s
         plan = SearchPlan(
             method="posterior",
             start_deg=start_deg,
             others=others,
             sweep_speed_deg_s=SPEED,
             sweep_from_end=from_end,
+            sweep_turns_back=from_end,
         )
         policy = build_sweeping(plan, limits=PAPER_RANGE)
         assert isinstance(policy, SweepPosterior)
@@ -71,26 +76,30 @@ class Search:
         sigma = 1.0 if timing is not None else 0.25
         energy = 1 + 0.1 * self.rng.standard_normal() * (1 if timing is not None else 0.25)
         noise = sigma * np.sqrt(2 * np.log(CELLS) + 2 * self.rng.standard_exponential())
-        height = energy * self.curve(angle_deg) + sigma * self.rng.standard_normal()
+        later_deg = 0.0 if timing is None else timing.speed_deg_s * self.delay_s
+        height = energy * self.curve(angle_deg + later_deg) + sigma * self.rng.standard_normal()
         reading = Reading(intensity=float(max(height, noise)), noise_sigma=sigma, cells=CELLS)
         return Sample(angle_deg=angle_deg, reading=reading, sweep=timing, angle_sigma_deg=0.02 * (timing is not None))
 
     def sweep(self, sweep: Sweep) -> None:
         if sweep.from_deg is not None:
             self.place_deg = sweep.from_deg
-        step_deg = 0.6 if sweep.to_deg > self.place_deg else -0.6
-        timing = SweepTiming(
-            number=len(self.sweeps) + 1, speed_deg_s=float(SPEED * np.sign(step_deg)), delay_sigma_s=0.005
-        )
-        last_deg = sweep.to_deg - np.sign(step_deg) * self.dark_deg
-        angles = np.arange(self.place_deg + step_deg / 2, last_deg, step_deg).tolist()
         began_deg, left = self.place_deg, 3
-        for angle_deg in angles:
-            self.policy.tell(self.sample(angle_deg, timing=timing))
-            self.place_deg = angle_deg
-            left -= self.policy.ask() != sweep
-            if left == 0:
+        for to_deg in (sweep.to_deg, sweep.back_deg):
+            if to_deg is None or left == 0:
                 break
+            sign = np.sign(to_deg - self.place_deg)
+            timing = SweepTiming(
+                number=len(self.sweeps) + 1, speed_deg_s=float(sweep.speed_deg_s * sign), delay_sigma_s=self.sigma_s
+            )
+            step_deg = sign * 0.6 * sweep.speed_deg_s / SPEED
+            angles = np.arange(self.place_deg + step_deg / 2, to_deg - sign * self.dark_deg, step_deg).tolist()
+            for angle_deg in angles:
+                self.policy.tell(self.sample(angle_deg, timing=timing))
+                self.place_deg = angle_deg
+                left -= self.policy.ask() != sweep
+                if left == 0:
+                    break
         self.policy.end_sweep()
         self.sweeps.append((began_deg, self.place_deg))
 
@@ -110,7 +119,7 @@ class Search:
 
 def test_it_sweeps_to_the_far_end_where_a_louder_source_may_be() -> None:
     search = Search(curve_about(-10.0))
-    assert search.policy.ask() == Sweep(to_deg=35.0, speed_deg_s=SPEED, spacing_deg=0.1)
+    assert search.policy.ask() == Sweep(to_deg=35.0, speed_deg_s=SPEED)
     search.run()
     assert [round(to_deg) for _, to_deg in search.sweeps] == [35]
     assert search.stops == []
@@ -153,13 +162,35 @@ def test_a_narrow_range_is_swept_whole() -> None:
 @pytest.mark.parametrize(
     ("start_deg", "from_deg", "to_deg"), [(-35.0, None, 35.0), (10.0, 35.0, -35.0), (-1.0, -35.0, 35.0)]
 )
-def test_from_an_end_it_sweeps_once(start_deg: float, from_deg: float | None, to_deg: float) -> None:
+def test_a_burst_goes_there_and_back_from_an_end(start_deg: float, from_deg: float | None, to_deg: float) -> None:
     search = Search(curve_about(-10.0), start_deg=start_deg, from_end=True)
     asked = search.policy.ask()
-    assert asked == Sweep(to_deg=to_deg, speed_deg_s=SPEED, spacing_deg=0.1, from_deg=from_deg, wait_deg=0.0)
+    assert asked == Sweep(to_deg=to_deg, speed_deg_s=SPEED, from_deg=from_deg, back_deg=-to_deg, wait_deg=0.0)
     search.run()
     assert len(search.sweeps) == 1
     assert isinstance(search.policy.estimate(), Found)
+
+
+@pytest.mark.parametrize(("from_end", "sigma_s"), [(True, 5e-3), (False, 30e-3)])
+@pytest.mark.parametrize("delay_s", [-8e-3, 8e-3])
+def test_a_delay_that_the_ways_there_and_back_show_is_taken_out(delay_s: float, from_end: bool, sigma_s: float) -> None:
+    off_deg = []
+    for seed in range(6):
+        search = Search(curve_about(-10.0), seed=seed, delay_s=delay_s, from_end=from_end, sigma_s=sigma_s)
+        search.run()
+        assert len(search.sweeps) == 1 + (not from_end)
+        answer = search.policy.estimate()
+        assert isinstance(answer, Found)
+        off_deg.append(answer.mean_deg + 10.0)
+    # 0.1 degrees if it were not.
+    assert abs(np.mean(off_deg)) < 0.05
+
+
+@pytest.mark.parametrize("delay_s", [48e-3, 96e-3, -48e-3])
+def test_frames_that_are_late_by_one_or_two_or_early_are_refused(delay_s: float) -> None:
+    search = Search(curve_about(-10.0), delay_s=delay_s, from_end=True)
+    with pytest.raises(AcquisitionError, match=r"differ as if the light came .* frames are late by one or more"):
+        search.run()
 
 
 def test_a_burst_back_begins_at_the_end_although_the_probe_waited_elsewhere() -> None:
@@ -169,12 +200,13 @@ def test_a_burst_back_begins_at_the_end_although_the_probe_waited_elsewhere() ->
     search.sweep(there)
     back = search.policy.ask()
     assert isinstance(back, Sweep)
-    assert back.from_deg == 35.0
-    # Past the marker, beside which the probe waits for the frames.
-    assert back.to_deg < -10.0
+    # Slower over both flanks, there and back; beside the marker the probe waits for the frames.
+    assert back.from_deg == back.back_deg == pytest.approx(-10.0 - 0.8 * 18.0, abs=7.0)
+    assert back.to_deg == pytest.approx(-10.0 + 0.8 * 18.0, abs=7.0)
+    assert back.speed_deg_s < SPEED
     assert back.wait_deg == pytest.approx(-10.0, abs=2.0)
     search.run()
-    assert len(search.sweeps) == 2
+    assert len(search.sweeps) in {2, 3}
 
 
 def test_a_sweep_is_over_however_long_before_its_end_the_light_goes_out() -> None:
@@ -183,12 +215,10 @@ def test_a_sweep_is_over_however_long_before_its_end_the_light_goes_out() -> Non
     assert [round(to_deg) for _, to_deg in search.sweeps] == pytest.approx([32, -32], abs=1)
 
 
-@pytest.mark.parametrize(("marker_deg", "stops"), [(34.2, [35.0]), (-34.4, [-35.0]), (29.0, [])])
-def test_an_end_is_measured_at_rest_where_a_flank_was_not_in_the_light(marker_deg: float, stops: list[float]) -> None:
+@pytest.mark.parametrize("marker_deg", [34.2, -34.4, 29.0])
+def test_an_answer_near_an_end_knows_its_error_though_one_flank_alone_was_in_the_light(marker_deg: float) -> None:
     search = Search(curve_about(marker_deg), dark_deg=1.8)
     search.run()
-    assert search.stops[:1] == stops
-    # An answer that knows its error, though one flank alone was swept.
     answer = search.policy.estimate()
     assert isinstance(answer, Found)
     assert abs(answer.mean_deg - marker_deg) < 3 * answer.sigma_deg
@@ -216,11 +246,12 @@ def test_what_single_pulses_do_not_show_the_mean_of_some_does() -> None:
 def test_where_the_centre_is_not_known_well_enough_it_sweeps_back_over_the_flanks() -> None:
     search = Search(curve_about(20.0, snr=10.0, fwhm_deg=18.0))
     search.run()
-    assert len(search.sweeps) == 2
-    began_deg, ended_deg = search.sweeps[1]
-    assert began_deg > 30
-    # Until the centre is known, and not to the end of the range.
-    assert 0.0 < ended_deg < 28.0
+    # Slower, and not over the whole range.
+    assert len(search.sweeps) == 3
+    assert all(abs(to_deg - from_deg) < 45.0 for from_deg, to_deg in search.sweeps[1:])
+    answer = search.policy.estimate()
+    assert isinstance(answer, Found)
+    assert abs(answer.mean_deg - 20.0) < 3 * answer.sigma_deg
 
 
 def test_where_another_source_may_hide_it_sweeps_back_over_the_whole_range() -> None:
