@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from markerseek.core import MoveError, NotConnectedError
 from markerseek.drivers import Kdc101Settings, Kdc101Stage, LaserBox
+from markerseek.drivers.daq_folder import DaqFolder
 from markerseek.emulators import DirectPort
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
@@ -94,3 +95,9 @@ def test_a_stage_too_far_from_home_for_any_target_to_be_encoded_is_refused(posit
     settings = Kdc101Settings(port="", zero_deg=-100.0 if position > 0 else 100.0)
     with pytest.raises(MoveError, match="more than a thousand turns"):
         Kdc101Stage(port=port, clock=clock, settings=settings)
+
+
+def test_other_files_and_a_link_that_leads_nowhere_are_no_channel_files(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").touch()
+    (tmp_path / "CH000.daq").symlink_to("nowhere")
+    assert DaqFolder(tmp_path).state() == {}

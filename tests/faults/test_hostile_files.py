@@ -231,6 +231,21 @@ def bomb_of_one_chunk(file, _path):
     )
 
 
+def bomb_without_chunks(file, _path):
+    del file["meta_data/intensity"]
+    file.create_dataset("meta_data/intensity", (10**12,), "f8", chunks=(1024,))
+
+
+def compound(file, _path):
+    del file["meta_data/trus_angle_deg"]
+    file["meta_data/trus_angle_deg"] = np.zeros(4, [("a", "f8"), ("b", "f8")])
+
+
+def group_instead(file, _path):
+    del file["meta_data/trus_angle_deg"]
+    file.create_group("meta_data/trus_angle_deg")
+
+
 def other_filter(file, _path):
     values = file["meta_data/trus_angle_deg"][()]
     del file["meta_data/trus_angle_deg"]
@@ -245,6 +260,9 @@ def other_filter(file, _path):
         virtual,
         bomb_of_angles,
         bomb_of_one_chunk,
+        bomb_without_chunks,
+        compound,
+        group_instead,
         other_filter,
     ],
 )

@@ -9,7 +9,6 @@ from typing import TypeGuard, TypeVar
 from markerseek.core import Clock, DeviceTimeoutError, LaserError, NotConnectedError
 from markerseek.drivers._laserbox_sweep import BoxSweep
 from markerseek.drivers._unread import Unread
-from markerseek.drivers.clock import polls
 from markerseek.wire import Port
 from markerseek.wire import laserbox as wire
 
@@ -103,16 +102,18 @@ class BoxLine:
 
     def next(self, *, within_s: float, after: str) -> wire.Reply:
         """Next reply; the lease is renewed meanwhile. Raises `DeviceTimeoutError` if none comes in time."""
-        for _ in polls(self._clock, within_s=within_s, every_s=POLL_S):
-            if not self._replies:
-                self._receive()
-            if self._replies:
-                return wire.decode_reply(self._replies.pop(0))
+        ends_s = self._clock.now_s() + within_s
+        while not self._replies:
+            if not self._clock.now_s() <= ends_s:
+                raise DeviceTimeoutError(
+                    f"laser box: no answer to {after} in time: "
+                    + self._unread.said(cure="check its cable and its power, and that laser.port is its port")
+                )
             self.beat()
-        raise DeviceTimeoutError(
-            f"laser box: no answer to {after} in time: "
-            + self._unread.said(cure="check its cable and its power, and that laser.port is its port")
-        )
+            # Before each look: time passes however fast a box sends.
+            self._clock.wait(POLL_S)
+            self._receive()
+        return wire.decode_reply(self._replies.pop(0))
 
     def drop_replies(self) -> None:
         """Drop all that has come so far."""

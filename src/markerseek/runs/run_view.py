@@ -291,13 +291,8 @@ def _after(view: RunView, event: JournalEvent, clock_s: float) -> RunView:
         case Refused(angle_deg=angle_deg, reason=reason):
             line = f"refused at {angle_deg:.3f}°: {reason}"
             return replace(view, phase="refused", refused=view.refused + 1, line=line)
-        case Finished(estimate=estimate):
-            # The paper's form of a method always answers, and claims nothing.
-            claims = not view.plan.as_published
-            belief = event.belief or AngleBelief(estimate=estimate, claims=claims)
-            name = answer_name(estimate) if claims else "angle, not claimed"
-            line = ": ".join(filter(None, (name, angle_text(belief))))
-            return replace(view, phase="finished", finished=event, belief=belief, known_s=event.known_s, line=line)
+        case Finished():
+            return _finished(view, event)
         case Failed(error=error):
             line = f"fault: {error}; {FAULT_END}"
             return replace(view, phase="fault", finished=None, line=line, problem=with_minus(str(error)))
@@ -347,6 +342,17 @@ def _measured(view: RunView, event: Measured) -> RunView:
     known = [each for each in (view.snr_db, _snr_db(sample)) if each is not None]
     moved = _moved(view, sample.angle_deg)
     return replace(moved, phase=phase, points=(*view.points, point), snr_db=max(known, default=None), line=line)
+
+
+def _finished(view: RunView, event: Finished) -> RunView:
+    # The paper's form of a method always answers, and claims nothing.
+    claims = not view.plan.as_published
+    belief = event.belief or AngleBelief(estimate=event.estimate, claims=claims)
+    name = answer_name(event.estimate) if claims else "angle, not claimed"
+    line = ": ".join(filter(None, (name, angle_text(belief))))
+    if event.searched is not None:
+        line += f", from all angles; the search alone: {answer_name(event.searched.estimate)}"
+    return replace(view, phase="finished", finished=event, belief=belief, known_s=event.known_s, line=line)
 
 
 def _moved(view: RunView, angle_deg: float) -> RunView:

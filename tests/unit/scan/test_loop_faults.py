@@ -161,3 +161,33 @@ def test_a_device_that_does_not_stop_is_a_fault(verb: str) -> None:
     with pytest.raises(OSError, match="jammed"):
         made.stop()
     assert made.guard.state is State.FAULT
+
+
+def test_a_receiver_that_takes_longer_than_the_permit_lives_is_not_fired_for() -> None:
+    class Slow(Bench):
+        def arm(self, permit: Permit) -> None:
+            self.time_s += 31.0
+
+    bench = Slow()
+    drain(run(Tour(0.0), scanner(bench)), LaserError)
+    assert not [entry for entry in bench.log if entry.startswith("fire")]
+
+
+@pytest.mark.parametrize(
+    ("late_s", "moved_deg", "reason"),
+    [(6.0, 0.0, "the limit of age is 5.0 s"), (0.0, 0.06, "the probe moved by 0.06")],
+)
+def test_a_frame_that_is_old_or_of_a_probe_that_moved_never_reaches_the_policy(
+    late_s: float, moved_deg: float, reason: str
+) -> None:
+    class Late(Bench):
+        def acquire(self, permit: Permit) -> Frame:
+            frame = super().acquire(permit)
+            self.time_s += late_s
+            self.angle_deg += moved_deg
+            return frame
+
+    policy = Tour(0.0)
+    events = drain(run(policy, scanner(Late())), AcquisitionError)
+    assert reason in [event.reason for event in events if isinstance(event, Refused)][-1]
+    assert policy.samples == []
