@@ -154,6 +154,18 @@ def test_a_fast_laser_whose_stamps_jitter_is_no_fault_and_says_how_far_it_is_off
     assert np.std(off) == pytest.approx(jitter_s / 1.5e-3, rel=0.3)
 
 
+def test_some_pulses_give_no_light_and_a_backlash_that_is_not_what_the_rig_states_stays_in_the_angles() -> None:
+    motion = replace(FAST, backlash_deg=0.2, stated_backlash_deg=0.05)
+    bench = SweepBench(start_deg=35.0, rate_hz=100.0, motion=motion, light={"without_light": 0.1})
+    samples = samples_of(bench, Sweep(to_deg=-35.0, speed_deg_s=10.0))
+    flashes = bench.flashes()
+    # Four standard deviations of a binomial count.
+    dark = sum(flash.energy == 0 for flash in flashes)
+    assert abs(dark - 0.1 * len(flashes)) < 4 * math.sqrt(0.09 * len(flashes))
+    off = [sample.angle_deg - (flash.angle_deg or 0.0) for sample, flash in zip(samples, flashes, strict=True)]
+    assert np.median(off) == pytest.approx(0.05 - 0.2, abs=0.02)
+
+
 @pytest.mark.parametrize("kind", [Hasty, Pausing])
 @pytest.mark.parametrize("rate_hz", [20.0, 100.0])
 def test_a_laser_that_fires_faster_than_permitted_is_a_fault(rate_hz: float, kind: type[SimulatedLaser]) -> None:

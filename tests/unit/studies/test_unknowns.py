@@ -205,3 +205,20 @@ def test_without_a_marker_there_is_no_truth() -> None:
     row = run_row(dataclasses.replace(DRAWN, rig=nothing, marks=()), 2)
     assert (row.truth_deg, row.error_deg) == (None, None)
     assert row.answer == "not found"
+
+
+def test_the_timing_is_drawn_beside_everything_else_and_the_rig_knows_nothing_of_it() -> None:
+    settings = SimulatedSettings()
+    drawn = [unknowns.with_timing(settings, np.random.default_rng(seed)) for seed in range(200)]
+    for name, (low, high) in (
+        ("stamp_delay_s", unknowns.STAMP_DELAY_S),
+        ("stamp_jitter_s", unknowns.STAMP_JITTER_S),
+        ("energy_drift_per_min", unknowns.DRIFT_PER_MIN),
+    ):
+        values = [getattr(each.laser, name) for each in drawn]
+        assert low <= min(values) < low + 0.1 * (high - low)
+        assert high - 0.1 * (high - low) < max(values) <= high
+    backlash_deg = [each.stage.backlash_deg for each in drawn]
+    assert 0.05 <= min(backlash_deg) < 0.07 < 0.18 < max(backlash_deg) <= 0.2
+    assert {each.stage.stated_backlash_deg for each in drawn} == {settings.stage.backlash_deg}
+    assert {(each.laser.without_light, each.laser.stamp_delay_sigma_s) for each in drawn} == {(0.01, None)}
