@@ -28,7 +28,7 @@ from tests.sweep_on_a_bench import SETTINGS, Bench, sweeping
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("readout_s", "waits_deg"), [(0.3, 35.0), (6.0, 0.0)])
+@pytest.mark.parametrize(("readout_s", "waits_deg"), [(0.3, -35.0), (6.0, 0.0)])
 def test_a_search_over_the_bytes_answers_as_the_simulated_rig_does(
     tmp_path: Path, readout_s: float, waits_deg: float
 ) -> None:
@@ -45,10 +45,14 @@ def test_a_search_over_the_bytes_answers_as_the_simulated_rig_does(
     samples = [event.sample for event in events if isinstance(event, Measured) and event.sample.sweep is not None]
     truth_deg = [flash.angle_deg for flash in bench.emulated.world.flashes if flash.angle_deg is not None]
     assert len(samples) == swept.pulses == len(truth_deg) > 100
-    # Each sample is at the angle where its pulse was fired: a millisecond at 12.5 deg/s, and the encoder's count.
+    # Each sample is at the angle where its pulse was fired: a millisecond at 20 deg/s, and the encoder's count. Where
+    # it turns back, the backlash is not taken up yet.
     off_deg = [sample.angle_deg - (true or 0.0) for sample, true in zip(samples, truth_deg, strict=True)]
-    assert max(map(abs, off_deg)) < 0.03
-    assert all(is_finite(sample.angle_sigma_deg) and sample.angle_sigma_deg < 0.03 for sample in samples)
+    assert max(map(abs, off_deg)) < 0.11
+    settled_deg = [off for off, sample in zip(off_deg, samples, strict=True) if abs(sample.angle_deg) < 30.0]
+    assert len(settled_deg) > 100
+    assert max(map(abs, settled_deg)) < 0.03
+    assert all(is_finite(sample.angle_sigma_deg) and sample.angle_sigma_deg < 0.05 for sample in samples)
     assert swept.angle_deg == pytest.approx(waits_deg, abs=0.02)
     assert bench.speed_deg_s == pytest.approx(20.0, rel=1e-4)
 
