@@ -15,7 +15,6 @@ from rich.table import Table
 from rich.text import Text
 
 from markerseek import rigs, runs, signals
-from markerseek.cli.delay import measure_delay
 from markerseek.cli.direction import steadiness
 from markerseek.cli.options import Arm, AsJson, ProbeName, RigFile, Trust
 from markerseek.cli.report import Output, Report, table, with_version
@@ -84,6 +83,8 @@ def command(
     if delay == (bank is not None):
         raise ConfigError("name a scan of a point source, or measure the delay of a rig with --delay, and not both")
     if bank is None:
+        from markerseek.cli.delay import measure_delay
+
         measure_delay(rig, arm=arm, trust=trust, as_json=as_json)
         return
     if rig is not None or arm or trust:

@@ -29,6 +29,10 @@ NOISE_SHARE = 0.01
 UNEXPLAINED_SIGMAS = 3.0
 """Standard deviations of what is known of the delay by which the two ways may differ."""
 
+DOUBTFUL_SIGMAS = 2.0
+"""Standard deviations of what is known of the delay from which a burst is swept again: a trigger that is lost before
+one way and doubled before the other looks like a delay of half a period, but not in the next burst."""
+
 LEAST_FLANK = 0.5
 """Distance from the centre up to which both flanks must be swept, over the full width at half maximum."""
 
@@ -102,6 +106,15 @@ class Delay:
     def unexplained(self) -> bool:
         """Whether no delay that the rig may have makes such a difference."""
         return abs(self.measured_s) > UNEXPLAINED_SIGMAS * math.hypot(self.prior_s, self.sigma_s)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether it is a delay that few rigs have."""
+        return abs(self.measured_s) > DOUBTFUL_SIGMAS * self.prior_s
+
+    def differs_from(self, other: Delay) -> bool:
+        """Whether two bursts of one rig show different delays."""
+        return abs(self.measured_s - other.measured_s) > UNEXPLAINED_SIGMAS * math.hypot(self.sigma_s, other.sigma_s)
 
 
 Centre = tuple[float, float, float]

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 from markerseek.core import AcquisitionError, Estimate, Found, Interval, Sample, Sweep, Unsure
 from markerseek.search.policy import check_sample
@@ -222,7 +223,8 @@ class SweepPosterior:
             self._back = MOST_BACK
             return [self._over(self._limits.low_deg, self._limits.high_deg, ended, speed_deg_s=self._speed_deg_s)]
         slower = (progress.sigma_deg / progress.target_deg) ** 2 - 1
-        if slower <= 0 and not self._delay_counts(progress, delay):
+        again = self._in_bursts and delay is not None and delay.doubtful and self._back == 0
+        if slower <= 0 and not (again or self._delay_counts(progress, delay)):
             return []
         if progress.sigma_deg > WORTH * self._sigma_deg:
             return []
@@ -256,8 +258,23 @@ class SweepPosterior:
                 "frames are late by one or more, the stage answers late, or laser.stamp_delay_s is wrong; check the "
                 "trigger's cable, and measure the delay: markerseek calibrate --delay"
             )
+        if self._in_bursts:
+            self._require_one_delay()
         self._posterior.take_out_delay(delay.mean_s)
         return delay
+
+    def _require_one_delay(self) -> None:
+        """Refuse bursts that show different delays: in one of them the frames are not of the pulses in their order."""
+        lit = self._posterior.lit
+        numbers = sorted({sample.sweep.number for sample in lit if sample.sweep is not None})
+        bursts = [[each for each in lit if each.sweep is not None and each.sweep.number == one] for one in numbers]
+        delays = [delay for burst in bursts if (delay := delay_of(burst, self._centre_of)) is not None]
+        for one, other in pairwise(delays):
+            if one.differs_from(other):
+                raise AcquisitionError(
+                    f"the light came {1e3 * one.measured_s:.0f} ms after its stamps in one burst and "
+                    f"{1e3 * other.measured_s:.0f} ms in the next: a trigger was lost or doubled; check its cable"
+                )
 
     def _centre_of(self, samples: Sequence[Sample]) -> Centre | None:
         """The centre of the curve of some samples by themselves."""
