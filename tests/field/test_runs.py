@@ -7,6 +7,7 @@ import importlib
 import json
 import os
 import pwd
+import queue
 import select
 import signal
 import socket
@@ -14,16 +15,17 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
-from markerseek.bridges import AskedSearch, Searches, SearchOptions
+from markerseek.bridges import AskedSearch, Outcome, Searches, SearchOptions
 from markerseek.bridges.page.server import Address
 from markerseek.cli import doctor
 from markerseek.core import ConfigError, MissingExtraError, RecordError, needs_package
 from markerseek.records.image_files import read_png
-from markerseek.records.journal import Entry, Interrupted, read_journal
+from markerseek.records.journal import Entry, Interrupted, JournalItem, read_journal
 from tests.emulated import markerseek
 
 Shell = Callable[..., tuple[int, str, str]]
@@ -229,9 +231,12 @@ def test_b5_exposure_without_a_record_is_refused_with_the_cure(shell: Shell, tmp
 @pytest.mark.usefixtures("nobody")
 def test_b5_a_search_that_a_client_asks_for_runs_without_a_home() -> None:
     asked = AskedSearch().changed(method="ternary", acquisitions=4, as_published=True)
-    with Searches(SearchOptions()).start(asked) as child:
-        items = list(child.items())
-        assert child.outcome().answered
+    items: list[JournalItem] = []
+    ends: queue.Queue[Outcome] = queue.Queue()
+    searches = Searches(SearchOptions(), on_start=lambda _: None, on_item=items.append, on_end=ends.put)
+    with closing(searches):
+        searches.start(asked)
+        assert ends.get(timeout=60).answered
     assert any(isinstance(each, Entry) for each in items)
 
 

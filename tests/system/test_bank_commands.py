@@ -304,10 +304,10 @@ WRONG = [
     (("bank", "export", "good.csv", "b.igs.mha"), "intensities and no frames"),
     (("bank", "export", "good.csv", "b.csv", "--face-radius-mm", -1), "--face-radius-mm is -1"),
     (("frame", "a.b8", "--number", 3), "there is no frame 3, it holds 2"),
-    (("frame", "a.b8", "--probe", "L3-8"), "--probe is for channel data"),
+    (("frame", "a.b8", "--probe", "L3-8"), "--probe: a.b8 holds no channel data; leave it out"),
     (("frame", "a.b32"), "a.b32: it is a .b32 (type 8), which is not read; export .b8"),
     (("frame", "good.csv"), "a scan of many angles, not one frame"),
-    (("frame", "frames.npy", "--number", 2), "only scans (HDF5) and Ultrasonix files"),
+    (("frame", "frames.npy", "--number", 2), "--number: frames.npy holds one frame; leave it out"),
     (("replay", "good.csv", "--probe", "X1"), "probe 'X1' is not known"),
 ]
 

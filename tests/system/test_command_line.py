@@ -187,7 +187,6 @@ def test_a_frame_reports_its_source_as_text_and_as_json(shell: Shell, scan_folde
         (("search", "--method", "ternery"), "did you mean ternary"),
         (("search", "--tissue", "beef"), "the simulated ones are"),
         (("ros2", "sim", "--write-rig", "/none/a.toml"), "/none/a.toml: the rig file cannot be written: No such file"),
-        (("ros2", "sim", "--plain-command", "/a", "--plain-reached", "/b", "--plain-unit", "grad"), "'rad', 'deg'"),
         (("search", "--colour", "red"), "no such option: --colour"),
         (("search", "--tolerance-mm", 0), "tolerance is 0.0 mm, it must be a positive number"),
         (("replay", EXAMPLES / "simulated_scan.csv", "--tolerance-deg", -1), "tolerance is -1.0 deg"),

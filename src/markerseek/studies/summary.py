@@ -80,6 +80,8 @@ class PolicySummary(msgspec.Struct, frozen=True, kw_only=True):
     acquisitions: Mean
     travel_deg: Mean
     elapsed_s: Mean
+    known_s: Mean
+    """Time to the answer of the searches that found."""
     refused: int
     """Frames that were refused."""
     two_sources: TwoSources | None = None
@@ -191,6 +193,7 @@ def _summary(cell: Cell, number: int, policy: StudyPolicy, rows: Sequence[Row], 
         acquisitions=Mean.of(_known(row.acquisitions for row in rows)),
         travel_deg=Mean.of(_known(row.travel_deg for row in rows)),
         elapsed_s=Mean.of(_known(row.elapsed_s for row in rows)),
+        known_s=Mean.of(_known(row.known_s for row in rows)),
         refused=sum(row.refused for row in rows),
         two_sources=_two_sources([row for row in marked if row.second_deg is not None]),
     )

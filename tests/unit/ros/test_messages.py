@@ -148,7 +148,7 @@ def test_a_rig_file_names_nodes_without_port_and_zero(tmp_path: Path) -> None:
         ('[stage]\ndriver = "ros2"', '[stage]\ndriver = "ros2"\nunit = "deg"', "a joint_state is in radians"),
         ('[stage]\ndriver = "ros2"', '[stage]\ndriver = "ros2"\nmessage = "float64"', "add state_topic = 'none'"),
         ('[stage]\ndriver = "ros2"', '[stage]\ndriver = "ros2"\ntimeout_s = 0', "timeout_s is 0"),
-        ('[stage]\ndriver = "ros2"', "[stage]", "the key stage.port is missing"),
+        ('[stage]\ndriver = "ros2"', "[stage]", "the key stage.zero_deg is missing"),
     ],
 )
 def test_a_rig_file_that_cannot_be_met_is_refused(tmp_path: Path, found: str, wanted: str, said: str) -> None:

@@ -121,7 +121,7 @@ POLICY = '[[policies]]\nmethod = "ternary"\n'
         (POLICY + "[vary]\nrig.noise.peak_snr_db = 30\n", "a list of values is needed"),
         (POLICY + "[vary]\nrig.noise.peak_snr_db = []\n", "has no values"),
         (POLICY + "[vary]\nrig.noise.peak_snr_db = [30, 30.0]\n", "names a value twice"),
-        (POLICY + "[vary]\nrig.noise.peak_snr_db = [300]\n", "must lie between -20 and 100 dB"),
+        (POLICY + "[vary]\nrig.noise.peak_snr_db = [300]\n", "must lie in \\[-20, 100\\] dB"),
         (POLICY + "[vary]\nrig.tissue.x = [1]\n", "tissue has no settings of its own"),
         (POLICY + "[rig.noise.bursts]\nframe_probability = 0.1\n", 'set level = "frames"'),
         ('level = "frames"\n' + POLICY + "[vary]\ncurve.power = [1.0]\n", "have no effect at the level frames"),

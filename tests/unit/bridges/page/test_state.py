@@ -226,7 +226,7 @@ def test_models_hold_what_a_snapshot_holds():
     lit, unlit = (dict(numbers_of(snapshot, name="ternary", pulse_j=pulse_j)) for pulse_j in (1e-3, None))
     assert lit["light"] == f"{snapshot.pulses:.3g} mJ"
     assert "light" not in unlit
-    assert unlit["time"].endswith(" s, on the simulated clock")
+    assert unlit["time"].endswith(" s with the probe at the marker, on the simulated clock")
     assert unlit["detection threshold"].endswith(f" {snapshot.unit}")
 
 
