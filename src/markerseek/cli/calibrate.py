@@ -83,6 +83,8 @@ def command(
     if delay == (bank is not None):
         raise ConfigError("name a scan of a point source, or measure the delay of a rig with --delay, and not both")
     if bank is None:
+        if (probe, source_deg, zero_deg, direction, pickup_us) != (None, 0.0, 0.0, "forward", None):
+            raise ConfigError("--delay takes --rig, --arm, --trust and --json; leave the options of a scan out")
         from markerseek.cli.delay import measure_delay
 
         measure_delay(rig, arm=arm, trust=trust, as_json=as_json)

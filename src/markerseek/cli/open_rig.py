@@ -116,8 +116,8 @@ def open_rig(
     yield rigs.simulated(seed=seed, settings=settings, pace=options.pace), settings.start_deg
 
 
-def announce_sweeps(rig: rigs.Rig, policy: AnyPolicy, *, start_deg: float) -> None:
-    """Print how a rig will sweep, and for how long, run-up included."""
+def announce_sweeps(rig: rigs.Rig, policy: AnyPolicy, *, start_deg: float, stay: bool) -> None:
+    """Print how a rig will sweep, and for how long, run-up included; ``stay``: whether the probe then stays there."""
     from markerseek.search.posterior import SweepPosterior
 
     assert isinstance(policy, SweepPosterior)  # noqa: S101  that of a plan with sweeps
@@ -127,7 +127,7 @@ def announce_sweeps(rig: rigs.Rig, policy: AnyPolicy, *, start_deg: float) -> No
     places_deg = [first_deg, *(sweep.to_deg for sweep in sweeps)]
     durations_s = [devices.duration_s(sweep, from_deg=at) for sweep, at in zip(sweeps, places_deg, strict=False)]
     turns = "" if begin_deg is None else f"turns to {begin_deg:g} deg without light, then "
-    way = " and ".join(f"{sweep.to_deg:g} deg" for sweep in sweeps)
+    way = " and ".join(f"{sweep.to_deg:g} deg{'' if sweep.back_deg is None else ' and back'}" for sweep in sweeps)
     readout_s = devices.receiver.sweep_readout_s
     triggered = " that the stage triggers" if devices.triggering is not None else ""
     read = f", and at most {readout_s:.3g} s after each to read its frames" if readout_s > 0 else ""
@@ -137,7 +137,7 @@ def announce_sweeps(rig: rigs.Rig, policy: AnyPolicy, *, start_deg: float) -> No
     stderr.print(
         f"[dim]{turns}sweeps from {first_deg:g} deg to {way} at {sweeps[0].speed_deg_s:.1f} deg/s, at most "
         f"{1 / devices.least_period_s:.3g} frames a second{triggered}: {sum(durations_s):.1f} s at most with run-up "
-        f"and braking{read}, then back to the marker[/]"
+        f"and braking{read}{'' if stay else ', then back to the marker'}[/]"
     )
 
 

@@ -52,9 +52,11 @@ class SceneOptions:
     def scene(self) -> runs.SimulatedScene:
         """The scene."""
         from markerseek.rigs import read_simulated
-        from markerseek.sim import with_options
+        from markerseek.sim import STREAMING, with_options
 
         settings = read_simulated(self.rig, cure="register --journal takes the searches of a rig of devices")
+        if self.sweep and self.rig is None:
+            settings = STREAMING
         return runs.SimulatedScene(
             markers=self.markers,
             rig=with_options(settings, SimulationOptions(readout_s=self.readout_s)),

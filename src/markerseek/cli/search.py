@@ -97,7 +97,7 @@ def command(
     with open_rig(rig, simulation, sweeps=plan.sweep, trust=trust) as (assembled, start_deg):
         session = runs.new_session(assembled, runs.plan_on(assembled, plan))
         if plan.sweep:
-            announce_sweeps(assembled, session.policy, start_deg=start_deg)
+            announce_sweeps(assembled, session.policy, start_deg=start_deg, stay=session.configuration.plan.stay)
         announce_compilation()
         arm_rig(assembled, file=rig, arm=arm, what="search", as_json=as_json, asked_by=asked_by)
         session = run_new_session(

@@ -9,7 +9,9 @@ from markerseek.core.checks import is_finite, require_range
 from markerseek.core.errors import ConfigError
 
 SWEEP_READING_S = 0.15
-"""Most time from one reading of a stage that sweeps to the next in seconds; the stage gets a new target as often."""
+"""Most time from one reading of a stage that sweeps to the next, in seconds."""
+
+_TURN_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +69,8 @@ class SweepPermit(Permit):
     back_deg
         Angle at which it ends after it has turned back at ``to_deg``; None: it does not turn back.
     slowest_deg_s, fastest_deg_s
-        Speeds between which the probe may be lit, in degrees per second, in either direction.
+        Speeds between which the probe may be lit, in degrees per second, in either direction; where it turns back it
+        may be slower, and at rest, for `turn_s`.
     period_s
         Least time between two pulses, in seconds.
 
@@ -107,6 +110,11 @@ class SweepPermit(Permit):
     def end_deg(self) -> float:
         """Angle at which the light ends, in degrees."""
         return self.to_deg if self.back_deg is None else self.back_deg
+
+    @property
+    def turn_s(self) -> float:
+        """Longest time for which the probe may be lit where it turns back, in seconds."""
+        return _TURN_S
 
     def turns_at(self, angle_deg: float, *, within_deg: float) -> bool:
         """Whether it may turn back at an angle, in degrees."""

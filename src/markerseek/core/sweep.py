@@ -56,7 +56,8 @@ class SweepTiming:
     """What a sample of a sweep shares with the other samples of its sweep.
 
     Its true angle is ``angle_deg + speed_deg_s * delay + play + e``. The delay is the same in all samples of all sweeps
-    of a run, the play is the same in all samples of one sweep, and e differs from sample to sample.
+    of a run, the play in all samples of one sweep that turn away from the side of approach, and e differs from sample
+    to sample.
 
     Attributes
     ----------
@@ -68,8 +69,8 @@ class SweepTiming:
         Standard deviation of the unknown delay between pulse and angle, in seconds; small where the stage triggers the
         laser by its position: only that of the light after its trigger.
     play_sigma_deg
-        Standard deviation of the unknown play between encoder and probe, in degrees; 0 where the stage turns in the
-        direction in which it approaches the angle of a single acquisition.
+        Standard deviation of what is not known of the backlash between encoder and probe, in degrees; 0 where the stage
+        turns in the direction in which it approaches the angle of a single acquisition.
 
     Raises
     ------

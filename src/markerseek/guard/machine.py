@@ -54,7 +54,7 @@ class Guard:
         self._permits = Permits(firing)
         self._state = State.DISARMED
         self._fault: str | None = None
-        self._issued_s, self._read, self._back = math.nan, (math.nan, math.nan), False
+        self._issued_s, self._turned_s, self._read = math.nan, math.nan, (math.nan, math.nan)
         self._previous: Frame | None = None
         self._usual_sigma: dict[int, float | None] = {}
 
@@ -156,7 +156,7 @@ class Guard:
         self._require_at(permit.angle_deg, angle_deg, "the permit holds at", "nothing was fired; check what moved it")
         self._state, self._firing = State.FIRING, permit.pulses
         if isinstance(permit, SweepPermit):
-            self._state, self._sweep, self._read, self._back = State.SWEEPING, permit, (angle_deg, now_s), False
+            self._state, self._sweep, self._read, self._turned_s = State.SWEEPING, permit, (angle_deg, now_s), math.inf
 
     def read_sweep(self, angle_deg: float, *, now_s: float) -> bool:
         """Whether the probe may be lit at this readback of a sweep: not while it is slower than permitted.
@@ -166,8 +166,10 @@ class Guard:
         """
         self._require("sweep", State.SWEEPING)
         sweep, angle_deg, (before_deg, before_s) = self._sweep, self.readback(angle_deg), self._read
-        self._back |= (turning := sweep.turns_at(before_deg, within_deg=self._arrival_deg))
-        (turned_deg, beyond_deg), elapsed_s = sweep.turned(before_deg, angle_deg, back=self._back), now_s - before_s
+        if turning := sweep.turns_at(before_deg, within_deg=self._arrival_deg):
+            self._turned_s = min(self._turned_s, before_s)
+        turned_deg, beyond_deg = sweep.turned(before_deg, angle_deg, back=self._turned_s < math.inf)
+        elapsed_s = now_s - before_s
         in_time = 0 < elapsed_s <= SWEEP_READING_S and now_s <= sweep.expires_s
         most_deg = sweep.fastest_deg_s * elapsed_s + self._arrival_deg
         if not (in_time and beyond_deg <= self._arrival_deg and -self._arrival_deg <= turned_deg <= most_deg):
@@ -175,7 +177,7 @@ class Guard:
             raise self._failed(MoveError(f"{why} at {now_s:.3f} s, outside {sweep}; check stage and host"))
         self._read = angle_deg, now_s
         turning = turning or sweep.turns_at(angle_deg, within_deg=self._arrival_deg)
-        return turning or turned_deg >= sweep.slowest_deg_s * elapsed_s
+        return turned_deg >= sweep.slowest_deg_s * elapsed_s or (turning and now_s <= self._turned_s + sweep.turn_s)
 
     def end_sweep(self, angle_deg: float, *, pulses: int, now_s: float) -> None:
         """SWEEPING -> ARMED, at rest at that readback, after no more pulses than permitted."""
@@ -222,10 +224,9 @@ class Guard:
 
     def _require(self, step: str, *states: State) -> None:
         """Refuse a step in any other state."""
-        if self._state in states:
-            return
-        cure = f"a person must reset it after: {self._fault}" if self._fault else "arm it, and end each step first"
-        raise LimitError(f"guard: {self._state.value}, not allowed to {step}; {cure}")
+        if self._state not in states:
+            cure = f"a person must reset it after: {self._fault}" if self._fault else "arm it, and end each step first"
+            raise LimitError(f"guard: {self._state.value}, not allowed to {step}; {cure}")
 
     def _require_fired(self, fired: int, *, least: int) -> None:
         if not (is_whole(fired) and least <= fired <= self._firing):

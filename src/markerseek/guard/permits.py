@@ -80,8 +80,7 @@ class Permits:
         if not self._pulses + pulses <= self._limits.pulses_per_session:
             why = f"{self._pulses} pulses were permitted in this session and {pulses} more are asked for; the limit is"
             raise LimitError(f"{why} {self._limits.pulses_per_session}: a person must start a new session")
-        self._issued += 1
-        self._pulses += pulses
+        self._issued, self._pulses = self._issued + 1, self._pulses + pulses
         return f"permit-{self._issued}", float(now_s + self._limits.lifetime_s)
 
     def redeem(self, permit: Permit, *, now_s: float) -> None:

@@ -424,7 +424,8 @@ def _effort_rows(result: SearchResult) -> list[tuple[str, str]]:
     if result.travel_deg is not None:
         rows.append(("rotation", f"{result.travel_deg:.1f}°"))
     if result.elapsed_s is not None:
-        time = time_text(result.elapsed_s, known_s=result.known_s, simulated=result.rig == "simulated")
+        known_s = None if result.confirmation is None else result.known_s
+        time = time_text(result.elapsed_s, known_s=known_s, simulated=result.rig == "simulated")
         rows.append(("time", time))
     return rows
 

@@ -28,12 +28,16 @@ from markerseek.core import (
     Sweep,
     SweepTiming,
 )
+from markerseek.guard import FiringLimits
 from markerseek.rigs import Rig
 from markerseek.scan import run
 
 SLOW, SLOW_SHARE = 0.2, 1 / 3
 """Speed of the slow sweeps over the fastest of the stage, and how many there are for each fast one: at a fifth of the
 speed the delay shifts by little, and what is left of the difference is the backlash."""
+
+LONGEST = 0.8
+"""Longest sweep over the lifetime of its permit: a slow one is as fast as that needs."""
 
 LEAST_SIGMA_S = 0.2e-3
 """Least standard deviation that is stated of a delay, in seconds: clocks are compared no better."""
@@ -111,14 +115,32 @@ class DelayRun:
             )
         low_deg, high_deg = rig.limits.search.low_deg, rig.limits.search.high_deg
         fast = self._devices.stage.fastest_sweep_deg_s
-        speeds = [fast] * times + [SLOW * fast] * round(SLOW_SHARE * times)
+        speeds = [fast] * times + [self._slow_deg_s(low_deg, high_deg)] * round(SLOW_SHARE * times)
         if self._devices.in_bursts:
             each = [Sweep(from_deg=low_deg, to_deg=high_deg, back_deg=low_deg, speed_deg_s=speed) for speed in speeds]
         else:
             ends = ((low_deg, high_deg), (high_deg, low_deg))
             each = [Sweep(from_deg=at, to_deg=to, speed_deg_s=speed) for speed in speeds for at, to in ends]
         self._policy = ThereAndBack(each)
-        self._stated_backlash_deg = max(self._devices.stage.play_deg(sign) for sign in (1.0, -1.0))
+        stage = self._devices.stage
+        self._stated_backlash_deg = max(stage.play_deg(sign) for sign in (1.0, -1.0))
+        # Away from the side of approach, which is below unless the stage says otherwise.
+        rules = getattr(stage, "rules", None)
+        self._lagging = 1.0 if getattr(rules, "approach_from", "below") == "above" else -1.0
+
+    def _slow_deg_s(self, low_deg: float, high_deg: float) -> float:
+        """Speed of the slow sweeps: as slow as the permit of one lives long enough."""
+        devices, fast = self._devices, self._devices.stage.fastest_sweep_deg_s
+        longest_s = LONGEST * FiringLimits().lifetime_s
+        back_deg = low_deg if devices.in_bursts else None
+        for per_cent in range(round(100 * SLOW), 100, 2):
+            sweep = Sweep(to_deg=high_deg, back_deg=back_deg, speed_deg_s=per_cent / 100 * fast)
+            if devices.duration_s(sweep, from_deg=low_deg) <= longest_s:
+                return sweep.speed_deg_s
+        raise ConfigError(
+            f"one sweep over {low_deg:g} to {high_deg:g} deg takes longer than a permit lives, {longest_s:g} s; narrow "
+            "the search range about the marker, or raise speed_deg_s of the stage"
+        )
 
     @property
     def sweeps(self) -> int:
@@ -178,7 +200,7 @@ class DelayRun:
         if way is None:
             return None
         sign = math.copysign(1.0, _timing(swept[0]).speed_deg_s)
-        return way.centre_deg, sign * way.speed_deg_s, way.sigma_deg, float(self._devices.stage.play_deg(sign) > 0)
+        return way.centre_deg, sign * way.speed_deg_s, way.sigma_deg, float(sign == self._lagging)
 
 
 def _timing(sample: Sample) -> SweepTiming:

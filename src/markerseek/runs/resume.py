@@ -96,10 +96,11 @@ def resumed(
         ),
         clock_s=clock.now_s() + ahead_s,
     )
-    changed = False
+    # Samples that are not at their angles say nothing.
+    changed = getattr(policy, "disorder", None) is not None
     try:
         rig.arm(by=by)
-        if strongest is not None:
+        if strongest is not None and not changed:
             by_hand = journal.configuration.plan.by_hand is not None
             checked = _checked(strongest, rig, by_hand=by_hand, attempts=limits.attempts)
             journal.commit(checked, clock_s=clock.now_s() + ahead_s)
@@ -120,19 +121,26 @@ def resumed(
 
 def tell_recorded(policy: AnyPolicy, entries: Iterable[Entry]) -> None:
     """Ask a fresh policy and tell it the recorded samples, in their order; a dark frame at the end was never told."""
-    lit = False
+    lit, sweeping = False, None
     for entry in entries:
         match entry.event:
+            case Asked(sweep=sweep):
+                sweeping = sweep
             case Measured(role="confirmation", sample=sample) if isinstance(policy, ConfirmablePolicy):
                 if isinstance(policy.estimate(), Found):
                     policy.confirm(sample)
             case Measured(role="dark", sample=sample) if not lit:
                 policy.tell(sample)
-            case Measured(role="search", sample=sample) if policy.ask() is not None:
+            # The light of a sweep that is not wanted any more goes out a little later.
+            case Measured(role="search", sample=sample) if sample.sweep is not None or policy.ask() is not None:
                 lit = True
                 policy.tell(sample)
             case Swept() if isinstance(policy, SweepingPolicy):
                 policy.end_sweep()
+                sweeping = None
+    if sweeping is not None and isinstance(policy, SweepingPolicy) and policy.ask() is None:
+        # Killed after the policy had ended the sweep, and before the probe was at rest.
+        policy.end_sweep()
 
 
 def strongest_of(entries: Sequence[Entry]) -> Sample | None:

@@ -352,7 +352,8 @@ def _finished(view: RunView, event: Finished) -> RunView:
     line = ": ".join(filter(None, (name, angle_text(belief))))
     if event.searched is not None:
         line += f", from all angles; the search alone: {answer_name(event.searched.estimate)}"
-    return replace(view, phase="finished", finished=event, belief=belief, known_s=event.known_s, line=line)
+    known_s = None if event.confirmation is None else event.known_s
+    return replace(view, phase="finished", finished=event, belief=belief, known_s=known_s, line=line)
 
 
 def _moved(view: RunView, angle_deg: float) -> RunView:

@@ -214,6 +214,7 @@ def run(
                 if isinstance(asked, Sweep):
                     done = _SweepsDone(sweeps=sweeps, acquisitions=acquisitions, way_deg=[place_deg])
                     yield from _swept(scanner, policy, asked, done, attempts=limits.attempts)
+                    _require_order(scanner, policy)
                     travel_deg += sum(abs(to - at) for at, to in pairwise(done.way_deg))
                     sweeps, acquisitions, place_deg = done.sweeps, done.acquisitions, done.way_deg[-1]
                     lit += done.samples
@@ -350,6 +351,14 @@ def _swept(
             yield Refused(angle_deg=sweep.to_deg, reason=str(refusal))
         if not done.wanted:
             return
+
+
+def _require_order(scanner: AnyScanner, policy: AnyPolicy) -> None:
+    """A fault where a policy has seen that the frames of its sweeps are not of the pulses in their order."""
+    disorder = getattr(policy, "disorder", None)
+    if disorder is not None:
+        scanner.guard.fail(disorder)
+        raise AcquisitionError(disorder)
 
 
 def _require_inside(sweep: Sweep, limits: Limits) -> None:

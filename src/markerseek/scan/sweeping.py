@@ -26,7 +26,7 @@ from markerseek.core import (
 )
 from markerseek.guard import Guard
 from markerseek.scan._pulse_angle import TriggerCount, not_between, stamped_angle
-from markerseek.scan.sweeping_devices import SweepingDevices
+from markerseek.scan.sweeping_devices import TURN_DEG, SweepingDevices
 
 READ_S = 0.05
 """Time from one reading of a turning stage to the next."""
@@ -46,9 +46,6 @@ RATE_SPARE_S = 0.02
 
 DARK_PERIODS = 3
 """Periods of the laser, or triggers of the stage, within which at least one pulse must come."""
-
-TURN_DEG = 0.1
-"""Distance from the angle where it turns back at which a probe at rest has reached it: within it, it is lit at rest."""
 
 BACKLASH_ERROR = 0.5
 """Relative standard deviation of the backlash that a rig states."""
@@ -229,14 +226,15 @@ class SweepInProgress:
     def _take(self, pulses: Sequence[Pulse]) -> None:
         """Keep the times of pulses, as far as the delay of their stamps is known; none comes faster than permitted."""
         now_s, laser = self._clock.now_s(), self._devices.laser
-        latest_s = now_s + CLOCKS_S + 4 * math.hypot(laser.delay_sigma_s, STAMP_SIGMA_S)
+        latest_s = now_s + CLOCKS_S + max(0.0, -laser.stamp_delay_s)
+        latest_s += 4 * math.hypot(laser.delay_sigma_s, STAMP_SIGMA_S)
         for stamped in pulses:
             pulse = replace(
                 stamped,
                 at_s=stamped.at_s + laser.stamp_delay_s,
                 sigma_s=max(stamped.sigma_s, 0.0 if self._triggers else STAMP_SIGMA_S),
             )
-            if not pulse.at_s <= latest_s + 4 * stamped.sigma_s:
+            if not stamped.at_s <= latest_s + 4 * stamped.sigma_s:
                 raise LaserError(
                     f"a pulse is stamped {stamped.at_s:.3f} s and it is {now_s:.3f} s: its clock is wrong; compare the "
                     "clocks, and start again"

@@ -25,6 +25,9 @@ SLOWEST, FASTEST = 0.08, 1.25
 """Speeds between which the probe is lit, as shares of the speed of the sweep: its ramps are in the light, and a probe
 that stalls is not."""
 
+TURN_DEG = 0.1
+"""Distance from the angle where it turns back at which a probe has reached it, as for the guard."""
+
 TURN_S = 0.5
 """Time in which a stage has turned back: it comes to rest, and is told its next target."""
 
@@ -110,6 +113,8 @@ class SweepingDevices:
         # On a short way the probe is at rest again before it reaches the speed of the sweep.
         way_deg = abs(sweep.to_deg - from_deg)
         reached = math.sqrt(max(way_deg, LEAST_WAY_DEG) * self.stage.acceleration_deg_s2)
+        # Where it turns back it is as slow as a stage is that much before rest.
+        turning = math.inf if sweep.back_deg is None else 0.8 * math.sqrt(2 * self.stage.acceleration_deg_s2 * TURN_DEG)
         period_s = self.least_period_s
         if self.triggering is None:
             lasts = self.duration_s(sweep, from_deg=from_deg) / period_s
@@ -123,7 +128,7 @@ class SweepingDevices:
             expires_s=0.0,
             to_deg=sweep.to_deg,
             back_deg=sweep.back_deg,
-            slowest_deg_s=SLOWEST * min(speed, reached),
+            slowest_deg_s=min(SLOWEST * min(speed, reached), turning),
             fastest_deg_s=FASTEST * speed,
             period_s=period_s,
         )

@@ -68,8 +68,9 @@ def _without_outliers(group: list[Observation]) -> list[Observation]:
 
 
 def _sweep(observation: Observation) -> int:
-    """Number of its sweep; 0 for none."""
-    return 0 if observation.sweep is None else observation.sweep.number
+    """Which way of which sweep it is of; 0 for none."""
+    sweep = observation.sweep
+    return 0 if sweep is None else 2 * sweep.number + (sweep.speed_deg_s < 0)
 
 
 def grouped(observations: Sequence[Observation], *, fwhm_deg: float) -> Grouped:
@@ -85,7 +86,7 @@ def grouped(observations: Sequence[Observation], *, fwhm_deg: float) -> Grouped:
     for width in SWEPT_GROUP_WIDTHS if strong and _sweep(strong[-1]) else GROUP_WIDTHS:
         groups = []
         for each in strong:
-            # What shifts the angles of one sweep does not shift those of another.
+            # What shifts the angles of one way does not shift those of another.
             near = groups and each.angle_deg - groups[-1][0].angle_deg <= width * fwhm_deg
             if near and _sweep(each) == _sweep(groups[-1][0]):
                 groups[-1].append(each)

@@ -287,8 +287,23 @@ class Posterior(SearchPolicy):
         if not self._lit or not self._analysis.detected:
             return None
         first = self._analysis.first
-        if first.missing is not None:
+        return None if first.missing is not None else self._progress_of(first)
+
+    def progress_near(self, other: Posterior) -> Progress | None:
+        """How well that source is known which is the strongest of another posterior; None where it is not detected."""
+        if self.progress is None or other.progress is None:
             return None
+        theirs = other._analysis.first
+        own = [
+            each
+            for each in self._analysis.state.sources
+            if each.missing is None
+            and (each.source is None or theirs.source is None or each.source.same_position(theirs.source))
+        ]
+        near = min(own, key=lambda each: abs(each.posterior.mean_deg - theirs.posterior.mean_deg), default=None)
+        return None if near is None else self._progress_of(near)
+
+    def _progress_of(self, first: Candidate) -> Progress:
         return Progress(
             mean_deg=first.posterior.mean_deg,
             sigma_deg=first.posterior.centre_sigma_deg,

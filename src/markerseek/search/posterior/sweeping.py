@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
-from markerseek.core import AcquisitionError, Estimate, Found, Interval, Sample, Sweep, Unsure
+from markerseek.core import Estimate, Found, Interval, Sample, Sweep, Unsure
 from markerseek.search.policy import check_sample
 from markerseek.search.posterior.next_angle import Belief
 from markerseek.search.posterior.policy import Posterior, Progress
@@ -57,14 +57,15 @@ SLOWEST = 8.0
 """Most by which such a sweep is slower than that over the range."""
 
 
-def centre_by(posterior: Posterior, samples: Sequence[Sample]) -> Centre | None:
+def centre_by(posterior: Posterior, samples: Sequence[Sample], *, of: Posterior | None = None) -> Centre | None:
     """Return the centre of the curve of some samples; None where they show none.
 
-    ``posterior``: one that was told nothing. ``samples``: of sweeps.
+    ``posterior``: one that was told nothing. ``samples``: of sweeps. ``of``: the strongest source of this posterior is
+    meant; None: that of the samples.
     """
     for sample in samples:
         posterior.tell_swept(sample)
-    progress = posterior.progress
+    progress = posterior.progress if of is None else posterior.progress_near(of)
     return None if progress is None else (progress.mean_deg, progress.sigma_deg, progress.fwhm_deg)
 
 
@@ -110,7 +111,7 @@ class SweepPosterior:
         if start_deg is not None and start_deg > limits.centre_deg:
             near_deg, far_deg = far_deg, near_deg
         at_end_deg = min(AT_END_DEG, AT_END * (limits.high_deg - limits.low_deg))
-        at_end = start_deg is None or abs(start_deg - near_deg) <= at_end_deg
+        at_end = start_deg is None or abs(start_deg - near_deg) <= at_end_deg or start_deg not in limits
         if in_bursts:
             self.sweeps = [self._burst(near_deg, far_deg, wait_deg=limits.centre_deg, here=at_end)]
         else:
@@ -122,6 +123,8 @@ class SweepPosterior:
 
     sweeps: list[Sweep]
     """The sweeps that it will ask for unless the marker is found before; others may follow."""
+    disorder: str | None = None
+    """Why samples are not at their angles, which ends a run with a fault; None where the ways there and back agree."""
 
     def ask(self) -> float | Sweep | None:
         """Next sweep, or next angle in degrees; None at the end of the search, or of a sweep that is ended early."""
@@ -154,19 +157,14 @@ class SweepPosterior:
             self._next = None
 
     def end_sweep(self) -> None:
-        """Choose what follows a sweep.
-
-        Raises
-        ------
-        AcquisitionError
-            If the ways there and back differ by more than any delay of this rig explains: the frames are not of the
-            pulses in their order, or the stage is not where it says.
-        """
-        ended, self._next, self._judged_deg = self.sweeps[0], None, None
-        self.sweeps = [] if self._known else self.sweeps[1:]
+        """Choose what follows a sweep, and judge the order of its frames (`disorder`)."""
+        self._next = self._judged_deg = None
+        last_deg = self._lit[-1].angle_deg if self._lit else None
+        known = self._known or (self._posterior.single and self._is_known(last_deg))
+        self.sweeps = [] if known else self.sweeps[1:]
         self._known = False
         if not self.sweeps:
-            self.sweeps = self._following(ended)
+            self.sweeps = self._following()
 
     def confirm(self, sample: Sample) -> None:
         """Take the acquisition at the angle found, as `Posterior.confirm`."""
@@ -174,8 +172,11 @@ class SweepPosterior:
         self._next = None
 
     def estimate(self) -> Estimate:
-        """Answer as far as the samples prove it."""
-        return self._posterior.estimate()
+        """Answer as far as the samples prove it; nothing is found where the order of the frames is wrong."""
+        answer = self._posterior.estimate()
+        if isinstance(answer, Found) and self.disorder is not None:
+            return answer.as_unsure("source", self.disorder)
+        return answer
 
     @property
     def belief(self) -> Belief | None:
@@ -190,20 +191,24 @@ class SweepPosterior:
         if last_deg is not None and abs(sample.angle_deg - last_deg) < self._speed_deg_s * JUDGED_EVERY_S:
             return
         self._judged_deg = sample.angle_deg
-        progress = self._posterior.progress
-        if progress is None or abs(sample.angle_deg - progress.mean_deg) < FLANK * progress.fwhm_deg:
-            return
-        answer = self._posterior.estimate()
-        if isinstance(answer, Found) and (answer.other_probability or 0.0) <= MARGIN * STATED:
+        if self._is_known(sample.angle_deg):
             self._known, self._next = True, None
 
-    def _following(self, ended: Sweep) -> list[Sweep]:
+    def _is_known(self, at_deg: float | None) -> bool:
+        """Whether the marker is found, and both of its flanks were swept by a probe that is there."""
+        progress = self._posterior.progress
+        if at_deg is None or progress is None or abs(at_deg - progress.mean_deg) < FLANK * progress.fwhm_deg:
+            return False
+        answer = self._posterior.estimate()
+        return isinstance(answer, Found) and (answer.other_probability or 0.0) <= MARGIN * STATED
+
+    def _following(self) -> list[Sweep]:
         """The sweep that follows once the range has been swept; none where what is left is measured at rest."""
         progress = self._posterior.progress
         if progress is None and not self._range_swept:
             # One more takes four seconds and shows most that the first has missed by little; a search at rest, forty.
             self._range_swept = True
-            return [self._over(self._limits.low_deg, self._limits.high_deg, ended, speed_deg_s=self._speed_deg_s)]
+            return [self._over(self._limits.low_deg, self._limits.high_deg, speed_deg_s=self._speed_deg_s)]
         if progress is None:
             # Single pulses show nothing: a search at rest begins, with the noise of its own frames.
             self._range_swept = False
@@ -221,7 +226,7 @@ class SweepPosterior:
         if isinstance(answer, Unsure) and (answer.other_probability or 0.0) > STATED and self._back == 0:
             # What may hide beside the marker is looked for at many angles in the time of five acquisitions.
             self._back = MOST_BACK
-            return [self._over(self._limits.low_deg, self._limits.high_deg, ended, speed_deg_s=self._speed_deg_s)]
+            return [self._over(self._limits.low_deg, self._limits.high_deg, speed_deg_s=self._speed_deg_s)]
         slower = (progress.sigma_deg / progress.target_deg) ** 2 - 1
         again = self._in_bursts and delay is not None and delay.doubtful and self._back == 0
         if slower <= 0 and not (again or self._delay_counts(progress, delay)):
@@ -234,7 +239,6 @@ class SweepPosterior:
             self._over(
                 self._limits.nearest(progress.mean_deg - reach_deg),
                 self._limits.nearest(progress.mean_deg + reach_deg),
-                ended,
                 speed_deg_s=self._speed_deg_s / min(max(slower, 1.0), SLOWEST),
             )
         ]
@@ -252,37 +256,39 @@ class SweepPosterior:
         if delay is None:
             return None
         if delay.unexplained:
-            raise AcquisitionError(
+            self.disorder = (
                 f"the sweeps there and back differ as if the light came {1e3 * delay.measured_s:.0f} ± "
-                f"{1e3 * delay.sigma_s:.0f} ms after its stamps, and the rig states 0 ± {1e3 * delay.prior_s:.1f} ms: "
-                "frames are late by one or more, the stage answers late, or laser.stamp_delay_s is wrong; check the "
-                "trigger's cable, and measure the delay: markerseek calibrate --delay"
+                f"{1e3 * delay.sigma_s:.0f} ms later than the rig states, which it knows to {1e3 * delay.prior_s:.1f} "
+                "ms: frames are late by one or more, the stage answers late, or the delay that is stated is wrong; "
+                "check the trigger's cable, and measure the delay: markerseek calibrate --delay"
             )
-        if self._in_bursts:
-            self._require_one_delay()
+        elif self._in_bursts:
+            self.disorder = self._different_delays()
         self._posterior.take_out_delay(delay.mean_s)
         return delay
 
-    def _require_one_delay(self) -> None:
-        """Refuse bursts that show different delays: in one of them the frames are not of the pulses in their order."""
+    def _different_delays(self) -> str | None:
+        """Why bursts differ in their delays: in one of them the frames are not of the pulses in their order."""
         lit = self._posterior.lit
         numbers = sorted({sample.sweep.number for sample in lit if sample.sweep is not None})
         bursts = [[each for each in lit if each.sweep is not None and each.sweep.number == one] for one in numbers]
         delays = [delay for burst in bursts if (delay := delay_of(burst, self._centre_of)) is not None]
         for one, other in pairwise(delays):
             if one.differs_from(other):
-                raise AcquisitionError(
-                    f"the light came {1e3 * one.measured_s:.0f} ms after its stamps in one burst and "
+                return (
+                    f"the light came {1e3 * one.measured_s:.0f} ms later than the rig states in one burst and "
                     f"{1e3 * other.measured_s:.0f} ms in the next: a trigger was lost or doubled; check its cable"
                 )
+        return None
 
     def _centre_of(self, samples: Sequence[Sample]) -> Centre | None:
         """The centre of the curve of some samples by themselves."""
-        return centre_by(self._make(), samples)
+        return centre_by(self._make(), samples, of=self._posterior)
 
-    def _over(self, low_deg: float, high_deg: float, ended: Sweep, *, speed_deg_s: float) -> Sweep:
+    def _over(self, low_deg: float, high_deg: float, *, speed_deg_s: float) -> Sweep:
         """A sweep from the side on which the probe is, which ends on the other."""
-        from_deg, to_deg = (high_deg, low_deg) if ended.end_deg > (low_deg + high_deg) / 2 else (low_deg, high_deg)
+        above = self._lit[-1].angle_deg > (low_deg + high_deg) / 2
+        from_deg, to_deg = (high_deg, low_deg) if above else (low_deg, high_deg)
         if self._in_bursts:
             # While its frames are read, the probe turns to the marker.
             return self._burst(from_deg, to_deg, wait_deg=(low_deg + high_deg) / 2, here=False, speed_deg_s=speed_deg_s)
