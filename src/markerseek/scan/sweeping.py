@@ -44,6 +44,9 @@ STAMP_SIGMA_S = 2e-3
 RATE_SPARE_S = 0.02
 """Time by which pulses may come earlier than the rate of their permit allows, jitter of the stamps included."""
 
+BACK_S = 0.7
+"""Time within which a stage that is to turn back must have begun to; the guard ends the light a little later."""
+
 DARK_PERIODS = 3
 """Periods of the laser, or triggers of the stage, within which at least one pulse must come."""
 
@@ -172,7 +175,7 @@ class SweepInProgress:
         if self._rests and self._at_turn and self._turns_back:
             self._turns_back, self._turning_s = False, self._clock.now_s()
             self._devices.stage.begin_sweep(self._permit.back_deg)
-        elif self._rests and self._turning_s is not None and not self._clock.now_s() - self._turning_s < BEGIN_S:
+        elif self._rests and self._turning_s is not None and not self._clock.now_s() - self._turning_s < BACK_S:
             at_deg = self._readings[-1].angle_deg
             raise MoveError(f"the stage has not turned back at {at_deg:.3f} deg; look for an obstacle")
 

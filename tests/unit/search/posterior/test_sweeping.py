@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -9,7 +10,6 @@ import pytest
 
 from markerseek.core import (
     PAPER_RANGE,
-    AcquisitionError,
     ConfigError,
     Found,
     Interval,
@@ -190,8 +190,9 @@ def test_a_delay_that_the_ways_there_and_back_show_is_taken_out(delay_s: float, 
 @pytest.mark.parametrize("delay_s", [48e-3, 96e-3, -48e-3])
 def test_frames_that_are_late_by_one_or_two_or_early_are_refused(delay_s: float) -> None:
     search = Search(curve_about(-10.0), delay_s=delay_s, from_end=True)
-    with pytest.raises(AcquisitionError, match=r"differ as if the light came .* frames are late by one or more"):
-        search.run()
+    search.run()
+    assert re.search(r"differ as if the light came .* frames are late by one or more", search.policy.disorder or "")
+    assert not isinstance(search.policy.estimate(), Found)
 
 
 def test_a_burst_back_begins_at_the_end_although_the_probe_waited_elsewhere() -> None:
@@ -201,11 +202,11 @@ def test_a_burst_back_begins_at_the_end_although_the_probe_waited_elsewhere() ->
     search.sweep(there)
     back = search.policy.ask()
     assert isinstance(back, Sweep)
-    # Slower over both flanks, there and back; beside the marker the probe waits for the frames.
+    # Over both flanks, there and back; beside the marker the probe waits for the frames.
     assert back.from_deg == back.back_deg
     assert -35.0 <= back.from_deg < -10.0 - 0.5 * 18.0
     assert -10.0 + 0.5 * 18.0 < back.to_deg < 35.0
-    assert back.speed_deg_s < SPEED
+    assert back.speed_deg_s <= SPEED
     assert back.wait_deg == pytest.approx(-10.0, abs=2.0)
     search.run()
     assert len(search.sweeps) in {2, 3}
