@@ -33,7 +33,8 @@ def measure_delay(rig: Path | None, *, arm: bool, trust: bool, as_json: bool) ->
             values=with_version(**asdict(found), rig_toml=rig_toml),
             shown=[
                 table(_rows(found), left=("", " ")),
-                f"[dim]from {found.ways} ways over the marker; ± is one standard deviation[/]\n\nFor the rig file of devices:\n",
+                f"[dim]from {found.ways} ways over the marker; ± is one standard deviation[/]\n",
+                "For the rig file of devices:\n",
                 escape(rig_toml),
             ],
         )

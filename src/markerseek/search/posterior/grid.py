@@ -259,3 +259,12 @@ def finer(
 def _blur(step_deg: float) -> float:
     """Relative error that a step of the angle adds: a fifth per degree, rounded up to one of `BLURS`."""
     return min((blur for blur in BLURS if blur >= 0.2 * step_deg), default=max(BLURS))
+
+
+def mean_and_sigma(
+    angle_deg: Float64[np.ndarray, " angles"], probability: Float64[np.ndarray, " angles"]
+) -> tuple[float, float]:
+    """Mean and standard deviation on an even grid, the width of its step included."""
+    mean_deg = float(probability @ angle_deg)
+    step_deg = float(angle_deg[1] - angle_deg[0])
+    return mean_deg, math.sqrt(float(probability @ (angle_deg - mean_deg) ** 2) + step_deg**2 / 12)

@@ -26,7 +26,7 @@ from markerseek.search.posterior.asymmetry import (
     shift_scale_m,
     shifted_density,
 )
-from markerseek.search.posterior.grid import Grid, Marginals, Particles, finer
+from markerseek.search.posterior.grid import Grid, Marginals, Particles, finer, mean_and_sigma
 from markerseek.search.posterior.groups import (
     MIN_STRONG,
     grouped,
@@ -34,6 +34,7 @@ from markerseek.search.posterior.groups import (
     with_energies,
 )
 from markerseek.search.posterior.likelihood import Observation, Scale, scale_of
+from markerseek.search.posterior.pulses import blurred, delay_sigma_deg
 from markerseek.search.posterior.shapes import STEP_DEG, Shapes, family, log_amplitude_prior, shapes_with
 from markerseek.search.posterior.symmetry import (
     PULSE_ERRORS,
@@ -94,15 +95,6 @@ MIN_ENERGIES = 6
 
 MODE_PROBABILITY = 0.05
 """Probability from which a second peak of the posterior is a mode."""
-
-
-def mean_and_sigma(
-    angle_deg: Float64[np.ndarray, " angles"], probability: Float64[np.ndarray, " angles"]
-) -> tuple[float, float]:
-    """Mean and standard deviation on an even grid, the width of its step included."""
-    mean_deg = float(probability @ angle_deg)
-    step_deg = float(angle_deg[1] - angle_deg[0])
-    return mean_deg, math.sqrt(float(probability @ (angle_deg - mean_deg) ** 2) + step_deg**2 / 12)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -468,28 +460,6 @@ def refine(
         log_gain=log_gain,
         sample_error=sample_error,
     )
-
-
-def delay_sigma_deg(observations: Sequence[Observation]) -> float:
-    """By how much the delay of sweeps may shift the angle: ways there and back shift it against one another."""
-    swept = [(each.noise**-2, each.sweep) for each in observations if each.sweep is not None]
-    if not swept:
-        return 0.0
-    shift_deg = sum(weight * sweep.speed_deg_s * sweep.delay_sigma_s for weight, sweep in swept)
-    return abs(shift_deg) / sum(weight for weight, _ in swept)
-
-
-def blurred(
-    angles_deg: Float64[np.ndarray, " angles"], probability: Float64[np.ndarray, " angles"], *, sigma_deg: float
-) -> tuple[Float64[np.ndarray, " wider"], Float64[np.ndarray, " wider"]]:
-    """Angles and probabilities after a normal error of this standard deviation was added."""
-    step_deg = float(angles_deg[1] - angles_deg[0])
-    reach = math.ceil(4 * sigma_deg / step_deg)
-    if reach < 2:
-        return angles_deg, probability
-    kernel = np.exp(-0.5 * (step_deg * np.arange(-reach, reach + 1) / sigma_deg) ** 2)
-    wider_deg = angles_deg[0] + step_deg * np.arange(-reach, angles_deg.size + reach)
-    return wider_deg, np.convolve(probability, kernel / kernel.sum())
 
 
 def _drawn(

@@ -17,8 +17,9 @@ from itertools import groupby
 
 import numpy as np
 
-from markerseek.core import Sample
+from markerseek.core import Float64, Sample
 from markerseek.search.floor import noise_factor
+from markerseek.search.posterior.likelihood import Observation
 
 LIT_RATIO = 1.3
 """Height of the pulses before and after, over the largest of noise, from which one at the noise had no light."""
@@ -161,3 +162,25 @@ def way_of(samples: Sequence[Sample], centre_of: Callable[[Sequence[Sample]], Ce
     near = [sweep for sample, sweep in alone if abs(sample.angle_deg - mean_deg) <= fwhm_deg] or [alone[0][1]]
     speed = float(np.mean([abs(sweep.speed_deg_s) for sweep in near]))
     return Way(centre_deg=mean_deg, sigma_deg=sigma_deg, speed_deg_s=speed)
+
+
+def delay_sigma_deg(observations: Sequence[Observation]) -> float:
+    """By how much the delay of sweeps may shift the angle: ways there and back shift it against one another."""
+    swept = [(each.noise**-2, each.sweep) for each in observations if each.sweep is not None]
+    if not swept:
+        return 0.0
+    shift_deg = sum(weight * sweep.speed_deg_s * sweep.delay_sigma_s for weight, sweep in swept)
+    return abs(shift_deg) / sum(weight for weight, _ in swept)
+
+
+def blurred(
+    angles_deg: Float64[np.ndarray, " angles"], probability: Float64[np.ndarray, " angles"], *, sigma_deg: float
+) -> tuple[Float64[np.ndarray, " wider"], Float64[np.ndarray, " wider"]]:
+    """Angles and probabilities after a normal error of this standard deviation was added."""
+    step_deg = float(angles_deg[1] - angles_deg[0])
+    reach = math.ceil(4 * sigma_deg / step_deg)
+    if reach < 2:
+        return angles_deg, probability
+    kernel = np.exp(-0.5 * (step_deg * np.arange(-reach, reach + 1) / sigma_deg) ** 2)
+    wider_deg = angles_deg[0] + step_deg * np.arange(-reach, angles_deg.size + reach)
+    return wider_deg, np.convolve(probability, kernel / kernel.sum())
