@@ -11,6 +11,7 @@ each beyond what the rig states. Two speeds tell the delay from the backlash.
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -199,7 +200,8 @@ class DelayRun:
         way = way_of(swept, lambda samples: centre_by(Posterior(limits=self._rig.limits.search, others=0.0), samples))
         if way is None:
             return None
-        sign = math.copysign(1.0, _timing(swept[0]).speed_deg_s)
+        # The first pulses of a way back come at rest.
+        sign = math.copysign(1.0, statistics.median(_timing(each).speed_deg_s for each in swept))
         return way.centre_deg, sign * way.speed_deg_s, way.sigma_deg, float(sign == self._lagging)
 
 

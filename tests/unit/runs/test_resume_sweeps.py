@@ -10,6 +10,7 @@ import pytest
 
 from markerseek import rigs
 from markerseek.core import (
+    AcquisitionError,
     AnyPolicy,
     Asked,
     Event,
@@ -128,3 +129,26 @@ def entries(*events: Event) -> tuple[Entry, ...]:
     return tuple(
         Entry(number=number, event=event, clock_s=0.0, written="") for number, event in enumerate(events, start=1)
     )
+
+
+def test_a_search_whose_frames_were_late_by_one_is_searched_anew_when_it_is_resumed(tmp_path: Path) -> None:
+    def disordered() -> tuple[AnyPolicy, Rig, Configuration]:
+        # As if the light came 48 ms after its stamps: a frame of 20 Hz.
+        settings = SimulatedSettings(start_deg=-35.0)
+        late = replace(settings.laser, rate_hz=20.0, stamp_delay_s=0.048)
+        world = replace(settings, laser=late, receiver=replace(settings.receiver, readout_s=0.05))
+        world = replace(world, stage=replace(world.stage, speed_deg_s=25.0, acceleration_deg_s2=25.0))
+        rig = rigs.of_intensities(seed=3, curve=GaussianCurve(fwhm_deg=5.0), marker_deg=-14.0, settings=world)
+        plan = replace(PLAN, sweep_speed_deg_s=25.0)
+        return build_sweeping(plan, limits=rig.limits.search), rig, configuration_of(rig, plan)
+
+    path = tmp_path / "late.journal"
+    with pytest.raises(AcquisitionError, match=r"as if the light came (4\d|5\d) ±"):
+        journalled_runs.live(path, begun=disordered)
+    recorded = read_journal(path)
+    assert not isinstance(answer_again(recorded, read_frames=False), Found)
+    # The cable was mended meanwhile.
+    events = resume_run(path, reset_fault=True)
+    assert isinstance(events[-1], Finished)
+    assert isinstance(events[-1].estimate, Found)
+    assert events[-1].estimate.mean_deg == pytest.approx(-14.0, abs=0.5)

@@ -287,7 +287,8 @@ class SweepPosterior:
 
     def _over(self, low_deg: float, high_deg: float, *, speed_deg_s: float) -> Sweep:
         """A sweep from the side on which the probe is, which ends on the other."""
-        above = self._lit[-1].angle_deg > (low_deg + high_deg) / 2
+        # Where no pulse counted, it does not matter which.
+        above = not self._lit or self._lit[-1].angle_deg > (low_deg + high_deg) / 2
         from_deg, to_deg = (high_deg, low_deg) if above else (low_deg, high_deg)
         if self._in_bursts:
             # While its frames are read, the probe turns to the marker.

@@ -300,3 +300,23 @@ def test_a_plan_that_sweeps_is_of_the_posterior() -> None:
         with pytest.raises(ConfigError, match=said):
             require_sweeping(wrong)
     assert not isinstance(build_sweeping(SearchPlan(method="ternary"), limits=PAPER_RANGE), SweepPosterior)
+
+
+def test_two_sources_are_no_disorder_of_the_frames() -> None:
+    for seed in range(6):
+        first, second = curve_about(-15.0), curve_about(20.0)
+        search = Search(
+            lambda at_deg, one=first, other=second: max(one(at_deg), other(at_deg)), seed=seed, sigma_s=30e-3
+        )
+        search.run()
+        assert len(search.sweeps) > 1
+        assert search.policy.disorder is None
+        assert not isinstance(search.policy.estimate(), Found)
+
+
+def test_a_sweep_of_which_no_pulse_counts_is_made_again_the_other_way() -> None:
+    search = Search(curve_about(-10.0))
+    search.policy.end_sweep()
+    asked = search.policy.ask()
+    assert isinstance(asked, Sweep)
+    assert asked.to_deg == -35.0
