@@ -8,6 +8,7 @@ import select
 import signal
 import socket
 import subprocess
+import threading
 import sys
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -214,6 +215,9 @@ def test_a_client_on_the_library_of_debian_gets_every_type_and_starts_a_search(t
         with subprocess.Popen(
             [program, str(running.port)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         ) as peer:
+            # Whatever is not sent must not be waited for until the tests are ended.
+            patience = threading.Timer(120.0, peer.kill)
+            patience.start()
             peer.stdin.write('CMD_1 <Command Name="StartSearch" Seed="3" />\n')
             peer.stdin.flush()
             for line in peer.stdout:
@@ -227,6 +231,7 @@ def test_a_client_on_the_library_of_debian_gets_every_type_and_starts_a_search(t
                 if line.startswith("STRING SearchState") and '"ended"' in line:
                     break
             peer.kill()
+            patience.cancel()
         messages = witness.until(over)
     assert "STRING ACK_1" in " ".join(lines)
     assert {line.split()[0] for line in lines} == {"TRANSFORM", "IMAGE", "POINT", "POSITION", "STRING", "STATUS"}

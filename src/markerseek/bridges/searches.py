@@ -16,6 +16,9 @@ from markerseek.drivers import BenchSettings
 from markerseek.records.journal import JournalItem, default_journal, make_folder
 from markerseek.rigs import read_rig_file
 
+_REPORTED_S = 2.0
+"""Longest time in which the end of a search is reported, in seconds: without a wait for anybody."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchOptions:
@@ -87,6 +90,9 @@ class Searches:
         """
         # Two requests can come at once, from two threads of a bridge.
         with self._lock:
+            if self._thread is not None and self._child is not None and not self._child.running:
+                # Whoever was just told of its end may ask for the next one before its thread is over.
+                self._thread.join(_REPORTED_S)
             if self.running:
                 raise SearchError("a search is running; stop it, or wait for its end")
             arguments = ["search", *asked.arguments(), *self._options.arguments()]
