@@ -8,8 +8,8 @@ import select
 import signal
 import socket
 import subprocess
-import threading
 import sys
+import threading
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
