@@ -189,7 +189,7 @@ SweepLogicT = TypeVar("SweepLogicT", bound=SweepLogic)
 class StandardSweepingStage(StandardStage[SweepLogicT]):
     """A `markerseek.core.TriggeringStage`; as `StandardStage`.
 
-    ``play``: largest play of the gears in degrees, in a sweep away from the side of approach.
+    ``play``: backlash of the gears in degrees, by which the probe lags in a sweep away from the side of approach.
     """
 
     def __init__(
