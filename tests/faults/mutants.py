@@ -28,7 +28,8 @@ def main() -> int:
         others = shutil.ignore_patterns("__pycache__", "test_*.py")
         shutil.copytree(ROOT / "tests" / "unit", folder / "tests" / "unit", ignore=others)
         shutil.copytree(ROOT / "tests" / "unit" / "guard", folder / "tests" / "unit" / "guard", dirs_exist_ok=True)
-        shutil.copy(ROOT / "tests" / "conftest.py", folder / "tests")
+        for shared in (ROOT / "tests").glob("*.py"):
+            shutil.copy(shared, folder / "tests")
         done = subprocess.run(
             [*MUTMUT, "run", "--max-children", "2"], cwd=folder, capture_output=True, text=True, check=False
         )

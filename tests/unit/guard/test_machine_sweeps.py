@@ -214,6 +214,14 @@ def read(guard: Guard, *angles_deg: float) -> list[bool]:
     return [guard.read_sweep(angle_deg, now_s=0.125 * (1 + step)) for step, angle_deg in enumerate(angles_deg)]
 
 
+def test_a_probe_that_rests_where_it_turns_is_lit_for_a_second() -> None:
+    made, _ = sweeping(THERE_AND_BACK, now_s=0.0)
+    # It is there 0.25 s after the beginning: up to 1.25 s, and no longer.
+    lit = read(made, 29.0, *[30.0] * 10)
+    assert lit == [True] * 10 + [False]
+    assert made.state is State.SWEEPING
+
+
 @pytest.mark.parametrize("mirrored", [1, -1])
 def test_a_sweep_that_turns_back_is_slow_only_where_it_turns_and_goes_the_other_way_from_there(mirrored: int) -> None:
     wanted = replace(
