@@ -104,8 +104,6 @@ class SweepInProgress:
         self._number = number
         self._admit_dark = admit_dark
         self._turn_away = turn_away
-        self._braked_s: float | None = None
-        self._turns_back = permit.back_deg is not None
         self._turning_s: float | None = None
         self._readings = [at]
         self._pulses: list[Pulse] = []
@@ -137,7 +135,7 @@ class SweepInProgress:
             fired = self._end(lit)
         stage.end_sweep()
         last_deg, to_deg = self._readings[-1].angle_deg, self._permit.end_deg
-        if wanted and not (abs(last_deg - to_deg) <= SHORT_DEG and not self._turns_back):
+        if wanted and (self._turns_back or not abs(last_deg - to_deg) <= SHORT_DEG):
             raise MoveError(
                 f"the probe stopped at {last_deg:.3f} deg on its way to {to_deg:.3f} deg; look for an obstacle"
             )
@@ -173,11 +171,16 @@ class SweepInProgress:
         if self._permit.back_deg is None:
             return
         if self._rests and self._at_turn and self._turns_back:
-            self._turns_back, self._turning_s = False, self._clock.now_s()
+            self._turning_s = self._clock.now_s()
             self._devices.stage.begin_sweep(self._permit.back_deg)
         elif self._rests and self._turning_s is not None and not self._clock.now_s() - self._turning_s < BACK_S:
             at_deg = self._readings[-1].angle_deg
             raise MoveError(f"the stage has not turned back at {at_deg:.3f} deg; look for an obstacle")
+
+    @property
+    def _turns_back(self) -> bool:
+        """Whether the stage is still to be sent back."""
+        return self._permit.back_deg is not None and self._turning_s is None
 
     @property
     def _rests(self) -> bool:
@@ -200,26 +203,20 @@ class SweepInProgress:
         if fired == 0 and not due <= DARK_PERIODS:
             raise LaserError(f"no pulse came in {lasted_s:.2f} s of a sweep; check the laser and its trigger")
         self._take(self._devices.laser.pulses())
-        self._brake()
+        self._devices.stage.brake()
+        braked_s = self._clock.now_s()
         # The first reading encloses the last pulse; the others show that the probe is at rest.
         while (self._read() and not self._at_turn) or not self._rests:
-            self._require_braking()
+            self._require_braking(braked_s)
         self._clock.wait(READ_S)
         last = self._devices.stage.read_sweep()
         self._readings.append(last)
         self._guard.end_sweep(last.angle_deg, pulses=fired, now_s=last.at_s)
         return fired
 
-    def _brake(self) -> None:
-        """Have the stage brake; what it takes to come to rest counts from the first time on."""
-        self._devices.stage.brake()
-        if self._braked_s is None:
-            self._braked_s = self._clock.now_s()
-
-    def _require_braking(self) -> None:
-        """`MoveError` if the stage should be at rest by now."""
+    def _require_braking(self, braked_s: float) -> None:
+        """`MoveError` if a stage that began to brake then should be at rest by now."""
         now_s = self._clock.now_s()
-        braked_s = now_s if self._braked_s is None else self._braked_s
         if not now_s - braked_s < BEGIN_S + self._speed_deg_s / self._devices.stage.acceleration_deg_s2:
             raise MoveError(
                 f"the stage does not stop, it is at {self._readings[-1].angle_deg:.3f} deg {now_s - braked_s:.2f} s "

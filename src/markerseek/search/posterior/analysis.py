@@ -62,23 +62,23 @@ class Analysis:
         limits: Interval,
         single: bool,
     ) -> None:
-        self._lit, self._dark = lit, dark
+        self.lit, self._dark = lit, dark
         self._candidates, self._shapes, self._limits, self._single = candidates, shapes, limits, single
 
     @property
     def measured_deg(self) -> list[float]:
         """Angles of the samples."""
-        return [sample.angle_deg for sample in self._lit]
+        return [sample.angle_deg for sample in self.lit]
 
     @cached_property
     def noise(self) -> SearchNoise:
         """Noise and its floor."""
-        return noise_of(self._lit, dark=self._dark)
+        return noise_of(self.lit, dark=self._dark)
 
     @property
     def detected(self) -> bool:
         """Whether a sample exceeds the noise floor; where that is unknown, whether one stands out."""
-        intensities = [sample.reading.intensity for sample in self._lit]
+        intensities = [sample.reading.intensity for sample in self.lit]
         level = self.noise.floor.level
         if level is None:
             return len(intensities) > 1 and max(intensities) > UNKNOWN_RATIO / 3 * min(intensities)
@@ -86,14 +86,14 @@ class Analysis:
 
     @cached_property
     def _groups(self) -> list[SourceSamples]:
-        return self._candidates.groups(self._lit, self.noise)
+        return self._candidates.groups(self.lit, self.noise)
 
     @cached_property
     def first(self) -> Candidate:
         """The source of the strongest arrival."""
         return self._candidates.first(
             self._groups,
-            self._lit,
+            self.lit,
             self._dark,
             self.noise,
             particles=PARTICLES if self.detected else UNDETECTED_PARTICLES,
@@ -121,7 +121,7 @@ class Analysis:
         """What may still hide beside a source."""
         if source.missing is not None or self._single:
             return None
-        return survey_of(source, self._shapes, self._lit, self.noise, limits=self._limits)
+        return survey_of(source, self._shapes, self.lit, self.noise, limits=self._limits)
 
     def asymmetric_deg(self, source: Candidate) -> float | None:
         """Next angle to test the curve of a source that has no places, in degrees; None if none is left."""

@@ -261,7 +261,7 @@ class Posterior(SearchPolicy):
         if not self._lit:
             return NotFound(mean_deg=self._limits.centre_deg, reason="nothing has been measured yet")
         return answer_of(
-            self._counted,
+            self._analysis.lit,
             self._analysis.state,
             limits=self._limits,
             others=self._others,
@@ -316,7 +316,7 @@ class Posterior(SearchPolicy):
         """What the samples say so far."""
         if self._cached is None:
             self._cached = Analysis(
-                self._counted,
+                later(self.lit, self._delay_s),
                 self._dark,
                 candidates=self._candidates,
                 shapes=self._shapes,
@@ -324,11 +324,6 @@ class Posterior(SearchPolicy):
                 single=self._single,
             )
         return self._cached
-
-    @property
-    def _counted(self) -> list[Sample]:
-        """The samples as they count."""
-        return later(self.lit, self._delay_s)
 
     def _next_deg(self) -> float | None:
         wanted_deg = self._wanted_deg()
