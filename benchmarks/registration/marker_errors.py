@@ -16,8 +16,9 @@ import numpy as np
 
 from markerseek.core import SearchPlan
 from markerseek.files import replace_file
+from markerseek.registration import REGISTRATION_TOLERANCE_MM
 from markerseek.rigs import draw_scene, simulated
-from markerseek.runs import REGISTRATION_TOLERANCE_MM, new_session, plan_on
+from markerseek.runs import new_session, plan_on
 from markerseek.sim import SimulatedSettings, tissue_named
 
 KEPT = "marker_errors.csv"

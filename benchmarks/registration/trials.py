@@ -12,7 +12,14 @@ import numpy as np
 from benchmarks.registration.marker_errors import MarkerError
 from markerseek.core import ConfigError, Float64, MarkerPosition, is_whole, require_range
 from markerseek.geometry import Registration, RigidTransform, register_points, triangulate
-from markerseek.runs import FOCAL_LENGTH, GRID_STEP_M, MARKER_PLACES, TARGET_DEPTH_M, camera_shared_m, trus_shared_m
+from markerseek.registration import (
+    FOCAL_LENGTH,
+    GRID_STEP_M,
+    MARKER_PLACES,
+    TARGET_DEPTH_M,
+    camera_shared_m,
+    trus_shared_m,
+)
 from markerseek.sim import camera_above, endoscope
 
 DISTANCE_FROM_AXIS_M, FACE_RADIUS_M = 60e-3, 10e-3

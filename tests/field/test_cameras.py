@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from markerseek.core import ConfigError
-from markerseek.runs import read_stereo
+from markerseek.registration import read_stereo
 from markerseek.sim import EndoscopeSettings, spot_images
 
 Shell = Callable[..., tuple[int, str, str]]

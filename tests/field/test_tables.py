@@ -190,7 +190,7 @@ def test_a5_a_first_row_with_a_typographic_minus_is_no_heading(tmp_path: Path) -
 
 @pytest.mark.parametrize("comma", [True, False])
 def test_a5_points_of_a_registration_are_read_in_their_notation(tmp_path: Path, comma: bool) -> None:
-    from markerseek.runs.points import point_pairs
+    from markerseek.registration.points import point_pairs
 
     names = "name;trus_x_m;trus_y_m;trus_z_m;camera_x_m;camera_y_m;camera_z_m"
     rows = ["a;0,075933;−0,025899;0,061;1.055e-2;0.5;1.055", "b;0,5;−0,1;0,06;0.01;0.5;0.7"]

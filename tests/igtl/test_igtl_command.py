@@ -19,7 +19,7 @@ import pyigtl
 import pytest
 
 from markerseek.records.exports import probe_to_probe_home
-from markerseek.runs import point_pairs, register_pairs
+from markerseek.registration import point_pairs, register_pairs
 from markerseek.wire import igtl
 from tests.emulated import emulation
 from tests.igtl.igtl_bridge import bridge, compiled_peer

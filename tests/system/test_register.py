@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from markerseek.records import read_camera_images
-from markerseek.runs import read_registration
+from markerseek.registration import read_registration
 from markerseek.sim import EndoscopeSettings, endoscope, spot_images
 from markerseek.vision import find_spot
 

@@ -8,13 +8,14 @@ from typing import Annotated, Any
 
 import typer
 
-from markerseek import bridges, runs
+from markerseek import bridges
 from markerseek.bridges import igtl
 from markerseek.cli.open_rig import read_rig
 from markerseek.cli.options import RigFile, Trust
 from markerseek.cli.signals import Stopped, heeded
 from markerseek.cli.terminal import printable
 from markerseek.core import ConfigError
+from markerseek.registration import read_registration
 
 EXAMPLES = """
     markerseek igtl
@@ -73,7 +74,7 @@ def command(
         bridges.SearchOptions(rig=rig, pace=pace or 0.0) if recording is None else None,
         # The name of a file may be no text, and is sent as text.
         recording=None if recording is None else printable(recording.name),
-        registration=None if registration is None else runs.read_registration(registration),
+        registration=None if registration is None else read_registration(registration),
         version=1 if header_version == 1 else 2,
         allowed=[_address(text) for text in allow or []],
         on_note=_note,

@@ -12,7 +12,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from markerseek import runs
+from markerseek import registration
 from markerseek.cli.options import AsJson, Out, with_values
 from markerseek.cli.report import Output, Report, drawn, facts, table
 from markerseek.cli.terminal import announce_compilation, progress_bar
@@ -49,7 +49,7 @@ class SceneOptions:
     ] = None
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 1
 
-    def scene(self) -> runs.SimulatedScene:
+    def scene(self) -> registration.SimulatedScene:
         """The scene."""
         from markerseek.rigs import read_simulated
         from markerseek.sim import STREAMING, with_options
@@ -57,7 +57,7 @@ class SceneOptions:
         settings = read_simulated(self.rig, cure="register --journal takes the searches of a rig of devices")
         if self.sweep and self.rig is None:
             settings = STREAMING
-        return runs.SimulatedScene(
+        return registration.SimulatedScene(
             markers=self.markers,
             rig=with_options(settings, SimulationOptions(readout_s=self.readout_s)),
             sweep=self.sweep,
@@ -67,11 +67,11 @@ class SceneOptions:
 _REGISTRATION = Path("registration.json")
 
 
-def _file_of(report: runs.RegistrationReport, *, force: bool) -> dict[Path, bytes]:
+def _file_of(report: registration.RegistrationReport, *, force: bool) -> dict[Path, bytes]:
     """The file of a registration, and its content; another registration that is there is replaced by force only."""
     if _REGISTRATION.exists() and not force:
         try:
-            known = runs.read_registration(_REGISTRATION).davinci_to_trus.matrix.tolist()
+            known = registration.read_registration(_REGISTRATION).davinci_to_trus.matrix.tolist()
         except RecordError:
             known = None
         if known != report.davinci_to_trus:
@@ -156,7 +156,7 @@ def command(
     """
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     target_m = None if target_mm is None else (target_mm[0] / 1e3, target_mm[1] / 1e3, target_mm[2] / 1e3)
-    truth: runs.SimulatedTruth | None = None
+    truth: registration.SimulatedTruth | None = None
     if simulate:
         if points is not None or frames is not None or journal or cameras or calibration_sigma_px is not None:
             raise ConfigError(
@@ -167,7 +167,7 @@ def command(
         scene = simulated.scene()
         announce_compilation()
         with progress_bar(scene.markers, what="searching markers") as progress:
-            report, truth = runs.simulate_registration(
+            report, truth = registration.simulate_registration(
                 scene,
                 seed=simulated.seed,
                 target_trus_m=target_m,
@@ -179,14 +179,14 @@ def command(
             names = ", ".join(f"--{each.name.replace('_', '-')}" for each in fields(SceneOptions))
             raise ConfigError(f"{names} are for --simulate; leave them out")
         title, pairs = _pairs(points, frames, journal or (), cameras, calibration_sigma_px)
-        report = runs.register_pairs(pairs, target_trus_m=target_m, without=without or ())
+        report = registration.register_pairs(pairs, target_trus_m=target_m, without=without or ())
     heading = f"{title}: FRE {1e3 * report.fre_m:.2f} mm, expected TRE {1e3 * report.tre_m:.2f} mm"
     pictures = {"register.png": drawn(_figure, report, heading)}
     notes: tuple[str, ...] = ()
     if plot and frames is not None and cameras:
         try:
-            stereo = runs.read_stereo(cameras, calibration_sigma_px=calibration_sigma_px)
-            views = runs.target_views(report, *frames, stereo=stereo)
+            stereo = registration.read_stereo(cameras, calibration_sigma_px=calibration_sigma_px)
+            views = registration.target_views(report, *frames, stereo=stereo)
         except ConfigError as problem:
             notes = (f"no target.png: {escape(str(problem))}",)
         else:
@@ -210,7 +210,7 @@ def _pairs(
     searches: Sequence[Path],
     cameras: Sequence[Path] | None,
     calibration_sigma_px: float | None,
-) -> tuple[str, list[runs.PointPair]]:
+) -> tuple[str, list[registration.PointPair]]:
     """What the points are called, and the pairs of them."""
     if points is None and frames is None:
         raise ConfigError("no points: name a CSV, images by --frames LEFT RIGHT, or add --simulate")
@@ -218,17 +218,19 @@ def _pairs(
         raise ConfigError(f"{points} and --frames {frames[0]} {frames[1]} both give points; leave one out")
     if not cameras and calibration_sigma_px is not None:
         raise ConfigError("--calibration-sigma-px belongs to a calibration; name it by --cameras, or leave it out")
-    stereo = runs.read_stereo(cameras, calibration_sigma_px=calibration_sigma_px) if cameras else None
+    stereo = registration.read_stereo(cameras, calibration_sigma_px=calibration_sigma_px) if cameras else None
     if frames is None:
         assert points is not None  # noqa: S101  one of the two, by the checks above
-        return points.name, runs.point_pairs(points, searches=searches, stereo=stereo)
+        return points.name, registration.point_pairs(points, searches=searches, stereo=stereo)
     if stereo is None:
         raise ConfigError("--frames gives pixels; name the calibration of the endoscope by --cameras FILE")
     left, right = frames
-    return f"{left} and {right}", runs.spot_pairs(left, right, searches=searches, stereo=stereo)
+    return f"{left} and {right}", registration.spot_pairs(left, right, searches=searches, stereo=stereo)
 
 
-def _shown(report: runs.RegistrationReport, truth: runs.SimulatedTruth | None, title: str) -> Iterator[str | Table]:
+def _shown(
+    report: registration.RegistrationReport, truth: registration.SimulatedTruth | None, title: str
+) -> Iterator[str | Table]:
     answer = "[bold green]registered[/]" if report.registered else "[bold yellow]not registered[/]"
     yield f"{answer}: {escape(title)}, {len(report.points)} points"
     if report.reason is not None:
@@ -249,7 +251,7 @@ def _shown(report: runs.RegistrationReport, truth: runs.SimulatedTruth | None, t
             yield "  ".join(f"{value:+.6f}" for value in row)
 
 
-def _rows(report: runs.RegistrationReport, truth: runs.SimulatedTruth | None) -> list[tuple[str, str]]:
+def _rows(report: registration.RegistrationReport, truth: registration.SimulatedTruth | None) -> list[tuple[str, str]]:
     x, y, z = (1e3 * value for value in report.target_trus_m)
     assumed = " for 1 mm in each coordinate, because not all have sigmas" if report.weights == "equal" else ""
     rows = [
@@ -278,7 +280,7 @@ def _rows(report: runs.RegistrationReport, truth: runs.SimulatedTruth | None) ->
     return rows
 
 
-def _target_figure(views: Sequence[runs.TargetView], title: str) -> Figure:
+def _target_figure(views: Sequence[registration.TargetView], title: str) -> Figure:
     from markerseek.pictures import target_figure
 
     return target_figure(
@@ -286,7 +288,7 @@ def _target_figure(views: Sequence[runs.TargetView], title: str) -> Figure:
     )
 
 
-def _figure(report: runs.RegistrationReport, title: str) -> Figure:
+def _figure(report: registration.RegistrationReport, title: str) -> Figure:
     import numpy as np
 
     from markerseek.pictures import registration_figure

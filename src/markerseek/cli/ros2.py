@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from markerseek import bridges, drivers, rigs, runs
+from markerseek import bridges, drivers, rigs
 from markerseek.bridges import ros2
 from markerseek.cli import ros2_devices
 from markerseek.cli.help import add_command
@@ -18,6 +18,7 @@ from markerseek.cli.ros2_devices import ros_node
 from markerseek.cli.signals import Stopped, noted_signals
 from markerseek.cli.terminal import print_json, stderr
 from markerseek.core import SearchPlan, SimulationOptions
+from markerseek.registration import read_registration
 from markerseek.ros import topics
 
 _SEARCH_EXAMPLES = """
@@ -47,7 +48,7 @@ def search(
     The search is the ordinary command in a process of its own. A rig of devices asks on this terminal whether it may be
     armed, each time; no message arms it.
     """
-    known = None if registration is None else runs.read_registration(registration)
+    known = None if registration is None else read_registration(registration)
     asked = bridges.AskedSearch(plan=plan, simulation=simulation)
     if rig is not None:
         # Asked now, not when a node calls.

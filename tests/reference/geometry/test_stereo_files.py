@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from markerseek.core import ConfigError
-from markerseek.runs import StereoSettings, read_stereo
+from markerseek.registration import StereoSettings, read_stereo
 
 cv2 = pytest.importorskip("cv2")
 

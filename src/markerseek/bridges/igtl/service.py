@@ -25,7 +25,7 @@ from markerseek.bridges.recordings import Recording
 from markerseek.bridges.searches import Searches, SearchOptions
 from markerseek.core import ConfigError, SearchError
 from markerseek.records.journal import JournalItem
-from markerseek.runs import KnownRegistration
+from markerseek.registration import KnownRegistration
 from markerseek.wire import igtl
 
 ALIVE_S = 1.0

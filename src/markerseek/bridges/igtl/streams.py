@@ -23,8 +23,9 @@ from markerseek.bridges.run_images import RunImages, since_fired_s
 from markerseek.core import Measured, Sample, ScanGeometry, UInt8
 from markerseek.records.exports import image_to_probe, probe_to_probe_home
 from markerseek.records.journal import Configuration, JournalItem
+from markerseek.registration import KnownRegistration
 from markerseek.ros import messages
-from markerseek.runs import KnownRegistration, RunView
+from markerseek.runs import RunView
 from markerseek.wire import igtl
 
 

@@ -7,8 +7,9 @@ from typing import Any
 from markerseek.bridges.run_images import RunImages, since_fired_s
 from markerseek.core import Measured
 from markerseek.records.journal import Configuration, Entry
+from markerseek.registration import KnownRegistration
 from markerseek.ros import RosNode, messages, topics
-from markerseek.runs import KnownRegistration, RunView
+from markerseek.runs import RunView
 
 _TEXT, _JOINT = "std_msgs/msg/String", "sensor_msgs/msg/JointState"
 

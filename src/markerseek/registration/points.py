@@ -12,10 +12,10 @@ from markerseek.core import ConfigError, Float64, RecordError
 from markerseek.files import DECIMAL_COMMA, MIB, csv_rows, in_natural_order, natural
 from markerseek.geometry import Camera
 from markerseek.records import read_camera_images
-from markerseek.runs.former_search import read_marker
-from markerseek.runs.registration import PointPair
-from markerseek.runs.shared_errors import seen_point
-from markerseek.runs.stereo_files import StereoSettings
+from markerseek.registration.report import PointPair
+from markerseek.registration.shared_errors import seen_point
+from markerseek.registration.stereo_files import StereoSettings
+from markerseek.runs import read_marker
 from markerseek.vision import LaserSpot, find_spot
 
 COLUMNS: dict[str, tuple[str, ...]] = {

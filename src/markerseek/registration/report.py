@@ -16,7 +16,7 @@ from markerseek._version import __version__
 from markerseek.core import Bool, ConfigError, Float64, RecordError
 from markerseek.files import MIB, read_json
 from markerseek.geometry import Registration, RigidTransform, leave_one_out, mirror_image_fre, register_points
-from markerseek.runs.shared_errors import FOCAL_ERROR, TRUS_ERRORS, focal_shared_m, trus_shared_m
+from markerseek.registration.shared_errors import FOCAL_ERROR, TRUS_ERRORS, focal_shared_m, trus_shared_m
 
 MIN_PROBABILITY = 1e-3
 """Probability of residuals as large, or larger, below which points do not fit (a chi-squared test)."""

@@ -11,8 +11,8 @@ import numpy as np
 from markerseek.core import ConfigError, Float64, UInt8
 from markerseek.geometry import Camera
 from markerseek.records import read_camera_images
-from markerseek.runs.registration import RegistrationReport, davinci_to_probe_home
-from markerseek.runs.stereo_files import StereoSettings
+from markerseek.registration.report import RegistrationReport, davinci_to_probe_home
+from markerseek.registration.stereo_files import StereoSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

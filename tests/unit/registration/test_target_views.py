@@ -10,7 +10,7 @@ import pytest
 
 from markerseek.core import ConfigError
 from markerseek.geometry import Camera
-from markerseek.runs import PointPair, read_stereo, register_pairs, target_views
+from markerseek.registration import PointPair, read_stereo, register_pairs, target_views
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed")
 

@@ -12,8 +12,8 @@ import pytest
 
 from markerseek.bridges.igtl import Streams
 from markerseek.core import RecordError
+from markerseek.registration import KnownRegistration, PointPair, read_registration, register_pairs
 from markerseek.ros import messages
-from markerseek.runs import KnownRegistration, PointPair, read_registration, register_pairs
 
 CAMERA_M = np.array([[0.0, 0.0, 0.1], [0.02, 0.0, 0.11], [0.0, 0.03, 0.1], [0.02, 0.03, 0.13]])
 ROTATION = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])

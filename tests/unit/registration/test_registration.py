@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
-from markerseek.runs import PointPair, RegistrationReport, register_pairs
+from markerseek.registration import PointPair, RegistrationReport, register_pairs
 
 TRUS_M = np.array([[x, y, 60 + (x * y) % 7 / 2] for x in (-20, 0, 20) for y in (-20, 0, 20)]) * 1e-3
 TURN = Rotation.from_euler("xyz", [150, 20, 40], degrees=True).as_matrix()

@@ -9,7 +9,7 @@ import pytest
 
 from markerseek.cli.register import SceneOptions
 from markerseek.core import ConfigError
-from markerseek.runs.simulated_registration import MARKER_PLACES, on_alternate_sides
+from markerseek.registration.simulated import MARKER_PLACES, on_alternate_sides
 
 
 def turned(places: tuple[tuple[int, int], ...]) -> int:

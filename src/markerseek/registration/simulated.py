@@ -23,10 +23,10 @@ from markerseek.core import (
 )
 from markerseek.geometry import MIN_POINTS, RigidTransform, StereoCameras
 from markerseek.records import SearchResult
+from markerseek.registration.report import PointPair, RegistrationReport, davinci_to_probe_home, register_pairs
+from markerseek.registration.shared_errors import seen_point
 from markerseek.rigs import simulated
-from markerseek.runs.registration import PointPair, RegistrationReport, davinci_to_probe_home, register_pairs
-from markerseek.runs.session import new_session, plan_on
-from markerseek.runs.shared_errors import seen_point
+from markerseek.runs import new_session, plan_on
 from markerseek.sim import EndoscopeSettings, SimulatedSettings, camera_above, endoscope, spot_images
 from markerseek.vision import LaserSpot, find_spot
 

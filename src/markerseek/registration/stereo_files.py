@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from markerseek.core import ConfigError, Float64, RecordError, is_finite, needs_package, require_range
 from markerseek.files import MIB, read_text, read_toml, settings_from
 from markerseek.geometry import Camera, RigidTransform, StereoCameras
-from markerseek.runs.stereo_opencv import SUFFIXES, is_of_opencv, numbers_of, read_opencv
+from markerseek.registration.stereo_opencv import SUFFIXES, is_of_opencv, numbers_of, read_opencv
 
 _MAX_BYTES = MIB // 16
 """Largest calibration; one has 2 KB."""
