@@ -52,7 +52,7 @@ from markerseek.core.events import (
 from markerseek.core.frame import NO_HEADER, BModeFrame, ChannelFrame, Frame, FrameHeader, ReadingFrame, RFFrame
 from markerseek.core.image import BModeImage, LinearArray, PaImage, ScanGeometry
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
-from markerseek.core.marker import MarkerPosition, marker_position
+from markerseek.core.marker import MarkerCandidate, MarkerPosition, marker_candidates, marker_position
 from markerseek.core.options import Option, arguments_of, as_text, option, options_of
 from markerseek.core.permit import SWEEP_READING_S, Permit, SweepPermit
 from markerseek.core.plan import (
@@ -157,6 +157,7 @@ __all__ = [
     "LinearArray",
     "LocalMaxima",
     "MarkerCurve",
+    "MarkerCandidate",
     "MarkerPosition",
     "MarkerseekError",
     "Measured",
@@ -218,6 +219,7 @@ __all__ = [
     "is_finite",
     "is_whole",
     "listed",
+    "marker_candidates",
     "marker_position",
     "needs_package",
     "option",

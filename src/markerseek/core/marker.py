@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from markerseek.core.estimate import Found, Unsure
+from markerseek.core.estimate import Ambiguous, Estimate, Found, Unsure
 from markerseek.core.plan import RigFacts
 from markerseek.core.reading import Sample
 from markerseek.core.shapes import CHECKED, Float64
@@ -65,14 +65,103 @@ class MarkerPosition:
         return np.asarray(axes.T @ np.diag(np.square(self.sigma_m)) @ axes)
 
 
-def marker_position(found: Found | Unsure, samples: Sequence[Sample], facts: RigFacts) -> MarkerPosition | None:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MarkerCandidate:
+    """A source that may be the marker.
+
+    Attributes
+    ----------
+    angle_deg
+        Its angle in degrees.
+    probability
+        Probability that it is the marker, by its search alone: another measurement, such as that of a camera, may say
+        more.
+    position
+        Where it is.
+    """
+
+    angle_deg: float
+    probability: float
+    position: MarkerPosition
+
+
+_LOUDER_DB = 3.0
+"""Standard deviation in dB of a difference of loudness that says nothing of which source is the marker."""
+
+_USUAL_OTHER, _LEAST_OTHER = 0.01, 1e-6
+"""Probability that an answer is another source, where its method does not compute it, and at least."""
+
+_SAME_DEG = 0.5
+"""Angles nearer to one another are one candidate."""
+
+
+def marker_candidates(estimate: Estimate, samples: Sequence[Sample], facts: RigFacts) -> tuple[MarkerCandidate, ...]:
+    """Sources of an answer that may be the marker, the likeliest first; none where their places are not known.
+
+    The loudest source has the place that `marker_position` gives, the others that of their own frames. Where the answer
+    does not state how probable another source is, that follows from its loudness.
+
+    Parameters
+    ----------
+    estimate
+        The answer of a search.
+    samples
+        All its samples with light, the confirmation among them.
+    facts
+        Face radius and sound speed of the rig.
+    """
+    if not isinstance(estimate, Found | Unsure | Ambiguous) or estimate.sigma_deg is None:
+        return ()
+    first = marker_position(estimate, samples, facts)
+    if first is None:
+        return ()
+    found = [(estimate.mean_deg, 1.0, first)]
+    for other in estimate.others:
+        if other.lateral_m is not None and other.depth_m is not None:
+            place = (other.lateral_m, (facts.face_radius_m or 0.0) + other.depth_m)
+            weight = min(1.0, math.exp(other.relative_db / _LOUDER_DB))
+            found.append((other.angle_deg, weight, _placed(other.angle_deg, other.sigma_deg, *place)))
+    if isinstance(estimate, Ambiguous):
+        # The same source where its angle is one of several.
+        x, lateral_m, z = first.position_m
+        for mode_deg in estimate.modes_deg:
+            if all(abs(mode_deg - angle_deg) > _SAME_DEG for angle_deg, _, _ in found):
+                found.append((mode_deg, 1.0, _placed(mode_deg, estimate.sigma_deg, lateral_m, math.hypot(x, z))))
+    rest = estimate.other_probability if isinstance(estimate, Found | Unsure) else None
+    if isinstance(estimate, Found) or (isinstance(estimate, Unsure) and estimate.doubt == "width"):
+        rest = _USUAL_OTHER if rest is None else max(rest, _LEAST_OTHER)
+    others = sum(weight for _, weight, _ in found[1:])
+    if rest is None:
+        shares = [weight / (1 + others) for _, weight, _ in found]
+    else:
+        shares = [1 - rest, *(rest * weight / others for _, weight, _ in found[1:])]
+    candidates = [
+        MarkerCandidate(angle_deg=angle_deg, probability=share, position=position)
+        for (angle_deg, _, position), share in zip(found, shares, strict=True)
+    ]
+    return tuple(sorted(candidates, key=lambda each: -each.probability))
+
+
+def _placed(angle_deg: float, sigma_deg: float, lateral_m: float, radius_m: float) -> MarkerPosition:
+    """Where a source is whose frames say its place, and not how well."""
+    angle, incoherent = math.radians(angle_deg), 1 - UNKNOWN_COHERENCE
+    return MarkerPosition(
+        position_m=(radius_m * math.sin(angle), lateral_m, radius_m * math.cos(angle)),
+        sigma_m=(radius_m * math.radians(sigma_deg), LATERAL_M * incoherent, DEPTH_M * incoherent),
+    )
+
+
+def marker_position(found: Found | Unsure | Ambiguous, samples: Sequence[Sample], facts: RigFacts) -> MarkerPosition | None:
     """Position of the marker; None where the frames give no position, or the face radius is not known.
 
     Lateral position and depth are means over the strong frames, weighted by the square of their intensity, of the
     centroid of the energy: which grain of a stained spot, or which edge of a long laser pulse, is the peak is chance.
 
-    ``samples``: all samples with light, the confirmation among them. ``facts``: face radius and sound speed of the rig.
+    ``found``: an answer with a standard deviation. ``samples``: all samples with light, the confirmation among them.
+    ``facts``: face radius and sound speed of the rig.
     """
+    if found.sigma_deg is None:
+        return None
     face_m = facts.face_radius_m
     positions = [at for sample in samples if (at := _position_of(sample, facts.sound_speed_m_s)) is not None]
     if face_m is None or not positions:

@@ -17,6 +17,7 @@ from markerseek.core import (
     Floor,
     Found,
     IntervalKind,
+    MarkerCandidate,
     MarkerCurve,
     NotFound,
     OtherSource,
@@ -29,6 +30,7 @@ from markerseek.core import (
     Unsure,
     counted,
     listed,
+    marker_candidates,
     marker_position,
     needs_package,
     rig_in_words,
@@ -158,6 +160,9 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     """The marker in the TRUS frame; also known if an answer is unsure for its width only."""
     marker_sigma_m: tuple[float, float, float] | None
     """Standard deviations along the turn, along the axis and in depth (`markerseek.core.MarkerPosition`)."""
+    candidates: list[MarkerCandidate] = []
+    """Sources that may be the marker, the likeliest first, with their places in the TRUS frame; none where no frame
+    says them."""
     acquisitions: int
     """Acquisitions with light that the search received."""
     refused: int
@@ -259,6 +264,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
             half_width_m=known.half_width_m if isinstance(known, Found | Unsure) else None,
             marker_trus_m=None if marker is None else marker.position_m,
             marker_sigma_m=None if marker is None or known is None else marker.sigma_m,
+            candidates=[] if plan.as_published else list(marker_candidates(estimate, lit, facts)),
             acquisitions=finished.acquisitions if searched is None else len(kept),
             refused=refused,
             travel_deg=finished.travel_deg if searched is None else None,

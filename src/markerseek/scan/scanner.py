@@ -154,6 +154,22 @@ class Scanner:
         self._arm_itself()
         return self._acquire(self.angle_deg, pulses=0)
 
+    def light(self) -> int:
+        """Fire the pulses of one acquisition at the present angle and receive nothing, for a camera that looks on.
+
+        Returns the number of pulses. Raises as `measure`.
+        """
+        self._arm_itself()
+        at_deg = self.angle_deg
+        permit = self.guard.issue(angle_deg=at_deg, pulses=self._pulses[0], now_s=self.clock.now_s())
+        # What a receiver may have heard of it must not pass for the answer to the next permit.
+        self._begun, self._settled = True, False
+        self.guard.redeem(permit, angle_deg=at_deg, now_s=self.clock.now_s())
+        with self._faulting, self._watchdog_held:
+            fired = self._laser.fire(permit)
+        self.guard.end_fire(fired)
+        return fired
+
     @property
     def sweeping(self) -> SweepingDevices:
         """Its devices as those of a sweep; `ConfigError` says why this rig cannot sweep."""
