@@ -93,6 +93,7 @@ from markerseek.core.reading import (
 )
 from markerseek.core.shapes import Bool, Complex128, Float32, Float64, Int16, Int32, Int64, UInt8
 from markerseek.core.simulation import MAX_PACE, USUAL_SEED, SimulationOptions, require_pace
+from markerseek.core.stereo_images import MAX_PAIRS, StereoImages, StereoPair
 from markerseek.core.sweep import (
     MAX_AHEAD_DEG,
     MAX_RESOLUTION_DEG,
@@ -110,6 +111,7 @@ __all__ = [
     "MAX_ARRIVALS",
     "MAX_INTENSITY",
     "MAX_PACE",
+    "MAX_PAIRS",
     "MAX_RESOLUTION_DEG",
     "MIN_INTENSITY",
     "NO_HEADER",
@@ -195,6 +197,8 @@ __all__ = [
     "Stage",
     "StageReading",
     "Started",
+    "StereoImages",
+    "StereoPair",
     "Sweep",
     "SweepPermit",
     "SweepTiming",

@@ -24,6 +24,7 @@ from markerseek.sim.settings import (
     with_options,
 )
 from markerseek.sim.stage import SimulatedStage, StageMotion
+from markerseek.sim.stereo_endoscope import EndoscopeFaults, SimulatedEndoscope
 from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
 from markerseek.sim.trapezoid import phases
 from markerseek.sim.world import Flash, SimulatedWorld, World
@@ -36,6 +37,7 @@ __all__ = [
     "BModeWorld",
     "CurveWorld",
     "DeviceName",
+    "EndoscopeFaults",
     "EndoscopeSettings",
     "Fault",
     "FaultKind",
@@ -51,6 +53,7 @@ __all__ = [
     "ReceiverSettings",
     "RecordedCurve",
     "SechCurve",
+    "SimulatedEndoscope",
     "SimulatedHand",
     "SimulatedLaser",
     "SimulatedReceiver",

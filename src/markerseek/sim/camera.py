@@ -72,6 +72,26 @@ class EndoscopeSettings:
         require_fields(self, "endoscope")
 
 
+def uneven_tissue(
+    size_px: tuple[int, int], *, settings: EndoscopeSettings, rng: np.random.Generator
+) -> Float64[np.ndarray, "rows columns"]:
+    """Brightness of tissue in uneven light, in counts: waves of random direction and phase, 80 to 400 pixels long.
+
+    ``size_px``: width and height of the image.
+    """
+    width, height = size_px
+    across, down = [], []
+    for _ in range(6):
+        length_px, direction, phase = rng.uniform(80, 400), rng.uniform(0, np.pi), rng.uniform(0, 2 * np.pi)
+        wave = 2 * np.pi / length_px
+        x, y = wave * np.cos(direction) * np.arange(width), wave * np.sin(direction) * np.arange(height) + phase
+        # sin(x + y), as products of what depends on the column and on the row alone.
+        across += [np.sin(x), np.cos(x)]
+        down += [np.cos(y), np.sin(y)]
+    waves = np.stack(down, axis=1) @ np.stack(across)
+    return np.asarray(settings.tissue_counts * (1 + 0.08 * waves))
+
+
 def spot_images(
     place_px: Float64[np.ndarray, " 2"] | None,
     *,
@@ -85,16 +105,7 @@ def spot_images(
     """
     width, height = size_px
     columns, rows = np.arange(width), np.arange(height)
-    # Uneven light and slow texture: some waves of random direction and phase, 80 to 400 pixels long.
-    texture = np.full((height, width), settings.tissue_counts)
-    for _ in range(6):
-        length_px, direction, phase = rng.uniform(80, 400), rng.uniform(0, np.pi), rng.uniform(0, 2 * np.pi)
-        wave = 2 * np.pi / length_px
-        texture += (
-            0.08
-            * settings.tissue_counts
-            * np.sin(wave * (np.cos(direction) * columns[None, :] + np.sin(direction) * rows[:, None]) + phase)
-        )
+    texture = uneven_tissue(size_px, settings=settings, rng=rng)
     images = []
     for _ in range(settings.frames):
         image = texture + settings.noise_counts * rng.standard_normal((height, width), dtype=np.float32)
