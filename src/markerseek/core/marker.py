@@ -151,7 +151,9 @@ def _placed(angle_deg: float, sigma_deg: float, lateral_m: float, radius_m: floa
     )
 
 
-def marker_position(found: Found | Unsure | Ambiguous, samples: Sequence[Sample], facts: RigFacts) -> MarkerPosition | None:
+def marker_position(
+    found: Found | Unsure | Ambiguous, samples: Sequence[Sample], facts: RigFacts
+) -> MarkerPosition | None:
     """Position of the marker; None where the frames give no position, or the face radius is not known.
 
     Lateral position and depth are means over the strong frames, weighted by the square of their intensity, of the

@@ -153,7 +153,7 @@ def register_pairs(
     worst = _worst([pair.name for pair in pairs], found, rests)
     mirror_fre_m = mirror_image_fre(points.camera_m, points.trus_m)
     reason = None if fit.accepted else _refusal(found, fit, rests, worst, mirror_fre_m)
-    target = _under(points.trus_m) if target_trus_m is None else target_trus_m
+    target = default_target(points.trus_m) if target_trus_m is None else target_trus_m
     return RegistrationReport(
         registered=reason is None,
         reason=reason,
@@ -184,6 +184,11 @@ def register_pairs(
             for pair, residual_m, out in zip(pairs, found.residuals_m, left_out, strict=True)
         ],
     )
+
+
+def registered_pairs(pairs: Sequence[PointPair]) -> Registration:
+    """The transform of point pairs with its covariance, not judged."""
+    return _Points.of(pairs).registered(np.ones(len(pairs), dtype=bool))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -304,8 +309,8 @@ def _shared(found: Registration) -> list[SharedReport]:
     ]
 
 
-def _under(trus_m: Float64[np.ndarray, "points 3"]) -> Triple:
-    """Usual target: under the middle of the points, towards the axis."""
+def default_target(trus_m: Float64[np.ndarray, "points 3"]) -> Triple:
+    """The usual target: `TARGET_DEPTH_M` under the middle of the points, towards the axis."""
     x, y, z = trus_m.mean(axis=0).tolist()
     radius_m = float(np.hypot(x, z))
     share = max(radius_m - TARGET_DEPTH_M, 0.0) / radius_m if radius_m > 0 else 0.0

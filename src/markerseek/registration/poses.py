@@ -1,0 +1,324 @@
+"""Where the camera may stand, from the markers so far: what it predicts of the next spot, and where that helps most.
+
+From three markers on, the poses are drawn from the registration and its covariance. One or two leave rotations open:
+they are drawn evenly among those in which the camera looks at the tissue from the side that the probe looks to, and
+brings the spots to their markers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from markerseek.core import AnglePrior, ConfigError, Float64, Interval
+from markerseek.geometry import (
+    MIN_POINTS,
+    Registration,
+    registration_errors,
+)
+from markerseek.registration.choice import Choice, SeenMarker
+from markerseek.registration.report import default_target, registered_pairs
+from markerseek.registration.shared_errors import seen_point, trus_shared_m
+from markerseek.registration.stereo_files import StereoSettings
+
+DRAWS = 4000
+"""Poses that are drawn where rotations are open; a known registration needs a tenth."""
+
+MOST_SLANT_DEG = 75.0
+"""Largest angle between the camera's line of sight and the straight way from the tissue to the probe."""
+
+DEPTHS_M = (10e-3, 90e-3)
+"""Least and largest distance of a marker from the axis of the probe."""
+
+LEAST_SIGMA_DEG = 0.3
+"""Least standard deviation of an angle that is predicted."""
+
+BIN_DEG = 1.0
+"""Width of the bins of a predicted density."""
+
+KNOWN_SHARE = 0.7
+"""Share of the range beyond which a prediction leaves nothing out."""
+
+EDGE_DEG, EDGE_PX = 3.0, 60
+"""Distance from the ends of the range, in degrees, and from the edges of both images, in pixels, of a place that is
+proposed."""
+
+APART_M = 10e-3
+"""Least distance of a place that is proposed from the spots before."""
+
+FAR_M = 40e-3
+"""Distance from the spots before, and from the line through them, that is wanted while there is no registration."""
+
+_GRID = (24, 20)
+"""Columns and rows of the places in the left image that are compared."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reach:
+    """What the probe can reach."""
+
+    angles: Interval
+    """Angles that may be searched."""
+    lateral_m: float
+    """Largest distance of a marker from the middle of the array, along it."""
+
+    def holds(
+        self, angle_deg: Float64[np.ndarray, " points"], lateral_m: Float64[np.ndarray, " points"]
+    ) -> Float64[np.ndarray, " points"]:
+        """1 where a marker can be found, 0 elsewhere."""
+        inside = (angle_deg > self.angles.low_deg + EDGE_DEG) & (angle_deg < self.angles.high_deg - EDGE_DEG)
+        return np.asarray((inside & (np.abs(lateral_m) < self.lateral_m)).astype(float))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """A place for the next spot."""
+
+    left_px: tuple[float, float]
+    right_px: tuple[float, float]
+    """``left_px`` and ``right_px``: where both cameras see it."""
+    camera_m: tuple[float, float, float]
+    """The place in the frame of the left camera."""
+    tre_m: float | None
+    """Expected TRE at the target with a marker there; None before there is a registration."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prediction:
+    """What the markers so far say of a spot."""
+
+    prior: AnglePrior
+    lateral_m: float
+    radius_m: float
+    """``lateral_m`` and ``radius_m``: where it probably is along the array, and its distance from the axis."""
+    sigma_m: float
+    """Standard deviation of the position, root mean square."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Poses:
+    """Possible transforms from the camera to the probe."""
+
+    rotations: Float64[np.ndarray, "poses 3 3"]
+    translations_m: Float64[np.ndarray, "poses 3"]
+    registration: Registration | None
+    """Registration by which they were drawn; None where rotations are open."""
+
+    @classmethod
+    def of(cls, markers: Sequence[SeenMarker], choice: Choice, *, rng: np.random.Generator) -> Poses | None:
+        """The poses that the markers allow; None before the first."""
+        pairs = [marker.pair(choice.chosen[marker.name]) for marker in markers if marker.name in choice.chosen]
+        if len(pairs) >= MIN_POINTS and choice.report is not None:
+            return cls._registered(registered_pairs(pairs), rng=rng)
+        if not 1 <= len(pairs) < MIN_POINTS:
+            return None
+        camera_m = np.array([pair.camera_m for pair in pairs])
+        trus_m = np.array([pair.trus_m for pair in pairs])
+        rotations = Rotation.random(DRAWS, random_state=rng)
+        if len(pairs) == MIN_POINTS - 1:
+            # Turned so that the line between the spots is that between the markers; about it, any rotation is left.
+            between_m = rotations.apply(camera_m[1] - camera_m[0])
+            rotations = _turning(between_m, trus_m[1] - trus_m[0]) * rotations
+        matrices = rotations.as_matrix()
+        outwards = trus_m.mean(axis=0) * (1, 0, 1)
+        slant = -(matrices[:, :, 2] @ outwards) / np.linalg.norm(outwards)
+        matrices = matrices[slant > math.cos(math.radians(MOST_SLANT_DEG))]
+        translations_m = trus_m.mean(axis=0) - matrices @ camera_m.mean(axis=0)
+        return cls(rotations=matrices, translations_m=translations_m, registration=None) if len(matrices) else None
+
+    @classmethod
+    def _registered(cls, found: Registration, *, rng: np.random.Generator) -> Poses:
+        covariance = found.errors.covariance[:6, :6] * max(1.0, found.misfit)
+        steps = rng.multivariate_normal(np.zeros(6), covariance, size=DRAWS // 10)
+        turns = Rotation.from_rotvec(steps[:, :3]).as_matrix()
+        middle_m = found.errors.middle_m
+        moved_m = turns @ (found.transform.translation_m - middle_m) + middle_m + steps[:, 3:]
+        return cls(rotations=turns @ found.transform.rotation, translations_m=moved_m, registration=found)
+
+    def positions(self, camera_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, "poses 3"]:
+        """Where a point of the camera's frame is in that of the probe, for each pose."""
+        return np.asarray(self.rotations @ camera_m + self.translations_m)
+
+    def predict(
+        self, camera_m: Float64[np.ndarray, " 3"], covariance_m2: Float64[np.ndarray, "3 3"], *, limits: Interval
+    ) -> Prediction | None:
+        """What the poses say of a spot; None where they leave most of the range open.
+
+        ``camera_m``, ``covariance_m2``: the spot, as both cameras see it. ``limits``: angles that may be searched.
+        """
+        trus_m = self.positions(camera_m)
+        angle_deg, lateral_m, radius_m = _polar(trus_m)
+        possible = (radius_m > DEPTHS_M[0]) & (radius_m < DEPTHS_M[1])
+        if not possible.any():
+            return None
+        angle_deg, lateral_m, radius_m = angle_deg[possible], lateral_m[possible], radius_m[possible]
+        spot_m = math.sqrt(float(np.trace(covariance_m2)) / 3)
+        spot_deg = math.degrees(spot_m / float(np.median(radius_m)))
+        sigma_m = math.hypot(float(trus_m[possible].std(axis=0).max()), spot_m)
+        place = {"lateral_m": float(np.median(lateral_m)), "radius_m": float(np.median(radius_m)), "sigma_m": sigma_m}
+        if self.registration is not None:
+            sigma_deg = max(math.hypot(float(angle_deg.std()), spot_deg), LEAST_SIGMA_DEG)
+            mean_deg = float(angle_deg.mean())
+            # A prior wholly outside of the range says that the spot cannot be reached, and not where it is.
+            near_deg = limits.nearest(mean_deg)
+            if abs(mean_deg - near_deg) > 3 * sigma_deg:
+                return None
+            return Prediction(prior=AnglePrior(mean_deg=near_deg, sigma_deg=sigma_deg), **place)
+        edges_deg = np.arange(limits.low_deg, limits.high_deg + BIN_DEG, BIN_DEG)
+        counts, _ = np.histogram(angle_deg, bins=edges_deg)
+        # The errors of marker and spot blur it.
+        kernel = np.exp(-0.5 * (np.arange(-3, 4) * BIN_DEG / (1.0 + spot_deg)) ** 2)
+        weights = np.convolve(counts, kernel / kernel.sum(), mode="same")
+        if not weights.any() or np.mean(weights > 0.01 * weights.max()) > KNOWN_SHARE:
+            return None
+        middles_deg = (edges_deg[:-1] + edges_deg[1:]) / 2
+        return Prediction(prior=AnglePrior.of_table(middles_deg.tolist(), weights.tolist()), **place)
+
+    def best_place(
+        self,
+        markers: Sequence[SeenMarker],
+        stereo: StereoSettings,
+        reach: Reach,
+        *,
+        target_trus_m: tuple[float, float, float] | None,
+        avoid_m: Sequence[Float64[np.ndarray, " 3"]] = (),
+    ) -> Place | None:
+        """The place for the next spot that lowers the expected TRE at the target most; None where nothing is in reach.
+
+        Before there is a registration: a place that is far from the spots so far and from the line through them, and
+        probably in reach. ``avoid_m``: points in the camera's frame near which no marker was found.
+        """
+        spots_m = np.array([marker.camera_m for marker in markers])
+        taken_m = np.concatenate([spots_m, np.array([*avoid_m]).reshape(-1, 3)])
+        best: tuple[float, Place] | None = None
+        for left_px, right_px, camera_m in _places(stereo, spots_m):
+            if np.linalg.norm(taken_m - camera_m, axis=1).min() < APART_M:
+                continue
+            angle_deg, lateral_m, radius_m = _polar(self.positions(camera_m))
+            within = (radius_m > DEPTHS_M[0]) & (radius_m < DEPTHS_M[1])
+            share = float(np.mean(within * reach.holds(angle_deg, lateral_m)))
+            place = Place(left_px=_pair(left_px), right_px=_pair(right_px), camera_m=_triple(camera_m), tre_m=None)
+            if self.registration is None:
+                worth = share * _new_span(spots_m, camera_m)
+            elif share < 0.95:
+                continue
+            else:
+                tre_m = self._tre_with(camera_m, left_px, right_px, markers, stereo, target_trus_m)
+                place = Place(left_px=place.left_px, right_px=place.right_px, camera_m=place.camera_m, tre_m=tre_m)
+                worth = -tre_m
+            if best is None or worth > best[0]:
+                best = (worth, place)
+        return None if best is None else best[1]
+
+    def _tre_with(
+        self,
+        camera_m: Float64[np.ndarray, " 3"],
+        left_px: Float64[np.ndarray, " 2"],
+        right_px: Float64[np.ndarray, " 2"],
+        markers: Sequence[SeenMarker],
+        stereo: StereoSettings,
+        target_trus_m: tuple[float, float, float] | None,
+    ) -> float:
+        """Expected TRE at the target with one more marker, as well known as those before."""
+        found = self.registration
+        assert found is not None  # noqa: S101  the caller asks for places of a registration only
+        rotation = found.transform.rotation
+        own = [marker for marker in markers if marker.candidates]
+        _, covariance_m2, shared_m = seen_point(
+            left_px, right_px, stereo.cameras, spot_px=_SPOT_PX, calibration_px=stereo.calibration_sigma_px
+        )
+        trus_m = np.array([marker.candidates[0].position.position_m for marker in own])
+        from_trus = np.array([marker.candidates[0].position.covariance_m2 for marker in own])
+        from_camera = np.array([*(marker.camera_covariance_m2 for marker in own), covariance_m2])
+        camera_shared = np.array([*(marker.camera_shared_m for marker in own), shared_m])
+        points_m = np.concatenate([trus_m, found.transform.apply(camera_m)[None]])
+        noise = rotation @ from_camera @ rotation.T + np.concatenate([from_trus, from_trus.mean(axis=0)[None]])
+        shared = np.concatenate([-rotation @ camera_shared, trus_shared_m(points_m)], axis=2)
+        errors = registration_errors(points_m, noise, np.linalg.inv(noise), shared_m=shared)
+        target_m = default_target(trus_m) if target_trus_m is None else target_trus_m
+        return errors.tre_m(np.array(target_m)) * math.sqrt(max(1.0, found.misfit))
+
+
+_SPOT_PX = 0.1
+"""Standard deviation that is expected of a spot in the images."""
+
+
+def _turning(from_m: Float64[np.ndarray, "poses 3"], to_m: Float64[np.ndarray, " 3"]) -> Rotation:
+    """The shortest rotations that turn vectors into the direction of another one."""
+    start = from_m / np.linalg.norm(from_m, axis=1)[:, None]
+    end = to_m / np.linalg.norm(to_m)
+    axis = np.cross(start, end)
+    sine = np.linalg.norm(axis, axis=1)
+    angle = np.arctan2(sine, start @ end)
+    return Rotation.from_rotvec(axis * (angle / np.maximum(sine, 1e-12))[:, None])
+
+
+def _polar(
+    trus_m: Float64[np.ndarray, "points 3"],
+) -> tuple[Float64[np.ndarray, " points"], Float64[np.ndarray, " points"], Float64[np.ndarray, " points"]]:
+    """Angle in degrees, position along the array and distance from the axis in metres."""
+    x, y, z = trus_m.T
+    return np.degrees(np.arctan2(x, z)), y, np.hypot(x, z)
+
+
+def _places(
+    stereo: StereoSettings, spots_m: Float64[np.ndarray, "spots 3"]
+) -> list[tuple[Float64[np.ndarray, " 2"], Float64[np.ndarray, " 2"], Float64[np.ndarray, " 3"]]]:
+    """Places on the tissue that both cameras see: pixels of both, and the point in the frame of the left one.
+
+    The tissue is taken for the plane through the spots; before there are three, for one straight before the camera.
+    """
+    cameras = stereo.cameras
+    width, height = cameras.left.size_px
+    columns = np.linspace(EDGE_PX, width - 1 - EDGE_PX, _GRID[0])
+    rows = np.linspace(EDGE_PX, height - 1 - EDGE_PX, _GRID[1])
+    pixels = np.array([(x, y) for y in rows for x in columns])
+    try:
+        direct = cameras.left.undistort(pixels)
+    except ConfigError:
+        # A distortion that cannot be inverted near the edges of the image.
+        pixels = pixels[_inner(pixels, (width, height))]
+        direct = cameras.left.undistort(pixels)
+    rays = np.concatenate([direct, np.ones((len(direct), 1))], axis=1)
+    middle_m, normal = spots_m.mean(axis=0), np.array([0.0, 0.0, 1.0])
+    if len(spots_m) >= MIN_POINTS:
+        normal = np.linalg.svd(spots_m - middle_m)[2][2]
+    depth = (middle_m @ normal) / (rays @ normal)
+    points_m = rays * depth[:, None]
+    seen = (depth > 0) & np.isfinite(depth)
+    pixels, points_m = pixels[seen], points_m[seen]
+    if not len(points_m):
+        return []
+    right_px = cameras.right.project(cameras.left_to_right.apply(points_m))
+    size_px = np.array(cameras.right.size_px)
+    both = ((right_px > EDGE_PX) & (right_px < size_px - 1 - EDGE_PX)).all(axis=1)
+    return list(zip(pixels[both], right_px[both], points_m[both], strict=True))
+
+
+def _inner(pixels: Float64[np.ndarray, "pixels 2"], size_px: tuple[int, int]) -> Float64[np.ndarray, " pixels"]:
+    """Whether pixels lie in the inner half of an image."""
+    return np.asarray((np.abs(pixels - np.array(size_px) / 2) < np.array(size_px) / 4).all(axis=1))
+
+
+def _new_span(spots_m: Float64[np.ndarray, "spots 3"], camera_m: Float64[np.ndarray, " 3"]) -> float:
+    """How far a place is from the spots so far, and from the line through two; more than `FAR_M` is worth no more."""
+    apart_m = float(np.linalg.norm(spots_m - camera_m, axis=1).min())
+    if len(spots_m) > 1:
+        along = spots_m[1] - spots_m[0]
+        beside_m = float(np.linalg.norm(np.cross(along, camera_m - spots_m[0])) / np.linalg.norm(along))
+        apart_m = min(apart_m, beside_m)
+    return min(apart_m, FAR_M)
+
+
+def _pair(pixel: Float64[np.ndarray, " 2"]) -> tuple[float, float]:
+    x, y = pixel.tolist()
+    return x, y
+
+
+def _triple(point_m: Float64[np.ndarray, " 3"]) -> tuple[float, float, float]:
+    x, y, z = point_m.tolist()
+    return x, y, z

@@ -1,0 +1,176 @@
+"""The steps of a registration session, as programs see them; all but `Searching` are recorded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import msgspec
+import numpy as np
+
+from markerseek._version import __version__
+from markerseek.core import MarkerCandidate
+from markerseek.registration.choice import SeenMarker
+from markerseek.registration.poses import Place, Prediction
+from markerseek.registration.report import RegistrationReport
+from markerseek.runs import RunView
+
+Numbers: TypeAlias = list[list[float]]
+
+
+class Spot(msgspec.Struct, frozen=True, kw_only=True):
+    """A laser spot in both images: its pixels and their standard deviation."""
+
+    left_px: tuple[float, float]
+    right_px: tuple[float, float]
+    sigma_px: float
+
+
+class Begun(msgspec.Struct, frozen=True, kw_only=True, tag="begun"):
+    """What a session registers; it must be the same when the session is continued."""
+
+    rig: str
+    """Fingerprint of the rig."""
+    description: str
+    """The rig in words."""
+    simulated: bool
+    images: str
+    """Source of the images, in words."""
+    cameras: str
+    """Calibration of the cameras, as text."""
+    size_px: tuple[int, int]
+    """Width and height of the left image."""
+    goal_m: float
+    """Expected TRE at which the session ends."""
+    target_trus_m: tuple[float, float, float] | None
+    """Where the error counts, in the TRUS frame; None: `TARGET_DEPTH_M` under the middle of the points."""
+    begun: str
+    """When it began, UTC."""
+    seed: int | None = None
+    version: str = __version__
+
+
+class Waiting(msgspec.Struct, frozen=True, kw_only=True, tag="waiting"):
+    """A spot is waited for."""
+
+    name: str
+    """Name that the next marker will have."""
+    place: Place | None
+    """Where it helps most; None: anywhere in view and in reach."""
+    said: str
+    """What the person has to do, in a sentence."""
+
+
+class SpotRefused(msgspec.Struct, frozen=True, kw_only=True, tag="spot-refused"):
+    """The images show no spot that can be measured, or the spot moved; it is looked for again."""
+
+    name: str
+    reason: str
+
+
+class SpotSeen(msgspec.Struct, frozen=True, kw_only=True, tag="spot"):
+    """Both cameras see the spot, and its search begins."""
+
+    name: str
+    spot: Spot
+    camera_m: tuple[float, float, float]
+    """The spot in the frame of the left camera."""
+    prediction: Prediction | None
+    """What the markers so far say of it; None: nothing."""
+    journal: str | None
+    """Name of the search's journal in the folder of the session."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Searching:
+    """The search of a marker has gone on by one event."""
+
+    name: str
+    view: RunView
+    """The search so far."""
+
+
+class TakenMarker(msgspec.Struct, frozen=True, kw_only=True, tag="marker"):
+    """A marker that was searched while its spot stood still."""
+
+    name: str
+    spot: Spot
+    camera_m: list[float]
+    camera_covariance_m2: Numbers
+    camera_shared_m: Numbers
+    """``camera_m``, ``camera_covariance_m2`` and ``camera_shared_m``: the spot in the frame of the left camera, its
+    covariance, and its displacements by the errors that all spots share."""
+    answer: str
+    reason: str | None
+    """``answer`` and ``reason``: those of the search."""
+    candidates: list[MarkerCandidate]
+    """Sources that may be the marker, the likeliest first; none where the search found nothing."""
+    acquisitions: int
+    rig_s: float
+    """Time on the rig's clock from the first look at the spot to the answer, without waiting for a person."""
+    prior: str | None
+    """What the markers before said of its angle; None: nothing."""
+    journal: str | None
+    at: str
+    """When it was taken, UTC."""
+    again: str | None = None
+    """Name of the marker that it is, measured again; None for a new one."""
+
+    @property
+    def seen(self) -> SeenMarker:
+        """The marker and its spot."""
+        return SeenMarker(
+            name=self.name,
+            candidates=tuple(self.candidates),
+            camera_m=np.array(self.camera_m),
+            camera_covariance_m2=np.array(self.camera_covariance_m2),
+            camera_shared_m=np.array(self.camera_shared_m),
+        )
+
+
+class Registered(msgspec.Struct, frozen=True, kw_only=True, tag="registered"):
+    """What the markers say together, after each of them."""
+
+    report: RegistrationReport | None
+    """The registration; None where there are too few markers, or they do not fit."""
+    decided: bool
+    """Whether the registration is accepted, and no marker may be another source."""
+    chosen: dict[str, int]
+    """Number of the candidate that was chosen of each marker."""
+    left_out: tuple[str, ...]
+    """Markers none of whose candidates fits."""
+    open: tuple[str, ...]
+    """Markers that may be another source still."""
+    reason: str | None
+    """Why it is not decided."""
+    place: Place | None
+    """Where the next spot helps most, with the TRE that is expected then."""
+    done: bool
+    """Whether the session ends here."""
+    said: str
+    """The state in a sentence."""
+
+
+class MovedMarker(msgspec.Struct, frozen=True, kw_only=True, tag="again"):
+    """A marker was measured again at the end."""
+
+    name: str
+    moved_m: float
+    sigma_m: float
+    """``moved_m`` and ``sigma_m``: how far it is from where it was, relative to the camera, and the standard deviation of
+    that."""
+    said: str
+
+
+class Ended(msgspec.Struct, frozen=True, kw_only=True, tag="ended"):
+    """The session is over."""
+
+    registered: bool
+    said: str
+    rig_s: float
+    """Time of the rig for all markers."""
+
+
+RecordedStep: TypeAlias = Begun | Waiting | SpotRefused | SpotSeen | TakenMarker | Registered | MovedMarker | Ended
+Step: TypeAlias = RecordedStep | Searching
+"""Any step of a session."""
