@@ -61,7 +61,7 @@ MIN_ACQUISITIONS = 4
 """Acquisitions before which a search does not end for a small standard deviation."""
 
 MIN_SAMPLES = 3
-"""Samples before which a prior over the angle is not given up."""
+"""Samples that are taken where a prior over the angle expects the marker, before it can be given up."""
 
 MOST_WRONG = 0.5
 """Probability that such a prior is wrong from which it is given up."""
@@ -400,7 +400,8 @@ class Posterior(SearchPolicy):
         """Next angle in degrees, whether it can be measured or not; None at the end."""
         if self._asked >= self._budget:
             return None
-        if not self._lit or not self._analysis.detected:
+        # Three samples about the marker say more of it than one that is followed to where the prior does not expect it.
+        if not self._lit or not self._analysis.detected or (self._is_narrowed and len(self._lit) < MIN_SAMPLES):
             return self._detection_deg()
         first = self._analysis.first
         if len(self._lit) < MIN_ACQUISITIONS or self._comes_first(first):
