@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_type_h
 
 import typer
 
-from markerseek.core import ConfigError, Option, SearchPlan, options_of
+from markerseek.core import AnglePrior, ConfigError, Option, SearchPlan, options_of
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank, TableFormat
@@ -61,6 +61,8 @@ def _annotated(found: Option) -> Any:
         min=found.least,
         show_default=found.default is not None if found.shown is None else found.shown,
         autocompletion=_named_methods if found.name == "method" else None,
+        parser=AnglePrior.parse if found.kind is AnglePrior else None,
+        metavar="ANGLE±SIGMA" if found.kind is AnglePrior else None,
     )
     return Annotated[found.kind if found.default is not None else found.kind | None, declared]
 

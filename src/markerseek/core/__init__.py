@@ -1,5 +1,6 @@
 """Values, protocols, events and errors that all other packages share. Pure; it imports none of them."""
 
+from markerseek.core.angle_prior import AnglePrior, PriorEvidence
 from markerseek.core.arrival import Arrival, LocalMaxima, SpotEnergy
 from markerseek.core.checks import Within, is_finite, is_whole, require_fields, require_range
 from markerseek.core.errors import (
@@ -121,6 +122,7 @@ __all__ = [
     "AcquisitionError",
     "Ambiguous",
     "AngleBelief",
+    "AnglePrior",
     "AnyPolicy",
     "Arrival",
     "Asked",
@@ -172,6 +174,7 @@ __all__ = [
     "PaImage",
     "Permit",
     "Policy",
+    "PriorEvidence",
     "Pulse",
     "RFFrame",
     "Reader",

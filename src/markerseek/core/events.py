@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
+from markerseek.core.angle_prior import PriorEvidence
 from markerseek.core.estimate import Estimate, NotFound
 from markerseek.core.frame import Frame
 from markerseek.core.interval import Interval
@@ -160,6 +161,8 @@ class Finished:
         The same to the answer, before the probe turned to the marker; None where none was found.
     searched
         What the search alone would have said, where the answer is from all angles of a recording; else None.
+    near
+        What was seen of the prior over the angle; None where the search had none.
     belief
         As in `Asked`.
     """
@@ -171,6 +174,7 @@ class Finished:
     elapsed_s: float
     known_s: float | None = None
     searched: Searched | None = None
+    near: PriorEvidence | None = None
     belief: AngleBelief | None = field(default=None, compare=False)
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from itertools import pairwise
 from typing import Any
 
+from markerseek.core.angle_prior import AnglePrior
 from markerseek.core.errors import ConfigError
 
 
@@ -23,7 +24,7 @@ class Option:
 
     name: str
     """Name of the field."""
-    kind: type[bool] | type[int] | type[float] | type[str]
+    kind: type[bool] | type[int] | type[float] | type[str] | type[AnglePrior]
     """Type of its value; ``None`` is possible where it is the default."""
     default: Any
     """Value that it has without being chosen."""
@@ -39,8 +40,10 @@ class Option:
         """How it is typed: ``--tolerance-mm``."""
         return f"--{self.name.replace('_', '-')}"
 
-    def read(self, text: str) -> bool | float | str:
+    def read(self, text: str) -> bool | float | str | AnglePrior:
         """The value of a text; `ConfigError` if it is none of this type."""
+        if issubclass(self.kind, AnglePrior):
+            return self.kind.parse(text)
         try:
             if self.kind is bool:
                 return _TRUTH[text.lower()]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
+from markerseek.core.angle_prior import AnglePrior
 from markerseek.core.checks import is_finite, is_whole, require_range
 from markerseek.core.errors import ConfigError
 from markerseek.core.estimate import MarkerCurve
@@ -141,6 +142,9 @@ class SearchPlan(RunPlan):
     others: float | None = option(None, shown="0.05")
     """Probability that another source as loud is there as well, before the search; less takes fewer acquisitions, 0
     looks for none (posterior only)."""
+    near: AnglePrior | None = option(None)
+    """Where the marker is expected, as ANGLE±SIGMA in degrees: the search begins there, and takes the whole range where
+    the samples contradict it (posterior only)."""
     as_published: bool = option(False)
     """The paper's form of the method, which always answers."""
 

@@ -11,6 +11,7 @@ import msgspec
 from markerseek._version import __version__
 from markerseek.core import (
     FALSE_FOUND,
+    AnglePrior,
     Doubt,
     Estimate,
     Finished,
@@ -21,6 +22,7 @@ from markerseek.core import (
     MarkerCurve,
     NotFound,
     OtherSource,
+    PriorEvidence,
     RigFacts,
     RigKind,
     Sample,
@@ -199,6 +201,10 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     """Seed of a simulated rig."""
     configuration: str
     """Fingerprint of the rig."""
+    near: AnglePrior | None = None
+    """Where the marker was expected; None without such a prior."""
+    near_evidence: PriorEvidence | None = None
+    """What the search has seen of that."""
     search: ReplayedSearch | None = None
     """What a search of a recording would have taken and said; None for other rigs."""
     version: str = __version__
@@ -284,6 +290,8 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
             error_deg=None if facts.known_deg is None else abs(estimate.mean_deg - facts.known_deg),
             seed=facts.seed,
             configuration=facts.fingerprint,
+            near=None if finished.near is None else plan.near,
+            near_evidence=finished.near,
             search=None if searched is None else _replayed_search(searched, samples, start_deg, plan, facts),
         )
 
@@ -313,6 +321,8 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
         # An angle that another source may explain: the user may know that there is no other source.
         cure = "; --single states that there is none" if self.doubt == "source" else ""
         rows = [*_answer_rows(self), *others_rows(self.others, self.surveyed, self.other_probability, cure=cure)]
+        if self.near is not None and self.near_evidence is not None:
+            rows.append(("prior", self.near_evidence.said(self.near)))
         if self.marker_trus_m is not None:
             rows.append(("in the TRUS frame", "x {:.2f}, y {:.2f}, z {:.2f} mm".format(*_mm(self.marker_trus_m))))
         if self.marker_sigma_m is not None:

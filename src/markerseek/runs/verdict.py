@@ -187,6 +187,8 @@ def numbers_of(view: RunView, *, name: str, pulse_j: float | None = None) -> lis
         ("detection threshold", "unknown" if view.floor_level is None else f"{view.floor_level:.4g} {view.unit}"),
         ("pulses", str(view.pulses) if moves else "–"),
     ]
+    if view.finished is not None and view.finished.near is not None and view.plan.near is not None:
+        rows.append(("prior", with_minus(view.finished.near.said(view.plan.near))))
     if belief is not None:
         estimate = belief.estimate
         others = [with_minus(f"{each.relative_db:+.1f} dB at {each.angle_deg:.2f}°") for each in estimate.others]

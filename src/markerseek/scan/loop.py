@@ -252,6 +252,7 @@ def run(
             elapsed_s=scanner.clock.now_s() - began_s,
             known_s=known_s if isinstance(estimate, Found) else None,
             searched=policy.searched if isinstance(policy, RecordingPolicy) else None,
+            near=getattr(policy, "near_evidence", None),
         )
     except Exception as error:
         yield Failed(error=error)

@@ -123,7 +123,8 @@ def build(plan: SearchPlan | MethodName, *, limits: Interval | Sequence[Supports
     ------
     ConfigError
         If the method is unknown, the number of acquisitions does not fit it, a posterior is requested as published, a
-        form that it does not have, or ``others``, a prior or cues are given to another method.
+        form that it does not have, ``others``, a prior or cues are given to another method, or a prior over the angle
+        lies outside of the range.
     """
     if isinstance(plan, str):
         plan = SearchPlan(method=plan)
@@ -135,7 +136,7 @@ def build(plan: SearchPlan | MethodName, *, limits: Interval | Sequence[Supports
     if plan.method == "posterior":
         return _posterior(plan, limits=searched)
     acquisitions = _acquisitions(plan)
-    refuse_posterior_settings(plan.method, others=plan.others, prior=plan.prior, cues=plan.cues)
+    refuse_posterior_settings(plan.method, others=plan.others, prior=plan.prior, near=plan.near, cues=plan.cues)
     ends_early = plan.early_end and plan.method == "weighted-average"
     start_deg = None if plan.as_published else plan.start_deg
     inner = _MAKERS[plan.method](searched, acquisitions, start_deg, ends_early and plan.as_published)
@@ -164,7 +165,7 @@ def posterior_of_all(plan: SearchPlan, *, limits: Interval) -> Posterior:
     if plan.angles_deg is None:
         raise ConfigError("angles_deg is None, it must hold the angles of the recording")
     most = max(2, min(len(plan.angles_deg), MAX_ACQUISITIONS))
-    return _posterior(replace(plan, method="posterior", acquisitions=most, angles_deg=None), limits=limits)
+    return _posterior(replace(plan, method="posterior", acquisitions=most, angles_deg=None, near=None), limits=limits)
 
 
 def build_sweeping(plan: SearchPlan, *, limits: Interval) -> AnyPolicy:
@@ -182,6 +183,7 @@ def build_sweeping(plan: SearchPlan, *, limits: Interval) -> AnyPolicy:
         limits=limits,
         speed_deg_s=plan.sweep_speed_deg_s,
         start_deg=plan.start_deg,
+        near=plan.near,
         in_bursts=plan.sweep_from_end,
         turns_back=plan.sweep_turns_back,
     )
@@ -202,6 +204,7 @@ def _posterior(plan: SearchPlan, *, limits: Interval, target_deg: float | None =
         cues=CUES if plan.cues is None else plan.cues,
         others=USUAL_OTHERS if plan.others is None else plan.others,
         prior=plan.prior,
+        near=plan.near,
         tolerance=plan.tolerance,
         angles_deg=plan.angles_deg,
         by_hand=plan.by_hand,
@@ -216,7 +219,7 @@ def require_plan(plan: SearchPlan) -> None:
     if plan.method == "posterior":
         _refuse_published(plan)
     else:
-        refuse_posterior_settings(plan.method, others=plan.others, prior=plan.prior, cues=plan.cues)
+        refuse_posterior_settings(plan.method, others=plan.others, prior=plan.prior, near=plan.near, cues=plan.cues)
 
 
 def require_sweeping(plan: SearchPlan) -> None:

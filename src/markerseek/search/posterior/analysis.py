@@ -25,6 +25,7 @@ from markerseek.search.posterior.candidates import (
     asymmetric_sample,
     gap_angle_deg,
 )
+from markerseek.search.posterior.expected import ExpectedAngle
 from markerseek.search.posterior.inference import AnglePosterior
 from markerseek.search.posterior.likelihood import DEEP, DEEP_ERROR
 from markerseek.search.posterior.shapes import Shapes
@@ -61,8 +62,9 @@ class Analysis:
         shapes: Shapes,
         limits: Interval,
         single: bool,
+        expected: ExpectedAngle | None = None,
     ) -> None:
-        self.lit, self._dark = lit, dark
+        self.lit, self._dark, self._expected = lit, dark, expected
         self._candidates, self._shapes, self._limits, self._single = candidates, shapes, limits, single
 
     @property
@@ -121,7 +123,7 @@ class Analysis:
         """What may still hide beside a source."""
         if source.missing is not None or self._single:
             return None
-        return survey_of(source, self._shapes, self.lit, self.noise, limits=self._limits)
+        return survey_of(source, self._shapes, self.lit, self.noise, limits=self._limits, expected=self._expected)
 
     def asymmetric_deg(self, source: Candidate) -> float | None:
         """Next angle to test the curve of a source that has no places, in degrees; None if none is left."""

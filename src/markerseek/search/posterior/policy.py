@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from markerseek.core import (
     PAPER_RANGE,
     Ambiguous,
+    AnglePrior,
     ByHand,
     ConfigError,
     Estimate,
@@ -16,6 +17,7 @@ from markerseek.core import (
     Interval,
     MarkerCurve,
     NotFound,
+    PriorEvidence,
     Sample,
     SearchError,
     Tolerance,
@@ -24,7 +26,8 @@ from markerseek.core import (
 from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
 from markerseek.search.posterior.analysis import Analysis, weaker_than_predicted
 from markerseek.search.posterior.answer import SearchState, answer_of, rivals_of
-from markerseek.search.posterior.candidates import BESIDE_DEG, Candidate, Candidates, top_deg
+from markerseek.search.posterior.candidates import BESIDE_DEG, RIVAL_DB, Candidate, Candidates, top_deg
+from markerseek.search.posterior.expected import ExpectedAngle
 from markerseek.search.posterior.next_angle import (
     PLAN,
     PLAN_BY_HAND,
@@ -56,6 +59,12 @@ TARGET_SIGMA_DEG = 0.2
 
 MIN_ACQUISITIONS = 4
 """Acquisitions before which a search does not end for a small standard deviation."""
+
+MIN_SAMPLES = 3
+"""Samples that are taken where a prior over the angle expects the marker, before it can be given up."""
+
+MOST_WRONG = 0.5
+"""Probability that such a prior is wrong from which it is given up."""
 
 SURVEY_RESERVE = 6
 """Acquisitions that precision leaves to the survey, which takes three to five."""
@@ -107,6 +116,9 @@ class Posterior(SearchPolicy):
         Prior probability that there is another source as loud; 0: the search looks for no other, and ends earlier.
     prior
         Width and height of the curve of a former marker on this rig; None if there was none.
+    near
+        Where the marker is expected. The search begins there, and takes the whole range, with its acquisitions counted
+        anew, once the prior is more probably wrong than right, or where it would end without `Found`. None: anywhere.
     tolerance
         How well the angle of a `Found` must be known.
     angles_deg
@@ -133,6 +145,7 @@ class Posterior(SearchPolicy):
         cues: Iterable[str] = CUES,
         others: float = USUAL_OTHERS,
         prior: MarkerCurve | None = None,
+        near: AnglePrior | None = None,
         tolerance: Tolerance = _USUAL,
         angles_deg: Sequence[float] | None = None,
         by_hand: ByHand | None = None,
@@ -154,7 +167,11 @@ class Posterior(SearchPolicy):
         self._limits = limits
         self._budget = acquisitions
         self._target_deg = target_sigma_deg
-        self._descending = start_deg is not None and start_deg > limits.centre_deg
+        self._expected = None if near is None else ExpectedAngle(near, limits=limits)
+        self._is_narrowed = near is not None
+        searched = limits if self._expected is None else self._expected.window
+        self._descending = start_deg is not None and start_deg > searched.centre_deg
+        self._former = prior
         self._others, self._single = others, others == 0
         self._tolerance = tolerance
         self._candidates = Candidates(limits=limits, shapes=self._shapes, cues=chosen, single=others == 0, prior=prior)
@@ -162,7 +179,7 @@ class Posterior(SearchPolicy):
         if angles_deg and not self._left_deg:
             raise ConfigError(f"posterior: none of the {len(angles_deg)} angles_deg lies in {limits}")
         self._by_hand = by_hand
-        self._asked = 0
+        self._asked = self._before = 0
         self._range_swept = False
         self._delay_s = 0.0
         self._confirmation_taken = False
@@ -232,6 +249,45 @@ class Posterior(SearchPolicy):
         """Take for granted from now on that sweeps have surveyed the range, as far as single pulses can."""
         self._range_swept = True
         self._next = None
+
+    @property
+    def is_narrowed(self) -> bool:
+        """Whether it looks first where a prior over the angle expects the marker, and has not given the prior up."""
+        return self._is_narrowed
+
+    @property
+    def near_evidence(self) -> PriorEvidence | None:
+        """What was seen of the prior over the angle; None without one, and before the first sample."""
+        if self._expected is None or not self._lit:
+            return None
+        wrong = self._expected.wrong_probability(self._analysis.state.sources[0].posterior)
+        return PriorEvidence(probability=1 - wrong, whole_range=not self._is_narrowed)
+
+    def doubts_near(self, *, at_end: bool) -> bool:
+        """Whether the prior over the angle is to be given up; ``at_end``: whether the search would end now."""
+        if not self._is_narrowed or len(self._lit) < MIN_SAMPLES:
+            return False
+        assert self._expected is not None  # noqa: S101 - there is one where the search is narrowed
+        if at_end and not isinstance(self.estimate(), Found):
+            return True
+        if not self._analysis.detected:
+            # Evenly spread over the window, so many miss the fewest markers.
+            if len(self._lit) >= len(PLAN):
+                return True
+        elif not at_end and self._comes_first(self._analysis.first):
+            return False
+        first = self._analysis.state.sources[0]
+        if self._former is not None and self._analysis.detected:
+            weak = first.posterior.sigma * math.exp(first.log_snr) < self._former.peak * 10 ** (-RIVAL_DB / 20)
+            if weak:
+                return True
+        return self._expected.wrong_probability(first.posterior) > MOST_WRONG
+
+    def widen(self) -> None:
+        """Give the prior over the angle up: search the whole range, with all samples kept and acquisitions anew."""
+        self._is_narrowed = self._range_swept = False
+        self._asked, self._before = 0, len(self._lit)
+        self._next = self._cached = None
 
     def confirm(self, sample: Sample) -> None:
         """Take the acquisition at the angle found, as one more sample.
@@ -322,11 +378,15 @@ class Posterior(SearchPolicy):
                 shapes=self._shapes,
                 limits=self._limits,
                 single=self._single,
+                expected=self._expected if self._is_narrowed else None,
             )
         return self._cached
 
     def _next_deg(self) -> float | None:
         wanted_deg = self._wanted_deg()
+        if self.doubts_near(at_end=wanted_deg is None):
+            self.widen()
+            wanted_deg = self._wanted_deg()
         if wanted_deg is not None and self._by_hand is not None:
             wanted_deg = step_near_deg(wanted_deg, limits=self._limits, step_deg=self._by_hand.step_deg)
         if self._left_deg is None or wanted_deg is None:
@@ -340,7 +400,8 @@ class Posterior(SearchPolicy):
         """Next angle in degrees, whether it can be measured or not; None at the end."""
         if self._asked >= self._budget:
             return None
-        if not self._lit or not self._analysis.detected:
+        # Three samples about the marker say more of it than one that is followed to where the prior does not expect it.
+        if not self._lit or not self._analysis.detected or (self._is_narrowed and len(self._lit) < MIN_SAMPLES):
             return self._detection_deg()
         first = self._analysis.first
         if len(self._lit) < MIN_ACQUISITIONS or self._comes_first(first):
@@ -441,9 +502,12 @@ class Posterior(SearchPolicy):
         """Next angle while nothing is detected, in degrees."""
         measured_deg = self._analysis.measured_deg
         noise = self._analysis.noise
-        if len(measured_deg) < len(PLAN) or noise.floor.level is None or not noise.sigma:
+        since_deg = measured_deg[self._before :]
+        planned = len(since_deg) < len(PLAN) and (self._is_narrowed or not self._before)
+        if planned or noise.floor.level is None or not noise.sigma:
             plan = PLAN if self._by_hand is None else PLAN_BY_HAND
-            return planned_deg(measured_deg, limits=self._limits, descending=self._descending, plan=plan)
+            limits = self._expected.window if self._expected is not None and self._is_narrowed else self._limits
+            return planned_deg(since_deg, limits=limits, descending=self._descending, plan=plan)
         level = noise.floor.level / noise.sigma
         return most_detectable_deg(
             self._analysis.first.posterior,

@@ -27,6 +27,7 @@ from scipy.special import ndtr
 from markerseek.core import Float64, Interval, Sample
 from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.candidates import BESIDE_DEG, Candidate, suspect_level
+from markerseek.search.posterior.expected import ExpectedAngle, survey_angles_deg
 from markerseek.search.posterior.inference import AnglePosterior
 from markerseek.search.posterior.shapes import STEP_DEG, WIDTHS_DEG, Shapes
 
@@ -54,9 +55,6 @@ answered: quantiles of the widths of 120 pairs of sources on one probe with ever
 HIDDEN_DB = (-2.9, -0.2, -4.3, -1.6, -5.6, -0.9, -3.5, -2.2, -1.2, -4.9, -0.5, -2.5)
 """Their loudness over that of the one answered, in dB: evenly spread amplitudes down to a half of it."""
 
-SURVEY_ANGLES = 71
-"""Angles at which a hidden source is assumed, evenly spread over the range; every second may be the next sample's."""
-
 TAIL_ERROR = 0.2
 """Relative error ε of the curve in its tails, where a source is detected or not (`shapes.MODEL_ERROR`)."""
 
@@ -79,12 +77,14 @@ class Survey:
 
     surveyed: float
     """Share of the range in which a source as loud would have been detected."""
+    hidden: float
+    """What is missing to 1; of a search with a prior weighted by it, over its density at the source."""
     hidden_deg: float
     """Angle at which it would most probably not have been."""
     next_deg: float
     """Angle whose sample adds most, travel weighed in."""
     gain: float
-    """How much one acquisition adds to `surveyed`, at best."""
+    """How much one acquisition takes from `hidden`, at best."""
 
 
 def hidden_probability(survey: Survey, *, others: float) -> float:
@@ -92,17 +92,26 @@ def hidden_probability(survey: Survey, *, others: float) -> float:
 
     ``others``: prior probability that there is one.
     """
-    hidden = others * (1 - survey.surveyed)
+    hidden = others * survey.hidden
     return hidden / (1 - others + hidden) if hidden else 0.0
 
 
 def survey_of(
-    source: Candidate, shapes: Shapes, lit: Sequence[Sample], noise: SearchNoise, *, limits: Interval
+    source: Candidate,
+    shapes: Shapes,
+    lit: Sequence[Sample],
+    noise: SearchNoise,
+    *,
+    limits: Interval,
+    expected: ExpectedAngle | None = None,
 ) -> Survey:
-    """Return the survey of a range for sources as loud as one (13)."""
+    """Return the survey of a range for sources as loud as one (13).
+
+    ``expected``: prior over the marker's angle; None: it may be anywhere.
+    """
     posterior, largest = source.posterior, [sample.reading.intensity for sample in lit]
     level = noise.floor.level or min(largest)
-    angles_deg = np.linspace(limits.low_deg, limits.high_deg, SURVEY_ANGLES)
+    angles_deg = survey_angles_deg(limits)
     measured_deg = np.array([sample.angle_deg for sample in lit])
     # Where a frame lists no arrivals, another source shows only if it is louder than what was measured.
     listed = np.array([sample.reading.local_maxima is not None for sample in lit])
@@ -115,8 +124,11 @@ def survey_of(
     if not has_positions:
         # Beside the source itself it shows in the form of the curve only, which is tested for two humps.
         hidden[:, np.abs(angles_deg - posterior.mean_deg) <= posterior.fwhm_deg / 2] = 0.0
+    surveyed = 1 - float(hidden.mean())
+    if expected is not None:
+        hidden = hidden * expected.weights(posterior)
     left = hidden.mean(axis=0)
-    surveyed, hidden_deg = 1 - float(left.mean()), float(angles_deg[np.argmax(left)])
+    hidden_deg = float(angles_deg[np.argmax(left)])
     # What samples at candidates leave hidden, of all that is.
     candidates_deg = angles_deg[::2]
     apart_deg = np.abs(candidates_deg[:, None] - measured_deg).min(axis=1)
@@ -125,12 +137,14 @@ def survey_of(
     candidates_deg = new if new.size else candidates_deg[[int(np.argmax(apart_deg))]]
     # It is measured at rest, as the last one was if any was.
     next_share = np.full(candidates_deg.size, share.min())
-    expected = next_share * (suspect_level(lit, noise) if has_positions else level) / posterior.sigma
+    needed = next_share * (suspect_level(lit, noise) if has_positions else level) / posterior.sigma
     if not has_positions:
-        expected = np.maximum(expected, np.exp(posterior.log_heights(shapes, candidates_deg).mean(axis=0)))
-    there = undetected(posterior, shapes, candidates_deg, expected, angles_deg, noise=next_share)
+        needed = np.maximum(needed, np.exp(posterior.log_heights(shapes, candidates_deg).mean(axis=0)))
+    there = undetected(posterior, shapes, candidates_deg, needed, angles_deg, noise=next_share)
     next_deg, gain = _next(hidden, there, candidates_deg, last_deg=float(measured_deg[-1]))
-    return Survey(surveyed=surveyed, hidden_deg=hidden_deg, next_deg=next_deg, gain=gain)
+    return Survey(
+        surveyed=surveyed, hidden=float(left.mean()), hidden_deg=hidden_deg, next_deg=next_deg, gain=gain
+    )
 
 
 def noise_shares(lit: Sequence[Sample], noise: SearchNoise) -> Float64[np.ndarray, " samples"]:

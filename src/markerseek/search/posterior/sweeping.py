@@ -10,6 +10,9 @@
    more is missing. Where another source may still hide, it sweeps back over the whole range.
 3. What is still missing is measured at rest, as `Posterior` does: another look at a source, more precision. Where
    nothing was detected there and back, a search at rest begins: the mean of some pulses shows what one does not.
+
+Where a prior over the angle expects the marker in a part of the range, the probe turns there without light, and the
+sweeps are over that part. If `Posterior` gives the prior up, all begins again over the whole range, with all samples.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
-from markerseek.core import Estimate, Found, Interval, Sample, Sweep, Unsure
+from markerseek.core import AnglePrior, Estimate, Found, Interval, PriorEvidence, Sample, Sweep, Unsure
 from markerseek.search.policy import check_sample
 from markerseek.search.posterior.next_angle import Belief
 from markerseek.search.posterior.policy import Posterior, Progress
@@ -82,6 +85,8 @@ class SweepPosterior:
         Speed of the sweeps over the range.
     start_deg
         Present angle of the probe, in degrees; None: the low end.
+    near
+        Where the marker is expected; None: anywhere.
     in_bursts
         Whether the frames of a sweep are read at its end: it begins at the nearer end of the range then.
     turns_back
@@ -97,6 +102,7 @@ class SweepPosterior:
         limits: Interval,
         speed_deg_s: float,
         start_deg: float | None = None,
+        near: AnglePrior | None = None,
         in_bursts: bool = False,
         turns_back: bool = True,
     ) -> None:
@@ -107,19 +113,29 @@ class SweepPosterior:
         self._in_bursts, self._turns_back = in_bursts, turns_back
         self._dark: list[Sample] = []
         self._lit: list[Sample] = []
-        near_deg, far_deg = limits.low_deg, limits.high_deg
-        if start_deg is not None and start_deg > limits.centre_deg:
-            near_deg, far_deg = far_deg, near_deg
-        at_end_deg = min(AT_END_DEG, AT_END * (limits.high_deg - limits.low_deg))
-        at_end = start_deg is None or abs(start_deg - near_deg) <= at_end_deg or start_deg not in limits
-        if in_bursts:
-            self.sweeps = [self._burst(near_deg, far_deg, wait_deg=limits.centre_deg, here=at_end)]
-        else:
-            self.sweeps = [Sweep(to_deg=to_deg, speed_deg_s=speed_deg_s) for to_deg in (near_deg, far_deg)[at_end:]]
+        # Over what it sweeps: what a prior leaves, in the end the whole range.
+        self._part = limits if near is None else near.interval(limits)
+        self.sweeps = self._first(start_deg)
         self._back, self._sigma_deg = 0, math.inf
         self._range_swept = self._known = False
         self._judged_deg: float | None = None
         self._next: tuple[float | Sweep | None] | None = None
+
+    def _first(self, start_deg: float | None) -> list[Sweep]:
+        """The sweeps over the part of the range, from where the probe is."""
+        part = self._part
+        near_deg, far_deg = part.low_deg, part.high_deg
+        if start_deg is not None and start_deg > part.centre_deg:
+            near_deg, far_deg = far_deg, near_deg
+        at_end_deg = min(AT_END_DEG, AT_END * part.width_deg)
+        # Without a prior the start is at the end of the range where it is not known, or lies beyond it.
+        unknown = part == self._limits and (start_deg is None or start_deg not in part)
+        at_end = unknown or (start_deg is not None and abs(start_deg - near_deg) <= at_end_deg)
+        if self._in_bursts:
+            return [self._burst(near_deg, far_deg, wait_deg=part.centre_deg, here=at_end)]
+        if not at_end and (start_deg is None or start_deg not in part):
+            return [Sweep(to_deg=far_deg, speed_deg_s=self._speed_deg_s, from_deg=near_deg)]
+        return [Sweep(to_deg=to_deg, speed_deg_s=self._speed_deg_s) for to_deg in (near_deg, far_deg)[at_end:]]
 
     sweeps: list[Sweep]
     """The sweeps that it will ask for unless the marker is found before; others may follow."""
@@ -132,9 +148,28 @@ class SweepPosterior:
             self._next = (None if self._known else self.sweeps[0] if self.sweeps else self._at_rest(),)
         return self._next[0]
 
-    def _at_rest(self) -> float | None:
-        """Next angle at rest, in degrees; None once the marker is found as well as the tolerance asks."""
-        return None if self._range_swept and isinstance(self.estimate(), Found) else self._posterior.ask()
+    @property
+    def near_evidence(self) -> PriorEvidence | None:
+        """What was seen of the prior over the angle; None without one, and before the first sample."""
+        return self._posterior.near_evidence
+
+    def _at_rest(self) -> float | Sweep | None:
+        """Next angle at rest, in degrees; None once the marker is found as well as the tolerance asks.
+
+        A sweep over the whole range where a prior over the angle is given up now.
+        """
+        narrowed = self._posterior.is_narrowed
+        if not (self._range_swept and isinstance(self.estimate(), Found)):
+            angle_deg = self._posterior.ask()
+        elif self._posterior.doubts_near(at_end=True):
+            self._posterior.widen()
+            angle_deg = self._posterior.ask()
+        else:
+            return None
+        if narrowed and not self._posterior.is_narrowed:
+            self._widen()
+            return self.sweeps[0] if self.sweeps else angle_deg
+        return angle_deg
 
     def tell(self, sample: Sample) -> None:
         """Take one sample: a dark one, one of a sweep, or one at rest.
@@ -165,6 +200,24 @@ class SweepPosterior:
         self._known = False
         if not self.sweeps:
             self.sweeps = self._following()
+        if not self.sweeps and self._is_doubtful():
+            self._posterior.widen()
+            self._widen()
+
+    def _is_doubtful(self) -> bool:
+        """Whether the prior over the angle is to be given up before anything is measured at rest."""
+        answer = self._posterior.estimate()
+        # For the precision alone an acquisition at rest is the shorter way.
+        precise = isinstance(answer, Unsure) and answer.doubt == "width"
+        return self._posterior.doubts_near(at_end=not precise)
+
+    def _widen(self) -> None:
+        """Begin again over the whole range, from where the probe is, unless all of it has been swept."""
+        if self._part == self._limits:
+            return
+        self._part, self._range_swept = self._limits, False
+        self._back, self._sigma_deg = 0, math.inf
+        self.sweeps = self._first(self._lit[-1].angle_deg if self._lit else None)
 
     def confirm(self, sample: Sample) -> None:
         """Take the acquisition at the angle found, as `Posterior.confirm`."""
@@ -205,14 +258,18 @@ class SweepPosterior:
     def _following(self) -> list[Sweep]:
         """The sweep that follows once the range has been swept; none where what is left is measured at rest."""
         progress = self._posterior.progress
+        if progress is None and self._part != self._limits:
+            return []
         if progress is None and not self._range_swept:
             # One more takes four seconds and shows most that the first has missed by little; a search at rest, forty.
             self._range_swept = True
-            return [self._over(self._limits.low_deg, self._limits.high_deg, speed_deg_s=self._speed_deg_s)]
+            return [self._over(self._part.low_deg, self._part.high_deg, speed_deg_s=self._speed_deg_s)]
         if progress is None:
             # Single pulses show nothing: a search at rest begins, with the noise of its own frames.
             self._range_swept = False
-            self._posterior = self._make()
+            narrowed, self._posterior = self._posterior.is_narrowed, self._make()
+            if not narrowed:
+                self._posterior.widen()
             for dark in self._dark:
                 self._posterior.tell(dark)
             return []
@@ -226,7 +283,7 @@ class SweepPosterior:
         if isinstance(answer, Unsure) and (answer.other_probability or 0.0) > STATED and self._back == 0:
             # What may hide beside the marker is looked for at many angles in the time of five acquisitions.
             self._back = MOST_BACK
-            return [self._over(self._limits.low_deg, self._limits.high_deg, speed_deg_s=self._speed_deg_s)]
+            return [self._over(self._part.low_deg, self._part.high_deg, speed_deg_s=self._speed_deg_s)]
         slower = (progress.sigma_deg / progress.target_deg) ** 2 - 1
         again = self._in_bursts and delay is not None and delay.doubtful and self._back == 0
         if slower <= 0 and not (again or self._delay_counts(progress, delay)):

@@ -120,7 +120,7 @@ def test_the_probability_that_another_source_is_the_marker(others, share, beside
     state = SearchState(
         noise=SearchNoise(floor=Floor(level=6.4, source="dark frames"), sigma=1.0),
         sources=[first, *seen],
-        survey=Survey(surveyed=share, hidden_deg=0.0, next_deg=0.0, gain=0.0),
+        survey=Survey(surveyed=share, hidden=1 - share, hidden_deg=0.0, next_deg=0.0, gain=0.0),
         misfit=None,
         unresolved_rival=None,
     )
