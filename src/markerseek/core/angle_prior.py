@@ -91,7 +91,9 @@ class AnglePrior:
         for angle_deg, weight in table:
             require_range("near: an angle of the table", angle_deg, low=-180.0, high=180.0, unit="deg")
             if not (is_finite(weight) and weight >= 0):
-                raise ConfigError(f"near: the weight at {angle_deg:g} deg is {weight}, it must be finite, and 0 or more")
+                raise ConfigError(
+                    f"near: the weight at {angle_deg:g} deg is {weight}, it must be finite, and 0 or more"
+                )
         if not all(low[0] < high[0] for low, high in pairwise(table)):
             raise ConfigError("near: the angles of the table do not ascend; sort them, and name each once")
         parts = [_moments(*low, *high) for low, high in pairwise(table)]
@@ -119,7 +121,8 @@ class AnglePrior:
             except ValueError as problem:
                 raise problem if isinstance(problem, ConfigError) else _unread(text) from None
         given = re.fullmatch(
-            rf"\s*({_NUMBER})\s*°?(?:\s*(?:±|\+/?-)\s*|\s*[,;]\s*|\s+)({_NUMBER})\s*(?:°|deg)?\s*", text.replace("−", "-")
+            rf"\s*({_NUMBER})\s*°?(?:\s*(?:±|\+/?-)\s*|\s*[,;]\s*|\s+)({_NUMBER})\s*(?:°|deg)?\s*",
+            text.replace("−", "-"),
         )
         if given is None:
             raise _unread(text)

@@ -1,4 +1,7 @@
+from .choice import Choice, SeenMarker, choose
 from .points import point_pairs, spot_pairs
+from .poses import Place, Poses, Prediction, Reach
+from .record import SessionRecord, camera_text, default_folder, read_session
 from .report import (
     TARGET_DEPTH_M,
     KnownRegistration,
@@ -8,6 +11,7 @@ from .report import (
     read_registration,
     register_pairs,
 )
+from .session import RegistrationSession, Room, SessionPlan
 from .shared_errors import FOCAL_LENGTH, camera_shared_m, focal_shared_m, trus_shared_m
 from .simulated import (
     GRID_STEP_M,
@@ -16,6 +20,21 @@ from .simulated import (
     SimulatedScene,
     SimulatedTruth,
     simulate_registration,
+)
+from .simulated_room import SimulatedRoom, SimulatedRoomSettings
+from .steps import (
+    Begun,
+    Ended,
+    MovedMarker,
+    RecordedStep,
+    Registered,
+    Searching,
+    Spot,
+    SpotRefused,
+    SpotSeen,
+    Step,
+    TakenMarker,
+    Waiting,
 )
 from .stereo_files import StereoSettings, read_stereo
 from .target_views import TargetView, target_views
@@ -26,18 +45,46 @@ __all__ = [
     "MARKER_PLACES",
     "REGISTRATION_TOLERANCE_MM",
     "TARGET_DEPTH_M",
+    "Begun",
+    "Choice",
+    "Ended",
     "KnownRegistration",
+    "MovedMarker",
+    "Place",
     "PointPair",
+    "Poses",
+    "Prediction",
+    "Reach",
+    "RecordedStep",
+    "Registered",
     "RegistrationReport",
+    "RegistrationSession",
+    "Room",
+    "Searching",
+    "SeenMarker",
+    "SessionPlan",
+    "SessionRecord",
+    "SimulatedRoom",
+    "SimulatedRoomSettings",
     "SimulatedScene",
     "SimulatedTruth",
+    "Spot",
+    "SpotRefused",
+    "SpotSeen",
+    "Step",
     "StereoSettings",
+    "TakenMarker",
     "TargetView",
+    "Waiting",
     "camera_shared_m",
+    "camera_text",
+    "choose",
     "davinci_to_probe_home",
+    "default_folder",
     "focal_shared_m",
     "point_pairs",
     "read_registration",
+    "read_session",
     "read_stereo",
     "register_pairs",
     "simulate_registration",

@@ -121,11 +121,10 @@ def choose(markers: Sequence[SeenMarker], *, target_trus_m: tuple[float, float, 
     }
     left = tuple(marker.name for marker, number in zip(useful, best.numbers, strict=True) if number is None)
     undecided = tuple(sorted(unsure)) if share < MIN_SHARE else ()
-    reason = (
-        None
-        if share >= MIN_SHARE
-        else f"marker {' or '.join(undecided)} may be another source ({100 * (1 - share):.0f} %): another marker decides"
-    )
+    reason = None
+    if share < MIN_SHARE:
+        named = f"marker {' or '.join(undecided)}"
+        reason = f"{named} may be another source ({100 * (1 - share):.0f} %): one more marker decides"
     return Choice(report=best.report, chosen=chosen, left_out=left, share=share, open=undecided, reason=reason)
 
 

@@ -50,7 +50,13 @@ proposed."""
 APART_M = 10e-3
 """Least distance of a place that is proposed from the spots before."""
 
-FAR_M = 40e-3
+MISSED = 0.1
+"""Probability that a marker in reach is not found."""
+
+IN_REACH = 0.95
+"""Least probability, by a registration, that a place that is proposed is in reach."""
+
+FAR_M = 25e-3
 """Distance from the spots before, and from the line through them, that is wanted while there is no registration."""
 
 _GRID = (24, 20)
@@ -67,11 +73,15 @@ class Reach:
     """Largest distance of a marker from the middle of the array, along it."""
 
     def holds(
-        self, angle_deg: Float64[np.ndarray, " points"], lateral_m: Float64[np.ndarray, " points"]
+        self,
+        angle_deg: Float64[np.ndarray, " points"],
+        lateral_m: Float64[np.ndarray, " points"],
+        radius_m: Float64[np.ndarray, " points"],
     ) -> Float64[np.ndarray, " points"]:
         """1 where a marker can be found, 0 elsewhere."""
         inside = (angle_deg > self.angles.low_deg + EDGE_DEG) & (angle_deg < self.angles.high_deg - EDGE_DEG)
-        return np.asarray((inside & (np.abs(lateral_m) < self.lateral_m)).astype(float))
+        inside &= (radius_m > DEPTHS_M[0]) & (radius_m < DEPTHS_M[1]) & (np.abs(lateral_m) < self.lateral_m)
+        return np.asarray(inside.astype(float))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,8 +119,19 @@ class Poses:
     """Registration by which they were drawn; None where rotations are open."""
 
     @classmethod
-    def of(cls, markers: Sequence[SeenMarker], choice: Choice, *, rng: np.random.Generator) -> Poses | None:
-        """The poses that the markers allow; None before the first."""
+    def of(
+        cls,
+        markers: Sequence[SeenMarker],
+        choice: Choice,
+        reach: Reach,
+        *,
+        missed_m: Sequence[Float64[np.ndarray, " 3"]] = (),
+        rng: np.random.Generator,
+    ) -> Poses | None:
+        """The poses that the markers allow; None before the first.
+
+        ``missed_m``: spots in the camera's frame whose markers were not found: they were probably out of reach.
+        """
         pairs = [marker.pair(choice.chosen[marker.name]) for marker in markers if marker.name in choice.chosen]
         if len(pairs) >= MIN_POINTS and choice.report is not None:
             return cls._registered(registered_pairs(pairs), rng=rng)
@@ -128,7 +149,13 @@ class Poses:
         slant = -(matrices[:, :, 2] @ outwards) / np.linalg.norm(outwards)
         matrices = matrices[slant > math.cos(math.radians(MOST_SLANT_DEG))]
         translations_m = trus_m.mean(axis=0) - matrices @ camera_m.mean(axis=0)
-        return cls(rotations=matrices, translations_m=translations_m, registration=None) if len(matrices) else None
+        likely = np.ones(len(matrices))
+        for spot_m in missed_m:
+            likely *= 1 - (1 - MISSED) * reach.holds(*_polar(matrices @ spot_m + translations_m))
+        kept = rng.random(len(matrices)) < likely
+        if not kept.any():
+            return None
+        return cls(rotations=matrices[kept], translations_m=translations_m[kept], registration=None)
 
     @classmethod
     def _registered(cls, found: Registration, *, rng: np.random.Generator) -> Poses:
@@ -195,16 +222,18 @@ class Poses:
         spots_m = np.array([marker.camera_m for marker in markers])
         taken_m = np.concatenate([spots_m, np.array([*avoid_m]).reshape(-1, 3)])
         best: tuple[float, Place] | None = None
-        for left_px, right_px, camera_m in _places(stereo, spots_m):
-            if np.linalg.norm(taken_m - camera_m, axis=1).min() < APART_M:
+        for left_px, ray in _lines_of_sight(stereo):
+            points_m = self._on_tissue(ray, spots_m)
+            camera_m = np.median(points_m, axis=0)
+            right_px = _seen_right(stereo, camera_m)
+            if right_px is None or np.linalg.norm(taken_m - camera_m, axis=1).min() < APART_M:
                 continue
-            angle_deg, lateral_m, radius_m = _polar(self.positions(camera_m))
-            within = (radius_m > DEPTHS_M[0]) & (radius_m < DEPTHS_M[1])
-            share = float(np.mean(within * reach.holds(angle_deg, lateral_m)))
+            trus_m = np.einsum("nij,nj->ni", self.rotations, points_m) + self.translations_m
+            share = float(np.mean(reach.holds(*_polar(trus_m))))
             place = Place(left_px=_pair(left_px), right_px=_pair(right_px), camera_m=_triple(camera_m), tre_m=None)
             if self.registration is None:
-                worth = share * _new_span(spots_m, camera_m)
-            elif share < 0.95:
+                worth = share**2 * _new_span(spots_m, camera_m)
+            elif share < IN_REACH:
                 continue
             else:
                 tre_m = self._tre_with(camera_m, left_px, right_px, markers, stereo, target_trus_m)
@@ -213,6 +242,23 @@ class Poses:
             if best is None or worth > best[0]:
                 best = (worth, place)
         return None if best is None else best[1]
+
+    def _on_tissue(
+        self, ray: Float64[np.ndarray, " 3"], spots_m: Float64[np.ndarray, "spots 3"]
+    ) -> Float64[np.ndarray, "poses 3"]:
+        """Where a line of sight meets the tissue, by each pose.
+
+        The tissue is taken for the plane through the spots; before there are three, for that which faces the probe.
+        """
+        middle_m = spots_m.mean(axis=0)
+        if len(spots_m) >= MIN_POINTS:
+            normals = np.linalg.svd(spots_m - middle_m)[2][2][None]
+        else:
+            outwards = (self.positions(middle_m) * (1, 0, 1))[:, None, :]
+            normals = (outwards @ self.rotations)[:, 0]
+        across = normals @ ray
+        depth_m = (normals @ middle_m) / np.where(np.abs(across) > 1e-9, across, 1e-9)
+        return np.broadcast_to(depth_m[:, None] * ray, (len(self.rotations), 3))
 
     def _tre_with(
         self,
@@ -265,38 +311,31 @@ def _polar(
     return np.degrees(np.arctan2(x, z)), y, np.hypot(x, z)
 
 
-def _places(
-    stereo: StereoSettings, spots_m: Float64[np.ndarray, "spots 3"]
-) -> list[tuple[Float64[np.ndarray, " 2"], Float64[np.ndarray, " 2"], Float64[np.ndarray, " 3"]]]:
-    """Places on the tissue that both cameras see: pixels of both, and the point in the frame of the left one.
-
-    The tissue is taken for the plane through the spots; before there are three, for one straight before the camera.
-    """
-    cameras = stereo.cameras
-    width, height = cameras.left.size_px
+def _lines_of_sight(
+    stereo: StereoSettings,
+) -> list[tuple[Float64[np.ndarray, " 2"], Float64[np.ndarray, " 3"]]]:
+    """Pixels of a grid over the left image, and their lines of sight."""
+    width, height = stereo.left.size_px
     columns = np.linspace(EDGE_PX, width - 1 - EDGE_PX, _GRID[0])
     rows = np.linspace(EDGE_PX, height - 1 - EDGE_PX, _GRID[1])
     pixels = np.array([(x, y) for y in rows for x in columns])
     try:
-        direct = cameras.left.undistort(pixels)
+        direct = stereo.left.undistort(pixels)
     except ConfigError:
         # A distortion that cannot be inverted near the edges of the image.
         pixels = pixels[_inner(pixels, (width, height))]
-        direct = cameras.left.undistort(pixels)
-    rays = np.concatenate([direct, np.ones((len(direct), 1))], axis=1)
-    middle_m, normal = spots_m.mean(axis=0), np.array([0.0, 0.0, 1.0])
-    if len(spots_m) >= MIN_POINTS:
-        normal = np.linalg.svd(spots_m - middle_m)[2][2]
-    depth = (middle_m @ normal) / (rays @ normal)
-    points_m = rays * depth[:, None]
-    seen = (depth > 0) & np.isfinite(depth)
-    pixels, points_m = pixels[seen], points_m[seen]
-    if not len(points_m):
-        return []
-    right_px = cameras.right.project(cameras.left_to_right.apply(points_m))
-    size_px = np.array(cameras.right.size_px)
-    both = ((right_px > EDGE_PX) & (right_px < size_px - 1 - EDGE_PX)).all(axis=1)
-    return list(zip(pixels[both], right_px[both], points_m[both], strict=True))
+        direct = stereo.left.undistort(pixels)
+    return [(pixel, np.array([x, y, 1.0])) for pixel, (x, y) in zip(pixels, direct, strict=True)]
+
+
+def _seen_right(stereo: StereoSettings, camera_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, " 2"] | None:
+    """Pixel of a point in the right image; None where it does not see it."""
+    there_m = stereo.cameras.left_to_right.apply(camera_m)
+    if not (camera_m[2] > 0 and there_m[2] > 0):
+        return None
+    pixel = stereo.right.project(there_m[None])[0]
+    inside = (pixel > EDGE_PX) & (pixel < np.array(stereo.right.size_px) - 1 - EDGE_PX)
+    return pixel if inside.all() else None
 
 
 def _inner(pixels: Float64[np.ndarray, "pixels 2"], size_px: tuple[int, int]) -> Float64[np.ndarray, " pixels"]:

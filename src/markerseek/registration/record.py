@@ -1,8 +1,9 @@
 """The record of a registration session: a folder with `session.jsonl` and the journal of each search beside it.
 
-A line of `session.jsonl` is on the disk before the session goes on. It begins with the CRC-32 of the rest. The first
-line says what is registered; the others are the steps of the session, markers that were taken among them. A line that was not finished, because the process
-was killed, is cut off when the session is continued; anything else that does not agree is named.
+A line of `session.jsonl` is on the disk before the session goes on, and begins with the CRC-32 of the rest. The first
+line says what is registered; the others are the steps of the session, the markers that were taken among them. A line
+that was not finished, because the process was killed, is cut off when the session is continued; anything else that
+does not agree is named.
 """
 
 from __future__ import annotations

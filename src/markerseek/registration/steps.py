@@ -157,8 +157,8 @@ class MovedMarker(msgspec.Struct, frozen=True, kw_only=True, tag="again"):
     name: str
     moved_m: float
     sigma_m: float
-    """``moved_m`` and ``sigma_m``: how far it is from where it was, relative to the camera, and the standard deviation of
-    that."""
+    """``moved_m`` and ``sigma_m``: how far it is from where it was, as seen from the camera, and the standard deviation
+    of that."""
     said: str
 
 

@@ -82,6 +82,10 @@ class World:
         self._rng = rng
         self._averaged = averaged
 
+    def replace_absorbers(self, absorbers: Sequence[Absorber]) -> None:
+        """Put other absorbers into the tissue: the spot of light has moved."""
+        self._absorbers = tuple(absorbers)
+
     def flash(self, *, pulses: int, at_s: float) -> None:
         """Light the tissue with the mean energy of this number of pulses, each with its jitter."""
         self.flashes.append(flash_of(self._rng, pulses=pulses, at_s=at_s, energy_jitter=self._energy_jitter))

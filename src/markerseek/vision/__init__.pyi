@@ -1,4 +1,5 @@
 from .as_published import published_sensitive_range
+from .lit import lit_pairs
 from .rectangle import Rectangle
 from .sensitive_range import SensitiveRange, TipFrame, sensitive_range
 from .spot import LaserSpot, NoSpot, SpotAnswer, TwoSpots, find_spot
@@ -19,6 +20,7 @@ __all__ = [
     "brightest_blob",
     "find_spot",
     "find_tip",
+    "lit_pairs",
     "published_sensitive_range",
     "sensitive_range",
 ]

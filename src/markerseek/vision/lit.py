@@ -30,8 +30,8 @@ def lit_pairs(pairs: Sequence[StereoPair], dark: Sequence[StereoPair]) -> list[S
     """
     if not pairs or not dark:
         return []
-    left = np.mean([pair.left for pair in dark], axis=0, dtype=np.float32)
-    right = np.mean([pair.right for pair in dark], axis=0, dtype=np.float32)
+    left = np.asarray(np.mean([pair.left for pair in dark], axis=0, dtype=np.float32))
+    right = np.asarray(np.mean([pair.right for pair in dark], axis=0, dtype=np.float32))
     light = [max(_light(pair.left, left), _light(pair.right, right)) for pair in pairs]
     least = max(LIT_SHARE * max(light), MIN_LIGHT_COUNTS)
     return [pair for pair, counts in zip(pairs, light, strict=True) if counts >= least]

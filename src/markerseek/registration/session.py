@@ -1,0 +1,540 @@
+"""A registration as one session: from the first spot to a transform, with the next place and an end.
+
+For each marker: both cameras look for the laser spot, what the markers so far say of it guides its search, the cameras
+look again whether it has stood still, and all markers together give the transform, or say what is missing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from markerseek.core import (
+    AnglePrior,
+    ConfigError,
+    Finished,
+    MarkerCurve,
+    Measured,
+    SearchPlan,
+    StereoImages,
+    StereoPair,
+    Swept,
+    counted,
+    marker_candidates,
+)
+from markerseek.records.journal import Journal
+from markerseek.registration.choice import Choice, SeenMarker, choose
+from markerseek.registration.poses import Place, Poses, Prediction, Reach
+from markerseek.registration.record import SessionRecord
+from markerseek.registration.shared_errors import seen_point
+from markerseek.registration.steps import (
+    Ended,
+    MovedMarker,
+    RecordedStep,
+    Registered,
+    Searching,
+    Spot,
+    SpotRefused,
+    SpotSeen,
+    Step,
+    TakenMarker,
+    Waiting,
+)
+from markerseek.registration.stereo_files import StereoSettings
+from markerseek.rigs import Rig
+from markerseek.runs import new_session, plan_on
+from markerseek.vision import LaserSpot, find_spot, lit_pairs
+
+REGISTRATION_TOLERANCE_MM = 0.3
+"""Tolerance of searches for a registration: with the usual 1 mm markers are twice as far off along the turn, for two
+acquisitions less each. A search that does not reach it counts by its sigma."""
+
+LEAST_MARKERS = 4
+"""Markers before which a session does not end by itself: three cannot show that one is wrong."""
+
+MOST_MARKERS = 12
+"""Markers after which it ends in any case."""
+
+WORTH = 0.1
+"""Share of the expected TRE by which another marker must lower it, or the session ends."""
+
+MOST_AT_REST = 6
+"""Most acquisitions at rest of a search by sweeps that has detected nothing."""
+
+SPOT_PAIRS = 8
+"""Image pairs with light by which a spot is measured."""
+
+DARK_PAIRS = 3
+"""Image pairs with the laser off that are subtracted."""
+
+LOOK_S = 3.0
+"""Longest time in which these pairs must come, in seconds."""
+
+APART_M = 5e-3
+"""Distance from a spot that was taken, below which another spot is the same: the person has not moved it yet."""
+
+MOVED_SIGMAS, MOVED_PX = 4.0, 0.2
+"""Standard deviations, and pixels more, by which a spot may seem to move during its search."""
+
+PREDICTED_SIGMAS = 4.0
+"""Standard deviations by which a marker may differ from what the markers before predict of it."""
+
+
+_Recorded = TypeVar("_Recorded", bound=RecordedStep)
+
+
+class Room(Protocol):
+    """Where a session takes place: a rig, the images of its endoscope, and somebody who moves the spot."""
+
+    @property
+    def rig(self) -> Rig:
+        """The rig, armed."""
+
+    @property
+    def images(self) -> StereoImages:
+        """Images of both cameras."""
+
+    def ask(self, waiting: Waiting) -> bool:
+        """Ask for a spot; whether to look for one now. False ends the session."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionPlan:
+    """What a session is to reach.
+
+    Raises
+    ------
+    ConfigError
+        If a number cannot be used.
+    """
+
+    goal_m: float = 0.5e-3
+    """Expected TRE at the target at which the session ends."""
+    markers: int | None = None
+    """Number of markers after which it ends, whatever the TRE; None: when the goal is reached, or nothing helps."""
+    target_trus_m: tuple[float, float, float] | None = None
+    """Where the error counts, in the TRUS frame; None: 20 mm under the middle of the points."""
+    search: SearchPlan = field(default_factory=lambda: SearchPlan(tolerance_mm=REGISTRATION_TOLERANCE_MM))
+    """How a marker is searched."""
+    guided: bool = True
+    """Whether the markers so far guide the search of the next one."""
+    again: bool = False
+    """Whether the first marker is measured again at the end."""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.goal_m) and 1e-5 <= self.goal_m <= 0.02):
+            raise ConfigError(f"the goal is {1e3 * self.goal_m:g} mm, it must lie between 0.01 and 20 mm")
+        if self.markers is not None and not 3 <= self.markers <= MOST_MARKERS:
+            raise ConfigError(f"markers is {self.markers}, it must lie between 3 and {MOST_MARKERS}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Looked:
+    """What the cameras showed: the spot, or why there is none."""
+
+    spot: Spot | None
+    reason: str = ""
+    dark: Sequence[StereoPair] = ()
+
+
+class RegistrationSession:
+    """A session; iterate over `steps`.
+
+    Parameters
+    ----------
+    room
+        Rig, images and person.
+    stereo
+        Calibration of the cameras.
+    plan
+        What it is to reach.
+    record
+        Where its steps are recorded, and the markers of a session that is continued; None: nowhere.
+    rng
+        For the draws of possible poses.
+    """
+
+    def __init__(
+        self,
+        room: Room,
+        stereo: StereoSettings,
+        *,
+        plan: SessionPlan,
+        record: SessionRecord | None = None,
+        rng: np.random.Generator,
+    ) -> None:
+        self._room, self._stereo, self._plan, self._record, self._rng = room, stereo, plan, record, rng
+        self.taken: list[TakenMarker] = [] if record is None else list(record.taken)
+        """Markers so far."""
+        self._curve: MarkerCurve | None = None
+        self.last: Registered | None = None
+        """What they say together; None before the first."""
+
+    def steps(self) -> Generator[Step, None, None]:
+        """Run the session; if closed early, the rig stops.
+
+        Raises as `markerseek.runs.Session.events`; what was taken stays recorded.
+        """
+        state = self._state()
+        if self.taken:
+            yield self._recorded(state)
+        while not state.done:
+            waiting = Waiting(name=self._next_name(), place=state.place, said=self._asking(state))
+            yield self._recorded(waiting)
+            if not self._room.ask(waiting):
+                break
+            taken = yield from self._marker(waiting.name)
+            if taken is None:
+                continue
+            state = self._state()
+            yield self._recorded(state)
+        if state.decided and self._plan.again:
+            yield from self._again()
+        yield self._recorded(self._ended(state))
+
+    @property
+    def rig_s(self) -> float:
+        """Time of the rig for all markers so far, without waiting for a person."""
+        return sum(marker.rig_s for marker in self.taken)
+
+    def _recorded(self, step: _Recorded) -> _Recorded:
+        if self._record is not None:
+            self._record.add(step)
+        return step
+
+    def _next_name(self) -> str:
+        return str(1 + max((int(marker.name) for marker in self.taken if marker.name.isdigit()), default=0))
+
+    def _marker(self, name: str, *, again: TakenMarker | None = None) -> Generator[Step, None, TakenMarker | None]:
+        """Look for the spot, search its marker, and look again; None if it has to be done once more."""
+        clock = self._room.rig.scanner.clock
+        begun_s = clock.now_s()
+        looked = self._look()
+        problem, seen = looked.reason, None
+        if looked.spot is not None:
+            problem, seen = self._seen(name, looked.spot)
+        if again is None and seen is not None:
+            problem = self._same_as_before(seen) or ""
+        if looked.spot is None or seen is None or problem:
+            yield self._recorded(SpotRefused(name=name, reason=problem))
+            return None
+        prediction = self._prediction(seen)
+        journal = None if self._record is None else self._record.journal_path(name)
+        x, y, z = seen.camera_m.tolist()
+        yield self._recorded(
+            SpotSeen(
+                name=name,
+                spot=looked.spot,
+                camera_m=(x, y, z),
+                prediction=prediction,
+                journal=None if journal is None else journal.name,
+            )
+        )
+        search = new_session(self._room.rig, plan_on(self._room.rig, self._search_plan(prediction)))
+        if journal is not None:
+            search = replace(search, journal=Journal.create(journal, search.configuration))
+        later: list[StereoPair] = []
+        try:
+            # Closed here, so that an interrupt also stops the stage and disarms the laser.
+            with closing(search.events()) as events:
+                for event in events:
+                    if isinstance(event, Swept | Finished) or (isinstance(event, Measured) and not event.sample.dark):
+                        later = [*later, *self._room.images.newest()][-2 * SPOT_PAIRS :]
+                    yield Searching(name=name, view=search.view)
+        finally:
+            if search.journal is not None:
+                search.journal.close()
+        result, finished = search.result(), search.view.finished
+        assert finished is not None  # noqa: S101  a search that ends without is an error
+        self._curve = result.curve or self._curve
+        moved = self._moved(looked, later)
+        if moved is not None:
+            yield self._recorded(SpotRefused(name=name, reason=moved))
+            return None
+        lit = [*search.view.samples, *([] if search.view.confirmation is None else [search.view.confirmation])]
+        taken = TakenMarker(
+            name=name,
+            spot=looked.spot,
+            camera_m=seen.camera_m.tolist(),
+            camera_covariance_m2=seen.camera_covariance_m2.tolist(),
+            camera_shared_m=seen.camera_shared_m.tolist(),
+            answer=result.answer,
+            reason=result.reason,
+            candidates=list(marker_candidates(finished.estimate, lit, search.configuration.facts)),
+            acquisitions=result.acquisitions,
+            rig_s=clock.now_s() - begun_s,
+            prior=None
+            if prediction is None
+            else f"{prediction.prior.mean_deg:.1f} ± {prediction.prior.sigma_deg:.1f} deg",
+            journal=None if journal is None else journal.name,
+            at=datetime.now(UTC).isoformat(timespec="seconds"),
+            again=None if again is None else again.name,
+        )
+        if again is None:
+            self.taken.append(taken)
+        yield self._recorded(taken)
+        return taken
+
+    def _look(self) -> _Looked:
+        """Look for the spot, with the laser on and off."""
+        scanner, images = self._room.rig.scanner, self._room.images
+        images.newest()
+        dark = self._collected(lambda pairs: len(pairs) >= DARK_PAIRS)
+        if len(dark) < DARK_PAIRS:
+            return _Looked(
+                spot=None,
+                reason=f"{images.name}: {counted(len(dark), 'image pair')} came within {LOOK_S:g} s, {DARK_PAIRS} are "
+                "needed; check that both cameras send",
+            )
+
+        def enough(pairs: list[StereoPair]) -> bool:
+            scanner.light()
+            return len(lit_pairs(pairs, dark)) >= SPOT_PAIRS
+
+        pairs = self._collected(enough)
+        return self._measured(lit_pairs(pairs, dark), dark)
+
+    def _collected(self, enough: _Enough) -> list[StereoPair]:
+        """Pairs that come until there are enough, or the time is over."""
+        clock, pairs = self._room.rig.scanner.clock, list[StereoPair]()
+        ends_s = clock.now_s() + LOOK_S
+        while not enough(pairs) and clock.now_s() < ends_s:
+            clock.wait(_POLL_S)
+            pairs = [*pairs, *self._room.images.newest()][-4 * SPOT_PAIRS :]
+        return pairs
+
+    def _measured(self, lit: Sequence[StereoPair], dark: Sequence[StereoPair]) -> _Looked:
+        """The spot in pairs with light; why there is none."""
+        if len(lit) < DARK_PAIRS:
+            return _Looked(
+                spot=None,
+                dark=dark,
+                reason=f"no light is seen in {self._room.images.name} while the laser fires; point the fibre at tissue "
+                "in view of both cameras, and check that they do not block its wavelength",
+            )
+        answers = {
+            side: find_spot([getattr(pair, side) for pair in lit], dark=[getattr(pair, side) for pair in dark])
+            for side in ("left", "right")
+        }
+        places, sigma_px = [], 0.0
+        for side, answer in answers.items():
+            if not isinstance(answer, LaserSpot):
+                return _Looked(spot=None, dark=dark, reason=f"{side} camera: {answer.reason}")
+            if answer.sigma_px is None:
+                return _Looked(spot=None, dark=dark, reason=f"{side} camera: too few images show the spot")
+            places.append((answer.x_px, answer.y_px))
+            sigma_px = max(sigma_px, answer.sigma_px)
+        return _Looked(spot=Spot(left_px=places[0], right_px=places[1], sigma_px=sigma_px), dark=dark)
+
+    def _seen(self, name: str, spot: Spot) -> tuple[str, SeenMarker | None]:
+        """The spot in space; or why both images do not show one place."""
+        try:
+            camera_m, covariance_m2, shared_m = seen_point(
+                np.array(spot.left_px),
+                np.array(spot.right_px),
+                self._stereo.cameras,
+                spot_px=spot.sigma_px,
+                calibration_px=self._stereo.calibration_sigma_px,
+            )
+        except ConfigError as problem:
+            return str(problem).removeprefix("point 1: "), None
+        return "", SeenMarker(
+            name=name,
+            candidates=(),
+            camera_m=camera_m,
+            camera_covariance_m2=covariance_m2,
+            camera_shared_m=shared_m,
+        )
+
+    def _same_as_before(self, seen: SeenMarker) -> str | None:
+        """Why this spot was taken before; None if it is a new one."""
+        for marker in self.taken:
+            if marker.candidates and np.linalg.norm(np.array(marker.camera_m) - seen.camera_m) < APART_M:
+                return f"this is the spot of marker {marker.name}: move it by more than {1e3 * APART_M:g} mm"
+        return None
+
+    def _moved(self, looked: _Looked, later: Sequence[StereoPair]) -> str | None:
+        """By how much the spot has moved during its search, in words; None if it stood still."""
+        assert looked.spot is not None  # noqa: S101  a search has a spot
+        after = self._measured(lit_pairs(later, looked.dark), looked.dark)
+        if after.spot is None:
+            after = self._look()
+        if after.spot is None:
+            return f"the spot was not seen after its search: {after.reason}"
+        sigma_px = math.hypot(looked.spot.sigma_px, after.spot.sigma_px)
+        for side in ("left", "right"):
+            apart = np.subtract(getattr(looked.spot, f"{side}_px"), getattr(after.spot, f"{side}_px"))
+            moved_px = float(np.linalg.norm(apart))
+            if not moved_px <= MOVED_SIGMAS * sigma_px + MOVED_PX:
+                return (
+                    f"the spot moved by {moved_px:.1f} px in the {side} image during its search, which it is known to "
+                    f"within {sigma_px:.2f} px; hold laser, tissue and camera still"
+                )
+        return None
+
+    def _prediction(self, seen: SeenMarker) -> Prediction | None:
+        """What the markers so far say of a spot; None where they say nothing."""
+        if not self._plan.guided:
+            return None
+        poses = self._poses(self._choice())
+        if poses is None:
+            return None
+        return poses.predict(seen.camera_m, seen.camera_covariance_m2, limits=self._room.rig.limits.search)
+
+    def _search_plan(self, prediction: Prediction | None) -> SearchPlan:
+        near: AnglePrior | None = None if prediction is None else prediction.prior
+        # The next marker is searched from where this search ends, and the camera confirms.
+        search = self._plan.search
+        # A spot out of reach is not worth a minute: the next one is lit elsewhere.
+        acquisitions = MOST_AT_REST if search.sweep and search.acquisitions is None else search.acquisitions
+        return replace(search, prior=self._curve, near=near, stay=True, acquisitions=acquisitions)
+
+    def _choice(self) -> Choice:
+        markers = [marker.seen for marker in self.taken]
+        return choose(markers, target_trus_m=self._plan.target_trus_m)
+
+    def _poses(self, choice: Choice) -> Poses | None:
+        missed_m = [np.array(marker.camera_m) for marker in self.taken if not marker.candidates]
+        markers = [marker.seen for marker in self.taken]
+        return Poses.of(markers, choice, reach_of(self._room.rig), missed_m=missed_m, rng=self._rng)
+
+    def _state(self) -> Registered:
+        """What the markers say together."""
+        choice = self._choice()
+        place = self._place(choice)
+        self.last = Registered(
+            report=choice.report,
+            decided=choice.decided,
+            chosen=dict(choice.chosen),
+            left_out=choice.left_out,
+            open=choice.open,
+            reason=choice.reason,
+            place=place,
+            done=self._is_done(choice, place),
+            said=self._said(choice, place),
+        )
+        return self.last
+
+    def _place(self, choice: Choice) -> Place | None:
+        poses = self._poses(choice)
+        if poses is None:
+            return None
+        return poses.best_place(
+            [marker.seen for marker in self.taken if marker.name in choice.chosen],
+            self._stereo,
+            reach_of(self._room.rig),
+            target_trus_m=self._plan.target_trus_m,
+            avoid_m=[np.array(marker.camera_m) for marker in self.taken if not marker.candidates],
+        )
+
+    def _is_done(self, choice: Choice, place: Place | None) -> bool:
+        """Whether the session ends: the goal is reached, or another marker would not help."""
+        if len(self.taken) >= MOST_MARKERS:
+            return True
+        if not choice.decided or choice.report is None:
+            return False
+        used = len(choice.report.points)
+        if self._plan.markers is not None:
+            return used >= self._plan.markers
+        if used < LEAST_MARKERS:
+            return False
+        better_m = choice.report.tre_m if place is None or place.tre_m is None else place.tre_m
+        return choice.report.tre_m <= self._plan.goal_m or better_m > (1 - WORTH) * choice.report.tre_m
+
+    def _said(self, choice: Choice, place: Place | None) -> str:
+        """The state in a sentence."""
+        report = choice.report
+        left = f"; left out, because it does not fit: marker {', '.join(choice.left_out)}" if choice.left_out else ""
+        if report is None or not report.registered:
+            return f"not registered: {choice.reason}{left}"
+        tre = f"expected error at the target {1e3 * report.tre_m:.2f} mm, in 95 % below {1e3 * report.tre95_m:.2f} mm"
+        if not choice.decided:
+            return f"not certain: {choice.reason}; {tre}"
+        if report.tre_m <= self._plan.goal_m:
+            return f"registered: {tre}{left}"
+        more = (
+            "" if place is None or place.tre_m is None else f"; another marker lowers it to {1e3 * place.tre_m:.2f} mm"
+        )
+        return f"registered: {tre}{more}{left}"
+
+    def _asking(self, state: Registered) -> str:
+        """What the person has to do now, in a sentence."""
+        if state.place is None:
+            return "light a spot that the probe can reach and both cameras see"
+        x_px, y_px = state.place.left_px
+        return f"light the next spot near ({x_px:.0f}, {y_px:.0f}) px of the left image"
+
+    def _again(self) -> Generator[Step, None, None]:
+        """Measure the first marker that was chosen again."""
+        first = next(marker for marker in self.taken if marker.candidates)
+        place = Place(
+            left_px=first.spot.left_px,
+            right_px=first.spot.right_px,
+            camera_m=(first.camera_m[0], first.camera_m[1], first.camera_m[2]),
+            tre_m=None,
+        )
+        waiting = Waiting(
+            name=first.name,
+            place=place,
+            said=f"light the spot of marker {first.name} again, to see whether it has moved",
+        )
+        yield self._recorded(waiting)
+        if not self._room.ask(waiting):
+            return
+        taken = yield from self._marker(f"{first.name}-again", again=first)
+        if taken is not None and taken.candidates:
+            yield self._recorded(self._movement(first, taken))
+
+    def _movement(self, first: TakenMarker, again: TakenMarker) -> MovedMarker:
+        """How far the marker has moved from where the registration and its spot say that it is now."""
+        poses = self._poses(self._choice())
+        assert poses is not None  # noqa: S101  asked for after a registration only
+        assert poses.registration is not None  # noqa: S101
+        transform = poses.registration.transform
+        spots_m = transform.apply(np.array([first.camera_m, again.camera_m]))
+        was, now = first.candidates[0].position, again.candidates[0].position
+        apart_m = (np.array(now.position_m) - np.array(was.position_m)) - (spots_m[1] - spots_m[0])
+        camera = np.array(first.camera_covariance_m2) + np.array(again.camera_covariance_m2)
+        covariance = was.covariance_m2 + now.covariance_m2 + transform.rotation @ camera @ transform.rotation.T
+        moved_m = float(np.linalg.norm(apart_m))
+        chi_squared = float(apart_m @ np.linalg.solve(covariance, apart_m))
+        sigma_m = math.sqrt(float(np.trace(covariance)))
+        moved = chi_squared > _MOVED_CHI_SQUARED
+        verdict = (
+            "it has moved: register again, with the tissue held still"
+            if moved
+            else "it has not moved by more than that"
+        )
+        said = f"marker {first.name} is {1e3 * moved_m:.2f} ± {1e3 * sigma_m:.2f} mm from where it was: {verdict}"
+        return MovedMarker(name=first.name, moved_m=moved_m, sigma_m=sigma_m, said=said)
+
+    def _ended(self, state: Registered) -> Ended:
+        took = f"{counted(len(self.taken), 'marker')} in {self.rig_s:.0f} s of the rig"
+        return Ended(registered=state.decided, said=f"{state.said}; {took}", rig_s=self.rig_s)
+
+
+class _Enough(Protocol):
+    def __call__(self, pairs: list[StereoPair]) -> bool:
+        """Whether there are enough."""
+
+
+_POLL_S = 0.1
+
+_MOVED_CHI_SQUARED = 16.27
+"""Chi squared of three degrees of freedom that is exceeded by chance in one of 1,000."""
+
+_USUAL_LATERAL_M = 15e-3
+
+
+def reach_of(rig: Rig) -> Reach:
+    """What a rig's probe can reach: its search range, and four fifths of its array."""
+    lateral_m = _USUAL_LATERAL_M
+    if rig.imaging is not None:
+        lateral_m = 0.8 * float(rig.imaging.preset.array.lateral_m[-1])
+    return Reach(angles=rig.limits.search, lateral_m=lateral_m)

@@ -1,0 +1,225 @@
+"""A simulated operating room: a simulated rig and endoscope, and somebody who lights the place that is asked for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import msgspec
+import numpy as np
+
+from markerseek.core import ConfigError, Float64
+from markerseek.geometry import RigidTransform
+from markerseek.registration.report import RegistrationReport, davinci_to_probe_home
+from markerseek.registration.session import reach_of
+from markerseek.registration.shared_errors import (
+    FOCAL_LENGTH,
+    trus_shared_m,
+)
+from markerseek.registration.steps import Registered, TakenMarker, Waiting
+from markerseek.registration.stereo_files import StereoSettings
+from markerseek.rigs import Rig, movable
+from markerseek.sim import (
+    EndoscopeFaults,
+    EndoscopeSettings,
+    SimulatedEndoscope,
+    SimulatedSettings,
+    camera_above,
+    endoscope,
+)
+
+RELIEF_M = 5e-3
+"""Range of the heights of the tissue."""
+
+# A camera that looks straight down is turned by 180 deg about an axis across its view, whatever its roll, so that its
+# transform is nearly its own inverse (1.5 to 2.2 mm apart at the markers): one that is applied in the wrong direction
+# would not show. With a tilt like that of a 30 deg endoscope, and less roll, the two are 15 mm or more apart.
+CAMERA_TILT_DEG, CAMERA_ROLL_DEG = (25.0, 35.0), (-60.0, 60.0)
+"""Tilt of the line of sight against the tissue's normal, and rotation about it, in degrees; drawn evenly."""
+
+MISSED_M = 2e-3
+"""Standard deviation, along each axis, by which the simulated person misses the place that is asked for."""
+
+BY_HAND_S = (120.0, 420.0)
+"""Time of a search by hand for one registration: 2 to 3 minutes, and "as much as 7 min" (the paper)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatedRoomSettings:
+    """Settings of a simulated operating room.
+
+    Raises
+    ------
+    ConfigError
+        If a setting cannot be used.
+    """
+
+    rig: SimulatedSettings = field(default_factory=SimulatedSettings)
+    """The simulated rig; its marker is moved from place to place."""
+    camera: EndoscopeSettings = field(default_factory=EndoscopeSettings)
+    camera_m: float = 0.1
+    """Distance of the endoscope from the tissue."""
+    shared_errors: bool = True
+    """Whether sound speed, face radius, zero of the angle and focal length are wrong, each by a draw from what a
+    registration assumes of it."""
+    places_m: tuple[tuple[float, float], ...] | None = None
+    """Places (x, y) in the TRUS frame that are lit in turn, whatever is asked for; None: the places asked for."""
+    faults: EndoscopeFaults = field(default_factory=EndoscopeFaults)
+    """What goes wrong with the images."""
+
+    def __post_init__(self) -> None:
+        if not 0.03 <= self.camera_m <= 0.5:
+            raise ConfigError(f"camera distance is {1e3 * self.camera_m:g} mm, it must lie between 30 and 500 mm")
+
+
+class SimulatedTruth(msgspec.Struct, frozen=True, kw_only=True):
+    """What only a simulation knows of a session.
+
+    ``target_error_m`` is the true error at the target, None without a registration. ``marker_errors_m`` are the
+    distances of the chosen markers from where the spots were, without the errors that all share. ``by_hand_s`` is what
+    the paper gives for a search by hand.
+    """
+
+    simulated: bool
+    seed: int
+    target_error_m: float | None
+    marker_errors_m: dict[str, float]
+    rig_s: float
+    by_hand_s: tuple[float, float] = BY_HAND_S
+
+
+class SimulatedRoom:
+    """A `Room` in which everything is simulated.
+
+    ``seed``: of everything that is drawn.
+    """
+
+    def __init__(self, settings: SimulatedRoomSettings, *, seed: int) -> None:
+        self._settings, self._seed = settings, seed
+        rng = np.random.default_rng(seed)
+        self._rng = rng
+        self._movable = movable(seed=seed, settings=settings.rig)
+        self._rig = self._movable.rig
+        tissue_m = settings.rig.marker.radius_m
+        self._tissue_m = tissue_m
+        self.true = camera_above(
+            np.array([0.0, 0.0, tissue_m]),
+            distance_m=settings.camera_m,
+            roll_deg=rng.uniform(*CAMERA_ROLL_DEG),
+            tilt_deg=rng.uniform(*CAMERA_TILT_DEG),
+        )
+        """The true transform from the left camera to the probe."""
+        drawn = rng.standard_normal(4) if settings.shared_errors else np.zeros(4)
+        self._shared = drawn[:3]
+        cameras = endoscope()
+        self.stereo = StereoSettings(
+            left=cameras.left,
+            right=cameras.right,
+            rotation_vector=(0.0, 0.0, 0.0),
+            translation_m=_triple(cameras.left_to_right.translation_m),
+            calibration_sigma_px=settings.camera.calibration_sigma_px,
+        )
+        """The calibration of the cameras."""
+        self._images = SimulatedEndoscope(
+            cameras=cameras,
+            camera_to_trus=self.true,
+            settings=settings.camera,
+            rng=rng,
+            clock=self._rig.scanner.clock,
+            flashes=lambda: len(self._movable.world.flashes),
+            focal_error=FOCAL_LENGTH * float(drawn[3]),
+            faults=settings.faults,
+        )
+        self._spots_m: dict[str, Float64[np.ndarray, " 3"]] = {}
+        self._turn = 0
+
+    @property
+    def rig(self) -> Rig:
+        """The simulated rig."""
+        return self._rig
+
+    @property
+    def images(self) -> SimulatedEndoscope:
+        """The simulated endoscope."""
+        return self._images
+
+    def ask(self, waiting: Waiting) -> bool:
+        """Light the place that is asked for, or the next of the settings, as well as a person hits it."""
+        spot_m = self._spots_m.get(waiting.name)
+        if spot_m is None:
+            places = self._settings.places_m
+            if places is not None and self._turn >= len(places):
+                return False
+            spot_m = self._draw(waiting) if places is None else self._at(*places[self._turn])
+            self._turn += 1
+            self._spots_m[waiting.name] = spot_m
+        self._light(spot_m)
+        return True
+
+    def skip(self, markers: int) -> None:
+        """Leave out places of the settings whose markers were taken before a session was continued."""
+        self._turn = markers
+
+    def truth(self, state: Registered | None, taken: Sequence[TakenMarker], *, rig_s: float) -> SimulatedTruth:
+        """How far the registration and its markers are from the truth."""
+        report = None if state is None or not state.decided else state.report
+        chosen = {} if state is None else state.chosen
+        errors_m = {
+            marker.name: float(
+                np.linalg.norm(
+                    np.array(marker.candidates[chosen[marker.name]].position.position_m)
+                    - self._seen_m(self._spots_m[marker.name])
+                )
+            )
+            for marker in taken
+            if marker.name in chosen and marker.name in self._spots_m
+        }
+        return SimulatedTruth(
+            simulated=True,
+            seed=self._seed,
+            target_error_m=None if report is None else _error_m(report, self.true),
+            marker_errors_m=errors_m,
+            rig_s=rig_s,
+        )
+
+    def _light(self, spot_m: Float64[np.ndarray, " 3"]) -> None:
+        """Put the fibre there: the camera sees it, and the probe hears it where its errors put it."""
+        self._images.show(spot_m)
+        x, y, z = self._seen_m(spot_m).tolist()
+        self._rig = self._movable.move(angle_deg=math.degrees(math.atan2(x, z)), radius_m=math.hypot(x, z), lateral_m=y)
+
+    def _seen_m(self, spot_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, " 3"]:
+        """Where a probe whose sound speed, face radius and zero are wrong finds a spot."""
+        return np.asarray(spot_m + trus_shared_m(spot_m[None])[0] @ self._shared)
+
+    def _draw(self, waiting: Waiting) -> Float64[np.ndarray, " 3"]:
+        """Where the person lights the tissue: near the place that is asked for, else anywhere in reach."""
+        reach = reach_of(self._rig)
+        if waiting.place is None:
+            # Somewhere in the middle of what the probe can reach.
+            across_m = self._tissue_m * math.sin(math.radians(reach.angles.width_deg / 4))
+            return self._at(self._rng.uniform(-across_m, across_m), self._rng.uniform(-0.5, 0.5) * reach.lateral_m)
+        # The line of sight meets the tissue at its mean height.
+        origin_m, towards = self.true.translation_m, self.true.rotation @ np.array(waiting.place.camera_m)
+        point_m = origin_m + towards * (self._tissue_m - origin_m[2]) / towards[2]
+        missed_m = MISSED_M * self._rng.standard_normal(2)
+        return self._at(point_m[0] + missed_m[0], point_m[1] + missed_m[1])
+
+    def _at(self, x_m: float, y_m: float) -> Float64[np.ndarray, " 3"]:
+        """A point of the tissue, whose height is uneven."""
+        return np.array([x_m, y_m, self._tissue_m + RELIEF_M * self._rng.uniform(-0.5, 0.5)])
+
+
+def _triple(values: Float64[np.ndarray, " 3"]) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+def _error_m(report: RegistrationReport, true: RigidTransform) -> float | None:
+    """How far the registration puts the target from where it is; None without a registration."""
+    if report.davinci_to_trus is None:
+        return None
+    target_m = np.array(report.target_trus_m)
+    found = davinci_to_probe_home(report.davinci_to_trus)
+    return float(np.linalg.norm(found.apply(true.inverse().apply(target_m)) - target_m))
