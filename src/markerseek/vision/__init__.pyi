@@ -1,4 +1,6 @@
 from .as_published import published_sensitive_range
+from .camera_image import SUFFIXES, brightness, decoded_image, says_its_end
+from .opencv import opencv
 from .rectangle import Rectangle
 from .sensitive_range import SensitiveRange, TipFrame, sensitive_range
 from .spot import LaserSpot, NoSpot, SpotAnswer, TwoSpots, find_spot
@@ -6,6 +8,7 @@ from .tip_reader import TipReader, TipSettings
 from .tooltip import Tip, brightest_blob, find_tip
 
 __all__ = [
+    "SUFFIXES",
     "LaserSpot",
     "NoSpot",
     "Rectangle",
@@ -17,8 +20,12 @@ __all__ = [
     "TipSettings",
     "TwoSpots",
     "brightest_blob",
+    "brightness",
+    "decoded_image",
     "find_spot",
     "find_tip",
+    "opencv",
     "published_sensitive_range",
+    "says_its_end",
     "sensitive_range",
 ]

@@ -1,0 +1,213 @@
+"""Image pairs from two folders into which another program writes."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import time
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from markerseek.core import MAX_PAIRS, AcquisitionError, ConfigError, NotConnectedError, RecordError, UInt8
+from markerseek.drivers._pair_source import PairSource
+from markerseek.drivers._pairing import Key, Pairing
+from markerseek.files import MIB, read_input
+from markerseek.geometry import Camera
+from markerseek.vision import SUFFIXES, decoded_image, says_its_end
+
+NAMED_S, NEAR_S = 1.0, 0.05
+"""Largest difference of the times of two files, in seconds: of the same number in their names, and of others."""
+
+INCOMPLETE_S = 2.0
+"""Time without a change after which an incomplete file is named, and a folder that cannot be read is an error."""
+
+_EVERY_S, _SHARE = 0.04, 0.1
+"""Least time between two looks into the folders, and the largest share of the time that looking may take: 10,000 files
+take 20 ms."""
+
+_MOST_BYTES = 64 * MIB
+"""Largest image file: 16 megapixels of 4 bytes."""
+
+_Id: TypeAlias = tuple[int, int, int]
+"""Inode, time of the last change in nanoseconds and size of a file: renamed it is the same, written again another."""
+
+
+class _File(NamedTuple):
+    """A file of a folder, by its name."""
+
+    id: _Id
+    name: str
+
+    @property
+    def time_s(self) -> float:
+        """Time of its last change in seconds since 1970."""
+        return self.id[1] * 1e-9
+
+
+class FolderImages(PairSource):
+    """Image pairs from two folders: PNG, JPEG, BMP, PGM, PPM or TIFF of 8 bits.
+
+    Files that are there already are of before, unless they are written again. Names that begin with a point or end
+    otherwise are ignored. A file that is not complete, or that another program keeps closed, is awaited; if it does not
+    change for `INCOMPLETE_S`, a warning names it. Pairs are files with the same numbers in their names whose times of
+    the last change differ by at most `NAMED_S`; others by their times alone, if these differ by at most `NEAR_S`.
+    """
+
+    def __init__(self, folders: tuple[Path, Path], cameras: tuple[Camera, Camera]) -> None:
+        for folder in folders:
+            if not folder.is_dir():
+                raise ConfigError(f"{folder}: it is no folder; name that of the left and that of the right camera")
+        if folders[0].samefile(folders[1]):
+            raise ConfigError(f"{folders[0]}: it is given for both cameras; give each camera a folder of its own")
+        super().__init__(
+            f"folders {folders[0]} and {folders[1]}",
+            (str(folders[0]), str(folders[1])),
+            cameras,
+            pairing=Pairing(near_s=NEAR_S, named_s=NAMED_S),
+            live=False,
+            cure=(
+                f"a pair has the same number in both names and is written within {NAMED_S:g} s, or is written within "
+                f"{1e3 * NEAR_S:g} ms; compare what the other program writes into the two folders"
+            ),
+        )
+        self._watched = tuple(_Folder(folder) for folder in folders)
+        self._start(self._watch)
+
+    def _watch(self) -> None:
+        pause_s = 0.0
+        while not self._over.wait(pause_s):
+            spent_s = 0.0
+            for side, folder in enumerate(self._watched):
+                began_s = time.monotonic()
+                came = folder.look()
+                spent_s += time.monotonic() - began_s
+                for file in came:
+                    self._read(side, folder, file)
+                for sentence in folder.unfinished():
+                    self._say(sentence)
+            pause_s = max(_EVERY_S, spent_s * (1 / _SHARE - 1))
+
+    def _read(self, side: int, folder: _Folder, file: _File) -> None:
+        pixels = folder.read(file)
+        if pixels is not None:
+            self._take(side, pixels, time_s=file.time_s, at_s=folder.monotonic_s(file), key=folder.key(file))
+
+    def _require_well(self, now_s: float, dropped: tuple[int, ...]) -> None:
+        for folder in self._watched:
+            folder.require_readable(now_s)
+        super()._require_well(now_s, dropped)
+
+
+class _Folder:
+    """The image files of one folder: which are new, and which of them are not complete."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        # Of before, taken, or named as incomplete.
+        self._done = {file.id for file in self._files()}
+        # Since when it is as it is, in monotonic seconds, and why it could not be read.
+        self._waiting: dict[_Id, tuple[float, str, str]] = {}
+        self._looks_s = time.monotonic(), time.monotonic()
+        self._unreadable: tuple[float, str] | None = None
+        self._last_key: Key | None = None
+
+    def look(self) -> list[_File]:
+        """Files that are new or not read yet, the oldest first; of many the newest."""
+        now_s = time.monotonic()
+        try:
+            files = self._files()
+        except OSError as problem:
+            since_s = now_s if self._unreadable is None else self._unreadable[0]
+            self._unreadable = since_s, _reason(problem)
+            return []
+        self._unreadable = None
+        self._looks_s = self._looks_s[1], now_s
+        ids = {file.id for file in files}
+        self._done &= ids
+        self._waiting = {id_: why for id_, why in self._waiting.items() if id_ in ids}
+        came = sorted(file for file in files if file.id not in self._done)
+        came.sort(key=lambda file: file.time_s)
+        self._done.update(file.id for file in came[:-MAX_PAIRS])
+        return came[-MAX_PAIRS:]
+
+    def _files(self) -> list[_File]:
+        files = []
+        with os.scandir(self._path) as entries:
+            for entry in entries:
+                if entry.name.startswith(".") or not entry.name.lower().endswith(SUFFIXES):
+                    continue
+                try:
+                    status, is_file = entry.stat(), entry.is_file()
+                except OSError:  # renamed or deleted between listing and stat, or not readable now
+                    continue
+                if is_file:
+                    files.append(_File(id=(status.st_ino, status.st_mtime_ns, status.st_size), name=entry.name))
+        return files
+
+    def read(self, file: _File) -> UInt8[np.ndarray, "rows columns"] | None:
+        """Pixels of a file; None if it is not complete or cannot be opened yet, or has been deleted."""
+        path = self._path / file.name
+        try:
+            data = read_input(path, most_bytes=_MOST_BYTES)
+            unchanged = file.id == _id(path.stat())
+            # A file whose end cannot be told must not have changed since the last look.
+            settled = says_its_end(data) or file.id in self._waiting
+            pixels = decoded_image(data) if unchanged and settled else None
+        except FileNotFoundError:
+            return None
+        except OSError as problem:
+            return self._wait(file, f"cannot be opened ({_reason(problem)})")
+        except (ConfigError, RecordError) as problem:
+            raise AcquisitionError(f"{path}: {problem}") from problem
+        if pixels is None:
+            return self._wait(file, "is not complete, or no image")
+        self._waiting.pop(file.id, None)
+        self._done.add(file.id)
+        return pixels
+
+    def _wait(self, file: _File, reason: str) -> None:
+        since_s = self._waiting[file.id][0] if file.id in self._waiting else time.monotonic()
+        self._waiting[file.id] = since_s, file.name, reason
+
+    def unfinished(self) -> list[str]:
+        """Sentences on files that have not changed for `INCOMPLETE_S`; each once, and they are not read any more."""
+        now_s = time.monotonic()
+        late = {id_: each for id_, each in self._waiting.items() if now_s - each[0] > INCOMPLETE_S}
+        for id_ in late:
+            del self._waiting[id_]
+            self._done.add(id_)
+        return [
+            f"{self._path / name}: it {reason} for {INCOMPLETE_S:g} s, and is left out; check the program that writes it"
+            for _, name, reason in late.values()
+        ]
+
+    def require_readable(self, now_s: float) -> None:
+        """Raise `NotConnectedError` if the folder cannot be read for longer than `INCOMPLETE_S`."""
+        if self._unreadable is not None and now_s - self._unreadable[0] > INCOMPLETE_S:
+            raise NotConnectedError(
+                f"{self._path}: it cannot be read for {now_s - self._unreadable[0]:.0f} s ({self._unreadable[1]}); "
+                "check its name, the rights, and the network drive"
+            )
+
+    def monotonic_s(self, file: _File) -> float:
+        """Monotonic time at which a file was complete: by its date, between the last look without it and this one."""
+        began_s, ended_s = self._looks_s
+        age_s = time.time() - file.time_s  # noqa: TID251  dates of files are times of the day
+        return min(max(time.monotonic() - age_s, began_s), ended_s)
+
+    def key(self, file: _File) -> Key | None:
+        """All numbers in a file's name; None without one, or where the last file had the same: they do not count."""
+        key = tuple(int(digits) for digits in re.findall(r"[0-9]+", Path(file.name).stem))
+        repeated, self._last_key = key == self._last_key, key
+        return None if repeated or not key else key
+
+
+def _id(status: os.stat_result) -> _Id:
+    return status.st_ino, status.st_mtime_ns, status.st_size
+
+
+def _reason(problem: OSError) -> str:
+    return f"{errno.errorcode.get(problem.errno or 0, 'error')}: {problem.strerror or problem}"
