@@ -90,8 +90,8 @@ class PairSource(Closing):
         for source, last_s, patience_s in zip(self._sources, self._last_s, self._patience_s, strict=True):
             if self._live and now_s - last_s > patience_s:
                 raise NotConnectedError(
-                    f"{source}: no image for {now_s - last_s:.0f} s; check that the camera runs, its cable, and that no "
-                    "other program has it"
+                    f"{source}: no image for {now_s - last_s:.0f} s; check that the camera runs, its cable, and that "
+                    "no other program has it"
                 )
         if now_s - self._unpaired_from_s > _ALONE_S and max(dropped) >= _ALONE_IMAGES:
             left, right = dropped
@@ -123,7 +123,7 @@ class PairSource(Closing):
         at_s: float,
         key: Key | None = None,
     ) -> None:
-        """Receive an image of a camera, 0 is the left one; `AcquisitionError` if it has another size than calibrated."""
+        """Receive an image of a camera, 0 is the left one; `AcquisitionError` if its size is not the calibrated one."""
         require_size(pixels, self._cameras[side], self._sources[side])
         with self._lock:
             now_s = time.monotonic()

@@ -37,10 +37,10 @@ class CameraImage:
 
 
 class Pairing:
-    """Pairs images of two cameras by their names, or by their times.
+    """Pairs images of two cameras by their names, or by their times, which increase from image to image.
 
     Images of the same name are a pair if their times differ by at most ``named_s``. Images without such a partner are a
-    pair if each is the nearest to the other, and their times differ by at most ``near_s``. Times of one camera increase.
+    pair if each is the nearest to the other, and their times differ by at most ``near_s``.
 
     ``named_s``: 0 if images have no names.
     """

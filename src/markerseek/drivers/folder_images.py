@@ -159,11 +159,13 @@ class _Folder:
         except FileNotFoundError:
             return None
         except OSError as problem:
-            return self._wait(file, f"cannot be opened ({_reason(problem)})")
+            self._wait(file, f"cannot be opened ({_reason(problem)})")
+            return None
         except (ConfigError, RecordError) as problem:
             raise AcquisitionError(f"{path}: {problem}") from problem
         if pixels is None:
-            return self._wait(file, "is not complete, or no image")
+            self._wait(file, "is not complete, or no image,")
+            return None
         self._waiting.pop(file.id, None)
         self._done.add(file.id)
         return pixels
@@ -180,7 +182,8 @@ class _Folder:
             del self._waiting[id_]
             self._done.add(id_)
         return [
-            f"{self._path / name}: it {reason} for {INCOMPLETE_S:g} s, and is left out; check the program that writes it"
+            f"{self._path / name}: it {reason} for {INCOMPLETE_S:g} s, and is left out; look at the program that "
+            "writes it"
             for _, name, reason in late.values()
         ]
 

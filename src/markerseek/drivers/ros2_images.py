@@ -59,8 +59,8 @@ class RosImages(PairSource):
             pairing=Pairing(near_s=NEAR_S),
             live=True,
             cure=(
-                f"images of a pair carry stamps that differ by at most {1e3 * NEAR_S:g} ms; have one driver stamp both, or "
-                "compare the clocks of their computers"
+                f"images of a pair carry stamps that differ by at most {1e3 * NEAR_S:g} ms; have one driver stamp both, "
+                "or compare the clocks of their computers"
             ),
         )
         self._node = RosNode(f"markerseek_{name}")

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from markerseek.core import AcquisitionError, ConfigError, NotConnectedError, UInt8, is_finite
+from markerseek.core import AcquisitionError, ConfigError, NotConnectedError, UInt8, require_range
 from markerseek.drivers._pair_source import PairSource
-from markerseek.drivers._pairing import Pairing
+from markerseek.drivers._pairing import WAIT_S, Pairing
 from markerseek.geometry import Camera
 from markerseek.vision import brightness, opencv
 
@@ -53,7 +53,7 @@ class VideoImages(PairSource):
         )
         if len({is_live(word) for word in words}) == 2:
             raise ConfigError(f"{self.name}: one is a camera and the other a file; give two of the same kind")
-        self._ended: str | None = None
+        self._ended: tuple[float, str] | None = None
         videos: list[Any] = []
         try:
             for word in words:
@@ -64,9 +64,9 @@ class VideoImages(PairSource):
             raise
         self._began_s = time.monotonic()
         play = self._follow if self._live else self._play
-        self._start(*(partial(play, video, number, word) for number, (video, word) in enumerate(zip(videos, words))))
+        self._start(*(partial(play, video, side) for side, video in enumerate(videos)))
 
-    def _follow(self, video: Any, side: int, _word: str) -> None:
+    def _follow(self, video: Any, side: int) -> None:
         """Take each image of a camera when it comes."""
         try:
             while not self._over.is_set():
@@ -79,9 +79,9 @@ class VideoImages(PairSource):
         finally:
             video.release()
 
-    def _play(self, video: Any, side: int, word: str) -> None:
+    def _play(self, video: Any, side: int) -> None:
         """Take each image of a file when it is due."""
-        rate_hz, number = _rate_hz(video, word), 0
+        rate_hz, number = _rate_hz(video), 0
         try:
             while True:
                 due_s = self._began_s + number / rate_hz
@@ -93,7 +93,8 @@ class VideoImages(PairSource):
         finally:
             video.release()
         self._ended = (
-            f"{word}: the video has ended after {number} images; begin before it is played, or play a longer one"
+            time.monotonic(),
+            f"{self._sources[side]}: the video has ended after {number} images; play a longer one",
         )
 
     def _receive(self, side: int, image: UInt8[np.ndarray, " ..."], *, time_s: float, at_s: float) -> None:
@@ -110,14 +111,15 @@ class VideoImages(PairSource):
         (left, height), (right, _) = (camera.size_px for camera in self._cameras)
         if columns != left + right or left != right or rows != height:
             raise AcquisitionError(
-                f"{self._sources[0]}: images of {columns} x {rows} pixels, two side by side of the cameras' calibrations "
-                f"would have {left + right} x {height}; name a video for each camera, or one that is not scaled"
+                f"{self._sources[0]}: images of {columns} x {rows} pixels, two side by side as calibrated would have "
+                f"{left + right} x {height}; name a video for each camera, or one that is neither cut nor scaled"
             )
 
     def _require_well(self, now_s: float, dropped: tuple[int, ...]) -> None:
         super()._require_well(now_s, dropped)
-        if self._ended is not None:
-            raise AcquisitionError(self._ended)
+        # The last image of the other video may still come.
+        if self._ended is not None and now_s - self._ended[0] > WAIT_S:
+            raise AcquisitionError(self._ended[1])
 
 
 def _opened(word: str) -> Any:
@@ -138,12 +140,9 @@ def _opened(word: str) -> Any:
     video = cv2.VideoCapture(word)
     if not video.isOpened():
         raise ConfigError(f"{word}: it cannot be read as a video; save it again, as MP4 or AVI")
+    require_range(f"{word}: frame rate", _rate_hz(video), low=0.1, high=1000, unit="/s", cure="save it again, as MP4")
     return video
 
 
-def _rate_hz(video: Any, word: str) -> float:
-    cv2 = opencv("reading videos")
-    rate_hz = float(video.get(cv2.CAP_PROP_FPS))
-    if not is_finite(rate_hz) or not 0.1 <= rate_hz <= 1000:
-        raise ConfigError(f"{word}: its frame rate is {rate_hz} /s, it must lie in [0.1, 1000]; save it again, as MP4")
-    return rate_hz
+def _rate_hz(video: Any) -> float:
+    return float(video.get(opencv("reading videos").CAP_PROP_FPS))
