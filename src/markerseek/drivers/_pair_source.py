@@ -35,7 +35,8 @@ class PairSource(Closing):
     """A `StereoImages` whose images come in threads of its own.
 
     ``name``: of the source, for messages. ``sources``: names of both cameras' sources. ``cameras``: their calibrations.
-    ``live``: whether images must come all the time. ``cure``: what to do where nothing pairs.
+    ``cure``: what to do where nothing pairs. ``silent_cure``: what to do if a camera sends nothing any more; None: images
+    need not come all the time.
     """
 
     def __init__(
@@ -45,11 +46,12 @@ class PairSource(Closing):
         cameras: tuple[Camera, Camera],
         *,
         pairing: Pairing,
-        live: bool,
         cure: str,
+        silent_cure: str | None = None,
     ) -> None:
         self.name = name
-        self._sources, self._cameras, self._pairing, self._live, self._cure = sources, cameras, pairing, live, cure
+        self._sources, self._cameras, self._pairing = sources, cameras, pairing
+        self._cure, self._silent_cure = cure, silent_cure
         self._lock = threading.Lock()
         self._ready: deque[StereoPair] = deque(maxlen=MAX_PAIRS)
         self._said: list[str] = []
@@ -88,11 +90,8 @@ class PairSource(Closing):
         if self._problem is not None:
             raise self._problem
         for source, last_s, patience_s in zip(self._sources, self._last_s, self._patience_s, strict=True):
-            if self._live and now_s - last_s > patience_s:
-                raise NotConnectedError(
-                    f"{source}: no image for {now_s - last_s:.0f} s; check that the camera runs, its cable, and that "
-                    "no other program has it"
-                )
+            if self._silent_cure and now_s - last_s > patience_s:
+                raise NotConnectedError(f"{source}: no image for {now_s - last_s:.0f} s; {self._silent_cure}")
         if now_s - self._unpaired_from_s > _ALONE_S and max(dropped) >= _ALONE_IMAGES:
             left, right = dropped
             self._unpaired_from_s = now_s

@@ -67,7 +67,6 @@ class FolderImages(PairSource):
             (str(folders[0]), str(folders[1])),
             cameras,
             pairing=Pairing(near_s=NEAR_S, named_s=NAMED_S),
-            live=False,
             cure=(
                 f"a pair has the same number in both names and is written within {NAMED_S:g} s, or is written within "
                 f"{1e3 * NEAR_S:g} ms; compare what the other program writes into the two folders"

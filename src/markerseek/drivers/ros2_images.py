@@ -57,10 +57,10 @@ class RosImages(PairSource):
             topics,
             cameras,
             pairing=Pairing(near_s=NEAR_S),
-            live=True,
+            silent_cure="start its node again, and compare ros2 topic hz",
             cure=(
-                f"images of a pair carry stamps that differ by at most {1e3 * NEAR_S:g} ms; have one driver stamp both, "
-                "or compare the clocks of their computers"
+                f"images of a pair carry stamps that differ by at most {1e3 * NEAR_S:g} ms; have one driver stamp "
+                "both, or compare the clocks of their computers"
             ),
         )
         self._node = RosNode(f"markerseek_{name}")
@@ -81,7 +81,7 @@ class RosImages(PairSource):
             node,
             SystemClock(),
             lambda: all(node.kind_of(topic) is not None for topic in self._sources),
-            missing=f"images: nobody publishes {' and '.join(t for t in self._sources if node.kind_of(t) is None)}",
+            missing=f"images: {self._sources[0]} and {self._sources[1]} do not both have a publisher",
             cure="start the node of the cameras, and compare ros2 topic list",
             connect_s=connect_s,
         )

@@ -22,6 +22,7 @@ NEAR_S = 0.05
 _RETRY_S = 0.05
 """Time until a camera that gave no image is asked again, in seconds."""
 
+_SILENT_CURE = "check that the camera runs, its cable, and that no other program has it"
 _LIVE = re.compile(r"[0-9]+|/dev/.*|[a-z]+://.*")
 """A camera: its number, its device, or the address of its stream; everything else is a file."""
 
@@ -48,7 +49,7 @@ class VideoImages(PairSource):
             sources,
             cameras,
             pairing=Pairing(near_s=NEAR_S),
-            live=all(map(is_live, words)),
+            silent_cure=_SILENT_CURE if all(map(is_live, words)) else None,
             cure=f"images of a pair are taken within {1e3 * NEAR_S:g} ms; use cameras or videos of the same frame rate",
         )
         if len({is_live(word) for word in words}) == 2:
@@ -63,7 +64,7 @@ class VideoImages(PairSource):
                 video.release()
             raise
         self._began_s = time.monotonic()
-        play = self._follow if self._live else self._play
+        play = self._follow if is_live(words[0]) else self._play
         self._start(*(partial(play, video, side) for side, video in enumerate(videos)))
 
     def _follow(self, video: Any, side: int) -> None:
