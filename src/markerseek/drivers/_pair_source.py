@@ -35,8 +35,8 @@ class PairSource(Closing):
     """A `StereoImages` whose images come in threads of its own.
 
     ``name``: of the source, for messages. ``sources``: names of both cameras' sources. ``cameras``: their calibrations.
-    ``cure``: what to do where nothing pairs. ``silent_cure``: what to do if a camera sends nothing any more; None: images
-    need not come all the time.
+    ``cure``: what to do where nothing pairs. ``silent_cure``: what to do if a camera sends nothing any more; None:
+    images need not come all the time.
     """
 
     def __init__(

@@ -24,9 +24,13 @@ NAMED_S, NEAR_S = 1.0, 0.05
 INCOMPLETE_S = 2.0
 """Time without a change after which an incomplete file is named, and a folder that cannot be read is an error."""
 
-_EVERY_S, _SHARE = 0.04, 0.1
-"""Least time between two looks into the folders, and the largest share of the time that looking may take: 10,000 files
-take 20 ms."""
+_EVERY_S, _SHARE = 0.04, 0.2
+"""Time between two looks into the folders, and the largest share of a processor that looking for new names may take:
+10,000 names take 3 ms."""
+
+_AGAIN_SHARE = 0.05
+"""Largest share of the time for looking at files of known names, which may be written again: 10,000 files take 50 ms,
+and are looked at every second."""
 
 _MOST_BYTES = 64 * MIB
 """Largest image file: 16 megapixels of 4 bytes."""
@@ -36,10 +40,12 @@ _Id: TypeAlias = tuple[int, int, int]
 
 
 class _File(NamedTuple):
-    """A file of a folder, by its name."""
+    """A file of a folder."""
 
     id: _Id
     name: str
+    since_s: float
+    """Monotonic time of the last look at which it was not there, or was not looked at."""
 
     @property
     def time_s(self) -> float:
@@ -80,14 +86,14 @@ class FolderImages(PairSource):
         while not self._over.wait(pause_s):
             spent_s = 0.0
             for side, folder in enumerate(self._watched):
-                began_s = time.monotonic()
+                began_s = time.thread_time()
                 came = folder.look()
-                spent_s += time.monotonic() - began_s
+                spent_s += time.thread_time() - began_s
                 for file in came:
                     self._read(side, folder, file)
                 for sentence in folder.unfinished():
                     self._say(sentence)
-            pause_s = max(_EVERY_S, spent_s * (1 / _SHARE - 1))
+            pause_s = max(_EVERY_S, spent_s / _SHARE)
 
     def _read(self, side: int, folder: _Folder, file: _File) -> None:
         pixels = folder.read(file)
@@ -105,46 +111,70 @@ class _Folder:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        # What every name stood for when it was last looked at; None: no image file.
+        self._known: dict[str, _Id | None] = {}
+        # When new names, and when all files were looked at last; when all will be again.
+        self._look_s = self._all_s = time.monotonic()
+        self._again_s = 0.0
         # Of before, taken, or named as incomplete.
-        self._done = {file.id for file in self._files()}
-        # Since when it is as it is, in monotonic seconds, and why it could not be read.
+        self._done: set[_Id] = set()
+        # Since when it is as it is, in monotonic seconds, its name, and why it could not be read.
         self._waiting: dict[_Id, tuple[float, str, str]] = {}
-        self._looks_s = time.monotonic(), time.monotonic()
         self._unreadable: tuple[float, str] | None = None
         self._last_key: Key | None = None
+        self._done.update(file.id for file in self._all())
 
     def look(self) -> list[_File]:
         """Files that are new or not read yet, the oldest first; of many the newest."""
         now_s = time.monotonic()
         try:
-            files = self._files()
+            files = self._all() if now_s >= self._again_s else self._new()
         except OSError as problem:
             since_s = now_s if self._unreadable is None else self._unreadable[0]
             self._unreadable = since_s, _reason(problem)
             return []
         self._unreadable = None
-        self._looks_s = self._looks_s[1], now_s
-        ids = {file.id for file in files}
-        self._done &= ids
-        self._waiting = {id_: why for id_, why in self._waiting.items() if id_ in ids}
-        came = sorted(file for file in files if file.id not in self._done)
-        came.sort(key=lambda file: file.time_s)
+        self._look_s = now_s
+        came = sorted((file for file in files if file.id not in self._done), key=lambda file: (file.time_s, file.name))
         self._done.update(file.id for file in came[:-MAX_PAIRS])
         return came[-MAX_PAIRS:]
 
-    def _files(self) -> list[_File]:
-        files = []
+    def _new(self) -> list[_File]:
+        """Image files of names that were not there at the last look, and those that are awaited."""
+        awaited = {name for _, name, _ in self._waiting.values()}
+        entries = [entry for entry in self._entries() if entry.name not in self._known or entry.name in awaited]
+        return [file for entry in entries if (file := self._file(entry)) is not None]
+
+    def _entries(self) -> list[os.DirEntry[str]]:
         with os.scandir(self._path) as entries:
-            for entry in entries:
-                if entry.name.startswith(".") or not entry.name.lower().endswith(SUFFIXES):
-                    continue
-                try:
-                    status, is_file = entry.stat(), entry.is_file()
-                except OSError:  # renamed or deleted between listing and stat, or not readable now
-                    continue
-                if is_file:
-                    files.append(_File(id=(status.st_ino, status.st_mtime_ns, status.st_size), name=entry.name))
+            return list(entries)
+
+    def _all(self) -> list[_File]:
+        """All image files."""
+        began_s, entries = time.monotonic(), self._entries()
+        known, self._known = self._known, {}
+        files = [file for each in entries if (file := self._file(each, is_new=each.name not in known)) is not None]
+        ids = {file.id for file in files}
+        self._done &= ids
+        self._waiting = {id_: why for id_, why in self._waiting.items() if id_ in ids}
+        self._all_s, ended_s = began_s, time.monotonic()
+        self._again_s = ended_s + (ended_s - began_s) / _AGAIN_SHARE
         return files
+
+    def _file(self, entry: os.DirEntry[str], *, is_new: bool = True) -> _File | None:
+        """An image file as it is now; None if it is none."""
+        name = entry.name
+        before = self._known.pop(name, None)
+        try:
+            is_image = not name.startswith(".") and name.lower().endswith(SUFFIXES) and entry.is_file()
+            found = _id(entry.stat()) if is_image else None
+        except OSError:  # renamed or deleted since it was listed, or not readable now
+            found, is_image = None, True
+        if found is not None or not is_image:
+            self._known[name] = found
+        if before is not None and before != found:
+            self._waiting.pop(before, None)
+        return None if found is None else _File(id=found, name=name, since_s=self._look_s if is_new else self._all_s)
 
     def read(self, file: _File) -> UInt8[np.ndarray, "rows columns"] | None:
         """Pixels of a file; None if it is not complete or cannot be opened yet, or has been deleted."""
@@ -195,10 +225,10 @@ class _Folder:
             )
 
     def monotonic_s(self, file: _File) -> float:
-        """Monotonic time at which a file was complete: by its date, between the last look without it and this one."""
-        began_s, ended_s = self._looks_s
+        """Monotonic time at which a file was complete: by its date, after the last look without it."""
+        now_s = time.monotonic()
         age_s = time.time() - file.time_s  # noqa: TID251  dates of files are times of the day
-        return min(max(time.monotonic() - age_s, began_s), ended_s)
+        return min(max(now_s - age_s, file.since_s), now_s)
 
     def key(self, file: _File) -> Key | None:
         """All numbers in a file's name; None without one, or where the last file had the same: they do not count."""
