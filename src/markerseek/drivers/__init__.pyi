@@ -4,12 +4,14 @@ from .encoders import IgtlEncoder, Ros2Encoder
 from .energy_meter import EnergyMeter, metered
 from .entry import PARTS, AnyEntry, DeviceSettings, LaserSettings, Part, ReceiverSettings, StageSettings, is_emulated
 from .exposure import exposure_line
+from .folder_images import FolderImages
 from .guided import GuidedStage, GuidedStageSettings
 from .kdc101 import Kdc101Settings, Kdc101Stage
 from .laserbox import LaserBox, LaserBoxSettings
 from .picolas import PicolasLaser, PicolasSettings
 from .plus import PlusReceiver, PlusSettings, connect_plus
 from .ros2_acquisition import Ros2Acquisition, RosLaser, RosReceiver
+from .ros2_images import RosImages
 from .ros2_stage import Ros2Stage, Ros2StageSettings
 from .serial_port import SerialPort
 from .settings import BenchProbe, BenchSettings, BenchSupervisor, bench_settings_from
@@ -18,9 +20,11 @@ from .sonixdaq import SonixDaqReceiver, SonixDaqSettings
 from .standard_laser import LaserLogic, StandardLaser
 from .standard_receiver import Messages, StandardReceiver
 from .standard_stage import StandardStage
+from .stereo_images import open_stereo_images
 from .table import DRIVERS, entry_of
 from .typed_angle import TypedStage
 from .vantage import VantageReceiver, VantageSettings, await_sender
+from .video_images import VideoImages
 from .ximc import XimcSettings, XimcStage
 
 __all__ = [
@@ -33,6 +37,7 @@ __all__ = [
     "BenchSupervisor",
     "DeviceSettings",
     "EnergyMeter",
+    "FolderImages",
     "GuidedStage",
     "GuidedStageSettings",
     "IgtlEncoder",
@@ -53,6 +58,7 @@ __all__ = [
     "Ros2Encoder",
     "Ros2Stage",
     "Ros2StageSettings",
+    "RosImages",
     "RosLaser",
     "RosReceiver",
     "SerialPort",
@@ -72,6 +78,7 @@ __all__ = [
     "TypedStage",
     "VantageReceiver",
     "VantageSettings",
+    "VideoImages",
     "XimcSettings",
     "XimcStage",
     "await_sender",
@@ -81,4 +88,5 @@ __all__ = [
     "exposure_line",
     "is_emulated",
     "metered",
+    "open_stereo_images",
 ]

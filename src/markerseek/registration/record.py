@@ -16,15 +16,17 @@ from pathlib import Path
 from typing import Self
 
 import msgspec
+import numpy as np
 
-from markerseek.core import RecordError
+from markerseek.core import RecordError, UInt8
 from markerseek.files import MIB, as_read_error, data_folder, read_input
 from markerseek.records.journal import make_folder
 from markerseek.registration.steps import Begun, RecordedStep, TakenMarker
 from markerseek.registration.stereo_files import StereoSettings
+from markerseek.vision import opencv
 
-NAME = "session.jsonl"
-"""Name of the file in the folder of a session."""
+NAME, LEFT, RIGHT = "session.jsonl", "left.jpg", "right.jpg"
+"""Names of the files in the folder of a session: its steps, and the newest images of both cameras."""
 
 _MOST_BYTES = 64 * MIB
 
@@ -76,6 +78,14 @@ class SessionRecord:
         self._write(step)
         if isinstance(step, TakenMarker):
             self.taken.append(step)
+
+    def show(self, left: UInt8[np.ndarray, "rows columns"], right: UInt8[np.ndarray, "rows columns"]) -> None:
+        """Put the newest images into the folder, as `LEFT` and `RIGHT`, for those who look on."""
+        for name, image in ((LEFT, left), (RIGHT, right)):
+            _, coded = opencv("images of a session").imencode(".jpg", image)
+            part = self.folder / f".{name}"
+            part.write_bytes(coded.tobytes())
+            part.replace(self.folder / name)
 
     def journal_path(self, name: str) -> Path:
         """Path of a journal for the search of a marker; another one for each try."""

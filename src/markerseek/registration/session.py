@@ -297,8 +297,11 @@ class RegistrationSession:
             scanner.light()
             return len(lit_pairs(pairs, dark)) >= SPOT_PAIRS
 
-        pairs = self._collected(enough)
-        return self._measured(lit_pairs(pairs, dark), dark)
+        lit = lit_pairs(self._collected(enough), dark)
+        if self._record is not None:
+            newest = (lit or dark)[-1]
+            self._record.show(newest.left, newest.right)
+        return self._measured(lit, dark)
 
     def _collected(self, enough: _Enough) -> list[StereoPair]:
         """Pairs that come until there are enough, or the time is over."""

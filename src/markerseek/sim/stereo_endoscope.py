@@ -113,7 +113,7 @@ class _View:
                 total[down[0] : down[-1] + 1, right[0] : right[-1] + 1] += light
         np.clip(total, 0, 255 * _SCALE + _SCALE - 1, out=total)
         total >>= _BITS
-        return total.astype(np.uint8)
+        return np.asarray(total.astype(np.uint8))
 
 
 class SimulatedEndoscope:

@@ -1,5 +1,7 @@
 from .as_published import published_sensitive_range
+from .camera_image import SUFFIXES, brightness, decoded_image, says_its_end
 from .lit import lit_pairs
+from .opencv import opencv
 from .rectangle import Rectangle
 from .sensitive_range import SensitiveRange, TipFrame, sensitive_range
 from .spot import LaserSpot, NoSpot, SpotAnswer, TwoSpots, find_spot
@@ -7,6 +9,7 @@ from .tip_reader import TipReader, TipSettings
 from .tooltip import Tip, brightest_blob, find_tip
 
 __all__ = [
+    "SUFFIXES",
     "LaserSpot",
     "NoSpot",
     "Rectangle",
@@ -18,9 +21,13 @@ __all__ = [
     "TipSettings",
     "TwoSpots",
     "brightest_blob",
+    "brightness",
+    "decoded_image",
     "find_spot",
     "find_tip",
     "lit_pairs",
+    "opencv",
     "published_sensitive_range",
+    "says_its_end",
     "sensitive_range",
 ]

@@ -1,0 +1,245 @@
+"""Image pairs from two folders into which another program writes."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import time
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from markerseek.core import MAX_PAIRS, AcquisitionError, ConfigError, NotConnectedError, RecordError, UInt8
+from markerseek.drivers._pair_source import PairSource
+from markerseek.drivers._pairing import Key, Pairing
+from markerseek.files import MIB, read_input
+from markerseek.geometry import Camera
+from markerseek.vision import SUFFIXES, decoded_image, says_its_end
+
+NAMED_S, NEAR_S = 1.0, 0.05
+"""Largest difference of the times of two files, in seconds: of the same number in their names, and of others."""
+
+INCOMPLETE_S = 2.0
+"""Time without a change after which an incomplete file is named, and a folder that cannot be read is an error."""
+
+_EVERY_S, _SHARE = 0.04, 0.2
+"""Time between two looks into the folders, and the largest share of a processor that looking for new names may take:
+10,000 names take 3 ms."""
+
+_AGAIN_SHARE = 0.05
+"""Largest share of the time for looking at files of known names, which may be written again: 10,000 files take 50 ms,
+and are looked at every second."""
+
+_MOST_BYTES = 64 * MIB
+"""Largest image file: 16 megapixels of 4 bytes."""
+
+_Id: TypeAlias = tuple[int, int, int]
+"""Inode, time of the last change in nanoseconds and size of a file: renamed it is the same, written again another."""
+
+
+class _File(NamedTuple):
+    """A file of a folder."""
+
+    id: _Id
+    name: str
+    since_s: float
+    """Monotonic time of the last look at which it was not there, or was not looked at."""
+
+    @property
+    def time_s(self) -> float:
+        """Time of its last change in seconds since 1970."""
+        return self.id[1] * 1e-9
+
+
+class FolderImages(PairSource):
+    """Image pairs from two folders: PNG, JPEG, BMP, PGM, PPM or TIFF of 8 bits.
+
+    Files that are there already are of before, unless they are written again. Names that begin with a point or end
+    otherwise are ignored. A file that is not complete, or that another program keeps closed, is awaited; if it does not
+    change for `INCOMPLETE_S`, a warning names it. Pairs are files with the same numbers in their names whose times of
+    the last change differ by at most `NAMED_S`; others by their times alone, if these differ by at most `NEAR_S`.
+    """
+
+    def __init__(self, folders: tuple[Path, Path], cameras: tuple[Camera, Camera]) -> None:
+        for folder in folders:
+            if not folder.is_dir():
+                raise ConfigError(f"{folder}: it is no folder; name that of the left and that of the right camera")
+        if folders[0].samefile(folders[1]):
+            raise ConfigError(f"{folders[0]}: it is given for both cameras; give each camera a folder of its own")
+        super().__init__(
+            f"folders {folders[0]} and {folders[1]}",
+            (str(folders[0]), str(folders[1])),
+            cameras,
+            pairing=Pairing(near_s=NEAR_S, named_s=NAMED_S),
+            cure=(
+                f"a pair has the same number in both names and is written within {NAMED_S:g} s, or is written within "
+                f"{1e3 * NEAR_S:g} ms; compare what the other program writes into the two folders"
+            ),
+        )
+        self._watched = tuple(_Folder(folder) for folder in folders)
+        self._start(self._watch)
+
+    def _watch(self) -> None:
+        pause_s = 0.0
+        while not self._over.wait(pause_s):
+            spent_s = 0.0
+            for side, folder in enumerate(self._watched):
+                began_s = time.thread_time()
+                came = folder.look()
+                spent_s += time.thread_time() - began_s
+                for file in came:
+                    self._read(side, folder, file)
+                for sentence in folder.unfinished():
+                    self._say(sentence)
+            pause_s = max(_EVERY_S, spent_s / _SHARE)
+
+    def _read(self, side: int, folder: _Folder, file: _File) -> None:
+        pixels = folder.read(file)
+        if pixels is not None:
+            self._take(side, pixels, time_s=file.time_s, at_s=folder.monotonic_s(file), key=folder.key(file))
+
+    def _require_well(self, now_s: float, dropped: tuple[int, ...]) -> None:
+        for folder in self._watched:
+            folder.require_readable(now_s)
+        super()._require_well(now_s, dropped)
+
+
+class _Folder:
+    """The image files of one folder: which are new, and which of them are not complete."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        # What every name stood for when it was last looked at; None: no image file.
+        self._known: dict[str, _Id | None] = {}
+        # When new names, and when all files were looked at last; when all will be again.
+        self._look_s = self._all_s = time.monotonic()
+        self._again_s = 0.0
+        # Of before, taken, or named as incomplete.
+        self._done: set[_Id] = set()
+        # Since when it is as it is, in monotonic seconds, its name, and why it could not be read.
+        self._waiting: dict[_Id, tuple[float, str, str]] = {}
+        self._unreadable: tuple[float, str] | None = None
+        self._last_key: Key | None = None
+        self._done.update(file.id for file in self._all())
+
+    def look(self) -> list[_File]:
+        """Files that are new or not read yet, the oldest first; of many the newest."""
+        now_s = time.monotonic()
+        try:
+            files = self._all() if now_s >= self._again_s else self._new()
+        except OSError as problem:
+            since_s = now_s if self._unreadable is None else self._unreadable[0]
+            self._unreadable = since_s, _reason(problem)
+            return []
+        self._unreadable = None
+        self._look_s = now_s
+        came = sorted((file for file in files if file.id not in self._done), key=lambda file: (file.time_s, file.name))
+        self._done.update(file.id for file in came[:-MAX_PAIRS])
+        return came[-MAX_PAIRS:]
+
+    def _new(self) -> list[_File]:
+        """Image files of names that were not there at the last look, and those that are awaited."""
+        awaited = {name for _, name, _ in self._waiting.values()}
+        entries = [entry for entry in self._entries() if entry.name not in self._known or entry.name in awaited]
+        return [file for entry in entries if (file := self._file(entry)) is not None]
+
+    def _entries(self) -> list[os.DirEntry[str]]:
+        with os.scandir(self._path) as entries:
+            return list(entries)
+
+    def _all(self) -> list[_File]:
+        """All image files."""
+        began_s, entries = time.monotonic(), self._entries()
+        known, self._known = self._known, {}
+        files = [file for each in entries if (file := self._file(each, is_new=each.name not in known)) is not None]
+        ids = {file.id for file in files}
+        self._done &= ids
+        self._waiting = {id_: why for id_, why in self._waiting.items() if id_ in ids}
+        self._all_s, ended_s = began_s, time.monotonic()
+        self._again_s = ended_s + (ended_s - began_s) / _AGAIN_SHARE
+        return files
+
+    def _file(self, entry: os.DirEntry[str], *, is_new: bool = True) -> _File | None:
+        """An image file as it is now; None if it is none."""
+        name = entry.name
+        before = self._known.pop(name, None)
+        try:
+            is_image = not name.startswith(".") and name.lower().endswith(SUFFIXES) and entry.is_file()
+            found = _id(entry.stat()) if is_image else None
+        except OSError:  # renamed or deleted since it was listed, or not readable now
+            found, is_image = None, True
+        if found is not None or not is_image:
+            self._known[name] = found
+        if before is not None and before != found:
+            self._waiting.pop(before, None)
+        return None if found is None else _File(id=found, name=name, since_s=self._look_s if is_new else self._all_s)
+
+    def read(self, file: _File) -> UInt8[np.ndarray, "rows columns"] | None:
+        """Pixels of a file; None if it is not complete or cannot be opened yet, or has been deleted."""
+        path = self._path / file.name
+        try:
+            data = read_input(path, most_bytes=_MOST_BYTES)
+            unchanged = file.id == _id(path.stat())
+            # A file whose end cannot be told must not have changed since the last look.
+            settled = says_its_end(data) or file.id in self._waiting
+            pixels = decoded_image(data) if unchanged and settled else None
+        except FileNotFoundError:
+            return None
+        except OSError as problem:
+            self._wait(file, f"cannot be opened ({_reason(problem)})")
+            return None
+        except (ConfigError, RecordError) as problem:
+            raise AcquisitionError(f"{path}: {problem}") from problem
+        if pixels is None:
+            self._wait(file, "is not complete, or no image,")
+            return None
+        self._waiting.pop(file.id, None)
+        self._done.add(file.id)
+        return pixels
+
+    def _wait(self, file: _File, reason: str) -> None:
+        since_s = self._waiting[file.id][0] if file.id in self._waiting else time.monotonic()
+        self._waiting[file.id] = since_s, file.name, reason
+
+    def unfinished(self) -> list[str]:
+        """Sentences on files that have not changed for `INCOMPLETE_S`; each once, and they are not read any more."""
+        now_s = time.monotonic()
+        late = {id_: each for id_, each in self._waiting.items() if now_s - each[0] > INCOMPLETE_S}
+        for id_ in late:
+            del self._waiting[id_]
+            self._done.add(id_)
+        return [
+            f"{self._path / name}: it {reason} for {INCOMPLETE_S:g} s, and is left out; look at the program that "
+            "writes it"
+            for _, name, reason in late.values()
+        ]
+
+    def require_readable(self, now_s: float) -> None:
+        """Raise `NotConnectedError` if the folder cannot be read for longer than `INCOMPLETE_S`."""
+        if self._unreadable is not None and now_s - self._unreadable[0] > INCOMPLETE_S:
+            raise NotConnectedError(
+                f"{self._path}: it cannot be read for {now_s - self._unreadable[0]:.0f} s ({self._unreadable[1]}); "
+                "check its name, the rights, and the network drive"
+            )
+
+    def monotonic_s(self, file: _File) -> float:
+        """Monotonic time at which a file was complete: by its date, after the last look without it."""
+        now_s = time.monotonic()
+        age_s = time.time() - file.time_s  # noqa: TID251  dates of files are times of the day
+        return min(max(now_s - age_s, file.since_s), now_s)
+
+    def key(self, file: _File) -> Key | None:
+        """All numbers in a file's name; None without one, or where the last file had the same: they do not count."""
+        key = tuple(int(digits) for digits in re.findall(r"[0-9]+", Path(file.name).stem))
+        repeated, self._last_key = key == self._last_key, key
+        return None if repeated or not key else key
+
+
+def _id(status: os.stat_result) -> _Id:
+    return status.st_ino, status.st_mtime_ns, status.st_size
+
+
+def _reason(problem: OSError) -> str:
+    return f"{errno.errorcode.get(problem.errno or 0, 'error')}: {problem.strerror or problem}"

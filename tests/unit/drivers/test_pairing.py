@@ -1,0 +1,62 @@
+"""Which images are a pair: against the pairs that are chosen once all images are there."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from markerseek.drivers._pairing import WAIT_S, CameraImage, Key, Pairing
+
+
+def image(number: int, time_s: float, now_s: float, key: Key | None = None) -> CameraImage:
+    return CameraImage(np.full((1, 1), number, np.uint8), time_s=time_s, at_s=now_s, since_s=now_s, key=key)
+
+
+def chosen_at_the_end(lefts_s: list[float], rights_s: list[float], near_s: float) -> set[tuple[int, int]]:
+    """The two that are nearest to one another, then the nearest of what is left, and so on."""
+    off_s = np.abs(np.subtract.outer(lefts_s, rights_s))
+    pairs = set()
+    while off_s.size and off_s.min() <= near_s:
+        left, right = (int(index) for index in np.unravel_index(np.argmin(off_s), off_s.shape))
+        pairs.add((left, right))
+        off_s[left, :] = off_s[:, right] = np.inf
+    return pairs
+
+
+@given(st.integers(0, 2**31), st.floats(0.0, 0.3), st.floats(0.0, 0.02))
+def test_pairs_are_those_that_are_chosen_once_all_images_are_there(seed: int, lost: float, jitter_s: float) -> None:
+    rng = np.random.default_rng(seed)
+    times_s = [
+        [k / 30 + offset_s + jitter_s * rng.uniform(-0.5, 0.5) for k in range(40) if rng.random() > lost]
+        for offset_s in (0.0, rng.uniform(-0.03, 0.03))
+    ]
+    # One camera is behind: its images come later than those of the other.
+    behind_s = rng.uniform(0, 0.4, 2)
+    come = sorted(
+        (time_s + behind_s[side] + 0.5, side, number, time_s)
+        for side in (0, 1)
+        for number, time_s in enumerate(times_s[side])
+    )
+    pairing, found = Pairing(near_s=0.05), []
+    for now_s, side, number, time_s in come:
+        pairing.add(side, image(number, time_s, now_s))
+        found += pairing.pairs(now_s)
+    found += pairing.pairs(come[-1][0] + 0.9 * WAIT_S if come else 0.0)
+    numbers = [(int(pair.left[0, 0]), int(pair.right[0, 0])) for pair in found]
+    assert set(numbers) == chosen_at_the_end(*times_s, 0.05)
+    assert len(set(numbers)) == len(numbers)
+
+
+def test_names_count_before_times_and_only_within_a_second() -> None:
+    pairing = Pairing(near_s=0.05, named_s=1.0)
+    for number, (side, time_s, key) in enumerate(
+        [(0, 0.0, (7,)), (1, 0.01, (8,)), (1, 0.4, (7,)), (0, 5.0, (9,)), (1, 6.5, (9,)), (1, 5.01, (3,))]
+    ):
+        pairing.add(side, image(number, time_s, 0.0, key))
+    named = pairing.pairs(0.1)
+    assert [(int(pair.left[0, 0]), int(pair.right[0, 0])) for pair in named] == [(0, 2)]
+    by_time = pairing.pairs(1.5)
+    assert [(int(pair.left[0, 0]), int(pair.right[0, 0])) for pair in by_time] == [(3, 5)]
+    assert pairing.pairs(3.0) == []
+    assert pairing.dropped == [0, 2]
