@@ -142,9 +142,7 @@ def survey_of(
         needed = np.maximum(needed, np.exp(posterior.log_heights(shapes, candidates_deg).mean(axis=0)))
     there = undetected(posterior, shapes, candidates_deg, needed, angles_deg, noise=next_share)
     next_deg, gain = _next(hidden, there, candidates_deg, last_deg=float(measured_deg[-1]))
-    return Survey(
-        surveyed=surveyed, hidden=float(left.mean()), hidden_deg=hidden_deg, next_deg=next_deg, gain=gain
-    )
+    return Survey(surveyed=surveyed, hidden=float(left.mean()), hidden_deg=hidden_deg, next_deg=next_deg, gain=gain)
 
 
 def noise_shares(lit: Sequence[Sample], noise: SearchNoise) -> Float64[np.ndarray, " samples"]:
