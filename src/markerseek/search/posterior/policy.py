@@ -481,8 +481,7 @@ class Posterior(SearchPolicy):
         measured_deg = self._analysis.measured_deg
         noise = self._analysis.noise
         since_deg = measured_deg[self._before :]
-        planned = len(since_deg) < len(PLAN) and (self.is_narrowed or not self._before)
-        if planned or noise.floor.level is None or not noise.sigma:
+        if len(since_deg) < len(PLAN) or noise.floor.level is None or not noise.sigma:
             plan = PLAN if self._by_hand is None else PLAN_BY_HAND
             return planned_deg(since_deg, limits=self._searched, descending=self._descending, plan=plan)
         level = noise.floor.level / noise.sigma
