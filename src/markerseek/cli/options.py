@@ -53,6 +53,14 @@ def _named_methods(incomplete: str) -> Iterator[str]:
     return (each.name for each in METHODS if each.name.startswith(incomplete))
 
 
+def _angle_prior(text: str) -> AnglePrior:
+    """The prior of an option's text."""
+    try:
+        return AnglePrior.parse(text)
+    except ConfigError as problem:
+        raise typer.BadParameter(str(problem)) from problem
+
+
 def _annotated(found: Option) -> Any:
     """The type of a command's parameter, for an option that is a field of a dataclass; see `markerseek.core.option`."""
     declared = typer.Option(
@@ -61,7 +69,7 @@ def _annotated(found: Option) -> Any:
         min=found.least,
         show_default=found.default is not None if found.shown is None else found.shown,
         autocompletion=_named_methods if found.name == "method" else None,
-        parser=AnglePrior.parse if found.kind is AnglePrior else None,
+        parser=_angle_prior if found.kind is AnglePrior else None,
         metavar="ANGLE±SIGMA" if found.kind is AnglePrior else None,
     )
     return Annotated[found.kind if found.default is not None else found.kind | None, declared]

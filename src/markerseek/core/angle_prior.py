@@ -92,7 +92,7 @@ class AnglePrior:
             require_range("near: an angle of the table", angle_deg, low=-180.0, high=180.0, unit="deg")
             if not (is_finite(weight) and weight >= 0):
                 raise ConfigError(
-                    f"near: the weight at {angle_deg:g} deg is {weight}, it must be finite, and 0 or more"
+                    f"near: the weight at {angle_deg:g} deg is {weight}, it must be finite and at least 0"
                 )
         if not all(low[0] < high[0] for low, high in pairwise(table)):
             raise ConfigError("near: the angles of the table do not ascend; sort them, and name each once")
@@ -120,10 +120,7 @@ class AnglePrior:
                 return cls.of_table([float(each[0]) for each in pairs], [float(each[2]) for each in pairs])
             except ValueError as problem:
                 raise problem if isinstance(problem, ConfigError) else _unread(text) from None
-        given = re.fullmatch(
-            rf"\s*({_NUMBER})\s*°?(?:\s*(?:±|\+/?-)\s*|\s*[,;]\s*|\s+)({_NUMBER})\s*(?:°|deg)?\s*",
-            text.replace("−", "-"),
-        )
+        given = re.fullmatch(rf"({_NUMBER})\s*°?{_BETWEEN}({_NUMBER})\s*(?:°|deg)?", text.replace("−", "-").strip())
         if given is None:
             raise _unread(text)
         return cls(mean_deg=float(given[1]), sigma_deg=float(given[2]))
@@ -207,6 +204,7 @@ class PriorEvidence:
 
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_BETWEEN = r"(?:\s*(?:±|\+/?-)\s*|\s*[,;]\s*|\s+)"
 
 
 def _short(number: float) -> str:

@@ -142,7 +142,7 @@ class SearchPlan(RunPlan):
     others: float | None = option(None, shown="0.05")
     """Probability that another source as loud is there as well, before the search; less takes fewer acquisitions, 0
     looks for none (posterior only)."""
-    near: AnglePrior | None = option(None)
+    near: AnglePrior | None = option(None)  # noqa: RUF009  as the others: it makes a field
     """Where the marker is expected, as ANGLE±SIGMA in degrees: the search begins there, and takes the whole range where
     the samples contradict it (posterior only)."""
     as_published: bool = option(False)

@@ -47,6 +47,9 @@ def limits_of(configuration: Configuration, *, angles: int | None = None) -> Run
     if plan.whole:
         return replace(_RUN_LIMITS, acquisitions=_RUN_LIMITS.acquisitions + len(plan.angles_deg or ()))
     angles = plan.acquisitions if angles is None else angles
+    if plan.near is not None:
+        # Once it is given up, the whole number of acquisitions is left.
+        return replace(_RUN_LIMITS, acquisitions=2 * _RUN_LIMITS.acquisitions)
     if angles is None or not is_scan(configuration):
         return _RUN_LIMITS
     return RunLimits(acquisitions=angles, duration_s=_S_PER_ANGLE * (angles + plan.dark_frames))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from markerseek.core import Estimate, Policy, Sample, Searched
+from markerseek.core import Estimate, Policy, PriorEvidence, Sample, Searched
 
 if TYPE_CHECKING:
     from markerseek.search.posterior import Posterior
@@ -34,6 +34,12 @@ class WholeRecording:
         if self._searched is None and self._search.ask() is None:
             self._searched = Searched(estimate=self._search.estimate(), acquisitions=self._told)
         return self._searched
+
+    @property
+    def near_evidence(self) -> PriorEvidence | None:
+        """What the search has seen of a prior over the angle; None without one, and before its first sample."""
+        evidence: PriorEvidence | None = getattr(self._search, "near_evidence", None)
+        return evidence
 
     @property
     def present(self) -> Policy:

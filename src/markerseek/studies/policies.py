@@ -17,6 +17,7 @@ from typing import Any
 import markerseek
 from markerseek.core import (
     PAPER_RANGE,
+    AnglePrior,
     AnyPolicy,
     ConfigError,
     Interval,
@@ -36,9 +37,9 @@ from markerseek.search import (
 )
 from markerseek.studies.entry import EntryPolicy
 
-OF_STUDY = ("prior", "command", "channels")
-OF_PLAN = (*(each.name for each in options_of(SearchPlan)), "early_end", "cues")
-"""Keys of a policy in a study: its own, and those of the plan."""
+OF_STUDY = ("prior", "near_sigma_deg", "near_off_deg", "command", "channels")
+OF_PLAN = (*(each.name for each in options_of(SearchPlan) if each.name != "near"), "early_end", "cues")
+"""Keys of a policy in a study: its own, and those of the plan; where the marker is expected depends on the marker."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,6 +50,11 @@ class StudyPolicy:
     """Plan of its searches; ``method`` may also be ``module:name``, a policy of the user's own."""
     prior: bool = False
     """Whether a posterior is given the intensity curve of another marker on the same rig, which it has found before."""
+    near_sigma_deg: float | None = None
+    """Standard deviation of a prior over the angle that a posterior is given, which errs by as much, in degrees; None:
+    it is given none."""
+    near_off_deg: float = 0.0
+    """By how much that prior is off besides, towards the middle of the range, in degrees."""
     command: tuple[str, ...] = ()
     """Words that start an entry, a search method of somebody else as a child process (`markerseek.studies.entry`);
     ``method`` is then its name only."""
@@ -57,6 +63,10 @@ class StudyPolicy:
 
     def __post_init__(self) -> None:
         plan = self.plan
+        if self.near_sigma_deg is not None:
+            AnglePrior(mean_deg=self.near_off_deg, sigma_deg=self.near_sigma_deg)
+        elif self.near_off_deg:
+            raise ConfigError(f"{plan.method}: near_off_deg is {self.near_off_deg} deg without near_sigma_deg; give it")
         if self.command:
             self._refuse_ours("an entry")
             check_acquisitions(plan.acquisitions or 0, least=1, method=plan.method)
@@ -75,7 +85,7 @@ class StudyPolicy:
             raise ConfigError(f"{problem}; in a study also a policy of your own as module:name") from problem
         require_plan(plan)
         if plan.method != "posterior":
-            refuse_posterior_settings(plan.method, prior=self.prior)
+            refuse_posterior_settings(plan.method, prior=self.prior, near_sigma_deg=self.near_sigma_deg)
 
     def _require_own(self) -> None:
         """Refuse what a user's own policy cannot be given."""
@@ -95,7 +105,8 @@ class StudyPolicy:
         usual = SearchPlan()
         names = ("early_end", "others", "cues", "sweep")
         given = [(name, getattr(self.plan, name), getattr(usual, name)) for name in names]
-        for name, value, default in (*given, ("prior", self.prior, False)):
+        given += [("prior", self.prior, False), ("near_sigma_deg", self.near_sigma_deg, None)]
+        for name, value, default in given:
             if value != default:
                 raise ConfigError(f"{self.plan.method}: {name} is {value}, {what} has no such setting")
 
@@ -111,10 +122,12 @@ class StudyPolicy:
         end = "" if plan.early_end or plan.method not in ("weighted-average", "posterior") else ", no early end"
         others = "" if plan.others is None else ", single" if plan.others == 0 else f", others {plan.others:g}"
         prior = ", with prior" if self.prior else ""
+        near = "" if self.near_sigma_deg is None else f", near ± {self.near_sigma_deg:g}°"
+        off = f", {self.near_off_deg:g}° off" if self.near_off_deg else ""
         cues = "" if plan.cues is None else f", {' and '.join(plan.cues)} only"
         sweep = ", sweeping" if plan.sweep else ""
         tolerance = "" if plan.tolerance_mm == 1.0 else f", ± {plan.tolerance_mm:g} mm"
-        return f"{plan.method}{form}, {self.most}{end}{others}{prior}{cues}{sweep}{tolerance}"
+        return f"{plan.method}{form}, {self.most}{end}{others}{prior}{near}{off}{cues}{sweep}{tolerance}"
 
 
 def study_policy(**keys: object) -> StudyPolicy:

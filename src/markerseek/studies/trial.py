@@ -11,6 +11,7 @@ import msgspec
 from markerseek import rigs
 from markerseek.core import (
     Ambiguous,
+    AnglePrior,
     AnyPolicy,
     Asked,
     ConfigError,
@@ -33,7 +34,7 @@ from markerseek.scan import Scanner, run
 from markerseek.studies.entry import EntryError
 from markerseek.studies.policies import StudyPolicy, build_policy, is_own, own_lines
 from markerseek.studies.study import Cell, Study, Value, cells
-from markerseek.studies.worlds import Draw, draw_trial, former_rig, hidden_noise, study_rig
+from markerseek.studies.worlds import Draw, draw_trial, expected_angle_deg, former_rig, hidden_noise, study_rig
 
 Answer: TypeAlias = Literal["found", "not found", "ambiguous", "at bound", "unsure", "failed"]
 """Answer of a search; "failed" is a fault of a device, which ends the search without an angle."""
@@ -111,7 +112,8 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
     found, fault = None, None
     # Simulated faults are part of a study, and so are those of entries. Other errors are of its settings, and end it.
     try:
-        found = _search(study, settings, rig, prior=prior)
+        near = _angle_prior(study, cell, trial, settings, rig)
+        found = _search(study, settings, rig, prior=prior, near=near)
     except EntryError as problem:
         fault = described(problem)
     except DeviceError as problem:
@@ -179,6 +181,17 @@ def former_curve(study: Study, cell: Cell, trial: int, settings: StudyPolicy) ->
     except DeviceError:
         return None
     return estimate.curve if isinstance(estimate, Found) else None
+
+
+def _angle_prior(study: Study, cell: Cell, trial: int, settings: StudyPolicy, rig: rigs.Rig) -> AnglePrior | None:
+    """The prior over the angle of a trial; None if none is asked for, or there is no marker."""
+    sigma_deg, truth_deg = settings.near_sigma_deg, rig.facts.truth_deg
+    if sigma_deg is None or truth_deg is None:
+        return None
+    expected_deg = expected_angle_deg(
+        study, cell, trial, truth_deg=truth_deg, sigma_deg=sigma_deg, off_deg=settings.near_off_deg
+    )
+    return AnglePrior(mean_deg=expected_deg, sigma_deg=sigma_deg)
 
 
 class TwoAngles(NamedTuple):
@@ -261,7 +274,14 @@ def searched(
     raise SearchError("the run ended without an answer")
 
 
-def _search(study: Study, settings: StudyPolicy, rig: rigs.Rig, *, prior: MarkerCurve | None = None) -> SearchTrace:
+def _search(
+    study: Study,
+    settings: StudyPolicy,
+    rig: rigs.Rig,
+    *,
+    prior: MarkerCurve | None = None,
+    near: AnglePrior | None = None,
+) -> SearchTrace:
     """One search with its answers at the marks; `DeviceError` if a device ended it."""
     devices = rig.scanner.sweeping if settings.plan.sweep else None
     policy = build_policy(
@@ -269,6 +289,7 @@ def _search(study: Study, settings: StudyPolicy, rig: rigs.Rig, *, prior: Marker
         limits=rig.limits.search,
         start_deg=rig.stage.angle_deg,
         prior=prior,
+        near=near,
         sweep_speed_deg_s=None if devices is None else devices.stage.fastest_sweep_deg_s,
         sweep_from_end=devices is not None and devices.in_bursts,
         sweep_turns_back=devices is not None and devices.in_bursts and devices.triggering is None,

@@ -124,6 +124,17 @@ def former_rig(study: Study, cell: Cell, trial: int) -> rigs.Rig:
     return study_rig(study, replace(cell, world=world), former)
 
 
+def expected_angle_deg(
+    study: Study, cell: Cell, trial: int, *, truth_deg: float, sigma_deg: float, off_deg: float
+) -> float:
+    """Return where somebody expects the marker of a trial, in degrees: off by a normal error, and inwards besides."""
+    limits = cell.world.rig.limits.search
+    rng = np.random.default_rng(np.random.SeedSequence(study.seed, spawn_key=(cell.digest, trial, 2)))
+    inwards_deg = -off_deg if truth_deg > limits.centre_deg else off_deg
+    # Nobody expects the marker outside of the range that is searched.
+    return limits.nearest(truth_deg + inwards_deg + sigma_deg * float(rng.standard_normal()))
+
+
 def study_rig(study: Study, cell: Cell, draw: Draw) -> rigs.Rig:
     """Return the rig of a trial, at rest at its start."""
     settings = cell.world.rig

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -48,6 +49,19 @@ TAIL_SHARE = 0.5
 
 LASER_ERROR = 0.04
 """Relative error of a sample by itself, the laser's energy; of a single pulse of a sweep what the samples show."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Progress:
+    """How well the centre of the strongest source's curve is known."""
+
+    mean_deg: float
+    sigma_deg: float
+    """``mean_deg`` and ``sigma_deg``: mean and standard deviation of the centre's angle."""
+    fwhm_deg: float
+    """Full width of the curve at half maximum."""
+    target_deg: float
+    """Standard deviation with which it is known well enough."""
 
 
 class Analysis:

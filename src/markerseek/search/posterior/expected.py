@@ -11,13 +11,19 @@ at θ₁ is another one, is as probable as π(θ)/π(θ₁) says. That the prior
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from markerseek.core import AnglePrior, Float64, Interval
+from markerseek.core import AnglePrior, Float64, Interval, MarkerCurve
+from markerseek.search.posterior.candidates import RIVAL_DB, Candidate
 from markerseek.search.posterior.inference import AnglePosterior
 
 WRONG = 0.05
 """Probability ε that a prior is wrong, before anything is measured."""
+
+MOST_WRONG = 0.5
+"""Probability that it is wrong from which it is given up."""
 
 SURVEY_ANGLES = 71
 """Angles at which a hidden source is assumed, evenly spread over the range; every second may be the next sample's."""
@@ -51,6 +57,17 @@ class ExpectedAngle:
     def wrong_probability(self, posterior: AnglePosterior) -> float:
         """Probability that the prior is wrong, where the posterior of the samples is that of the marker."""
         return WRONG / self._at(posterior)
+
+    def is_contradicted(self, source: Candidate, *, former: MarkerCurve | None) -> bool:
+        """Whether the prior is more probably wrong than right, where this source is the strongest.
+
+        ``former``: curve of a former marker, which a source that is much weaker does not resemble.
+        """
+        if former is not None and source.missing is None:
+            peak = source.posterior.sigma * math.exp(source.log_snr)
+            if peak < former.peak * 10 ** (-RIVAL_DB / 20):
+                return True
+        return self.wrong_probability(source.posterior) > MOST_WRONG
 
     def _at(self, posterior: AnglePosterior) -> float:
         share = np.diff(posterior.cumulative(self._ends_deg))

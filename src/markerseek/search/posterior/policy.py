@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 from markerseek.core import (
     PAPER_RANGE,
@@ -24,9 +23,9 @@ from markerseek.core import (
     Unsure,
 )
 from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
-from markerseek.search.posterior.analysis import Analysis, weaker_than_predicted
+from markerseek.search.posterior.analysis import Analysis, Progress, weaker_than_predicted
 from markerseek.search.posterior.answer import SearchState, answer_of, rivals_of
-from markerseek.search.posterior.candidates import BESIDE_DEG, RIVAL_DB, Candidate, Candidates, top_deg
+from markerseek.search.posterior.candidates import BESIDE_DEG, Candidate, Candidates, top_deg
 from markerseek.search.posterior.expected import ExpectedAngle
 from markerseek.search.posterior.next_angle import (
     PLAN,
@@ -63,9 +62,6 @@ MIN_ACQUISITIONS = 4
 MIN_SAMPLES = 3
 """Samples that are taken where a prior over the angle expects the marker, before it can be given up."""
 
-MOST_WRONG = 0.5
-"""Probability that such a prior is wrong from which it is given up."""
-
 SURVEY_RESERVE = 6
 """Acquisitions that precision leaves to the survey, which takes three to five."""
 
@@ -81,19 +77,6 @@ FLOOR_SNR = 4.2
 
 
 _USUAL = Tolerance()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Progress:
-    """How well the centre of the strongest source's curve is known."""
-
-    mean_deg: float
-    sigma_deg: float
-    """``mean_deg`` and ``sigma_deg``: mean and standard deviation of the centre's angle."""
-    fwhm_deg: float
-    """Full width of the curve at half maximum."""
-    target_deg: float
-    """Standard deviation with which it is known well enough."""
 
 
 class Posterior(SearchPolicy):
@@ -117,8 +100,8 @@ class Posterior(SearchPolicy):
     prior
         Width and height of the curve of a former marker on this rig; None if there was none.
     near
-        Where the marker is expected. The search begins there, and takes the whole range, with its acquisitions counted
-        anew, once the prior is more probably wrong than right, or where it would end without `Found`. None: anywhere.
+        Where the marker is expected: the search begins there, and takes the whole range, with its acquisitions counted
+        anew, once that is more probably wrong than right, or where it would end without `Found`. None: anywhere.
     tolerance
         How well the angle of a `Found` must be known.
     angles_deg
@@ -164,13 +147,11 @@ class Posterior(SearchPolicy):
         if not 0 <= others < 1:
             raise ConfigError(f"posterior: others is {others}, it must be a probability from 0 to below 1")
         self._shapes = loaded_family()
-        self._limits = limits
-        self._budget = acquisitions
+        self._limits, self._budget = limits, acquisitions
         self._target_deg = target_sigma_deg
         self._expected = None if near is None else ExpectedAngle(near, limits=limits)
-        self._is_narrowed = near is not None
-        searched = limits if self._expected is None else self._expected.window
-        self._descending = start_deg is not None and start_deg > searched.centre_deg
+        self.is_narrowed = near is not None
+        self._descending = start_deg is not None and start_deg > self._searched.centre_deg
         self._former = prior
         self._others, self._single = others, others == 0
         self._tolerance = tolerance
@@ -250,10 +231,13 @@ class Posterior(SearchPolicy):
         self._range_swept = True
         self._next = None
 
+    is_narrowed: bool
+    """Whether it looks first where a prior over the angle expects the marker, and has not given the prior up."""
+
     @property
-    def is_narrowed(self) -> bool:
-        """Whether it looks first where a prior over the angle expects the marker, and has not given the prior up."""
-        return self._is_narrowed
+    def _searched(self) -> Interval:
+        """The part of the range that is searched now."""
+        return self._expected.window if self._expected is not None and self.is_narrowed else self._limits
 
     @property
     def near_evidence(self) -> PriorEvidence | None:
@@ -261,31 +245,25 @@ class Posterior(SearchPolicy):
         if self._expected is None or not self._lit:
             return None
         wrong = self._expected.wrong_probability(self._analysis.state.sources[0].posterior)
-        return PriorEvidence(probability=1 - wrong, whole_range=not self._is_narrowed)
+        return PriorEvidence(probability=1 - wrong, whole_range=not self.is_narrowed)
 
     def doubts_near(self, *, at_end: bool) -> bool:
         """Whether the prior over the angle is to be given up; ``at_end``: whether the search would end now."""
-        if not self._is_narrowed or len(self._lit) < MIN_SAMPLES:
+        if not self.is_narrowed or len(self._lit) < MIN_SAMPLES:
             return False
-        assert self._expected is not None  # noqa: S101 - there is one where the search is narrowed
         if at_end and not isinstance(self.estimate(), Found):
             return True
-        if not self._analysis.detected:
-            # Evenly spread over the window, so many miss the fewest markers.
-            if len(self._lit) >= len(PLAN):
-                return True
-        elif not at_end and self._comes_first(self._analysis.first):
+        analysis = self._analysis
+        if analysis.detected and not at_end and self._comes_first(analysis.first):
             return False
-        first = self._analysis.state.sources[0]
-        if self._former is not None and self._analysis.detected:
-            weak = first.posterior.sigma * math.exp(first.log_snr) < self._former.peak * 10 ** (-RIVAL_DB / 20)
-            if weak:
-                return True
-        return self._expected.wrong_probability(first.posterior) > MOST_WRONG
+        assert self._expected is not None  # noqa: S101 - there is one where the search is narrowed
+        # Evenly spread over the window, as many as the plan has miss the fewest markers.
+        missed = not analysis.detected and len(self._lit) >= len(PLAN)
+        return missed or self._expected.is_contradicted(analysis.state.sources[0], former=self._former)
 
     def widen(self) -> None:
         """Give the prior over the angle up: search the whole range, with all samples kept and acquisitions anew."""
-        self._is_narrowed = self._range_swept = False
+        self.is_narrowed = self._range_swept = False
         self._asked, self._before = 0, len(self._lit)
         self._next = self._cached = None
 
@@ -378,7 +356,7 @@ class Posterior(SearchPolicy):
                 shapes=self._shapes,
                 limits=self._limits,
                 single=self._single,
-                expected=self._expected if self._is_narrowed else None,
+                expected=self._expected if self.is_narrowed else None,
             )
         return self._cached
 
@@ -401,7 +379,7 @@ class Posterior(SearchPolicy):
         if self._asked >= self._budget:
             return None
         # Three samples about the marker say more of it than one that is followed to where the prior does not expect it.
-        if not self._lit or not self._analysis.detected or (self._is_narrowed and len(self._lit) < MIN_SAMPLES):
+        if not self._lit or not self._analysis.detected or (self.is_narrowed and len(self._lit) < MIN_SAMPLES):
             return self._detection_deg()
         first = self._analysis.first
         if len(self._lit) < MIN_ACQUISITIONS or self._comes_first(first):
@@ -503,11 +481,9 @@ class Posterior(SearchPolicy):
         measured_deg = self._analysis.measured_deg
         noise = self._analysis.noise
         since_deg = measured_deg[self._before :]
-        planned = len(since_deg) < len(PLAN) and (self._is_narrowed or not self._before)
-        if planned or noise.floor.level is None or not noise.sigma:
+        if len(since_deg) < len(PLAN) or noise.floor.level is None or not noise.sigma:
             plan = PLAN if self._by_hand is None else PLAN_BY_HAND
-            limits = self._expected.window if self._expected is not None and self._is_narrowed else self._limits
-            return planned_deg(since_deg, limits=limits, descending=self._descending, plan=plan)
+            return planned_deg(since_deg, limits=self._searched, descending=self._descending, plan=plan)
         level = noise.floor.level / noise.sigma
         return most_detectable_deg(
             self._analysis.first.posterior,

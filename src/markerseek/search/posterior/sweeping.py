@@ -23,8 +23,9 @@ from itertools import pairwise
 
 from markerseek.core import AnglePrior, Estimate, Found, Interval, PriorEvidence, Sample, Sweep, Unsure
 from markerseek.search.policy import check_sample
+from markerseek.search.posterior.analysis import Progress
 from markerseek.search.posterior.next_angle import Belief
-from markerseek.search.posterior.policy import Posterior, Progress
+from markerseek.search.posterior.policy import Posterior
 from markerseek.search.posterior.pulses import Centre, Delay, delay_of
 from markerseek.search.posterior.survey import STATED
 
@@ -217,7 +218,14 @@ class SweepPosterior:
             return
         self._part, self._range_swept = self._limits, False
         self._back, self._sigma_deg = 0, math.inf
-        self.sweeps = self._first(self._lit[-1].angle_deg if self._lit else None)
+        if not self._lit:
+            self.sweeps = self._first(None)
+            return
+        last_deg, ends_deg = self._lit[-1].angle_deg, (self._limits.low_deg, self._limits.high_deg)
+        near_deg = min(ends_deg, key=lambda each: abs(each - last_deg))
+        # An end that has been swept is not swept again.
+        swept = any(abs(each.angle_deg - near_deg) <= AT_END_DEG for each in self._lit)
+        self.sweeps = self._first(near_deg if swept else last_deg)
 
     def confirm(self, sample: Sample) -> None:
         """Take the acquisition at the angle found, as `Posterior.confirm`."""
@@ -292,13 +300,12 @@ class SweepPosterior:
             return []
         self._back, self._sigma_deg = self._back + 1, progress.sigma_deg
         reach_deg = FLANK * progress.fwhm_deg
-        return [
-            self._over(
-                self._limits.nearest(progress.mean_deg - reach_deg),
-                self._limits.nearest(progress.mean_deg + reach_deg),
-                speed_deg_s=self._speed_deg_s / min(max(slower, 1.0), SLOWEST),
-            )
-        ]
+        low_deg = self._limits.nearest(progress.mean_deg - reach_deg)
+        high_deg = self._limits.nearest(progress.mean_deg + reach_deg)
+        # A flank that was not swept is missing, and not light.
+        unswept = low_deg not in self._part or high_deg not in self._part
+        slowness = 1.0 if unswept and self._back == 1 else min(max(slower, 1.0), SLOWEST)
+        return [self._over(low_deg, high_deg, speed_deg_s=self._speed_deg_s / slowness)]
 
     def _delay_counts(self, progress: Progress, delay: Delay | None) -> bool:
         """Whether the delay, or the order of the frames, may still shift the angle by too much."""
