@@ -1,7 +1,15 @@
 from .choice import Choice, SeenMarker, choose
 from .points import point_pairs, spot_pairs
 from .poses import Place, Poses, Prediction, Reach
-from .record import SessionRecord, camera_text, default_folder, follow_session, read_session
+from .record import (
+    SessionRecord,
+    camera_text,
+    default_folder,
+    follow_session,
+    is_running,
+    read_session,
+    session_folder,
+)
 from .report import (
     TARGET_DEPTH_M,
     KnownRegistration,
@@ -22,6 +30,7 @@ from .simulated import (
     simulate_registration,
 )
 from .simulated_room import SimulatedRoom, SimulatedRoomSettings
+from .state import RegistrationState
 from .steps import (
     Begun,
     Ended,
@@ -59,6 +68,7 @@ __all__ = [
     "Registered",
     "RegistrationReport",
     "RegistrationSession",
+    "RegistrationState",
     "Room",
     "Searching",
     "SeenMarker",
@@ -83,11 +93,13 @@ __all__ = [
     "default_folder",
     "focal_shared_m",
     "follow_session",
+    "is_running",
     "point_pairs",
     "read_registration",
     "read_session",
     "read_stereo",
     "register_pairs",
+    "session_folder",
     "simulate_registration",
     "spot_pairs",
     "target_views",

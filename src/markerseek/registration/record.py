@@ -19,8 +19,8 @@ import msgspec
 import numpy as np
 
 from markerseek.core import RecordError, UInt8
-from markerseek.files import MIB, as_read_error, data_folder, read_input
-from markerseek.records.journal import is_written, make_folder
+from markerseek.files import MIB, as_read_error, data_folder, open_input, read_input
+from markerseek.records.journal import is_written, lock, make_folder
 from markerseek.registration.steps import Begun, RecordedStep, TakenMarker
 from markerseek.registration.stereo_files import StereoSettings
 from markerseek.vision import opencv
@@ -60,7 +60,7 @@ class SessionRecord:
     @classmethod
     def reopen(cls, path: Path) -> Self:
         """Open the record of a session to continue it; ``path``: its folder, or the file in it."""
-        folder = path.parent if path.name == NAME else path
+        folder = session_folder(path) or path
         (begun, *steps), end = read_session(folder)
         assert isinstance(begun, Begun)  # noqa: S101  as it was read
         taken = [step for step in steps if isinstance(step, TakenMarker)]
@@ -101,10 +101,8 @@ class SessionRecord:
             self._descriptor = -1
 
     def _lock(self) -> None:
-        import fcntl
-
         try:
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock(self._descriptor)
         except BlockingIOError as problem:
             raise RecordError(
                 f"{self.folder}: another markerseek continues this session; wait until it ends"
@@ -122,17 +120,36 @@ class SessionRecord:
             ) from problem
 
 
+def session_folder(path: Path) -> Path | None:
+    """Folder of a session that is named by its folder, or by the record in it; None for another file."""
+    if path.name == NAME:
+        return path.parent
+    return path if path.is_dir() else None
+
+
+def is_running(folder: Path) -> bool:
+    """Whether a program runs the session: it has its record open for writing."""
+    path = folder / NAME
+    with as_read_error(path), open_input(path, most_bytes=_MOST_BYTES) as file:
+        return is_written(file.fileno())
+
+
 def read_session(folder: Path) -> tuple[list[RecordedStep], int]:
     """The steps of a session, `Begun` first, and the bytes up to the end of its last whole line."""
     path = folder / NAME
     if not path.is_file():
-        raise RecordError(f"{folder}: there is no {NAME} in it; name the folder of a session, as `register` prints it")
+        raise RecordError(
+            f"{folder}: there is no {NAME} in it, so that no session has begun; name the folder of a session, as "
+            "`register` prints it"
+        )
     with as_read_error(path):
         content = read_input(path, most_bytes=_MOST_BYTES)
     end = content.rfind(b"\n") + 1
     steps = [_step(line, path, number) for number, line in enumerate(content[:end].splitlines(), start=1)]
     if not steps:
-        raise RecordError(f"{path}: its first line was never finished; begin a new session")
+        raise RecordError(
+            f"{path}: its first line is not finished, so that no session has begun; try again, or begin a new one"
+        )
     return steps, end
 
 
@@ -146,7 +163,7 @@ def follow_session(
 
     ``is_over``: whether no more will be written; None: once no program has the session open for writing. Where it is
     given, the folder need not exist yet. ``wait``: called where nothing new is there. Raises `RecordError` at the
-    first line that does not agree with its check sum.
+    first line that does not agree with its check sum, and if the file is deleted or steps are cut off.
     """
     path = folder / NAME
     while is_over is not None and not path.exists():
@@ -154,20 +171,32 @@ def follow_session(
             return
         wait()
     end = number = 0
-    with as_read_error(path), path.open("rb") as file:
+    with as_read_error(path), open_input(path, most_bytes=_MOST_BYTES) as file:
         while True:
             # Asked before the file is read: what was written before the end is read after it.
             over = not is_written(file.fileno()) if is_over is None else is_over()
-            # A line that is not finished is read again from its beginning: it may be cut off meanwhile.
-            file.seek(end)
-            for line in file:
-                if not line.endswith(b"\n"):
-                    break
-                end, number = end + len(line), number + 1
-                yield _step(line.removesuffix(b"\n"), path, number)
+            lines = _whole_lines(file.fileno(), end, path)
+            for line in lines.splitlines():
+                number += 1
+                yield _step(line, path, number)
+            end += len(lines)
             if over:
                 return
             wait()
+
+
+def _whole_lines(descriptor: int, begin: int, path: Path) -> bytes:
+    """What is written behind a place, up to the last line that is finished.
+
+    The rest is read again from its beginning: it may be cut off meanwhile.
+    """
+    status = os.fstat(descriptor)
+    if status.st_nlink == 0:
+        raise RecordError(f"{path}: it was deleted while it was followed; what the session says is not known any more")
+    if status.st_size < begin:
+        raise RecordError(f"{path}: steps that were read are not in it any more; another program changed the file")
+    content = os.pread(descriptor, min(status.st_size - begin, _MOST_BYTES), begin)
+    return content[: content.rfind(b"\n") + 1]
 
 
 def _step(line: bytes, path: Path, number: int) -> RecordedStep:
