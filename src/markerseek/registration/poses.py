@@ -223,7 +223,8 @@ class Poses:
         """The place for the next spot that lowers the expected TRE at the target most; None where nothing is in reach.
 
         Before there is a registration: a place that is far from the spots so far and from the line through them, and
-        probably in reach. ``probe_deg``: where the probe is, in degrees. ``avoid_m``: points in the camera's frame near which no marker was found.
+        probably in reach. ``probe_deg``: where the probe is, in degrees. ``avoid_m``: points in the camera's frame near
+        which no marker was found.
         """
         spots_m = np.array([marker.camera_m for marker in markers])
         taken_m = np.concatenate([spots_m, np.array([*avoid_m]).reshape(-1, 3)])
