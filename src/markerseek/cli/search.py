@@ -29,6 +29,7 @@ EXAMPLES = """
     markerseek search --sweep --single --readout-s 0.05
     markerseek search --method ternary --acquisitions 16 --as-published
     markerseek search --marker-deg 10 --second-marker-deg -12 --snr-db 30
+    markerseek search --seed 4 --near 30±2
     markerseek search --compare posterior,golden-section,ternary --plot
     markerseek search --rig examples/rigs/bench.toml --arm
 """
@@ -140,7 +141,7 @@ def _compare(
         chosen = replace(plan, method=name)
         if name != "posterior":
             # Only the posterior has these settings.
-            chosen = replace(chosen, others=None, prior=None)
+            chosen = replace(chosen, others=None, prior=None, near=None)
         # A new rig of the same seed, so that every method begins in the same world.
         with open_rig(rig, simulation) as (assembled, _):
             session = runs.new_session(assembled, runs.plan_on(assembled, chosen))
