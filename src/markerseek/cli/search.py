@@ -29,7 +29,6 @@ EXAMPLES = """
     markerseek search --sweep --single --readout-s 0.05
     markerseek search --method ternary --acquisitions 16 --as-published
     markerseek search --marker-deg 10 --second-marker-deg -12 --snr-db 30
-    markerseek search --seed 4 --near 30±2
     markerseek search --compare posterior,golden-section,ternary --plot
     markerseek search --rig examples/rigs/bench.toml --arm
 """
