@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from markerseek.bridges import OPTIONS, AskedSearch
-from markerseek.core import ConfigError, SimulationOptions
+from markerseek.core import AnglePrior, ConfigError, SimulationOptions
 from markerseek.rigs import simulated
 from markerseek.search import METHODS
 from markerseek.sim import TISSUES, SimulatedSettings, with_options
@@ -22,6 +22,7 @@ searches = st.fixed_dictionaries(
         "method": st.sampled_from([each.name for each in METHODS]),
         "acquisitions": st.none() | st.integers(20, 200),
         "tolerance_mm": st.floats(0.1, 5.0),
+        "near": st.none() | st.builds(AnglePrior, mean_deg=st.floats(-30.0, 30.0), sigma_deg=st.floats(0.1, 9.0)),
         "stay": st.booleans(),
         "tissue": st.none() | st.sampled_from(list(TISSUES)),
         "snr_db": st.none() | st.integers(-20, 100).map(float),
@@ -30,7 +31,7 @@ searches = st.fixed_dictionaries(
         "seed": st.integers(0, 2**63 - 1),
         "pace": st.floats(0.0, 100.0),
     }
-).map(lambda values: USUAL.changed(**values))
+).map(lambda values: USUAL.changed(**values | {"near": values["near"] if values["method"] == "posterior" else None}))
 
 
 @given(searches)
