@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from markerseek.core import Found, Interval, NotConnectedError
-from markerseek.guard import Guard, State
+from markerseek.core import NotConnectedError
+from markerseek.guard import State
 from markerseek.sim import FaultKind
 
 pytest.importorskip("serial", reason="the supervisor's lines need the extra devices")
@@ -179,59 +179,3 @@ def test_a_host_that_dies_in_mid_sweep_leaves_the_probe_in_its_permit_and_the_ch
     low_deg, *_, high_deg = sorted((permit.angle_deg, permit.to_deg, permit.end_deg))
     for beyond_deg in (low_deg - 0.3, high_deg + 0.3):
         assert seen(replace(trace, left_deg=(*trace.left_deg, beyond_deg))) == {"P1"}
-
-
-@pytest.mark.parametrize("name", ["edge lost", "edge doubled"])
-def test_a_trigger_of_the_stage_that_is_lost_or_doubled_is_reported(tmp_path: Path, name: str) -> None:
-    fault = replace(FAULTS["laser", name].fault, from_step=1, to_step=None)
-    sound = (plan for plan in sound_sweeps() if plan.number % 2)
-    with HeldLines() as lines:
-        campaign = campaign_runs.Campaign(tmp_path, lines)
-        traces = (campaign.perform(replace(plan, faults=(fault,))) for plan in sound)
-        # Not in a sweep that ends before.
-        trace = next(trace for trace in traces if trace.acted)
-    verdict = check(trace)
-    assert verdict.reported
-    assert verdict.broken == []
-
-
-def test_the_checker_sees_light_that_no_sweep_permits(tmp_path: Path) -> None:
-    plan = next(sound_sweeps())
-    with HeldLines() as lines:
-        trace = campaign_runs.Campaign(tmp_path, lines).perform(plan)
-    assert seen(trace) == set()
-    lights = trace.world.lights
-    index = next(index for index, light in enumerate(lights) if light.sweeping)
-    (permit, _), late_s = trace.sweeps[0], 1e3
-    for change in (
-        {"angle_deg": max(permit.angle_deg, permit.to_deg) + 2.0},
-        {"at_s": lights[index].at_s - late_s},
-        {"at_s": lights[index].at_s + late_s},
-        {"at_s": lights[index + 1].at_s - permit.period_s / 2},
-        {"pulses": permit.pulses + 1},
-        {"moving": True},
-    ):
-        trace.world.lights = [*lights[:index], replace(lights[index], **change), *lights[index + 1 :]]
-        assert seen(trace) == {"P3"}, change
-
-
-def test_the_checker_sees_a_wrong_angle(healthy: campaign_runs.Trace) -> None:
-    last = healthy.journal.entries[-1]
-    for off_deg, wrong in ((1.9, False), (2.1, True)):
-        mean_deg = (healthy.plan.marker_deg or 0.0) + off_deg
-        found = Found(
-            mean_deg=mean_deg, sigma_deg=0.1, interval95_deg=Interval(low_deg=-1, high_deg=1), interval_kind="bracket"
-        )
-        ended = replace(last, event=replace(last.event, estimate=found))
-        verdict = check(
-            replace(healthy, journal=replace(healthy.journal, entries=(*healthy.journal.entries[:-1], ended)))
-        )
-        assert (verdict.found, verdict.off) == (True, wrong)
-
-
-def test_a_guard_that_leaves_fault_by_itself_is_noticed(monkeypatch: pytest.MonkeyPatch, healthy) -> None:
-    guard = healthy.guard
-    guard.fail("a test")
-    assert not campaign_runs.leaves_fault(guard)
-    monkeypatch.setattr(Guard, "disarm", lambda self: setattr(self, "_state", State.DISARMED))
-    assert campaign_runs.leaves_fault(guard)

@@ -199,11 +199,6 @@ def test_an_error_of_the_class_names_it(rig: Callable[..., Path]) -> None:
         bench(read(rig("lab_stage:Broken")))
 
 
-def test_a_class_that_leaves_is_named(rig: Callable[..., Path]) -> None:
-    with pytest.raises(DeviceError, match="lab_stage:Leaves: SystemExit: 3; this is an error of that driver"):
-        bench(read(rig("lab_stage:Leaves", "")))
-
-
 def test_a_driver_of_another_unit_is_refused_at_its_first_move(rig: Callable[..., Path]) -> None:
     """At rest at 0 nothing shows it; light is only permitted at an angle that was reached."""
     with bench(read(rig("lab_stage:Radians"))) as opened:

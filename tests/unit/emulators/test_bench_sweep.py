@@ -23,7 +23,6 @@ from markerseek.drivers import LaserBox
 from markerseek.emulators.faults import FAULTS
 from markerseek.guard import State
 from markerseek.scan import Scanner, run
-from markerseek.wire import laserbox as wire
 from tests.sweep_on_a_bench import SETTINGS, Bench, sweeping
 
 
@@ -157,27 +156,6 @@ class InMidSweep:
             if turned_back if self._back else self.at_deg > self._at_deg:
                 self.began_s = now_s
                 self._action(self._bench)
-
-
-@pytest.mark.parametrize(("at_deg", "back", "rests_deg"), [(-15.0, False, 35.0), (10.0, True, -35.0)])
-def test_a_host_that_is_killed_leaves_no_light_beyond_the_lease_and_the_probe_in_its_permit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_deg: float, back: bool, rests_deg: float
-) -> None:
-    bench = Bench(tmp_path)
-    fault = InMidSweep(bench, killed, at_deg=at_deg, back=back)
-    monkeypatch.setattr(Scanner, "_end_light_and_motion", lambda _: None)
-    with pytest.raises(Killed):
-        list(bench.search())
-    bench.alive = False
-    angles_deg = []
-    bench.clock.lead(lambda _: angles_deg.append(bench.probe_deg))
-    bench.clock.wait(20.0)
-    assert fault.began_s is not None
-    lights_s = [flash.at_s for flash in bench.emulated.world.flashes]
-    assert fault.began_s < max(lights_s) <= fault.began_s + wire.LEASE_MS / 1e3 + 1e-3
-    # 0.1 deg: the backlash.
-    assert -35.1 <= min(angles_deg) <= max(angles_deg) <= 35.1
-    assert angles_deg[-1] == pytest.approx(rests_deg, abs=0.11)
 
 
 @pytest.mark.parametrize("break_it", [stalled, frozen, without_stage, without_box, interlocked, dark, interrupted])

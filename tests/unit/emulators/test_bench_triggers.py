@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 
 from markerseek.core import (
-    AcquisitionError,
     DeviceError,
     Found,
     LaserError,
@@ -29,7 +27,7 @@ from markerseek.guard import Admission, FiringLimits, Guard, State
 from markerseek.rigs import image_reader
 from markerseek.scan import Scanner, run
 from markerseek.sim import SimulatedSettings
-from markerseek.wire import CONTROLLER, TO_CONTROLLER, AptFramer, apt
+from markerseek.wire import CONTROLLER, TO_CONTROLLER, AptFramer
 from tests.sweep_on_a_bench import SETTINGS, sweeping
 from tests.unit.scan.stamp_offsets import stamp_offsets_deg
 
@@ -126,19 +124,6 @@ def doubled(bench: Bench) -> None:
     bench.faults.inject("double edge", 8)
 
 
-@pytest.mark.parametrize("break_it", [lost, doubled])
-def test_a_trigger_lost_or_doubled_on_its_way_to_the_box_refuses_the_sweep_whole(
-    tmp_path: Path, break_it: Callable[[Bench], None]
-) -> None:
-    bench = Bench(tmp_path)
-    break_it(bench)
-    with pytest.raises(AcquisitionError, match=r"trigger \d+ of the stage and the stamp of its pulse differ by -?0\.6"):
-        bench.swept()
-    assert bench.guard.state is State.ARMED
-    bench.faults.heal()
-    assert len(bench.swept()) > 15
-
-
 def test_a_cable_that_is_off_gives_no_light_and_is_named(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     bench.faults.inject("no edges")
@@ -157,33 +142,6 @@ def test_what_is_read_back_otherwise_than_written_ends_before_anything_moves(
     with pytest.raises(DeviceError, match=f"does not keep its {what}"):
         bench.swept()
     assert (bench.emulated.stage.moves, bench.truth_deg()) == (0, [])
-
-
-@pytest.mark.parametrize(
-    ("mode", "edges"), [(apt.TRIGGER_OFF, 0), (apt.TRIGGER_STEPS_DOWN, 0), (apt.TRIGGER_STEPS_UP, 40)]
-)
-def test_positions_give_pulses_in_their_own_direction_only(tmp_path: Path, mode: int, edges: int) -> None:
-    bench = Bench(tmp_path)
-    row = apt.TriggerRow(start=apt.counts_of(-34.0), interval=apt.counts_of(0.25), number=40)
-    bench.stage_port.write(apt.set_trigger_positions(apt.TriggerPositions(up=row, down=row)))
-    bench.stage_port.write(apt.set_trigger_ports(apt.TriggerPorts(first=mode)))
-    bench.stage_port.write(apt.set_target(apt.counts_of(-10.0)) + apt.move())
-    bench.clock.wait(4.0)
-    given = bench.emulated.stage.edges(bench.clock.now_s())
-    assert len(given) == edges
-    if edges > 1:
-        expected_deg = [apt.degrees_of(row.start + row.interval * each) for each in range(edges)]
-        assert [edge.angle_deg for edge in given] == pytest.approx(expected_deg, abs=1e-6)
-
-
-def test_positions_count_once_the_port_is_set_after_them(tmp_path: Path) -> None:
-    bench = Bench(tmp_path)
-    row = apt.TriggerRow(start=apt.counts_of(-34.0), interval=apt.counts_of(0.25), number=40)
-    bench.stage_port.write(apt.set_trigger_ports(apt.TriggerPorts(first=apt.TRIGGER_STEPS_UP)))
-    bench.stage_port.write(apt.set_trigger_positions(apt.TriggerPositions(up=row, down=row)))
-    bench.stage_port.write(apt.set_target(apt.counts_of(-10.0)) + apt.move())
-    bench.clock.wait(4.0)
-    assert bench.emulated.stage.edges(bench.clock.now_s()) == []
 
 
 @pytest.mark.parametrize("position_triggered", [True, False])

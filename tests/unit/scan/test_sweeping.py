@@ -26,7 +26,6 @@ from markerseek.core import (
     Sample,
     SearchError,
     Sweep,
-    SweepPermit,
     Swept,
 )
 from markerseek.guard import State
@@ -507,19 +506,6 @@ def test_a_supervisor_that_is_gone_in_mid_sweep_is_an_error_once_the_light_has_e
     assert dark == [True]
 
 
-@pytest.mark.parametrize(("dies_at", "rests_deg"), [(30, 35.0), (120, -10.0)])
-def test_a_host_that_dies_in_mid_sweep_leaves_the_probe_at_the_end_of_its_way(dies_at: int, rests_deg: float) -> None:
-    bench = SweepBench(motion=FAST)
-    events = bench.run(Sweeps(Sweep(to_deg=35.0, speed_deg_s=20.0, back_deg=-10.0)))
-    for event in events:
-        if isinstance(event, Measured) and event.index == dies_at:
-            break
-    # Nothing is called any more.
-    bench.scanner.clock.wait(60.0)
-    assert bench.stage.angle_deg == pytest.approx(rests_deg, abs=1e-3)
-    events.close()
-
-
 def test_a_policy_that_never_has_enough_is_ended() -> None:
     class Endless(Sweeps):
         def tell(self, sample: Sample) -> None:
@@ -530,10 +516,3 @@ def test_a_policy_that_never_has_enough_is_ended() -> None:
 
     with pytest.raises(SearchError, match="its search does not end"):
         list(SweepBench().run(Endless(), limits=RunLimits(acquisitions=3)))
-
-
-def test_a_permit_has_room_for_a_stage_that_is_slower_than_it_says() -> None:
-    bench = SweepBench()
-    permit: SweepPermit = bench.scanner.sweeping.permit(TO_END, from_deg=-35.0)
-    assert permit.pulses >= 1.09 * 20 * bench.scanner.sweeping.duration_s(TO_END, from_deg=-35.0)
-    assert permit.fastest_deg_s < 2 * TO_END.speed_deg_s
