@@ -293,7 +293,7 @@ def test_laser_and_receiver_are_tried_without_light() -> None:
 
 def test_simulated_parts_are_simulated_together(tmp_path: Path) -> None:
     tables = {"stage": {"driver": "simulated"}, "laser": {"driver": "simulated"}, "receiver": {"driver": "simulated"}}
-    with pytest.raises(ConfigError, match="simulated is of both: name simulated in both, or in neither"):
+    with pytest.raises(ConfigError, match="simulated is laser and receiver: name simulated in both, or in neither"):
         bench_settings_from(tables | {"receiver": {"driver": "sonixdaq", "folder": "daq"}})
     (tmp_path / "world.toml").write_text('kind = "simulated"\n[receiver]\ndata = "rf"\n')
     with pytest.raises(ConfigError, match="gives rf, channel data are needed"):
