@@ -13,22 +13,21 @@ from markerseek.core import (
     Found,
     LaserError,
     Measured,
+    Receiver,
     Sample,
     Sweep,
     Swept,
 )
-from markerseek.drivers import Kdc101Settings, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
 from markerseek.drivers.energy_meter import EnergyMeter
-from markerseek.emulators import DirectPort, EmulatedBench, EmulatedKdc101
-from markerseek.emulators.bench import BenchClock
+from markerseek.emulators import DirectPort
 from markerseek.emulators.faults import Faults
 from markerseek.emulators.laserbox import LIGHT_COUNTS
-from markerseek.guard import Admission, FiringLimits, Guard, State
-from markerseek.rigs import image_reader
-from markerseek.scan import Scanner, run
+from markerseek.guard import State
+from markerseek.scan import run
 from markerseek.sim import SimulatedSettings
 from markerseek.wire import CONTROLLER, TO_CONTROLLER, AptFramer
 from tests.sweep_on_a_bench import SETTINGS, sweeping
+from tests.sweep_on_a_bench import Bench as SweepBench
 from tests.unit.scan.stamp_offsets import stamp_offsets_deg
 
 SWEEP = Sweep(to_deg=-20.0, speed_deg_s=12.0, from_deg=-35.0)
@@ -45,40 +44,21 @@ class Swallowing(DirectPort):
                 super().write(message.raw)
 
 
-class Bench:
-    """Real drivers on emulated devices, with a cable from the stage's trigger port to the box's trigger input."""
+class Bench(SweepBench):
+    """With a cable from the stage's trigger port to the box's trigger input."""
+
+    stage_line = Swallowing
 
     def __init__(
-        self,
-        folder: Path,
-        *,
-        settings: SimulatedSettings = SETTINGS,
-        model: str = "KDC101",
-        position_triggered: bool = True,
+        self, folder: Path, *, settings: SimulatedSettings = SETTINGS, position_triggered: bool = True
     ) -> None:
-        self.emulated = EmulatedBench(
-            settings=settings, rng=np.random.default_rng(3), folder=folder, stage=EmulatedKdc101(model=model)
-        )
-        self.clock = clock = BenchClock(tick_s=2e-3)
-        self.stage_port = Swallowing(device=self.emulated.stage, clock=clock)
-        port = DirectPort(device=self.emulated.laser_box, clock=clock)
-        keys = Kdc101Settings(port="", zero_deg=0.0, speed_deg_s=20.0, acceleration_deg_s2=25.0)
-        self.laser = LaserBox(port=port, clock=clock, position_triggered=position_triggered)
-        clock.lead(lambda _: self.laser.beat(), lambda _: port.read(0, timeout_s=0.0), self.emulated.daq.advance)
-        daq = SonixDaqSettings(folder=str(folder), timeout_s=10.0, readout_s=0.5, frames="triggered")
-        receiver = SonixDaqReceiver(settings=daq, clock=clock)
-        self.guard = Guard(limits=settings.limits, firing=FiringLimits(), admission=Admission())
-        self.scanner = Scanner(
-            stage=Kdc101Stage(port=self.stage_port, clock=clock, settings=keys),
-            laser=self.laser,
-            receiver=receiver
-            if settings.laser.energy_meter_noise is None
-            else EnergyMeter(receiver, measured=lambda _: None, usual_energy=LIGHT_COUNTS, box=self.laser),
-            reader=image_reader(settings.probe.array, sampling_hz=settings.receiver.sampling_hz),
-            clock=clock,
-            guard=self.guard,
-        )
-        self.guard.arm(by="test")
+        super().__init__(folder, settings=settings, position_triggered=position_triggered)
+
+    def receiver(self) -> Receiver:
+        receiver = super().receiver()
+        if self.settings.laser.energy_meter_noise is None:
+            return receiver
+        return EnergyMeter(receiver, measured=lambda _: None, usual_energy=LIGHT_COUNTS, box=self.laser)
 
     def swept(self) -> list[Sample]:
         """Samples of one sweep."""
