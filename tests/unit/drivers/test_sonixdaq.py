@@ -31,21 +31,34 @@ from markerseek.sim import World
 class Bench:
     """A folder, who writes it, and who watches it."""
 
-    def __init__(self, folder: Path, *, sdk: int = 6, readout_s: float = 1.0, timeout_s: float = 5.0) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        sdk: int = 6,
+        readout_s: float = 1.0,
+        timeout_s: float = 5.0,
+        white_sigma: float = 300.0,
+        start_deg: float = 0.0,
+        averaged: int | None = None,
+    ) -> None:
         self.world = World(
             model=AcousticModel(samples=64),
             absorbers=(),
-            noise=Noise(white_sigma=300.0),
+            noise=Noise(white_sigma=white_sigma),
             energy_jitter=0.0,
-            start_deg=0.0,
+            start_deg=start_deg,
             rng=np.random.default_rng(1),
+            averaged=averaged,
         )
         self.received: list[np.ndarray] = []
+        self.angles_deg: list[float | None] = []
         world_frame = self.world.frame
 
         def frame(flash, *, header):  # type: ignore[no-untyped-def]
             made = world_frame(flash, header=header)
             self.received.append(made.samples)
+            self.angles_deg.append(None if flash is None else flash.angle_deg)
             return made
 
         self.world.frame = frame  # type: ignore[method-assign]
