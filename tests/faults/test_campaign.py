@@ -19,7 +19,7 @@ from markerseek.sim import FaultKind
 pytest.importorskip("serial", reason="the supervisor's lines need the extra devices")
 
 from tests.faults.campaign import runs as campaign_runs  # type: ignore[import-not-found, unused-ignore]
-from tests.faults.campaign.checker import check  # type: ignore[import-not-found, unused-ignore]
+from tests.faults.campaign.checker import OFF_DEG, check  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.chunks import readings  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.held_lines import HeldLines  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.points import enumerate_points  # type: ignore[import-not-found, unused-ignore]
@@ -29,6 +29,14 @@ from tests.faults.campaign.vocabulary import FAULTS  # type: ignore[import-not-f
 from tests.faults.unchecked import unchecked  # type: ignore[import-not-found, unused-ignore]
 
 RUNS = 1400
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+@pytest.mark.parametrize("page", ["explanation/faults.md", "data/fault-tables.md"])
+def test_b10_a_page_says_the_error_that_is_judged(page: str) -> None:
+    rows = [line for line in (DOCS / page).read_text(encoding="utf-8").splitlines() if line.startswith("| P10 ")]
+    assert rows
+    assert all(f"off by more than {OFF_DEG:g}° (twice the tolerance of intensities" in row for row in rows)
 
 
 @pytest.mark.long

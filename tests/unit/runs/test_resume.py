@@ -308,11 +308,13 @@ def test_the_pulses_of_all_sessions_are_counted_together(tmp_path: Path, whole: 
     lit = sum(isinstance(event, Measured) and not event.sample.dark for event in events)
     refused = [event for event in events if isinstance(event, Refused)]
     dark = sum(event.frame is not None and event.frame.header.pulses == 0 for event in refused)
-    assert pulses_before(read_journal(whole).entries, pulses=16, attempts=3) == 16 * (lit + len(refused) - dark)
+    assert pulses_before(read_journal(whole).entries, pulses=16, attempts=3, pulses_per_sweep=1) == 16 * (
+        lit + len(refused) - dark
+    )
     path = tmp_path / "run.journal"
     live(path, until=20)
     _, rig, _ = begin()
-    spent = pulses_before(read_journal(path).entries, pulses=rig.scanner.pulses, attempts=3)
+    spent = pulses_before(read_journal(path).entries, pulses=rig.scanner.pulses, attempts=3, pulses_per_sweep=1)
     rig.scanner.guard._permits._limits = FiringLimits(pulses_per_session=spent + rig.scanner.pulses)
     with pytest.raises(LimitError, match=f"{spent + rig.scanner.pulses} pulses were permitted in this session"):
         resume_run(path, rig=rig)
