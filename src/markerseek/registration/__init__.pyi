@@ -1,4 +1,5 @@
 from .choice import Choice, SeenMarker, choose
+from .device_room import DeviceRoom
 from .points import point_pairs, spot_pairs
 from .poses import Place, Poses, Prediction, Reach
 from .record import (
@@ -19,17 +20,9 @@ from .report import (
     read_registration,
     register_pairs,
 )
-from .session import RegistrationSession, Room, SessionPlan
+from .session import REGISTRATION_TOLERANCE_MM, RegistrationSession, Room, SessionPlan
 from .shared_errors import FOCAL_LENGTH, camera_shared_m, focal_shared_m, trus_shared_m
-from .simulated import (
-    GRID_STEP_M,
-    MARKER_PLACES,
-    REGISTRATION_TOLERANCE_MM,
-    SimulatedScene,
-    SimulatedTruth,
-    simulate_registration,
-)
-from .simulated_room import SimulatedRoom, SimulatedRoomSettings
+from .simulated_room import SimulatedRoom, SimulatedRoomSettings, SimulatedTruth
 from .state import RegistrationState
 from .steps import (
     Begun,
@@ -50,12 +43,11 @@ from .target_views import TargetView, target_views
 
 __all__ = [
     "FOCAL_LENGTH",
-    "GRID_STEP_M",
-    "MARKER_PLACES",
     "REGISTRATION_TOLERANCE_MM",
     "TARGET_DEPTH_M",
     "Begun",
     "Choice",
+    "DeviceRoom",
     "Ended",
     "KnownRegistration",
     "MovedMarker",
@@ -76,7 +68,6 @@ __all__ = [
     "SessionRecord",
     "SimulatedRoom",
     "SimulatedRoomSettings",
-    "SimulatedScene",
     "SimulatedTruth",
     "Spot",
     "SpotRefused",
@@ -100,7 +91,6 @@ __all__ = [
     "read_stereo",
     "register_pairs",
     "session_folder",
-    "simulate_registration",
     "spot_pairs",
     "target_views",
     "trus_shared_m",
