@@ -32,6 +32,10 @@ DRAWS = 4000
 MOST_SLANT_DEG = 75.0
 """Largest angle between the camera's line of sight and the straight way from the tissue to the probe."""
 
+USUAL_ROLL_DEG, UNUSUAL = 60.0, 0.1
+"""Largest angle between the rows of the image and the way across the probe, to either side, that is usual: people hold
+an endoscope upright, and look at what the probe can reach. How likely it is otherwise, in comparison."""
+
 DEPTHS_M = (10e-3, 90e-3)
 """Least and largest distance of a marker from the axis of the probe."""
 
@@ -157,7 +161,10 @@ class Poses:
         slant = -(matrices[:, :, 2] @ outwards) / np.linalg.norm(outwards)
         matrices = matrices[slant > math.cos(math.radians(MOST_SLANT_DEG))]
         translations_m = trus_m.mean(axis=0) - matrices @ camera_m.mean(axis=0)
-        likely = np.ones(len(matrices))
+        upright = np.abs(matrices[:, 0, 0]) > math.cos(math.radians(USUAL_ROLL_DEG))
+        # Where the middle of the image is: on tissue as deep as the spots, seen from the probe.
+        ahead_m = matrices[:, :, 2] * _depth_ahead(matrices, camera_m.mean(axis=0), outwards)[:, None] + translations_m
+        likely = np.where(upright, 1.0, UNUSUAL) * np.where(reach.holds(*_polar(ahead_m)) > 0, 1.0, UNUSUAL)
         for spot_m in missed_m:
             likely *= 1 - (1 - MISSED) * reach.holds(*_polar(matrices @ spot_m + translations_m))
         kept = rng.random(len(matrices)) < likely
@@ -299,7 +306,7 @@ class Poses:
         noise = rotation @ from_camera @ rotation.T + np.concatenate([from_trus, from_trus.mean(axis=0)[None]])
         shared = np.concatenate([-rotation @ camera_shared, trus_shared_m(points_m)], axis=2)
         errors = registration_errors(points_m, noise, np.linalg.inv(noise), shared_m=shared)
-        target_m = default_target(trus_m) if target_trus_m is None else target_trus_m
+        target_m = default_target(points_m) if target_trus_m is None else target_trus_m
         return errors.tre_m(np.array(target_m)) * math.sqrt(max(1.0, found.misfit))
 
 
@@ -323,6 +330,14 @@ def _polar(
     """Angle in degrees, position along the array and distance from the axis in metres."""
     x, y, z = trus_m.T
     return np.degrees(np.arctan2(x, z)), y, np.hypot(x, z)
+
+
+def _depth_ahead(
+    rotations: Float64[np.ndarray, "poses 3 3"], spot_m: Float64[np.ndarray, " 3"], outwards: Float64[np.ndarray, " 3"]
+) -> Float64[np.ndarray, " poses"]:
+    """Distance straight before the camera at which the tissue is, which faces the probe."""
+    normals = outwards @ rotations
+    return np.asarray((normals @ spot_m) / normals[:, 2])
 
 
 def _lines_of_sight(
