@@ -20,7 +20,8 @@ from .report import (
     read_registration,
     register_pairs,
 )
-from .session import REGISTRATION_TOLERANCE_MM, RegistrationSession, Room, SessionPlan
+from .room import Room
+from .session import REGISTRATION_TOLERANCE_MM, RegistrationSession, SessionPlan
 from .shared_errors import FOCAL_LENGTH, camera_shared_m, focal_shared_m, trus_shared_m
 from .simulated_room import SimulatedRoom, SimulatedRoomSettings, SimulatedTruth
 from .state import RegistrationState

@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import Self
 
 import msgspec
-import numpy as np
 
-from markerseek.core import RecordError, UInt8
+from markerseek.core import RecordError, StereoPair
 from markerseek.files import MIB, as_read_error, data_folder, open_input, read_input, sync_folder
 from markerseek.records.journal import is_written, lock, make_folder
 from markerseek.registration.steps import Begun, RecordedStep, TakenMarker
@@ -90,9 +89,9 @@ class SessionRecord:
         if isinstance(step, TakenMarker) and step.again is None:
             self.taken.append(step)
 
-    def show(self, left: UInt8[np.ndarray, "rows columns"], right: UInt8[np.ndarray, "rows columns"]) -> None:
+    def show(self, pair: StereoPair) -> None:
         """Put the newest images into the folder, as `LEFT` and `RIGHT`, for those who look on."""
-        for name, image in ((LEFT, left), (RIGHT, right)):
+        for name, image in ((LEFT, pair.left), (RIGHT, pair.right)):
             _, coded = opencv("images of a session").imencode(".jpg", image)
             part = self.folder / f".{name}"
             with _as_write_error(self.folder):

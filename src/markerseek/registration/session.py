@@ -7,11 +7,11 @@ look again whether it has stood still, and all markers together give the transfo
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from markerseek.core import (
     MarkerCurve,
     Measured,
     SearchPlan,
-    StereoImages,
     StereoPair,
     Swept,
     counted,
@@ -32,24 +31,22 @@ from markerseek.records.journal import Journal
 from markerseek.registration.choice import Choice, SeenMarker, choose
 from markerseek.registration.poses import Place, Poses, Prediction, Reach
 from markerseek.registration.record import SessionRecord
-from markerseek.registration.shared_errors import seen_point
+from markerseek.registration.room import Room
+from markerseek.registration.spots import SPOT_PAIRS, SpotFinder
 from markerseek.registration.steps import (
     Ended,
     MovedMarker,
     RecordedStep,
     Registered,
     Searching,
-    Spot,
     SpotRefused,
     SpotSeen,
     Step,
     TakenMarker,
     Waiting,
 )
-from markerseek.registration.stereo_files import StereoSettings
 from markerseek.rigs import Rig
 from markerseek.runs import new_session, plan_on
-from markerseek.vision import LaserSpot, find_spot, lit_pairs
 
 REGISTRATION_TOLERANCE_MM = 0.3
 """Tolerance of searches for a registration: with the usual 1 mm markers are twice as far off along the turn, for two
@@ -67,45 +64,10 @@ WORTH = 0.1
 MOST_AT_REST = 6
 """Most acquisitions at rest of a search by sweeps that has detected nothing."""
 
-SPOT_PAIRS = 8
-"""Image pairs with light by which a spot is measured."""
-
-DARK_PAIRS = 3
-"""Image pairs with the laser off that are subtracted."""
-
-LOOK_S = 3.0
-"""Longest time in which these pairs must come, in seconds."""
-
 APART_M = 5e-3
 """Distance from a spot that was taken, below which another spot is the same: the person has not moved it yet."""
 
-MOVED_SIGMAS, MOVED_PX = 4.0, 0.2
-"""Standard deviations, and pixels more, by which a spot may seem to move during its search."""
-
-
 _Recorded = TypeVar("_Recorded", bound=RecordedStep)
-
-
-class Room(Protocol):
-    """Where a session takes place: a rig, the images of its endoscope, and somebody who moves the spot."""
-
-    @property
-    def rig(self) -> Rig:
-        """The rig, armed."""
-
-    @property
-    def images(self) -> StereoImages:
-        """Images of both cameras."""
-
-    @property
-    def stereo(self) -> StereoSettings:
-        """Calibration of the cameras."""
-
-    def ask(self, waiting: Waiting) -> bool:
-        """Ask for a spot; whether to look for one now. False ends the session."""
-
-    def arm(self) -> None:
-        """Arm the rig in the name of the person who is there: each search disarms it at its end."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,15 +100,6 @@ class SessionPlan:
             raise ConfigError(f"markers is {self.markers}, it must lie between 3 and {MOST_MARKERS}")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Looked:
-    """What the cameras showed: the spot, or why there is none."""
-
-    spot: Spot | None
-    reason: str = ""
-    dark: Sequence[StereoPair] = ()
-
-
 class RegistrationSession:
     """A session; iterate over `steps`.
 
@@ -176,6 +129,7 @@ class RegistrationSession:
         """Markers so far."""
         self._curve: MarkerCurve | None = None
         self._refused: SpotRefused | None = None
+        self._spots = SpotFinder(room) if record is None else SpotFinder(room, show=record.show)
         self.last: Registered | None = None
         """What they say together; None before the first."""
 
@@ -218,10 +172,10 @@ class RegistrationSession:
         """Look for the spot, search its marker, and look again; None if it has to be done once more."""
         clock = self._room.rig.scanner.clock
         begun_s = clock.now_s()
-        looked = self._look()
+        looked = self._spots.look()
         problem, seen = looked.reason, None
         if looked.spot is not None:
-            problem, seen = self._seen(name, looked.spot)
+            problem, seen = self._spots.seen(name, looked.spot)
         if again is None and seen is not None:
             problem = self._same_as_before(seen) or ""
         if looked.spot is None or seen is None or problem:
@@ -257,7 +211,7 @@ class RegistrationSession:
         result, finished = search.result(), search.view.finished
         assert finished is not None  # noqa: S101  a search that ends without is an error
         self._curve = result.curve or self._curve
-        moved = self._moved(looked, later)
+        moved = self._spots.moved(looked, later)
         if moved is not None:
             yield from self._refuse(name, moved)
             return None
@@ -292,105 +246,11 @@ class RegistrationSession:
             self._refused = refused
             yield self._recorded(refused)
 
-    def _look(self) -> _Looked:
-        """Look for the spot, with the laser on and off."""
-        self._room.arm()
-        scanner, images = self._room.rig.scanner, self._room.images
-        images.newest()
-        dark = self._collected(lambda pairs: len(pairs) >= DARK_PAIRS)
-        if len(dark) < DARK_PAIRS:
-            return _Looked(
-                spot=None,
-                reason=f"{images.name}: {counted(len(dark), 'image pair')} came within {LOOK_S:g} s, {DARK_PAIRS} are "
-                "needed; check that both cameras send",
-            )
-
-        def enough(pairs: list[StereoPair]) -> bool:
-            scanner.light()
-            return len(lit_pairs(pairs, dark)) >= SPOT_PAIRS
-
-        lit = lit_pairs(self._collected(enough), dark)
-        if self._record is not None:
-            newest = (lit or dark)[-1]
-            self._record.show(newest.left, newest.right)
-        return self._measured(lit, dark)
-
-    def _collected(self, enough: _Enough) -> list[StereoPair]:
-        """Pairs that come until there are enough, or the time is over."""
-        clock, pairs = self._room.rig.scanner.clock, list[StereoPair]()
-        ends_s = clock.now_s() + LOOK_S
-        while not enough(pairs) and clock.now_s() < ends_s:
-            clock.wait(_POLL_S)
-            pairs = [*pairs, *self._room.images.newest()][-4 * SPOT_PAIRS :]
-        return pairs
-
-    def _measured(self, lit: Sequence[StereoPair], dark: Sequence[StereoPair]) -> _Looked:
-        """The spot in pairs with light; why there is none."""
-        if len(lit) < DARK_PAIRS:
-            return _Looked(
-                spot=None,
-                dark=dark,
-                reason=f"no light is seen in {self._room.images.name} while the laser fires; point the fibre at tissue "
-                "in view of both cameras, and check that they do not block its wavelength",
-            )
-        answers = {
-            side: find_spot([getattr(pair, side) for pair in lit], dark=[getattr(pair, side) for pair in dark])
-            for side in ("left", "right")
-        }
-        places, sigma_px = [], 0.0
-        for side, answer in answers.items():
-            if not isinstance(answer, LaserSpot):
-                return _Looked(spot=None, dark=dark, reason=f"{side} camera: {answer.reason}")
-            if answer.sigma_px is None:
-                return _Looked(spot=None, dark=dark, reason=f"{side} camera: too few images show the spot")
-            places.append((answer.x_px, answer.y_px))
-            sigma_px = max(sigma_px, answer.sigma_px)
-        return _Looked(spot=Spot(left_px=places[0], right_px=places[1], sigma_px=sigma_px), dark=dark)
-
-    def _seen(self, name: str, spot: Spot) -> tuple[str, SeenMarker | None]:
-        """The spot in space; or why both images do not show one place."""
-        try:
-            camera_m, covariance_m2, shared_m = seen_point(
-                np.array(spot.left_px),
-                np.array(spot.right_px),
-                self._stereo.cameras,
-                spot_px=spot.sigma_px,
-                calibration_px=self._stereo.calibration_sigma_px,
-            )
-        except ConfigError as problem:
-            return str(problem).removeprefix("point 1: "), None
-        return "", SeenMarker(
-            name=name,
-            candidates=(),
-            camera_m=camera_m,
-            camera_covariance_m2=covariance_m2,
-            camera_shared_m=shared_m,
-        )
-
     def _same_as_before(self, seen: SeenMarker) -> str | None:
         """Why this spot was taken before; None if it is a new one."""
         for marker in self.taken:
             if marker.candidates and np.linalg.norm(np.array(marker.camera_m) - seen.camera_m) < APART_M:
                 return f"this is the spot of marker {marker.name}: move it by more than {1e3 * APART_M:g} mm"
-        return None
-
-    def _moved(self, looked: _Looked, later: Sequence[StereoPair]) -> str | None:
-        """By how much the spot has moved during its search, in words; None if it stood still."""
-        assert looked.spot is not None  # noqa: S101  a search has a spot
-        after = self._measured(lit_pairs(later, looked.dark), looked.dark)
-        if after.spot is None:
-            after = self._look()
-        if after.spot is None:
-            return f"the spot was not seen after its search: {after.reason}"
-        sigma_px = math.hypot(looked.spot.sigma_px, after.spot.sigma_px)
-        for side in ("left", "right"):
-            apart = np.subtract(getattr(looked.spot, f"{side}_px"), getattr(after.spot, f"{side}_px"))
-            moved_px = float(np.linalg.norm(apart))
-            if not moved_px <= MOVED_SIGMAS * sigma_px + MOVED_PX:
-                return (
-                    f"the spot moved by {moved_px:.1f} px in the {side} image during its search, which it is known to "
-                    f"within {sigma_px:.2f} px; hold laser, tissue and camera still"
-                )
         return None
 
     def _prediction(self, seen: SeenMarker) -> Prediction | None:
@@ -535,13 +395,6 @@ class RegistrationSession:
         took = f"{counted(len(self.taken), 'marker')} in {self.rig_s:.0f} s of the rig"
         return Ended(registered=state.decided, said=f"{state.said}; {took}", rig_s=self.rig_s)
 
-
-class _Enough(Protocol):
-    def __call__(self, pairs: list[StereoPair]) -> bool:
-        """Whether there are enough."""
-
-
-_POLL_S = 0.1
 
 _MOVED_CHI_SQUARED = 16.27
 """Chi squared of three degrees of freedom that is exceeded by chance in one of 1,000."""

@@ -1,0 +1,142 @@
+"""Looks for the laser spot with both cameras, and whether it stands still."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from markerseek.core import ConfigError, StereoPair, counted
+from markerseek.registration.choice import SeenMarker
+from markerseek.registration.room import Room
+from markerseek.registration.shared_errors import seen_point
+from markerseek.registration.steps import Spot
+from markerseek.vision import LaserSpot, find_spot, lit_pairs
+
+SPOT_PAIRS = 8
+"""Image pairs with light by which a spot is measured."""
+
+DARK_PAIRS = 3
+"""Image pairs with the laser off that are subtracted."""
+
+LOOK_S = 3.0
+"""Longest time in which these pairs must come, in seconds."""
+
+MOVED_SIGMAS, MOVED_PX = 4.0, 0.2
+"""Standard deviations, and pixels more, by which a spot may seem to move during its search."""
+
+_POLL_S = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Looked:
+    """What the cameras showed: the spot, or why there is none."""
+
+    spot: Spot | None
+    reason: str = ""
+    dark: Sequence[StereoPair] = ()
+
+
+class SpotFinder:
+    """Finds the spot in a room.
+
+    ``show``: takes the newest pair of each look, for those who look on.
+    """
+
+    def __init__(self, room: Room, *, show: Callable[[StereoPair], None] = lambda _pair: None) -> None:
+        self._room, self._show = room, show
+
+    def look(self) -> Looked:
+        """Look for the spot, with the laser on and off."""
+        self._room.arm()
+        scanner, images = self._room.rig.scanner, self._room.images
+        images.newest()
+        dark = self._collected(lambda pairs: len(pairs) >= DARK_PAIRS)
+        if len(dark) < DARK_PAIRS:
+            return Looked(
+                spot=None,
+                reason=f"{images.name}: {counted(len(dark), 'image pair')} came within {LOOK_S:g} s, {DARK_PAIRS} are "
+                "needed; check that both cameras send",
+            )
+
+        def enough(pairs: list[StereoPair]) -> bool:
+            scanner.light()
+            return len(lit_pairs(pairs, dark)) >= SPOT_PAIRS
+
+        lit = lit_pairs(self._collected(enough), dark)
+        newest = (lit or dark)[-1]
+        self._show(newest)
+        return self._measured(lit, dark)
+
+    def _collected(self, enough: Callable[[list[StereoPair]], bool]) -> list[StereoPair]:
+        """Pairs that come until there are enough, or the time is over."""
+        clock, pairs = self._room.rig.scanner.clock, list[StereoPair]()
+        ends_s = clock.now_s() + LOOK_S
+        while not enough(pairs) and clock.now_s() < ends_s:
+            clock.wait(_POLL_S)
+            pairs = [*pairs, *self._room.images.newest()][-4 * SPOT_PAIRS :]
+        return pairs
+
+    def _measured(self, lit: Sequence[StereoPair], dark: Sequence[StereoPair]) -> Looked:
+        """The spot in pairs with light; why there is none."""
+        if len(lit) < DARK_PAIRS:
+            return Looked(
+                spot=None,
+                dark=dark,
+                reason=f"no light is seen in {self._room.images.name} while the laser fires; point the fibre at tissue "
+                "in view of both cameras, and check that they do not block its wavelength",
+            )
+        answers = {
+            side: find_spot([getattr(pair, side) for pair in lit], dark=[getattr(pair, side) for pair in dark])
+            for side in ("left", "right")
+        }
+        places, sigma_px = [], 0.0
+        for side, answer in answers.items():
+            if not isinstance(answer, LaserSpot):
+                return Looked(spot=None, dark=dark, reason=f"{side} camera: {answer.reason}")
+            if answer.sigma_px is None:
+                return Looked(spot=None, dark=dark, reason=f"{side} camera: too few images show the spot")
+            places.append((answer.x_px, answer.y_px))
+            sigma_px = max(sigma_px, answer.sigma_px)
+        return Looked(spot=Spot(left_px=places[0], right_px=places[1], sigma_px=sigma_px), dark=dark)
+
+    def seen(self, name: str, spot: Spot) -> tuple[str, SeenMarker | None]:
+        """The spot in space; or why both images do not show one place."""
+        try:
+            camera_m, covariance_m2, shared_m = seen_point(
+                np.array(spot.left_px),
+                np.array(spot.right_px),
+                self._room.stereo.cameras,
+                spot_px=spot.sigma_px,
+                calibration_px=self._room.stereo.calibration_sigma_px,
+            )
+        except ConfigError as problem:
+            return str(problem).removeprefix("point 1: "), None
+        return "", SeenMarker(
+            name=name,
+            candidates=(),
+            camera_m=camera_m,
+            camera_covariance_m2=covariance_m2,
+            camera_shared_m=shared_m,
+        )
+
+    def moved(self, looked: Looked, later: Sequence[StereoPair]) -> str | None:
+        """By how much the spot has moved during its search, in words; None if it stood still."""
+        assert looked.spot is not None  # noqa: S101  a search has a spot
+        after = self._measured(lit_pairs(later, looked.dark), looked.dark)
+        if after.spot is None:
+            after = self.look()
+        if after.spot is None:
+            return f"the spot was not seen after its search: {after.reason}"
+        sigma_px = math.hypot(looked.spot.sigma_px, after.spot.sigma_px)
+        for side in ("left", "right"):
+            apart = np.subtract(getattr(looked.spot, f"{side}_px"), getattr(after.spot, f"{side}_px"))
+            moved_px = float(np.linalg.norm(apart))
+            if not moved_px <= MOVED_SIGMAS * sigma_px + MOVED_PX:
+                return (
+                    f"the spot moved by {moved_px:.1f} px in the {side} image during its search, which it is known to "
+                    f"within {sigma_px:.2f} px; hold laser, tissue and camera still"
+                )
+        return None
