@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.registration.forged_markers import ForgedScene
 from markerseek.core import MarkerPosition
 from markerseek.registration import SeenMarker, choose
-from tests.forged_markers import ForgedScene
 
 
 def with_others(scene: ForgedScene, count: int, candidates: int) -> tuple[list[SeenMarker], dict[str, int]]:

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from benchmarks.registration.forged_markers import LIMITS, REACH, STEREO, ForgedScene
 from markerseek.registration import Poses, choose, poses
-from tests.forged_markers import LIMITS, REACH, STEREO, ForgedScene
 
 SCENES = 60
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.registration.forged_markers import STEREO, ForgedScene
 from markerseek.core import SearchPlan
 from markerseek.registration import (
     Ended,
@@ -28,7 +29,6 @@ from markerseek.registration import (
 )
 from markerseek.rigs import movable
 from markerseek.sim import EndoscopeFaults, EndoscopeSettings, SimulatedEndoscope, SimulatedSettings, camera_above
-from tests.forged_markers import STEREO, ForgedScene
 
 SPOT_M = np.array([0.004, -0.003, 0.061])
 # As many frames as one look can take: a spot that moves then does so during its search.

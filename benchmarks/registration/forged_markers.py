@@ -1,4 +1,4 @@
-"""Markers of a registration with drawn geometry and errors, without images and searches."""
+"""Markers of a registration with drawn geometry and errors, without images and searches, which take a minute."""
 
 from __future__ import annotations
 
@@ -9,7 +9,16 @@ from dataclasses import replace
 import numpy as np
 
 from markerseek.core import Float64, Interval, MarkerCandidate, MarkerPosition
-from markerseek.registration import FOCAL_LENGTH, Reach, SeenMarker, StereoSettings, trus_shared_m
+from markerseek.registration import (
+    FOCAL_LENGTH,
+    Place,
+    Reach,
+    RegistrationReport,
+    SeenMarker,
+    StereoSettings,
+    davinci_to_probe_home,
+    trus_shared_m,
+)
 from markerseek.registration.shared_errors import seen_point
 from markerseek.sim import camera_above, endoscope
 
@@ -22,9 +31,16 @@ STEREO = StereoSettings(
     calibration_sigma_px=0.2,
 )
 LIMITS = Interval(low_deg=-35.0, high_deg=35.0)
-REACH = Reach(angles=LIMITS, lateral_m=20e-3)
+REACH = Reach(angles=LIMITS, lateral_m=21.8e-3)
+"""That of the usual simulated rig."""
+
+MISSED_M = 2e-3
+"""By how much a place that is asked for is missed along each axis: standard deviation."""
+
 SPOT_PX = 0.1
 SIGMA_M = (0.05e-3, 0.05e-3, 0.05e-3)
+"""Errors of a search on a point, along the turn, the array and in depth."""
+
 TISSUE_M = 60e-3
 
 
@@ -45,9 +61,8 @@ class ForgedScene:
         self.cameras = replace(CAMERAS, left=lens, right=lens)
 
     def place(self, across_m: float = 25e-3, along_m: float = 15e-3) -> Float64[np.ndarray, " 3"]:
-        """A point of the uneven tissue."""
-        x, y = self.rng.uniform(-across_m, across_m), self.rng.uniform(-along_m, along_m)
-        return np.array([x, y, TISSUE_M + self.rng.uniform(-2.5e-3, 2.5e-3)])
+        """Anywhere on the tissue, within these distances."""
+        return self.at(self.rng.uniform(-across_m, across_m), self.rng.uniform(-along_m, along_m))
 
     def wide(self, count: int) -> list[Float64[np.ndarray, " 3"]]:
         """Points that are 10 mm or more apart, and not on a line."""
@@ -57,6 +72,25 @@ class ForgedScene:
             length, width = np.linalg.svd(np.array(spots) - np.mean(spots, axis=0), compute_uv=False)[:2]
             if apart > 10e-3 and width > 0.3 * length:
                 return spots
+
+    def lit(self, place: Place | None) -> Float64[np.ndarray, " 3"]:
+        """Where a person lights the tissue who is asked for a place; None: for any."""
+        if place is None:
+            return self.place(TISSUE_M * math.sin(math.radians(LIMITS.width_deg / 4)), REACH.lateral_m / 2)
+        origin_m, towards = self.true.translation_m, self.true.rotation @ np.array(place.camera_m)
+        there_m = origin_m + towards * (TISSUE_M - origin_m[2]) / towards[2]
+        return self.at(*(there_m[:2] + MISSED_M * self.rng.standard_normal(2)).tolist())
+
+    def at(self, x_m: float, y_m: float) -> Float64[np.ndarray, " 3"]:
+        """A point of the uneven tissue."""
+        return np.array([x_m, y_m, TISSUE_M + self.rng.uniform(-2.5e-3, 2.5e-3)])
+
+    def error_m(self, report: RegistrationReport) -> float | None:
+        """How far a registration puts its target from where it is; None where it is not accepted."""
+        if report.davinci_to_trus is None:
+            return None
+        target_m, found = np.array(report.target_trus_m), davinci_to_probe_home(report.davinci_to_trus)
+        return float(np.linalg.norm(found.apply(self.true.inverse().apply(target_m)) - target_m))
 
     def heard(self, spot_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, " 3"]:
         """Where a probe with its shared errors finds a spot."""
