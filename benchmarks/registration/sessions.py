@@ -24,7 +24,7 @@ import numpy as np
 from benchmarks.registration.forged_markers import REACH, STEREO, ForgedScene
 from benchmarks.registration.trials import GRID_STEP_M, MARKER_PLACES
 from markerseek.acoustics import Absorber, Clutter
-from markerseek.core import AnglePrior, MarkerseekError, SearchPlan, StereoPair
+from markerseek.core import AnglePrior, ConfigError, MarkerseekError, SearchPlan, StereoPair
 from markerseek.registration import (
     REGISTRATION_TOLERANCE_MM,
     Place,
@@ -58,6 +58,10 @@ SPOT_SIGMA_PX, LIGHT_TIMES = 0.1, 3
 sessions with images."""
 
 
+GOALS_MM = (0.5, 0.7, 1.0)
+"""Expected TRE for which the markers are counted."""
+
+
 class _NoImages:
     """The source of images of a session that is told where the spots are."""
 
@@ -85,9 +89,11 @@ class _Room(SimulatedRoom):
     def spot(self) -> Spot:
         """The spot, as the mean of some images shows it."""
         exact_px = self._images._spot_px  # noqa: SLF001  what no image source tells
+        if exact_px is None or exact_px["left"] is None or exact_px["right"] is None:
+            raise ConfigError("the spot is behind a camera")
         places = []
-        for side in ("left", "right"):
-            x_px, y_px = (exact_px[side] + SPOT_SIGMA_PX * self._scatter.standard_normal(2)).tolist()
+        for exact in (exact_px["left"], exact_px["right"]):
+            x_px, y_px = (exact + SPOT_SIGMA_PX * self._scatter.standard_normal(2)).tolist()
             places.append((x_px, y_px))
         return Spot(left_px=places[0], right_px=places[1], sigma_px=SPOT_SIGMA_PX)
 
@@ -343,7 +349,10 @@ def table(found: list[Outcome]) -> str:
         mine = [each for each in found if each.row == name]
         if mine and row.searches:
             lines.append(f"| {row.title} ({len(mine)}) | {' | '.join(_cells(mine))} |")
-    for goal_mm in (0.5, 0.7, 1.0):
+    for number in (4, 6, 9):
+        both = [f"{ROWS[name].title}: {_mean_after(found, name, number)}" for name in ("places", "grid")]
+        lines.append(f"\nTrue, and expected TRE after {number} markers, mean, mm: {'; '.join(both)}.")
+    for goal_mm in GOALS_MM:
         needed = [f"{ROWS[name].title}: {markers_until(found, name, goal_mm)}" for name in ("places", "grid")]
         lines.append(f"\nMarkers until an expected TRE of {goal_mm} mm, mean: {'; '.join(needed)}.")
     return "\n".join(lines) + "\n"
@@ -362,6 +371,15 @@ def _cells(mine: list[Outcome]) -> list[str]:
         f"{100 * np.mean(covered):.0f} %" if some else "",
         f"{sum(each.wrong > 0 for each in mine)} of {len(mine)}",
     ]
+
+
+def _mean_after(found: list[Outcome], name: str, markers: int) -> str:
+    """Mean of the true and of the expected TRE of a row after so many markers."""
+    means = []
+    for key in ("error_by_marker_mm", "tre_by_marker_mm"):
+        values = [getattr(each, key).split()[markers - 1] for each in found if each.row == name]
+        means.append(np.mean([float(value) for value in values if value != "-"]) if values else math.nan)
+    return f"{means[0]:.2f}, {means[1]:.2f}"
 
 
 def markers_until(found: list[Outcome], name: str, goal_mm: float) -> str:
