@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import math
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -20,11 +21,14 @@ from typing import cast
 import msgspec
 import numpy as np
 
+from benchmarks.registration.forged_markers import REACH, STEREO, ForgedScene
 from benchmarks.registration.trials import GRID_STEP_M, MARKER_PLACES
 from markerseek.acoustics import Absorber, Clutter
-from markerseek.core import AnglePrior, MarkerseekError, SearchPlan, StereoPair
+from markerseek.core import AnglePrior, ConfigError, MarkerseekError, SearchPlan, StereoPair
 from markerseek.registration import (
     REGISTRATION_TOLERANCE_MM,
+    Place,
+    Poses,
     Prediction,
     Registered,
     RegistrationSession,
@@ -34,6 +38,7 @@ from markerseek.registration import (
     SimulatedRoomSettings,
     Spot,
     SpotRefused,
+    choose,
 )
 from markerseek.registration.session import _POLL_S, _Looked
 from markerseek.rigs import Scene, image_peak
@@ -51,6 +56,10 @@ PRIOR_OFF_DEG = 15.0
 SPOT_SIGMA_PX, LIGHT_TIMES = 0.1, 3
 """Standard deviation of a spot that a session without images is told, and how often the laser is fired to look: as of
 sessions with images."""
+
+
+GOALS_MM = (0.5, 0.7, 1.0)
+"""Expected TRE for which the markers are counted."""
 
 
 class _NoImages:
@@ -80,9 +89,11 @@ class _Room(SimulatedRoom):
     def spot(self) -> Spot:
         """The spot, as the mean of some images shows it."""
         exact_px = self._images._spot_px  # noqa: SLF001  what no image source tells
+        if exact_px is None or exact_px["left"] is None or exact_px["right"] is None:
+            raise ConfigError("the spot is behind a camera")
         places = []
-        for side in ("left", "right"):
-            x_px, y_px = (exact_px[side] + SPOT_SIGMA_PX * self._scatter.standard_normal(2)).tolist()
+        for exact in (exact_px["left"], exact_px["right"]):
+            x_px, y_px = (exact + SPOT_SIGMA_PX * self._scatter.standard_normal(2)).tolist()
             places.append((x_px, y_px))
         return Spot(left_px=places[0], right_px=places[1], sigma_px=SPOT_SIGMA_PX)
 
@@ -150,6 +161,8 @@ class Row:
     markers: int = 4
     places_m: tuple[tuple[float, float], ...] | None = None
     beside: Callable[[Scene, np.random.Generator], tuple[Absorber, ...]] | None = None
+    searches: bool = True
+    """Whether markers are searched; else each is found where it is heard, but for the error of a search on a point."""
     misled: bool = False
     """Whether predictions are wrong from the third marker on."""
 
@@ -164,8 +177,8 @@ ROWS = {
     "rest-alone": Row(title="the same, not guided by the camera", rig=SimulatedSettings(), sweep=False, guided=False),
     "clutter": Row(title="eight absorbers around each marker, sweeps", beside=_eight_absorbers),
     "misled": Row(title="predictions 15° wrong from the third marker on, sweeps", misled=True),
-    "places": Row(title="nine markers, the places of the session, sweeps", markers=9),
-    "grid": Row(title="nine markers, the paper's grid in its order, sweeps", markers=9, places_m=_GRID),
+    "places": Row(title="the places of the session, searches drawn", markers=9, searches=False),
+    "grid": Row(title="the paper's 3 × 3 grid in its order, searches drawn", places_m=_GRID, markers=9, searches=False),
 }
 """The rows, by name."""
 
@@ -192,6 +205,8 @@ class Outcome:
     tre95_mm: float | None
     tre_by_marker_mm: str
     """Expected TRE after each marker that was searched; - where there is no registration."""
+    error_by_marker_mm: str
+    """The true error at the target then."""
     images: bool
     """Whether it had images; else it was told where the spots are."""
     error: str
@@ -203,12 +218,14 @@ class Outcome:
 def run(name: str, seed: int, *, commit: str, images: bool = False) -> Outcome:
     """Run one session of a row."""
     row = ROWS[name]
+    if not row.searches:
+        return _drawn(name, seed, commit=commit)
     began_s = process_time()
     receiver = replace(row.rig.receiver, single_pulses=row.sweep)
     settings = SimulatedRoomSettings(rig=replace(row.rig, receiver=receiver), places_m=row.places_m, beside=row.beside)
     room = _Room(settings, seed=seed, images=images)
     session = _Session(room, row, images=images)
-    expected_mm, refused, error = list[str](), 0, ""
+    expected_mm, errors_mm, refused, error = list[str](), list[str](), 0, ""
     try:
         for step in session.steps():
             refused += isinstance(step, SpotRefused)
@@ -216,6 +233,8 @@ def run(name: str, seed: int, *, commit: str, images: bool = False) -> Outcome:
                 report = step.report
                 known = report is not None and report.registered
                 expected_mm.append(f"{1e3 * report.tre_m:.3f}" if report is not None and known else "-")
+                true_m = room.truth(step, session.taken, rig_s=session.rig_s).target_error_m
+                errors_mm.append("-" if true_m is None else f"{1e3 * true_m:.3f}")
     except MarkerseekError as problem:
         error = f"{type(problem).__name__}: {problem}"
     state = session.last
@@ -236,8 +255,52 @@ def run(name: str, seed: int, *, commit: str, images: bool = False) -> Outcome:
         tre_mm=None if report is None else round(1e3 * report.tre_m, 4),
         tre95_mm=None if report is None else round(1e3 * report.tre95_m, 4),
         tre_by_marker_mm=" ".join(expected_mm),
+        error_by_marker_mm=" ".join(errors_mm),
         images=images,
         error=error[:300],
+        cpu_s=round(process_time() - began_s, 1),
+        commit=commit,
+    )
+
+
+def _drawn(name: str, seed: int, *, commit: str) -> Outcome:
+    """A registration of markers whose searches are drawn, at the places of the session or of the row."""
+    row, scene, began_s = ROWS[name], ForgedScene(seed), process_time()
+    markers = list[SeenMarker]()
+    expected_mm, errors_mm = list[str](), list[str]()
+    place: Place | None = None
+    choice = choose([])
+    for number in range(row.markers):
+        spot_m = scene.lit(place) if row.places_m is None else scene.at(*row.places_m[number])
+        markers.append(scene.seen(str(number + 1), spot_m))
+        choice = choose(markers)
+        error_m = None if choice.report is None else scene.error_m(choice.report)
+        known = choice.report is not None and error_m is not None
+        expected_mm.append(f"{1e3 * choice.report.tre_m:.3f}" if choice.report is not None and known else "-")
+        errors_mm.append("-" if error_m is None else f"{1e3 * error_m:.3f}")
+        poses = Poses.of(markers, choice, REACH, rng=np.random.default_rng(0)) if row.places_m is None else None
+        if poses is not None and number + 1 < row.markers:
+            probe_deg = math.degrees(math.atan2(spot_m[0], spot_m[2]))
+            place = poses.best_place(STEREO, REACH, target_trus_m=None, probe_deg=probe_deg)
+    report = choice.report
+    error_m = None if report is None else scene.error_m(report)
+    return Outcome(
+        row=name,
+        seed=seed,
+        registered=error_m is not None,
+        rig_s=0.0,
+        acquisitions=0,
+        markers=row.markers,
+        chosen=len(choice.chosen),
+        wrong=0,
+        refused=0,
+        target_error_mm=None if error_m is None else round(1e3 * error_m, 4),
+        tre_mm=None if report is None else round(1e3 * report.tre_m, 4),
+        tre95_mm=None if report is None else round(1e3 * report.tre95_m, 4),
+        tre_by_marker_mm=" ".join(expected_mm),
+        error_by_marker_mm=" ".join(errors_mm),
+        images=False,
+        error="",
         cpu_s=round(process_time() - began_s, 1),
         commit=commit,
     )
@@ -284,9 +347,12 @@ def table(found: list[Outcome]) -> str:
     ]
     for name, row in ROWS.items():
         mine = [each for each in found if each.row == name]
-        if mine:
+        if mine and row.searches:
             lines.append(f"| {row.title} ({len(mine)}) | {' | '.join(_cells(mine))} |")
-    for goal_mm in (0.5, 0.7, 1.0):
+    for number in (4, 6, 9):
+        both = [f"{ROWS[name].title}: {_mean_after(found, name, number)}" for name in ("places", "grid")]
+        lines.append(f"\nTrue, and expected TRE after {number} markers, mean, mm: {'; '.join(both)}.")
+    for goal_mm in GOALS_MM:
         needed = [f"{ROWS[name].title}: {markers_until(found, name, goal_mm)}" for name in ("places", "grid")]
         lines.append(f"\nMarkers until an expected TRE of {goal_mm} mm, mean: {'; '.join(needed)}.")
     return "\n".join(lines) + "\n"
@@ -305,6 +371,15 @@ def _cells(mine: list[Outcome]) -> list[str]:
         f"{100 * np.mean(covered):.0f} %" if some else "",
         f"{sum(each.wrong > 0 for each in mine)} of {len(mine)}",
     ]
+
+
+def _mean_after(found: list[Outcome], name: str, markers: int) -> str:
+    """Mean of the true and of the expected TRE of a row after so many markers."""
+    means = []
+    for key in ("error_by_marker_mm", "tre_by_marker_mm"):
+        values = [getattr(each, key).split()[markers - 1] for each in found if each.row == name]
+        means.append(np.mean([float(value) for value in values if value != "-"]) if values else math.nan)
+    return f"{means[0]:.2f}, {means[1]:.2f}"
 
 
 def markers_until(found: list[Outcome], name: str, goal_mm: float) -> str:

@@ -1,7 +1,8 @@
 """Which source is the marker: the set of candidates, one for each marker, that fits one rigid transform.
 
 A search that answers `ambiguous` names several candidates, and even one that found may have found another source. The
-camera has seen where the spots are, so that a wrong candidate does not fit the others. Sets are compared by the product
+camera has seen where the spots are, so that a wrong candidate does not fit the others. Most sets are ruled out by the
+distances between their points, which no rigid transform changes; the others are registered, and compared by the product
 of the probabilities of their candidates and of their residuals. A marker none of whose candidates fits is left out; it
 counts as improbable, so that as few as possible are.
 """
@@ -11,13 +12,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations, product
 
 import numpy as np
+from scipy.special import chdtri
 
 from markerseek.core import ConfigError, Float64, MarkerCandidate
-from markerseek.geometry import MIN_POINTS
-from markerseek.registration.report import PointPair, RegistrationReport, register_pairs
+from markerseek.geometry import MIN_POINTS, Registration
+from markerseek.registration.report import (
+    MIN_PROBABILITY,
+    PointPair,
+    RegistrationReport,
+    register_pairs,
+    registered_pairs,
+)
+from markerseek.registration.shared_errors import trus_shared_m
 
 MIN_SHARE = 0.99
 """Least probability, among all sets that fit, of the set that is taken."""
@@ -28,8 +36,11 @@ LEFT_OUT = 0.01
 MOST_CANDIDATES = 4
 """Most candidates of a marker that are tried, the likeliest."""
 
-_MOST_SETS = 600
-"""Most sets that are compared, the likeliest first."""
+_MOST_SETS = 60
+"""Most sets that are registered, the likeliest first."""
+
+_MOST_APART = 1.5
+"""Factor of the largest chi squared of a registration that is accepted, beyond which one distance rules a set out."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -91,24 +102,22 @@ def choose(markers: Sequence[SeenMarker], *, target_trus_m: tuple[float, float, 
         return Choice(report=None, chosen=first, reason=f"{len(useful)} of {MIN_POINTS} markers")
     fits: list[_Fit] = []
     problem = ""
+    apart = _distance_misfits(useful)
     # As few markers as possible are left out: one more only where no set without it fits.
     for left_out in range(_most_left_out(len(useful)) + 1):
-        for numbers in _sets(useful, left_out=left_out):
-            pairs = [marker.pair(number) for marker, number in zip(useful, numbers, strict=True) if number is not None]
+        for numbers in _sets(useful, apart, left_out=left_out):
             try:
-                report = register_pairs(pairs, target_trus_m=target_trus_m)
+                found = registered_pairs(_pairs(useful, numbers))
             except ConfigError as refusal:
                 problem = problem or str(refusal)
                 continue
-            fits.append(_Fit(numbers=numbers, report=report, log=_log_probability(useful, numbers, report)))
-        if any(fit.report.registered for fit in fits):
+            if found.probability >= MIN_PROBABILITY:
+                fits.append(_Fit(numbers=numbers, log=_log_prior(useful, numbers) - _chi_squared(found) / 2))
+        if fits:
             break
     if not fits:
-        return Choice(report=None, chosen=first, reason=problem)
-    fitting = sorted((fit for fit in fits if fit.report.registered), key=lambda fit: -fit.log)
-    if not fitting:
-        best = max(fits, key=lambda fit: fit.log)
-        return Choice(report=best.report, chosen=_chosen(useful, best.numbers), reason=best.report.reason)
+        return _unfit(useful, problem, target_trus_m)
+    fitting = sorted(fits, key=lambda fit: -fit.log)
     best, *others = fitting
     share = 1 / (1 + sum(math.exp(other.log - best.log) for other in others))
     chosen = _chosen(useful, best.numbers)
@@ -125,14 +134,26 @@ def choose(markers: Sequence[SeenMarker], *, target_trus_m: tuple[float, float, 
     if share < MIN_SHARE:
         named = f"marker {' or '.join(undecided)}"
         reason = f"{named} may be another source ({100 * (1 - share):.0f} %): one more marker decides"
-    return Choice(report=best.report, chosen=chosen, left_out=left, share=share, open=undecided, reason=reason)
+    report = register_pairs(_pairs(useful, best.numbers), target_trus_m=target_trus_m)
+    return Choice(report=report, chosen=chosen, left_out=left, share=share, open=undecided, reason=reason)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Fit:
+    """A set of candidates that fits, and the logarithm of its probability but for a constant."""
+
     numbers: tuple[int | None, ...]
-    report: RegistrationReport
     log: float
+
+
+def _unfit(useful: Sequence[SeenMarker], problem: str, target_trus_m: tuple[float, float, float] | None) -> Choice:
+    """What is said where no set fits: why the likeliest candidates do not."""
+    numbers = (0,) * len(useful)
+    try:
+        report = register_pairs(_pairs(useful, numbers), target_trus_m=target_trus_m)
+    except ConfigError as refusal:
+        return Choice(report=None, chosen=_chosen(useful, numbers), reason=problem or str(refusal))
+    return Choice(report=report, chosen=_chosen(useful, numbers), reason=report.reason)
 
 
 def _most_left_out(count: int) -> int:
@@ -140,16 +161,73 @@ def _most_left_out(count: int) -> int:
     return 0 if count <= MIN_POINTS else max(1, (count - MIN_POINTS) // 2)
 
 
-def _sets(markers: Sequence[SeenMarker], *, left_out: int) -> list[tuple[int | None, ...]]:
-    """Sets of candidates that leave a number of markers out, the likeliest of them."""
-    sets: list[tuple[int | None, ...]] = []
-    for missing in combinations(range(len(markers)), left_out):
-        choices: list[list[int | None]] = [
-            [None] if index in missing else list(range(min(len(marker.candidates), MOST_CANDIDATES)))
-            for index, marker in enumerate(markers)
+def _sets(
+    markers: Sequence[SeenMarker], apart: Float64[np.ndarray, "places places"], *, left_out: int
+) -> list[tuple[int | None, ...]]:
+    """Sets of candidates that leave a number of markers out and whose distances fit, the likeliest of them.
+
+    ``apart``: as of `_distance_misfits`.
+    """
+    used = len(markers) - left_out
+    if used < MIN_POINTS:
+        return []
+    most = _MOST_APART * float(chdtri(3 * used - 6, MIN_PROBABILITY))
+    # Grown marker by marker: a set whose distances do not fit has no other that holds it.
+    grown: list[tuple[tuple[int | None, ...], tuple[int, ...]]] = [((), ())]
+    first = 0
+    for number, marker in enumerate(markers):
+        places = range(first, first + min(len(marker.candidates), MOST_CANDIDATES))
+        with_it = [
+            ((*numbers, place - first), (*taken, place))
+            for numbers, taken in grown
+            for place in places
+            if all(apart[before, place] <= most for before in taken)
         ]
-        sets += product(*choices)
-    return sorted(sets, key=lambda numbers: -_log_prior(markers, numbers))[:_MOST_SETS]
+        without = [((*numbers, None), taken) for numbers, taken in grown if number - len(taken) < left_out]
+        grown = [*with_it, *without]
+        first = places.stop
+    whole = [numbers for numbers, taken in grown if len(taken) == used]
+    return sorted(whole, key=lambda numbers: -_log_prior(markers, numbers))[:_MOST_SETS]
+
+
+def _distance_misfits(markers: Sequence[SeenMarker]) -> Float64[np.ndarray, "places places"]:
+    """Chi squared of the distance between each two candidates, against that of their spots; markers in their order."""
+    pairs = [
+        marker.pair(number) for marker in markers for number in range(min(len(marker.candidates), MOST_CANDIDATES))
+    ]
+    from_trus, trus_variance = _distances(
+        np.array([pair.trus_m for pair in pairs]),
+        np.array([pair.trus_covariance_m2 for pair in pairs]),
+        trus_shared_m(np.array([pair.trus_m for pair in pairs])),
+    )
+    from_camera, camera_variance = _distances(
+        np.array([pair.camera_m for pair in pairs]),
+        np.array([pair.camera_covariance_m2 for pair in pairs]),
+        np.array([pair.camera_shared_m for pair in pairs]),
+    )
+    return np.asarray((from_trus - from_camera) ** 2 / (trus_variance + camera_variance + _TINY_M2))
+
+
+def _distances(
+    points_m: Float64[np.ndarray, "points 3"],
+    covariances_m2: Float64[np.ndarray, "points 3 3"],
+    shared_m: Float64[np.ndarray, "points 3 errors"],
+) -> tuple[Float64[np.ndarray, "points points"], Float64[np.ndarray, "points points"]]:
+    """Distances between points, and their variances."""
+    between_m = points_m[:, None] - points_m[None]
+    distances_m = np.linalg.norm(between_m, axis=2)
+    along = between_m / np.maximum(distances_m, 1e-9)[:, :, None]
+    own = np.einsum("nmi,nmij,nmj->nm", along, covariances_m2[:, None] + covariances_m2[None], along)
+    together = np.einsum("nmi,nmij->nmj", along, shared_m[:, None] - shared_m[None])
+    return distances_m, own + np.sum(together**2, axis=2)
+
+
+_TINY_M2 = 1e-12
+"""A micrometre squared: two candidates of one marker have no distance, and no variance."""
+
+
+def _pairs(markers: Sequence[SeenMarker], numbers: Sequence[int | None]) -> list[PointPair]:
+    return [marker.pair(number) for marker, number in zip(markers, numbers, strict=True) if number is not None]
 
 
 def _log_prior(markers: Sequence[SeenMarker], numbers: Sequence[int | None]) -> float:
@@ -161,11 +239,8 @@ def _log_prior(markers: Sequence[SeenMarker], numbers: Sequence[int | None]) -> 
     return sum(math.log(max(share, 1e-12)) for share in shares)
 
 
-def _log_probability(markers: Sequence[SeenMarker], numbers: Sequence[int | None], report: RegistrationReport) -> float:
-    """Logarithm of the probability of a set with its residuals, but for a constant."""
-    used = sum(number is not None for number in numbers)
-    chi_squared = report.misfit * (3 * used - 6)
-    return _log_prior(markers, numbers) - chi_squared / 2
+def _chi_squared(found: Registration) -> float:
+    return found.misfit * (3 * len(found.residuals_m) - 6)
 
 
 def _chosen(markers: Sequence[SeenMarker], numbers: Sequence[int | None]) -> dict[str, int]:

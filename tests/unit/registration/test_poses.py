@@ -1,0 +1,74 @@
+"""What the markers so far say of the next spot: it holds the truth as often as it says."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks.registration.forged_markers import LIMITS, REACH, STEREO, ForgedScene
+from markerseek.registration import Poses, choose, poses
+
+SCENES = 60
+
+
+def angle_deg(scene: ForgedScene, spot_m: np.ndarray) -> float:
+    x, _, z = scene.heard(spot_m)
+    return math.degrees(math.atan2(x, z))
+
+
+def drawn(scene: ForgedScene, count: int) -> tuple[Poses, np.ndarray]:
+    """Poses of so many markers, and one spot more."""
+    *spots, one_more = scene.wide(count + 1) if count > 1 else [scene.place(), scene.place()]
+    markers = scene.markers(spots)
+    found = Poses.of(markers, choose(markers), REACH, rng=np.random.default_rng(0))
+    assert found is not None
+    return found, one_more
+
+
+@pytest.mark.parametrize("count", [3, 4])
+def test_a_registration_predicts_the_angle_of_the_next_marker(count: int) -> None:
+    within = []
+    for seed in range(SCENES):
+        scene = ForgedScene(seed)
+        found, spot = drawn(scene, count)
+        seen = scene.seen("next", spot)
+        prediction = found.predict(seen.camera_m, seen.camera_covariance_m2, limits=LIMITS)
+        if prediction is not None:
+            off_deg = abs(angle_deg(scene, spot) - prediction.prior.mean_deg)
+            within.append(off_deg <= 3 * prediction.prior.sigma_deg)
+    # Said for most of them, and right in at least 95 %.
+    assert len(within) >= 0.8 * SCENES
+    assert np.mean(within) >= 0.95
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_before_a_registration_the_window_holds_the_next_marker(count: int) -> None:
+    within = []
+    for seed in range(SCENES):
+        scene = ForgedScene(seed)
+        found, spot = drawn(scene, count)
+        seen = scene.seen("next", spot)
+        prediction = found.predict(seen.camera_m, seen.camera_covariance_m2, limits=LIMITS)
+        if prediction is not None:
+            within.append(angle_deg(scene, spot) in prediction.prior.interval(LIMITS))
+    assert len(within) >= 0.1 * SCENES
+    assert np.mean(within) >= 0.98
+
+
+def test_the_place_that_three_markers_propose_is_in_reach(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(poses, "_GRID", (10, 8))
+    inside = []
+    for seed in range(20):
+        scene = ForgedScene(seed)
+        found, _ = drawn(scene, 3)
+        place = found.best_place(STEREO, REACH, target_trus_m=None, probe_deg=0.0)
+        if place is not None:
+            x, y, z = scene.heard(scene.true.apply(np.array(place.camera_m)))
+            inside.append(
+                REACH.angles.low_deg <= math.degrees(math.atan2(x, z)) <= REACH.angles.high_deg
+                and abs(y) <= REACH.lateral_m
+            )
+    assert len(inside) >= 15
+    assert np.mean(inside) >= 0.9

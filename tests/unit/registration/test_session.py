@@ -1,0 +1,201 @@
+"""A registration session where things go wrong: what the cameras show is said and not accepted, and it goes on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.registration.forged_markers import STEREO, ForgedScene
+from markerseek.core import SearchPlan
+from markerseek.registration import (
+    Ended,
+    MovedMarker,
+    Registered,
+    RegistrationSession,
+    SessionPlan,
+    Spot,
+    SpotRefused,
+    SpotSeen,
+    Step,
+    StereoSettings,
+    TakenMarker,
+    Waiting,
+    poses,
+)
+from markerseek.rigs import movable
+from markerseek.sim import EndoscopeFaults, EndoscopeSettings, SimulatedEndoscope, SimulatedSettings, camera_above
+
+SPOT_M = np.array([0.004, -0.003, 0.061])
+# As many frames as one look can take: a spot that moves then does so during its search.
+FRAMES = 16
+
+
+class FaultyRoom:
+    """A room with one spot and images of 320 x 256 pixels, with a fault until the spot is asked for again."""
+
+    def __init__(self, **faults: Any) -> None:
+        self._movable = movable(seed=1, settings=SimulatedSettings())
+        self.rig = self._movable.rig
+        lens = replace(STEREO.left, centre_px=(159.5, 127.5), size_px=(320, 256))
+        self.stereo: StereoSettings = replace(STEREO, left=lens, right=lens)
+        self._endoscopes = [
+            SimulatedEndoscope(
+                cameras=self.stereo.cameras,
+                camera_to_trus=camera_above(np.array([0.0, 0.0, 0.06]), distance_m=0.1, roll_deg=20.0, tilt_deg=8.0),
+                settings=EndoscopeSettings(frames=FRAMES, calibration_sigma_px=0.0),
+                rng=np.random.default_rng(1),
+                clock=self.rig.scanner.clock,
+                flashes=lambda: len(self._movable.world.flashes),
+                faults=each,
+            )
+            for each in (EndoscopeFaults(**faults), EndoscopeFaults())
+        ]
+        self._asked = 0
+
+    @property
+    def images(self) -> SimulatedEndoscope:
+        return self._endoscopes[min(self._asked, 2) - 1]
+
+    def ask(self, waiting: Waiting) -> bool:
+        assert waiting.said
+        self._asked += 1
+        x, y, z = SPOT_M.tolist()
+        self.rig = self._movable.move(angle_deg=math.degrees(math.atan2(x, z)), radius_m=math.hypot(x, z), lateral_m=y)
+        self.images.show(SPOT_M)
+        return self._asked <= 2
+
+    def arm(self) -> None:
+        """A simulated rig needs none."""
+
+
+def steps_until(kind: type[Step], room: FaultyRoom) -> list[Step]:
+    """The steps of a session up to the first of a kind."""
+    session = RegistrationSession(room, plan=SessionPlan(search=SearchPlan(tolerance_mm=1.0)))
+    steps: list[Step] = []
+    for step in session.steps():
+        steps.append(step)
+        if isinstance(step, kind):
+            break
+    return steps
+
+
+@pytest.mark.parametrize(
+    ("faults", "said"),
+    [
+        ({"saturated": "left"}, "left camera"),
+        ({"occluded": "right"}, "right camera"),
+        ({"reflection": "laser"}, "two places are about as bright"),
+        ({"dropped_share": 1.0}, "0 image pairs came within 3 s"),
+        ({"delay_frames": 100}, "0 image pairs came within 3 s"),
+    ],
+)
+def test_images_that_show_no_spot_are_said_and_the_session_goes_on_when_they_do(
+    faults: dict[str, Any], said: str
+) -> None:
+    steps = steps_until(SpotSeen, FaultyRoom(**faults))
+    refused = [step for step in steps if isinstance(step, SpotRefused)]
+    assert len(refused) == 1
+    assert said in refused[0].reason
+    # Nothing was accepted before, and the same marker is seen as soon as the fault is gone.
+    assert isinstance(steps[-1], SpotSeen)
+    assert steps[-1].name == refused[0].name == "1"
+
+
+@pytest.mark.parametrize("faults", [{"reflection": "steady"}, {"dropped_share": 0.5}, {"delay_frames": 10}])
+def test_a_steady_reflection_and_late_or_missing_images_do_not_disturb(faults: dict[str, Any]) -> None:
+    exact = steps_until(SpotSeen, FaultyRoom())[-1]
+    steps = steps_until(SpotSeen, FaultyRoom(**faults))
+    assert isinstance(exact, SpotSeen)
+    assert isinstance(steps[-1], SpotSeen)
+    assert not any(isinstance(step, SpotRefused) for step in steps)
+    assert steps[-1].spot.left_px == pytest.approx(exact.spot.left_px, abs=0.5)
+    assert steps[-1].spot.right_px == pytest.approx(exact.spot.right_px, abs=0.5)
+
+
+def test_a_spot_that_moves_by_two_millimetres_during_its_search_is_said_and_taken_again() -> None:
+    # 1,100 px of focal length at 0.1 m.
+    steps = steps_until(TakenMarker, FaultyRoom(motion_px=22.0))
+    refused = [step for step in steps if isinstance(step, SpotRefused)]
+    assert len(refused) == 1
+    assert "moved by 2" in refused[0].reason
+    assert "during its search" in refused[0].reason
+    assert isinstance(steps[-1], TakenMarker)
+    assert steps[-1].answer == "found"
+    assert steps[-1].candidates[0].position.position_m == pytest.approx(SPOT_M, abs=0.5e-3)
+
+
+class ForgedSession(RegistrationSession):
+    """A session whose searches and images are forged; its first marker is elsewhere when it is measured again."""
+
+    def __init__(self, room: FaultyRoom, scene: ForgedScene, *, moved_m: float) -> None:
+        super().__init__(room, plan=SessionPlan(markers=4, again=True))
+        self._scene, self._places = scene, iter(scene.wide(4))
+        self._first_m: np.ndarray | None = None
+        turned = scene.rng.standard_normal(3)
+        self._by_m = moved_m * turned / np.linalg.norm(turned)
+
+    def _marker(self, name: str, *, again: TakenMarker | None = None) -> Generator[Step, None, TakenMarker | None]:
+        spot_m = next(self._places) if again is None else self._first_m
+        assert spot_m is not None
+        self._first_m = spot_m if self._first_m is None else self._first_m
+        # The camera's view of tissue that moves between: the marker moves, the light that the camera sees does not.
+        heard_m = spot_m if again is None else spot_m + self._by_m
+        seen = self._scene.seen(name, spot_m, [self._scene.candidate(heard_m)])
+        taken = TakenMarker(
+            name=name,
+            spot=Spot(left_px=(0.0, 0.0), right_px=(0.0, 0.0), sigma_px=0.1),
+            camera_m=seen.camera_m.tolist(),
+            camera_covariance_m2=seen.camera_covariance_m2.tolist(),
+            camera_shared_m=seen.camera_shared_m.tolist(),
+            answer="found",
+            reason=None,
+            candidates=list(seen.candidates),
+            acquisitions=8,
+            rig_s=5.0,
+            prior=None,
+            journal=None,
+            at="2026-01-01T00:00:00+00:00",
+            again=None if again is None else again.name,
+        )
+        if again is None:
+            self.taken.append(taken)
+        yield taken
+        return taken
+
+
+class ForgedRoom(FaultyRoom):
+    """A room whose calibration is that of the forged markers, and whose spot is always there."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.stereo = STEREO
+
+    def ask(self, waiting: Waiting) -> bool:
+        assert waiting.said
+        return True
+
+
+def again_of(room: ForgedRoom, seed: int, *, moved_m: float) -> MovedMarker | None:
+    steps = list(ForgedSession(room, ForgedScene(seed), moved_m=moved_m).steps())
+    assert isinstance(steps[-1], Ended)
+    if not any(isinstance(step, Registered) and step.decided for step in steps):
+        return None
+    return next(step for step in steps if isinstance(step, MovedMarker))
+
+
+def test_a_marker_that_has_moved_at_the_end_is_said_and_one_that_has_not_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(poses, "_GRID", (4, 3))
+    room, seeds = ForgedRoom(), range(12)
+    still = [found for seed in seeds if (found := again_of(room, seed, moved_m=0.0)) is not None]
+    moved = [found for seed in seeds if (found := again_of(room, seed, moved_m=3e-3)) is not None]
+    assert len(still) >= 10
+    assert all("it has not moved" in each.said for each in still)
+    assert all("it has moved: register again" in each.said for each in moved)
+    assert np.mean([each.moved_m for each in moved]) == pytest.approx(3e-3, rel=0.2)
