@@ -1,7 +1,7 @@
 from .choice import Choice, SeenMarker, choose
 from .points import point_pairs, spot_pairs
 from .poses import Place, Poses, Prediction, Reach
-from .record import SessionRecord, camera_text, default_folder, read_session
+from .record import SessionRecord, camera_text, default_folder, follow_session, read_session
 from .report import (
     TARGET_DEPTH_M,
     KnownRegistration,
@@ -82,6 +82,7 @@ __all__ = [
     "davinci_to_probe_home",
     "default_folder",
     "focal_shared_m",
+    "follow_session",
     "point_pairs",
     "read_registration",
     "read_session",

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
@@ -20,7 +20,7 @@ import numpy as np
 
 from markerseek.core import RecordError, UInt8
 from markerseek.files import MIB, as_read_error, data_folder, read_input
-from markerseek.records.journal import make_folder
+from markerseek.records.journal import is_written, make_folder
 from markerseek.registration.steps import Begun, RecordedStep, TakenMarker
 from markerseek.registration.stereo_files import StereoSettings
 from markerseek.vision import opencv
@@ -129,24 +129,59 @@ def read_session(folder: Path) -> tuple[list[RecordedStep], int]:
         raise RecordError(f"{folder}: there is no {NAME} in it; name the folder of a session, as `register` prints it")
     with as_read_error(path):
         content = read_input(path, most_bytes=_MOST_BYTES)
-    end, rows = 0, []
-    for number, line in enumerate(content.splitlines(keepends=True), start=1):
-        prefix, _, text = line.partition(b" ")
-        if not line.endswith(b"\n"):
-            break
-        if prefix != b"%08x" % zlib.crc32(text):
-            raise RecordError(f"{path}, line {number}: it does not agree with its check sum; the file was changed")
-        rows.append(text)
-        end += len(line)
+    end = content.rfind(b"\n") + 1
+    steps = [_step(line, path, number) for number, line in enumerate(content[:end].splitlines(), start=1)]
+    if not steps:
+        raise RecordError(f"{path}: its first line was never finished; begin a new session")
+    return steps, end
+
+
+def follow_session(
+    folder: Path, *, is_over: Callable[[], bool] | None = None, wait: Callable[[], object]
+) -> Iterator[RecordedStep]:
+    """The steps of a session, `Begun` first, each as soon as it is written, to the last one.
+
+    The writer is not delayed, and nothing is lost however slowly the steps are taken. A session that is continued
+    while it is followed goes on here.
+
+    ``is_over``: whether no more will be written; None: once no program has the session open for writing. Where it is
+    given, the folder need not exist yet. ``wait``: called where nothing new is there. Raises `RecordError` at the
+    first line that does not agree with its check sum.
+    """
+    path = folder / NAME
+    while is_over is not None and not path.exists():
+        if is_over() and not path.exists():
+            return
+        wait()
+    end = number = 0
+    with as_read_error(path), path.open("rb") as file:
+        while True:
+            # Asked before the file is read: what was written before the end is read after it.
+            over = not is_written(file.fileno()) if is_over is None else is_over()
+            # A line that is not finished is read again from its beginning: it may be cut off meanwhile.
+            file.seek(end)
+            for line in file:
+                if not line.endswith(b"\n"):
+                    break
+                end, number = end + len(line), number + 1
+                yield _step(line.removesuffix(b"\n"), path, number)
+            if over:
+                return
+            wait()
+
+
+def _step(line: bytes, path: Path, number: int) -> RecordedStep:
+    """The step in a line without its end."""
+    prefix, _, text = line.partition(b" ")
+    if prefix != b"%08x" % zlib.crc32(text + b"\n"):
+        raise RecordError(f"{path}, line {number}: it does not agree with its check sum; the file was changed")
     try:
-        if not rows:
-            raise RecordError(f"{path}: its first line was never finished; begin a new session")
-        steps = [msgspec.json.decode(row, type=RecordedStep) for row in rows]
+        step = msgspec.json.decode(text, type=RecordedStep)
     except msgspec.MsgspecError as problem:
         raise RecordError(f"{path}: {problem}; another version of markerseek wrote it: use that one") from problem
-    if not isinstance(steps[0], Begun):
+    if number == 1 and not isinstance(step, Begun):
         raise RecordError(f"{path}: it does not begin as the record of a session does; check the name")
-    return steps, end
+    return step
 
 
 def default_folder() -> Path:
