@@ -176,7 +176,7 @@ def _step(line: bytes, path: Path, number: int) -> RecordedStep:
     if prefix != b"%08x" % zlib.crc32(text + b"\n"):
         raise RecordError(f"{path}, line {number}: it does not agree with its check sum; the file was changed")
     try:
-        step = msgspec.json.decode(text, type=RecordedStep)
+        step: RecordedStep = msgspec.json.decode(text, type=RecordedStep)
     except msgspec.MsgspecError as problem:
         raise RecordError(f"{path}: {problem}; another version of markerseek wrote it: use that one") from problem
     if number == 1 and not isinstance(step, Begun):
