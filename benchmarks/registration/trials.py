@@ -14,8 +14,6 @@ from markerseek.core import ConfigError, Float64, MarkerPosition, is_whole, requ
 from markerseek.geometry import Registration, RigidTransform, register_points, triangulate
 from markerseek.registration import (
     FOCAL_LENGTH,
-    GRID_STEP_M,
-    MARKER_PLACES,
     TARGET_DEPTH_M,
     camera_shared_m,
     trus_shared_m,
@@ -35,6 +33,17 @@ Source = Literal["angle", "lateral and depth", "spot", "calibration"]
 """A source of error."""
 
 SOURCES: tuple[Source, ...] = get_args(Source)
+
+GRID_STEP_M = 20e-3
+"""Step of the paper's 3 x 3 grid of markers."""
+
+MARKER_PLACES: dict[int, tuple[tuple[int, int], ...]] = {
+    3: ((-1, -1), (0, 1), (1, -1)),
+    4: ((-1, -1), (-1, 1), (1, 1), (1, -1)),
+    6: ((-1, -1), (-1, 1), (0, 1), (0, -1), (1, -1), (1, 1)),
+    9: ((-1, -1), (-1, 0), (-1, 1), (0, 1), (0, 0), (0, -1), (1, -1), (1, 0), (1, 1)),
+}
+"""Places of the markers in steps along x and y of the TRUS frame, in an order with little rotation (x is across)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

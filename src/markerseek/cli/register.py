@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,54 +13,24 @@ from rich.table import Table
 
 from markerseek import registration
 from markerseek.cli.options import AsJson, Out, with_values
+from markerseek.cli.registering import Session, SessionOptions, require_registered, run_session
 from markerseek.cli.report import Output, Report, drawn, facts, table
-from markerseek.cli.terminal import announce_compilation, progress_bar
-from markerseek.core import ConfigError, RecordError, SimulationOptions
+from markerseek.core import ConfigError, RecordError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 EXAMPLES = """
+    markerseek register --simulate --sweep --seed 1 --plot
+    markerseek register --rig rig.toml --cameras stereo.toml --images 'left right' --sweep
     markerseek register examples/points.csv
     markerseek register pixels.csv --cameras a.toml --journal a.journal --journal b.journal --journal c.journal
     markerseek register --frames left right --cameras a.ini --journal a.journal --journal b.journal --journal c.journal
-    markerseek register --simulate --markers 4 --seed 1 --plot
-    markerseek register --simulate --sweep --readout-s 0.05
 """
 
 
 SHOWN_SHARE = 0.7
 """An error that all points share is printed where they show it: its standard deviation over that of before."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SceneOptions:
-    """Options of a simulated scene."""
-
-    markers: Annotated[int, typer.Option(help="Number of simulated markers: 3, 4, 6 or 9.")] = 4
-    rig: Annotated[
-        Path | None,
-        typer.Option(help="Rig file of the simulated rig: its stage, laser and noise.", show_default="the usual one"),
-    ] = None
-    sweep: Annotated[bool, typer.Option("--sweep", help="Search each marker by sweeps.")] = False
-    readout_s: Annotated[
-        float | None, typer.Option(help="Seconds to read one acquisition of the simulated rig.", show_default="10")
-    ] = None
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 1
-
-    def scene(self) -> registration.SimulatedScene:
-        """The scene."""
-        from markerseek.rigs import read_simulated
-        from markerseek.sim import STREAMING, with_options
-
-        settings = read_simulated(self.rig, cure="register --journal takes the searches of a rig of devices")
-        if self.sweep and self.rig is None:
-            settings = STREAMING
-        return registration.SimulatedScene(
-            markers=self.markers,
-            rig=with_options(settings, SimulationOptions(readout_s=self.readout_s)),
-            sweep=self.sweep,
-        )
 
 
 _REGISTRATION = Path("registration.json")
@@ -82,12 +51,9 @@ def _file_of(report: registration.RegistrationReport, *, force: bool) -> dict[Pa
     return {_REGISTRATION: msgspec.json.format(msgspec.json.encode(report))}
 
 
-NOT_SIMULATED = SceneOptions()
-"""None of them."""
-
-
 @with_values
 def command(
+    *,
     points: Annotated[
         Path | None,
         typer.Argument(
@@ -132,10 +98,7 @@ def command(
     without: Annotated[
         list[str] | None, typer.Option(help="Name of a point that is left out; give it once for each.")
     ] = None,
-    simulate: Annotated[
-        bool, typer.Option("--simulate", help="Search markers on the simulated rig, and simulate the camera.")
-    ] = False,
-    simulated: SceneOptions = NOT_SIMULATED,
+    session: SessionOptions,
     plot: Annotated[
         bool,
         typer.Option("--plot", help="Write register.png into --out, and with --frames target.png: the target there."),
@@ -148,38 +111,30 @@ def command(
 ) -> None:
     """Find the transform from the da Vinci camera to the probe, with its errors.
 
-    At least three markers that are not on a line. The registration is written into registration.json of the current
-    folder, which `markerseek igtl --registration` and `markerseek ros2 search --registration` read; --force replaces
-    another registration in that file. Exit code 3 if the points do not fit: their
-    residuals are larger than the sigmas let expect (a chi-squared test at 1e-3; without sigmas 1 mm is assumed), or a
-    mirror image fits better.
+    With --rig or --simulate, a session: light a spot on the tissue; both cameras see it, the probe searches it, and the
+    next place is said, until the expected error is small enough. Otherwise from points, or from searches and images
+    that were recorded. At least three markers that are not on a line. The registration is written into
+    registration.json of the current folder, which `markerseek igtl --registration` and `markerseek ros2 search
+    --registration` read; --force replaces another registration in that file. Exit code 3 if the points do not fit:
+    their residuals are larger than the sigmas let expect (a chi-squared test at 1e-3; without sigmas 1 mm is assumed),
+    or a mirror image fits better.
     """
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     target_m = None if target_mm is None else (target_mm[0] / 1e3, target_mm[1] / 1e3, target_mm[2] / 1e3)
-    truth: registration.SimulatedTruth | None = None
-    if simulate:
-        if points is not None or frames is not None or journal or cameras or calibration_sigma_px is not None:
-            raise ConfigError(
-                "--simulate makes its own points; leave the CSV, --frames, --journal, --cameras and "
-                "--calibration-sigma-px out"
-            )
-        title = "simulated rig and camera"
-        scene = simulated.scene()
-        announce_compilation()
-        with progress_bar(scene.markers, what="searching markers") as progress:
-            report, truth = registration.simulate_registration(
-                scene,
-                seed=simulated.seed,
-                target_trus_m=target_m,
-                without=without or (),
-                on_search=lambda number: progress.update(progress.task_ids[0], completed=number),
-            )
-    else:
-        if simulated != NOT_SIMULATED:
-            names = ", ".join(f"--{each.name.replace('_', '-')}" for each in fields(SceneOptions))
-            raise ConfigError(f"{names} are for --simulate; leave them out")
-        title, pairs = _pairs(points, frames, journal or (), cameras, calibration_sigma_px)
-        report = registration.register_pairs(pairs, target_trus_m=target_m, without=without or ())
+    if session.wanted:
+        if points is not None or frames is not None or journal or without:
+            raise ConfigError("a session makes its own points; leave the CSV, --frames, --journal and --without out")
+        over = run_session(
+            session,
+            cameras,
+            calibration_sigma_px=calibration_sigma_px,
+            target_trus_m=target_m,
+            as_json=as_json,
+        )
+        output.show(_of_session(over, force=force))
+    session.require_none()
+    title, pairs = _pairs(points, frames, journal or (), cameras, calibration_sigma_px)
+    report = registration.register_pairs(pairs, target_trus_m=target_m, without=without or ())
     heading = f"{title}: FRE {1e3 * report.fre_m:.2f} mm, expected TRE {1e3 * report.tre_m:.2f} mm"
     pictures = {"register.png": drawn(_figure, report, heading)}
     notes: tuple[str, ...] = ()
@@ -191,17 +146,59 @@ def command(
             notes = (f"no target.png: {escape(str(problem))}",)
         else:
             pictures["target.png"] = drawn(_target_figure, views, heading)
-    values = msgspec.to_builtins(report) | ({} if truth is None else {"simulation": msgspec.to_builtins(truth)})
-    written = report.registered and truth is None
     shown = Report(
-        values=values,
-        shown=_shown(report, truth, title),
+        values=msgspec.to_builtins(report),
+        shown=_shown(report, title, []),
         pictures=pictures,
-        files=_file_of(report, force=force) if written else {},
+        files=_file_of(report, force=force) if report.registered else {},
         notes=notes,
         exit_code=0 if report.registered else 3,
     )
     output.show(shown)
+
+
+def _of_session(over: Session, *, force: bool) -> Report:
+    """What a session has found; its folder gets the registration, and the current folder that of a rig of devices."""
+    report, last = require_registered(over), over.last
+    decided = last is not None and last.decided
+    truth = None if over.truth is None else {"simulation": msgspec.to_builtins(over.truth)}
+    heading = f"{over.title}: expected TRE {1e3 * report.tre_m:.2f} mm after {len(over.taken)} markers"
+    values = msgspec.to_builtins(report) | {
+        "decided": decided,
+        "left_out": list(last.left_out) if last is not None else [],
+        "rig_s": over.rig_s,
+        "session": str(over.folder),
+        **(truth or {}),
+    }
+    files = {}
+    if decided:
+        content = msgspec.json.format(msgspec.json.encode(msgspec.to_builtins(report) | (truth or {})))
+        files = {over.folder / _REGISTRATION: content, **(_file_of(report, force=force) if truth is None else {})}
+    return Report(
+        values=values,
+        shown=_shown(report, over.title, _session_rows(over), decided=decided),
+        pictures={"register.png": drawn(_figure, report, heading)},
+        files=files,
+        exit_code=0 if decided else 3,
+    )
+
+
+def _session_rows(over: Session) -> list[tuple[str, str]]:
+    """What a session adds to its registration."""
+    counts = ", ".join(str(marker.acquisitions) for marker in over.taken)
+    rows = [
+        ("markers", f"{len(over.taken)}, with {counts} frames"),
+        ("time of the rig", f"{over.rig_s:.0f} s, without waiting for spots"),
+    ]
+    if over.last is not None and over.last.left_out:
+        rows.insert(1, ("left out", f"marker {', '.join(over.last.left_out)}: it does not fit the others"))
+    if over.truth is None:
+        return rows
+    low_min, high_min = (seconds / 60 for seconds in over.truth.by_hand_s)
+    rows.append(("time by hand (the paper)", f"{low_min:g} to {high_min:g} min"))
+    if over.truth.target_error_m is not None:
+        rows.append(("true error at the target (simulated)", f"{1e3 * over.truth.target_error_m:.2f} mm"))
+    return rows
 
 
 def _pairs(
@@ -213,7 +210,10 @@ def _pairs(
 ) -> tuple[str, list[registration.PointPair]]:
     """What the points are called, and the pairs of them."""
     if points is None and frames is None:
-        raise ConfigError("no points: name a CSV, images by --frames LEFT RIGHT, or add --simulate")
+        raise ConfigError(
+            "no points: name a CSV, images by --frames LEFT RIGHT, a rig for a session by --rig RIG.toml, or add "
+            "--simulate"
+        )
     if points is not None and frames is not None:
         raise ConfigError(f"{points} and --frames {frames[0]} {frames[1]} both give points; leave one out")
     if not cameras and calibration_sigma_px is not None:
@@ -229,13 +229,14 @@ def _pairs(
 
 
 def _shown(
-    report: registration.RegistrationReport, truth: registration.SimulatedTruth | None, title: str
+    report: registration.RegistrationReport, title: str, more: list[tuple[str, str]], *, decided: bool = True
 ) -> Iterator[str | Table]:
-    answer = "[bold green]registered[/]" if report.registered else "[bold yellow]not registered[/]"
+    registered = report.registered and decided
+    answer = "[bold green]registered[/]" if registered else "[bold yellow]not registered[/]"
     yield f"{answer}: {escape(title)}, {len(report.points)} points"
     if report.reason is not None:
         yield escape(report.reason)
-    yield facts(_rows(report, truth))
+    yield facts([*_rows(report), *more])
     yield table(
         {
             "point": point.name,
@@ -251,10 +252,10 @@ def _shown(
             yield "  ".join(f"{value:+.6f}" for value in row)
 
 
-def _rows(report: registration.RegistrationReport, truth: registration.SimulatedTruth | None) -> list[tuple[str, str]]:
+def _rows(report: registration.RegistrationReport) -> list[tuple[str, str]]:
     x, y, z = (1e3 * value for value in report.target_trus_m)
     assumed = " for 1 mm in each coordinate, because not all have sigmas" if report.weights == "equal" else ""
-    rows = [
+    return [
         ("FRE", f"{1e3 * report.fre_m:.2f} mm, {1e3 * report.expected_fre_m:.2f} mm expected{assumed}"),
         ("expected TRE", f"{1e3 * report.tre_m:.2f} mm, in 95 % below {1e3 * report.tre95_m:.2f} mm"),
         ("at", f"x {x:.1f}, y {y:.1f}, z {z:.1f} mm of the TRUS frame"),
@@ -267,17 +268,6 @@ def _rows(report: registration.RegistrationReport, truth: registration.Simulated
         ("weights", report.weights),
         *((("without", ", ".join(report.without)),) if report.without else ()),
     ]
-    if truth is None:
-        return rows
-    if truth.target_error_m is not None:
-        rows.append(("true error there (simulated)", f"{1e3 * truth.target_error_m:.2f} mm"))
-    counts = ", ".join(str(search.acquisitions) for search in truth.searches)
-    low_min, high_min = (seconds / 60 for seconds in truth.by_hand_s)
-    rows.append(("searches (simulated)", f"{len(truth.searches)} with {counts} acquisitions"))
-    all_min, rest_min = truth.elapsed_s / 60, truth.without_readout_s / 60
-    rows.append(("time (virtual)", f"{all_min:.1f} min, {rest_min:.1f} min without reading frames"))
-    rows.append(("time by hand (the paper)", f"{low_min:g} to {high_min:g} min"))
-    return rows
 
 
 def _target_figure(views: Sequence[registration.TargetView], title: str) -> Figure:

@@ -1,4 +1,5 @@
 from .choice import Choice, SeenMarker, choose
+from .device_room import DeviceRoom
 from .points import point_pairs, spot_pairs
 from .poses import Place, Poses, Prediction, Reach
 from .record import SessionRecord, camera_text, default_folder, follow_session, read_session
@@ -11,17 +12,9 @@ from .report import (
     read_registration,
     register_pairs,
 )
-from .session import RegistrationSession, Room, SessionPlan
+from .session import REGISTRATION_TOLERANCE_MM, RegistrationSession, Room, SessionPlan
 from .shared_errors import FOCAL_LENGTH, camera_shared_m, focal_shared_m, trus_shared_m
-from .simulated import (
-    GRID_STEP_M,
-    MARKER_PLACES,
-    REGISTRATION_TOLERANCE_MM,
-    SimulatedScene,
-    SimulatedTruth,
-    simulate_registration,
-)
-from .simulated_room import SimulatedRoom, SimulatedRoomSettings
+from .simulated_room import SimulatedRoom, SimulatedRoomSettings, SimulatedTruth
 from .steps import (
     Begun,
     Ended,
@@ -41,12 +34,11 @@ from .target_views import TargetView, target_views
 
 __all__ = [
     "FOCAL_LENGTH",
-    "GRID_STEP_M",
-    "MARKER_PLACES",
     "REGISTRATION_TOLERANCE_MM",
     "TARGET_DEPTH_M",
     "Begun",
     "Choice",
+    "DeviceRoom",
     "Ended",
     "KnownRegistration",
     "MovedMarker",
@@ -66,7 +58,6 @@ __all__ = [
     "SessionRecord",
     "SimulatedRoom",
     "SimulatedRoomSettings",
-    "SimulatedScene",
     "SimulatedTruth",
     "Spot",
     "SpotRefused",
@@ -88,7 +79,6 @@ __all__ = [
     "read_session",
     "read_stereo",
     "register_pairs",
-    "simulate_registration",
     "spot_pairs",
     "target_views",
     "trus_shared_m",

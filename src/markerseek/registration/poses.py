@@ -56,6 +56,9 @@ MISSED = 0.1
 IN_REACH = 0.95
 """Least probability, by a registration, that a place that is proposed is in reach."""
 
+NEARLY = 0.03
+"""Share of the expected TRE by which a place may be worse than the best, if the probe is nearer to it."""
+
 FAR_M = 25e-3
 """Distance from the spots before, and from the line through them, that is wanted while there is no registration."""
 
@@ -135,7 +138,9 @@ class Poses:
         pairs = [marker.pair(choice.chosen[marker.name]) for marker in markers if marker.name in choice.chosen]
         if len(pairs) >= MIN_POINTS and choice.report is not None:
             return cls._registered(registered_pairs(pairs), rng=rng)
-        if not 1 <= len(pairs) < MIN_POINTS:
+        # Of more that lie on a line, or do not fit, the first two.
+        pairs = pairs[: MIN_POINTS - 1]
+        if not pairs:
             return None
         camera_m = np.array([pair.camera_m for pair in pairs])
         trus_m = np.array([pair.trus_m for pair in pairs])
@@ -212,16 +217,17 @@ class Poses:
         reach: Reach,
         *,
         target_trus_m: tuple[float, float, float] | None,
+        probe_deg: float,
         avoid_m: Sequence[Float64[np.ndarray, " 3"]] = (),
     ) -> Place | None:
         """The place for the next spot that lowers the expected TRE at the target most; None where nothing is in reach.
 
         Before there is a registration: a place that is far from the spots so far and from the line through them, and
-        probably in reach. ``avoid_m``: points in the camera's frame near which no marker was found.
+        probably in reach. ``probe_deg``: where the probe is, in degrees. ``avoid_m``: points in the camera's frame near which no marker was found.
         """
         spots_m = np.array([marker.camera_m for marker in markers])
         taken_m = np.concatenate([spots_m, np.array([*avoid_m]).reshape(-1, 3)])
-        best: tuple[float, Place] | None = None
+        found: list[tuple[float, float, Place]] = []
         for left_px, ray in _lines_of_sight(stereo):
             points_m = self._on_tissue(ray, spots_m)
             camera_m = np.median(points_m, axis=0)
@@ -239,9 +245,13 @@ class Poses:
                 tre_m = self._tre_with(camera_m, left_px, right_px, markers, stereo, target_trus_m)
                 place = Place(left_px=place.left_px, right_px=place.right_px, camera_m=place.camera_m, tre_m=tre_m)
                 worth = -tre_m
-            if best is None or worth > best[0]:
-                best = (worth, place)
-        return None if best is None else best[1]
+            found.append((worth, abs(float(np.median(_polar(trus_m)[0])) - probe_deg), place))
+        if not found:
+            return None
+        most = max(worth for worth, _, _ in found)
+        # Of places that are nearly as good, the one to which the probe turns least.
+        good = [each for each in found if each[0] >= most - NEARLY * abs(most)]
+        return min(good, key=lambda each: each[1])[2]
 
     def _on_tissue(
         self, ray: Float64[np.ndarray, " 3"], spots_m: Float64[np.ndarray, "spots 3"]
@@ -344,13 +354,13 @@ def _inner(pixels: Float64[np.ndarray, "pixels 2"], size_px: tuple[int, int]) ->
 
 
 def _new_span(spots_m: Float64[np.ndarray, "spots 3"], camera_m: Float64[np.ndarray, " 3"]) -> float:
-    """How far a place is from the spots so far, and from the line through two; more than `FAR_M` is worth no more."""
-    apart_m = float(np.linalg.norm(spots_m - camera_m, axis=1).min())
-    if len(spots_m) > 1:
-        along = spots_m[1] - spots_m[0]
-        beside_m = float(np.linalg.norm(np.cross(along, camera_m - spots_m[0])) / np.linalg.norm(along))
-        apart_m = min(apart_m, beside_m)
-    return min(apart_m, FAR_M)
+    """How far a place is from the spot before, or the least height of its triangle with two; at most `FAR_M`."""
+    apart_m = np.linalg.norm(spots_m - camera_m, axis=1)
+    if len(spots_m) == 1:
+        return min(float(apart_m[0]), FAR_M)
+    along = spots_m[1] - spots_m[0]
+    longest_m = max(float(apart_m.max()), float(np.linalg.norm(along)))
+    return min(float(np.linalg.norm(np.cross(along, camera_m - spots_m[0]))) / longest_m, FAR_M)
 
 
 def _pair(pixel: Float64[np.ndarray, " 2"]) -> tuple[float, float]:

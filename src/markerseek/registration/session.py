@@ -100,8 +100,15 @@ class Room(Protocol):
     def images(self) -> StereoImages:
         """Images of both cameras."""
 
+    @property
+    def stereo(self) -> StereoSettings:
+        """Calibration of the cameras."""
+
     def ask(self, waiting: Waiting) -> bool:
         """Ask for a spot; whether to look for one now. False ends the session."""
+
+    def arm(self) -> None:
+        """Arm the rig in the name of the person who is there: each search disarms it at its end."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,30 +156,29 @@ class RegistrationSession:
     Parameters
     ----------
     room
-        Rig, images and person.
-    stereo
-        Calibration of the cameras.
+        Rig, images and person: a `DeviceRoom`, or a `SimulatedRoom`.
     plan
         What it is to reach.
     record
         Where its steps are recorded, and the markers of a session that is continued; None: nowhere.
-    rng
-        For the draws of possible poses.
+
+    Examples
+    --------
+    >>> from markerseek.registration import Registered, RegistrationSession, SimulatedRoom, SimulatedRoomSettings
+    >>> session = RegistrationSession(SimulatedRoom(SimulatedRoomSettings(), seed=1))
+    >>> for step in session.steps():  # doctest: +SKIP
+    ...     if isinstance(step, Registered):
+    ...         print(step.said)
     """
 
-    def __init__(
-        self,
-        room: Room,
-        stereo: StereoSettings,
-        *,
-        plan: SessionPlan,
-        record: SessionRecord | None = None,
-        rng: np.random.Generator,
-    ) -> None:
-        self._room, self._stereo, self._plan, self._record, self._rng = room, stereo, plan, record, rng
+    def __init__(self, room: Room, *, plan: SessionPlan | None = None, record: SessionRecord | None = None) -> None:
+        self._room, self._stereo, self._plan, self._record = room, room.stereo, plan or SessionPlan(), record
+        # The same session gives the same places: only possible poses are drawn.
+        self._rng = np.random.default_rng(0)
         self.taken: list[TakenMarker] = [] if record is None else list(record.taken)
         """Markers so far."""
         self._curve: MarkerCurve | None = None
+        self._refused: SpotRefused | None = None
         self.last: Registered | None = None
         """What they say together; None before the first."""
 
@@ -187,11 +193,11 @@ class RegistrationSession:
         while not state.done:
             waiting = Waiting(name=self._next_name(), place=state.place, said=self._asking(state))
             yield self._recorded(waiting)
-            if not self._room.ask(waiting):
-                break
-            taken = yield from self._marker(waiting.name)
+            taken = None
+            while taken is None and self._room.ask(waiting):
+                taken = yield from self._marker(waiting.name)
             if taken is None:
-                continue
+                break
             state = self._state()
             yield self._recorded(state)
         if state.decided and self._plan.again:
@@ -222,7 +228,7 @@ class RegistrationSession:
         if again is None and seen is not None:
             problem = self._same_as_before(seen) or ""
         if looked.spot is None or seen is None or problem:
-            yield self._recorded(SpotRefused(name=name, reason=problem))
+            yield from self._refuse(name, problem)
             return None
         prediction = self._prediction(seen)
         journal = None if self._record is None else self._record.journal_path(name)
@@ -236,6 +242,7 @@ class RegistrationSession:
                 journal=None if journal is None else journal.name,
             )
         )
+        self._room.arm()
         search = new_session(self._room.rig, plan_on(self._room.rig, self._search_plan(prediction)))
         if journal is not None:
             search = replace(search, journal=Journal.create(journal, search.configuration))
@@ -255,7 +262,7 @@ class RegistrationSession:
         self._curve = result.curve or self._curve
         moved = self._moved(looked, later)
         if moved is not None:
-            yield self._recorded(SpotRefused(name=name, reason=moved))
+            yield from self._refuse(name, moved)
             return None
         lit = [*search.view.samples, *([] if search.view.confirmation is None else [search.view.confirmation])]
         taken = TakenMarker(
@@ -281,8 +288,16 @@ class RegistrationSession:
         yield self._recorded(taken)
         return taken
 
+    def _refuse(self, name: str, reason: str) -> Generator[Step, None, None]:
+        """Say why there is no spot, once as long as it is the same."""
+        refused = SpotRefused(name=name, reason=reason)
+        if refused != self._refused:
+            self._refused = refused
+            yield self._recorded(refused)
+
     def _look(self) -> _Looked:
         """Look for the spot, with the laser on and off."""
+        self._room.arm()
         scanner, images = self._room.rig.scanner, self._room.images
         images.newest()
         dark = self._collected(lambda pairs: len(pairs) >= DARK_PAIRS)
@@ -433,6 +448,7 @@ class RegistrationSession:
             self._stereo,
             reach_of(self._room.rig),
             target_trus_m=self._plan.target_trus_m,
+            probe_deg=self._room.rig.scanner.angle_deg,
             avoid_m=[np.array(marker.camera_m) for marker in self.taken if not marker.candidates],
         )
 

@@ -41,6 +41,9 @@ CAMERA_TILT_DEG, CAMERA_ROLL_DEG = (25.0, 35.0), (-60.0, 60.0)
 MISSED_M = 2e-3
 """Standard deviation, along each axis, by which the simulated person misses the place that is asked for."""
 
+MOST_TRIES = 5
+"""How often the simulated person lights the same spot before giving up."""
+
 BY_HAND_S = (120.0, 420.0)
 """Time of a search by hand for one registration: 2 to 3 minutes, and "as much as 7 min" (the paper)."""
 
@@ -60,6 +63,8 @@ class SimulatedRoomSettings:
     camera: EndoscopeSettings = field(default_factory=EndoscopeSettings)
     camera_m: float = 0.1
     """Distance of the endoscope from the tissue."""
+    pace: float = 0.0
+    """Real seconds per second of the rig's clock; 0 does not wait."""
     shared_errors: bool = True
     """Whether sound speed, face radius, zero of the angle and focal length are wrong, each by a draw from what a
     registration assumes of it."""
@@ -99,7 +104,7 @@ class SimulatedRoom:
         self._settings, self._seed = settings, seed
         rng = np.random.default_rng(seed)
         self._rng = rng
-        self._movable = movable(seed=seed, settings=settings.rig)
+        self._movable = movable(seed=seed, settings=settings.rig, pace=settings.pace)
         self._rig = self._movable.rig
         tissue_m = settings.rig.marker.radius_m
         self._tissue_m = tissue_m
@@ -132,7 +137,8 @@ class SimulatedRoom:
             faults=settings.faults,
         )
         self._spots_m: dict[str, Float64[np.ndarray, " 3"]] = {}
-        self._turn = 0
+        self._turn, self._asked = 0, dict[str, int]()
+        self._recalled: set[str] = set()
 
     @property
     def rig(self) -> Rig:
@@ -146,6 +152,9 @@ class SimulatedRoom:
 
     def ask(self, waiting: Waiting) -> bool:
         """Light the place that is asked for, or the next of the settings, as well as a person hits it."""
+        self._asked[waiting.name] = self._asked.get(waiting.name, 0) + 1
+        if self._asked[waiting.name] > MOST_TRIES:
+            return False
         spot_m = self._spots_m.get(waiting.name)
         if spot_m is None:
             places = self._settings.places_m
@@ -157,9 +166,15 @@ class SimulatedRoom:
         self._light(spot_m)
         return True
 
-    def skip(self, markers: int) -> None:
-        """Leave out places of the settings whose markers were taken before a session was continued."""
-        self._turn = markers
+    def arm(self) -> None:
+        """Nothing to arm: no hardware is involved."""
+
+    def skip(self, taken: Sequence[TakenMarker]) -> None:
+        """Go on behind the markers of a session that is continued; their spots are where its cameras saw them."""
+        self._turn = len(taken)
+        self._recalled = {marker.name for marker in taken}
+        for marker in taken:
+            self._spots_m[marker.name] = self.true.apply(np.array(marker.camera_m))
 
     def truth(self, state: Registered | None, taken: Sequence[TakenMarker], *, rig_s: float) -> SimulatedTruth:
         """How far the registration and its markers are from the truth."""
@@ -173,7 +188,7 @@ class SimulatedRoom:
                 )
             )
             for marker in taken
-            if marker.name in chosen and marker.name in self._spots_m
+            if marker.name in chosen and marker.name not in self._recalled
         }
         return SimulatedTruth(
             simulated=True,

@@ -31,10 +31,10 @@ class MovableMarker:
         return self.rig
 
 
-def movable(seed: SupportsIndex, settings: SimulatedSettings) -> MovableMarker:
+def movable(seed: SupportsIndex, settings: SimulatedSettings, *, pace: float = 0.0) -> MovableMarker:
     """A simulated rig of channel data whose marker can be moved.
 
-    Gain and noise are those of a marker in the middle of the range.
+    Gain and noise are those of a marker in the middle of the range. ``pace``: as of `simulated`.
     """
     rng = np.random.default_rng(require_seed(seed))
     middle_deg = settings.limits.search.centre_deg
@@ -43,7 +43,7 @@ def movable(seed: SupportsIndex, settings: SimulatedSettings) -> MovableMarker:
     rig = rig_in_world(
         world,
         settings,
-        clock=VirtualClock(),
+        clock=VirtualClock(pace=pace),
         reader=image_reader(settings.probe.array, sampling_hz=settings.receiver.sampling_hz),
         description=f"{scene.description}, peak SNR {settings.noise.peak_snr_db:g} dB, seed {seed}",
         seed=require_seed(seed),
