@@ -190,7 +190,7 @@ def browsing() -> Iterator[sync_api.Browser]:
         browser.close()
 
 
-def open_tab(browser: sync_api.Browser, page: Served, path: str = "/", query: str = "", **options) -> Watched:
+def open_tab(browser: sync_api.Browser, page: Served, path: str = "/search", query: str = "", **options) -> Watched:
     """A tab with the page, whose requests and messages are watched."""
     options.setdefault("viewport", {"width": 1280, "height": 800})
     tab = browser.new_context(**options).new_page()

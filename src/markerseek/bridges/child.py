@@ -99,7 +99,8 @@ class ChildRun:
     A search stops when nobody has read `items` for 4 s. Entries that wait to be read are in the file.
 
     ``arguments``: command and options, such as ``["search", "--seed", "1"]``; ``--json`` and those of the bridge are
-    added. ``journal``: the journal that they name; None if they keep none, and a file is made for the run alone.
+    added. ``journal``: the journal, or the folder of a registration session, that they name; None if they keep none,
+    and a file is made for the run alone.
     """
 
     def __init__(self, arguments: Sequence[str], *, journal: Path | None = None) -> None:
@@ -143,11 +144,12 @@ class ChildRun:
 
         Of a run that is continued, all its entries from the first. Raises `RecordError` if the file is damaged.
         """
-        for item in follow(self._journal, is_over=lambda: not self.running, wait=self._wait):
+        for item in follow(self._journal, is_over=lambda: not self.running, wait=self.wait):
             self._beat()
             yield item
 
-    def _wait(self) -> None:
+    def wait(self) -> None:
+        """Wait a moment for more of what the child writes, and send the heartbeat."""
         self._beat()
         time.sleep(_POLL_S)  # noqa: TID251  a file is followed in real time
 

@@ -2,7 +2,7 @@ from .choice import Choice, SeenMarker, choose
 from .device_room import DeviceRoom
 from .points import point_pairs, spot_pairs
 from .poses import Place, Poses, Prediction, Reach
-from .record import SessionRecord, camera_text, default_folder, follow_session, read_session
+from .record import CAMERA_IMAGES, SessionRecord, camera_text, default_folder, follow_session, read_session
 from .report import (
     TARGET_DEPTH_M,
     KnownRegistration,
@@ -30,9 +30,10 @@ from .steps import (
     Waiting,
 )
 from .stereo_files import StereoSettings, read_stereo
-from .target_views import TargetView, target_views
+from .target_views import TargetView, target_pixels, target_views
 
 __all__ = [
+    "CAMERA_IMAGES",
     "FOCAL_LENGTH",
     "REGISTRATION_TOLERANCE_MM",
     "TARGET_DEPTH_M",
@@ -80,6 +81,7 @@ __all__ = [
     "read_stereo",
     "register_pairs",
     "spot_pairs",
+    "target_pixels",
     "target_views",
     "trus_shared_m",
 ]
