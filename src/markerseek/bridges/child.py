@@ -15,12 +15,12 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import msgspec
 
@@ -93,6 +93,9 @@ class Outcome:
         return f"the command ended with exit code {self.exit_code}{killed}"
 
 
+_Item = TypeVar("_Item")
+
+
 class ChildRun:
     """A running command. Read `items` to its end, then ask for `outcome`; a context manager stops it at the end.
 
@@ -144,7 +147,11 @@ class ChildRun:
 
         Of a run that is continued, all its entries from the first. Raises `RecordError` if the file is damaged.
         """
-        for item in follow(self._journal, is_over=lambda: not self.running, wait=self.wait):
+        return self.beating(follow(self._journal, is_over=lambda: not self.running, wait=self.wait))
+
+    def beating(self, items: Iterable[_Item]) -> Iterator[_Item]:
+        """The items of what is followed by `wait`, with the heartbeat also where one comes after the other."""
+        for item in items:
             self._beat()
             yield item
 

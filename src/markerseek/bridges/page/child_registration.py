@@ -35,6 +35,8 @@ class ChildRegistration(ChildSearch[AskedRegistration]):
         """When the newest camera images were written; 0 before the first."""
         super().__init__(launch, [*arguments, f"--record={folder}"], asked=asked, journal=folder, on_change=on_change)
 
+    PICTURES = False
+
     @property
     def _has_begun(self) -> bool:
         return self.state.begun is not None
@@ -42,7 +44,7 @@ class ChildRegistration(ChildSearch[AskedRegistration]):
     def _take(self, child: ChildRun) -> None:
         assert self.journal is not None  # noqa: S101  the folder
         folder = self.journal
-        for step in follow_session(folder, is_over=lambda: not child.running, wait=child.wait):
+        for step in child.beating(follow_session(folder, is_over=lambda: not child.running, wait=child.wait)):
             with suppress(FileNotFoundError):
                 # The right one is the last to be written.
                 self.images_ns = (folder / CAMERA_IMAGES[1]).stat().st_mtime_ns
@@ -50,7 +52,8 @@ class ChildRegistration(ChildSearch[AskedRegistration]):
             self._on_change()
             if isinstance(step, SpotSeen) and step.journal is not None:
                 self.run = None
-                self._add(follow(folder / step.journal, is_over=lambda: self._is_searched(child), wait=child.wait))
+                search = follow(folder / step.journal, is_over=lambda: self._is_searched(child), wait=child.wait)
+                self._add(child.beating(search))
 
     def _is_searched(self, child: ChildRun) -> bool:
         return not child.running or (self.run is not None and self.run.last.over)

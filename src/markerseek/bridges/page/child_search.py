@@ -33,6 +33,9 @@ class ChildSearch(Generic[AskedT]):
     keeps none. ``on_change``: called by a thread of the run whenever there is something new to show.
     """
 
+    PICTURES = True
+    """Whether the images of the acquisitions are formed, for those who show them."""
+
     def __init__(
         self,
         launch: Launch,
@@ -111,7 +114,7 @@ class ChildSearch(Generic[AskedT]):
         """Take the items of a search."""
         for item in items:
             if isinstance(item, Configuration):
-                self.run = RunHistory(item)
+                self.run = RunHistory(item, pictures=self.PICTURES)
                 self._on_change()
             elif self.run is not None:
                 self.run.add(item.event, clock_s=item.clock_s, on_change=self._on_change)

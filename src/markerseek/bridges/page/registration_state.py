@@ -54,6 +54,11 @@ class RegistrationState:
     """How far the first marker was when it was measured again."""
     ended: Ended | None = None
 
+    @property
+    def goal_mm(self) -> float:
+        """Expected TRE at which the session ends."""
+        return 0.5 if self.begun is None else 1e3 * self.begun.goal_m
+
     def add(self, step: RecordedStep) -> RegistrationState:
         """The state after one more step."""
         match step:
@@ -87,9 +92,9 @@ class RegistrationState:
             reached = self.last is not None and self.last.decided
             word = "REGISTERED" if reached else "NOT REGISTERED"
             reason = "; ".join(filter(None, (self.moved, self.ended.said)))
-            goal_mm = 5e-1 if self.begun is None else 1e3 * self.begun.goal_m
-            is_below = bool(self.errors_mm) and self.errors_mm[-1][1] <= goal_mm
-            turn = f"{counted(len(self.taken), 'marker')}; the goal of {goal_mm:g} mm is {'' if is_below else 'not '}reached"
+            is_below = bool(self.errors_mm) and self.errors_mm[-1][1] <= self.goal_mm
+            goal = f"the goal of {self.goal_mm:g} mm is {'' if is_below else 'not '}reached"
+            turn = f"{counted(len(self.taken), 'marker')}; {goal}"
             shown = replace(error, word=word, kind="found" if reached else "unsure", turn=turn)
             return replace(shown, reason=reason, next_step=next_step)
         said = "" if self.last is None else self.last.said
@@ -182,7 +187,7 @@ class RegistrationState:
 
     def chart(self) -> str:
         """The expected error after each marker, as SVG."""
-        return errors_svg(self.errors_mm, goal_mm=1e3 * (5e-4 if self.begun is None else self.begun.goal_m))
+        return errors_svg(self.errors_mm, goal_mm=self.goal_mm)
 
 
 def _cells(tag: str, texts: tuple[str, ...]) -> str:

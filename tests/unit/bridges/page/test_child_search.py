@@ -261,7 +261,7 @@ def test_one_search_at_a_time(stream, tmp_path, monkeypatch):
         lambda: shared.replay("x", USUAL),
         shared.go_on,
     ):
-        with pytest.raises(SearchError, match="a search runs"):
+        with pytest.raises(SearchError, match="a search or a registration runs"):
             another()
     shared.close()
     assert not shared.busy
