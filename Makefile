@@ -19,7 +19,7 @@ BENCH ?=
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo page test test-long check bench faults failures kills mutants peers ros2 setup docs figures dist wheel release lock clean
+.PHONY: help demo page test test-long check bench faults kills mutants peers ros2 setup docs figures dist wheel release lock clean
 
 help:  ## list these commands
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -67,11 +67,8 @@ bench: .venv-bench/ready  ## time the kernels side by side with other people's p
 	.venv-bench/bin/python -m benchmarks $(BENCH)
 
 faults: .venv/dev  ## break a device in 100,000 simulated runs and judge them by the truth (an hour; goes on where it stopped)
-	$(BIN)/python -m tests.faults.campaign --runs 100000 --frames 2000 --restarts 200 --workers 2 --state out/faults.json \
+	$(BIN)/python -m tests.faults.campaign --runs 100000 --workers 2 --state out/faults.json \
 		--out docs/data/fault-tables.md
-
-failures: .venv/dev  ## search under each fault of the table of failures 3,700 times (half an hour; goes on where it stopped)
-	$(BIN)/python -m tests.faults.campaign.failure_rows --workers 2 --out docs/data/failures.md
 
 kills: .venv/dev  ## kill 500 searches and scans with -9, and see that what was acknowledged is readable and the next run starts
 	$(BIN)/python -m tests.faults.kills --kills 500
@@ -87,7 +84,7 @@ ROS_READY := $(if $(filter Linux-x86_64,$(shell uname -s)-$(shell uname -m)),.ve
 ROS_PYTEST := .venv-ros/bin/python -m pytest -q --confcutdir=tests/ros2
 
 # They mostly wait for one another's nodes: two files at once, but what times a loop has the computer for itself.
-ROS_TIMED := $(addprefix tests/ros2/test_,flood.py stage_node.py turning_stage.py two_nodes.py)
+ROS_TIMED := $(addprefix tests/ros2/test_,stage_node.py turning_stage.py two_nodes.py)
 ROS_SHARED := $(filter-out $(ROS_TIMED),$(wildcard tests/ros2/test_*.py))
 
 ros2: $(ROS_READY)  ## run the tests that need ROS 2, in an environment of its own

@@ -30,7 +30,7 @@ class CentreOfMass(SearchPolicy):
         largest = max((sample.reading.intensity for sample in self._lit), default=0.0)
         if noise.floor.level is None or not largest > noise.floor.level:
             return NotFound(
-                mean_deg=self._limits.centre_deg, reason="nothing exceeds the noise floor", floor=noise.floor
+                mean_deg=self._limits.centre_deg, reason="nothing exceeds the detection threshold", floor=noise.floor
             )
         strong = [sample for sample in self._lit if sample.reading.intensity >= largest / 2]
         weights = [sample.reading.intensity for sample in strong]

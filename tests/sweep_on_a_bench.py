@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from markerseek.core import Event, SearchPlan
+from markerseek.core import Event, Receiver, SearchPlan
 from markerseek.drivers import Kdc101Settings, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
 from markerseek.emulators import DirectPort, EmulatedBench
 from markerseek.emulators.bench import BenchClock
@@ -36,6 +36,8 @@ class Bench:
     ``late_s``: further time that the files may take.
     """
 
+    stage_line: type[DirectPort] = DirectPort
+
     def __init__(
         self,
         folder: Path,
@@ -44,15 +46,16 @@ class Bench:
         frames: str = "triggered",
         readout_s: float = 0.3,
         late_s: float = 0.0,
+        position_triggered: bool = False,
         seed: int = 3,
     ) -> None:
-        settings = replace(settings, receiver=replace(settings.receiver, readout_s=readout_s))
+        self.settings = settings = replace(settings, receiver=replace(settings.receiver, readout_s=readout_s))
         self.emulated = EmulatedBench(settings=settings, rng=np.random.default_rng(seed), folder=folder)
         self.clock = clock = BenchClock(tick_s=2e-3)
-        self.stage_port = DirectPort(device=self.emulated.stage, clock=clock)
+        self.stage_port = self.stage_line(device=self.emulated.stage, clock=clock)
         port = DirectPort(device=self.emulated.laser_box, clock=clock)
         self.stage = self.connect()
-        self.laser = LaserBox(port=port, clock=clock)
+        self.laser = LaserBox(port=port, clock=clock, position_triggered=position_triggered)
         self.port = port
         self.alive = True
         clock.lead(self._beat, lambda _: port.read(0, timeout_s=0.0), self.emulated.daq.advance)
@@ -70,12 +73,15 @@ class Bench:
         self.scanner = Scanner(
             stage=self.stage,
             laser=self.laser,
-            receiver=SonixDaqReceiver(settings=self.daq, clock=self.clock),
+            receiver=self.receiver(),
             reader=image_reader(SETTINGS.probe.array, sampling_hz=SETTINGS.receiver.sampling_hz),
             clock=self.clock,
             guard=self.guard,
         )
         self.guard.arm(by="test")
+
+    def receiver(self) -> Receiver:
+        return SonixDaqReceiver(settings=self.daq, clock=self.clock)
 
     def _beat(self, _: float) -> None:
         if self.alive:

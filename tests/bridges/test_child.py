@@ -119,7 +119,7 @@ def test_26_7_a_child_whose_bridge_is_killed_or_hangs_stops_the_search_within_5_
     ("answer", "reason", "said"),
     [
         ("found", None, "found at 1.700°"),
-        ("not found", "no signal above the noise floor", "not found: no signal above the noise floor"),
+        ("not found", "no signal above the detection threshold", "not found: no signal above the detection threshold"),
         (
             "unsure",
             "the confirmation was weaker",

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
-from markerseek.core import Estimate, Found, Interval, Policy, SearchPlan
+from markerseek.core import Interval, Policy, SearchPlan
 from markerseek.search import GOLDEN, METHODS, TERNARY, BracketSearch, build
 from markerseek.testing import PolicyContract
 
@@ -73,51 +71,3 @@ class _EndlessContract(PolicyContract):
 def test_the_contract_ends_on_a_policy_that_never_does(name: str) -> None:
     with pytest.raises(AssertionError, match="the search has not ended after 50 acquisitions"):
         getattr(_EndlessContract(), name)()
-
-
-class _Overflows(BracketSearch):
-    """A policy that squares what it was told, in Python's floats."""
-
-    def estimate(self) -> Estimate:
-        sum(sample.reading.intensity**2 for sample in self._lit)
-        return super().estimate()
-
-
-class _OverflowsContract(PolicyContract):
-    def make(self, limits: Interval) -> Policy:
-        return _Overflows(ratio=GOLDEN, limits=limits, width_deg=0.5)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "test_asks_inside_the_range",
-        "test_ends_wherever_the_stage_stops",
-        "test_estimates_at_any_time",
-        "test_is_deterministic",
-    ],
-)
-def test_the_curve_on_which_a_policy_fails_is_named(name: str) -> None:
-    with pytest.raises(OverflowError) as caught:
-        getattr(_OverflowsContract(), name)()
-    assert caught.value.__notes__ == [
-        "the curve is CURVES['huge'] of markerseek.testing.policies, the positioning error 'exact'"
-    ]
-
-
-class _Negative(BracketSearch):
-    """A policy whose standard deviation is below zero."""
-
-    def estimate(self) -> Estimate:
-        estimate = super().estimate()
-        return replace(estimate, sigma_deg=-0.5) if isinstance(estimate, Found) else estimate
-
-
-class _NegativeContract(PolicyContract):
-    def make(self, limits: Interval) -> Policy:
-        return _Negative(ratio=GOLDEN, limits=limits, width_deg=0.5)
-
-
-def test_a_standard_deviation_below_zero_breaks_the_contract() -> None:
-    with pytest.raises(AssertionError, match="has no standard deviation"):
-        _NegativeContract().test_estimates_at_any_time()

@@ -203,6 +203,40 @@ def test_channels_are_left_out_by_hand(
     assert "--without-channel is for frames" in refused(shell, tmp_path / "scan.csv", "--without-channel", "3")
 
 
+@pytest.mark.parametrize("words", [(), ("--without-channel", "41", "--without-channel", "3")])
+def test_channels_of_a_folder_of_frames_are_left_out(
+    shell: Shell, tmp_path: Path, frames: np.ndarray, angles_deg: np.ndarray, words: tuple[str, ...]
+) -> None:
+    """Volts in a file for each angle; one channel is broken in some of them."""
+    (folder := tmp_path / "scan").mkdir()
+    for number, (angle_deg, frame) in enumerate(zip(angles_deg, frames, strict=True)):
+        volts = (1.65 + 1e-6 * frame).astype(np.float32)
+        volts[40] = np.nan if number > 2 else 9.0
+        np.save(folder / f"{angle_deg:.6f}.npy", volts)
+    assert ("channel 41 holds NaN or infinity, and is left out" in imported(shell, folder, *words)) is not bool(words)
+    assert info(shell, tmp_path / "bank.hdf5")["cen_deg"] == pytest.approx(MARKER_DEG, abs=0.1)
+    with h5py.File(tmp_path / "bank.hdf5") as bank:
+        silent = ~bank["binary_time_series_data"][()].any(axis=(1, 2, 3))
+    assert np.flatnonzero(silent).tolist() == ([2, 40] if words else [40])
+    # One of its frames too.
+    code, out, err = shell("frame", folder / f"{angles_deg[6]:.6f}.npy", "--json")
+    assert (code, "channel 41 holds NaN" in " ".join(err.split())) == (0, True)
+    assert json.loads(out)["depth_m"] == pytest.approx(0.0504, abs=0.2e-3)
+
+
+@pytest.mark.parametrize("words", [(), ("--without-channel", "41")])
+def test_channels_of_ipasc_with_angles_are_left_out(
+    shell: Shell, tmp_path: Path, frames: np.ndarray, angles_deg: np.ndarray, words: tuple[str, ...]
+) -> None:
+    broken = frames.astype(np.float32)
+    broken[2:, 40] = np.nan
+    with h5py.File(path := ipasc(tmp_path / "scan.hdf5", broken), "r+") as file:
+        file["meta_data/trus_angle_deg"] = angles_deg
+    assert "channel 41 " in imported(shell, path, *words)
+    assert info(shell, tmp_path / "bank.hdf5")["cen_deg"] == pytest.approx(MARKER_DEG, abs=0.1)
+    assert answer_deg(shell, path) == pytest.approx(MARKER_DEG, abs=0.1)
+
+
 LOCKS = """
 import sys, h5py, time
 with h5py.File(sys.argv[1], "r+") as file:

@@ -95,12 +95,6 @@ def test_info_as_text_names_the_statistics_of_the_peak_and_draws(shell, scan, tm
     assert (tmp_path / "scan.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_dark_frames_of_zeros_have_an_intensity(shell, scan, monkeypatch):
-    monkeypatch.setattr(runs, "dark_intensity", lambda _bank, *, probe: 0.0)
-    code, out, _ = shell("bank", "info", scan)
-    assert (code, "3, the largest intensity is 0" in " ".join(out.split())) == (0, True)
-
-
 def test_a_name_that_is_no_unicode_is_escaped_in_json(shell, tmp_path):
     bank = tmp_path / "odd\udcff.csv"
     bank.write_text("angle_deg,intensity\n0,1\n1,2\n2,1\n")
@@ -116,12 +110,6 @@ def test_bank_to_pacfish_to_bank_gives_the_same_search(shell, scan, tmp_path):
     assert again["angle_deg"] == ours["angle_deg"]
     assert [each["intensity"] for each in again["samples"]] == [each["intensity"] for each in ours["samples"]]
     assert ours["reference_deg"] == again["reference_deg"] != None  # noqa: E711 - both, and neither is None
-
-
-def test_replay_has_the_dark_frames_of_the_bank(shell, scan):
-    code, out, _ = shell("replay", scan, "--method", "exhaustive", "--json")
-    assert code in (0, 3)
-    assert json.loads(out)["floor"]["source"] == "dark frames"
 
 
 def test_a_table_becomes_a_bank_and_the_search_is_the_same(shell, tmp_path):
@@ -237,12 +225,6 @@ mock.patch.object(runs, "scan_bank", killed).start()
 sys.argv = {words!r}
 main()
 """
-
-
-def test_a_scan_records_its_program_and_its_time(shell, scan):
-    info = json.loads(shell("bank", "info", scan, "--json")[1])
-    assert (info["seed"], info["made_with"].split()[0], len(info["configuration"])) == (3, "markerseek", 32)
-    assert abs(info["began_unix_s"] - scan.stat().st_mtime) < 600
 
 
 def b8(path):

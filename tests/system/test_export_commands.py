@@ -39,17 +39,6 @@ def exported(shell, source, to, *words):
     return err
 
 
-def test_the_rigs_times_are_those_of_the_bank(shell, scan, tmp_path):
-    exported(shell, scan, tmp_path / "a.igs.mha")
-    bank = read_bank(scan)
-    assert isinstance(bank, FrameBank)
-    zero_s = bank.facts.clock_zero_unix_s or 0.0
-    expected = [zero_s + bank.frame(index).header.started_s for index in range(5)]
-    image = sitk.ReadImage(str(tmp_path / "a.igs.mha"))
-    stamps = [float(image.GetMetaData(f"Seq_Frame{number:04d}_Timestamp")) for number in range(5)]
-    np.testing.assert_allclose(stamps, np.subtract(expected, expected[0]), atol=1e-6)
-
-
 def test_the_face_radius_places_the_images_or_is_reported_missing(shell, folder, tmp_path):
     err = exported(shell, folder, tmp_path / "a.igs.mha")
     assert "give --face-radius-mm" in " ".join(err.split())

@@ -102,13 +102,6 @@ def test_the_journal_gives_the_same_answer_as_the_search(shell: Shell, tmp_path:
     assert again["recorded"] == again["from_the_samples"] == again["from_the_frames"]
 
 
-def test_resume_draws_the_picture_of_the_search_again(shell: Shell, tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    shell("search", "--seed", 3, "--journal", path, "--plot", "--out", tmp_path)
-    shell("resume", path, "--plot", "--out", tmp_path)
-    assert (tmp_path / "resume.png").read_bytes() == (tmp_path / "search.png").read_bytes()
-
-
 def test_the_journals_of_a_folder_are_listed_with_their_ends(
     shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -142,15 +135,6 @@ def test_the_journals_of_a_folder_are_listed_with_their_ends(
     finally:
         monkeypatch.undo()
         time.tzset()
-
-
-def test_a_journal_is_shown_as_a_table(shell: Shell, tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    shell(*SEARCH, "--journal", path)
-    code, out, _ = shell("journal", "show", path)
-    assert code == 0
-    assert re.search("acquisition 8: .*°, intensity ", out)
-    assert "state: finished" in out
 
 
 @pytest.mark.parametrize(

@@ -146,16 +146,6 @@ def test_studies_that_could_not_be_run_are_refused(shell: Shell, line: str, said
     assert said in json.loads(out)["error"]
 
 
-@pytest.mark.parametrize("method", ["weighted-average", "posterior", "golden-section", "scipy-bounded"])
-def test_a_search_of_a_thousand_million_acquisitions_is_refused(shell: Shell, method: str) -> None:
-    text = f'[[policies]]\nmethod = "{method}"\nacquisitions = 1000000000\n'
-    Path("s.toml").write_text(text, encoding="utf-8")
-    refused(shell, "study", "s.toml", "--row", "0")
-    if method != "scipy-bounded":
-        refused(shell, "search", "--method", method, "--acquisitions", "1000000000")
-        refused(shell, "replay", SCAN, "--method", method, "--acquisitions", "1000000000")
-
-
 @pytest.mark.parametrize("method", ["posterior", "weighted-average", "golden-section"])
 def test_the_smallest_numbers_there_are_are_no_marker_and_no_error(shell: Shell, method: str) -> None:
     rows = "".join(f"{angle},5e-324\n" for angle in range(-10, 11))

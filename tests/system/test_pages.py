@@ -94,7 +94,7 @@ def all_options(command: Any) -> Iterator[str]:
         yield from all_options(below)
 
 
-OTHERS = {"--no-deps", "--network", "--group", "--restarts", "--ros-args"}
+OTHERS = {"--no-deps", "--network", "--group", "--ros-args"}
 """Options of other programs that the text names: pip, podman, the campaign of faults, ROS 2."""
 
 

@@ -17,7 +17,6 @@ import pytest
 
 from markerseek import cli
 from markerseek.cli import terminal
-from markerseek.studies import read_study, run_study
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -166,21 +165,6 @@ def test_ctrl_c_ends_a_study_and_its_processes_with_one_sentence(study: Path, tm
     assert b"Traceback" not in said
     assert "stopped by the user; finished rows are in" in " ".join(said.decode().split())
     assert said.count(b"stopped by the user") == 1
-
-
-@pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs the extra cluster (Dask)")
-@pytest.mark.filterwarnings("ignore")
-def test_a_dask_cluster_gives_the_same_files_as_this_machine(study: Path, tmp_path: Path) -> None:
-    from distributed import LocalCluster
-
-    few = tmp_path / "few.toml"
-    few.write_text(STUDY.replace("800", "300"), encoding="utf-8")
-    settings = read_study(few)
-    run_study(settings, tmp_path / "here", workers=1)
-    with LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster:
-        run_study(settings, tmp_path / "there", scheduler=cluster.scheduler_address)
-    for name in ("study.json", "rows.csv", "summary.json"):
-        assert (tmp_path / "there" / name).read_bytes() == (tmp_path / "here" / name).read_bytes()
 
 
 @pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs the extra cluster (Dask)")

@@ -43,9 +43,3 @@ def test_documented_parameters_exist(package):
     """In every file of a package."""
     found = {str(path): list(misnamed(path.read_text())) for path in (SOURCE / package).rglob("*.py")}
     assert {path: names for path, names in found.items() if names} == {}
-
-
-def test_one_that_is_gone_is_noticed():
-    """The check itself: a parameter that was renamed in the code alone."""
-    text = 'def f(new):\n    """Do.\n\n    Parameters\n    ----------\n    old\n        What was.\n    """\n'
-    assert list(misnamed(text)) == ["f: old"]

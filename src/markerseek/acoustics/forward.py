@@ -28,7 +28,7 @@ from markerseek.acoustics.source import GaussianAbsorber
 from markerseek.core import ConfigError, Float32, Float64, require_range
 
 NEAREST_M = 1e-3
-"""Distance in front of the face's plane within which, as behind it, an absorber gives no signal, in metres."""
+"""An absorber nearer in front of the face's plane than this, in metres, gives no signal, like one behind it."""
 
 
 _rule = lru_cache(maxsize=512)(roots_legendre)
@@ -73,7 +73,7 @@ class AcousticModel:
         )
 
     def pulse(self, source: GaussianAbsorber) -> PulseTable:
-        """Pulse of a source under this model's light, medium and band; made once.
+        """Pulse of a source under this model's light, medium and band; computed once.
 
         ``source``: absorber's size and shape.
         """
@@ -135,7 +135,7 @@ class AcousticModel:
         probe, speed = self.probe, self.medium.sound_speed_m_s
         half_height, half_width = probe.element_height_m / 2, probe.element_width_m / 2
         wavenumber = 2 * math.pi * pulse.top_hz / speed
-        # the path changes by at most 1 along the face, the lens adds at most 1
+        # Along the face the path changes by at most 1 m per metre, and the lens adds at most 1 m per metre.
         half = max(half_height, half_width)
         nodes, weights = _rules(nodes_needed(2 * wavenumber * half, half / NEAREST_M))
         repeats, gain, delay_s = 0, 0.0, 0.0

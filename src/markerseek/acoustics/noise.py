@@ -17,7 +17,7 @@ class Bursts:
     """Moments at which the noise is far larger than usual: a switching motor, a loose cable.
 
     A burst multiplies the noise of a whole record by ``gain``·sqrt(ν/χ²ν), drawn once for each burst: over many bursts
-    the samples then follow Student's t distribution with ν degrees of freedom, times gain times sigma.
+    the samples then follow Student's t distribution with ν degrees of freedom, scaled by gain and sigma.
     """
 
     frame_probability: float = 0.0
@@ -25,9 +25,9 @@ class Bursts:
     channel_probability: float = 0.0
     """Probability, for each channel of each frame, of a burst on that channel alone."""
     gain: float = 5.0
-    """Usual size of a burst over that of the noise."""
+    """Usual size of a burst, as a multiple of the noise."""
     freedom: float = 3.0
-    """Degrees of freedom ν: fewer have heavier tails."""
+    """Degrees of freedom ν; with fewer the tails are heavier."""
 
     def __post_init__(self) -> None:
         for name in ("frame_probability", "channel_probability"):
@@ -85,7 +85,7 @@ class Noise:
         self, rng: np.random.Generator, channels: int, samples: int, sampling_hz: float
     ) -> Float32[np.ndarray, "channels samples"]:
         """Noise drawn in the frequency domain, its spectrum the sum of the white and the coloured one."""
-        # The record is one period of a periodic process: its ends join. The parts of a bin are drawn evenly from an
+        # The record is one period of a periodic process: its ends join. The parts of a bin are drawn uniformly from an
         # interval, which costs a third of a normal draw; each sample is a sum over a thousand of them, and normal (its
         # excess kurtosis is about −0.001), as in S. O. Rice, Bell Syst. Tech. J. 23, 282 (1944).
         frequency_hz = scipy.fft.rfftfreq(samples, 1 / sampling_hz)
@@ -105,7 +105,7 @@ class Noise:
         spectrum = np.zeros((channels, frequency_hz.size), dtype=np.complex64)
         drawn = rng.random((channels, 2 * (high - low)), dtype=np.float32)
         drawn -= np.float32(0.5)
-        # a twelfth is the variance of an even draw from an interval of length 1
+        # A uniform draw from an interval of length 1 has the variance 1/12.
         scale = (samples * np.sqrt(12 * power[low:high])).astype(np.float32)
         # Two neighbouring draws are the real and the imaginary part of a bin.
         np.multiply(drawn.view(np.complex64), scale, out=spectrum[:, low:high])

@@ -44,7 +44,7 @@ def require_peak(samples: Sequence[Sample], *, saturated_limit: float) -> None:
             f"{_CURE}"
         )
     intensity = np.array([sample.reading.intensity for sample in samples])
-    # Exactly equal: noise alone makes any two real intensities differ.
+    # Exactly equal intensities cannot be measured: noise alone makes any two of them differ.
     if np.ptp(intensity) == 0:
         raise SearchError(
             f"the intensity is {intensity[0]:.4g} at every one of {len(samples)} angles, so that nothing turned or "
@@ -93,10 +93,10 @@ _Wave: TypeAlias = tuple[Float64[np.ndarray, " fine"], Float64[np.ndarray, " fin
 
 _NAMES = ("source_deg", "radius_mm", "face_mm", "late_us", "height_mm", "bend_1_m", "speed_mm_us")
 _SIGNIFICANT = 0.02
-"""Power over the largest below which the wave in the plane counts as noise in finding its middle."""
+"""Share of the largest power below which the wave in the plane counts as noise when its middle is computed."""
 
 _FACE_MM, _BEND_1_M, _HEIGHTS_MM = 10.0, 13.0, (3.5, 5.0, 6.0)
-"""Start of the fit; from a wrong height it may end a cycle of the carrier away, so that several are tried."""
+"""Start of the fit. Several heights are tried, because from a wrong one the fit may end a cycle of the carrier away."""
 
 MIN_FACE_M = 3e-3
 """Least face radius that is tried, in metres."""
@@ -213,7 +213,7 @@ def _scaled(value: Fitted, unit: float) -> Fitted:
 
 
 def _in_plane(waves: SourceWaves, best: int, height: Float64[np.ndarray, " frames"]) -> tuple[_Wave, float]:
-    """Wave in the image plane, finely sampled over the time after its middle, and that middle in its window; in µs."""
+    """Wave in the image plane, finely sampled over the time from its middle, and the time of that middle; in µs."""
     time_us = waves.time_s * 1e6
     wave = waves.wave[best] / height[best]
     power = np.abs(hilbert(wave)) ** 2
@@ -293,7 +293,7 @@ def _residual(
 
 
 MIN_SHARE = 0.5
-"""Least delay of the waves' middles over that of the fitted geometry; on simulated scans it is 1.6 to 5.
+"""Least ratio of the delay of the waves' middles to that of the fitted geometry; on simulated scans it is 1.6 to 5.
 
 It is more than 1 because the sound off the plane is also spread over the height of the elements, to later times.
 """

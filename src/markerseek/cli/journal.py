@@ -80,7 +80,7 @@ def show(journal: _File, as_json: AsJson = False) -> None:
     else:
         _print_table(recorded)
     if damage is not None:
-        # The JSON object above has it already.
+        # The JSON object above has the damage already.
         print_error(damage, as_json=False)
         raise typer.Exit(damage.exit_code)
 
@@ -88,7 +88,7 @@ def show(journal: _File, as_json: AsJson = False) -> None:
 def follow(journal: _File) -> None:
     """Print each entry as a JSON line as soon as it is written, to the end of the run; the first has its configuration.
 
-    A search never waits for it, and it loses no entry however slowly its lines are read.
+    A search never waits for this command, and no entry is lost, however slowly the lines are read.
     """
     from markerseek.records.journal import Configuration
     from markerseek.records.journal import follow as follow_journal
@@ -105,7 +105,7 @@ def verify(journal: _File, as_json: AsJson = False) -> None:
     from markerseek.records.journal import verify as verify_journal
 
     finding = verify_journal(journal)
-    # Nothing acted on it, so that it is no fault.
+    # Nothing acted on an unfinished entry, so it is no fault.
     unfinished = f"; an unfinished entry of {counted(finding.unfinished_bytes, 'byte')} behind them is ignored"
     report = Report(
         values={"ok": not finding.faults} | msgspec.to_builtins(finding),
@@ -189,7 +189,7 @@ def _local(begun: str) -> str:
     """A time in the zone of this computer."""
     try:
         return f"{datetime.fromisoformat(begun).astimezone():%Y-%m-%d %H:%M %Z}"
-    # The file may be another's, and hold any text.
+    # The file may come from somebody else and hold any text.
     except (ValueError, OverflowError, OSError):
         return begun
 

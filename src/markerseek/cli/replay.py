@@ -38,7 +38,7 @@ def command(
         float | None, typer.Option(help="Reference angle of the marker in degrees, for comparison.")
     ] = None,
     journal: Annotated[
-        Path | None, typer.Option(help="Journal of the run, a new file; without it, none is kept.")
+        Path | None, typer.Option(help="New file for the journal of the run; without it no journal is kept.")
     ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write replay.png and replay.html into --out.")] = False,
     out: Out = None,
@@ -59,7 +59,7 @@ def command(
     watch = WatchOptions(events=events, heartbeat=heartbeat)
     form = table.format()
     announce_compilation()
-    # Only the paper's form gets invented data: its section 2.5 interpolates between recorded angles.
+    # Only the paper's form gets data that nobody recorded: its section 2.5 interpolates between angles.
     between: Literal["interpolated", "nearest"] = "interpolated" if plan.as_published else "nearest"
     assembled = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between, table=form)
     if probe is not None and assembled.imaging is None:

@@ -140,7 +140,7 @@ def _compare(
         chosen = replace(plan, method=name)
         if name != "posterior":
             # Only the posterior has these settings.
-            chosen = replace(chosen, others=None, prior=None)
+            chosen = replace(chosen, others=None, prior=None, near=None)
         # A new rig of the same seed, so that every method begins in the same world.
         with open_rig(rig, simulation) as (assembled, _):
             session = runs.new_session(assembled, runs.plan_on(assembled, chosen))

@@ -14,8 +14,8 @@ from markerseek.core.errors import ConfigError
 
 def is_real(value: object) -> TypeGuard[float]:
     """Whether a value is a real number, of Python or NumPy, infinity and NaN included; a truth value is not."""
-    # Python counts True as the number 1, and a limit of True would be a limit of 1. A float is known at once, while the
-    # abstract class has to be asked: readings are checked by the thousand.
+    # Python counts True as the number 1, and a limit of True would be a limit of 1. Float comes
+    # first because the abstract class is slow, and readings are checked by the thousand.
     return isinstance(value, float | Real) and not isinstance(value, bool)
 
 
@@ -36,7 +36,7 @@ def is_whole(value: object) -> TypeGuard[int]:
 def require_range(
     name: str, value: object, *, low: float, high: float, unit: str = "", open_low: bool = False, cure: str = ""
 ) -> None:
-    """Refuse a number outside its range; NaN, a truth value and text lie in none.
+    """Refuse a number outside its range; NaN, a truth value and text lie in no range.
 
     The message has one form: argument, value with unit, limits, cure.
 
@@ -77,9 +77,9 @@ class Within:
 
 
 def require_fields(settings: Any, owner: str) -> None:
-    """Refuse a field outside its `Within`, or that is none of the words of its `Literal`; None passes.
+    """Refuse a field that lies outside its `Within` or is not a word of its `Literal`; None passes.
 
-    ``owner``: what the settings are of, for the message: "stage".
+    ``owner``: name of what the settings belong to, for the message: "stage".
     """
     for name, limits, words in _checked(settings.__class__):
         value = getattr(settings, name)
@@ -99,7 +99,7 @@ def require_fields(settings: Any, owner: str) -> None:
 
 @cache
 def _checked(kind: type) -> tuple[tuple[str, Within | None, tuple[Any, ...]], ...]:
-    """Fields of settings that have limits or words, each with these."""
+    """Fields of settings that have limits or words, with their limits and words."""
     found = []
     for name, hint in typing.get_type_hints(kind, include_extras=True).items():
         limits = next((each for each in getattr(hint, "__metadata__", ()) if isinstance(each, Within)), None)

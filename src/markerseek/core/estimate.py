@@ -77,7 +77,7 @@ class Found:
     interval_kind
         Where the interval comes from; only ``posterior`` is a probability.
     floor
-        The noise floor that the evidence had to exceed; None in the paper's form of a method, which asks for none.
+        Detection threshold that the evidence had to exceed; None in the paper's form of a method, which asks for none.
     others
         Further sources, the loudest first.
     surveyed

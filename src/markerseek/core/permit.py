@@ -9,7 +9,7 @@ from markerseek.core.checks import is_finite, require_range
 from markerseek.core.errors import ConfigError
 
 SWEEP_READING_S = 0.15
-"""Most time from one reading of a stage that sweeps to the next, in seconds."""
+"""Longest time between two readings of a stage that sweeps, in seconds."""
 
 _TURN_S = 1.0
 
@@ -52,7 +52,7 @@ class Permit:
 
     @property
     def turned_deg(self) -> float:
-        """Most that the probe may turn from the readback before a frame to that after it, in degrees."""
+        """Largest turn of the probe between the readbacks before and after a frame, in degrees."""
         return 0.0
 
 
@@ -60,7 +60,7 @@ class Permit:
 class SweepPermit(Permit):
     """Permits single pulses while the probe turns from ``angle_deg`` to ``to_deg``, until a moment, once.
 
-    The stage is sent to the end of the permit: it stops there by itself, whoever dies.
+    The target of the stage is the end of the permit, so the stage stops there by itself even if the search dies.
 
     Attributes
     ----------
@@ -146,5 +146,5 @@ class SweepPermit(Permit):
 
     @property
     def turned_deg(self) -> float:
-        """Most that the probe may turn between two readings of the stage, in degrees."""
+        """Largest turn of the probe between two readings of the stage, in degrees."""
         return self.fastest_deg_s * SWEEP_READING_S

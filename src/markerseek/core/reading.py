@@ -107,7 +107,7 @@ class Sample:
     reading
         Features of the frame.
     dark
-        Whether the laser was off: such a sample gives the noise floor only.
+        Whether the laser was off: such a sample gives the detection threshold only.
     angle_sigma_deg
         Standard deviation of the error of this angle, independent from sample to sample, in degrees.
     sweep

@@ -18,10 +18,10 @@ AXES = ("x", "y", "z")
 """Names of the axes of a transform, in order."""
 
 MAX_TILT = 0.02
-"""Most that the axis of rotation may be tilted in a transform, as a sine: a degree."""
+"""Largest tilt of the axis of rotation in a transform, as a sine: about one degree."""
 
 MAX_SHIFT_MM = 2.0
-"""Most that a transform may shift the probe besides, in millimetres: its depth is no part of a search."""
+"""Largest shift of the probe in a transform, in millimetres: a search does not follow the probe's depth."""
 
 _MAX_WAITING = 200
 """Most messages of ROS 2 that are handled for one angle."""
@@ -51,7 +51,7 @@ class _Transforms:
         self._place_mm: Float64[np.ndarray, " 3"] | None = None
 
     def angle_deg(self, matrix: Float64[np.ndarray, "4 4"]) -> float:
-        """Angle of one in degrees; lengths in millimetres."""
+        """Angle of a transform in degrees; its lengths are in millimetres."""
         angle_deg = rotation_deg(matrix, axis=self._axis)
         place_mm = matrix[:3, 3]
         if self._place_mm is None:
@@ -66,7 +66,7 @@ class _Transforms:
 
 
 class _Stamps:
-    """Which messages are new, and of now, by the time that they carry."""
+    """Tells by their time stamps which messages are new and current."""
 
     def __init__(self, age_s: float) -> None:
         self._age_s = age_s
@@ -74,7 +74,7 @@ class _Stamps:
         self.unused = ""
 
     def is_used(self, stamp_s: float, now_s: float) -> bool:
-        """Whether a message is of now: later than the one before, and neither too old nor of the future."""
+        """Whether a message is current: later than the one before, not too old, and not from the future."""
         if stamp_s == self._last_s:
             # A server that repeats the last angle says nothing new; `unused` says so once nothing else comes.
             self.unused = "its messages repeat one moment"
@@ -96,10 +96,10 @@ class _Stamps:
 class IgtlEncoder(IgtlMessages):
     """A TRANSFORM of a PLUS server, or of another server of OpenIGTLink.
 
-    Only the newest message counts, and only if it is of now by its own time. ``device``: its name. ``axis``: index of
-    the axis of rotation. ``states``: whether each must state by its metadata that it is valid. ``unix_s``: time of day
-    in seconds since 1970, which the messages carry. ``emulated``: whether the server says that it is an emulator.
-    Raises `NotConnectedError` if no server answers.
+    Only the newest message counts, and only if its own time is current. ``device``: name of the TRANSFORM. ``axis``:
+    index of the axis of rotation. ``states``: whether the metadata of each message must state that it is valid.
+    ``unix_s``: time of day in seconds since 1970, which the messages carry. ``emulated``: whether the server says that
+    it is an emulator. Raises `NotConnectedError` if no server answers.
     """
 
     driver, peer, content = "stage", "server of its encoder", "TRANSFORM"
@@ -187,7 +187,7 @@ class Ros2Encoder:
         return f"nobody publishes {self._topic}; its node is looked for in {reach()}"
 
     def read(self) -> float | None:
-        """Newest angle since the last call, in degrees; None if there is none; NaN where it is no angle."""
+        """Newest angle since the last call, in degrees; None if there is none; NaN if the message holds no angle."""
         self._node.drain(_MAX_WAITING)
         message, self._newest = self._newest, None
         if message is None or not self._stamps.is_used(messages.stamp_ns(message) * 1e-9, self._node.now_s()):
@@ -199,13 +199,13 @@ class Ros2Encoder:
 
 
 def _matrix(transform: Any) -> Float64[np.ndarray, "4 4"]:
-    """Matrix of a geometry_msgs/Transform, its translation in millimetres; NaN where the quaternion is none."""
+    """Matrix of a geometry_msgs/Transform, its translation in millimetres; NaN if the quaternion is no rotation."""
     from scipy.spatial.transform import Rotation
 
     turn, place = transform.rotation, transform.translation
     quaternion = np.array([turn.x, turn.y, turn.z, turn.w])
     matrix = np.eye(4)
-    # Else a quaternion of any length would be taken for a rotation.
+    # Without this check a quaternion of any length would be taken for a rotation.
     unit = abs(quaternion @ quaternion - 1) < 1e-3
     matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix() if unit else math.nan
     matrix[:3, 3] = 1e3 * place.x, 1e3 * place.y, 1e3 * place.z

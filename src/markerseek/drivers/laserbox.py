@@ -1,8 +1,9 @@
 """Driver of the laser box (`markerseek.wire.laserbox`), which triggers laser and acquisition under a lease.
 
 While a permit is held, `beat` renews the lease; it counts the control loop's own steps and must be called from there,
-never from a timer. A clock that waits calls it (`markerseek.drivers.clock.SystemClock`). In a sweep it renews it only
-while the loop asks for the pulses often enough: a loop that waits for a silent stage has no light.
+never from a timer. A clock that waits calls it (`markerseek.drivers.clock.SystemClock`). In a sweep `beat`
+renews the lease only while the loop asks for the pulses often enough: a loop that waits for a silent stage has no
+light.
 """
 
 from __future__ import annotations
@@ -46,11 +47,11 @@ _LONGEST_TRAIN_S = wire.MAX_EXPIRY_MS / 1e3 + 1
 """Longest time for which a box completes the triggers of an earlier firing, in seconds."""
 
 _TIME_S, _ROUND_TRIPS = 0.03, 6
-"""Longest time for an answer of the box's clock in a sweep, in seconds, and how often it is asked before one."""
+"""Longest time for an answer of the box's clock in a sweep, in seconds, and number of questions before a sweep."""
 
 _LIGHT_SIGMA_S = 2 * wire.LIGHT_LATE_US / 1e6 / math.sqrt(3)
-"""The same of the delay from the stage's trigger to the light: both it and the box's may be `wire.LIGHT_LATE_US`
-late."""
+"""Standard deviation of the delay from the stage's trigger to the light, in seconds: both the box's trigger and the
+light may be late by `wire.LIGHT_LATE_US`."""
 
 
 class LaserBoxSettings(LaserSettings, frozen=True, kw_only=True, tag="laserbox"):
@@ -59,7 +60,7 @@ class LaserBoxSettings(LaserSettings, frozen=True, kw_only=True, tag="laserbox")
     port: str
     """Serial port of the laser box."""
     answer_s: Annotated[float, Within(0.1, 5, "s")] = 0.5
-    """Longest time for its answer."""
+    """Longest time for an answer of the box."""
     sweep_mode: Literal["free-running", "position-triggered"] = "free-running"
     """What gives the pulses of a sweep: the box, at its own pace, or the triggers of a KDC101 at its trigger input."""
     stamp_delay_s: Annotated[float, Within(-0.1, 0.1, "s")] = 0.0
@@ -72,14 +73,14 @@ class LaserBoxSettings(LaserSettings, frozen=True, kw_only=True, tag="laserbox")
 class LaserBox:
     """A laser that a laser box triggers.
 
-    ``rate_hz``: pulses per second, a whole number. ``dark_triggers``: how often the acquisition is triggered for a dark
-    frame: as often as for a lit one, so that both average alike. ``answer_s``: longest time for an answer.
+    ``rate_hz``: pulses per second, a whole number. ``dark_triggers``: number of triggers for a dark frame, equal to
+    that of a lit frame, so that both average as many. ``answer_s``: longest time for an answer.
     ``position_triggered``: whether edges at the box's trigger input give the pulses of a sweep. ``stamp_delay_s`` and
     ``stamp_delay_sigma_s``: time from the stamp of a pulse to its light, and its standard deviation. Raises
     `NotConnectedError` if no box of this protocol answers, or it keeps triggering for longer than any firing takes.
 
-    ``metered``: whether its photodiode measures the light of the pulses as well. ``light_per_pulse``: what it read of a
-    pulse of the last firing in the mean, in counts of its own; None where it does not measure, or there was no light.
+    ``metered``: whether its photodiode measures the light of the pulses as well. ``light_per_pulse``: mean light of a
+    pulse of the last firing, in counts of the photodiode; None if it does not measure light, or there was none.
     """
 
     def __init__(
@@ -158,11 +159,11 @@ class LaserBox:
         return _LIGHT_SIGMA_S if self.position_triggered else self._delay_sigma_s
 
     def light_of_pulse(self, index: int) -> int | None:
-        """What the light meter read of a pulse of the last sweep, counted from 0; None if the box did not report it."""
+        """Light of a pulse of the last sweep, counted from 0; None if the box did not report it."""
         return None if self._sweep is None else self._sweep.light(index)
 
     def begin_sweep(self, permit: SweepPermit) -> None:
-        """Begin to fire single pulses, free-running or at the edges of the trigger input; refused as by `fire`.
+        """Begin to fire single pulses, free-running or at the edges of the trigger input; refused as `fire` is.
 
         Raises `NotConnectedError` if the box still sends the dark triggers of the sweep before.
         """
@@ -265,7 +266,7 @@ class LaserBox:
             raise
 
     def _ask_time(self, sweep: BoxSweep) -> None:
-        """Ask for the box's clock, and take all that it says until it has answered, or is late with it."""
+        """Ask for the box's clock, and read all lines until the answer has come or is late."""
         self._questions += 1
         number, asked_s = self._questions, self._clock.now_s()
         sweep.asked_s[number] = asked_s
@@ -340,7 +341,7 @@ class LaserBox:
         self._line.drop_replies()
         self._line.send(ask)
         answer = self._line.next(within_s=self._answer_s, after=ask.head)
-        # Late answers to questions that were given up.
+        # Skip late answers to earlier questions about the clock.
         while isinstance(answer, wire.Time):
             answer = self._line.next(within_s=self._answer_s, after=ask.head)
         if not (isinstance(answer, wire.Permitted | wire.SweepPermitted) and answer.token == self._token):

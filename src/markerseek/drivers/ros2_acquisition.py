@@ -50,7 +50,7 @@ class RosReceiver(ReceiverSettings, frozen=True, kw_only=True, tag="ros2"):
 
 
 class Ros2Acquisition:
-    """Laser and receiver of an acquisition node: both protocols in one, because one request fires and records.
+    """Laser and receiver of an acquisition node: one class for both, because one request fires and records.
 
     ``settings``: its keys in the rig file. ``emulated``: whether the node says that it is simulated. Raises
     `NotConnectedError` if there is no such node.
@@ -59,7 +59,7 @@ class Ros2Acquisition:
     def __init__(self, *, node: RosNode, clock: Clock, settings: RosReceiver) -> None:
         self._node, self._clock, self._settings = node, clock, settings
         self._wait_until = partial(wait_until, node, clock)
-        # Tokens of two searches are alike; what an earlier search asked for must not answer this one.
+        # Two searches use the same tokens; an answer to an earlier search must not be taken for an answer to this one.
         self._session = secrets.token_hex(4)
         self._permits = Permits("laser", clock)
         self._armed: Permit | None = None
@@ -88,7 +88,7 @@ class Ros2Acquisition:
             connect_s=settings.connect_s,
         )
 
-        # A node of another program need not say what it is.
+        # A node of another program need not say whether it is simulated.
         says = node.publishes(state_topic)
         self._wait_until(lambda: self._states > 0, timeout_s=settings.connect_s if says else _STATE_S)
 
@@ -105,7 +105,7 @@ class Ros2Acquisition:
     def _on_frame(self, message: Any) -> None:
         counts = messages.counts_of(message)
         if counts is not None:
-            # The newest two: a frame of half a megabyte that nobody asked for must not pile up.
+            # Only the newest two are kept: frames of half a megabyte that nobody asked for must not pile up.
             self._frames = {**dict(list(self._frames.items())[-1:]), messages.stamp_ns(message): counts}
 
     def _id(self, permit: Permit) -> str:
@@ -132,7 +132,7 @@ class Ros2Acquisition:
         if answer.error:
             raise LaserError(f"laser: the acquisition node refuses: {answer.error}")
         if answer.simulated and not self.emulated:
-            # It said so too late: what was taken for a laser must not go into a result as one.
+            # It said so too late: no result may name a simulated laser as a real one.
             raise NotConnectedError("laser: the acquisition node is simulated, which it did not say in time; try again")
         self._fired = (permit, began_s)
         return answer.pulses

@@ -60,7 +60,7 @@ class BenchSupervisor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchSettings:
-    """A rig of real devices, or of what emulates them byte for byte."""
+    """A rig of real devices, or of devices that are emulated byte for byte."""
 
     stage: StageSettings
     laser: LaserSettings
@@ -89,12 +89,12 @@ class BenchSettings:
         if (laser.paired or receiver.paired) and self.laser.driver != self.receiver.driver:
             name = self.laser.driver if laser.paired else self.receiver.driver
             raise ConfigError(
-                f"laser.driver is {self.laser.driver!r} and receiver.driver is {self.receiver.driver!r}; {name} is of "
-                f"both: name {name} in both, or in neither"
+                f"laser.driver is {self.laser.driver!r} and receiver.driver is {self.receiver.driver!r}; {name} is "
+                f"laser and receiver: name {name} in both, or in neither"
             )
         ports = {part: port for part in ("laser", "stage", "receiver") if (port := _serial_port(getattr(self, part)))}
         for (other, its), (name, port) in combinations(ports.items(), 2):
-            # By what their names lead to: those below /dev/serial/by-id are links.
+            # Links are followed, because the names below /dev/serial/by-id are links.
             if os.path.realpath(port) == os.path.realpath(its):
                 raise ConfigError(
                     f"{other} and {name} have one serial port, {port!r}"
@@ -109,12 +109,12 @@ class BenchSettings:
     def pulses(self) -> tuple[int, ...]:
         """Laser pulses of one acquisition, or of successive ones in turn where the receiver records every trigger.
 
-        Only the last equals the number of a dark frame's triggers, so that neighbours always differ.
+        Only the last number is that of a dark frame's triggers, so successive acquisitions always differ.
         """
         usual = self.laser.pulses
         if not self.receiver.varied:
             return (usual,)
-        # One more, one less, as set: close to the pulses that were set, and no two neighbours equal.
+        # One more, one less, and as set: close to the setting, and no two successive numbers are equal.
         return tuple(number for number in (usual + 1, usual - 1, usual) if number > 0)
 
     @property
@@ -157,9 +157,9 @@ class BenchSettings:
 
     @property
     def comparable(self) -> tuple[str, ...]:
-        """Keys that change angles or intensities, so that acquisitions with others are not comparable.
+        """Keys that change angles or intensities: acquisitions with other values of them are not comparable.
 
-        A final dot is a table, or all keys of it.
+        A name that ends with a dot stands for all keys of that table.
         """
         keys = [f"{part}.{key}" for part in PARTS for key in entry_of(part, getattr(self, part)).same]
         return (
@@ -181,14 +181,14 @@ class BenchSettings:
         table: dict[str, Any] = msgspec.to_builtins(self)
         for part in self.foreign:
             keys = table[part].pop("keys")
-            # Where its module lies is found again by the rig file that a person names.
+            # The folder of its module follows from the rig file that a person names.
             del table[part]["beside"]
             table[part] |= keys
         return table
 
 
 def _serial_port(settings: object) -> str | None:
-    """Serial port in the settings of a device, whose class need not be imported for it; None where it has none."""
+    """Serial port in the settings of a device, or None; the class of the device is not imported."""
     port = settings.keys.get("port") if isinstance(settings, Foreign) else getattr(settings, "port", None)
     return port if isinstance(port, str) else None
 

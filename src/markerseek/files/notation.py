@@ -1,4 +1,4 @@
-"""Number notations: which sign parts decimals and which thousands, decided for a whole table, never cell by cell."""
+"""Number notations: which sign separates decimals and which thousands, decided for a whole table, never for a cell."""
 
 from __future__ import annotations
 
@@ -79,7 +79,8 @@ def plain_numbers(
 ) -> list[dict[int, str]]:
     """Cells of columns with their numbers as Python writes them; a cell that is no number stays as it is.
 
-    A column whose numbers have one reading only is read so. The others follow the rest of the table, or are refused.
+    A column whose numbers have only one reading is read in that way. The other columns follow the rest of the table, or
+    are refused.
 
     ``columns``: cells by their line, without spaces around them. ``most``: largest magnitude that a number of each
     column can have, if there is one. ``spaces``: whether a space may stand inside a number.
@@ -97,7 +98,7 @@ def plain_numbers(
 
 
 def _possible(path: Path, cells: Mapping[int, str], most: float | None) -> list[Notation]:
-    """Notations in which all numbers of a column can be written; refused where there is none."""
+    """Notations that fit all numbers of a column; refused if none does."""
     left, last = _NOTATIONS, next(iter(cells), 0)
     for line, text in cells.items():
         fitting = [each for each in left if each.pattern.fullmatch(text)]
@@ -115,7 +116,7 @@ def _possible(path: Path, cells: Mapping[int, str], most: float | None) -> list[
 
 
 def _plain(path: Path, cells: Mapping[int, str], left: Sequence[Notation], *, scaled: bool) -> dict[int, str]:
-    """Cells of a column whose numbers have one reading; refused where they have several.
+    """Cells of a column whose numbers have one reading; refused if they have several.
 
     ``scaled``: whether a factor that all numbers have in common is harmless.
     """
@@ -125,13 +126,13 @@ def _plain(path: Path, cells: Mapping[int, str], left: Sequence[Notation], *, sc
         if len(readings) == 1:
             continue
         decimal = next(each for each in left if each.plain(text) == readings[0])
-        # Of three decimals everywhere, the other reading is a thousand times as large at all angles.
+        # If all numbers have three decimals, the other reading is a thousand times as large at all angles.
         if all(text.count(decimal.point) == 1 for text in numbers.values()) and (scaled or decimal.point == "."):
             left = [decimal]
             break
         raise RecordError(
             f"{path}, line {line}: {text} may be {readings[1]} or {readings[0]}, because no number of the table tells "
-            f"whether {decimal.point!r} parts decimals or thousands; save the table without thousands separators, and "
-            "with as many decimals in each number of the column"
+            f"whether {decimal.point!r} separates decimals or thousands; save the table without thousands separators, "
+            "and with as many decimals in each number of the column"
         )
     return {**cells, **{line: left[0].plain(text) for line, text in numbers.items()}}

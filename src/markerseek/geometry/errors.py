@@ -38,7 +38,7 @@ class RegistrationErrors:
         return float(np.sqrt(np.trace(self.tre_covariance_m2(target_m))))
 
     def tre95_m(self, target_m: Float64[np.ndarray, " 3"]) -> float:
-        """Length in metres that 95 % of the errors at a target stay below.
+        """Length in metres that 95 % of the errors at a target do not exceed.
 
         The square of a Gaussian vector's length is a sum of chi squares; its quantile is that of the gamma distribution
         with the same mean and variance (Satterthwaite), exact for equal variances and for one direction only.

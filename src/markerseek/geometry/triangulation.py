@@ -25,7 +25,7 @@ class Triangulated:
     covariances_m2: Float64[np.ndarray, "points 3 3"]
     """Their covariances from the errors of the pixels."""
     by_pixel_m: Float64[np.ndarray, "points 3 4"]
-    """Displacement of each point, by one pixel of left x, left y, right x, right y."""
+    """Displacement of each point if left x, left y, right x or right y changes by one pixel."""
 
 
 def triangulate(
@@ -38,7 +38,7 @@ def triangulate(
     """The points with projections nearest to the pixels: maximum likelihood for equal errors of all pixels.
 
     ``left_px``, ``right_px``: pixels in the left and the right image, row by row. ``sigma_px``: standard deviation of
-    each pixel coordinate: that of the spot, and of the calibration.
+    each pixel coordinate, of spot and calibration together.
     """
     require_range("sigma_px", sigma_px, low=0, high=100, unit="px", open_low=True)
     points_m = _midpoints(cameras.left.undistort(left_px), cameras.right.undistort(right_px), cameras)

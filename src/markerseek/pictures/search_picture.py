@@ -250,7 +250,7 @@ def _draw_answer(
 ) -> None:
     """Lines at the estimate and at the known angle, and a band for the interval, along either axis."""
     found = isinstance(estimate, Found)
-    # Only the paper's form of a method asks for no noise floor: it always answers, and claims nothing.
+    # Only the paper's form of a method asks for no detection threshold: it always answers, and claims nothing.
     claimed = found and estimate.floor is not None
     angles_deg: tuple[float, ...] = (estimate.mean_deg,)
     if claimed:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from markerseek.vision import TipFrame
 
 MAX_SHOWN = 8
-"""Most images of the strip; of more, every second, third … is shown."""
+"""Most images in the strip; if there are more, every second, third … is shown."""
 
 
 def tip_figure(
@@ -47,7 +47,7 @@ def tip_figure(
     tips = {frame.angle_deg: frame.tip for frame in frames if frame.tip is not None and frame.tip.area_px}
     seen, level = [tip.intensity for tip in tips.values()], [tip.level for tip in tips.values()]
     axes.plot(list(tips), seen, color=SIGNAL, marker="o", label="grey value of the tip")
-    axes.plot(list(tips), level, color=QUIET, linestyle="--", label="it must exceed")
+    axes.plot(list(tips), level, color=QUIET, linestyle="--", label="level that it must exceed")
     if low_deg is not None and high_deg is not None:
         axes.axvspan(low_deg, high_deg, color=ACCENT, alpha=0.12, label=f"seen, {low_deg:g}° to {high_deg:g}°")
     axes.set_xlabel("angle of the probe [deg]")

@@ -93,7 +93,7 @@ class ReplayReceiver:
     def arm(self, permit: Permit) -> None:
         """Prepare one acquisition."""
         self._armed = permit
-        # Dark frames are handed out once each: the noise floor needs independent ones.
+        # Dark frames are handed out once each: the detection threshold needs independent ones.
         if permit.pulses == 0 and self._dark >= self._bank.dark_frames:
             held = f"{self._bank.dark_frames or 'no'} dark frames"
             raise ConfigError(f"replay: the bank holds {held}; ask for no more of them")

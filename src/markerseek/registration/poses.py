@@ -21,7 +21,7 @@ from markerseek.geometry import (
     registration_errors,
 )
 from markerseek.registration.choice import Choice, SeenMarker
-from markerseek.registration.report import default_target, registered_pairs
+from markerseek.registration.report import PointPair, default_target, registered_pairs
 from markerseek.registration.shared_errors import seen_point, trus_shared_m
 from markerseek.registration.stereo_files import StereoSettings
 
@@ -59,7 +59,7 @@ IN_REACH = 0.95
 NEARLY = 0.03
 """Share of the expected TRE by which a place may be worse than the best, if the probe is nearer to it."""
 
-FAR_M = 25e-3
+FAR_M = 35e-3
 """Distance from the spots before, and from the line through them, that is wanted while there is no registration."""
 
 _GRID = (24, 20)
@@ -118,8 +118,10 @@ class Poses:
 
     rotations: Float64[np.ndarray, "poses 3 3"]
     translations_m: Float64[np.ndarray, "poses 3"]
+    pairs: tuple[PointPair, ...]
+    """The points by which they were drawn."""
     registration: Registration | None
-    """Registration by which they were drawn; None where rotations are open."""
+    """Registration of these points; None where rotations are open."""
 
     @classmethod
     def of(
@@ -137,7 +139,7 @@ class Poses:
         """
         pairs = [marker.pair(choice.chosen[marker.name]) for marker in markers if marker.name in choice.chosen]
         if len(pairs) >= MIN_POINTS and choice.report is not None:
-            return cls._registered(registered_pairs(pairs), rng=rng)
+            return cls._registered(tuple(pairs), rng=rng)
         # Of more that lie on a line, or do not fit, the first two.
         pairs = pairs[: MIN_POINTS - 1]
         if not pairs:
@@ -160,16 +162,18 @@ class Poses:
         kept = rng.random(len(matrices)) < likely
         if not kept.any():
             return None
-        return cls(rotations=matrices[kept], translations_m=translations_m[kept], registration=None)
+        return cls(rotations=matrices[kept], translations_m=translations_m[kept], pairs=tuple(pairs), registration=None)
 
     @classmethod
-    def _registered(cls, found: Registration, *, rng: np.random.Generator) -> Poses:
+    def _registered(cls, pairs: tuple[PointPair, ...], *, rng: np.random.Generator) -> Poses:
+        found = registered_pairs(pairs)
         covariance = found.errors.covariance[:6, :6] * max(1.0, found.misfit)
         steps = rng.multivariate_normal(np.zeros(6), covariance, size=DRAWS // 10)
         turns = Rotation.from_rotvec(steps[:, :3]).as_matrix()
         middle_m = found.errors.middle_m
         moved_m = turns @ (found.transform.translation_m - middle_m) + middle_m + steps[:, 3:]
-        return cls(rotations=turns @ found.transform.rotation, translations_m=moved_m, registration=found)
+        rotations = turns @ found.transform.rotation
+        return cls(rotations=rotations, translations_m=moved_m, pairs=pairs, registration=found)
 
     def positions(self, camera_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, "poses 3"]:
         """Where a point of the camera's frame is in that of the probe, for each pose."""
@@ -212,7 +216,6 @@ class Poses:
 
     def best_place(
         self,
-        markers: Sequence[SeenMarker],
         stereo: StereoSettings,
         reach: Reach,
         *,
@@ -223,26 +226,28 @@ class Poses:
         """The place for the next spot that lowers the expected TRE at the target most; None where nothing is in reach.
 
         Before there is a registration: a place that is far from the spots so far and from the line through them, and
-        probably in reach. ``probe_deg``: where the probe is, in degrees. ``avoid_m``: points in the camera's frame near which no marker was found.
+        probably in reach. ``probe_deg``: where the probe is, in degrees. ``avoid_m``: points in the camera's frame near
+        which no marker was found.
         """
-        spots_m = np.array([marker.camera_m for marker in markers])
+        spots_m = np.array([pair.camera_m for pair in self.pairs])
         taken_m = np.concatenate([spots_m, np.array([*avoid_m]).reshape(-1, 3)])
+        cameras = stereo.cameras
         found: list[tuple[float, float, Place]] = []
         for left_px, ray in _lines_of_sight(stereo):
             points_m = self._on_tissue(ray, spots_m)
             camera_m = np.median(points_m, axis=0)
-            right_px = _seen_right(stereo, camera_m)
+            right_px = _seen_right(cameras, camera_m)
             if right_px is None or np.linalg.norm(taken_m - camera_m, axis=1).min() < APART_M:
                 continue
             trus_m = np.einsum("nij,nj->ni", self.rotations, points_m) + self.translations_m
             share = float(np.mean(reach.holds(*_polar(trus_m))))
             place = Place(left_px=_pair(left_px), right_px=_pair(right_px), camera_m=_triple(camera_m), tre_m=None)
             if self.registration is None:
-                worth = share**2 * _new_span(spots_m, camera_m)
+                worth = share * _new_span(spots_m, camera_m)
             elif share < IN_REACH:
                 continue
             else:
-                tre_m = self._tre_with(camera_m, left_px, right_px, markers, stereo, target_trus_m)
+                tre_m = self._tre_with(camera_m, left_px, right_px, stereo, target_trus_m)
                 place = Place(left_px=place.left_px, right_px=place.right_px, camera_m=place.camera_m, tre_m=tre_m)
                 worth = -tre_m
             found.append((worth, abs(float(np.median(_polar(trus_m)[0])) - probe_deg), place))
@@ -275,7 +280,6 @@ class Poses:
         camera_m: Float64[np.ndarray, " 3"],
         left_px: Float64[np.ndarray, " 2"],
         right_px: Float64[np.ndarray, " 2"],
-        markers: Sequence[SeenMarker],
         stereo: StereoSettings,
         target_trus_m: tuple[float, float, float] | None,
     ) -> float:
@@ -283,14 +287,13 @@ class Poses:
         found = self.registration
         assert found is not None  # noqa: S101  the caller asks for places of a registration only
         rotation = found.transform.rotation
-        own = [marker for marker in markers if marker.candidates]
         _, covariance_m2, shared_m = seen_point(
             left_px, right_px, stereo.cameras, spot_px=_SPOT_PX, calibration_px=stereo.calibration_sigma_px
         )
-        trus_m = np.array([marker.candidates[0].position.position_m for marker in own])
-        from_trus = np.array([marker.candidates[0].position.covariance_m2 for marker in own])
-        from_camera = np.array([*(marker.camera_covariance_m2 for marker in own), covariance_m2])
-        camera_shared = np.array([*(marker.camera_shared_m for marker in own), shared_m])
+        trus_m = np.array([pair.trus_m for pair in self.pairs])
+        from_trus = np.array([pair.trus_covariance_m2 for pair in self.pairs])
+        from_camera = np.array([*(pair.camera_covariance_m2 for pair in self.pairs), covariance_m2])
+        camera_shared = np.array([*(pair.camera_shared_m for pair in self.pairs), shared_m])
         points_m = np.concatenate([trus_m, found.transform.apply(camera_m)[None]])
         noise = rotation @ from_camera @ rotation.T + np.concatenate([from_trus, from_trus.mean(axis=0)[None]])
         shared = np.concatenate([-rotation @ camera_shared, trus_shared_m(points_m)], axis=2)
@@ -338,13 +341,13 @@ def _lines_of_sight(
     return [(pixel, np.array([x, y, 1.0])) for pixel, (x, y) in zip(pixels, direct, strict=True)]
 
 
-def _seen_right(stereo: StereoSettings, camera_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, " 2"] | None:
+def _seen_right(cameras: StereoCameras, camera_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, " 2"] | None:
     """Pixel of a point in the right image; None where it does not see it."""
-    there_m = stereo.cameras.left_to_right.apply(camera_m)
+    there_m = cameras.left_to_right.apply(camera_m)
     if not (camera_m[2] > 0 and there_m[2] > 0):
         return None
-    pixel = stereo.right.project(there_m[None])[0]
-    inside = (pixel > EDGE_PX) & (pixel < np.array(stereo.right.size_px) - 1 - EDGE_PX)
+    pixel = cameras.right.project(there_m[None])[0]
+    inside = (pixel > EDGE_PX) & (pixel < np.array(cameras.right.size_px) - 1 - EDGE_PX)
     return pixel if inside.all() else None
 
 

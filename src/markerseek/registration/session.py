@@ -82,9 +82,6 @@ APART_M = 5e-3
 MOVED_SIGMAS, MOVED_PX = 4.0, 0.2
 """Standard deviations, and pixels more, by which a spot may seem to move during its search."""
 
-PREDICTED_SIGMAS = 4.0
-"""Standard deviations by which a marker may differ from what the markers before predict of it."""
-
 
 _Recorded = TypeVar("_Recorded", bound=RecordedStep)
 
@@ -444,7 +441,6 @@ class RegistrationSession:
         if poses is None:
             return None
         return poses.best_place(
-            [marker.seen for marker in self.taken if marker.name in choice.chosen],
             self._stereo,
             reach_of(self._room.rig),
             target_trus_m=self._plan.target_trus_m,
@@ -491,7 +487,8 @@ class RegistrationSession:
 
     def _again(self) -> Generator[Step, None, None]:
         """Measure the first marker that was chosen again."""
-        first = next(marker for marker in self.taken if marker.candidates)
+        chosen = self._choice().chosen
+        first = next(marker for marker in self.taken if marker.name in chosen)
         place = Place(
             left_px=first.spot.left_px,
             right_px=first.spot.right_px,
@@ -512,12 +509,13 @@ class RegistrationSession:
 
     def _movement(self, first: TakenMarker, again: TakenMarker) -> MovedMarker:
         """How far the marker has moved from where the registration and its spot say that it is now."""
-        poses = self._poses(self._choice())
+        choice = self._choice()
+        poses = self._poses(choice)
         assert poses is not None  # noqa: S101  asked for after a registration only
         assert poses.registration is not None  # noqa: S101
         transform = poses.registration.transform
         spots_m = transform.apply(np.array([first.camera_m, again.camera_m]))
-        was, now = first.candidates[0].position, again.candidates[0].position
+        was, now = first.candidates[choice.chosen[first.name]].position, again.candidates[0].position
         apart_m = (np.array(now.position_m) - np.array(was.position_m)) - (spots_m[1] - spots_m[0])
         camera = np.array(first.camera_covariance_m2) + np.array(again.camera_covariance_m2)
         covariance = was.covariance_m2 + now.covariance_m2 + transform.rotation @ camera @ transform.rotation.T

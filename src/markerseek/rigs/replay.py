@@ -72,9 +72,9 @@ def replayed(
     interpolated = between == "interpolated" and not frames
     guard = Guard(
         limits=Limits(search=bank.range, travel=bank.range),
-        # Time stands still, so that all pulses fall into one second; nothing is fired.
+        # Time stands still, so all pulses fall into one second; nothing is fired.
         firing=FiringLimits(pulses_per_second=FiringLimits().pulses_per_session),
-        # A recorded frame cannot be repeated, so that saturation, dead channels and repeated data are accepted.
+        # A recorded frame cannot be taken again, so saturation, dead channels and repeated data are accepted.
         admission=Admission(saturated_limit=1.0, dead_limit=1.0, noise_ratio=math.inf, repeats=True),
         # The stage goes to the nearest recorded angle, at most half the largest step away.
         arrival_deg=1e-9 if interpolated else max(np.diff(bank.angles_deg)) / 2 * (1 + 1e-9),
@@ -86,7 +86,7 @@ def replayed(
         reader=imaging or IntensityReader(),
         clock=VirtualClock(),
         guard=guard,
-        # Nothing here emits light, so that no person is needed.
+        # Nothing here emits light, so no person needs to arm it.
         arms_itself=True,
     )
     facts = RigFacts(
@@ -108,7 +108,7 @@ def replayed(
         angles_deg=None if interpolated else bank.angles_deg,
         recipe=ReplayedRecipe(
             path=str(path.absolute()),
-            # A file of the user's own may change or go, so that the probe itself is stored.
+            # A file of the user's own may change or disappear, so the probe itself is stored.
             probe=preset if is_own(preset) else preset.name,
             reference_deg=reference_deg,
             between=between,

@@ -52,7 +52,7 @@ def read_marker(path: Path) -> MarkerPosition:
         result = RunView.of(former).result() if isinstance(former, RecordedRun) else former
     except SearchError as problem:
         raise RecordError(f"{path}: {problem}") from problem
-    # An angle that is not known well counts less, by its sigma; one of which source it is, is not known, not at all.
+    # An uncertain angle counts less, by its sigma. If it is uncertain which source the angle is of, it is not taken.
     if not (result.found or result.doubt == "width"):
         raise RecordError(
             f"{path}: its search found no marker ({result.answer}: {result.reason}); search again, or leave it out"

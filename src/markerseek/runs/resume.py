@@ -82,7 +82,15 @@ def resumed(
     ahead_s = (recorded.entries[-1].clock_s if recorded.entries else 0.0) - clock.now_s()
     tell_recorded(policy, entries)
     # The budget of pulses is that of the tissue, not of a process.
-    rig.scanner.guard.charge(pulses_before(recorded.entries, pulses=rig.scanner.pulses, attempts=limits.attempts))
+    firing = FiringLimits() if rig.bench is None else rig.bench.firing
+    rig.scanner.guard.charge(
+        pulses_before(
+            recorded.entries,
+            pulses=rig.scanner.pulses,
+            attempts=limits.attempts,
+            pulses_per_sweep=firing.pulses_per_sweep,
+        )
+    )
     # A scan was armed before it got here, and the guard takes frames over only while it is disarmed.
     rig.scanner.guard.disarm()
     _recall(rig, entries)
@@ -157,10 +165,11 @@ def require_reset(path: Path, state: RunState, *, reset_fault: bool) -> None:
         )
 
 
-def pulses_before(entries: Iterable[Entry], *, pulses: int, attempts: int) -> int:
+def pulses_before(entries: Iterable[Entry], *, pulses: int, attempts: int, pulses_per_sweep: int) -> int:
     """Upper bound of the laser pulses that a run has fired so far, whether or not an acquisition came to its end.
 
-    ``pulses``: of one acquisition. ``attempts``: how often one acquisition may be tried.
+    ``pulses``: of one acquisition. ``attempts``: how often one acquisition may be tried. ``pulses_per_sweep``: most
+    that a permit of the rig allows for one sweep, which a sweep that was broken off counts for.
     """
     permits = swept = open_sweep = 0
     lit = False
@@ -168,7 +177,7 @@ def pulses_before(entries: Iterable[Entry], *, pulses: int, attempts: int) -> in
         match entry.event:
             case Asked(role=role, sweep=sweep):
                 swept += open_sweep
-                open_sweep = 0 if sweep is None else FiringLimits().pulses_per_sweep
+                open_sweep = 0 if sweep is None else pulses_per_sweep
                 lit = role != "dark" and sweep is None
                 permits += lit
             case Refused():

@@ -106,7 +106,7 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
     if plan.sweep and speed_deg_s is None:
         speed_deg_s = rig.scanner.sweeping.stage.fastest_sweep_deg_s
     sweeps = speed_deg_s is not None
-    # The paper's methods measure no noise floor, and that of a single pulse is not that of an average.
+    # The paper's methods measure no detection threshold, and that of a single pulse is not that of an average.
     without = plan.as_published or sweeps
     in_bursts = sweeps and rig.scanner.sweeping.in_bursts
     acquisitions = plan.acquisitions

@@ -35,7 +35,7 @@ SEEN_SIGMAS = 12.0
 def apply_confirmation(estimate: Estimate, confirmation: Sample, samples: Sequence[Sample]) -> Estimate:
     """The answer after its confirming acquisition: `Unsure` where a checked search's angle is not confirmed.
 
-    The paper's form of a method asks for no noise floor and keeps its answer.
+    The paper's form of a method asks for no detection threshold and keeps its answer.
     """
     if not isinstance(estimate, Found) or estimate.floor is None:
         return estimate

@@ -2,7 +2,8 @@
 
 A method as published always answers. Checked, it also takes dark samples, and its answer passes four tests in turn:
 
-1. evidence (`why_not_detected`): above the noise floor, not flat, from one place in the image → else `NotFound`;
+1. evidence (`why_not_detected`): above the detection threshold, not flat, from one place in the image → else
+   `NotFound`;
 2. the intensity falls again before either end of the range (`rising_side`) → else `AtBound`;
 3. the answer fits the samples (`inconsistency`) → else `Unsure`;
 4. the interval lies within the tolerance of the angle → else `Unsure`, for its width.

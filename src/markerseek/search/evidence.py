@@ -30,7 +30,7 @@ DEPTH_M = 4e-3
 """Largest distance in depth: off plane the slant range grows by 1.6 mm at 30° (physics notes)."""
 
 REPEATED = 2
-"""Other samples above the noise floor at the position of the strongest that noise does not produce."""
+"""Other samples above the detection threshold at the position of the strongest that noise does not produce."""
 
 CONSISTENT_SHARE = 0.8
 """Samples next to the answer must reach this share of the largest; noise-free unimodal curves do."""
@@ -47,12 +47,13 @@ def why_not_detected(lit: Sequence[Sample], *, dark: Sequence[Sample], noise: Se
     if level is None:
         if not (largest > 0 and largest >= UNKNOWN_RATIO * smallest and len(lit) > 1):
             return (
-                f"the noise floor is unknown and the largest intensity, {largest:.4g}, is below {UNKNOWN_RATIO:g} "
-                f"times the smallest, {smallest:.4g}; dark frames or 12 angles give it"
+                f"the detection threshold is unknown and the largest intensity, {largest:.4g}, is below "
+                f"{UNKNOWN_RATIO:g} times the smallest, {smallest:.4g}; dark frames or 12 angles give it"
             )
     elif not largest > level:
         return (
-            f"the largest intensity, {largest:.4g}, does not exceed the noise floor, {level:.4g} ({noise.floor.source})"
+            f"the largest intensity, {largest:.4g}, does not exceed the detection threshold, {level:.4g} "
+            f"({noise.floor.source})"
         )
     if len(lit) == 1:
         return "only one angle has been measured; a peak shows beside others"

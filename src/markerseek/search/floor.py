@@ -1,4 +1,4 @@
-"""The noise floor of a search, from its samples: the largest intensity that noise alone reaches.
+"""The detection threshold of a search, from its samples: the largest intensity that noise alone reaches.
 
 The largest of M independent envelope cells of Rayleigh noise exceeds x with probability 1 − (1 − exp(−x²/2σ²))^M, and
 N frames have M·N cells. The threshold for a share p of false finds is therefore

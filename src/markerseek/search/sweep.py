@@ -25,14 +25,14 @@ def equal_steps(limits: Interval, *, acquisitions: int) -> Float64[np.ndarray, "
 
 
 MAX_STEPS = 5000
-"""Most angles of one sweep: a bank's scan has more of them than a search may make acquisitions."""
+"""Most angles of one sweep: the scan of a bank has more angles than a search has acquisitions."""
 
 
 def peak_passed(intensity: Float64[np.ndarray, " samples"], *, threshold: float = THRESHOLD) -> bool:
     """Whether a sweep has recorded its peak and passed it (section 3.3 of the paper).
 
-    True where the largest sample so far is not the last, and the last two are below ``threshold`` of it. Of equally
-    large samples each counts. If all are zero, none is below the threshold, and the sweep continues.
+    True where the largest sample so far is not the last, and the last two are below ``threshold`` of it. If
+    several are equally large, each counts. If all are zero, none is below the threshold, and the sweep continues.
 
     ``intensity``: intensities in the order in which the sweep took them. ``threshold``: share of the largest sample.
     """
@@ -78,7 +78,7 @@ class Sweep(SearchPolicy):
         return float(self._angles[len(self._lit)]) if len(self._lit) < self._angles.size else None
 
     def _found(self, mean_deg: float, sigma_deg: float) -> Found:
-        """Answer with a normal interval, its middle moved into the range where the stage overshot it."""
+        """Answer with a normal interval, its middle moved into the range if the stage overshot the range."""
         inside_deg = self._limits.nearest(mean_deg)
         # An interval has a width: one unit in the last place of a range means "exact".
         half_deg = max(1.96 * sigma_deg, 1e-12 * self._limits.width_deg)
@@ -158,7 +158,7 @@ class WeightedAverage(Sweep):
         if noise_sigma is None:
             largest = float(curve.intensity.max())
             below = curve.intensity[curve.intensity < self._threshold * largest]
-            # Of shares of the largest, because the squares of large intensities overflow.
+            # Computed from shares of the largest, because the squares of large intensities overflow.
             noise_sigma = largest * float(np.std(below / largest, ddof=1)) if below.size >= 4 else 0.0
         mean_deg = float(weighted_average(curve.angle_deg, curve.intensity, threshold=self._threshold))
         sigma_deg = average_sigma_deg(curve, step_deg=self.step_deg, noise_sigma=noise_sigma, threshold=self._threshold)
@@ -168,10 +168,10 @@ class WeightedAverage(Sweep):
 class Exhaustive(Sweep):
     """Sweeps in fine steps and answers with the vertex of a parabola through the top of the curve.
 
-    The parabola is fitted by least squares to the samples round the largest that are not below 0.7 of it, three at
-    least (`fit_top`); its vertex lies between the first and the last of them. Where there is no vertex (a flat or zero
-    curve, the largest sample at an end), the largest sample answers, and of equally large ones that at the lowest
-    angle.
+    The parabola is fitted by least squares to the samples around the largest that are not below 0.7 of it, at least
+    three (`fit_top`); its vertex lies between the first and the last of them. Where there is no vertex (a flat or zero
+    curve, the largest sample at an end), the answer is the angle of the largest sample, and the lowest of these
+    angles if several are equally large.
     """
 
     name = "exhaustive"

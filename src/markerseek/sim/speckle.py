@@ -1,8 +1,8 @@
 """Speckle of tissue in B-mode at any angle of the probe.
 
-Scatterers are a complex Gaussian field that is drawn for each half degree, filtered by the pulse in depth and by the
-beam along the array, and summed over the angles with the two-way response of the element, so that it changes with the
-angle as the beam does.
+The scatterers are a complex Gaussian field, drawn for each half degree, and filtered by the pulse in depth and by the
+beam along the array. The sum over the angles is weighted by the two-way response of the element, so the speckle changes
+with the angle as the beam does.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _RESPONSE_STEP_M, _NEAREST_M = 5e-3, 2e-3
 
 
 class Speckle:
-    """Speckle of mean square 1, the same at an angle whatever the way of the probe.
+    """Speckle of mean square 1; at an angle it is always the same, whatever the way of the probe.
 
     ``probe``: height, lens and face radius of its elements. ``radius_m``: distance of each row from the axis of
     rotation.
@@ -45,7 +45,7 @@ class Speckle:
         self._slice = lru_cache(maxsize=64)(self._drawn_slice)
         first_m = max(float(radius_m[0]), probe.face_radius_m + _NEAREST_M)
         count = max(2, math.ceil((radius_m[-1] - first_m) / _RESPONSE_STEP_M))
-        # Distances from the axis at which the response is computed; at the face it is that of 2 mm before it.
+        # Distances from the axis at which the response is computed; at the face, that of 2 mm before it.
         self._nodes_m = np.linspace(first_m, float(radius_m[-1]), count)
         self._place = np.interp(radius_m, self._nodes_m, np.arange(count))
 

@@ -32,12 +32,12 @@ class StageMotion:
     counts_per_deg: Annotated[float, Within(0, 1e9, open_low=True)] = 1919.6418578623391
     """Encoder counts for one degree."""
     backlash_deg: Annotated[float, Within(0, 360, "deg")] = 0.1
-    """Play between the motor, which carries the encoder, and the probe."""
+    """Backlash between the motor, which carries the encoder, and the probe."""
     stated_backlash_deg: Annotated[float | None, Within(0, 360, "deg")] = None
-    """What the rig takes it for; None: it is known."""
+    """Backlash that the rig states; None: the true one."""
     approach_deg: Annotated[float, Within(0, 360, "deg")] = 1.0
-    """How far a move downwards goes beyond its target, to come back to it from below and leave the play on the same
-    side always; 0 does not."""
+    """Way by which a move downwards goes beyond its target and comes back from below, so that the backlash is always on
+    the same side; 0: no such way."""
     settle_s: Annotated[float, Within(0, 3600, "s")] = 0.1
     """Rest after a move."""
 
@@ -76,12 +76,12 @@ class SimulatedStage:
 
     @property
     def seen_deg(self) -> float:
-        """Angle of the last reading, in degrees; while it turns, that of now."""
+        """Angle of the last reading, in degrees; while the stage turns, the present angle."""
         return self.angle_deg if self._on_its_way is None else self._on_its_way()
 
     @property
     def angle_deg(self) -> float:
-        """Readback: the motor's encoder, in degrees; it does not know of the play."""
+        """Readback of the motor's encoder, in degrees, which does not include the backlash."""
         self._follow()
         return self.counts / self._motion.counts_per_deg
 
@@ -92,7 +92,7 @@ class SimulatedStage:
         """
         self._require_inside(angle_deg)
         self.end_sweep()
-        # At the lower end of the travel there is no room below the target: the play then stays above.
+        # At the lower end of the travel there is no room below the target: the backlash then stays above.
         below_deg = max(angle_deg - self._motion.approach_deg, self.limits.low_deg)
         if angle_deg < self.angle_deg and below_deg < angle_deg:
             self._turn(below_deg)
@@ -115,7 +115,7 @@ class SimulatedStage:
         return self._motion.acceleration_deg_s2
 
     def play_deg(self, forward: float) -> float:
-        """Play between encoder and probe where the angle falls, in degrees."""
+        """Backlash between encoder and probe where the angle falls, in degrees."""
         motion = self._motion
         stated_deg = motion.backlash_deg if motion.stated_backlash_deg is None else motion.stated_backlash_deg
         return stated_deg if forward < 0 else 0.0
@@ -156,15 +156,15 @@ class SimulatedStage:
         return times_s
 
     def begin_sweep(self, to_deg: float) -> None:
-        """Begin to turn there; `LimitError` if that is outside the travel range."""
+        """Begin to turn to an angle; `LimitError` if it is outside the travel range."""
         self._require_inside(to_deg)
         self._come_to_rest()
-        # It turns one way only, so that the play is taken up from where the probe was at the beginning.
+        # It turns one way only, so the backlash is taken up from where the probe was at the beginning.
         self._sweep_to_deg, self._sweep_from_deg = to_deg, self._world.angle_deg
         self._legs = [self._leg(self.angle_deg, 0.0)]
 
     def read_sweep(self) -> StageReading:
-        """Where the encoder is, read some time after it was asked."""
+        """Angle of the encoder, read some time after the question."""
         asked_s = self._clock.now_s()
         self._clock.wait(_READ_AFTER * _ANSWER_S)
         angle_deg = self.angle_deg
@@ -179,7 +179,7 @@ class SimulatedStage:
             self._legs.append(self._leg(here_deg, speed_deg_s))
 
     def end_sweep(self) -> None:
-        """Come to rest, and give no triggers any more; moves have their own speed here."""
+        """Come to rest, and give no more triggers; moves have their own speed here."""
         self._come_to_rest()
         self._triggers = []
 
@@ -216,9 +216,9 @@ class SimulatedStage:
             self._world.angle_deg = self._pushed_deg(motor_deg, before_deg=self._sweep_from_deg)
 
     def _pushed_deg(self, motor_deg: float, *, before_deg: float) -> float:
-        """True angle of a probe that was elsewhere before the motor came.
+        """True angle of the probe, which was at ``before_deg`` when the motor began.
 
-        Pushed from below it is at the motor's angle, pulled from above it lags by the play.
+        Pushed from below it is at the motor's angle, pulled from above it lags by the backlash.
         """
         return min(max(before_deg, motor_deg), motor_deg + self._motion.backlash_deg)
 
@@ -228,7 +228,7 @@ class SimulatedStage:
             raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
 
     def _turn(self, angle_deg: float) -> None:
-        """Move the motor by whole counts; the probe follows once the play is taken up."""
+        """Move the motor by whole counts; the probe follows once the backlash is taken up."""
         start_deg, began_s = self.angle_deg, self._clock.now_s()
         self.counts = round(angle_deg * self._motion.counts_per_deg)
         way_deg = self.angle_deg - start_deg

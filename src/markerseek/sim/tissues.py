@@ -1,4 +1,4 @@
-"""Parameter sets for the paper's five materials: simulated stand-ins, chosen by us, not measured.
+"""Parameter sets for the paper's five materials, simulated: chosen by us, not measured.
 
 The paper names the materials and not their acoustics. The parameters are those by which they differ for a search: the
 size of the spot that absorbs the light (a larger one has a wider and less regular intensity curve), the loss on the
@@ -51,10 +51,10 @@ def _grain(position_m: Float64[np.ndarray, 3], strength: float, source: Gaussian
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tissue:
-    """A simulated stand-in for a material."""
+    """A simulated material."""
 
     description: str
-    """What it stands for, and that it is simulated."""
+    """Which material it is, and that it is simulated."""
     spot: Spot = field(default_factory=Spot)
     medium: Medium = field(default_factory=Medium)
     """Sound speed and attenuation of the path."""
@@ -73,29 +73,29 @@ def _background(strength: float) -> Clutter:
 
 TISSUES: dict[str, Tissue] = {
     "plastisol-phantom": Tissue(
-        description="homogeneous black plastisol phantom (simulated stand-in)",
+        description="homogeneous black plastisol phantom (simulated)",
     ),
     "liver": Tissue(
-        description="bovine liver with an ink spot (simulated stand-in)",
+        description="bovine liver with an ink spot (simulated)",
         spot=Spot(count=24, radius_m=0.6e-3, depth_m=0.3e-3, grain=_FINE),
         medium=Medium(attenuation_db_cm_mhz=0.15),
         clutter=_background(0.02),
     ),
     "muscle": Tissue(
-        description="bovine muscle with an ink spot (simulated stand-in)",
+        description="bovine muscle with an ink spot (simulated)",
         spot=Spot(count=24, radius_m=0.9e-3, depth_m=0.5e-3, grain=_FINE),
         medium=Medium(attenuation_db_cm_mhz=0.2),
         clutter=_background(0.03),
         reverberation=Reverberation(delay_s=4e-6, gain=0.1, repeats=1),
     ),
     "chicken-breast": Tissue(
-        description="chicken breast with an ink spot (simulated stand-in)",
+        description="chicken breast with an ink spot (simulated)",
         spot=Spot(count=24, radius_m=0.4e-3, depth_m=0.2e-3, grain=_FINE),
         medium=Medium(attenuation_db_cm_mhz=0.12),
         clutter=_background(0.01),
     ),
     "muscle-icg": Tissue(
-        description="bovine muscle stained with indocyanine green (simulated stand-in)",
+        description="bovine muscle stained with indocyanine green (simulated)",
         spot=Spot(count=24, radius_m=1.2e-3, depth_m=0.8e-3, grain=_FINE),
         medium=Medium(attenuation_db_cm_mhz=0.2),
         clutter=_background(0.04),

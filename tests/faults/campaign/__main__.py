@@ -11,19 +11,16 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from itertools import repeat
 from multiprocessing import get_context
 from pathlib import Path
 
 import msgspec
 from rich.progress import Progress
 
-from .chunks import CHUNK, FRAMES_CHUNK, RESTART_KINDS, RESTARTS_CHUNK, frames, readings, restarts_of
+from .chunks import CHUNK, readings
 from .commit import commit_made_from
 from .points import enumerate_points
-from .report import byte_keys, faults, in_words, observable_keys, promises
-from .restart_counts import Restarts
-from .restart_counts import lines as restart_lines
+from .report import faults, in_words, observable_keys, promises
 from .tally import Broken, Tally
 from .vocabulary import fingerprint
 
@@ -35,25 +32,15 @@ class _Kept(msgspec.Struct, kw_only=True):
     seed: int
     vocabulary: str = ""
     chunks: dict[str, Tally] = {}
-    restarts: dict[str, Restarts] = {}
 
 
-def chunked(
-    what: str,
-    work: Callable[[int, int, int], Tally],
-    *,
-    runs: int,
-    chunk: int,
-    kept: _Kept,
-    save: Callable[[], None],
-    workers: int,
-) -> Tally:
+def chunked(*, runs: int, kept: _Kept, save: Callable[[], None], workers: int) -> Tally:
     """Counts of all chunks, those that are done already taken from what is kept."""
-    parts = {f"{what} {first} {min(chunk, runs - first)}": first for first in range(0, runs, chunk)}
+    parts = {f"{first} {min(CHUNK, runs - first)}": first for first in range(0, runs, CHUNK)}
     todo = {name: first for name, first in parts.items() if name not in kept.chunks}
     with Progress(disable=not sys.stderr.isatty()) as progress:
-        bar = progress.add_task(what, total=runs, completed=runs - chunk * len(todo))
-        for name, tally in _each(work, kept.seed, todo, workers):
+        bar = progress.add_task("searches", total=runs, completed=runs - CHUNK * len(todo))
+        for name, tally in _each(kept.seed, todo, workers):
             kept.chunks[name] = tally
             progress.advance(bar, tally.runs)
             save()
@@ -63,25 +50,21 @@ def chunked(
     return whole
 
 
-def _each(
-    work: Callable[[int, int, int], Tally], seed: int, todo: dict[str, int], workers: int
-) -> Iterator[tuple[str, Tally]]:
+def _each(seed: int, todo: dict[str, int], workers: int) -> Iterator[tuple[str, Tally]]:
     sizes = {name: int(name.rsplit(" ", 1)[1]) for name in todo}
     if workers == 1:
         for name, first in todo.items():
-            yield name, work(seed, first, sizes[name])
+            yield name, readings(seed, first, sizes[name])
         return
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         names = list(todo)
-        yield from zip(names, pool.map(partial(work, seed), todo.values(), sizes.values()), strict=True)
+        yield from zip(names, pool.map(partial(readings, seed), todo.values(), sizes.values()), strict=True)
 
 
 def main() -> int:
     """Run the campaign, and write or print its tables; 1 if a promise was broken."""
     parser = argparse.ArgumentParser(description="fault campaign in virtual time")
-    parser.add_argument("--runs", type=int, default=2000, help="runs with readings instead of frames")
-    parser.add_argument("--frames", type=int, default=50, help="runs with frames, over emulated devices")
-    parser.add_argument("--restarts", type=int, default=0, help="restarts for each data acquisition and kind of death")
+    parser.add_argument("--runs", type=int, default=2000, help="how many searches")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--state", type=Path, help="where counts are kept between two calls")
@@ -95,39 +78,14 @@ def main() -> int:
             draft.write_bytes(msgspec.json.encode(kept))
             draft.replace(words.state)
 
-    keep = {"kept": kept, "save": save, "workers": words.workers}
-    whole = chunked("readings", readings, runs=words.runs, chunk=CHUNK, **keep)
-    over_bytes = chunked("frames", frames, runs=words.frames, chunk=FRAMES_CHUNK, **keep)
-    rows = _restarts(kept, save, runs=words.restarts, workers=words.workers)
+    whole = chunked(runs=words.runs, kept=kept, save=save, workers=words.workers)
     points = enumerate_points()
-    page = _page(kept, whole, over_bytes, points, rows)
+    page = _page(kept, whole, points)
     if words.out is not None:
         words.out.write_text(page)
     sys.stdout.write(page)
-    broken = [each for tally in (whole, over_bytes) for each in tally.broken if each.promise != "P10"]
-    wrong = any(row.off or row.accepted_unreported for name, row in rows.items() if "loses power" not in name)
-    return 1 if broken or wrong or any(points.values()) else 0
-
-
-def _restarts(kept: _Kept, save: Callable[[], None], *, runs: int, workers: int) -> dict[str, Restarts]:
-    """Counts of restarts by what happened, those that are done already taken from what is kept."""
-    todo = [
-        (f"{kind} {first} {count}", kind, first, count)
-        for kind in RESTART_KINDS
-        for first in range(0, runs, RESTARTS_CHUNK)
-        if f"{kind} {first} {(count := min(RESTARTS_CHUNK, runs - first))}" not in kept.restarts
-    ]
-    if todo:
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            names, kinds_, firsts, counts = zip(*todo, strict=True)
-            for name, row in zip(names, pool.map(restarts_of, kinds_, repeat(kept.seed), firsts, counts), strict=False):
-                kept.restarts[name] = row
-                save()
-    rows: dict[str, Restarts] = {}
-    for kind in RESTART_KINDS if runs else ():
-        for first in range(0, runs, RESTARTS_CHUNK):
-            rows.setdefault(kind, Restarts()).add(kept.restarts[f"{kind} {first} {min(RESTARTS_CHUNK, runs - first)}"])
-    return rows
+    broken = [each for each in whole.broken if each.promise != "P10"]
+    return 1 if broken or any(points.values()) else 0
 
 
 def _kept(path: Path | None, *, seed: int) -> _Kept:
@@ -139,17 +97,17 @@ def _kept(path: Path | None, *, seed: int) -> _Kept:
     return _Kept(commit=commit, seed=seed, vocabulary=fingerprint())
 
 
-def _page(kept: _Kept, whole: Tally, over_bytes: Tally, points: dict[str, list[str]], rows: dict[str, Restarts]) -> str:
+def _page(kept: _Kept, whole: Tally, points: dict[str, list[str]]) -> str:
     lines = [
         "# Faults: the tables",
         "",
         (
             "What the campaign counted; how it was done and what it means is on [the page on faults](faults.md). "
-            f"Written by `python -m tests.faults.campaign --runs {whole.runs} --frames {over_bytes.runs} "
-            f"--seed {kept.seed}` at commit {kept.commit}."
+            f"Written by `python -m tests.faults.campaign --runs {whole.runs} --seed {kept.seed}` at "
+            f"commit {kept.commit}."
         ),
         "",
-        "## Promises, with readings instead of frames",
+        "## Promises",
         "",
         *promises(whole, preventable=observable_keys()),
         "",
@@ -162,15 +120,7 @@ def _page(kept: _Kept, whole: Tally, over_bytes: Tally, points: dict[str, list[s
         "",
         *faults(whole, seen=observable_keys(), words=in_words()),
         "",
-        "## Promises, with frames: real drivers on emulated devices",
-        "",
-        *promises(over_bytes, preventable=byte_keys(), acts=False),
-        "",
-        *faults(over_bytes, seen=byte_keys(), words={}),
-        "",
-        *_restart_section(rows),
-        *_broken_section("readings", whole.broken, set(observable_keys())),
-        *_broken_section("frames", over_bytes.broken, set(byte_keys())),
+        *_broken_section(whole.broken, set(observable_keys())),
         "## Fault points: the n-th call of each verb fails, for all n",
         "",
         *(f"- {verb}: {'always a clean stop' if not broken else '; '.join(broken)}" for verb, broken in points.items()),
@@ -178,7 +128,7 @@ def _page(kept: _Kept, whole: Tally, over_bytes: Tally, points: dict[str, list[s
     return "\n".join(lines) + "\n"
 
 
-def _broken_section(kind: str, broken: Sequence[Broken], preventable: set[str]) -> list[str]:
+def _broken_section(broken: Sequence[Broken], preventable: set[str]) -> list[str]:
     """The runs that broke a promise, with their numbers; not the wrong angles under a fault that no program can see."""
     listed = [each for each in broken if each.promise != "P10" or preventable.issuperset(each.faults)]
     if not listed:
@@ -186,13 +136,7 @@ def _broken_section(kind: str, broken: Sequence[Broken], preventable: set[str]) 
     lines = (
         f"- {each.promise}, run {each.run} ({', '.join(each.faults) or 'no fault'}): {each.said}" for each in listed
     )
-    return [f"## Runs with {kind} that broke a promise", "", *lines, ""]
-
-
-def _restart_section(rows: dict[str, Restarts]) -> list[str]:
-    if not rows:
-        return []
-    return ["## Restarts after a death in mid-acquisition", "", *restart_lines(rows), ""]
+    return ["## Runs that broke a promise", "", *lines, ""]
 
 
 if __name__ == "__main__":

@@ -7,15 +7,12 @@ from pathlib import Path
 
 from markerseek.core import Measured
 
-from .bytes_runs import with_frames
 from .checker import check
 from .held_lines import HeldLines
-from .restart_counts import DAQS, Restarts, restarts
-from .restarts import DEATHS
 from .runs import Campaign, draw_plan
 from .tally import Tally
 
-CHUNK, FRAMES_CHUNK, RESTARTS_CHUNK = 250, 10, 20
+CHUNK = 250
 
 
 def readings(seed: int, first: int, count: int) -> Tally:
@@ -35,26 +32,6 @@ def readings(seed: int, first: int, count: int) -> Tally:
                 virtual_s=trace.virtual_s,
             )
     return tally
-
-
-def restarts_of(kind: str, seed: int, first: int, count: int) -> Restarts:
-    """Counts of a chunk of restarts; the first argument names the data acquisition and the kind of death."""
-    daq, death = kind.rsplit(", ", 1)
-    with tempfile.TemporaryDirectory(dir=_ram()) as folder:
-        # far enough apart that no chunk repeats what another drew: those that do not die are drawn again
-        return restarts(
-            DAQ_NAMED[daq], DEATH_NAMED[death], seed=seed, first=10 * first, count=count, folder=Path(folder)
-        )
-
-
-RESTART_KINDS = tuple(f"{daq}, {death}" for daq in DAQS for death in DEATHS)
-DAQ_NAMED, DEATH_NAMED = {daq: daq for daq in DAQS}, {death: death for death in DEATHS}
-
-
-def frames(seed: int, first: int, count: int) -> Tally:
-    """Counts of a chunk of runs with frames, over emulated devices."""
-    with tempfile.TemporaryDirectory(dir=_ram()) as folder:
-        return with_frames(seed, first, count, folder=Path(folder))
 
 
 def _ram() -> str | None:

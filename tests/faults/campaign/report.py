@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from markerseek.emulators.faults import FAULTS as EMULATED
-
-from .bytes_runs import LASER_AND_DAQ
 from .checker import OFF_DEG
 from .tally import PROMISES, Tally, upper95
 from .vocabulary import FAULTS, Injected
@@ -30,8 +27,8 @@ def observable_keys() -> list[str]:
     return [key_of(each) for each in FAULTS.values() if each.harm == "none"]
 
 
-def promises(tally: Tally, *, preventable: Iterable[str], acts: bool = True) -> list[str]:
-    """Lines of the table of promises; ``acts``: whether it is known which faults acted."""
+def promises(tally: Tally, *, preventable: Iterable[str]) -> list[str]:
+    """Lines of the table of promises."""
     lines = ["| | promise | broken | runs | upper 95 % limit |", "|---|---|---|---|---|"]
     for promise in PROMISES:
         runs = tally.in_fault if promise == "P7" else tally.runs
@@ -45,8 +42,6 @@ def promises(tally: Tally, *, preventable: Iterable[str], acts: bool = True) -> 
             f"| P10 | found and off by more than {OFF_DEG:g}° (twice the tolerance of intensities), {words} "
             f"({row.found:,} found) | {row.off} | {row.runs:,} | {limit:.2g} |"
         )
-    if not acts:
-        return lines
     reported = single.reported / single.acted if single.acted else 1.0
     missed = single.acted - single.reported
     lines.append(
@@ -54,12 +49,6 @@ def promises(tally: Tally, *, preventable: Iterable[str], acts: bool = True) -> 
         f"{single.acted:,} | {upper95(missed, single.acted):.2g} |"
     )
     return lines
-
-
-def byte_keys() -> list[str]:
-    """Faults of emulated devices of which the evidence is in their bytes, and which do no harm before."""
-    stage = [f"stage {name}" for name, fault in EMULATED["stage"].items() if fault.observable]
-    return stage + [fault.name for fault in LASER_AND_DAQ if fault.harm == "none"]
 
 
 def faults(tally: Tally, *, seen: Iterable[str], words: Mapping[str, str]) -> list[str]:

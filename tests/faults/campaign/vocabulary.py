@@ -14,8 +14,6 @@ import numpy as np
 from markerseek.sim import Fault, FaultKind
 from markerseek.sim.faults import DeviceName
 
-from .receiver_faults import RECEIVER_FAULTS
-
 
 @dataclass(frozen=True, kw_only=True)
 class Injected:
@@ -40,11 +38,6 @@ def _fault(
 ) -> Injected:
     fault = Fault(device=device, name=name, kind=kind, observable=observable, meaning=meaning)
     return Injected(fault=fault, amounts=amounts, harm=harm, covered_by=covered_by)
-
-
-def _of_package(name: str) -> Injected:
-    """A receiver's fault that the package knows too."""
-    return Injected(fault=RECEIVER_FAULTS[name], amounts=(0.0, 0.0), harm="none", covered_by="")
 
 
 OFF, STUCK, GARBAGE, WRONG = FaultKind.OFF, FaultKind.STUCK, FaultKind.GARBAGE, FaultKind.WRONG
@@ -91,8 +84,8 @@ _ALL = (
     _fault("receiver", "unplugged", OFF, "the line is gone"),
     _fault("receiver", "stuck", STUCK, "it hands over the frame before"),
     _fault("receiver", "same data", STUCK, "the data are those of the frame before, under a new header"),
-    _of_package("dead"),
-    _of_package("NaN"),
+    _fault("receiver", "dead", STUCK, "all intensities are 0"),
+    _fault("receiver", "NaN", GARBAGE, "the intensity is NaN"),
     _fault("receiver", "infinite", GARBAGE, "the intensity is infinite"),
     _fault("receiver", "negative", GARBAGE, "the intensity is negative"),
     _fault("receiver", "other kind", GARBAGE, "a frame of channel data comes where intensities came"),
@@ -104,7 +97,7 @@ _ALL = (
     _fault("receiver", "other angle", WRONG, "the header is of another angle, off by deg", amounts=(0.1, 20)),
     _fault("receiver", "saturated", WRONG, "this share of the channels is at full scale", amounts=(0.06, 1)),
     _fault("receiver", "slow", SLOW, "the readout takes this many times as long", amounts=(1.5, 100)),
-    _of_package("late frames"),
+    _fault("receiver", "late frames", DELAYED, "each acquisition returns the frame of the one before"),
     _fault("receiver", "late files", DELAYED, "the files of a search before land when this one begins"),
     _fault("receiver", "old frames", DELAYED, "the frame was taken this much earlier, s", amounts=(5.1, 100)),
     _fault("receiver", "frames of the future", WRONG, "the frame is stamped so much later, s", amounts=(0.01, 100)),

@@ -63,10 +63,6 @@ def test_channels_and_frames_are_independent() -> None:
     np.testing.assert_array_equal(draw(noise, 5), draw(noise, 5))
 
 
-def test_no_noise_is_silence() -> None:
-    assert not draw(Noise()).any()
-
-
 def test_bursts_come_as_often_as_asked_and_have_heavy_tails() -> None:
     rng = np.random.default_rng(11)
     some = Bursts(channel_probability=0.1, gain=4.0)

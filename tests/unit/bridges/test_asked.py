@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from urllib.parse import parse_qsl
 
 import pytest
@@ -10,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from markerseek.bridges import OPTIONS, AskedSearch
-from markerseek.core import ConfigError, SimulationOptions
+from markerseek.core import AnglePrior, ConfigError, SimulationOptions
 from markerseek.rigs import simulated
 from markerseek.search import METHODS
 from markerseek.sim import TISSUES, SimulatedSettings, with_options
@@ -22,6 +21,7 @@ searches = st.fixed_dictionaries(
         "method": st.sampled_from([each.name for each in METHODS]),
         "acquisitions": st.none() | st.integers(20, 200),
         "tolerance_mm": st.floats(0.1, 5.0),
+        "near": st.none() | st.builds(AnglePrior, mean_deg=st.floats(-30.0, 30.0), sigma_deg=st.floats(0.1, 9.0)),
         "stay": st.booleans(),
         "tissue": st.none() | st.sampled_from(list(TISSUES)),
         "snr_db": st.none() | st.integers(-20, 100).map(float),
@@ -30,7 +30,7 @@ searches = st.fixed_dictionaries(
         "seed": st.integers(0, 2**63 - 1),
         "pace": st.floats(0.0, 100.0),
     }
-).map(lambda values: USUAL.changed(**values))
+).map(lambda values: USUAL.changed(**values | {"near": values["near"] if values["method"] == "posterior" else None}))
 
 
 @given(searches)
@@ -43,38 +43,6 @@ def test_the_command_line_reads_the_arguments_as_they_were_meant(chosen):
     given = dict(each.lstrip("-").partition("=")[::2] for each in chosen.arguments())
     read = {name.replace("-", "_"): OPTIONS[name.replace("-", "_")].read(text or "1") for name, text in given.items()}
     assert AskedSearch().changed(**read) == chosen
-
-
-def test_usual_settings_need_no_query():
-    assert USUAL.query(usual=USUAL) == ""
-    assert USUAL.with_query({}) == (USUAL, ())
-
-
-@pytest.mark.parametrize(
-    ("query", "message"),
-    [
-        ({"method": "magic"}, "'magic' is unknown"),
-        ({"seed": "-1"}, "seed is -1"),
-        ({"seed": "one"}, "^seed is 'one', it must be a whole number; correct it, or leave it out$"),
-        ({"snr_db": ""}, "^snr_db is '', it must be a number"),
-        ({"acquisitions": "1"}, "at least 2"),
-        ({"acquisitions": "1e9"}, "acquisitions"),
-        ({"tissue": "jelly"}, "tissue 'jelly' is unknown"),
-        ({"snr_db": "nan"}, "peak_snr_db is nan"),
-        ({"snr_db": "101"}, "peak_snr_db is 101"),
-        ({"readout_s": "inf"}, "readout_s is inf"),
-        ({"pace": "nan"}, "pace is nan"),
-        ({"pace": "101"}, "pace is 101"),
-        ({"as_published": "1"}, "was not published"),
-        ({"rig": "/etc/passwd"}, "'rig' is no setting"),
-        ({"journal": "x"}, "'journal' is no setting"),
-    ],
-)
-def test_value_of_a_link_that_cannot_be_used_is_named_and_left_out(query, message):
-    settings, problems = USUAL.with_query(query | {"tissue": query.get("tissue", "liver")})
-    assert len(problems) == 1
-    assert re.search(message, problems[0])
-    assert settings == USUAL.changed(tissue=None if "tissue" in query else "liver")
 
 
 def test_all_that_is_wrong_with_a_link_is_named():
@@ -91,13 +59,6 @@ def test_arguments_are_those_of_the_command():
     assert chosen.arguments() == [*method, "--seed=3", "--tissue=liver"]
     # A rig of devices has no seed, tissue or pace.
     assert chosen.arguments(simulated=False) == method
-
-
-def test_a_sweep_is_asked_for_by_its_option():
-    settings, problems = USUAL.with_query({"sweep": "1", "method": "ternary"})
-    assert settings == USUAL.changed(method="ternary")
-    assert problems == ("ternary: it asks for one angle after another; only posterior sweeps",)
-    assert USUAL.changed(sweep=True).arguments(simulated=False) == ["--sweep"]
 
 
 def test_change_is_checked():

@@ -56,7 +56,7 @@ def test_what_is_no_prior_is_refused(text: str, said: str) -> None:
         AnglePrior.parse(text)
 
 
-@pytest.mark.parametrize("mean_deg, sigma_deg", [(math.nan, 2.0), (12.0, math.nan), (math.inf, 2.0)])
+@pytest.mark.parametrize(("mean_deg", "sigma_deg"), [(math.nan, 2.0), (12.0, math.nan), (math.inf, 2.0)])
 def test_a_number_that_is_not_finite_is_refused(mean_deg: float, sigma_deg: float) -> None:
     with pytest.raises(ConfigError, match="near: "):
         AnglePrior(mean_deg=mean_deg, sigma_deg=sigma_deg)

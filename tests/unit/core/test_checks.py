@@ -13,35 +13,10 @@ from markerseek.core import (
     ConfigError,
     RigFacts,
     SearchPlan,
-    counted,
     require_range,
-    rig_in_words,
 )
 
 NAN = math.nan
-
-
-@pytest.mark.parametrize(
-    ("devices", "said"),
-    [
-        ((), "bench rig"),
-        (("stage",), "bench rig with emulated stage"),
-        (("stage", "laser"), "bench rig with emulated stage and laser"),
-        (("stage", "laser", "receiver"), "bench rig with emulated stage, laser and receiver"),
-    ],
-)
-def test_emulated_devices_are_listed_as_a_person_does(devices: tuple[str, ...], said: str) -> None:
-    assert rig_in_words("bench", devices) == said
-
-
-@pytest.mark.parametrize(("number", "said"), [(0, "0 policies"), (1, "1 policy"), (2, "2 policies")])
-def test_a_number_of_things_has_the_plural_of_all_but_one(number: int, said: str) -> None:
-    assert counted(number, "policy", "policies") == said
-
-
-@pytest.mark.parametrize("value", [0.1, 5, 25.0])
-def test_a_number_in_its_range_passes(value: float) -> None:
-    require_range("stage: speed_deg_s", value, low=0.1, high=25, unit="deg/s")
 
 
 @pytest.mark.parametrize(
@@ -76,12 +51,6 @@ def test_a_number_outside_is_refused_with_value_unit_limits_and_cure(
 def test_a_plan_with_a_number_that_cannot_be_used_is_refused(wrong: dict[str, object], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         SearchPlan(method="posterior", **wrong)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("name", ["truth_deg", "reference_deg"])
-def test_an_angle_of_the_facts_that_is_not_finite_is_refused(name: str) -> None:
-    with pytest.raises(ConfigError, match=f"{name} is nan deg"):
-        RigFacts(kind="bench", description="", fingerprint="", search=PAPER_RANGE, **{name: NAN})  # type: ignore[arg-type]
 
 
 def test_the_angle_of_a_simulation_goes_before_one_found_otherwise() -> None:

@@ -199,11 +199,6 @@ def test_an_error_of_the_class_names_it(rig: Callable[..., Path]) -> None:
         bench(read(rig("lab_stage:Broken")))
 
 
-def test_a_class_that_leaves_is_named(rig: Callable[..., Path]) -> None:
-    with pytest.raises(DeviceError, match="lab_stage:Leaves: SystemExit: 3; this is an error of that driver"):
-        bench(read(rig("lab_stage:Leaves", "")))
-
-
 def test_a_driver_of_another_unit_is_refused_at_its_first_move(rig: Callable[..., Path]) -> None:
     """At rest at 0 nothing shows it; light is only permitted at an angle that was reached."""
     with bench(read(rig("lab_stage:Radians"))) as opened:
@@ -298,7 +293,7 @@ def test_laser_and_receiver_are_tried_without_light() -> None:
 
 def test_simulated_parts_are_simulated_together(tmp_path: Path) -> None:
     tables = {"stage": {"driver": "simulated"}, "laser": {"driver": "simulated"}, "receiver": {"driver": "simulated"}}
-    with pytest.raises(ConfigError, match="simulated is of both: name simulated in both, or in neither"):
+    with pytest.raises(ConfigError, match="simulated is laser and receiver: name simulated in both, or in neither"):
         bench_settings_from(tables | {"receiver": {"driver": "sonixdaq", "folder": "daq"}})
     (tmp_path / "world.toml").write_text('kind = "simulated"\n[receiver]\ndata = "rf"\n')
     with pytest.raises(ConfigError, match="gives rf, channel data are needed"):

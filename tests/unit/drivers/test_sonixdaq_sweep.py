@@ -9,12 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from markerseek.acoustics import AcousticModel, Noise
 from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, DeviceTimeoutError, Permit, SweepPermit
 from markerseek.drivers import SonixDaqReceiver, SonixDaqSettings
-from markerseek.emulators.bench import BenchClock
-from markerseek.emulators.sonixdaq import EmulatedSonixDaq
-from markerseek.sim import World
+from tests.unit.drivers.test_sonixdaq import Bench as RestBench
 
 SWEEP = SweepPermit(
     token="s",
@@ -28,37 +25,11 @@ SWEEP = SweepPermit(
 )
 
 
-class Bench:
-    """A folder, who writes it, and who reads it; what the world has given is kept."""
+class Bench(RestBench):
+    """A folder of bursts: each pulse has a frame of its own."""
 
     def __init__(self, folder: Path, *, frames: str = "triggered", sdk: int = 6) -> None:
-        self.world = World(
-            model=AcousticModel(samples=64),
-            absorbers=(),
-            noise=Noise(white_sigma=30.0),
-            energy_jitter=0.0,
-            start_deg=-35.0,
-            rng=np.random.default_rng(1),
-            averaged=16,
-        )
-        self.received: list[tuple[float | None, np.ndarray]] = []
-        world_frame = self.world.frame
-
-        def frame(flash, *, header):  # type: ignore[no-untyped-def]
-            made = world_frame(flash, header=header)
-            self.received.append((None if flash is None else flash.angle_deg, made.samples))
-            return made
-
-        self.world.frame = frame  # type: ignore[method-assign]
-        self.clock = BenchClock()
-        self.daq = EmulatedSonixDaq(
-            world=self.world,
-            folder=folder,
-            rng=np.random.default_rng(2),
-            readout_s=1.0,
-            sdk=6 if sdk == 6 else 5,
-        )
-        self.clock.lead(self.daq.advance)
+        super().__init__(folder, sdk=sdk, white_sigma=30.0, start_deg=-35.0, averaged=16)
         settings = SonixDaqSettings(folder=str(folder), timeout_s=3.0, frames=frames)  # type: ignore[arg-type]
         self.receiver = SonixDaqReceiver(settings=settings, clock=self.clock, dark_triggers=2)
 
@@ -77,15 +48,15 @@ class Bench:
 def test_each_pulse_is_a_frame_and_the_last_dark_triggers_are_one(tmp_path: Path, sdk: int) -> None:
     bench = Bench(tmp_path, sdk=sdk)
     *frames, dark = bench.sweep()
-    assert [angle_deg for angle_deg, _ in bench.received[:7]] == [-35.0 + number for number in range(7)]
-    for frame, (_, samples) in zip(frames, bench.received[:7], strict=True):
+    assert bench.angles_deg[:7] == [-35.0 + number for number in range(7)]
+    for frame, samples in zip(frames, bench.received[:7], strict=True):
         np.testing.assert_array_equal(frame.samples, samples)
         assert (frame.header.pulses, frame.header.token, frame.header.commanded_deg) == (1, "s", 35.0)
     assert [frame.header.sequence for frame in frames] == list(range(1, 8))
     # A single pulse has four times the noise of the mean of sixteen, with light and without.
-    assert np.std([samples for _, samples in bench.received]) == pytest.approx(120.0, rel=0.05)
+    assert np.std(bench.received) == pytest.approx(120.0, rel=0.05)
     assert (dark.header.pulses, dark.header.token, dark.header.sequence) == (0, "s", 8)
-    np.testing.assert_array_equal(dark.samples, np.rint(np.mean([bench.received[-2][1], bench.received[-1][1]], 0)))
+    np.testing.assert_array_equal(dark.samples, np.rint(np.mean(bench.received[-2:], 0)))
     # and an acquisition at rest goes on from there
     permit = Permit(token="p", angle_deg=0.0, pulses=16, expires_s=math.inf)
     bench.receiver.arm(permit)

@@ -94,18 +94,6 @@ class TestVantage(ReceiverContract):
         return self.sender.receiver, self.sender
 
 
-def test_a_frame_is_the_mean_of_as_many_as_pulses(sender: Sender) -> None:
-    sender.send(2)
-    sender.receiver.arm(permit())
-    sender.fire(permit())
-    frame = sender.receiver.acquire(permit())
-    assert frame.samples.tolist() == np.full((4, 8), np.rint(4.5)).tolist()
-    assert frame.header.pulses == 4
-    sender.receiver.arm(permit(0))
-    sender.fire(permit(0))
-    assert (sender.receiver.acquire(permit(0)).samples == 8).all()
-
-
 def lost(sender: Sender) -> None:
     sender.send(2)
     sender.counter += 1

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ import pytest
 from markerseek import rigs
 from markerseek.core import ConfigError, DeviceError, Found, LaserError, Measured, Policy, RunPlan, SearchPlan
 from markerseek.drivers import LONGEST_WAIT_S, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings, SystemClock
-from markerseek.emulators import DirectPort, EmulatedBench, PtyLine, serve
+from markerseek.emulators import DirectPort, EmulatedBench
 from markerseek.emulators.bench import BenchClock, ServingClock
 from markerseek.guard import Admission, FiringLimits, Guard, State
 from markerseek.rigs import image_reader
@@ -103,24 +102,6 @@ def test_each_fault_ends_the_run_in_a_fault_without_an_angle(
     assert -36.5 <= low_deg <= high_deg <= 36.5
 
 
-def test_without_arming_nothing_moves_and_nothing_is_fired(tmp_path: Path) -> None:
-    bench = VirtualBench(tmp_path, seed=1)
-    bench.guard.disarm()
-    with pytest.raises(DeviceError, match="arm"):
-        list(run(golden(), bench.scanner))
-    assert bench.emulated.stage.truth_range_deg == (0.0, 0.0)
-    assert bench.emulated.laser_box.pulses == []
-
-
-def test_the_clock_of_the_bench_notifies_its_followers_of_each_tick_and_ends_where_it_should() -> None:
-    clock, received = BenchClock(tick_s=0.25), []
-    clock.lead(received.append)
-    clock.wait(0.6)
-    assert received == pytest.approx([0.25, 0.5, 0.6])
-    with pytest.raises(ConfigError, match="a wait of nan s"):
-        clock.wait(float("nan"))
-
-
 def test_a_serving_clock_leaves_out_what_the_computer_held_up() -> None:
     real = VirtualClock()
     clock = ServingClock(real)
@@ -148,18 +129,6 @@ def test_the_clock_of_real_devices_beats_in_every_slice_and_a_late_beat_is_detec
         SystemClock(beat=lapsed).wait(1.0)
 
 
-def test_preparation_changes_no_received_sample(tmp_path: Path) -> None:
-    received = []
-    for warm in (False, True):
-        bench = EmulatedBench(settings=SETTINGS, rng=np.random.default_rng(1), folder=tmp_path)
-        if warm:
-            bench.daq.warm_up()
-        bench.world.flash(pulses=16, at_s=0.0)
-        assert len(bench.world.flashes) == 1
-        received.append(bench.world.counts(bench.world.flashes[0]))
-    assert np.array_equal(*received)
-
-
 def test_the_stage_of_a_bench_turns_on_while_the_computer_holds_up_its_emulator(tmp_path: Path) -> None:
     """A motor that stood still meanwhile, and had its speed again, is no motor that its driver believes."""
     bench = EmulatedBench(settings=SETTINGS, rng=np.random.default_rng(1), folder=tmp_path / "daq")
@@ -177,18 +146,10 @@ def test_the_stage_of_a_bench_turns_on_while_the_computer_holds_up_its_emulator(
     assert bench.stage._stage.motor.angle_deg == pytest.approx(2.5, abs=0.15)
 
 
-def test_a_served_bench_answers_on_its_lines_and_an_error_of_the_writer_ends_it(tmp_path: Path) -> None:
-    """In this thread, by a driver's end that is read between the ticks."""
-    bench = EmulatedBench(settings=replace(SETTINGS), rng=np.random.default_rng(1), folder=tmp_path / "daq")
-    clock = SystemClock()
-    with PtyLine(device=bench.laser_box, clock=ServingClock(clock)) as line:
-        end = os.open(line.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        os.write(end, b"HELLO*49D6\n")
-        ticks = iter(range(50))
-        serve(lines=[line], clock=clock, pace=1.0, daq=bench.daq, until=lambda: next(ticks) == 49)
-        assert os.read(end, 100).startswith(b"OK HELLO emulator 5 100 0 0*")
-        (tmp_path / "daq").rmdir()
-        bench.daq.trigger(4)
-        with pytest.raises(OSError, match="No such file"):
-            serve(lines=[line], clock=clock, pace=0.01, daq=bench.daq, until=lambda: False)
-        os.close(end)
+def test_without_arming_nothing_moves_and_nothing_is_fired(tmp_path: Path) -> None:
+    bench = VirtualBench(tmp_path, seed=1)
+    bench.guard.disarm()
+    with pytest.raises(DeviceError, match="arm"):
+        list(run(golden(), bench.scanner))
+    assert bench.emulated.stage.truth_range_deg == (0.0, 0.0)
+    assert bench.emulated.laser_box.pulses == []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,27 +9,25 @@ import numpy as np
 import pytest
 
 from markerseek.core import (
-    AcquisitionError,
     DeviceError,
     Found,
     LaserError,
     Measured,
+    Receiver,
     Sample,
     Sweep,
     Swept,
 )
-from markerseek.drivers import Kdc101Settings, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
 from markerseek.drivers.energy_meter import EnergyMeter
-from markerseek.emulators import DirectPort, EmulatedBench, EmulatedKdc101
-from markerseek.emulators.bench import BenchClock
+from markerseek.emulators import DirectPort
 from markerseek.emulators.faults import Faults
 from markerseek.emulators.laserbox import LIGHT_COUNTS
-from markerseek.guard import Admission, FiringLimits, Guard, State
-from markerseek.rigs import image_reader
-from markerseek.scan import Scanner, run
+from markerseek.guard import State
+from markerseek.scan import run
 from markerseek.sim import SimulatedSettings
-from markerseek.wire import CONTROLLER, TO_CONTROLLER, AptFramer, apt
+from markerseek.wire import CONTROLLER, TO_CONTROLLER, AptFramer
 from tests.sweep_on_a_bench import SETTINGS, sweeping
+from tests.sweep_on_a_bench import Bench as SweepBench
 from tests.unit.scan.stamp_offsets import stamp_offsets_deg
 
 SWEEP = Sweep(to_deg=-20.0, speed_deg_s=12.0, from_deg=-35.0)
@@ -47,40 +44,21 @@ class Swallowing(DirectPort):
                 super().write(message.raw)
 
 
-class Bench:
-    """Real drivers on emulated devices, with a cable from the stage's trigger port to the box's trigger input."""
+class Bench(SweepBench):
+    """With a cable from the stage's trigger port to the box's trigger input."""
+
+    stage_line = Swallowing
 
     def __init__(
-        self,
-        folder: Path,
-        *,
-        settings: SimulatedSettings = SETTINGS,
-        model: str = "KDC101",
-        position_triggered: bool = True,
+        self, folder: Path, *, settings: SimulatedSettings = SETTINGS, position_triggered: bool = True
     ) -> None:
-        self.emulated = EmulatedBench(
-            settings=settings, rng=np.random.default_rng(3), folder=folder, stage=EmulatedKdc101(model=model)
-        )
-        self.clock = clock = BenchClock(tick_s=2e-3)
-        self.stage_port = Swallowing(device=self.emulated.stage, clock=clock)
-        port = DirectPort(device=self.emulated.laser_box, clock=clock)
-        keys = Kdc101Settings(port="", zero_deg=0.0, speed_deg_s=20.0, acceleration_deg_s2=25.0)
-        self.laser = LaserBox(port=port, clock=clock, position_triggered=position_triggered)
-        clock.lead(lambda _: self.laser.beat(), lambda _: port.read(0, timeout_s=0.0), self.emulated.daq.advance)
-        daq = SonixDaqSettings(folder=str(folder), timeout_s=10.0, readout_s=0.5, frames="triggered")
-        receiver = SonixDaqReceiver(settings=daq, clock=clock)
-        self.guard = Guard(limits=settings.limits, firing=FiringLimits(), admission=Admission())
-        self.scanner = Scanner(
-            stage=Kdc101Stage(port=self.stage_port, clock=clock, settings=keys),
-            laser=self.laser,
-            receiver=receiver
-            if settings.laser.energy_meter_noise is None
-            else EnergyMeter(receiver, measured=lambda _: None, usual_energy=LIGHT_COUNTS, box=self.laser),
-            reader=image_reader(settings.probe.array, sampling_hz=settings.receiver.sampling_hz),
-            clock=clock,
-            guard=self.guard,
-        )
-        self.guard.arm(by="test")
+        super().__init__(folder, settings=settings, position_triggered=position_triggered)
+
+    def receiver(self) -> Receiver:
+        receiver = super().receiver()
+        if self.settings.laser.energy_meter_noise is None:
+            return receiver
+        return EnergyMeter(receiver, measured=lambda _: None, usual_energy=LIGHT_COUNTS, box=self.laser)
 
     def swept(self) -> list[Sample]:
         """Samples of one sweep."""
@@ -126,19 +104,6 @@ def doubled(bench: Bench) -> None:
     bench.faults.inject("double edge", 8)
 
 
-@pytest.mark.parametrize("break_it", [lost, doubled])
-def test_a_trigger_lost_or_doubled_on_its_way_to_the_box_refuses_the_sweep_whole(
-    tmp_path: Path, break_it: Callable[[Bench], None]
-) -> None:
-    bench = Bench(tmp_path)
-    break_it(bench)
-    with pytest.raises(AcquisitionError, match=r"trigger \d+ of the stage and the stamp of its pulse differ by -?0\.6"):
-        bench.swept()
-    assert bench.guard.state is State.ARMED
-    bench.faults.heal()
-    assert len(bench.swept()) > 15
-
-
 def test_a_cable_that_is_off_gives_no_light_and_is_named(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     bench.faults.inject("no edges")
@@ -157,33 +122,6 @@ def test_what_is_read_back_otherwise_than_written_ends_before_anything_moves(
     with pytest.raises(DeviceError, match=f"does not keep its {what}"):
         bench.swept()
     assert (bench.emulated.stage.moves, bench.truth_deg()) == (0, [])
-
-
-@pytest.mark.parametrize(
-    ("mode", "edges"), [(apt.TRIGGER_OFF, 0), (apt.TRIGGER_STEPS_DOWN, 0), (apt.TRIGGER_STEPS_UP, 40)]
-)
-def test_positions_give_pulses_in_their_own_direction_only(tmp_path: Path, mode: int, edges: int) -> None:
-    bench = Bench(tmp_path)
-    row = apt.TriggerRow(start=apt.counts_of(-34.0), interval=apt.counts_of(0.25), number=40)
-    bench.stage_port.write(apt.set_trigger_positions(apt.TriggerPositions(up=row, down=row)))
-    bench.stage_port.write(apt.set_trigger_ports(apt.TriggerPorts(first=mode)))
-    bench.stage_port.write(apt.set_target(apt.counts_of(-10.0)) + apt.move())
-    bench.clock.wait(4.0)
-    given = bench.emulated.stage.edges(bench.clock.now_s())
-    assert len(given) == edges
-    if edges > 1:
-        expected_deg = [apt.degrees_of(row.start + row.interval * each) for each in range(edges)]
-        assert [edge.angle_deg for edge in given] == pytest.approx(expected_deg, abs=1e-6)
-
-
-def test_positions_count_once_the_port_is_set_after_them(tmp_path: Path) -> None:
-    bench = Bench(tmp_path)
-    row = apt.TriggerRow(start=apt.counts_of(-34.0), interval=apt.counts_of(0.25), number=40)
-    bench.stage_port.write(apt.set_trigger_ports(apt.TriggerPorts(first=apt.TRIGGER_STEPS_UP)))
-    bench.stage_port.write(apt.set_trigger_positions(apt.TriggerPositions(up=row, down=row)))
-    bench.stage_port.write(apt.set_target(apt.counts_of(-10.0)) + apt.move())
-    bench.clock.wait(4.0)
-    assert bench.emulated.stage.edges(bench.clock.now_s()) == []
 
 
 @pytest.mark.parametrize("position_triggered", [True, False])

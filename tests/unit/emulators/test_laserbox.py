@@ -35,30 +35,12 @@ def test_a_train_that_is_cut_is_completed_without_light_at_the_same_rate() -> No
         assert [flash.pulses for flash in bench.world.flashes] == [3]
 
 
-def test_light_outside_of_a_firing_is_in_the_count() -> None:
-    bench = Bench()
-    bench.box.stray_light(2)
-    greeting = bench.say(wire.Hello(), at_s=0.0)[0]
-    assert greeting == wire.Greeting(identity="emulator", version=wire.VERSION, lease_ms=100, last_token=0, seen=2)
-    assert bench.say(pulses_of(1, pulses=3), wire.Fire(token=1)) == [wire.Permitted(token=1, seen=2)]
-    assert bench.say(at_s=0.09) == [wire.Done(token=1, sent=3, photodiode=3)]
-    bench.box.stray_light()
-    assert bench.say(pulses_of(2), at_s=0.1) == [wire.Permitted(token=2, seen=6)]
-
-
 def test_light_that_comes_later_than_the_photodiode_is_read_is_not_of_the_firing() -> None:
     bench = Bench()
     bench.faults.inject("late light", 1500)
     bench.say(pulses_of(1, pulses=3), wire.Fire(token=1), at_s=0.0)
     assert bench.say(at_s=0.09) == [wire.Done(token=1, sent=3, photodiode=2)]
     assert bench.say(pulses_of(2)) == [wire.Permitted(token=2, seen=3)]
-
-
-def test_a_pulse_comes_at_a_turn_of_the_loop_and_late_ones_do_not_bunch() -> None:
-    bench = Bench(turn_us=7000)
-    bench.say(pulses_of(1, pulses=6), wire.Fire(token=1), at_s=0.0)
-    bench.say(at_s=0.099)
-    assert [round(1e3 * pulse.at_s) for pulse in bench.box.pulses] == [0, 14, 21, 35, 42, 56]
 
 
 def test_each_of_several_edges_that_a_process_that_was_held_up_takes_at_once_has_its_line() -> None:
@@ -101,15 +83,6 @@ def test_power_up_clears_the_permit_and_a_damaged_line_revokes_it() -> None:
     damaged[5] ^= 1
     assert wire.encode(wire.Refusal(reason="CRC")) in bench.box.feed(bytes(damaged))
     assert not bench.box.permitted
-
-
-def test_tokens_only_count_up() -> None:
-    bench = Bench()
-    bench.say(pulses_of(7), wire.Disarm())
-    for token in (1, 6, 7):
-        assert bench.say(pulses_of(token)) == [wire.Refusal(reason="TOKEN")]
-    assert bench.say(wire.Hello())[0].last_token == 7  # type: ignore[union-attr]
-    assert bench.say(pulses_of(8)) == [wire.Permitted(token=8, seen=0)]
 
 
 @given(

@@ -10,7 +10,7 @@ import pytest
 
 from markerseek.core import ConfigError, NotConnectedError
 from markerseek.drivers import SerialPort, SystemClock
-from markerseek.emulators import DirectPort, PtyLine
+from markerseek.emulators import PtyLine
 from markerseek.sim import VirtualClock
 
 
@@ -30,27 +30,6 @@ class Echo:
     def feed(self, data: bytes) -> bytes:
         self._later.append((self._now_s + 1.0, data.upper()))
         return data
-
-
-def test_a_direct_port_waits_in_virtual_time() -> None:
-    clock = VirtualClock()
-    port = DirectPort(device=Echo(), clock=clock)
-    port.write(b"abc")
-    assert port.read(2, timeout_s=5.0) == b"ab"
-    assert port.read(1, timeout_s=0.0) == b"c"
-    assert clock.now_s() == 0.0
-    assert port.read(8, timeout_s=0.5) == b""
-    assert clock.now_s() == pytest.approx(0.5)
-    assert port.read(3, timeout_s=5.0) == b"ABC"
-    assert clock.now_s() == pytest.approx(1.0, abs=2e-3)
-
-
-def test_a_closed_direct_port_is_gone() -> None:
-    port = DirectPort(device=Echo(), clock=VirtualClock())
-    port.close()
-    port.close()
-    with pytest.raises(NotConnectedError, match="closed"):
-        port.write(b"a")
 
 
 def test_every_byte_crosses_a_pseudo_terminal_unchanged() -> None:
@@ -136,17 +115,6 @@ def test_a_line_taken_away_is_gone() -> None:
         port.write(b"a")
     port.close()
     port.close()
-
-
-def test_a_link_names_the_port_and_is_removed_with_it(tmp_path: Path) -> None:
-    link = tmp_path / "stage"
-    with PtyLine(device=Echo(), clock=SystemClock(), link=link) as line:
-        assert line.path == str(link)
-        assert link.exists()
-        with pytest.raises(ConfigError, match="link"):
-            PtyLine(device=Echo(), clock=SystemClock(), link=link)
-        assert link.is_symlink()
-    assert not link.is_symlink()
 
 
 def test_a_port_that_is_not_there(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import combinations, pairwise
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +33,6 @@ from markerseek.pictures import (
     bank_figure,
     frame_figure,
     png_data_uri,
-    save_figure,
     search_figure,
     write_page,
 )
@@ -102,17 +101,6 @@ def test_numbers_are_not_written_over_one_another_and_the_first_is_there(count: 
     assert not [pair for pair in combinations(boxes, 2) if pair[0].overlaps(pair[1])]
     assert texts[0].get_text() == "1"
     assert min(count, 28) <= len(texts) <= count
-
-
-def test_numbers_beside_an_image_are_apart_where_the_intensities_are_level() -> None:
-    angles = np.linspace(-35, 35, 115)
-    rng = np.random.default_rng(1)
-    figure = figure_of([sample(each, 420 + 20 * rng.random()) for each in angles.tolist()], image=image())
-    boxes = [text.get_window_extent() for text in figure.axes[0].texts]
-    # Numbers that touch would be read as one.
-    gaps = [right.x0 - left.x1 for left, right in pairwise(sorted(boxes, key=lambda box: box.x0))]
-    assert min(gaps) > 5
-    assert len(boxes) > 15
 
 
 def test_no_line_joins_what_was_measured_at_different_angles() -> None:
@@ -204,30 +192,6 @@ def test_a_long_title_is_broken_into_lines_that_fit_and_dollars_are_dollars(draw
     box = heading.get_window_extent()
     assert 0 <= box.x0 < box.x1 <= figure.bbox.width
     assert " ".join(heading.get_text().split()) == LONG
-
-
-@pytest.mark.parametrize("draw", [frame_of, narrow_frame_of])
-def test_an_image_fills_its_figure(draw: object) -> None:
-    """What is drawn reaches over most of the figure in both directions."""
-    figure: Figure = draw("a frame")  # type: ignore[operator]
-    FigureCanvasAgg(figure).draw()
-    boxes = [axes.get_tightbbox() for axes in figure.axes]
-    assert max(box.x1 for box in boxes) - min(box.x0 for box in boxes) > 0.85 * figure.bbox.width
-    assert figure._suptitle.get_window_extent().y1 - min(box.y0 for box in boxes) > 0.9 * figure.bbox.height
-
-
-@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
-def test_the_same_figure_gives_the_same_file_of_its_ending(tmp_path: Path, suffix: str) -> None:
-    files = [tmp_path / f"{name}{suffix}" for name in ("first", "second")]
-    for file in files:
-        save_figure(bank_of("a bank"), file)
-    first, second = (file.read_bytes() for file in files)
-    assert first == second
-    assert {".png": b"PNG", ".svg": b"<svg", ".pdf": b"%PDF-"}[suffix] in first[:1000]
-
-
-def test_the_largest_dark_intensity_is_inside_the_picture_of_a_bank() -> None:
-    assert bank_of("a bank").axes[0].get_ylim()[1] > 9
 
 
 def test_a_page_holds_its_table_and_escapes_what_it_is_given(tmp_path: Path) -> None:

@@ -40,14 +40,6 @@ def test_dots_lie_where_the_numbers_say() -> None:
     assert ticks["20"] == pytest.approx(dots[3][0], abs=0.1)
 
 
-@pytest.mark.parametrize("intensities", [[0.0, 0.0, 0.0], [1e-9, 1e-9, 1e-9], [1e12, 0.0, 1.0]])
-def test_any_curve_has_a_picture(intensities: list[float]) -> None:
-    tree = ET.fromstring(curve([1.0, 1.001, 1.002], intensities, answer_deg=1.0, interval_deg=(-1e3, 1e3)).svg())
-    places = [float(dot.get(name)) for dot in tree.iter(f"{SVG}circle") for name in ("cx", "cy")]
-    assert np.isfinite(places).all()
-    assert 0 <= min(places) <= max(places) <= 460
-
-
 def test_a_result_shows_its_answer_and_every_acquisition(result: SearchResult) -> None:
     tree = ET.fromstring(result._repr_html_())
     cells = [cell.text for cell in tree.iter("td")]
@@ -86,15 +78,6 @@ def test_a_result_as_a_dataframe(result: SearchResult) -> None:
     assert table["intensity"].max() == max(each.intensity for each in result.samples)
     assert (table.index.name, table.index[0], set(table["role"])) == ("acquisition", 1, {"search"})
     assert table.attrs["angle_deg"] == result.angle_deg
-
-
-def test_a_confirmation_is_the_last_row(result: SearchResult) -> None:
-    pytest.importorskip("pandas", reason="needs the extra notebook")
-    found = markerseek.find_marker(markerseek.simulated(seed=1), "ternary")
-    assert found.confirmation is not None
-    table = found.to_dataframe()
-    assert (len(table), table["role"].iloc[-1]) == (found.acquisitions + 1, "confirmation")
-    assert table["intensity"].iloc[-1] == found.confirmation.intensity
 
 
 def test_banks_as_data_sets(tmp_path: Path) -> None:

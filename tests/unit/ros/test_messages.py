@@ -134,7 +134,7 @@ def test_a_rig_file_names_nodes_without_port_and_zero(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("found", "wanted", "said"),
     [
-        ('[laser]\ndriver = "ros2"', '[laser]\nport = "/dev/ttyACM0"', "ros2 is of both: name ros2 in both"),
+        ('[laser]\ndriver = "ros2"', '[laser]\nport = "/dev/ttyACM0"', "ros2 is laser and receiver: name ros2 in both"),
         (
             '[stage]\ndriver = "ros2"',
             '[stage]\ndriver = "rosbag"',

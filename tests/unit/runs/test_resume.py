@@ -10,6 +10,7 @@ import pytest
 
 from markerseek import rigs
 from markerseek.core import (
+    AnglePrior,
     AnyPolicy,
     DeviceError,
     Failed,
@@ -40,6 +41,7 @@ from markerseek.runs import RunView, answer_again, rebuild_policy
 from markerseek.runs.journalled import journalled
 from markerseek.runs.resume import change_of, pulses_before, resumed
 from markerseek.sim import GaussianCurve, SimulatedSettings
+from tests.unit.records.changed_configuration import changed
 from tests.unit.runs.journalled_runs import ACQUISITIONS, MARKER_DEG, begin, configured, live, resume_run
 
 METHODS = {
@@ -85,6 +87,27 @@ def test_stopped_after_any_acquisition_a_search_ends_with_an_answer_as_good(meth
         assert abs(result.angle_deg - wanted.angle_deg) < 3 * max(result.sigma_deg, wanted.sigma_deg) + 0.02
         assert len(result.samples) == result.acquisitions
         assert verify(path).faults == []
+
+
+@pytest.mark.parametrize("expected_deg", [MARKER_DEG, MARKER_DEG + 25.0])
+def test_a_prior_over_the_angle_is_kept_and_the_search_goes_on_with_it(expected_deg: float, tmp_path: Path) -> None:
+    near = AnglePrior(mean_deg=expected_deg, sigma_deg=2.0)
+
+    def begun(resumed_after: int = 0) -> tuple[AnyPolicy, Rig, Configuration]:
+        _, rig, configuration = begin_method("posterior", resumed_after=resumed_after)
+        configuration = changed(configuration, near=near)
+        return rebuild_policy(configuration), rig, configuration
+
+    path = tmp_path / "killed.journal"
+    live(path, until=14, begun=begun)
+    assert read_journal(path).configuration.plan.near == near
+    resume_run(path, begun=lambda: begun(100))
+    result = RunView.of(read_journal(path)).result()
+    assert result.found
+    assert result.angle_deg == pytest.approx(MARKER_DEG, abs=1.0)
+    assert result.near == near
+    assert result.near_evidence is not None
+    assert result.near_evidence.whole_range == (expected_deg != MARKER_DEG)
 
 
 def test_a_run_that_never_started_begins_when_it_is_armed(tmp_path: Path) -> None:
@@ -285,11 +308,13 @@ def test_the_pulses_of_all_sessions_are_counted_together(tmp_path: Path, whole: 
     lit = sum(isinstance(event, Measured) and not event.sample.dark for event in events)
     refused = [event for event in events if isinstance(event, Refused)]
     dark = sum(event.frame is not None and event.frame.header.pulses == 0 for event in refused)
-    assert pulses_before(read_journal(whole).entries, pulses=16, attempts=3) == 16 * (lit + len(refused) - dark)
+    assert pulses_before(read_journal(whole).entries, pulses=16, attempts=3, pulses_per_sweep=1) == 16 * (
+        lit + len(refused) - dark
+    )
     path = tmp_path / "run.journal"
     live(path, until=20)
     _, rig, _ = begin()
-    spent = pulses_before(read_journal(path).entries, pulses=rig.scanner.pulses, attempts=3)
+    spent = pulses_before(read_journal(path).entries, pulses=rig.scanner.pulses, attempts=3, pulses_per_sweep=1)
     rig.scanner.guard._permits._limits = FiringLimits(pulses_per_session=spent + rig.scanner.pulses)
     with pytest.raises(LimitError, match=f"{spent + rig.scanner.pulses} pulses were permitted in this session"):
         resume_run(path, rig=rig)

@@ -25,6 +25,8 @@ from markerseek.core import (
     SweepTiming,
     Swept,
 )
+from markerseek.drivers import BenchSettings, Kdc101Settings, LaserBoxSettings, SonixDaqSettings
+from markerseek.guard import FiringLimits
 from markerseek.records.journal import Configuration, Entry, read_journal, verify
 from markerseek.rigs import Rig
 from markerseek.runs import RunView, answer_again, configuration_of
@@ -112,11 +114,33 @@ def test_pulses_of_a_sweep_count_as_fired_and_of_a_broken_one_as_permitted() -> 
     sweep = Sweep(from_deg=-35.0, to_deg=35.0, speed_deg_s=10.0)
     asked = Asked(role="search", index=1, angle_deg=35.0, sweep=sweep)
     over = Swept(angle_deg=35.0, pulses=77)
-    assert pulses_before(entries(asked, over), pulses=16, attempts=3) == 77
-    assert pulses_before(entries(asked, asked, over), pulses=16, attempts=3) == 10_000 + 77
     refused = Refused(angle_deg=0.0, reason="a frame")
-    assert pulses_before(entries(asked, refused, over), pulses=16, attempts=3) == 77
-    assert pulses_before(entries(asked), pulses=16, attempts=3) == 10_000
+    charged = partial(pulses_before, pulses=16, attempts=3, pulses_per_sweep=600)
+    assert charged(entries(asked, over)) == 77
+    assert charged(entries(asked, asked, over)) == 600 + 77
+    assert charged(entries(asked, refused, over)) == 77
+    assert charged(entries(asked)) == 600
+
+
+@pytest.mark.parametrize("pulses_per_sweep", [None, 700, 40_000])
+def test_a_broken_sweep_is_charged_by_the_limit_of_its_rig(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pulses_per_sweep: int | None
+) -> None:
+    path = tmp_path / "run.journal"
+    live(path, until=25)
+    _, rig, _ = begin()
+    if pulses_per_sweep is not None:
+        bench = BenchSettings(
+            stage=Kdc101Settings(port="a", zero_deg=0.0),
+            laser=LaserBoxSettings(port="b"),
+            receiver=SonixDaqSettings(folder="c"),
+            firing=FiringLimits(pulses_per_sweep=pulses_per_sweep),
+        )
+        rig = replace(rig, bench=bench)
+    charged: list[int] = []
+    monkeypatch.setattr(rig.scanner.guard, "charge", charged.append)
+    resume_run(path, rig=rig)
+    assert charged == [pulses_per_sweep or 10_000]
 
 
 def test_a_sample_of_a_sweep_is_measured_again_where_it_was_taken() -> None:

@@ -43,16 +43,6 @@ def test_a_found_search_moves_to_the_marker_confirms_and_stops() -> None:
     assert bench.log[-2:] == ["disarm", "stop"]
 
 
-def test_every_acquisition_is_announced_before_anything_moves() -> None:
-    bench = Bench()
-    announced = []
-    for event in run(Tour(-35.0, 10.0), scanner(bench), RunPlan(dark_frames=1)):
-        if isinstance(event, Asked):
-            announced.append((event.role, event.index, event.angle_deg))
-            assert len([entry for entry in bench.log if entry.startswith("fire")]) == len(announced) - 1
-    assert announced == [("dark", 1, -35.0), ("search", 1, -35.0), ("search", 2, 10.0), ("confirmation", 1, 4.0)]
-
-
 def test_the_order_within_one_measurement() -> None:
     bench = Bench(short_by_deg=0.0625)
     sample = scanner(bench).measure(12.0)

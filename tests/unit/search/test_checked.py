@@ -1,4 +1,4 @@
-"""The noise floor, the evidence, and the answers of the checked form; the catalogue of methods."""
+"""The detection threshold, the evidence, and the answers of the checked form; the catalogue of methods."""
 
 from __future__ import annotations
 

@@ -131,13 +131,6 @@ def test_the_order_of_samples_does_not_matter(values, order):
     assert answers[2] == answers[3]
 
 
-def test_the_angle_reached_is_the_abscissa():
-    policy = WeightedAverage(acquisitions=15, early_end=False)
-    while (angle_deg := policy.ask()) is not None:
-        policy.tell(sample(angle_deg + 1.5, math.exp(-((angle_deg / 8) ** 2))))
-    assert policy.estimate().mean_deg == pytest.approx(1.5)
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [

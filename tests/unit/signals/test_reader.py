@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from markerseek.core import AcquisitionError, ConfigError, FrameHeader, ReadingFrame
+from markerseek.core import AcquisitionError, ConfigError
 from markerseek.signals import PRESET_NAMES, ImageReader, ProbePreset, beamformed_sigma, features, probe_preset
 from markerseek.signals._kernel import PAD
 from markerseek.signals.beamform import half_aperture_m, image_grid, path_delay
@@ -259,13 +259,6 @@ def test_saturation_in_the_most_negative_number_is_seen():
     assert len(found) > used / 2
 
 
-@pytest.mark.parametrize("value", [0, 17])
-def test_dead_channels_are_named(value):
-    samples = np.rint(np.random.default_rng(8).normal(0, 20, (128, 2080))).astype(np.int16)
-    samples[[0, 31, 127]] = value
-    assert READER.read(frame_of(samples)).dead_channels == (0, 31, 127)
-
-
 def test_default_depths_hide_nothing_but_the_pickup():
     picture = ImageReader(probe_preset("L3-8")).picture(frame_of(np.zeros((128, 2455), np.int16)))
     assert picture.depth_m[0] <= 200 * 1480 / 40e6 + 1e-9
@@ -295,12 +288,6 @@ def test_a_frame_of_another_probe_is_refused(shape, hz, words):
     assert "BPL9-5/55" in str(error.value)
 
 
-def test_a_reading_frame_is_refused():
-    header = FrameHeader(sequence=1, token="t", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
-    with pytest.raises(AcquisitionError, match="ReadingFrame"):
-        READER.read(ReadingFrame(header=header, intensity=1.0))
-
-
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -319,12 +306,6 @@ def test_impossible_options_are_refused(arguments):
 def test_depths_beyond_the_record_are_refused():
     with pytest.raises(ConfigError, match=r"holds from 3\.85 mm to 80\.04 mm"):
         ImageReader(BPL, min_depth_m=0.5).read(frame_of(np.zeros((128, 2080), np.int16)))
-
-
-def test_unknown_probe_lists_the_names():
-    with pytest.raises(ConfigError) as error:
-        probe_preset("L7-4")
-    assert all(name in str(error.value) for name in PRESET_NAMES)
 
 
 @pytest.mark.parametrize(

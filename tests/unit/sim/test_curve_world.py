@@ -157,20 +157,6 @@ def test_two_equal_peaks_are_stronger_than_one_and_scatter_less() -> None:
     assert drawn.std() == pytest.approx(math.sqrt(1 - 1 / math.pi), abs=0.04)
 
 
-def test_a_dark_frame_is_noise_and_says_how_strong_it_is() -> None:
-    frame = world(GaussianCurve(fwhm_deg=7.0), sigma=3.0).frame(None, header=HEADER)
-    assert 3 * 3.5 < frame.intensity < 3 * 8
-    assert (frame.noise_sigma, frame.cells) == (3.0, 460_000)
-
-
-def test_the_energy_of_the_light_scales_the_peak() -> None:
-    bright = Flash(at_s=0.0, pulses=1, energy=1.5)
-    one, more = (
-        world(GaussianCurve(fwhm_deg=7.0), peak=1e6).frame(f, header=HEADER).intensity for f in (FLASH, bright)
-    )
-    assert more / one == pytest.approx(1.5, rel=1e-5)
-
-
 def test_without_a_marker_a_checked_search_finds_nothing_and_there_is_no_truth() -> None:
     rig = rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)
     *_, last = run(build(SearchPlan(method="weighted-average", acquisitions=29)), rig.scanner, rig.run_plan)

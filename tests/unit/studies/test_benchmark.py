@@ -18,7 +18,6 @@ from markerseek.studies.benchmark import WORLDS, Entry, run_benchmark, worlds_ha
 from markerseek.studies.policies import study_policy
 from markerseek.studies.study import cells
 from markerseek.studies.trial import run_trial
-from markerseek.studies.worlds import draw_trial
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "benchmark_entry.py"
 
@@ -66,18 +65,6 @@ def test_an_entry_is_told_the_channel_data_in_the_last_tier_only():
     assert {world.tier for world in WORLDS if benchmark._as_policy(entry, world.tier).channels} == {"raw channels"}
 
 
-def test_a_row_is_the_same_whatever_else_is_run():
-    """Common random numbers: a method meets the same marker alone, beside others, and in a larger benchmark."""
-    one, others = (
-        (study_policy(method="ternary"),),
-        (study_policy(method="manual"), study_policy(method="ternary")),
-    )
-    small = world("intensities", "one").study("a", one, searches=1)
-    large = world("intensities", "one").study("b", others, searches=9)
-    alone, beside = run_trial(small, cells(small)[0], 0, 0), run_trial(large, cells(large)[0], 0, 1)
-    assert (alone.truth_deg, alone.mean_deg, alone.elapsed_s) == (beside.truth_deg, beside.mean_deg, beside.elapsed_s)
-
-
 def test_another_seed_is_another_benchmark():
     assert worlds_hash(7) != worlds_hash()
     policies = (study_policy(method="ternary"),)
@@ -86,18 +73,6 @@ def test_another_seed_is_another_benchmark():
         study = world("intensities", "one").study("a", policies, searches=1, **given)
         rows.append(run_trial(study, cells(study)[0], 0, 0))
     assert rows[0].truth_deg != rows[1].truth_deg
-
-
-def test_another_seed_gives_each_tier_markers_of_its_own():
-    """Else an entry could meet in one tier a marker that it has found in another."""
-    policies = (study_policy(method="ternary"),)
-    drawn = {}
-    for seed in (benchmark.SEED, 7):
-        for tier in ("block maxima", "raw channels"):
-            study = world(tier, "one").study("a", policies, searches=1, seed=seed)
-            drawn[seed, tier] = draw_trial(study, cells(study)[0], 0).marker_deg
-    assert drawn[benchmark.SEED, "block maxima"] == drawn[benchmark.SEED, "raw channels"]
-    assert drawn[7, "block maxima"] != drawn[7, "raw channels"]
 
 
 @pytest.mark.parametrize("scale", [0, -1, math.nan])

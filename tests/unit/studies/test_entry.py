@@ -234,13 +234,6 @@ def test_channel_data_and_block_maxima_are_told(channels, answer):
     assert (row.answer, row.acquisitions) == (answer, 1)
 
 
-def test_a_failed_entry_is_a_row_without_an_angle_and_with_its_fault():
-    study = study_of("intensities", "one", "for _ in lines: angle(99)")
-    row = run_trial(study, cells(study)[0], 0, 0)
-    assert (row.answer, row.mean_deg) == ("failed", None)
-    assert "angle_deg is 99.0 deg" in (row.fault or "")
-
-
 @pytest.mark.parametrize("setting", [{"sweep": True}, {"early_end": False}, {"others": 0.1}, {"prior": True}])
 def test_a_setting_that_no_entry_has_is_refused(setting):
     """They were dropped without a word."""

@@ -160,21 +160,6 @@ def test_a_policy_of_which_every_search_fails_ends_the_command_with_the_reason(f
     assert list(json.loads(text)["faults"]) == ["mine_of_this_test:Outside, 9"]
 
 
-def test_a_policy_of_which_some_searches_fail_is_reported_with_their_number_and_the_first(
-    folder: Path, shell: Shell
-) -> None:
-    path, out = study_of(folder, "mine_of_this_test:Outside_at_times"), folder / "out"
-    path.write_text(path.read_text().replace("trials = 3", "trials = 12"))
-    code, _, err = shell("study", path, "--out", out, "--workers", 1)
-    assert code == 0
-    study = read_study(path)
-    failed = [row.row for row in read_rows(out / "rows.csv", study) if row.answer == "failed"]
-    assert 0 < len(failed) < 12
-    assert f"{len(failed)} of 12 searches failed, the first one (row {failed[0]}) by: LimitError" in " ".join(
-        err.split()
-    )
-
-
 def test_the_policy_of_the_examples_finds_markers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(EXAMPLES)
     study = read_study(EXAMPLES / "studies" / "own-policy.toml")

@@ -7,7 +7,6 @@ import dataclasses
 import fcntl
 import importlib
 import json
-import math
 import multiprocessing
 import signal
 import subprocess
@@ -24,21 +23,18 @@ from typing import cast
 import msgspec
 import pytest
 
-from markerseek.core import ConfigError, MarkerseekError, MissingExtraError, RecordError
+from markerseek.core import MarkerseekError, MissingExtraError, RecordError
 from markerseek.studies import (
     Axis,
     CurveSettings,
     Study,
     Summary,
-    columns,
-    run_row,
     run_study,
     runner,
     study_policy,
-    values_of,
     workers,
 )
-from markerseek.studies.runner import as_csv, chunks, run_chunk
+from markerseek.studies.runner import chunks, run_chunk
 from markerseek.studies.workers import in_order
 
 STUDY = Study(
@@ -70,14 +66,6 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     folder = tmp_path_factory.mktemp("whole")
     run_study(STUDY, folder, workers=1)
     return files(folder)
-
-
-def test_the_table_is_the_rows_one_by_one(whole: dict[str, bytes]) -> None:
-    lines = whole["rows.csv"].splitlines(keepends=True)
-    assert len(lines) == STUDY.rows + 1
-    assert lines[0] == as_csv([columns(STUDY)])
-    for row in (0, 1, 377, STUDY.rows - 1):
-        assert lines[row + 1] == as_csv([values_of(run_row(STUDY, row))])
 
 
 def test_two_processes_give_the_same_files_and_progress_rises_to_the_end(
@@ -143,31 +131,6 @@ def test_a_table_torn_anywhere_is_continued_from_its_last_whole_trial(whole: dic
         assert (tmp_path / "rows.csv").read_bytes() == table
 
 
-@pytest.mark.parametrize("step", ["sync_folder", "summarise", "read_json"])
-def test_a_study_that_ends_while_it_is_put_together_is_put_together_again(
-    whole: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
-) -> None:
-    def killed(*_arguments: object, **_named: object) -> None:
-        raise KilledError
-
-    with monkeypatch.context() as patched:
-        patched.setattr(f"markerseek.studies.runner.{step}", killed)
-        with pytest.raises(KilledError):
-            run_study(STUDY, tmp_path, workers=1)
-    run_study(STUDY, tmp_path, workers=1)
-    assert files(tmp_path) == whole
-
-
-def test_a_finished_study_is_only_read(
-    whole: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name, content in whole.items():
-        (tmp_path / name).write_bytes(content)
-    monkeypatch.setattr(runner, "in_order", None)
-    assert run_study(STUDY, tmp_path).summary.rows == STUDY.rows
-    assert files(tmp_path) == whole
-
-
 def test_a_changed_study_or_another_version_is_refused_and_the_folder_left_as_it_is(
     whole: dict[str, bytes], tmp_path: Path
 ) -> None:
@@ -185,29 +148,12 @@ def test_a_changed_study_or_another_version_is_refused_and_the_folder_left_as_it
     assert files(tmp_path)["rows.csv"] == whole["rows.csv"]
 
 
-def test_lines_of_a_worker_with_another_version_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    other = dataclasses.replace(STUDY, seed=2)
-
-    def elsewhere(compute: Compute, pieces: Iterator[range], **_where: object) -> Iterator[bytes]:
-        for piece in pieces:
-            yield run_chunk(other, piece)
-
-    monkeypatch.setattr(runner, "in_order", elsewhere)
-    with pytest.raises(ConfigError, match="another version of markerseek"):
-        run_study(STUDY, tmp_path)
-
-
 def test_a_folder_in_use_cannot_be_used_and_one_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     with runner._alone(tmp_path), pytest.raises(RecordError, match="another process is running this study"):
         run_study(STUDY, tmp_path)
     (tmp_path / "file").write_text("")
     with pytest.raises(RecordError, match="with --out"):
         run_study(STUDY, tmp_path / "file" / "below")
-
-
-def test_no_workers_are_refused() -> None:
-    with pytest.raises(ConfigError, match="workers is 0"):
-        list(in_order(math.sqrt, [1.0], workers=0))
 
 
 @pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="Windows sends Ctrl-C otherwise")

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from markerseek.core import ConfigError, RecordError
+from markerseek.core import ConfigError
 from markerseek.sim import MarkerSettings, NoiseSettings, SimulatedSettings
 from markerseek.studies import (
     Axis,
@@ -19,8 +19,6 @@ from markerseek.studies import (
     Row,
     Study,
     cells,
-    columns,
-    read_rows,
     read_study,
     run_row,
     run_trial,
@@ -199,22 +197,6 @@ def test_policies_of_one_trial_search_in_the_same_world() -> None:
         assert full.acquisitions == 15 >= early.acquisitions
 
 
-def test_a_row_is_run_again_the_same_from_its_number() -> None:
-    for row in all_rows(SMALL):
-        assert run_row(SMALL, row.row) == row
-    with pytest.raises(ConfigError, match="has the rows 0 to 19"):
-        run_row(SMALL, 20)
-
-
-def test_a_trial_at_the_level_of_frames_gives_the_same_kind_of_row() -> None:
-    frames = dataclasses.replace(SMALL, level="frames", trials=1, vary=(), policies=(TERNARY,))
-    row = run_row(frames, 0)
-    assert row == run_row(frames, 0)
-    assert row.answer == "found"
-    assert row.acquisitions == 8
-    assert row.error_deg == abs(row.mean_deg - row.truth_deg)  # type: ignore[operator]
-
-
 def test_a_fault_of_a_device_is_a_row_without_an_angle() -> None:
     """A converter that is filled sixteen times over refuses every frame near the marker."""
     saturating = SimulatedSettings()
@@ -235,32 +217,6 @@ def test_chunks_cover_every_trial_once_and_in_order() -> None:
     assert [trial for piece in chunks(study) for trial in piece] == list(range(2406))
     lines = b"".join(run_chunk(SMALL, piece) for piece in chunks(SMALL))
     assert lines == as_csv(values_of(row) for row in all_rows(SMALL))
-
-
-def test_a_table_is_read_back_exactly(tmp_path: Path) -> None:
-    rows = all_rows(SMALL)
-    path = tmp_path / "rows.csv"
-    path.write_bytes(as_csv([columns(SMALL), *(values_of(row) for row in rows)]))
-    assert list(read_rows(path, SMALL)) == rows
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [(b"a,b\n1,2\n", "columns are not those"), (b"\xff\xfe", "cannot be read"), (b"", "columns are not those")],
-)
-def test_another_table_is_refused(tmp_path: Path, content: bytes, message: str) -> None:
-    path = tmp_path / "rows.csv"
-    path.write_bytes(content)
-    with pytest.raises(RecordError, match=message):
-        list(read_rows(path, SMALL))
-    path.write_bytes(as_csv([columns(SMALL)]) + b"x" * 9 + b"," * (len(columns(SMALL)) - 1) + b"\n")
-    with pytest.raises(RecordError, match="not a study's table"):
-        list(read_rows(path, SMALL))
-    row = list(values_of(run_row(SMALL, 0)))
-    row[columns(SMALL).index("cell")] = 99
-    path.write_bytes(as_csv([columns(SMALL), row]))
-    with pytest.raises(RecordError, match="not a study's table"):
-        list(read_rows(path, SMALL))
 
 
 def test_a_summary_agrees_with_its_rows() -> None:

@@ -27,7 +27,7 @@ from markerseek.studies import (
     values_of,
 )
 from markerseek.studies.runner import as_csv
-from markerseek.studies.worlds import draw_trial, former_rig
+from markerseek.studies.worlds import draw_trial, expected_angle_deg, former_rig
 
 TERNARY = study_policy(method="ternary", acquisitions=6, as_published=True)
 AVERAGE = study_policy(method="weighted-average", acquisitions=9, as_published=True)
@@ -65,6 +65,7 @@ def test_what_cannot_be_studied_is_refused(changes: dict[str, object], message: 
         ({"cues": ("intensity",)}, "posterior, 4, no early end, intensity only"),
         ({"others": 0.0}, "posterior, 4, no early end, single"),
         ({"prior": True}, "posterior, 4, no early end, with prior"),
+        ({"near_sigma_deg": 2.0, "near_off_deg": 15.0}, "posterior, 4, no early end, near ± 2°, 15° off"),
     ],
 )
 def test_some_settings_are_the_posteriors(setting: dict[str, object], label: str) -> None:
@@ -89,6 +90,31 @@ def test_a_prior_is_the_curve_of_another_marker_on_the_same_rig() -> None:
     assert [row.truth_deg for row in without] == [row.truth_deg for row in with_prior]
     assert sum(a.mean_deg != b.mean_deg for a, b in zip(without, with_prior, strict=True)) >= 8
     assert sum(row.acquisitions or 0 for row in with_prior) <= sum(row.acquisitions or 0 for row in without)
+
+
+def test_a_prior_over_the_angle_errs_as_it_says_and_is_off_besides() -> None:
+    cell = cells(DRAWN)[0]
+    off = []
+    for trial in range(400):
+        truth_deg = draw_trial(DRAWN, cell, trial).marker_deg
+        expected_deg = expected_angle_deg(DRAWN, cell, trial, truth_deg=truth_deg, sigma_deg=2.0, off_deg=15.0)
+        # Inwards, where it stays in the range.
+        off.append((expected_deg - truth_deg) * (-1 if truth_deg > 0 else 1))
+    assert np.mean(off) == pytest.approx(15.0, abs=0.35)
+    assert np.std(off) == pytest.approx(2.0, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"near_off_deg": 5.0}, "near_off_deg is 5.0 deg without near_sigma_deg"),
+        ({"near_sigma_deg": 0.0}, "near: sigma_deg is 0.0 deg"),
+        ({"near": "12±2"}, "policies.near"),
+    ],
+)
+def test_a_prior_over_the_angle_that_cannot_be_used_is_refused(keys: dict[str, object], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        study_policy(method="posterior", **keys)
 
 
 def test_a_setting_that_came_later_changes_no_seed() -> None:

@@ -78,23 +78,6 @@ def test_each_message_has_the_bytes_that_another_program_packs(frame: str) -> No
     assert PACKED[frame] == bytes.fromhex(frame)
 
 
-def test_what_was_set_comes_back() -> None:
-    for ident, sent, value in (
-        (apt.VELOCITY, VELOCITY, apt.Velocity(acceleration=0x93, speed=0x068D5F)),
-        (apt.BACKLASH, BACKLASH, apt.Counts(counts=1920)),
-        (apt.TARGET, apt.set_target(-67187), apt.Counts(counts=-67187)),
-        (apt.TRIGGER_PORTS, apt.set_trigger_ports(apt.TriggerPorts(first=14)), apt.TriggerPorts(first=14)),
-        (
-            apt.TRIGGER_POSITIONS,
-            apt.set_trigger_positions(apt.TriggerPositions(up=ROW, down=BACK)),
-            apt.TriggerPositions(up=ROW, down=BACK),
-        ),
-    ):
-        assert apt.decode(only(answer(ident, sent[6:]))) == value
-    assert apt.decode(only(bytes.fromhex("12 02 01 01 01 50"))) == apt.Channel(enabled=True)
-    assert apt.decode(only(bytes.fromhex("12 02 01 02 01 50"))) == apt.Channel(enabled=False)
-
-
 def test_captured_numbers_are_the_units_of_the_stage() -> None:
     assert apt.acceleration_word(10.03) == 0x93
     assert apt.counts_of(1.0) == 1920
@@ -142,20 +125,6 @@ def test_a_status_is_decoded_from_its_bits(position: int, bits: int) -> None:
     assert bool(said.faults) == bool(bits & 0x4F0EC000)
 
 
-@given(low=st.integers(-(2**31), 2**31 - 1), high=st.integers(-(2**31), 2**31 - 1))
-def test_signed_limits_come_back(low: int, high: int) -> None:
-    limits = apt.SoftLimits(low=low, high=high)
-    data = apt.set_limits(limits)[6:]
-    assert apt.decode(only(answer(apt.LIMITS, data))) == limits
-
-
-def test_the_identity() -> None:
-    data = struct.pack("<i8sH4B60s3H", 83843619, b"TDC001\0\0", 44, 2, 1, 3, 0, b"", 1, 0, 1)
-    assert apt.decode(only(answer(apt.INFO, data))) == apt.Info(
-        model="TDC001", serial_number=83843619, firmware="3.1.2"
-    )
-
-
 def test_an_emulator_is_known_by_the_notes_in_its_identity() -> None:
     for notes, emulated in ((b"", False), (b"Thorlabs", False), (b"simulated by markerseek", True)):
         data = struct.pack("<i8sH4B60s3H", 27000001, b"KDC101\0\0", 44, 2, 1, 3, 0, notes, 1, 0, 1)
@@ -167,10 +136,6 @@ def test_an_emulator_is_known_by_the_notes_in_its_identity() -> None:
 def test_another_channel_is_refused() -> None:
     with pytest.raises(DeviceError, match="channel 2"):
         apt.decode(only(status(0, 0, channel=2)))
-
-
-def test_stopping_is_at_once() -> None:
-    assert apt.stop() == bytes.fromhex("65 04 01 01 50 01")
 
 
 def test_a_lost_byte_costs_one_message() -> None:

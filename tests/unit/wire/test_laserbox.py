@@ -81,10 +81,6 @@ def bitwise_crc(data: bytes) -> int:
     return crc
 
 
-def test_the_crc_has_the_check_value_of_its_name() -> None:
-    assert box.crc16(b"123456789") == 0x29B1
-
-
 @given(st.binary(max_size=100))
 def test_the_crc_is_that_of_its_definition_and_of_the_standard_library(data: bytes) -> None:
     assert box.crc16(data) == bitwise_crc(data) == binascii.crc_hqx(data, 0xFFFF)

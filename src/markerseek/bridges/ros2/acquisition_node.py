@@ -12,9 +12,9 @@ _TEXT = "std_msgs/msg/String"
 
 
 class AcquisitionNode(Served):
-    """Serves a laser and its receiver: one request fires at most the pulses of a permit of the guard here, and records.
+    """Serves a laser and its receiver: for each request it fires under a permit of its own guard, and records.
 
-    The lease is held while the laser fires.
+    The lease is renewed while the laser fires.
     """
 
     def __init__(self, serving: Serving, *, laser: Laser, receiver: Receiver, clock: Clock) -> None:
@@ -37,7 +37,7 @@ class AcquisitionNode(Served):
         if request is None:
             return
         if request.pulses == -1:
-            # Needs no stamp: light that ends too early harms nobody.
+            # A cancellation needs no stamp: light that ends too early harms nobody.
             self.stop()
             return
         reason = self._commands.refusal(request.stamp_ns, now_s=self.node.now_s())
@@ -51,13 +51,13 @@ class AcquisitionNode(Served):
         self._wanted = request
 
     def stop(self) -> None:
-        """End the acquisition; what was asked for and not begun is forgotten."""
+        """End the acquisition, and forget a request that has not begun."""
         self._wanted, self._cancelled = None, self._acquiring
 
     def beat(self) -> None:
-        """End the acquisition if that is wanted; called while a device works, after the messages have been handled.
+        """Raise `StepEnded` if somebody has cancelled the acquisition.
 
-        Raises `StepEnded` if somebody cancels it.
+        Called while a device works, after the messages have been handled.
         """
         if self._acquiring and self._cancelled:
             raise StepEnded
@@ -88,7 +88,7 @@ class AcquisitionNode(Served):
 
     def _acquire(self, request: messages.AcquireRequest) -> None:
         angle_deg = degrees(request.angle_rad)
-        # Only the search knows where the stage is; the guard here checks that the angle is one of its range.
+        # Only the search knows where the stage is; the guard here checks that the angle is inside the travel.
         self._guard.limits.require_travel(angle_deg)
         if not self._settled:
             self._receiver.settle()

@@ -121,13 +121,12 @@ def bank_of_arrays(
             f"{path}: a first angle and a step, or a file of angles, are for frames or intensities without angles, it "
             f"holds {held}"
         )
+    # Only now: a frame that was lost has its place in the scan.
+    held_by = filled(path, values, arrays.get(NUMBERS, np.arange(1, count + 1))) if frames else True
     if frames:
         values, frames = _of_channels(path, values, layout.without_channels)
     values = values if frames else _intensities(path, values, degrees.size)
-    kept = _valid(path, degrees, values, table)
-    if NUMBERS in arrays:
-        # Only now: a frame that was lost has its place in the scan.
-        kept &= filled(path, values, arrays[NUMBERS])
+    kept = _valid(path, degrees, values, table) & held_by
     degrees, values = degrees[kept], values[kept]
     angles_deg, order = rising(path, degrees)
     facts = msgspec.convert({name: _scalar(path, arrays, name) for name in NUMERIC_FACTS}, BankFacts)

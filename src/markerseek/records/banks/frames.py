@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,9 +22,11 @@ from markerseek.records.banks.bank import (
     USUAL_SAMPLING_HZ,
     BankFacts,
     FrameBank,
+    chosen_channels,
     rising,
 )
 from markerseek.records.banks.counts import EXACT, Scaling, as_counts, scaling_of
+from markerseek.records.banks.layout import broken_channels, said_of_broken, silenced
 from markerseek.records.journal import is_journal
 from markerseek.records.named_arrays import arrays_in, content, try_arrays
 from markerseek.wire import sonixdaq
@@ -46,6 +49,7 @@ def load_frame(
     angle_deg: float = 0.0,
     scaling: Scaling | None = None,
     blanked: int = 0,
+    left_out: tuple[int, ...] | None = None,
 ) -> ChannelFrame:
     """Frame of channel data in a file, or in a folder of SonixDAQ channel files.
 
@@ -56,10 +60,12 @@ def load_frame(
     - ``scaling``: how numbers of an ``.npy`` become counts; None: as the frame itself says, with a warning where it is
       scaled.
     - ``blanked``: samples at the start that are not imaged, and do not count for the scale.
+    - ``left_out``: channels of an ``.npy``, counted from 0, that become zeros; None: those that hold NaN or infinity,
+      where they are few, with a warning.
     """
     place = Path(path)
     with as_read_error(place):
-        samples, pulses = _load(place, scaling, blanked)
+        samples, pulses = _load(place, scaling, blanked, left_out)
     header = FrameHeader(
         sequence=1, token=place.name, pulses=pulses, commanded_deg=angle_deg, started_s=math.nan, ended_s=math.nan
     )
@@ -82,7 +88,9 @@ def npy_samples(path: Path) -> np.ndarray:
     return samples
 
 
-def _load(path: Path, scaling: Scaling | None, blanked: int) -> tuple[Int16[np.ndarray, "channels samples"], int]:
+def _load(
+    path: Path, scaling: Scaling | None, blanked: int, left_out: tuple[int, ...] | None
+) -> tuple[Int16[np.ndarray, "channels samples"], int]:
     if not path.exists():
         raise RecordError(f"{path}: there is no such file or folder; check the name")
     if path.is_dir():
@@ -93,6 +101,9 @@ def _load(path: Path, scaling: Scaling | None, blanked: int) -> tuple[Int16[np.n
     if suffix == ".mat":
         return _mat_frame(path, arrays_in(path, most_bytes=_MAX_FRAME_BYTES)), 1
     samples = npy_samples(path)
+    if left_out is None:
+        left_out = _left_out(path, [path], ())
+    samples = silenced(samples, np.isin(np.arange(len(samples)), left_out))
     return as_counts(path, samples, scaling or scaling_of(path, [samples], blanked=blanked)), 1
 
 
@@ -162,6 +173,8 @@ class FolderBank(FrameBank):
     """Path of each, in the order of the angles."""
     scaling: Scaling = EXACT
     """How the numbers of files of NumPy become counts, alike at all angles."""
+    left_out: tuple[int, ...] = ()
+    """Channels of files of NumPy, counted from 0, that are left out."""
 
     def frame(self, index: int) -> ChannelFrame:
         """Channel data of one angle, from the disk.
@@ -175,14 +188,16 @@ class FolderBank(FrameBank):
             sampling_hz=sampling_hz,
             angle_deg=angle_deg,
             scaling=self.scaling,
+            left_out=self.left_out,
         )
 
 
-def read_folder(path: Path, *, blanked: int = 0) -> FolderBank:
+def read_folder(path: Path, *, blanked: int = 0, without_channels: tuple[int, ...] = ()) -> FolderBank:
     """Bank in a folder, from the names of its sub-folders and files of channel data.
 
     A name is the angle in degrees, such as ``-12.5``, optionally with a word before it, the same in the whole folder,
-    and ``deg`` or ``°`` after it: ``angle_-12.5deg``. ``blanked``: as of `read_bank`.
+    and ``deg`` or ``°`` after it: ``angle_-12.5deg``. ``blanked``: as of `read_bank`. ``without_channels``: channels,
+    counted from 1, that are left out of files of NumPy; those that hold NaN are left out unasked.
     """
     by_angle: dict[float, Path] = {}
     words: dict[str, Path] = {}
@@ -212,18 +227,35 @@ def read_folder(path: Path, *, blanked: int = 0) -> FolderBank:
     places = tuple([*by_angle.values()][index] for index in order.tolist())
     facts = BankFacts(probe=MAT_PROBE if all(place.suffix.lower() == ".mat" for place in places) else None)
     try_arrays((place for place in places if place.is_file()), most_bytes=_MAX_FRAME_BYTES)
-    scaling = _common_scaling(path, [each for each in places if each.suffix.lower() == ".npy"], blanked)
-    return FolderBank(angles_deg=angles, places=places, facts=facts, scaling=scaling)
+    arrays = [each for each in places if each.suffix.lower() == ".npy"]
+    left_out = _left_out(path, arrays, without_channels)
+    scaling = _common_scaling(path, arrays, blanked, left_out)
+    return FolderBank(angles_deg=angles, places=places, facts=facts, scaling=scaling, left_out=left_out)
 
 
-def _common_scaling(path: Path, places: list[Path], blanked: int) -> Scaling:
+def _left_out(path: Path, places: list[Path], stated: tuple[int, ...]) -> tuple[int, ...]:
+    """Channels of files of NumPy, counted from 0, that are stated, or hold NaN or infinity."""
+    if not places:
+        return ()
+    first = npy_samples(places[0])
+    left_out = chosen_channels(path, stated, count=len(first))
+    if first.dtype.kind == "f":
+        broken = broken_channels(map(npy_samples, places), left_out)
+        left_out |= broken
+        if broken.any():
+            warnings.warn(f"{path}: {'; '.join(said_of_broken(broken))}", stacklevel=3)
+    return tuple(np.flatnonzero(left_out).tolist())
+
+
+def _common_scaling(path: Path, places: list[Path], blanked: int, left_out: tuple[int, ...]) -> Scaling:
     """How all files of NumPy become counts; they are all read only if the first holds no int16 about zero."""
     if not places:
         return EXACT
     first = npy_samples(places[0])
     if first.dtype == np.int16 and first.min() < 0:
         return EXACT
-    return scaling_of(path, (npy_samples(place) for place in places), blanked=blanked)
+    silent = (silenced(each, np.isin(np.arange(len(each)), left_out)) for each in map(npy_samples, places))
+    return scaling_of(path, silent, blanked=blanked)
 
 
 def _named(place: Path) -> tuple[str, float]:

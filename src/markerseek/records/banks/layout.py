@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 from pathlib import Path
@@ -118,14 +118,10 @@ def without_channels_of(path: Path, frames: np.ndarray, stated: tuple[int, ...])
     channels = frames.shape[1]
     left_out = chosen_channels(path, stated, count=channels)
     said = [f"channel {number} is left out, as asked" for number in sorted(set(stated))]
-    few = max(1, int(_FEW_CHANNELS * channels))
-    if frames.dtype.kind in "fc":
-        broken = ~np.isfinite(frames).all(axis=2)
-        # A frame without a single number is no matter of its channels.
-        somewhere = broken[~broken.all(axis=1)].any(axis=0) & ~left_out
-        if 0 < somewhere.sum() <= few:
-            left_out |= somewhere
-            said += [f"channel {number} holds NaN or infinity, and is left out" for number in _numbers_of(somewhere)]
+    few = _few(channels)
+    broken = broken_channels(frames, left_out)
+    left_out |= broken
+    said += said_of_broken(broken)
     looked_at = frames[:: max(1, len(frames) // _LOOKED_AT)]
     looked_at = (looked_at.real if looked_at.dtype.kind == "c" else looked_at).astype(np.float64)
     with warnings.catch_warnings():
@@ -144,7 +140,32 @@ def without_channels_of(path: Path, frames: np.ndarray, stated: tuple[int, ...])
     if not left_out.any():
         return frames
     warnings.warn(f"{path}: {'; '.join(said)}", stacklevel=3)
-    return np.where(left_out[:, None], frames.dtype.type(0), frames)
+    return silenced(frames, left_out)
+
+
+def broken_channels(frames: Iterable[np.ndarray], left_out: Bool[np.ndarray, " channels"]) -> np.ndarray:
+    """Which channels hold NaN or infinity in any frame of (channels, samples), where they are few.
+
+    ``left_out``: channels that are left out anyway, and not looked at.
+    """
+    broken = [~np.isfinite(each).all(axis=1) for each in frames if len(each) == len(left_out)]
+    # A frame without a single number is no matter of its channels.
+    somewhere = np.any([each for each in broken if not each.all()] or [np.zeros_like(left_out)], axis=0) & ~left_out
+    return somewhere if somewhere.sum() <= _few(len(left_out)) else np.zeros_like(left_out)
+
+
+def said_of_broken(broken: Bool[np.ndarray, " channels"]) -> list[str]:
+    """What a warning says of `broken_channels`."""
+    return [f"channel {number} holds NaN or infinity, and is left out" for number in _numbers_of(broken)]
+
+
+def silenced(samples: np.ndarray, left_out: Bool[np.ndarray, " channels"]) -> np.ndarray:
+    """Samples of (…, channels, samples) with zeros in the channels that are left out."""
+    return np.where(left_out[:, None], samples.dtype.type(0), samples)
+
+
+def _few(channels: int) -> int:
+    return max(1, int(_FEW_CHANNELS * channels))
 
 
 def _numbers_of(chosen: Bool[np.ndarray, " channels"]) -> list[int]:

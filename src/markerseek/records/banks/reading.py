@@ -68,7 +68,11 @@ def read_bank(
         if is_table:
             bank: IntensityBank | FrameBank = read_table(path, table)
         else:
-            bank = read_folder(path, blanked=blanked) if path.is_dir() else read_sequence(path)
+            bank = (
+                read_folder(path, blanked=blanked, without_channels=layout.without_channels)
+                if path.is_dir()
+                else read_sequence(path)
+            )
     return without_channels(bank, path, layout.without_channels)
 
 

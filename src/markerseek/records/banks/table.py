@@ -37,13 +37,13 @@ _DECIBELS = re.compile(r"(?:(?<![A-Za-z])(?i:db)|(?<=[a-z])dB)(?i:[mµμu]?[vw]|
 """A unit of decibels in the name of a column: ``intensity_db``, ``amplitude [dB]``, ``level_dBV``."""
 
 _LINEAR = re.compile(r"(?<![A-Za-z])(?:[munkMµμ]?(?:V|W|J|Pa)|(?i:counts?|adc|lsb|linear))(?![A-Za-z])")
-"""A unit in the name of a column that is no decibel."""
+"""A unit other than decibels in the name of a column."""
 
 _FEW = 2.0
-"""Range below which angles may be radians: it is more than half a turn of a probe in radians."""
+"""Range of angles below which their unit may be radians: 2 rad are 115 degrees."""
 
 _DEG_DIGITS = 4
-"""Digits behind the point of an angle in degrees that was written in another unit."""
+"""Decimals of an angle in degrees that was written in another unit."""
 
 _ENERGY = re.compile(r"(?:pulse|laser)?_?energy(?:_[munµμ]?j)?")
 """Name of a column with the energy of the pulses at each angle, in plain form."""
@@ -107,9 +107,9 @@ def _write_rows(path: Path, angles_deg: Sequence[float], intensities: Sequence[f
 def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank:
     """Bank in a CSV; the rows may be in any order, and the intensities of a repeated angle are averaged.
 
-    Columns are separated by commas, semicolons, tabs or spaces. The numbers themselves tell which sign parts decimals
-    and which thousands. Intensities are divided by a column ``energy`` over its mean. A warning says what was averaged,
-    left out, unwrapped or assumed.
+    Columns are separated by commas, semicolons, tabs or spaces. The numbers themselves tell which sign separates
+    decimals and which thousands. Intensities are divided by a column ``energy`` over its mean. A warning says what was
+    averaged, left out, unwrapped or assumed.
 
     ``table``: which columns are read, their units, and what becomes of rows without numbers.
     """
@@ -180,7 +180,7 @@ def _columns(path: Path, rows: CsvRows, table: TableFormat) -> tuple[int, ...]:
 
 
 def _if_transposed(rows: CsvRows) -> str:
-    """A question, where a table has the form of two long rows."""
+    """A question for the message, if the table has two long rows."""
     long = rows.width > 2 and len(rows.cells) + bool(rows.names) == 2
     return (
         f"; or are its two rows angles and intensities? Then write one row for each of the {rows.width}" if long else ""
@@ -249,7 +249,7 @@ def warn_skipped(path: Path, what: str, names: Sequence[str]) -> None:
 def _row(
     path: Path, rows: CsvRows, line: int, columns: Sequence[int], texts: Sequence[str], table: TableFormat
 ) -> list[float | None]:
-    """The finite numbers of a row; None if there is none, and such rows are left out."""
+    """The finite numbers of a row; None for a cell without one, if such rows are left out."""
     # A comma inside a number, in a table that commas separate, shifts all columns behind it.
     if len(rows.cells[line]) != rows.width:
         raise RecordError(
@@ -259,7 +259,7 @@ def _row(
 
 
 def _value(path: Path, rows: CsvRows, line: int, column: int, text: str, table: TableFormat) -> float | None:
-    """The finite number in a cell; None if there is none, and such rows are left out."""
+    """The finite number in a cell; None if there is none and such rows are left out."""
     name = rows.names[column] if rows.names else f"column {column + 1}"
     cure = "; leave that row out, or all such rows: --skip-invalid"
     try:
@@ -284,7 +284,7 @@ def _value(path: Path, rows: CsvRows, line: int, column: int, text: str, table: 
 
 
 def decibels(db: bool, column: str) -> bool:
-    """Whether intensities are decibels, by the option or the name of their column; refused where these disagree."""
+    """Whether intensities are decibels, by the option or the name of their column; refused if the two disagree."""
     if _DECIBELS.search(column):
         return True
     if db and _LINEAR.search(column):
@@ -299,7 +299,7 @@ def _unit_named(column: str) -> AngleUnit | None:
 
 
 def unit_of(path: Path, unit: AngleUnit | None, column: str, angles: np.ndarray) -> AngleUnit:
-    """Unit of the angles; where only their range speaks, a small one is not guessed to be degrees."""
+    """Unit of the angles; if only their range can tell, a small range is not taken for degrees."""
     if unit is not None:
         return unit
     named = _unit_named(column)
@@ -315,7 +315,7 @@ def unit_of(path: Path, unit: AngleUnit | None, column: str, angles: np.ndarray)
 def averaged(
     path: Path, angles_deg: Float64[np.ndarray, " n"], values: Float64[np.ndarray, "n columns"]
 ) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, "angles columns"]]:
-    """Angles in rising order, each once, with the mean of its rows, intensities first; a warning says it."""
+    """Angles in rising order without repeats, and the means of their rows; a warning says what was averaged."""
     order = np.argsort(angles_deg, kind="stable")
     angles_deg, values = angles_deg[order], values[order]
     first = np.flatnonzero(np.diff(angles_deg, prepend=-np.inf) >= MIN_STEP_DEG)

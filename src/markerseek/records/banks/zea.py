@@ -1,7 +1,7 @@
 """Reads the photoacoustic frames of a zea HDF5 file (OpenH-RF): raw channel data with one receive each, and the pose.
 
 In a pose x is along the array, y elevation and z depth; the probe turns about
-x, so that the angle of a frame is its rotation about x. Numbers of a zea file are float32: angles are rounded to 1e-5°.
+x, so the angle of a frame is its rotation about x. Numbers of a zea file are float32: angles are rounded to 1e-5°.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ RAW, POSE = "data/raw_data", "metadata/probe_pose"
 """Channel data within a track, and the poses of the probe."""
 
 TRACK = "tracks/track_0"
-"""The only track; files of before zea 0.0.12 have none."""
+"""The only track; files from before zea 0.0.12 have none."""
 
 _DIGITS = 5
 _OFF_AXIS_RAD = 1e-3
@@ -30,7 +30,7 @@ _MAX_FRAMES = 100_000
 
 
 def zea_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Frames of a file of zea, named as `markerseek.records.banks.arrays` reads them; nothing for any other HDF5."""
+    """Frames of a file of zea, named as `markerseek.records.banks.arrays` reads them; empty for any other HDF5 file."""
     # A missing library must not be reported as damage of the file.
     require_h5py()
     with as_bank_error(path), CheckedHdf5(path) as file:

@@ -107,7 +107,7 @@ def _write_poses(file: h5py.File, series: Series) -> None:
 
 
 def _translation_m(turned: Float64[np.ndarray, " frames"], radius_m: float | None) -> Float64[np.ndarray, "frames 3"]:
-    """Middle of the array's face, from where it is at 0 degrees; NaN where its distance from the axis is not known."""
+    """Middle of the array's face relative to its place at 0 degrees; NaN if its distance from the axis is not known."""
     radius = math.nan if radius_m is None else radius_m
     # 1 - cos in a form that keeps small angles exact.
     return radius * np.column_stack([np.zeros_like(turned), -np.sin(turned), -2 * np.sin(turned / 2) ** 2])

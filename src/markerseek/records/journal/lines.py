@@ -2,7 +2,7 @@
 
 A line begins with ``{"crc":"`` and the CRC-32 of the rest of the line, as eight hexadecimal digits. The rest of an
 entry has the keys ``number``, ``block`` (bytes of the frame behind the line, 0 without one), ``block_crc``, ``kind``,
-``written``, ``clock_s`` and ``body``; that of line 0 has ``record``, the version of this format, and
+``written``, ``clock_s`` and ``body``; the rest of line 0 has ``record``, the version of this format, and
 ``configuration``. A frame is followed by a line feed.
 """
 
@@ -41,8 +41,9 @@ class UnfinishedError(RecordError):
 class _First(msgspec.Struct, frozen=True):
     configuration: msgspec.Raw
     record: int = 0
+    """Version of the format, from 2 on."""
     journal: int = 0
-    """``record`` and ``journal``: version of the format; the second is of files of version 1."""
+    """Version of the format in files of version 1."""
 
 
 def _with_flat_tolerance(configuration: msgspec.Raw) -> bytes:
@@ -97,7 +98,7 @@ def entry_line(entry: Entry) -> bytes:
 
 
 def _with_crc(value: object) -> bytes:
-    # A recipe may be written over several lines; inside a JSON text a line feed is an escape.
+    # A recipe may be JSON over several lines; inside a JSON text a line feed is escaped.
     rest = msgspec.json.encode(value)[1:].replace(b"\n", b" ") + b"\n"
     if len(rest) > MAX_LINE_BYTES:
         raise RecordError(f"an entry of {len(rest)} bytes cannot be recorded, at most {MAX_LINE_BYTES}")
@@ -107,7 +108,7 @@ def _with_crc(value: object) -> bytes:
 class EntryReader:
     """Reads the entries of an open record in order, also while it is written; `RecordError` at the first damage.
 
-    ``descriptor``: of the file, which stays open.
+    ``descriptor``: descriptor of the file, which stays open.
     """
 
     def __init__(self, path: Path, descriptor: int) -> None:
@@ -170,7 +171,7 @@ class EntryReader:
                 )
             configuration = msgspec.json.decode(_with_flat_tolerance(first.configuration), type=Configuration)
         except (msgspec.MsgspecError, ValueError, RecursionError) as problem:
-            # Its checksum agrees, so that it is not damaged.
+            # Its checksum agrees, so it is not damaged.
             raise RecordError(
                 f"{self.path}: the configuration cannot be read: {problem}; another version of markerseek wrote it: "
                 "use that one"
@@ -179,7 +180,7 @@ class EntryReader:
         return configuration
 
     def _next_line(self) -> tuple[bytes, bytes] | None:
-        """Rest of the next line and its frame, once both agree with their checksums; None where they are missing."""
+        """Rest of the next line and its frame, once both agree with their checksums; None if they are missing."""
         line = b""
         while b"\n" not in line[-_PIECE_BYTES:]:
             piece = os.pread(self.descriptor, _PIECE_BYTES, self.end + len(line))

@@ -93,7 +93,7 @@ class Analysis:
 
     @property
     def detected(self) -> bool:
-        """Whether a sample exceeds the noise floor; where that is unknown, whether one stands out."""
+        """Whether a sample exceeds the detection threshold; where that is unknown, whether one stands out."""
         intensities = [sample.reading.intensity for sample in self.lit]
         level = self.noise.floor.level
         if level is None:

@@ -150,7 +150,8 @@ def top_beside_deg(
     """
     log_least = first.log_snr + by_db * math.log(10) / 20
     ends_deg = {1: limits.high_deg, -1: limits.low_deg}
-    for edge, side in product(beside, ends_deg):
+    # A reading of nothing, as in a table with zeros, has no flank of a curve beside it.
+    for edge, side in product([each for each in beside if each.reading.intensity > 0], ends_deg):
         beyond = [each for each in measured_deg if side * (each - edge.angle_deg) > 0]
         neighbour_deg = min(beyond, key=lambda each: abs(each - edge.angle_deg), default=ends_deg[side])
         gap_deg = abs(neighbour_deg - edge.angle_deg)

@@ -8,8 +8,8 @@ widened by it,
     p(θ) = (1 − u)·q(θ) + u·∫ q(θ') t₄((θ − θ')·ρ/a) dθ'·ρ/a,                                                (10)
 
 with q the posterior of the centre, u the probability that the marker is such a spot, ρ its distance from the axis, and
-t₄ Student's density with four degrees of freedom, for most spots are shifted by little and some by much (it was more
-likely than a normal density by exp(18) on 285 simulated spots).
+t₄ Student's density with four degrees of freedom, because most spots are shifted by little and some by much (on 285
+simulated spots it was more likely than a normal density by exp(18)).
 
 All sound of a point is in phase over the array at its best focus (`Reading.focused_coherence`, C), whatever its pulse
 and the speed of sound; that of a spot wider than the array resolves is not. Bayes' rule gives u from the mean of C over
@@ -39,31 +39,31 @@ PRIOR = 0.3
 """Prior probability of an asymmetric marker."""
 
 SHIFT_M, INCOHERENT_SHIFT_M, SCATTER_SHIFT_M = 0.105e-3, 0.05e-3, 1.5e-3
-"""a₀, a₁ and a₂ in metres: of 310 whole searches for simulated spots in four tissues, so much larger than the most
-likely ones that the intervals cover (decision 52)."""
+"""a₀, a₁ and a₂ in metres: the most likely values in 310 searches for simulated spots in four tissues, enlarged until
+the intervals cover (decision 52)."""
 
 USUAL_WIDTH_M = 5e-3
 """Width of a curve, as a length at the marker, to which `SHIFT_M` refers."""
 
 USUAL_SHIFT_M = 0.2e-3
-"""a in metres where frames do not say C and s: that of all the 1,039 spots, whatever their width."""
+"""a in metres if the frames do not tell C and s: the value of all 1,039 spots, whatever their width."""
 
 USUAL_RADIUS_M = 55e-3
-"""Distance of the marker from the axis in metres, where frames do not say it."""
+"""Distance of the marker from the axis in metres, if the frames do not tell it."""
 
 POINT_SIGMA, NOISE_SIGMA = 0.005, 0.5
-"""Deviation of a point's C from 1, root mean square from point to point, and that by noise times the SNR: of 260
-simulated points with all that is unknown drawn, at 30 and 40 dB."""
+"""Root mean square deviation of a point's C from 1, from point to point, and by noise times the SNR: of 260 simulated
+points at 30 and 40 dB with all unknowns drawn."""
 
 UNRESOLVED_WIDTH_M, UNRESOLVED_POWER = 9e-3, 6
-"""Width w₀ of a curve of which every second spot looks like a point, and the power n with which their share grows,
+"""Width w₀ of the curve at which every second spot looks like a point, and the power n with which their share grows,
 1/(1 + (w₀/w)ⁿ): of the 1,039 spots 1 % had C > 0.985 where w < 5 mm, 44 % where it was 12 to 15 mm."""
 
 UNRESOLVED_INCOHERENCE = 0.05
-"""Mean of 1 − C of these."""
+"""Mean of 1 − C of the spots that look like points."""
 
 OUTLIERS = 0.03
-"""Share of points whose coherence may have any value, as that of one beside which something else sounds."""
+"""Share of points whose coherence may have any value, for example because something else sounds beside them."""
 
 
 class MeanCoherence(NamedTuple):

@@ -164,8 +164,8 @@ class Candidate:
 def suspect_level(lit: Sequence[Sample], noise: SearchNoise) -> float:
     """Intensity above which the largest peak of a frame is measured again, because it may be another source.
 
-    It is lower than the noise floor, which proves a source: noise has such a peak in one search of twenty, which takes
-    one acquisition more. 0 where the floor is unknown.
+    It is lower than the detection threshold, which proves a source: noise has such a peak in one search of twenty,
+    which takes one acquisition more. 0 where the threshold is unknown.
     """
     level = noise.level_or_zero
     cells = [sample.reading.cells for sample in lit if sample.reading.local_maxima is not None]
@@ -189,7 +189,7 @@ def _seen(at: Sequence[Sample], noise: SearchNoise) -> int:
 
 def _is_burst(own: Sequence[Sample], bounds: Sequence[Sample], place: Source, noise: SearchNoise) -> bool:
     """Whether a source was loud at one angle and not beside it, where even the narrowest curve would be."""
-    # An upper bound says the same as a sample where it is below the noise floor.
+    # An upper bound says the same as a sample where it is below the detection threshold.
     measured = [*own, *(bound for bound in bounds if bound.reading.intensity <= noise.level_or_zero)]
     beside = sum(abs(sample.angle_deg - place.angle_deg) <= BESIDE_DEG for sample in measured)
     # Far away noise passes for it in one frame of a hundred, and a sweep has hundreds.

@@ -328,7 +328,8 @@ def expected_variance(
                 if known > correlation:
                     correlation, expected = known, known * residual[p, i] * sigma
             mu = math.exp(min(log_amplitude[p] + level + expected, 300.0))
-            # Below the noise floor the largest peak stays as high as the floor: such candidates give no information.
+            # Below the detection threshold the largest peak stays as high as that: such candidates give no
+            # information.
             height[p] = 0.5 * math.log(mu * mu + floor * floor)
             variance[p] = (
                 sigma * sigma * (1 - correlation * correlation)

@@ -1,7 +1,7 @@
-"""Pulses of sweeps before they count: those without light go, and the delay that two ways show is taken out.
+"""Pulses of sweeps before they count: pulses without light are left out, and the delay that two ways show is removed.
 
-The angle of a pulse is the stage's when it was stamped. Light that comes later by d, at a speed v, comes at an angle
-that is v·d further on. So a curve that is swept there and back has two centres, with the speeds either way
+The angle of a pulse is the stage's when it was stamped. If the light comes later by a
+delay d, the probe has turned on by v·d at the speed v. So a curve that is swept there and back has two centres,
 
     c_down − c_up = (|v_up| + |v_down|)·d.                                                                     (11)
 
@@ -22,17 +22,20 @@ from markerseek.search.floor import noise_factor
 from markerseek.search.posterior.likelihood import Observation
 
 LIT_RATIO = 1.3
-"""Height of the pulses before and after, over the largest of noise, from which one at the noise had no light."""
+"""A pulse at the noise had no light if the pulses before and after exceed the largest noise by this factor."""
 
 NOISE_SHARE = 0.01
 """Probability with which noise alone has a larger peak in one frame than a pulse without light."""
 
 UNEXPLAINED_SIGMAS = 3.0
-"""Standard deviations of what is known of the delay by which the two ways may differ."""
+"""Largest difference of the two ways, in standard deviations of the delay that the rig states."""
 
 DOUBTFUL_SIGMAS = 2.0
-"""Standard deviations of what is known of the delay from which a burst is swept again: a trigger that is lost before
-one way and doubled before the other looks like a delay of half a period, but not in the next burst."""
+"""Difference of the two ways, in the same standard deviations, from which a burst is swept again.
+
+A trigger that is lost before one way and doubled before the other looks like a delay of half a period, but not in the
+next burst.
+"""
 
 LEAST_FLANK = 0.5
 """Distance from the centre up to which both flanks must be swept, over the full width at half maximum."""
@@ -69,7 +72,7 @@ def _noise_level(sample: Sample) -> float:
 
 
 def later(samples: Sequence[Sample], delay_s: float) -> list[Sample]:
-    """Return the samples with the angles of a light that comes later by this."""
+    """Return the samples with the angles at which the light comes if it is later by this delay."""
     return [
         sample
         if sample.sweep is None
@@ -90,7 +93,7 @@ class Way:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Delay:
-    """What the two ways say of the delay beyond the one that the rig states, in seconds."""
+    """Delay beyond the one that the rig states, by the difference of the two ways, in seconds."""
 
     measured_s: float
     sigma_s: float
@@ -100,12 +103,12 @@ class Delay:
 
     @property
     def mean_s(self) -> float:
-        """Mean, both together."""
+        """Mean of the delay, by measurement and prior together."""
         return self.measured_s * self.prior_s**2 / (self.prior_s**2 + self.sigma_s**2)
 
     @property
     def unexplained(self) -> bool:
-        """Whether no delay that the rig may have makes such a difference."""
+        """Whether no delay of such a rig explains the difference."""
         return abs(self.measured_s) > UNEXPLAINED_SIGMAS * math.hypot(self.prior_s, self.sigma_s)
 
     @property
@@ -125,7 +128,7 @@ Centre = tuple[float, float, float]
 def delay_of(samples: Sequence[Sample], centre_of: Callable[[Sequence[Sample]], Centre | None]) -> Delay | None:
     """Return the delay by (11); None unless both flanks were swept both ways.
 
-    ``samples``: all samples with light. ``centre_of``: fits a curve to samples; None where they show none.
+    ``samples``: all samples with light. ``centre_of``: fits a curve to samples; None if they show no curve.
     """
     swept = [(sample, sample.sweep) for sample in samples if sample.sweep is not None]
     ways = [way_of([sample for sample, sweep in swept if sign * sweep.speed_deg_s > 0], centre_of) for sign in (1, -1)]
@@ -144,9 +147,9 @@ def delay_of(samples: Sequence[Sample], centre_of: Callable[[Sequence[Sample]], 
 def way_of(samples: Sequence[Sample], centre_of: Callable[[Sequence[Sample]], Centre | None]) -> Way | None:
     """Return the centre by the pulses of one direction; None unless both flanks are among them.
 
-    ``samples``: of sweeps in one direction. ``centre_of``: as of `delay_of`.
+    ``samples``: samples of sweeps in one direction. ``centre_of``: see `delay_of`.
     """
-    # By themselves: what they share with the other direction is what is asked for.
+    # Without the errors that they share with the other direction: these are what the comparison shows.
     alone = [
         (sample, replace(sample.sweep, delay_sigma_s=0.0, play_sigma_deg=0.0))
         for sample in samples

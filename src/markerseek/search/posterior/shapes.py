@@ -2,12 +2,12 @@
 
     S(t) = (1 + (2^(q/p) − 1)·(2|t|/F)^q)^(−p/q),      or  2^(−(2t/F)²)                                         (1)
 
-with F the full width at half maximum, tails as 1/|t|^p and a knee that is the sharper the larger q is. Of the acoustic
+with F the full width at half maximum, tails as 1/|t|^p and a knee that is sharper for larger q. Of the acoustic
 model's own curves (150 draws of every unknown of the physics table) the family follows the top to a few per cent;
 between 0.05 and 0.5 of the peak the curves have shoulders of their own, 10 to 30 % off any smooth member. `MODEL_ERROR`
 states that, level by level.
 
-A high element close to the marker, or far out of focus, is the exception: its curve has two humps, a third above the
+A high element close to the marker, or far out of focus, is the exception: its curve has two peaks, a third above the
 centre. There S is the field behind a slit of half width 1 with Fresnel number n (Born and Wolf, 8.7),
 
     |F(√(2n)·(1 + u)) + F(√(2n)·(1 − u))|,       F = C + iS the Fresnel integral, u in proportion to t,        (2)
@@ -42,7 +42,7 @@ KNEES: tuple[tuple[float, float, float], ...] = (
 """Tail p, knee q, and prior share of each kind of smooth curve; p infinite is the Gaussian."""
 
 FRESNEL_NUMBERS: tuple[tuple[float, float], ...] = ((1.2, 0.04), (1.5, 0.04))
-"""Fresnel number n at the centre of the band, and prior share, of each kind of curve with shoulders or humps."""
+"""Fresnel number n at the centre of the band, and prior share, of each kind of curve with shoulders or two peaks."""
 
 BAND = 0.2
 """Standard deviation of the band over its centre frequency."""
@@ -51,7 +51,7 @@ WIDTHS_DEG = np.exp(np.linspace(math.log(2.0), math.log(35.0), 30))
 """Full widths at half maximum, in degrees, evenly spaced in their logarithm."""
 
 MODEL_ERROR: tuple[tuple[float, float], ...] = ((0.6, 0.035), (0.3, 0.1), (0.0, 0.2))
-"""Relative error of a member (laser jitter in it) where it is above this share of its peak, downwards."""
+"""Relative error of a curve of the family, with the laser's jitter, where the curve exceeds this share of its peak."""
 
 STEP_DEG = 0.05
 """Step of the tabulated curves, in degrees."""
@@ -60,7 +60,7 @@ LOG_WIDTH_SIGMA, LOG_PEAK_SIGMA = 0.25, 0.5
 """Standard deviations of ln F and ln A between two markers on one rig."""
 
 UNLIKE_SHARE = 0.1
-"""Prior probability of a marker whose width has nothing in common with that of the former."""
+"""Prior probability of a marker whose width has nothing in common with that of the former marker."""
 
 REACH_DEG = 100.0
 """Largest distance from the marker that is tabulated, in degrees; beyond it the curve stays as it is there."""
@@ -106,8 +106,8 @@ def log_humps(
 
 @lru_cache(maxsize=8)
 def _humps(fresnel_number: float) -> tuple[Float64[np.ndarray, " across"], Float64[np.ndarray, " across"], float]:
-    """Distances over half the height of the element, ln S of (2) there, and the outermost with half of S(0)."""
-    # Fine where the humps are, geometric in the tails.
+    """Distances in half heights of the element, ln S of (2) there, and the outermost distance with half of S(0)."""
+    # Fine where the peaks are, geometric in the tails.
     across = np.concatenate([np.linspace(0.0, 4.0, 801), np.geomspace(4.0, 130.0, 400)[1:]])
     power = np.zeros_like(across)
     # 13 frequencies within 1.5 standard deviations of the band, weighed by its Gaussian power.
@@ -116,7 +116,7 @@ def _humps(fresnel_number: float) -> tuple[Float64[np.ndarray, " across"], Float
         sine, cosine = np.add(fresnel(scale * (1 + across)), fresnel(scale * (1 - across)))
         power += math.exp(-(away**2) / 2) * (sine**2 + cosine**2)
     log = np.log(power / power[0]) / 2
-    # The outermost crossing of half maximum: between the humps the curve may fall below it, too.
+    # The outermost crossing of half maximum: between the peaks the curve may fall below it, too.
     last = int(np.flatnonzero(log >= -math.log(2))[-1])
     half = float(np.interp(math.log(2), -log[last : last + 2], across[last : last + 2]))
     return across, log, half
@@ -130,7 +130,7 @@ def family() -> Shapes:
     deviation of 0.6, and a fifth of the prior is uniform over all widths of `WIDTHS_DEG`.
     """
     distance_deg = np.arange(0.0, REACH_DEG + STEP_DEG, STEP_DEG)
-    # The uniform part keeps widths possible that the physics table does not hold.
+    # The uniform part allows widths that are not in the physics table.
     usual = np.exp(-((np.log(WIDTHS_DEG / 5.5) / 0.6) ** 2) / 2)
     width_share = 0.8 * usual / usual.sum() + 0.2 / WIDTHS_DEG.size
     curves, widths, priors = [], [], []

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TISSUES = dict(zip(MATERIALS, ("liver", "muscle", "chicken-breast", "plastisol-phantom", "muscle-icg"), strict=True))
-"""The simulated stand-in for each material of Table 1."""
+"""The simulated material in place of each material of Table 1."""
 
 ONE_BANK = MATERIALS[-1]
 """The material of which the paper recorded a single position."""
@@ -383,7 +383,7 @@ def _draw(errors: dict[_Group, Errors]) -> Figure:
             )
             for level_db, material in places
         ],
-        heading="Offline searches" + (" on simulated stand-ins" if is_simulated else ""),
+        heading="Offline searches" + (" on simulated materials" if is_simulated else ""),
         columns=5,
         # A panel alone must be wide enough for the legend.
         panel_in=(2.9, 3.0) if len(places) > 1 else (6.0, 4.0),

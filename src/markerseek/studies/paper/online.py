@@ -58,7 +58,7 @@ REPEATS = 4
 """Times that the nine positions are visited, each time with another grid, other spots and other noise."""
 
 TISSUE = "plastisol-phantom"
-"""The simulated stand-in for the phantom of the online analysis."""
+"""The simulated material in place of the phantom of the online analysis."""
 
 Ours: TypeAlias = Literal["posterior", "posterior, 16", "posterior, survey"]
 """The posterior in three forms; `prose.toml` says which."""

@@ -118,7 +118,7 @@ def write_report(
     if own_bank is not None:
         note = f"Searches on your own bank {own_bank}, with the intensities that it holds."
     else:
-        note = "Simulated: no hardware was involved, and the materials are stand-ins."
+        note = "Simulated, the materials too: no hardware was involved."
         if options.markers < PAPER_MARKERS:
             note += f" Made with {options.markers} markers instead of {PAPER_MARKERS}, and fewer repeats and angles."
     write_page(

@@ -69,23 +69,6 @@ def stream():
     return items
 
 
-def test_events_become_snapshots(stream):
-    told, begun = [], threading.Event()
-
-    def launch(*_, **__):
-        begun.wait(30)
-        return ScriptedChild(stream)
-
-    live = ChildSearch(launch, ["search"], asked=USUAL, on_change=lambda: told.append(live.status))
-    begun.set()
-    assert live.join(30)
-    assert (live.status, live.message) == ("ended", "found at 1.000°")
-    # Of the beginning, of each event, and of the end: no viewer has to wait for a timer.
-    assert (len(told), told[-1]) == (len(stream) + 1, "ended")
-    assert len(live.run.views) == len(stream)
-    assert live.run.last.phase == "finished"
-
-
 def test_stop_ends_it(stream):
     child = ScriptedChild(stream[:5], endless=True)
     live = ChildSearch(lambda *_, **__: child, ["search"], asked=USUAL)
@@ -179,15 +162,6 @@ def test_stop_before_the_child_is_there(stream):
     begun.set()
     assert live.join(30)
     assert child.stopped.is_set()
-
-
-def test_child_that_cannot_be_started():
-    def launch(*_, **__):
-        raise OSError("no processes left")
-
-    live = ChildSearch(launch, ["search"], asked=USUAL)
-    assert live.join(30)
-    assert (live.status, live.message) == ("ended", "no processes left")
 
 
 def test_stream_that_cannot_be_read_stops_the_child(stream):
@@ -308,14 +282,6 @@ def test_stop_while_a_race_starts_stops_both(stream, tmp_path, monkeypatch):
         each.join()
     assert all(each.join(10) for each in shared.race)
     assert all(each.stopped.is_set() for each in children)
-
-
-def test_nothing_starts_after_the_end(tmp_path, monkeypatch):
-    shared, asked = searches([], tmp_path, monkeypatch)
-    shared.close()
-    with pytest.raises(SearchError, match="is being closed"):
-        shared.start(USUAL, asked_by=BROWSER)
-    assert asked == []
 
 
 def test_pause_while_a_search_goes_on_can_go_on_again(stream, tmp_path, monkeypatch):

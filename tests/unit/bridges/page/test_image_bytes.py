@@ -48,12 +48,6 @@ def test_image_keeps_its_peak_and_noise_looks_like_noise():
     )
 
 
-def test_image_of_zeros_is_black():
-    zeros = np.zeros((7, 3), dtype=np.float32)
-    image = PaImage(envelope=zeros, lateral_m=np.arange(3.0), depth_m=np.arange(7.0))
-    assert not pooled_levels(image, brightest=0.0).any()
-
-
 def levels_of(layer):
     return np.frombuffer(base64.b64decode(layer.pixels), dtype=np.uint8).reshape(layer.rows, layer.columns)
 
@@ -95,14 +89,6 @@ def test_large_b_mode_images_are_thinned_where_they_are():
     assert (layer.rows, layer.columns) == (334, 214)
     assert levels_of(layer)[7, 11] == pixels[21, 33]
     assert centre_mm(layer, 7, 11) == pytest.approx([1e3 * each for each in geometry.position_m(row=21, column=33)])
-
-
-@pytest.mark.parametrize("data", ["rf", "b-mode"])
-def test_rigs_of_other_frames_are_shown(data):
-    rig = rigs.simulated(seed=1, settings=SimulatedSettings(receiver=ReceiverSettings(data=data)))
-    run = RunHistory(new_session(rig, SearchPlan(method="ternary")).configuration)
-    run.add(Measured(role="search", index=1, sample=rig.scanner.measure(2.0)), clock_s=0.0)
-    assert (run.picture(run.last) is not None) == (data == "rf")
 
 
 def test_picture_of_a_simulated_frame_has_its_peak_where_the_reading_has_it():

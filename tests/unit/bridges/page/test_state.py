@@ -20,7 +20,6 @@ from markerseek.core import (
     AngleBelief,
     Asked,
     Failed,
-    Finished,
     Floor,
     Found,
     Interval,
@@ -37,9 +36,9 @@ from markerseek.core import (
 )
 from markerseek.records import angle_text, answer_name, interval_text, sigma_text, with_minus
 from markerseek.records.journal import Interrupted, Resuming
-from markerseek.runs import STOPPED, RunView, Verdict, curve_of, new_session, numbers_of, plan_on, verdict_of
+from markerseek.runs import RunView, curve_of, new_session, numbers_of, plan_on, verdict_of
 from markerseek.runs.journalled import Beliefs
-from markerseek.search import METHODS, BracketSearch, build
+from markerseek.search import METHODS, build
 from markerseek.sim import GaussianCurve, ReceiverSettings, SimulatedSettings
 
 NAMES = [method.name for method in METHODS]
@@ -105,35 +104,6 @@ def test_density_of_the_posterior():
     mean_deg = np.trapezoid(np.multiply(beliefs[-1].density_per_deg, beliefs[-1].angles_deg), beliefs[-1].angles_deg)
     assert mean_deg == pytest.approx(session.result().angle_deg, abs=0.05)
     assert max(beliefs[-1].density_per_deg) > 20 * max(beliefs[0].density_per_deg)
-
-
-def test_bracket_is_that_of_the_published_search():
-    session, events = finished_run("golden-section")
-    published = build(SearchPlan(method="golden-section", as_published=True))
-    assert isinstance(published, BracketSearch)
-    for (event, _), snapshot in zip(events, shown(session, events), strict=True):
-        if isinstance(event, Measured) and event.role == "search":
-            published.tell(event.sample)
-        elif isinstance(event, Asked | Finished) and event.belief is not None:
-            assert snapshot.belief.bracket_deg == (published.bracket.low_deg, published.bracket.high_deg)
-
-
-def test_weights_of_the_weighted_average():
-    session, events = finished_run("weighted-average")
-    last = shown(session, events)[-1]
-    points = [point for point in last.points if point.role == "search"]
-    weights = np.array(last.belief.weights)
-    angles, intensities = (np.array([getattr(each, name) for each in points]) for name in ("angle_deg", "intensity"))
-    assert np.all((weights == 0) == (intensities < 0.2 * intensities.max()))
-    assert np.average(angles, weights=weights) == pytest.approx(session.result().angle_deg, abs=1e-9)
-
-
-def test_probe_is_expected_only_while_it_moves():
-    session, events = finished_run("posterior")
-    for (event, _), snapshot in zip(events, shown(session, events), strict=True):
-        assert (snapshot.target_deg is not None) == (isinstance(event, Asked) and event.role != "dark")
-        if isinstance(event, Measured):
-            assert snapshot.probe_deg == event.sample.angle_deg
 
 
 def test_states_that_end_or_interrupt_a_run():
@@ -363,32 +333,6 @@ def test_interval_says_what_it_is():
     assert interval_text(found_at(3.0, 0.1, interval_kind="bracket")) == "last bracket: 2.80° to 3.20°"
 
 
-def test_turn_is_from_the_probe_to_the_marker():
-    snapshot = a_view("bench", number=9, phase="finished", probe_deg=-6.2, belief=found_at(-3.0, 0.1))
-    assert verdict_of(snapshot).turn == "turn by +3.2°"
-    assert verdict_of(replace(snapshot, probe_deg=0.0)).turn == "turn by −3.0°"
-    # A recording turns nothing.
-    assert verdict_of(replace(snapshot, facts=replace(snapshot.facts, kind="replayed"))).turn == ""
-    assert verdict_of(replace(snapshot, phase="measured")).turn == ""
-
-
-def test_one_stop_has_one_wording():
-    session, events = finished_run("posterior")
-    view = shown(session, events[:6])[-1]
-    by_signal = view.add(Interrupted(reason="SIGINT"), clock_s=1.0)
-    by_page = view.cut_off(STOPPED)
-    assert (by_signal.line, by_page.line) == (f"{STOPPED} (SIGINT)", STOPPED)
-    for each in (by_signal, by_page):
-        assert verdict_of(each).word == "STOPPED"
-        assert f"stopped: {verdict_of(each).reason}" == each.line
-
-
-def test_a_page_without_a_run_is_ready():
-    assert verdict_of(a_view()).word == Verdict().word == "READY"
-    # Nobody waits for an angle of a search that has not begun.
-    assert verdict_of(a_view()).angle == Verdict().angle == ""
-
-
 def test_minus_signs_are_those_of_numbers_only():
     assert with_minus("from -3.5 to [-35, 35], 20260101-130000-x-y 1e-3 (-2°)") == (
         "from −3.5 to [−35, 35], 20260101-130000-x-y 1e-3 (−2°)"
@@ -421,10 +365,3 @@ def test_a_person_is_asked_on_the_page_to_turn_the_probe():
     run.cut_off("killed", problem="killed")
     verdict = verdict_of(run.last, next_step="Start begins a new search")
     assert (verdict.word, verdict.problem, verdict.next_step) == ("FAULT", "killed", "Start begins a new search")
-
-
-def test_run_that_ends_before_its_first_angle_waits_for_none():
-    stopped = a_view(number=4, phase="stopped", line=STOPPED)
-    assert verdict_of(stopped, next_step="Go on continues it").next_step == "Go on continues it"
-    assert verdict_of(stopped).angle == ""
-    assert verdict_of(replace(stopped, phase="measured", line=""), next_step="Go on continues it").next_step == ""

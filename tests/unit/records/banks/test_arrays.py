@@ -7,9 +7,8 @@ import pytest
 from scipy.io import savemat
 
 from markerseek.core import RecordError
-from markerseek.records.banks import IntensityBank, Layout, TableFormat, read_bank
+from markerseek.records.banks import IntensityBank, Layout, TableFormat
 from markerseek.records.banks.arrays import ArrayBank, read_arrays
-from markerseek.records.banks.frames import FolderBank
 
 ANGLES = np.array([2.0, -1.0, 0.5, 7.0])
 INTENSITIES = np.array([5.0, 1.0, 3.0, 2.0])
@@ -92,13 +91,6 @@ def test_what_cannot_be_a_bank_is_refused(tmp_path, suffix, arrays, message):
         read_arrays(save(tmp_path / f"a{suffix}", **arrays))
 
 
-def test_a_first_angle_is_for_what_has_no_angles(tmp_path):
-    with pytest.raises(RecordError, match="for frames or intensities without angles"):
-        read_arrays(
-            save(tmp_path / "a.npz", angle_deg=ANGLES, frames=FRAMES), layout=Layout(first_and_step_deg=(0.0, 1.0))
-        )
-
-
 @pytest.mark.parametrize("order", ["angles,samples,channels", "channels,samples,angles", "samples,channels,angles"])
 def test_frames_are_turned_as_their_axes_say(tmp_path, order):
     ours = ("angles", "channels", "samples")
@@ -121,13 +113,6 @@ def test_variables_and_units_are_named(tmp_path, suffix):
         read_arrays(path, TableFormat(columns=("phi", "peak")))
 
 
-@pytest.mark.parametrize("name", ["angle_rad", "angle_mrad"])
-def test_the_name_of_a_variable_says_its_unit(tmp_path, name):
-    per_deg = {"angle_rad": np.pi / 180, "angle_mrad": np.pi / 0.18}[name]
-    bank = read_arrays(save(tmp_path / "a.mat", **{name: ANGLES * per_deg, "intensity": INTENSITIES}))
-    assert bank.angles_deg == pytest.approx(ANGLES[list(ORDER)])
-
-
 @pytest.mark.parametrize("values", [INTENSITIES, FRAMES.astype(float)], ids=["intensities", "frames"])
 def test_angles_without_numbers_are_left_out_and_named(tmp_path, values):
     values = values.copy()
@@ -145,15 +130,3 @@ def test_intensities_alone_take_a_first_angle_and_a_step(tmp_path):
     np.save(tmp_path / "b.npy", np.stack([ANGLES, INTENSITIES]))
     with pytest.raises(RecordError, match=r"shape \(2, 4\); .* is it transposed. Save array.T"):
         read_arrays(tmp_path / "b.npy")
-
-
-def test_a_folder_of_frame_files_is_a_bank(tmp_path):
-    for angle, frame in zip(ANGLES, FRAMES, strict=True):
-        np.save(tmp_path / f"angle_{angle:g}deg.npy", frame)
-    (tmp_path / "notes 1.txt").write_text("passed over")
-    bank = read_bank(tmp_path)
-    assert isinstance(bank, FolderBank)
-    assert bank.angles_deg == tuple(ANGLES[list(ORDER)])
-    np.testing.assert_array_equal(bank.frame(2).samples, FRAMES[0])
-    with pytest.raises(RecordError, match="it holds none"):
-        bank.dark_frame(0)

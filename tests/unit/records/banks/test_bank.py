@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from markerseek.core import ConfigError, Interval, LimitError, Permit, ReadingFrame, RecordError
+from markerseek.core import Interval, LimitError, Permit, ReadingFrame, RecordError
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank
 from markerseek.records.banks.frames import FolderBank
 from markerseek.records.replay import ReplayReceiver, ReplayStage
@@ -87,18 +87,6 @@ def test_a_table_with_a_fault_is_refused_with_its_line(tmp_path: Path, text: str
 def test_a_scan_from_high_to_low_is_turned_round_and_blank_lines_are_passed_over(tmp_path: Path) -> None:
     bank = read_bank(write(tmp_path, "angle_deg,intensity\r\n5,1\r\n0,3\r\n\r\n-5,2\r\n   \r\n"))
     assert bank == IntensityBank(angles_deg=(-5.0, 0.0, 5.0), intensities=(2.0, 3.0, 1.0))
-
-
-def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "scan.csv"
-    path.write_bytes(bytes(range(128, 256)))
-    with pytest.raises(RecordError, match="this is no text in UTF-8, and a bank is expected"):
-        read_bank(path)
-
-
-def test_missing_data_are_reported(tmp_path: Path) -> None:
-    with pytest.raises(RecordError, match="there is no such file or folder"):
-        read_bank(tmp_path / "nothing")
 
 
 def test_folders_are_ordered_by_their_angle_and_not_by_their_name(tmp_path: Path) -> None:
@@ -220,9 +208,3 @@ def test_otherwise_the_stage_goes_to_the_nearest_recorded_angle(
 def test_what_was_not_recorded_cannot_be_replayed(angle_deg: float) -> None:
     with pytest.raises(LimitError, match="outside the recorded range"):
         ReplayStage(BANK).move_to(angle_deg)
-
-
-def test_a_recording_has_no_dark_frames_to_give() -> None:
-    receiver = ReplayReceiver(stage=ReplayStage(BANK), bank=BANK)
-    with pytest.raises(ConfigError, match="no dark frames"):
-        receiver.arm(Permit(token="a", angle_deg=0.0, pulses=0, expires_s=1.0))

@@ -5,19 +5,15 @@ from __future__ import annotations
 import io
 import os
 import struct
-import zlib
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from scipy.io import loadmat, savemat
 
 from markerseek.core import RecordError
 from markerseek.records.banks.frames import load_frame
 from markerseek.wire import sonixdaq
-from tests.sizes import examples
 
 SAMPLES = 160
 JOURNAL = Path(__file__).parents[3] / "data/format-2.journal"
@@ -53,15 +49,6 @@ def test_elements_are_a_permutation_with_the_published_first_ones():
     elements = [sonixdaq.element_of_file(number) for number in range(128)]
     assert sorted(elements) == list(range(128))
     assert elements[:10] == [0, 16, 32, 48, 64, 80, 96, 112, 1, 17]
-
-
-@pytest.mark.parametrize("number", [None, 5])
-def test_written_files_are_read_back(number):
-    pulses = pulses_of()[:, 0]
-    data = sonixdaq.encode_file(pulses, number=number)
-    header = sonixdaq.decode_header(data[:12], size=len(data), name="CH005.daq")
-    assert header.file_bytes == len(data)
-    np.testing.assert_array_equal(sonixdaq.decode_samples(data[header.length :], header), pulses)
 
 
 def test_where_both_layouts_fit_the_name_decides():
@@ -198,14 +185,6 @@ def test_odd_mat_is_refused(tmp_path, content):
         load_frame(tmp_path / "a.mat")
 
 
-def test_a_mat_that_unpacks_to_much_more_is_refused(tmp_path):
-    bomb = zlib.compress(bytes(50_000_000), 9)
-    data = mat_bytes()[:128] + struct.pack("<2I", 15, len(bomb)) + bomb
-    (tmp_path / "a.mat").write_bytes(data)
-    with pytest.raises(RecordError, match="no MATLAB file that can be read"):
-        load_frame(tmp_path / "a.mat")
-
-
 @pytest.mark.parametrize("compress", [False, True])
 @pytest.mark.parametrize("top", [2, 100, 2047])
 def test_mat_is_read_as_scipy_reads_it(tmp_path, compress, top):
@@ -289,43 +268,6 @@ def test_a_folder_of_many_angles_names_the_command_for_it(tmp_path):
     (tmp_path / "angle_-5deg").mkdir()
     with pytest.raises(RecordError, match=r"0 channel files .* see 'markerseek bank info"):
         load_frame(tmp_path)
-
-
-def test_what_is_not_there_is_refused(tmp_path):
-    with pytest.raises(RecordError, match="no such file"):
-        load_frame(tmp_path / "nothing.mat")
-    with pytest.raises(RecordError, match="0 channel files"):
-        load_frame(tmp_path)
-
-
-def test_pipes_are_refused_and_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "a.npy")
-    with pytest.raises(RecordError, match="regular"):
-        load_frame(tmp_path / "a.npy")
-
-
-# A damaged byte may be a glitch.
-@pytest.mark.filterwarnings("ignore:.*is taken off int16")
-@settings(max_examples=examples(300), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(data=st.data(), kind=st.sampled_from(["npy", "mat", "zip.mat"]))
-def test_damaged_bytes_are_a_frame_or_a_record_error(tmp_path, data, kind):
-    if kind == "npy":
-        stream = io.BytesIO()
-        np.save(stream, pulses_of()[0])
-        whole = stream.getvalue()
-    else:
-        whole = mat_bytes(compress=kind.startswith("zip"))
-    damaged = bytearray(whole)
-    for _ in range(data.draw(st.integers(1, 6))):
-        damaged[data.draw(st.integers(0, 400) | st.integers(0, len(whole) - 1))] = data.draw(st.integers(0, 255))
-    path = tmp_path / f"a.{kind}"
-    path.write_bytes(bytes(damaged[: data.draw(st.integers(0, len(whole)) | st.just(len(whole)))]))
-    try:
-        frame = load_frame(path)
-    except RecordError as error:
-        assert path.name in str(error)  # noqa: PT017
-    else:
-        assert frame.samples.dtype == np.int16
 
 
 def test_a_file_without_a_header_is_named_as_such() -> None:

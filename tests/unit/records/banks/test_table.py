@@ -103,11 +103,6 @@ def test_a_range_below_two_asks_for_the_unit(tmp_path: Path) -> None:
         assert read_bank(named).angles_deg == (-0.6, 0.0, 0.6)
 
 
-def test_a_comment_above_numbers_names_no_columns(tmp_path: Path) -> None:
-    with pytest.warns(UserWarning, match="no names"):
-        assert read_bank(written(tmp_path, table("# a scan", "\t"))) == EXPECTED
-
-
 def test_below_the_names_in_a_comment_a_row_that_lacks_a_number_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match=r"line 2.*n/a"):
         read_bank(written(tmp_path, "# angle_deg,intensity\nn/a,3.0\n" + table("", ",")))
@@ -128,16 +123,6 @@ def test_any_order_and_repeated_angles_averaged_with_a_word(tmp_path: Path) -> N
     assert bank.intensities == pytest.approx(mean.tolist(), rel=1e-12)
     with pytest.warns(UserWarning, match="1 repeated angle;"):
         assert len(read_bank(written(tmp_path, "angle_deg,intensity\n0,1\n1e-300,3\n2,3\n5,1\n")).angles_deg) == 3
-
-
-def test_columns_and_unit_are_refused_for_anything_but_a_table(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="it is no CSV, and columns, units and rows to be left out are of a CSV"):
-        read_bank(tmp_path, TableFormat(unit="rad"))
-
-
-def test_utf_16_without_its_mark_is_a_sentence(tmp_path: Path) -> None:
-    with pytest.raises(RecordError, match="this is no text in UTF-8, and a bank is expected"):
-        read_bank(written(tmp_path, table("angle_deg,intensity", ","), "utf-16-le"))
 
 
 @pytest.mark.parametrize("data", [b"\x89PNG\r\n\x1a\n\x9d\x81", b'{"cells": [\n "metadata": {}\n]}\n'])

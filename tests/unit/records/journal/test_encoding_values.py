@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from markerseek.core import Asked, ChannelFrame, Failed, Measured, MoveError, RecordError, Refused, Sample, Started
-from markerseek.records.journal import Interrupted, Journal, JournalEvent, Resuming, decode, encode, read_journal
+from markerseek.core import Asked, ChannelFrame, Measured, RecordError, Refused, Sample
+from markerseek.records.journal import Journal, decode, encode
 from tests.unit.records.journal.every_kind_of_entry import frame
-from tests.unit.records.journal.synthetic_journals import EVENTS, FULL_READING, HEADER, RANGE, configuration, measured
+from tests.unit.records.journal.synthetic_journals import EVENTS, FULL_READING, HEADER, configuration
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
@@ -49,39 +49,3 @@ def test_a_configuration_that_could_not_be_read_again_is_refused_and_no_file_is_
     with pytest.raises(RecordError, match=said):
         Journal.create(tmp_path / "run.journal", configuration(**changes))
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_clock_that_is_not_finite_is_refused(tmp_path: Path) -> None:
-    with Journal.create(tmp_path / "run.journal", configuration()) as journal:
-        with pytest.raises(RecordError, match=r"the rig's clock is .* not finite"):
-            journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=math.nan)
-        journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.0)
-    assert len(read_journal(tmp_path / "run.journal").entries) == 1
-
-
-ODD, ESCAPED = "the stage said \udcff\ud800 \N{DEGREE SIGN}", "the stage said \\udcff\\ud800 \N{DEGREE SIGN}"
-
-
-def with_text(text: str) -> list[JournalEvent]:
-    return [
-        Interrupted(reason=text),
-        Resuming(by=text, check_deg=None, fault_reset=False, versions={text: text}),
-        replace(measured(1), sample=Sample(angle_deg=0.0, reading=FULL_READING, frame=replace(frame(1), header=replace(
-            HEADER, token=text)))),
-    ]  # fmt: skip
-
-
-def test_texts_that_are_no_unicode_are_kept_as_escapes(tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    with Journal.create(path, configuration(description=ODD)) as journal:
-        for event in (*with_text(ODD), Failed(error=MoveError(ODD))):
-            journal.commit(event, clock_s=0.0)
-    held = read_journal(path)
-    *kept, failed = (entry.event for entry in held.entries)
-    assert held.configuration.facts.description == ESCAPED
-    assert kept == with_text(ESCAPED)
-    assert isinstance(failed, Failed)
-    assert str(failed.error) == ESCAPED
-    assert isinstance(kept[-1], Measured)
-    assert kept[-1].sample.frame is not None
-    assert kept[-1].sample.frame.header.token == ESCAPED

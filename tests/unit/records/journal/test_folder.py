@@ -13,22 +13,11 @@ from markerseek.core import Asked, RecordError, Started
 from markerseek.records.banks import read_bank
 from markerseek.records.journal import (
     Journal,
-    default_journal,
-    is_journal,
     read_journal,
     summary,
     verify,
 )
-from tests.unit.records.journal.synthetic_journals import RANGE, configuration, whole_run
-
-
-def test_a_journal_that_exists_is_continued(tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    whole_run(path)
-    before = path.read_bytes()
-    with pytest.raises(RecordError, match="the journal exists already; name another file, or continue it"):
-        Journal.create(path, configuration())
-    assert path.read_bytes() == before
+from tests.unit.records.journal.synthetic_journals import RANGE, configuration
 
 
 def test_two_programs_do_not_drive_one_run_and_any_number_read_it(tmp_path: Path) -> None:
@@ -102,26 +91,9 @@ def test_where_no_journal_can_be_begun_the_remedy_is_given(
     assert str(refused.value).startswith(f"{path}: ")
 
 
-def test_a_journal_is_known_by_its_beginning_also_while_it_is_written(tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    with Journal.create(path, configuration()):
-        assert is_journal(path)
-    assert is_journal(path)
-    assert not is_journal(a_file(tmp_path / "text"))
-
-
 @pytest.mark.parametrize("name", ["run.journal", "run.csv", "run.hdf5"])
 def test_a_journal_given_as_a_bank_is_reported_as_a_journal(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     Journal.create(path, configuration()).close()
     with pytest.raises(RecordError, match=f"{name}: it is the journal of a run.*'markerseek journal replay .*{name}'"):
         read_bank(path)
-
-
-def test_a_default_journal_lies_in_the_users_data_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
-    first, second = default_journal(method="ternary"), default_journal(method="ternary")
-    assert first.parent == tmp_path / "markerseek" / "journals"
-    assert first != second
-    monkeypatch.setenv("XDG_DATA_HOME", "relative")
-    assert "relative" not in default_journal(method="ternary").parts

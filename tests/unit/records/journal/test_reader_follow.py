@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 import subprocess
 import sys
 import threading
@@ -80,11 +79,6 @@ def test_a_follower_sees_a_run_die_and_go_on(tmp_path: Path) -> None:
         assert list(items) == []
 
 
-def test_a_file_that_never_comes_ends_with_its_writer(tmp_path: Path) -> None:
-    asked: list[bool] = []
-    assert list(follow(tmp_path / "none", is_over=lambda: len(asked) == 3, wait=lambda: asked.append(True))) == []
-
-
 def test_damage_ends_it_with_an_error(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     with Journal.create(path, configuration()) as journal:
@@ -107,25 +101,6 @@ def test_the_command_prints_what_journal_show_does(shell: Shell, tmp_path: Path)
     first, *lines = map(json.loads, done.stdout.splitlines())
     assert lines == json.loads(shown)["entries"]
     assert first["configuration"]["method"] == "golden-section"
-
-
-def test_a_command_that_is_stopped_and_goes_on_has_lost_nothing(tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    with Journal.create(path, configuration()) as journal:
-        journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.0)
-        with subprocess.Popen([*FOLLOW, str(path)], stdout=subprocess.PIPE) as process:
-            assert process.stdout is not None
-            assert [json.loads(process.stdout.readline()).get("kind") for _ in range(2)] == [None, "started"]
-            process.send_signal(signal.SIGSTOP)
-            began_s = time.monotonic()
-            for index in range(1, 60):
-                journal.commit(Asked(role="search", index=index, angle_deg=1.1), clock_s=1.0)
-                journal.commit(measured(index, counts=counts(64, 2000)), clock_s=2.0)
-            assert time.monotonic() - began_s < 30
-            process.send_signal(signal.SIGCONT)
-            journal.close()
-            rest = [json.loads(line)["number"] for line in process.stdout]
-    assert rest == list(range(2, 120))
 
 
 def test_events_without_a_journal_go_to_a_file_that_is_followed_as_one(shell: Shell, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from markerseek.core import Asked, Failed, MoveError, RecordError, Started
+from markerseek.core import Asked, Started
 from markerseek.records.journal import (
     Interrupted,
     Journal,
@@ -65,19 +65,6 @@ def test_a_signal_at_any_moment_of_a_commit_leaves_a_journal_that_can_be_noted_i
     assert verify(path).faults == []
 
 
-def test_a_fault_that_was_committed_when_a_signal_struck_is_not_noted_twice(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    path = tmp_path / "run.journal"
-    with Journal.create(path, configuration()) as journal:
-        journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.5)
-        with struck(monkeypatch, behind="write"):
-            journal.commit(Failed(error=MoveError("stuck")), clock_s=1.5)
-        journal.interrupt("SIGINT")
-        journal.fail(MoveError("stuck"), clock_s=2.0)
-    assert len(read_journal(path).entries) == 2
-
-
 def test_what_is_committed_is_in_the_file_and_only_the_file_is_left(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     with Journal.create(path, configuration()) as journal:
@@ -88,17 +75,6 @@ def test_what_is_committed_is_in_the_file_and_only_the_file_is_left(tmp_path: Pa
     assert len(read_journal(alone).entries) == 12
     alone.unlink()
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_an_error_on_its_way_goes_before_one_of_closing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    def fails(_journal: Journal) -> None:
-        raise RecordError("of closing")
-
-    monkeypatch.setattr(Journal, "close", fails)
-    with pytest.raises(MoveError, match="stuck"), Journal.create(tmp_path / "a.journal", configuration()):
-        raise MoveError("stuck")
-    with pytest.raises(RecordError, match="of closing"), Journal.create(tmp_path / "b.journal", configuration()):
-        pass
 
 
 @pytest.fixture
@@ -129,36 +105,6 @@ def test_the_names_of_new_folders_and_of_the_file_are_on_the_disk(
     flushed.clear()
     make_folder(path.parent)
     assert flushed == []
-
-
-def test_where_folders_cannot_be_flushed_journals_are_made_all_the_same(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    def refused(_path: Path, _flags: int) -> int:
-        raise PermissionError(13, "a folder")
-
-    monkeypatch.setattr(sys, "platform", "win32")
-    monkeypatch.setattr(os, "open", refused)
-    make_folder(tmp_path / "new")
-    assert (tmp_path / "new").is_dir()
-
-
-def test_default_folders_of_journals_are_readable_by_their_owner_only(tmp_path: Path) -> None:
-    make_folder(tmp_path / "one" / "two")
-    for each in (tmp_path / "one", tmp_path / "one" / "two"):
-        assert stat.S_IMODE(each.stat().st_mode) == 0o700
-
-
-@pytest.mark.parametrize(("mask", "mode"), [(0o022, 0o644), (0o077, 0o600), (0o002, 0o664)])
-def test_a_journal_that_was_named_has_the_rights_that_any_new_file_has(mask: int, mode: int, tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    before = os.umask(mask)
-    try:
-        with Journal.create(path, configuration()):
-            found = stat.S_IMODE(path.stat().st_mode)
-    finally:
-        os.umask(before)
-    assert found == mode
 
 
 def named(folder: Path) -> Path:

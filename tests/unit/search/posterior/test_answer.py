@@ -17,6 +17,7 @@ from markerseek.search.posterior.answer import (
     other_probability,
     ranked,
     rivals_of,
+    top_beside_deg,
     unresolved_rival,
 )
 from markerseek.search.posterior.candidates import Candidate
@@ -93,6 +94,13 @@ def test_a_narrow_top_may_be_missed_between_two_shoulders():
     # A sample in the gap that is no higher than its neighbours leaves no room.
     measured = source(21.0, 16.0, samples=[*seen, (20.0, 14.5)])
     assert missed_peak_deg(loudest, measured, [*measured_deg, 20.0], limits=PAPER_RANGE) is None
+
+
+def test_no_top_is_hidden_beside_a_sample_of_nothing():
+    """Tables hold zeros where a program has taken the background off, or a frame was lost."""
+    loudest = source(-25.0, 50.0)
+    nothing = Sample(angle_deg=4.0, reading=Reading(intensity=0.0, noise_sigma=1.0))
+    assert top_beside_deg(loudest, loudest, [nothing], [-25.0, 4.0], limits=PAPER_RANGE) is None
 
 
 SPREAD = 0.2 * float(np.std(norm.ppf((np.arange(9) + 0.5) / 9)))

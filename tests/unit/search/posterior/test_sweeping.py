@@ -10,6 +10,7 @@ import pytest
 
 from markerseek.core import (
     PAPER_RANGE,
+    AnglePrior,
     ConfigError,
     Found,
     Interval,
@@ -26,6 +27,8 @@ from markerseek.search.posterior import SweepPosterior
 
 SPEED = 12.5
 CELLS = 100_000
+NEAR = AnglePrior(mean_deg=-10.0, sigma_deg=2.0)
+"""Its window is that from -21 to 1 degrees."""
 
 
 def curve_about(marker_deg: float, *, snr: float = 40.0, fwhm_deg: float = 4.0) -> Callable[[float], float]:
@@ -53,12 +56,14 @@ class Search:
         from_end: bool = False,
         delay_s: float = 0.0,
         sigma_s: float = 5e-3,
+        near: AnglePrior | None = None,
     ) -> None:
         self.dark_deg, self.delay_s, self.sigma_s = dark_deg, delay_s, sigma_s
         plan = SearchPlan(
             method="posterior",
             start_deg=start_deg,
             others=others,
+            near=near,
             sweep_speed_deg_s=SPEED,
             sweep_from_end=from_end,
             sweep_turns_back=from_end,
@@ -70,6 +75,7 @@ class Search:
         self.rng = np.random.default_rng(seed)
         self.curve = curve
         self.sweeps: list[tuple[float, float]] = []
+        self.swept_deg: list[float] = []
         self.stops: list[float] = []
 
     def sample(self, angle_deg: float, *, timing: SweepTiming | None = None) -> Sample:
@@ -97,6 +103,7 @@ class Search:
             for angle_deg in angles:
                 self.policy.tell(self.sample(angle_deg, timing=timing))
                 self.place_deg = angle_deg
+                self.swept_deg.append(angle_deg)
                 left -= self.policy.ask() != sweep
                 if left == 0:
                     break
@@ -151,6 +158,61 @@ def test_it_begins_with_the_nearer_end(start_deg: float, ends_deg: list[int]) ->
     swept = [round(to_deg) for _, to_deg in search.sweeps]
     # And once more over the range, for nothing shows.
     assert swept == pytest.approx([*ends_deg, -ends_deg[-1]], abs=1)
+
+
+@pytest.mark.parametrize("from_end", [False, True])
+@pytest.mark.parametrize(("start_deg", "from_deg"), [(-35.0, -21.0), (35.0, 1.0)])
+def test_with_a_prior_it_turns_to_the_nearer_end_of_the_window_and_sweeps_that(
+    start_deg: float, from_deg: float, from_end: bool
+) -> None:
+    search = Search(curve_about(-11.0), start_deg=start_deg, from_end=from_end, near=NEAR)
+    asked = search.policy.ask()
+    to_deg = -20.0 - from_deg
+    assert isinstance(asked, Sweep)
+    assert (asked.from_deg, asked.to_deg) == (from_deg, to_deg)
+    assert (asked.back_deg, asked.wait_deg) == ((from_deg, -10.0) if from_end else (None, None))
+    search.run()
+    assert all(-22.0 < angle_deg < 2.0 for angle_deg in search.swept_deg)
+    answer = search.policy.estimate()
+    assert isinstance(answer, Found)
+    assert answer.mean_deg == pytest.approx(-11.0, abs=0.4)
+    evidence = search.policy.near_evidence
+    assert evidence is not None
+    assert evidence.probability > 0.9
+    assert not evidence.whole_range
+
+
+@pytest.mark.parametrize("from_end", [False, True])
+@pytest.mark.parametrize("marker_deg", [4.0, 20.0, -30.0])
+def test_where_the_prior_is_wrong_the_whole_range_is_swept(marker_deg: float, from_end: bool) -> None:
+    search = Search(curve_about(marker_deg), from_end=from_end, near=NEAR)
+    search.run()
+    assert min(search.swept_deg) < -34.0
+    assert max(search.swept_deg) > 34.0
+    answer = search.policy.estimate()
+    assert isinstance(answer, Found)
+    assert answer.mean_deg == pytest.approx(marker_deg, abs=0.4)
+    # As safe as a search without a prior.
+    assert answer.surveyed == pytest.approx(1.0, abs=0.06)
+    evidence = search.policy.near_evidence
+    assert evidence is not None
+    assert evidence.probability < 1e-3
+    assert evidence.whole_range
+
+
+def test_where_nothing_is_in_the_window_nor_elsewhere_it_ends_at_rest_as_without_a_prior() -> None:
+    search = Search(lambda _: 0.0, near=NEAR)
+    search.run()
+    assert isinstance(search.policy.estimate(), NotFound)
+    # Stops are spread over the whole range.
+    assert min(search.stops) < -30.0
+    assert max(search.stops) > 30.0
+    assert len(search.stops) == 16
+
+
+def test_a_prior_as_wide_as_the_range_changes_no_sweep() -> None:
+    wide = AnglePrior(mean_deg=0.0, sigma_deg=20.0)
+    assert Search(curve_about(-11.0), near=wide).policy.sweeps == Search(curve_about(-11.0)).policy.sweeps
 
 
 def test_a_narrow_range_is_swept_whole() -> None:

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from markerseek.core import ConfigError
-from markerseek.studies.paper import RunOptions, Section, shown, write_report, write_section
+from markerseek.studies.paper import RunOptions, Section, write_report, write_section
 from markerseek.studies.paper.offline import OfflineBank, fig6, grid, offline_searches
 from markerseek.studies.paper.printed import MATERIALS, PAPER_NUMBERS, paper_number
 from markerseek.studies.paper.report import REPORT
-from markerseek.studies.paper.section import compared, errors_of, make_table
+from markerseek.studies.paper.section import compared, errors_of
 
 
 class Tables(HTMLParser):
@@ -77,18 +77,6 @@ def test_the_grid_is_that_of_the_paper_but_rough() -> None:
     x_mm = [1e3 * place.radius_m * math.sin(math.radians(place.angle_deg or 0.0)) for place in places]
     assert np.array(x_mm).reshape(3, 3).mean(axis=0) == pytest.approx([-20, 0, 20], abs=5)
     assert len({place.angle_deg for place in places}) == 9
-
-
-@pytest.mark.parametrize(
-    ("cell", "text"), [(None, ""), (0.01234, "0.0123"), (122.34, "122"), (3, "3"), ("a<b", "a<b"), (-0.5, "-0.5")]
-)
-def test_cells_are_shown_with_three_digits(cell: object, text: str) -> None:
-    assert shown(cell) == text  # type: ignore[arg-type]
-
-
-def test_a_table_refuses_rows_with_other_columns() -> None:
-    with pytest.raises(ConfigError, match="a row has not the 2 columns a b"):
-        make_table("t", "", "a b", [(1, 2), (3,)])
 
 
 def test_the_page_holds_the_numbers_of_the_csv_and_loads_nothing(tmp_path: Path) -> None:

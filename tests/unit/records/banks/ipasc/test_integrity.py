@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 
 import h5py
@@ -14,7 +13,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from markerseek.core import RecordError
-from markerseek.files import create_atomically
 from markerseek.records.banks import BankFacts, FrameBank, read_bank
 from markerseek.records.banks.ipasc import whole_bank
 from markerseek.records.banks.ipasc.reading import read_probed
@@ -52,23 +50,6 @@ def test_no_changed_byte_of_a_frame_goes_unnoticed(tmp_path_factory, seed, first
     what = f"dark frame {seed - 7}" if seed >= 8 else f"frame at {ANGLES[seed]:g} deg"
     with pytest.raises(RecordError, match=f"the {what} has changed since it was written.* from a backup or scan again"):
         every_frame(bank)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["trus_angle_deg", "intensity", "pulses", "rig_clock_s", "energy_over_usual"])
-@pytest.mark.parametrize("bit", range(8))
-def test_no_changed_number_goes_unnoticed(tmp_path, name, bit):
-    path = write(tmp_path / "a.hdf5", energies=(1.1, 1.2, 0.9, 1.05))
-    with h5py.File(path) as file:
-        item = file["meta_data"][name]
-        chunk = item.id.get_chunk_info(0)
-    raw = bytearray(path.read_bytes())
-    for place in range(chunk.byte_offset, chunk.byte_offset + 8 * 4):
-        raw[place] ^= 1 << bit
-        path.write_bytes(raw)
-        with pytest.raises(RecordError, match="no bank in HDF5 that can be read"):
-            read_probed(path)
-        raw[place] ^= 1 << bit
 
 
 @given(
@@ -130,15 +111,6 @@ def test_an_import_that_fails_leaves_nothing_and_can_be_made_again(tmp_path):
     assert read_bank(path).angles_deg == (1.0, 2.0, 3.0)
 
 
-def test_an_error_of_reading_is_none_of_writing(tmp_path):
-    def unreadable():
-        raise OSError(5, "Input/output error", "source.npy")
-
-    with pytest.raises(OSError, match=r"source\.npy"):
-        imported(tmp_path / "a.hdf5", then=unreadable)
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize("call", ["h5py.File", "h5py.File.close", "os.fsync", "os.link"])
 def test_a_disk_that_fails_at_any_step_is_reported_as_one(tmp_path, monkeypatch, call):
     made = h5py.File.close
@@ -160,30 +132,6 @@ def test_a_disk_that_fails_at_any_step_is_reported_as_one(tmp_path, monkeypatch,
     assert list(tmp_path.iterdir()) == []
 
 
-def test_only_a_checksum_that_differs_is_reported_as_one(tmp_path, monkeypatch):
-    bank = read_probed(write(tmp_path / "a.hdf5"))
-
-    def broken(*_place):
-        # HDF5 names the file, whose folder may be of filters.
-        where = "filename = '/filter-tests/a.hdf5', errno = 5"
-        raise OSError(f"Can't read data (file read failed: {where}, error message = 'Input/output error')")
-
-    monkeypatch.setattr(h5py.Dataset, "__getitem__", broken)
-    for read in (lambda: bank.frame(0), lambda: bank.dark_frame(0)):
-        with pytest.raises(RecordError, match=r"a\.hdf5: no bank .*error message = 'Input/output error'") as said:
-            read()
-        assert "its checksum differs" not in str(said.value)
-
-
-def test_an_import_replaces_no_file_that_came_meanwhile(tmp_path):
-    path = tmp_path / "a.hdf5"
-    with pytest.raises(RecordError, match="there is a file already"):
-        imported(path, then=lambda: path.write_text("mine"))
-    with pytest.raises(RecordError, match="there is a file already"):
-        imported(path)
-    assert (path.read_text(), list(tmp_path.iterdir())) == ("mine", [path])
-
-
 @pytest.mark.parametrize(("folder", "said"), [("file", "file is no folder"), ("new", "there is no folder .*new")])
 def test_a_path_that_is_not_a_folder_is_reported(tmp_path, folder, said):
     (tmp_path / "file").write_text("")
@@ -193,22 +141,3 @@ def test_a_path_that_is_not_a_folder_is_reported(tmp_path, folder, said):
     ):
         raise AssertionError
     assert [each.name for each in tmp_path.iterdir()] == ["file"]
-
-
-def test_a_disk_without_second_names_gets_the_file_all_the_same(tmp_path, monkeypatch):
-    def no_links(*_names):
-        raise PermissionError(1, "Operation not permitted")
-
-    monkeypatch.setattr(os, "link", no_links)
-    path = tmp_path / "a"
-    with create_atomically(path) as part:
-        part.write_text("1")
-    with pytest.raises(RecordError, match="there is a file already"), create_atomically(path) as part:
-        part.write_text("2")
-    assert (path.read_text(), list(tmp_path.iterdir())) == ("1", [path])
-
-
-def test_a_bank_is_readable_by_whom_the_system_lets_read(tmp_path):
-    (tmp_path / "plain").write_text("")
-    path = write(tmp_path / "a.hdf5")
-    assert path.stat().st_mode == (tmp_path / "plain").stat().st_mode
