@@ -117,7 +117,8 @@ def test_stop_in_a_session_ends_it_and_a_killed_one_is_said(browser, tmp_path):
         assert isinstance(read_journal(folder / "1.journal").entries[-1].event, Interrupted)
         watched.tab.reload()
         watched.wait_for(BADGE, "^STOPPED$")
-        watched.wait_for(".ms-next", f"markerseek register .*--continue {re.escape(str(folder))}")
+        command = f"markerseek register --simulate --sweep --seed=1 --pace=1 --continue {folder}"
+        watched.wait_for(".ms-next", f"{re.escape(command)}$")
         watched.start()
         watched.wait_for(BADGE, "^SEARCHING$")
         # Nothing else runs beside a session.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -29,6 +30,8 @@ class ChildRegistration(ChildSearch[AskedRegistration]):
         folder: Path,
         on_change: Callable[[], None] = lambda: None,
     ) -> None:
+        self.goes_on = f"markerseek {shlex.join(arguments)} --continue {shlex.quote(str(folder))}"
+        """The command that goes on with it in a terminal."""
         self.state = RegistrationState()
         """What its steps say together."""
         self.images_ns = 0

@@ -110,13 +110,12 @@ def session_verdict(live: ChildRegistration | None, *, simulated: bool) -> Verdi
     if live is None:
         return Verdict(next_step="press Start: light spots where the page says, until the error is small enough")
     if live.status != "ended":
-        word = "STOPPING" if live.status == "stopping" else ""
-        asks = "" if simulated else "answer in the terminal where the page was started"
-        said = live.state.verdict(next_step=asks)
-        return Verdict(word=word, kind="busy") if word else said
+        if live.status == "stopping":
+            return Verdict(word="STOPPING", kind="busy")
+        return live.state.verdict(next_step="" if simulated else "answer in the terminal where the page was started")
     if live.state.ended is not None and not live.failed:
         return live.state.verdict(next_step=f"recorded in {live.journal}")
-    goes_on = f"Start begins a new one; markerseek register --continue {live.journal}, in the terminal, goes on with it"
+    goes_on = f"Start begins a new session; in the terminal, this one goes on by: {live.goes_on}"
     if live.failed:
         return Verdict(word="FAULT", kind="fault", problem=live.message, next_step=goes_on)
     return Verdict(word="STOPPED", kind="stopped", reason=live.message, next_step=goes_on)
