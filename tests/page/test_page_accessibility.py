@@ -4,21 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from tests.page.page_browser import needs_browser, sync_api
-
-axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
+from tests.page.page_browser import needs_browser, sync_api, violations
 
 pytestmark = [pytest.mark.long, pytest.mark.real_time, needs_browser]
 
-AA = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"], "resultTypes": ["violations"]}
-
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
-
-
-def violations(watched):
-    """What axe-core finds: rule, and the elements."""
-    found = axe.Axe().run(watched.tab, options=AA).response["violations"]
-    return [(each["id"], [node["html"] for node in each["nodes"]]) for each in found]
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
